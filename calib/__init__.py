@@ -1,0 +1,35 @@
+"""calib: the robot model, the measured data and the estimate.
+
+A cell file names the robot, the markers, the instrument and what the model contains:
+
+    cell = load_cell("cell.toml")
+    data = load_measurements(cell, "measurements.csv")
+    result = identify(cell, data)
+"""
+
+from calib.api import observation, parameters, predict, readings
+from calib.cell import Cell
+from calib.errors import CalibError
+from calib.files.cell import load_cell
+from calib.files.tables import load_measurements, load_plan, load_targets
+from calib.identify import Identification, identify
+from calib.poses import Measurements, Poses
+from calib.simulate import simulate
+
+__all__ = [
+    "CalibError",
+    "Cell",
+    "Identification",
+    "Measurements",
+    "Poses",
+    "identify",
+    "load_cell",
+    "load_measurements",
+    "load_plan",
+    "load_targets",
+    "observation",
+    "parameters",
+    "predict",
+    "readings",
+    "simulate",
+]

@@ -1,0 +1,139 @@
+"""The questions that need no result object: parameters, observation matrices, predictions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from calib.build import build
+from calib.cell import Cell
+from calib.errors import CalibError
+from calib.model import Model
+from calib.observations import Approach, orientable, pose_from_points
+from calib.poses import Measurements, Poses, hung, poses_at
+from calib.se3 import Array, rotate
+
+Plan: TypeAlias = Poses | Measurements | str | Path | Array
+"""Poses, measurements, a plan's file, or joint values (m, n) in rad and m."""
+
+
+def parameters(cell: Cell, plan: Plan | None = None) -> list[str]:
+    """Names of the p parameters of the cell's model, in the order of columns and values.
+
+    plan : needed only where ``stiffness_vs_angle`` takes its angles from the poses
+    Raises UnknownEffect, EffectCannotAct.
+    """
+    poses = None if plan is None else _poses(cell, plan)
+    return [p.id for p in build(cell, poses).model.parameters]
+
+
+def observation(
+    cell: Cell,
+    plan: Plan,
+    approach: Approach = "points",
+    *,
+    values: Sequence[float] | Mapping[str, float] | None = None,
+) -> Array:
+    """Observation matrix B_i of every pose (paper, equations 19 and 20), base and tool included.
+
+    approach : "points": rows x, y, z of marker 1, of marker 2 ..; "pose": rows x, y, z of the tip
+        frame's origin and its rotation vector, as computed from the markers by least squares
+    values : where to linearise, SI; the nominal model by default
+    Returns ndarray, shape (poses, rows, p), SI: m and rad per SI unit of each parameter, unweighted,
+    in the instrument's frame. Rows of hidden markers are zero. With a [load] in the cell a plan has
+    two readings a pose, and the rows of the free one come before those of the loaded one.
+
+    Raises CalibError where approach pose has no three markers out of line.
+    """
+    poses = _poses(cell, plan)
+    m = len(poses)
+    seen = np.ones((m, len(cell.markers)), dtype=bool)
+    if isinstance(plan, Measurements):
+        seen = plan.seen
+    else:
+        poses = readings(cell, poses)
+        seen = np.tile(seen, (len(poses) // m, 1))
+    model = build(cell, poses).model
+    vector = as_vector(model, values)
+    points, J = model.jacobian(vector, poses)
+    J = J * seen[..., None, None]
+    rows = J.reshape(len(poses), -1, J.shape[-1])
+    if approach == "pose":
+        rows = _tip_origin_map(model, vector, poses, points, seen) @ rows
+    stacked = rows.reshape(len(poses) // m, m, *rows.shape[1:])
+    return np.concatenate(list(stacked), axis=1)
+
+
+def predict(
+    cell: Cell, measurements: Plan, values: Sequence[float] | Mapping[str, float]
+) -> Array:
+    """Predicted readings, shape (poses, markers, 3), m, in the frame of each pose's station.
+
+    values : ndarray, shape (p,), SI, in the order of ``parameters(cell)``, or a mapping from names to
+        values, the others zero
+    """
+    poses = _poses(cell, measurements)
+    model = build(cell, poses).model
+    return model.predict(as_vector(model, values), poses)
+
+
+def readings(cell: Cell, plan: Poses) -> Poses:
+    """The readings of a plan: each pose free, then each pose with the cell's [load] hung on it."""
+    if cell.load is None:
+        return plan
+    both = hung(plan.take(np.tile(np.arange(len(plan)), 2)), 1.0, cell.load.com)
+    names = [f"{n}_free" for n in plan.names] + [f"{n}_loaded" for n in plan.names]
+    mass = np.repeat([0.0, cell.load.mass], len(plan))
+    return replace(both, names=tuple(names), load_mass=mass)
+
+
+def as_vector(model: Model, values: Sequence[float] | Mapping[str, float] | None) -> Array:
+    """Values of all parameters, shape (p,), SI. Raises CalibError for a wrong name or number."""
+    ids = [p.id for p in model.parameters]
+    if values is None:
+        return np.zeros(len(ids))
+    if isinstance(values, Mapping):
+        unknown = [name for name in values if name not in ids]
+        if unknown:
+            raise CalibError(f"no parameter {unknown[0]!r}; there are {', '.join(ids)}")
+        return np.array([values.get(name, 0.0) for name in ids])
+    vector = np.asarray(values, dtype=float)
+    if vector.shape != (len(ids),):
+        raise CalibError(f"values have shape {vector.shape}, expected ({len(ids)},)")
+    return vector
+
+
+def _poses(cell: Cell, plan: Plan) -> Poses:
+    if isinstance(plan, Measurements):
+        return plan.poses
+    if isinstance(plan, Poses):
+        return plan
+    if isinstance(plan, str | Path):
+        from calib.files.tables import load_plan
+
+        return load_plan(cell, plan)
+    q = np.atleast_2d(np.asarray(plan, dtype=float))
+    if q.shape[-1] != cell.robot.dof:
+        raise CalibError(f"joint values have shape {q.shape}, expected (m, {cell.robot.dof})")
+    return poses_at(q)
+
+
+def _tip_origin_map(
+    model: Model, values: Array, poses: Poses, points: Array, seen: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+) -> Array:
+    usable = orientable(model.marker_positions(values), seen)
+    if not usable.any():
+        raise CalibError(
+            "approach pose needs three visible markers that are not in line; "
+            "add markers, or use approach points"
+        )
+    frames = model.state(values, poses).frames
+    R, p = model.placement(values, poses)
+    origin = rotate(R, frames.o[:, -1]) + p
+    return pose_from_points(points, origin, seen & usable[:, None])
+
+

@@ -1,0 +1,166 @@
+"""From a cell and the poses in hand to the model with its active effects."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.cell import Cell
+from calib.effects import EFFECTS, GROUPS, Context, Effect
+from calib.effects.protocol import ElasticEffect, LoadEffect
+from calib.errors import EffectCannotAct, UnknownEffect
+from calib.model import Model
+from calib.poses import Poses
+from calib.reduction import Dropped, irreducible
+from calib.se3 import Array
+from calib.statics import loads_of
+
+_MOST_KNOTS = 8  # distinct angles up to this number become knots of their own
+_SAME_ANGLE = 1e-3  # rad: angles closer than this are one level
+_MOVES_NOTHING = 1e-10  # m: largest movement of a marker by an effect that does not act
+
+
+@dataclass(frozen=True, eq=False)
+class Built:
+    """A model and how it came about.
+
+    model : Model, with an irreducible set of constant parameters
+    dropped : tuple of Dropped, constants that others absorb
+    """
+
+    model: Model
+    dropped: tuple[Dropped, ...]
+
+
+def parse_effect(text: str) -> tuple[str, tuple[str, ...] | None]:
+    """``name`` or ``name:where[,where]`` -> name and places, None for everywhere.
+
+    Raises UnknownEffect, naming the closest known one.
+    """
+    name, colon, rest = text.partition(":")
+    name = name.strip()
+    if name == "cross_compliance":
+        raise UnknownEffect(
+            "cross_compliance: off-diagonal terms of the compliance matrix are not modelled; use "
+            "bearing_compliance, base_compliance or tool_compliance for elasticity across a joint"
+        )
+    if name not in EFFECTS:
+        close = difflib.get_close_matches(name, EFFECTS, n=1)
+        hint = f"did you mean {close[0]!r}?" if close else f"known are: {', '.join(EFFECTS)}"
+        raise UnknownEffect(f"unknown effect {name!r} in [model] effects; {hint}")
+    places = tuple(place.strip() for place in rest.split(",")) if colon else None
+    return name, places
+
+
+def place_effect(name: str, where: str, context: Context) -> Effect:
+    """An effect of the catalogue at a place.
+
+    Raises UnknownEffect where the robot has no such place, EffectCannotAct where something that the
+    effect needs is missing.
+    """
+    kind = EFFECTS[name]
+    robot = context.robot
+    if where in kind.places(context) or where in robot.joints and name not in GROUPS:
+        slides = where in robot.joints and robot.prismatic[robot.joints.index(where)]
+        if slides and where not in kind.places(context):
+            raise EffectCannotAct(
+                f"{name}:{where}", f"{where} is a prismatic joint", "name a joint that turns"
+            )
+        return kind.at(context, where)
+    parts = [part for mark in "*/-+" for part in where.split(mark) if mark in where]
+    if name.endswith("compliance") and len(parts) > 1 and all(p in robot.joints for p in parts):
+        raise UnknownEffect(
+            f"{name}:{where}: off-diagonal terms of the compliance matrix are not modelled; name one "
+            f"joint at a time, as in {name}:{parts[0]},{parts[1]}"
+        )
+    known = ", ".join(kind.places(context)) or "none on this robot"
+    raise UnknownEffect(f"{name} has no place {where!r} in [model] effects; places are: {known}")
+
+
+def default_knots(q: Array) -> Array:
+    """Angles [rad] at which ``stiffness_vs_angle`` gets coefficients, from the angles in hand."""
+    q = np.sort(q)
+    starts = np.flatnonzero(np.diff(q, prepend=-np.inf) > _SAME_ANGLE)
+    if len(starts) <= _MOST_KNOTS:
+        return np.array([level.mean() for level in np.split(q, starts[1:])])
+    return np.linspace(q[0], q[-1], 5)
+
+
+def context_of(cell: Cell, poses: Poses | None) -> Context:
+    """What the effects may ask for: the cell, and knots from the poses where it gives none."""
+    knots = dict(cell.knots)
+    for index, joint in enumerate(cell.robot.joints):
+        if joint not in knots and poses is not None and len(poses):
+            knots[joint] = default_knots(poses.q[:, index])
+        elif joint not in knots and joint in cell.design.get("level_values", {}):
+            knots[joint] = cell.design["level_values"][joint]
+    stations = poses.stations if poses is not None else ("base",)
+    return Context(
+        cell.robot, cell.markers, cell.marker_names, stations, knots, dict(cell.anchors)
+    )
+
+
+def build(cell: Cell, poses: Poses | None = None) -> Built:
+    """The model of a cell for the poses in hand: a plan's or a data set's.
+
+    Effects named for certain places must move a marker at the poses; those named for everywhere may
+    stand idle at some, and their parameters are then reported as unidentifiable.
+
+    Raises UnknownEffect, EffectCannotAct.
+    """
+    context = context_of(cell, poses)
+    effects: list[Effect] = []
+    named: list[str] = []
+    for text in cell.effects:
+        name, places = parse_effect(text)
+        if name in GROUPS and places is not None:
+            raise UnknownEffect(f"{name!r} is a group and takes no places, found {text!r}")
+        taken = {e.where for e in effects if _same_unknown(e.kind, name)}
+        for where in places or [w for w in EFFECTS[name].places(context) if w not in taken]:
+            if any(e.kind == name and e.where == where for e in effects):
+                raise UnknownEffect(f"{name}:{where} stands twice in [model] effects")
+            effects.append(place_effect(name, where, context))
+            if places is not None:
+                named.append(f"{name}:{where}")
+    full = Model(
+        cell.robot, cell.marker_names, cell.markers, tuple(effects), cell.payload, cell.gravity
+    )
+    model, dropped = irreducible(full)
+    if poses is not None and len(poses):
+        _refuse_idle(model, poses, named)
+    return Built(model, dropped)
+
+
+def _same_unknown(kind: str, other: str) -> bool:
+    """A joint with a compliance by angle needs no constant one beside it."""
+    return kind == other or {kind, other} == {"joint_compliance", "stiffness_vs_angle"}
+
+
+def _refuse_idle(model: Model, poses: Poses, named: list[str]) -> None:
+    responsive = [e for e in model.effects if isinstance(e, ElasticEffect | LoadEffect)]
+    if not responsive:
+        return
+    loads = loads_of(model.robot, poses, model.payload, model.gravity)
+    part = model.with_effects(tuple(responsive))
+    few = poses.take(np.unique(np.linspace(0, len(poses) - 1, 200).astype(int)))
+    soft = np.zeros(len(part.parameters))
+    elastic = part.where(ElasticEffect)
+    soft[elastic] = part.sizes[elastic]
+    _, J = part.jacobian(soft, few)
+    moved = np.abs(J).max(axis=(0, 1, 2)) * part.sizes
+    for effect, columns in zip(part.effects, part.slices, strict=True):
+        name = f"{effect.kind}:{effect.where}"
+        if name in named and moved[columns].max() < _MOVES_NOTHING:
+            if loads.absent and isinstance(effect, ElasticEffect):
+                raise EffectCannotAct(
+                    name,
+                    "nothing loads the arm",
+                    "give wrench columns (fz_N ..), [payload], or link masses in the URDF",
+                )
+            raise EffectCannotAct(
+                name,
+                "it moves no marker at any of these poses",
+                "take it out of [model] effects, or load the arm so that it is stressed",
+            )

@@ -1,0 +1,74 @@
+"""The measurement cell: robot, markers, instrument, loads, and what the user's model contains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.noise import Noise
+from calib.robot import Robot
+from calib.se3 import Array
+from calib.statics import Payload
+
+
+@dataclass(frozen=True)
+class Load:
+    """The load of a plan, hung on the tip: mass [kg], point in the tip frame [m], largest tilt of
+    the tip's x axis from the horizontal [rad]."""
+
+    mass: float
+    com: tuple[float, float, float]
+    max_tilt: float = np.pi / 2
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A cylinder with round ends: from, to and radius in metres, in the frame that carries it."""
+
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """Everything that a cell file says, in SI and radians.
+
+    path, urdf : Path of the cell file and of the nominal model
+    robot : Robot, limits already narrowed by the cell
+    marker_names : tuple of str
+    markers : ndarray, shape (M, 3), m, tip frame
+    marker_normals : ndarray, shape (M, 3), unit vectors in the tip frame, NaN where not given
+    marker_acceptance : ndarray, shape (M,), rad, largest angle to the beam, NaN where not given
+    noise : Noise
+    instrument : ndarray, shape (3,), m, base frame, or None
+    gravity : ndarray, shape (3,), m/s^2, base axes
+    effects : tuple of str, ``name`` or ``name:where[,where]``
+    knots : dict, joint -> ndarray, rad
+    anchors : dict, joint -> ndarray, shape (2, 3), m, of a gravity compensator's spring
+    capsules : dict, joint name or ``base`` or ``tool`` -> tuple of Capsule
+    design : dict, the [design] table as validated, SI
+    """
+
+    name: str
+    path: Path
+    urdf: Path
+    robot: Robot
+    marker_names: tuple[str, ...]
+    markers: Array
+    marker_normals: Array
+    marker_acceptance: Array
+    noise: Noise
+    instrument: Array | None
+    gravity: Array
+    payload: Payload
+    load: Load | None
+    effects: tuple[str, ...]
+    knots: Mapping[str, Array] = field(default_factory=dict)
+    anchors: Mapping[str, Array] = field(default_factory=dict)
+    capsules: Mapping[str, tuple[Capsule, ...]] = field(default_factory=dict)
+    design: Mapping[str, Any] = field(default_factory=dict)

@@ -1,0 +1,112 @@
+"""Covariance of the estimate, the subset that can be estimated, and the accuracy at targets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.effects.tool import Tool
+from calib.model import Model
+from calib.poses import Poses
+from calib.se3 import Array
+
+_UNSEEN = 1e-2  # a standard deviation of a hundred plausible sizes: the data say nothing
+_NUMERICAL = 1e-9  # relative to the largest column
+_NAMED = 0.1
+
+
+@dataclass(frozen=True)
+class Unidentifiable:
+    """Parameters that the poses do not determine, by their ids, and why."""
+
+    names: tuple[str, ...]
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiable:
+    """What a set of poses can determine.
+
+    kept : ndarray of int, positions of the directions (columns of the span) that are estimated
+    rank : int
+    unidentifiable : tuple of Unidentifiable
+    """
+
+    kept: NDArray[np.int_]
+    rank: int
+    unidentifiable: tuple[Unidentifiable, ...]
+
+
+def identifiable(J: Array, sizes: Array, ids: tuple[str, ...]) -> Identifiable:
+    """Directions that the weighted rows determine better than a hundred plausible sizes.
+
+    J : ndarray, shape (N, k), in standard deviations per unit of each direction
+    sizes : ndarray, shape (k,), plausible size of each direction
+    ids : tuple of str, its name
+    """
+    from scipy.linalg import qr, solve_triangular
+
+    R, order = qr(J * sizes, mode="r", pivoting=True)
+    R = R[: J.shape[1]]
+    pivots = np.abs(np.diag(R))
+    rank = int((pivots > max(_UNSEEN, _NUMERICAL * pivots.max(initial=0.0))).sum())
+    lost = []
+    shares = solve_triangular(R[:rank, :rank], R[:rank, rank:]) if rank else np.zeros((0, len(order)))
+    for column, position in enumerate(order[rank:]):
+        share = shares[:, column]
+        named = [ids[order[i]] for i in np.argsort(-np.abs(share)) if abs(share[i]) > _NAMED][:4]
+        reason = (
+            f"at these poses it moves the markers as {', '.join(named)} do together"
+            if named
+            else "it moves no marker at these poses"
+        )
+        lost.append(Unidentifiable((ids[position],), reason))
+    return Identifiable(np.sort(order[:rank]), rank, tuple(lost))
+
+
+def covariance(J: Array, span: Array, noise: Array | None = None) -> Array:
+    """Covariance of all p values for unit-variance rows, shape (p, p).
+
+    J : ndarray, shape (N, p); span : ndarray, shape (p, k), directions that are estimated
+    noise : ndarray, shape (m, rows, rows), covariance of the rows of each pose where it is not the
+        identity (a weighting other than the inverse noise): then the sandwich
+        ``(J^T J)^-1 J^T C J (J^T J)^-1``
+    """
+    scale = np.linalg.norm(J @ span, axis=0)
+    R = np.linalg.qr(J @ span / scale, mode="r")
+    inverse = np.linalg.inv(R) / scale[:, None]
+    half = span @ inverse
+    if noise is None:
+        return np.asarray(half @ half.T)
+    m, rows = noise.shape[:2]
+    blocks = (J @ half).reshape(m, rows, -1)
+    meat = np.einsum("mia,mij,mjb->ab", blocks, noise, blocks, optimize=True)
+    return np.asarray(half @ meat @ half.T)
+
+
+def correlation(cov: Array) -> Array:
+    """Correlation matrix; rows of parameters that were not estimated are zero off the diagonal."""
+    std = np.sqrt(np.diag(cov))
+    out = cov / np.where(std == 0.0, 1.0, std)[:, None] / np.where(std == 0.0, 1.0, std)
+    np.fill_diagonal(out, 1.0)
+    return out
+
+
+def accuracy(
+    model: Model, values: Array, cov: Array, targets: Poses, weights: Array
+) -> tuple[float, float]:
+    """Expected position error at targets from the estimate's uncertainty: RMS and worst, m.
+
+    3-D per point, in the instrument's frame, at the markers, or at the tip's origin where the
+    markers are not part of the model (``rho_0`` of the test-pose criterion, Wu et al. 2012).
+    """
+    if not any(isinstance(e, Tool) for e in model.effects):
+        model = replace(model, marker_names=("tip",), markers=np.zeros((1, 3)))
+    _, J = model.jacobian(values, targets)
+    squared = np.einsum("mjip,pq,mjiq->m", J, cov, J, optimize=True) / len(model.markers)
+    return (
+        float(np.sqrt(weights @ squared / weights.sum())),
+        float(np.sqrt(squared[weights > 0].max())),
+    )

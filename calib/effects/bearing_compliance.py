@@ -1,0 +1,49 @@
+"""Elastic bearing of a joint: it tilts across its axis under the moment across it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from calib.effects.protocol import (
+    Context,
+    ElasticEffect,
+    Parameter,
+    joint_index,
+    revolute_joints,
+)
+from calib.poses import Poses
+from calib.se3 import Array
+
+
+def tilt_across(axis: Array) -> Array:
+    """Flexibility of a tilt about every direction across an axis, shape (1, 6, 6, 1)."""
+    K = np.zeros((6, 6))
+    K[3:, 3:] = np.eye(3) - np.outer(axis, axis)
+    return K[None, :, :, None]
+
+
+@dataclass(frozen=True, eq=False)
+class BearingCompliance(ElasticEffect):
+    """Tilt of one joint, alike in all directions across its axis."""
+
+    axis: Array
+    kind: ClassVar[str] = "bearing_compliance"
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return revolute_joints(context)
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        joint = joint_index(context, where)
+        return cls(where, joint + 1, context.robot.axes[joint])
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter(self.kind, self.where, "tilt", "urad/(N m)", 1e-6, 1e-8),)
+
+    def flexibility(self, poses: Poses) -> Array:
+        return tilt_across(self.axis)

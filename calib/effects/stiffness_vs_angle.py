@@ -1,0 +1,59 @@
+"""Compliance of a joint that depends on its own angle (the paper's chi_21 .. chi_25)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from calib.effects.protocol import (
+    Context,
+    ElasticEffect,
+    Parameter,
+    along_axis,
+    compliance_unit,
+    joint_index,
+    needs,
+)
+from calib.poses import Poses
+from calib.se3 import Array
+
+
+@dataclass(frozen=True, eq=False)
+class StiffnessVsAngle(ElasticEffect):
+    """Compliance with one coefficient at each knot, linear between, constant beyond the ends."""
+
+    axis: Array
+    knots: Array
+    kind: ClassVar[str] = "stiffness_vs_angle"
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return context.robot.joints
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        joint = joint_index(context, where)
+        needs(
+            where in context.knots,
+            f"{cls.kind}:{where}",
+            "no angles are given and no poses to take them from",
+            f"add [model.knots_deg] {where} = [..] to the cell",
+        )
+        return cls(where, joint + 1, along_axis(context.robot, joint), np.sort(context.knots[where]))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        slides = bool(self.axis[:3].any())
+        unit, scale = compliance_unit(slides)
+        shown = self.knots * 1e3 if slides else np.degrees(self.knots)
+        return tuple(
+            Parameter(self.kind, self.where, f"compliance@{knot:.6g}", unit, scale, scale)
+            for knot in np.round(shown, 6) + 0.0
+        )
+
+    def flexibility(self, poses: Poses) -> Array:
+        q = poses.q[:, self.frame - 1]
+        hats = np.column_stack([np.interp(q, self.knots, row) for row in np.eye(len(self.knots))])
+        return np.outer(self.axis, self.axis)[None, :, :, None] * hats[:, None, None, :]

@@ -1,0 +1,232 @@
+"""Read ``cell.toml``: TOML to a checked table, and that to SI."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from calib.build import parse_effect
+from calib.cell import Capsule, Cell, Load
+from calib.errors import InputError, UnknownEffect
+from calib.files.schema import (
+    CellFile,
+    DesignTable,
+    MarkerTable,
+    MpeSigma,
+    PolarSigma,
+    RobotTable,
+    Sigma,
+)
+from calib.files.urdf import load_urdf
+from calib.noise import Noise
+from calib.robot import Robot
+from calib.se3 import Array
+from calib.statics import Payload
+
+_LARGEST_FILE = 2_000_000  # bytes
+_MM = 1e-3
+
+
+def load_cell(path: str | Path) -> Cell:
+    """Read a cell file and the URDF that it names.
+
+    Raises InputError naming the file, the line or key, and what to do.
+    """
+    path = Path(path)
+    table = _validated(path, _read_toml(path))
+    robot = load_urdf(path.parent / table.robot.urdf, table.robot.base, table.robot.tip)
+    _check_joints(path, robot, table)
+    for text in table.model.effects:
+        try:
+            parse_effect(text)
+        except UnknownEffect as error:
+            raise InputError(path, "model.effects", str(error)) from None
+    markers = {
+        name: m if isinstance(m, MarkerTable) else MarkerTable(position=m)
+        for name, m in table.markers_mm.items()
+    }
+    position = table.instrument.position_mm
+    return Cell(
+        name=table.name or path.stem,
+        path=path,
+        urdf=path.parent / table.robot.urdf,
+        robot=_narrowed(path, robot, table.robot),
+        marker_names=tuple(markers),
+        markers=np.array([m.position for m in markers.values()]) * _MM,
+        marker_normals=np.array([_unit(m.normal) for m in markers.values()]),
+        marker_acceptance=np.array(
+            [math.radians(m.acceptance_deg or math.nan) for m in markers.values()]
+        ),
+        noise=_noise(table.instrument.sigma_mm),
+        instrument=None if position is None else np.array(position) * _MM,
+        gravity=np.array(table.gravity.m_s2),
+        payload=Payload(table.payload.mass_kg, _metres(table.payload.com_mm)),
+        load=None
+        if table.load is None
+        else Load(
+            table.load.mass_kg, _metres(table.load.com_mm), math.radians(table.load.max_tilt_deg)
+        ),
+        effects=tuple(table.model.effects),
+        knots={j: np.sort(np.radians(angles)) for j, angles in table.model.knots_deg.items()},
+        anchors={
+            j: np.array([a.before, a.after]) * _MM for j, a in table.robot.compensators_mm.items()
+        },
+        capsules={
+            name: tuple(
+                Capsule(_metres(c.start), _metres(c.end), c.radius * _MM) for c in capsules
+            )
+            for name, capsules in table.robot.capsules_mm.items()
+        },
+        design=_design(path, table.design),
+    )
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        size = path.stat().st_size
+        if size > _LARGEST_FILE:
+            raise InputError(path, "", f"is {size / 1e6:.0f} MB, too large for a cell file")
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(path, "", f"is not valid TOML: {_first_line(error)}") from None
+    except UnicodeDecodeError:
+        raise InputError(path, "", "is not text in UTF-8") from None
+    except RecursionError:
+        raise InputError(path, "", "is nested too deeply") from None
+    except OSError as error:
+        raise InputError(
+            path, "", f"cannot be read ({error.strerror})", "check the path"
+        ) from None
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0]
+
+
+def _validated(path: Path, raw: dict[str, Any]) -> CellFile:
+    try:
+        return CellFile.model_validate(raw)
+    except ValidationError as error:
+        problems = error.errors(include_url=False)
+        first = problems[0]
+        # A union's tag (number, position, box ..) stands in the location but not in the file.
+        keys = [str(k) for k in first["loc"] if str(k) not in _TAGS]
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise InputError(path, ".".join(keys), _plain(first, keys) + more) from None
+
+
+_TAGS = frozenset({"number", "polar", "mpe", "position", "table", "box", "sphere", "halfspace"})
+
+
+def _plain(problem: Mapping[str, Any], keys: list[str]) -> str:
+    kind = problem["type"]
+    if kind == "missing":
+        return "is missing"
+    if kind == "extra_forbidden":
+        close = difflib.get_close_matches(keys[-1], _known_keys(CellFile), n=1)
+        return "is not a known key" + (f"; did you mean {close[0]!r}?" if close else "")
+    text = str(problem["msg"]).removeprefix("Value error, ")
+    text = text[0].lower() + text[1:]
+    value = problem.get("input")
+    return text + (f", found {value!r}" if isinstance(value, str | int | float) else "")
+
+
+def _known_keys(model: type[BaseModel]) -> set[str]:
+    keys: set[str] = set()
+    for name, entry in model.model_fields.items():
+        keys.add(entry.alias or name)
+        annotation = entry.annotation
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            keys |= _known_keys(annotation)
+    return keys
+
+
+def _check_joints(path: Path, robot: Robot, table: CellFile) -> None:
+    joints = set(robot.joints)
+    named: list[tuple[str, Iterable[str]]] = [
+        ("robot.limits_deg", table.robot.limits_deg),
+        ("robot.limits_mm", table.robot.limits_mm),
+        ("robot.compensators_mm", table.robot.compensators_mm),
+        ("robot.capsules_mm", set(table.robot.capsules_mm) - {"base", "tool"}),
+        ("design.levels", table.design.levels),
+        ("model.knots_deg", table.model.knots_deg),
+    ]
+    for key, names in named:
+        for name in names:
+            if name not in joints:
+                raise InputError(
+                    path, f"{key}.{name}", "no such joint", f"joints are {', '.join(robot.joints)}"
+                )
+    for joint, angles in table.model.knots_deg.items():
+        if not angles or len(set(angles)) < len(angles):
+            raise InputError(path, f"model.knots_deg.{joint}", "needs angles, each one once")
+
+
+def _narrowed(path: Path, robot: Robot, table: RobotTable) -> Robot:
+    limits = robot.limits.copy()
+    for key, given, unit, slides in (
+        ("limits_deg", table.limits_deg, math.pi / 180, False),
+        ("limits_mm", table.limits_mm, _MM, True),
+    ):
+        for joint, bounds in given.items():
+            index = robot.joints.index(joint)
+            if bool(robot.prismatic[index]) is not slides:
+                right = "limits_mm" if robot.prismatic[index] else "limits_deg"
+                raise InputError(path, f"robot.{key}.{joint}", f"belongs into [robot.{right}]")
+            low, high = np.array(bounds) * unit
+            limits[index] = max(limits[index, 0], low), min(limits[index, 1], high)
+            if limits[index, 0] > limits[index, 1]:
+                raise InputError(
+                    path, f"robot.{key}.{joint}", "leaves nothing of the URDF's limits"
+                )
+    return replace(robot, limits=limits)
+
+
+def _noise(sigma: Sigma) -> Noise:
+    if isinstance(sigma, PolarSigma):
+        return Noise(
+            sigma.range_mm * _MM,
+            sigma.transverse_mm * _MM,
+            sigma.range_mm_per_m * _MM,
+            sigma.transverse_mm_per_m * _MM,
+        )
+    if isinstance(sigma, MpeSigma):
+        return Noise.maximum_permissible(sigma.mpe_mm * _MM, sigma.mpe_mm_per_m * _MM, sigma.divisor)
+    return Noise.isotropic(sigma * _MM)
+
+
+def _unit(vector: tuple[float, float, float] | None) -> Array:
+    if vector is None:
+        return np.full(3, math.nan)
+    direction = np.array(vector)
+    return np.asarray(direction / np.linalg.norm(direction))
+
+
+def _metres(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = vector
+    return x * _MM, y * _MM, z * _MM
+
+
+def _design(path: Path, table: DesignTable) -> dict[str, Any]:
+    """The [design] table; ``level_values`` in rad, ``targets`` as a path beside the cell."""
+    for joint, levels in table.levels.items():
+        if (levels.count is None) == (levels.values_deg is None):
+            raise InputError(
+                path, f"design.levels.{joint}", "needs either count or values_deg, and not both"
+            )
+    design = table.model_dump(by_alias=True)
+    design["level_values"] = {
+        joint: np.sort(np.radians(levels.values_deg))
+        for joint, levels in table.levels.items()
+        if levels.values_deg is not None
+    }
+    design["targets"] = None if table.targets is None else path.parent / table.targets
+    return design

@@ -1,0 +1,139 @@
+"""Results in the units of the file formats: millimetres, microradians, names that people read."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from calib.identify import ADVICE, Identification, Residuals
+
+_MM = 1e3
+_RMS_KEYS = ("nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed")
+
+
+def identification_fields(result: Identification) -> dict[str, Any]:
+    """The fields of ``identify --json``, without provenance."""
+    noise = result.noise
+    interval = result.interval()
+    optimism = result.optimism
+    names = result.model.marker_names
+    return {
+        "status": result.status,
+        "advice": ADVICE[result.status],
+        "approach": result.approach,
+        "method": result.method,
+        "noise": {
+            "sigma_mm": noise.sigma * _MM,
+            "believed_sigma_mm": noise.believed * _MM,
+            "source": noise.source,
+            "replicate_sigma_mm": None
+            if noise.replicate_factor is None
+            else noise.replicate_factor * noise.believed * _MM,
+            "lack_of_fit_p": noise.lack_of_fit_p,
+        },
+        "rank": result.rank,
+        "degrees_of_freedom": result.dof,
+        "iterations": result.iterations,
+        "parameters": [
+            {
+                "id": p.id,
+                "name": p.name,
+                "effect": p.effect,
+                "where": p.where,
+                "value": value / p.scale,
+                "std": std / p.scale if std > 0.0 else None,
+                "ci95": list(bounds / p.scale) if std > 0.0 else None,
+                "step_two_optimism": factor,
+                "unit": p.unit,
+            }
+            for p, value, std, bounds, factor in zip(
+                result.model.parameters, result.values, result.std, interval, optimism, strict=True
+            )
+        ],
+        "unidentifiable": [
+            {"names": list(u.names), "reason": u.reason} for u in result.unidentifiable
+        ],
+        "absorbed": [
+            {"id": d.id, "absorbed_by": [name for name, _ in d.absorbed_by]}
+            for d in result.absorbed
+        ],
+        "outliers": _outliers(result.fit),
+        "heldout_outliers": [] if result.heldout is None else _outliers(result.heldout),
+        "rms_mm": _summary(result, lambda d: float(np.sqrt(np.mean(d**2)))),
+        "max_mm": _summary(result, lambda d: float(d.max())),
+        "p95_mm": _summary(result, lambda d: float(np.quantile(d, 0.95))),
+        "base": _bases(result),
+        "markers_mm": _markers(result),
+        "correlation": np.round(result.correlation, 4),
+        "residuals": _residuals(result.fit, names, False)
+        + ([] if result.heldout is None else _residuals(result.heldout, names, True)),
+    }
+
+
+def _summary(result: Identification, figure: Any) -> dict[str, float | None]:
+    found = result.distances
+    return {
+        key: figure(found[key]) * _MM if key in found and len(found[key]) else None
+        for key in _RMS_KEYS
+    }
+
+
+def _outliers(residuals: Residuals) -> list[dict[str, str]]:
+    out = []
+    for i in np.flatnonzero(residuals.outlier):
+        largest = float(np.linalg.norm(residuals.vectors[i], axis=-1).max()) * _MM
+        ratio = float(np.sqrt(residuals.statistic[i] / residuals.limit))
+        out.append(
+            {
+                "pose": residuals.data.poses.names[i],
+                "reason": f"residual up to {largest:.3f} mm, {ratio:.1f} times what the other poses "
+                "allow",
+            }
+        )
+    return out
+
+
+def _bases(result: Identification) -> dict[str, Any]:
+    """The base in the frame of the readings; with several stations, each under its name."""
+    shown = {
+        where: {
+            "rotation_vector_rad": _shortest(placed[3:]),
+            "translation_mm": list(placed[:3] * _MM),
+        }
+        for where, placed in result.bases.items()
+    }
+    if not shown:
+        return {"rotation_vector_rad": [0.0] * 3, "translation_mm": [0.0] * 3}
+    first = next(iter(shown.values()))
+    return first if len(shown) == 1 else {**first, "stations": shown}
+
+
+def _shortest(rotation: np.ndarray[Any, np.dtype[np.float64]]) -> list[float]:
+    from calib.se3 import so3_exp, so3_log
+
+    return list(so3_log(so3_exp(rotation)))
+
+
+def _markers(result: Identification) -> dict[str, list[float]]:
+    names = result.model.marker_names
+    return {n: list(p * _MM) for n, p in zip(names, result.marker_positions, strict=True)}
+
+
+def _residuals(
+    residuals: Residuals, names: tuple[str, ...], heldout: bool
+) -> list[dict[str, Any]]:
+    out = []
+    for i, j in np.argwhere(residuals.data.seen):
+        x, y, z = (float(v) for v in residuals.vectors[i, j] * _MM)
+        out.append(
+            {
+                "pose": residuals.data.poses.names[i],
+                "marker": names[j],
+                "x_mm": x,
+                "y_mm": y,
+                "z_mm": z,
+                "heldout": heldout,
+            }
+        )
+    return out

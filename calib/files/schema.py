@@ -1,0 +1,173 @@
+"""The cell file as it is written: units in the names, checked before anything is computed."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Strict, Tag
+
+Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
+Positive = Annotated[Number, Field(gt=0)]
+NotNegative = Annotated[Number, Field(ge=0)]
+Count = Annotated[int, Strict(), Field(ge=1)]
+Vector = tuple[Number, Number, Number]
+
+
+def _ordered(limits: tuple[float, float]) -> tuple[float, float]:
+    if limits[0] > limits[1]:
+        raise ValueError(f"lower limit {limits[0]:g} is above upper limit {limits[1]:g}")
+    return limits
+
+
+def _direction(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not any(vector):
+        raise ValueError("a direction must not be zero")
+    return vector
+
+
+Range = Annotated[tuple[Number, Number], AfterValidator(_ordered)]
+Direction = Annotated[Vector, AfterValidator(_direction)]
+
+
+class Table(BaseModel):
+    """A TOML table without unknown keys."""
+
+    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+
+
+class CapsuleTable(Table):
+    start: Vector = Field(alias="from")
+    end: Vector = Field(alias="to")
+    radius: Positive
+
+
+class AnchorTable(Table):
+    before: Vector
+    after: Vector
+
+
+class RobotTable(Table):
+    urdf: str
+    base: str
+    tip: str
+    limits_deg: dict[str, Range] = {}
+    limits_mm: dict[str, Range] = {}
+    capsules_mm: dict[str, list[CapsuleTable]] = {}
+    compensators_mm: dict[str, AnchorTable] = {}
+
+
+class MarkerTable(Table):
+    position: Vector
+    normal: Direction | None = None
+    acceptance_deg: Annotated[Number, Field(gt=0, le=180)] | None = None
+
+
+class PolarSigma(Table):
+    range_mm: Positive
+    transverse_mm: Positive
+    range_mm_per_m: NotNegative = 0.0
+    transverse_mm_per_m: NotNegative = 0.0
+
+
+class MpeSigma(Table):
+    mpe_mm: Positive
+    mpe_mm_per_m: NotNegative = 0.0
+    divisor: Positive
+
+
+def _kind_of_sigma(value: Any) -> str:
+    if isinstance(value, dict):
+        return "mpe" if any(str(key).startswith("mpe") or key == "divisor" for key in value) else "polar"
+    return "number"
+
+
+Sigma = Annotated[
+    Annotated[Positive, Tag("number")]
+    | Annotated[PolarSigma, Tag("polar")]
+    | Annotated[MpeSigma, Tag("mpe")],
+    Discriminator(_kind_of_sigma),
+]
+
+
+def _kind_of_marker(value: Any) -> str:
+    return "table" if isinstance(value, dict) else "position"
+
+
+Marker = Annotated[
+    Annotated[Vector, Tag("position")] | Annotated[MarkerTable, Tag("table")],
+    Discriminator(_kind_of_marker),
+]
+
+
+class InstrumentTable(Table):
+    sigma_mm: Sigma
+    position_mm: Vector | None = None
+
+
+class GravityTable(Table):
+    m_s2: Vector = (0.0, 0.0, -9.80665)
+
+
+class PayloadTable(Table):
+    mass_kg: NotNegative = 0.0
+    com_mm: Vector = (0.0, 0.0, 0.0)
+
+
+class LoadTable(Table):
+    mass_kg: NotNegative
+    com_mm: Vector
+    max_tilt_deg: Annotated[Number, Field(ge=0, le=90)] = 90.0
+
+
+class LevelsTable(Table):
+    poses_per_level: Count
+    count: Count | None = None
+    min_separation_deg: NotNegative = 0.0
+    values_deg: list[Number] | None = None
+
+
+class Box(Table):
+    type: Literal["box"]
+    center_mm: Vector
+    size_mm: tuple[Positive, Positive, Positive]
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+
+
+class Sphere(Table):
+    type: Literal["sphere"]
+    center_mm: Vector
+    radius_mm: Positive
+
+
+class HalfSpace(Table):
+    type: Literal["halfspace"]
+    point_mm: Vector
+    normal: Direction
+
+
+class DesignTable(Table):
+    poses: Count | None = None
+    levels: dict[str, LevelsTable] = {}
+    targets: str | None = None
+    repeats: Annotated[bool, Strict()] = False
+    obstacle: list[Annotated[Box | Sphere | HalfSpace, Field(discriminator="type")]] = []
+
+
+class ModelTable(Table):
+    effects: list[str]
+    knots_deg: dict[str, list[Number]] = {}
+
+
+class CellFile(Table):
+    """The whole file."""
+
+    format: Literal[1] = Field(alias="schema")
+    name: str = ""
+    robot: RobotTable
+    markers_mm: Annotated[dict[str, Marker], Field(min_length=1)]
+    instrument: InstrumentTable
+    gravity: GravityTable = GravityTable()
+    payload: PayloadTable = PayloadTable()
+    load: LoadTable | None = None
+    design: DesignTable = DesignTable()
+    model: ModelTable

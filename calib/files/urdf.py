@@ -1,0 +1,324 @@
+"""URDF in and out: the serial chain between two links, and the same file with corrected origins."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.robot import Robot
+from calib.se3 import Array, displacement, from_xyz_rpy, rotate, rpy_from_rotation
+
+_LARGEST_FILE = 20_000_000  # bytes; a URDF holds text, meshes lie elsewhere
+_MOVING = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True)
+class _Joint:
+    element: ElementTree.Element
+    name: str
+    kind: str
+    parent: str
+    child: str
+
+
+def _parse(path: Path) -> ElementTree.Element:
+    from defusedxml import ElementTree as Safe
+    from defusedxml.common import DefusedXmlException
+
+    try:
+        size = path.stat().st_size
+    except OSError as error:
+        raise InputError(
+            path, "", f"cannot be read ({error.strerror})", "check [robot] urdf"
+        ) from None
+    if size > _LARGEST_FILE:
+        raise InputError(path, "", f"is {size / 1e6:.0f} MB, too large for a URDF")
+    try:
+        root: ElementTree.Element = Safe.parse(path).getroot()
+    except ElementTree.ParseError as error:
+        line = error.position[0]
+        raise InputError(
+            path, f"line {line}", f"is not well-formed XML ({error})", "export the URDF again"
+        ) from None
+    except (DefusedXmlException, ValueError) as error:
+        raise InputError(
+            path,
+            "",
+            f"uses XML that is refused for safety ({type(error).__name__})",
+            "remove the DOCTYPE and its entities",
+        ) from None
+    except OSError as error:
+        raise InputError(path, "", f"cannot be read ({error.strerror})") from None
+    if root.tag != "robot":
+        raise InputError(
+            path, f"<{root.tag}>", "is not a URDF", "expand a xacro file to a URDF with <robot> first"
+        )
+    return root
+
+
+def _numbers(path: Path, where: str, text: str, count: int) -> Array:
+    try:
+        values = np.array([float(word) for word in text.split()])
+    except ValueError:
+        raise InputError(path, where, f"{text!r} holds text in place of a number") from None
+    if len(values) != count or not np.isfinite(values).all():
+        raise InputError(path, where, f"{text!r} should be {count} finite numbers")
+    return values
+
+
+def _attribute(path: Path, element: ElementTree.Element | None, key: str, default: str) -> str:
+    return default if element is None else element.get(key, default)
+
+
+def _origin(path: Path, where: str, element: ElementTree.Element) -> Array:
+    origin = element.find("origin")
+    xyz = _numbers(path, f"{where} origin xyz", _attribute(path, origin, "xyz", "0 0 0"), 3)
+    rpy = _numbers(path, f"{where} origin rpy", _attribute(path, origin, "rpy", "0 0 0"), 3)
+    return from_xyz_rpy(xyz, rpy)
+
+
+def _joints(path: Path, root: ElementTree.Element) -> dict[str, _Joint]:
+    """Joints by the link that they move."""
+    by_child: dict[str, _Joint] = {}
+    for element in root.findall("joint"):
+        name = element.get("name", "")
+        parent, child = element.find("parent"), element.find("child")
+        if not name or parent is None or child is None:
+            raise InputError(path, f"joint {name!r}", "lacks a name, a parent or a child")
+        joint = _Joint(
+            element, name, element.get("type", ""), parent.get("link", ""), child.get("link", "")
+        )
+        if joint.child in by_child:
+            raise InputError(
+                path,
+                f"joint {name}",
+                f"link {joint.child!r} already hangs on joint {by_child[joint.child].name!r}",
+                "closed loops are not supported; model the serial chain",
+            )
+        by_child[joint.child] = joint
+    return by_child
+
+
+def _chain(path: Path, root: ElementTree.Element, base: str, tip: str) -> list[_Joint]:
+    links = [link.get("name", "") for link in root.findall("link")]
+    for key, name in (("base", base), ("tip", tip)):
+        if name not in links:
+            known = ", ".join(links[:12]) or "none"
+            raise InputError(
+                path, "", f"has no link {name!r}", f"set [robot] {key} to one of: {known}"
+            )
+    by_child = _joints(path, root)
+    chain: list[_Joint] = []
+    link = tip
+    while link != base:
+        if link not in by_child or len(chain) > len(by_child):
+            raise InputError(
+                path,
+                f"link {tip}",
+                f"no chain of joints leads from {base!r} to it (stopped at {link!r})",
+                "check [robot] base and tip",
+            )
+        chain.append(by_child[link])
+        link = by_child[link].parent
+    chain.reverse()
+    _refuse_unsupported(path, root, chain)
+    return chain
+
+
+def _refuse_unsupported(path: Path, root: ElementTree.Element, chain: list[_Joint]) -> None:
+    inside = {joint.child for joint in chain[:-1]}
+    names = {joint.name for joint in chain}
+    for joint in chain:
+        if joint.kind not in (*_MOVING, "fixed"):
+            raise InputError(
+                path,
+                f"joint {joint.name}",
+                f"type {joint.kind!r} is not supported",
+                "use revolute, continuous, prismatic or fixed joints",
+            )
+        if joint.element.find("mimic") is not None:
+            raise InputError(
+                path,
+                f"joint {joint.name}",
+                "mimics another joint",
+                "coupled joints are not supported; give the chain independent joints",
+            )
+    if not any(joint.kind in _MOVING for joint in chain):
+        raise InputError(path, "", "the chain has no moving joint", "check [robot] base and tip")
+    for element in root.findall("joint"):
+        parent = element.find("parent")
+        link = "" if parent is None else parent.get("link", "")
+        moving = element.get("type") in _MOVING
+        if element.get("name") not in names and moving and link in inside:
+            raise InputError(
+                path,
+                f"joint {element.get('name')}",
+                f"branches off link {link!r} of the chain",
+                "only serial chains are supported; remove the branch or fix its joint",
+            )
+
+
+def _carried(
+    path: Path, root: ElementTree.Element, chain: list[_Joint]
+) -> list[tuple[str, str, Array]]:
+    """(link on the chain, link, transform) of links that hang on the chain by fixed joints."""
+    on_chain = {joint.child for joint in chain}
+    placed = {name: (name, np.eye(4)) for name in on_chain}
+    pending = [j for j in _joints(path, root).values() if j.child not in on_chain]
+    grew = True
+    while grew:
+        grew = False
+        for joint in pending:
+            if joint.kind == "fixed" and joint.parent in placed and joint.child not in placed:
+                carrier, T = placed[joint.parent]
+                own = _origin(path, f"joint {joint.name}", joint.element)
+                placed[joint.child] = (carrier, T @ own)
+                grew = True
+    return [(carrier, link, T) for link, (carrier, T) in placed.items()]
+
+
+def _inertials(path: Path, root: ElementTree.Element) -> dict[str, tuple[float, Array]]:
+    found = {}
+    for link in root.findall("link"):
+        inertial = link.find("inertial")
+        if inertial is None:
+            continue
+        where = f"link {link.get('name')}"
+        text = _attribute(path, inertial.find("mass"), "value", "0")
+        mass = float(_numbers(path, f"{where} mass", text, 1)[0])
+        if mass < 0:
+            raise InputError(path, f"{where} mass", f"is negative ({mass} kg)")
+        found[link.get("name", "")] = (mass, _origin(path, where, inertial)[:3, 3])
+    return found
+
+
+def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
+    """Read the serial chain from link ``base`` to link ``tip``.
+
+    Fixed joints are folded into the next origin; masses that hang on a moving link by fixed joints
+    are gathered into it. The effort limit 0 means: not given.
+
+    Raises InputError for what is not well-formed, not a serial chain of revolute, continuous or
+    prismatic joints, or not made of finite numbers.
+    """
+    path = Path(path)
+    root = _parse(path)
+    chain = _chain(path, root, base, tip)
+    weights = _inertials(path, root)
+    carried = _carried(path, root, chain)
+
+    moving = [joint for joint in chain if joint.kind in _MOVING]
+    n = len(moving)
+    origins, axes = np.empty((n + 1, 4, 4)), np.empty((n, 3))
+    limits, efforts = np.full((n, 2), [-np.inf, np.inf]), np.full(n, np.nan)
+    masses, moments = np.zeros(n), np.zeros((n, 3))
+    C, T_link, k = np.eye(4), np.eye(4), -1
+    for joint in chain:
+        where = f"joint {joint.name}"
+        own = _origin(path, where, joint.element)
+        C, T_link = C @ own, T_link @ own
+        if joint.kind in _MOVING:
+            k += 1
+            origins[k], axes[k] = C, _axis(path, joint)
+            limits[k], efforts[k] = _limits(path, joint)
+            C, T_link = np.eye(4), np.eye(4)
+        for carrier, link, T in carried:
+            if k >= 0 and carrier == joint.child and link in weights:
+                mass, com = weights[link]
+                placed = T_link @ T
+                masses[k] += mass
+                moments[k] += mass * (rotate(placed[:3, :3], com) + placed[:3, 3])
+    origins[n] = C
+    coms = moments / np.where(masses == 0, 1.0, masses)[:, None]
+    return Robot(
+        name=root.get("name", ""),
+        base=base,
+        tip=tip,
+        joints=tuple(joint.name for joint in moving),
+        prismatic=np.array([joint.kind == "prismatic" for joint in moving]),
+        origins=origins,
+        axes=axes,
+        limits=limits,
+        efforts=efforts,
+        masses=masses,
+        coms=coms,
+    )
+
+
+def _axis(path: Path, joint: _Joint) -> Array:
+    text = _attribute(path, joint.element.find("axis"), "xyz", "1 0 0")
+    axis = _numbers(path, f"joint {joint.name} axis", text, 3)
+    length = float(np.linalg.norm(axis))
+    if length < 1e-9:
+        raise InputError(path, f"joint {joint.name} axis", "has no length")
+    return axis / length
+
+
+def _limits(path: Path, joint: _Joint) -> tuple[tuple[float, float], float]:
+    limit = joint.element.find("limit")
+    if limit is None:
+        return (-math.inf, math.inf), math.nan
+    where = f"joint {joint.name} limit"
+    effort = float(_numbers(path, where, limit.get("effort", "0"), 1)[0])
+    if joint.kind == "continuous":
+        return (-math.inf, math.inf), effort or math.nan
+    lower = float(_numbers(path, where, limit.get("lower", "0"), 1)[0])
+    upper = float(_numbers(path, where, limit.get("upper", "0"), 1)[0])
+    if lower > upper:
+        raise InputError(path, where, f"lower {lower} is above upper {upper}")
+    return (lower, upper), effort or math.nan
+
+
+def corrected_urdf(
+    source: str | Path, robot: Robot, corrections: Array, markers: dict[str, Array]
+) -> str:
+    """The text of a URDF whose joint origins carry the identified geometry.
+
+    source : path of the nominal URDF
+    corrections : ndarray, shape (n + 2, 6), m and rad, displacement of each frame as in
+        :class:`~calib.robot.Robot`; that of the base is not part of the robot and is ignored
+    markers : dict, name -> ndarray, shape (3,), m, tip frame: written as links ``marker_<name>``
+
+    The tip's displacement goes into the last fixed joint, or into the markers where there is none.
+    """
+    path = Path(source)
+    root = _parse(path)
+    chain = _chain(path, root, robot.base, robot.tip)
+    frame, D_tip = 0, displacement(corrections[robot.tip_frame])
+    for joint in chain:
+        if joint.kind in _MOVING:
+            frame += 1
+            _displace(path, joint, displacement(corrections[frame]))
+    if chain[-1].kind == "fixed":
+        _displace(path, chain[-1], D_tip)
+        D_tip = np.eye(4)
+    for name, position in markers.items():
+        ElementTree.SubElement(root, "link", name=f"marker_{name}")
+        joint_element = ElementTree.SubElement(
+            root, "joint", name=f"marker_{name}_mount", type="fixed"
+        )
+        T = D_tip.copy()
+        T[:3, 3] += rotate(T[:3, :3], position)
+        _write_origin(joint_element, T)
+        ElementTree.SubElement(joint_element, "parent", link=robot.tip)
+        ElementTree.SubElement(joint_element, "child", link=f"marker_{name}")
+    ElementTree.indent(root)
+    text: str = ElementTree.tostring(root, encoding="unicode", xml_declaration=True)
+    return text + "\n"
+
+
+def _displace(path: Path, joint: _Joint, D: Array) -> None:
+    _write_origin(joint.element, _origin(path, f"joint {joint.name}", joint.element) @ D)
+
+
+def _write_origin(element: ElementTree.Element, T: Array) -> None:
+    origin = element.find("origin")
+    if origin is None:
+        origin = ElementTree.SubElement(element, "origin")
+    origin.set("xyz", " ".join(f"{value:.15g}" for value in T[:3, 3]))
+    origin.set("rpy", " ".join(f"{value:.15g}" for value in rpy_from_rotation(T[:3, :3])))

@@ -1,0 +1,58 @@
+"""Write results: complete under a temporary name first, then renamed, so nothing is half written."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from calib.errors import InputError
+
+
+def write_files(texts: Mapping[Path, str]) -> None:
+    """Write several files, all or none: every text is on disk before the first is renamed.
+
+    Raises InputError where a folder is missing, read-only or full; existing files stay whole.
+    """
+    prepared: list[tuple[str, Path]] = []
+    path = Path()
+    try:
+        for path, text in texts.items():
+            handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+            prepared.append((name, path))
+            with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+            os.chmod(name, 0o644)
+        for name, path in prepared:
+            os.replace(name, path)
+    except OSError as error:
+        raise InputError(
+            path, "", f"cannot be written ({error.strerror})", "choose another folder or free space"
+        ) from None
+    finally:
+        for name, _ in prepared:
+            if os.path.exists(name):
+                os.unlink(name)
+
+
+def json_text(result: Any) -> str:
+    """JSON without NaN: what is undefined becomes null."""
+    return json.dumps(_plain(result), indent=1, allow_nan=False) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value

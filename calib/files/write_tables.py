@@ -1,0 +1,67 @@
+"""Write the CSV tables that ``calib.files.tables`` reads."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from calib.cell import Cell
+from calib.poses import Measurements, Poses
+from calib.robot import Robot
+
+_WRENCH = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+
+
+def _joint_header(robot: Robot) -> list[str]:
+    return [
+        f"{joint}_{'mm' if slides else 'deg'}"
+        for joint, slides in zip(robot.joints, robot.prismatic, strict=True)
+    ]
+
+
+def _joint_text(robot: Robot, q: np.ndarray[tuple[int], np.dtype[np.float64]]) -> list[str]:
+    shown = np.where(robot.prismatic, q * 1e3, np.degrees(q))
+    return [f"{value:.9g}" for value in shown]
+
+
+def _text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return out.getvalue()
+
+
+def measurements_csv(cell: Cell, data: Measurements) -> str:
+    """The text of ``measurements.csv``: a row for each visible point, wrench of the hung load in it.
+
+    A load hung on the tip is written as the wrench that it exerts at the nominal pose.
+    """
+    poses = data.poses
+    wrench = wrench_with_load(cell, poses)
+    header = ["pose", "marker", *_joint_header(cell.robot), "x_mm", "y_mm", "z_mm"]
+    loaded = bool(wrench.any())
+    header += _WRENCH if loaded else ()
+    header += ["station"] if len(poses.stations) > 1 else []
+    rows = []
+    for i, j in np.argwhere(data.seen):
+        row = [poses.names[i], cell.marker_names[j], *_joint_text(cell.robot, poses.q[i])]
+        row += [f"{1e3 * value:.5f}" for value in data.points[i, j]]
+        row += [f"{value:.6f}" for value in wrench[i]] if loaded else []
+        row += [poses.stations[poses.station[i]]] if len(poses.stations) > 1 else []
+        rows.append(row)
+    return _text(header, rows)
+
+
+def wrench_with_load(cell: Cell, poses: Poses) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    """Wrench on the tip, the hung load included as at the nominal pose, shape (m, 6), N and N m."""
+    from calib.kinematics import forward
+    from calib.se3 import cross, rotate
+
+    R_tip = forward(cell.robot, poses.q).R[:, -1]
+    force = poses.load_mass[:, None] * cell.gravity
+    moment = cross(rotate(R_tip, np.broadcast_to(poses.load_com, force.shape)), force)
+    return poses.wrench + np.concatenate([force, moment], axis=-1)

@@ -1,0 +1,162 @@
+"""How parameters are found once it is settled which poses count."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.covariance import Identifiable, covariance, identifiable
+from calib.effects.base import Base
+from calib.effects.protocol import ElasticEffect, LoadEffect
+from calib.effects.tool import Tool
+from calib.identify.identification import Method
+from calib.identify.solver import Linearise, Minimum, levenberg_marquardt
+from calib.identify.two_step import alternate
+from calib.model import Model
+from calib.observations import Observation, Points, Pose
+from calib.se3 import Array
+
+Mask = NDArray[np.bool_]
+
+_TURNS = 12  # rigid parameters and elastic differences in turn: each gains three digits
+_SETTLED = 1e-6  # of a plausible size
+
+
+class Estimator(Protocol):
+    """A way from readings to values and their covariance."""
+
+    def fit(self, observation: Points | Pose, start: Array, span: Array) -> Minimum:
+        """Least-squares values, moving along ``span`` (p, k)."""
+        ...
+
+    def rows(self, observation: Points | Pose, values: Array) -> tuple[Array, Array]:
+        """Residuals (m, rows) and derivative (m, rows, p) by which poses and noise are judged."""
+        ...
+
+    def covariance(self, observation: Points | Pose, values: Array, span: Array) -> Array:
+        """Covariance (p, p) for the noise as stated."""
+        ...
+
+    def dof(self, observation: Points | Pose, values: Array, span: Array) -> int:
+        """Degrees of freedom of the residuals."""
+        ...
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Every reading as it is, all parameters at once or the paper's two steps in turn."""
+
+    method: Method = "joint"
+
+    def fit(self, observation: Points | Pose, start: Array, span: Array) -> Minimum:
+        if self.method == "two-step":
+            return alternate(flattened(observation), start, *steps(observation.model, span))
+        return levenberg_marquardt(flattened(observation), start, span)
+
+    def rows(self, observation: Points | Pose, values: Array) -> tuple[Array, Array]:
+        return as_points(observation).linearise(values)
+
+    def covariance(self, observation: Points | Pose, values: Array, span: Array) -> Array:
+        _, J = flattened(observation)(values)
+        return covariance(J, span, observation.row_noise(values))
+
+    def dof(self, observation: Points | Pose, values: Array, span: Array) -> int:
+        counted = observation.data.seen & observation.weights.any(axis=(-1, -2))
+        return int(3 * counted.sum()) - span.shape[1]
+
+
+@dataclass(frozen=True)
+class Differences:
+    """Elastic parameters from differences between readings at equal joints.
+
+    Errors of geometry, the same with and without load, drop out of the differences. Base, tool and
+    other rigid parameters follow from the readings themselves; the two sets are found in turn.
+    """
+
+    def fit(self, observation: Points | Pose, start: Array, span: Array) -> Minimum:
+        soft = _soft(observation.model, span)
+        values, iterations = start, 0
+        for _ in range(_TURNS):
+            rigid = levenberg_marquardt(flattened(observation), values, span[:, ~soft])
+            elastic = levenberg_marquardt(
+                flattened(_centred(observation)), rigid.values, span[:, soft]
+            )
+            iterations += rigid.iterations + elastic.iterations
+            moved = np.abs(elastic.values - values) / observation.model.sizes
+            values = elastic.values
+            if moved.max(initial=0.0) < _SETTLED:
+                break
+        return Minimum(values, elastic.cost, rigid.converged & elastic.converged, iterations)
+
+    def rows(self, observation: Points | Pose, values: Array) -> tuple[Array, Array]:
+        return _centred(observation).linearise(values)
+
+    def covariance(self, observation: Points | Pose, values: Array, span: Array) -> Array:
+        soft = _soft(observation.model, span)
+        _, J = flattened(observation)(values)
+        _, J_centred = flattened(_centred(observation))(values)
+        return covariance(J, span[:, ~soft]) + covariance(J_centred, span[:, soft])
+
+    def dof(self, observation: Points | Pose, values: Array, span: Array) -> int:
+        seen = observation.data.seen & observation.weights.any(axis=(-1, -2))
+        group = observation.data.poses.configuration
+        spare = sum(np.maximum(seen[group == g].sum(axis=0) - 1, 0).sum() for g in np.unique(group))
+        return int(3 * spare - _soft(observation.model, span).sum())
+
+
+def flattened(observation: Observation) -> Linearise:
+    """Residuals (..., N) and derivatives (..., N, p) of an observation, poses and rows in one axis."""
+
+    def linearise(values: Array) -> tuple[Array, Array]:
+        r, J = observation.linearise(values)
+        batch = values.shape[:-1]
+        return r.reshape((*batch, -1)), J.reshape((*batch, -1, J.shape[-1]))
+
+    return linearise
+
+
+def steps(model: Model, span: Array) -> tuple[Array, Array]:
+    """The directions of the paper's step 1 (base and tool) and of step 2 (the rest)."""
+    first = np.abs(span[model.where(Base, Tool)]).sum(axis=0) > 0.0
+    return span[:, first], span[:, ~first]
+
+
+def _soft(model: Model, span: Array) -> Mask:
+    soft = model.where(ElasticEffect, LoadEffect)
+    return np.asarray(np.abs(span[soft]).sum(axis=0) > 0.0)
+
+
+def as_points(observation: Points | Pose, centred: bool = False) -> Points:
+    """The marker points behind an observation: what poses and noise are judged by."""
+    return Points(observation.model, observation.data, observation.weights, centred)
+
+
+def _centred(observation: Points | Pose) -> Points:
+    return as_points(observation, centred=True)
+
+
+def only(observation: Points | Pose, kept: Mask) -> Points | Pose:
+    """The observation with the other poses weighted out."""
+    return replace(observation, weights=observation.weights * kept[:, None, None, None])
+
+
+def choose_directions(observation: Points | Pose, start: Array) -> Identifiable:
+    """What the data determine, judged with every elastic element a little soft: the effect of a load
+    effect shows through them only."""
+    model = observation.model
+    probe = start.copy()
+    elastic = model.where(ElasticEffect)
+    probe[elastic] = model.sizes[elastic]
+    _, J = flattened(observation)(probe)
+    span = observation.span()
+    ids = [p.id for p in model.parameters]
+    sizes, names = [], []
+    for direction in span.T:
+        members = np.flatnonzero(direction)
+        alone = len(members) == 1
+        sizes.append(model.sizes[members].max())
+        names.append(ids[members[0]] if alone else "tool (as one body)")
+    return identifiable(J @ span, np.array(sizes), tuple(names))

@@ -1,0 +1,127 @@
+"""What an identification found, and how good it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.covariance import Unidentifiable, correlation
+from calib.effects.base import Base
+from calib.identify.noise_level import NoiseLevel
+from calib.model import Model
+from calib.observations import Approach
+from calib.poses import Measurements
+from calib.reduction import Dropped
+from calib.se3 import Array
+
+Status = Literal["converged", "not_converged", "rank_deficient"]
+Method = Literal["joint", "two-step"]
+
+ADVICE: dict[Status, str] = {
+    "converged": "every parameter of the model was estimated",
+    "not_converged": "the search did not settle: the model or the data are far off; check joint "
+    "names, units and signs, and look at the outliers",
+    "rank_deficient": "some parameters cannot be told from these poses and keep their nominal "
+    "values; see what is unidentifiable, and measure poses that excite it",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Measured minus predicted points.
+
+    data : Measurements
+    vectors : ndarray, shape (m, M, 3), m, zero where hidden
+    outlier : ndarray of bool, shape (m,)
+    statistic : ndarray, shape (m,), what outliers are judged by; limit : float
+    """
+
+    data: Measurements
+    vectors: Array
+    outlier: NDArray[np.bool_]
+    statistic: Array
+    limit: float
+
+    def lengths(self, poses: NDArray[np.bool_] | None = None) -> Array:
+        """Distances [m] of the visible points of the poses, all of them by default."""
+        distance = np.linalg.norm(self.vectors, axis=-1)
+        chosen = self.data.seen if poses is None else self.data.seen & poses[:, None]
+        return np.asarray(distance[chosen])
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Result of :func:`calib.identify`.
+
+    model : Model; values : ndarray, shape (p,), SI, in the order of ``model.parameters``
+    covariance : ndarray, shape (p, p), SI, base and tool included; zero for what was not estimated
+    unidentifiable : tuple of Unidentifiable, what the poses do not determine
+    absorbed : tuple of Dropped, constants that others stand for at any pose
+    distances : dict, "nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed" -> distances
+        between measured and predicted points, m
+    step_two_std : ndarray, shape (p,), standard deviations that would follow if base and tool were
+        known (the paper's step 2), NaN for base and tool
+    """
+
+    model: Model
+    values: Array
+    covariance: Array
+    status: Status
+    approach: Approach
+    method: Method
+    noise: NoiseLevel
+    dof: int
+    rank: int
+    iterations: int
+    unidentifiable: tuple[Unidentifiable, ...]
+    absorbed: tuple[Dropped, ...]
+    fit: Residuals
+    heldout: Residuals | None
+    distances: dict[str, Array]
+    step_two_std: Array
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations, shape (p,), SI."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @cached_property
+    def correlation(self) -> Array:
+        """Correlation matrix, shape (p, p)."""
+        return correlation(self.covariance)
+
+    @property
+    def optimism(self) -> Array:
+        """Factor by which step 2 alone understates each standard deviation, NaN where it has none."""
+        return self.std / np.where(self.step_two_std > 0.0, self.step_two_std, np.nan)
+
+    def interval(self, level: float = 0.95) -> Array:
+        """Confidence interval of each parameter, shape (p, 2), SI (Student's t)."""
+        from scipy.special import stdtrit
+
+        dof = self.dof if self.noise.source == "residual" else 1e9
+        half = float(stdtrit(max(dof, 1), 0.5 + level / 2)) * self.std
+        return np.column_stack([self.values - half, self.values + half])
+
+    def rms(self, key: str) -> float | None:
+        """3-D root mean square per point [m] of an entry of ``distances``."""
+        found = self.distances.get(key)
+        return None if found is None else float(np.sqrt(np.mean(found**2)))
+
+    @property
+    def marker_positions(self) -> Array:
+        """Markers in the tip frame, shape (M, 3), m."""
+        return self.model.marker_positions(self.values)
+
+    @property
+    def bases(self) -> dict[str, Array]:
+        """Placement of the base in each station's frame: (x, y, z, rx, ry, rz), m and rad."""
+        return {
+            effect.where: self.values[part]
+            for effect, part in zip(self.model.effects, self.model.slices, strict=True)
+            if isinstance(effect, Base)
+        }

@@ -1,0 +1,91 @@
+"""Which standard deviation the covariance should be built on: the cell's, repeats', residual's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from calib.poses import Measurements
+from calib.se3 import Array
+
+_DISAGREE = 0.01  # p value at which two estimates of the noise are taken to differ
+_FEWEST = 10  # degrees of freedom of a repeat estimate worth using
+
+Source = Literal["cell", "replicates", "residual"]
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """Standard deviation of one coordinate.
+
+    believed : float, m, root mean square of what the cell says for the points measured
+    factor : float, actual over believed
+    source : where the factor comes from
+    replicate_factor : float or None, what repeated readings alone say
+    lack_of_fit_p : float, probability of so large a residual under the noise before it was widened
+    """
+
+    believed: float
+    factor: float
+    source: Source
+    replicate_factor: float | None
+    lack_of_fit_p: float
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of one coordinate [m] on which the covariance is built."""
+        return self.believed * self.factor
+
+
+def believed_sigma(data: Measurements, weights: Array) -> float:
+    """Root mean square over the points of the standard deviation of a coordinate [m]."""
+    covariance = np.linalg.pinv(weights[data.seen])
+    return float(np.sqrt((covariance**2).sum(axis=(-1, -2)).mean() / 3.0))
+
+
+def replicate_spread(data: Measurements, weights: Array) -> tuple[float, int]:
+    """Weighted sum of squares within repeated readings, and its degrees of freedom."""
+    total, dof = 0.0, 0
+    group = data.poses.repeated
+    for g in np.flatnonzero(np.bincount(group) > 1):
+        here = group == g
+        seen = data.seen[here][..., None]
+        count = seen.sum(axis=0)
+        mean = (data.points[here] * seen).sum(axis=0) / np.maximum(count, 1)
+        deviation = weights[here] @ ((data.points[here] - mean) * seen)[..., None]
+        total += float((deviation**2).sum())
+        dof += int(3 * np.maximum(count - 1, 0).sum())
+    return total, dof
+
+
+def noise_level(cost: float, dof: int, data: Measurements, weights: Array) -> NoiseLevel:
+    """Decide by chi-square and F tests which source to trust, two-sided at one per cent.
+
+    cost, dof : sum of squared whitened residuals of the kept poses, and degrees of freedom
+    """
+    from scipy.special import chdtr, fdtr
+
+    believed = believed_sigma(data, weights)
+    spread, repeats = replicate_spread(data, weights)
+    factor = 1.0
+    source: Source = "cell"
+    own = np.sqrt(spread / repeats) if repeats >= _FEWEST else None
+    if own is not None and _two_sided(float(chdtr(repeats, spread))) < _DISAGREE:
+        factor, source = float(own), "replicates"
+    p_fit = 1.0
+    if dof > 0:
+        ratio = cost / dof / factor**2
+        if source == "cell":
+            below = float(chdtr(dof, ratio * dof))
+        else:
+            below = float(fdtr(dof, repeats, ratio))
+        p_fit = 1.0 - below
+        if _two_sided(below) < _DISAGREE:
+            factor, source = float(np.sqrt(cost / dof)), "residual"
+    return NoiseLevel(believed, factor, source, None if own is None else float(own), p_fit)
+
+
+def _two_sided(below: float) -> float:
+    return 2.0 * min(below, 1.0 - below)

@@ -1,0 +1,75 @@
+"""Poses that do not belong, judged against what the other poses show.
+
+Each pose gets the squared length of its residual in units of its own predicted spread, leverage
+taken out. Where the model is incomplete these follow no chi-square of the instrument's sigma, so
+scale and degrees of freedom are taken from their own median and quartiles; a pose is an outlier
+when it lies beyond what the largest of m such draws would reach once in a thousand data sets.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.covariance import covariance
+from calib.se3 import Array
+
+_ALPHA = 1e-3
+_MOST = 0.12  # share of the poses that may be called outliers
+_FEWEST = 12  # poses below which quartiles mean little
+_SINGULAR = 0.02  # directions in which a pose is fitted through itself say nothing
+
+
+def pose_statistics(r: Array, J: Array, kept: NDArray[np.bool_], span: Array) -> Array:
+    """Mean square of the residual of each pose over its predicted variance, shape (m,).
+
+    r : ndarray, shape (m, rows), whitened; zero rows for hidden markers
+    J : ndarray, shape (m, rows, p), whitened
+    kept : ndarray of bool, shape (m,), the poses that were fitted
+    span : ndarray, shape (p, k), the directions that were estimated
+    """
+    cov = covariance(J[kept].reshape(-1, J.shape[-1]), span)
+    return _mean_squares(r, J, cov, np.where(kept, -1.0, 1.0))
+
+
+def prediction_statistics(r: Array, J: Array, cov: Array) -> Array:
+    """The same for poses that took no part, under an estimate of covariance (p, p)."""
+    return _mean_squares(r, J, cov, np.ones(len(r)))
+
+
+def _mean_squares(r: Array, J: Array, cov: Array, sign: Array) -> Array:
+    """A fitted pose scatters by ``I - J cov J^T``, another one by ``I + J cov J^T``."""
+    spread = np.eye(r.shape[1]) + sign[:, None, None] * (J @ cov @ np.swapaxes(J, -1, -2))
+    used = np.abs(J).sum(axis=-1) > 0.0
+    spread = np.where(used[:, :, None] & used[:, None, :], spread, 0.0)
+    eigenvalues, vectors = np.linalg.eigh(spread)
+    component = (np.swapaxes(vectors, -1, -2) @ r[..., None])[..., 0]
+    informative = eigenvalues > _SINGULAR
+    terms = np.where(informative, component**2 / np.where(informative, eigenvalues, 1.0), 0.0)
+    return np.asarray(terms.sum(axis=-1) / np.maximum(informative.sum(axis=-1), 1))
+
+
+def threshold(statistics: Array, rows: int) -> float:
+    """Largest value of the statistic that still belongs to the rest."""
+    from scipy.special import gammaincinv
+
+    m = len(statistics)
+    if m < _FEWEST:
+        return float("inf")
+    low, middle, high = np.quantile(statistics, (0.25, 0.5, 0.75))
+    dof = np.linspace(1.0, rows, 4 * rows)
+    ratios = gammaincinv(dof / 2, 0.75) / gammaincinv(dof / 2, 0.25)
+    # Quartiles of few poses are uncertain: lean towards the longer tail.
+    widened = high / max(low, 1e-300) * (1.0 + 1.0 / np.sqrt(m))
+    nu = float(dof[np.argmin(np.abs(ratios - widened))])
+    largest = gammaincinv(nu / 2, 1.0 - _ALPHA / m) / gammaincinv(nu / 2, 0.5)
+    return float(middle * largest * (1.0 + 1.0 / np.sqrt(m)))
+
+
+def judge(statistics: Array, limit: float) -> NDArray[np.bool_]:
+    """Which poses are outliers, shape (m,): beyond the limit, and at most an eighth of them."""
+    most = int(_MOST * len(statistics))
+    order = np.argsort(-statistics)
+    out = np.zeros(len(statistics), dtype=bool)
+    out[order[:most]] = True
+    return out & (statistics > limit)

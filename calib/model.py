@@ -1,0 +1,246 @@
+"""The forward model: robot, markers and active effects -> predicted points and their Jacobian.
+
+A marker j at pose i is read at ``T_station_base(i) * arm(q_i, effects) * p_j`` (paper, equation 6).
+The arm is displaced frame by frame by its effects; elastic ones follow the wrench that the displaced
+arm transmits, found by fixed-point iteration. Derivatives are velocity fields: a parameter
+that displaces frame k moves all beyond it by ``A + phi x x``, and through the loads it also changes the
+deflection of every elastic frame, which is summed by the same iteration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from calib import statics
+from calib.effects.base import Base, to_station
+from calib.effects.protocol import (
+    Constant,
+    Effect,
+    ElasticEffect,
+    LoadEffect,
+    Parameter,
+    State,
+    TwistEffect,
+)
+from calib.effects.tool import Tool
+from calib.kinematics import Frames, forward, link_origins, point_velocity, spatial_columns
+from calib.poses import Poses
+from calib.robot import Robot
+from calib.se3 import Array, rotate
+
+_EQUILIBRIUM_M = 1e-10  # markers at rest: a tenth of a nanometre
+_COUPLING = 1e-12  # relative change at which the elastic coupling of the Jacobian has converged
+_MAX_ROUNDS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A robot with markers and active effects. Parameters at zero are the nominal model.
+
+    robot : Robot
+    marker_names : tuple of str; markers : ndarray, shape (M, 3), m, tip frame
+    effects : tuple of Effect; their parameters, one after the other, are the vector of values
+    payload : Payload
+    gravity : ndarray, shape (3,), m/s^2, base axes
+    """
+
+    robot: Robot
+    marker_names: tuple[str, ...]
+    markers: Array
+    effects: tuple[Effect, ...]
+    payload: statics.Payload
+    gravity: Array
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The p parameters in the order of all value vectors and columns."""
+        return tuple(p for e in self.effects for p in e.parameters)
+
+    @cached_property
+    def slices(self) -> tuple[slice, ...]:
+        """Where each effect's parameters stand."""
+        ends = np.cumsum([0, *(len(e.parameters) for e in self.effects)])
+        return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+
+    def where(self, *kinds: type[Effect]) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
+        """Positions of the parameters of some kinds of effect."""
+        found = [
+            np.arange(s.start, s.stop)
+            for e, s in zip(self.effects, self.slices, strict=True)
+            if isinstance(e, kinds)
+        ]
+        return np.concatenate(found) if found else np.zeros(0, dtype=int)
+
+    def with_effects(self, effects: tuple[Effect, ...]) -> Model:
+        """The same robot under other effects."""
+        return replace(self, effects=effects)
+
+    @cached_property
+    def sizes(self) -> Array:
+        """Plausible sizes of the parameters, shape (p,), SI."""
+        return np.array([p.size for p in self.parameters])
+
+    # -- state ---------------------------------------------------------------------------------
+
+    def state(self, values: Array, poses: Poses) -> State:
+        """Equilibrium of the arm under its loads.
+
+        values : ndarray, shape (..., p), SI; leading axes are independent models (trials)
+        """
+        loads = statics.loads_of(self.robot, poses, self.payload, self.gravity)
+        extra = self._extra_wrench(values, poses)
+        elastic = any(isinstance(e, ElasticEffect) for e in self.effects)
+        frames = forward(self.robot, poses.q)
+        tips: Array | None = None
+        for _ in range(_MAX_ROUNDS):
+            carriers = link_origins(self.robot, frames, poses.q)
+            wrench = statics.transmitted(loads, frames, carriers).with_extra(extra)
+            state = State(poses, frames, wrench)
+            points = self._tip_points(frames, values)
+            if tips is not None and np.abs(points - tips).max(initial=0.0) < _EQUILIBRIUM_M:
+                return state
+            tips = points
+            frames = forward(self.robot, poses.q, self._displacements(values, state))
+            if not elastic:
+                carriers = link_origins(self.robot, frames, poses.q)
+                wrench = statics.transmitted(loads, frames, carriers)
+                return State(poses, frames, wrench)
+        return State(poses, frames, wrench)
+
+    def _extra_wrench(self, values: Array, poses: Poses) -> Array:
+        total = np.zeros((len(poses), self.robot.dof + 2, 6))
+        for effect, part in zip(self.effects, self.slices, strict=True):
+            if isinstance(effect, LoadEffect):
+                basis = effect.wrench_basis(poses)
+                total = total + np.einsum("mfip,...p->...mfi", basis, values[..., part])
+        return total
+
+    def _displacements(self, values: Array, state: State) -> Array:
+        shape = (*values.shape[:-1], len(state.poses), self.robot.dof + 2, 6)
+        xi = np.zeros(shape)
+        for effect, part in zip(self.effects, self.slices, strict=True):
+            if isinstance(effect, TwistEffect):
+                theta = values[..., None, part, None]
+                xi[..., effect.frame, :] += (effect.basis(state) @ theta)[..., 0]
+        return xi
+
+    def constant_displacements(self, values: Array) -> Array:
+        """Displacement of each frame that holds at every pose, shape (n + 2, 6), m and rad."""
+        xi = np.zeros((self.robot.dof + 2, 6))
+        for effect, part in zip(self.effects, self.slices, strict=True):
+            if isinstance(effect, Constant):
+                xi[effect.frame] += effect.columns @ values[part]
+        return xi
+
+    # -- points --------------------------------------------------------------------------------
+
+    def marker_positions(self, values: Array) -> Array:
+        """Markers in the tip frame, shape (..., M, 3), m."""
+        offsets = np.zeros((*values.shape[:-1], *self.markers.shape))
+        for effect, part in zip(self.effects, self.slices, strict=True):
+            if isinstance(effect, Tool):
+                offsets[..., effect.marker, list(effect.components)] = values[..., part]
+        return self.markers + offsets
+
+    def placement(self, values: Array, poses: Poses) -> tuple[Array, Array]:
+        """R_station_base (..., m, 3, 3) and p_station_base (..., m, 3), m, at each pose."""
+        batch = values.shape[:-1]
+        R = np.broadcast_to(np.eye(3), (*batch, len(poses), 3, 3)).copy()
+        p = np.zeros((*batch, len(poses), 3))
+        for effect, part in zip(self.effects, self.slices, strict=True):
+            if isinstance(effect, Base):
+                R_base, p_base = Base.placement(values[..., part])
+                here = poses.station == effect.station
+                R[..., here, :, :] = R_base[..., None, :, :]
+                p[..., here, :] = p_base[..., None, :]
+        return R, p
+
+    def _tip_points(self, frames: Frames, values: Array) -> Array:
+        markers = self.marker_positions(values)[..., None, :, :]
+        R, o = frames.R[..., -1, None, :, :], frames.o[..., -1, None, :]
+        return rotate(R, markers) + o
+
+    def predict(self, values: Array, poses: Poses) -> Array:
+        """Readings of the markers, shape (..., m, M, 3), m, in the frames of the stations."""
+        points = self._tip_points(self.state(values, poses).frames, values)
+        return to_station(*self.placement(values, poses), points)
+
+    # -- derivatives ---------------------------------------------------------------------------
+
+    def jacobian(self, values: Array, poses: Poses) -> tuple[Array, Array]:
+        """Predicted points (..., m, M, 3) and their derivatives (..., m, M, 3, p), SI."""
+        state = self.state(values, poses)
+        points = self._tip_points(state.frames, values)
+        R, p = self.placement(values, poses)
+        batch = points.shape[:-3]
+        J = np.zeros((*points.shape, len(self.parameters)))
+        columns = self.arm_columns(values, state)
+        arm = point_velocity(columns[..., None, :, :], points[..., None, :])
+        J += np.swapaxes(arm, -1, -2)
+        R_tip = state.frames.R[..., -1, :, :]
+        for effect, part in zip(self.effects, self.slices, strict=True):
+            if isinstance(effect, Tool):
+                J[..., effect.marker, :, part] = R_tip[..., list(effect.components)]
+        J = R[..., None, :, :] @ J
+        for effect, part in zip(self.effects, self.slices, strict=True):
+            if isinstance(effect, Base):
+                here = poses.station == effect.station
+                block = Base.columns(values[..., part], points[..., here, :, :])
+                J[..., here, :, :, part] = np.broadcast_to(block, (*batch, *block.shape[-4:]))
+        return to_station(R, p, points), J
+
+    def arm_columns(self, values: Array, state: State) -> Array:
+        """Velocity field of the tip for every parameter, shape (..., m, p, 6), base axes.
+
+        Base and tool do not move the arm: their columns are zero.
+        """
+        frames, m, p = state.frames, len(state.poses), len(self.parameters)
+        batch = np.broadcast_shapes(values.shape[:-1], frames.o.shape[:-3])
+        elastic = self._flexibilities(values, state.poses)
+        reached = range(self.robot.dof + 2) if elastic else (self.robot.tip_frame,)
+        direct = np.zeros((*batch, m, len(reached), p, 6))
+        for effect, part in zip(self.effects, self.slices, strict=True):
+            if isinstance(effect, TwistEffect):
+                own = spatial_columns(frames, effect.frame, effect.basis(state))
+                first = effect.frame if elastic else 0
+                direct[..., first:, part, :] = own[..., None, :, :]
+        if not elastic:
+            tip: Array = direct[..., 0, :, :]
+            return tip
+        return self._couple(direct, elastic, state)
+
+    def _flexibilities(self, values: Array, poses: Poses) -> dict[int, Array]:
+        """Flexibility of each elastic frame at the present values, shape (..., m, 6, 6)."""
+        total: dict[int, Array] = {}
+        for effect, part in zip(self.effects, self.slices, strict=True):
+            if isinstance(effect, ElasticEffect):
+                K = np.einsum("mijp,...p->...mij", effect.flexibility(poses), values[..., part])
+                total[effect.frame] = total.get(effect.frame, 0.0) + K
+        return total
+
+    def _couple(self, direct: Array, elastic: dict[int, Array], state: State) -> Array:
+        """Add to each column what it does to the deflection of the elastic frames."""
+        frames = state.frames
+        loads = statics.loads_of(self.robot, state.poses, self.payload, self.gravity)
+        loaded = np.zeros((*direct.shape[-4:-2], direct.shape[-2], 6))
+        for effect, part in zip(self.effects, self.slices, strict=True):
+            if isinstance(effect, LoadEffect):
+                loaded[..., part, :] = np.swapaxes(effect.wrench_basis(state.poses), -1, -2)
+        total = direct
+        for _ in range(_MAX_ROUNDS):
+            change = statics.transmitted_change(loads, frames, state.wrench, total) + loaded
+            following = direct.copy()
+            for frame, K in elastic.items():
+                basis = K @ np.swapaxes(change[..., frame, :, :], -1, -2)
+                own = spatial_columns(frames, frame, basis)
+                following[..., frame:, :, :] += own[..., None, :, :]
+            moved = np.abs(following - total).max(initial=0.0)
+            total = following
+            if moved <= _COUPLING * np.abs(direct).max(initial=1.0):
+                break
+        tip: Array = total[..., -1, :, :]
+        return tip
+

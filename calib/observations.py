@@ -1,0 +1,224 @@
+"""Residuals and their derivatives under the paper's two approaches, weighted by the noise.
+
+``points`` (approach #2) compares marker coordinates. ``pose`` (approach #1) first condenses the markers
+of a reading to position and orientation of the tip frame: with ``A_j = [I, -[X_j - o]x]`` the
+least-squares pose change of marker changes y is ``(A^T A)^-1 A^T y``. Weighted by its full propagated
+covariance this loses nothing while the markers move rigidly, so for a known marker geometry both
+approaches have the same information; weighted plainly, with one length for the rotations, it does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.effects.tool import Tool
+from calib.model import Model
+from calib.poses import Measurements, Poses
+from calib.se3 import Array, fit_rigid, rotate, skew, so3_log
+
+Approach = Literal["points", "pose"]
+Weighting = Literal["full", "plain"]
+
+_COLLINEAR = 1e-3  # ratio of marker spreads below which no orientation can be computed
+
+
+class Observation(Protocol):
+    """How readings become weighted residuals."""
+
+    def linearise(self, values: Array) -> tuple[Array, Array]:
+        """Residuals (..., m, rows), in standard deviations, and the derivative of the prediction."""
+        ...
+
+    def span(self) -> Array:
+        """Directions in which values may move, shape (p, k)."""
+        ...
+
+    def row_noise(self, values: Array) -> Array | None:
+        """Covariance of the weighted rows (m, rows, rows), None where it is the identity."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Approach #2: every coordinate of every marker.
+
+    weights : ndarray, shape (m, M, 3, 3), 1/m, whitening matrices, zero for hidden markers
+    centred : subtract the mean of each configuration: only differences between readings at equal
+        joints count, what is common to them (geometry) drops out
+    """
+
+    model: Model
+    data: Measurements
+    weights: Array
+    centred: bool = False
+
+    def linearise(self, values: Array) -> tuple[Array, Array]:
+        predicted, J = self.model.jacobian(values, self.data.poses)
+        return self.residuals(predicted), self.rows(J)
+
+    def residuals(self, predicted: Array) -> Array:
+        """Weighted residuals, shape (..., m, 3 M)."""
+        r = self._relative((self.data.points - predicted)[..., None])
+        return (self.weights @ r).reshape((*r.shape[:-3], -1))
+
+    def rows(self, J: Array) -> Array:
+        """Weighted rows of a Jacobian (..., m, M, 3, p), shape (..., m, 3 M, p)."""
+        weighted = self.weights @ self._relative(J)
+        return weighted.reshape((*J.shape[:-3], -1, J.shape[-1]))
+
+    def span(self) -> Array:
+        return np.eye(len(self.model.parameters))
+
+    def row_noise(self, values: Array) -> Array | None:
+        return None
+
+    def _relative(self, a: Array) -> Array:
+        """Subtract the mean of each configuration over the readings that see the marker."""
+        if not self.centred:
+            return a
+        out = np.empty_like(a)
+        group = self.data.poses.configuration
+        for g in np.unique(group):
+            here = group == g
+            seen = self.data.seen[here][:, :, None, None]
+            count = np.maximum(seen.sum(axis=0), 1)
+            mean = (a[..., here, :, :, :] * seen).sum(axis=-4, keepdims=True) / count
+            out[..., here, :, :, :] = a[..., here, :, :, :] - mean
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Approach #1: position and orientation of the tip frame, computed from the markers.
+
+    shape : ndarray, shape (M, 3), m, markers in the tip frame as known when the poses are computed;
+        an error of it shifts every pose alike and is taken up by the tool
+    weighting : "full" for the propagated covariance, "plain" for one standard deviation of position
+        and the same over ``length`` [m] for orientation
+    """
+
+    model: Model
+    data: Measurements
+    weights: Array
+    shape: Array
+    weighting: Weighting = "full"
+    length: float = 1.0
+
+    def linearise(self, values: Array) -> tuple[Array, Array]:
+        predicted, J = self.model.jacobian(values, self.data.poses)
+        T = fit_rigid(predicted, self.shape, self._used_or_any)
+        measured = self.measured
+        turn = measured[:, :3, :3] @ np.swapaxes(T[..., :3, :3], -1, -2)
+        residual = np.concatenate([measured[:, :3, 3] - T[..., :3, 3], so3_log(turn)], axis=-1)
+        residual = np.where(self.usable[:, None], residual, 0.0)
+        flat = J.reshape((*J.shape[:-3], -1, J.shape[-1]))
+        return rotate(self.scale, residual), (self.scale @ self.condensing) @ flat
+
+    @cached_property
+    def usable(self) -> NDArray[np.bool_]:
+        """Poses whose visible markers fix an orientation, shape (m,)."""
+        return orientable(self.shape, self.data.seen & self.weights.any(axis=(-1, -2)))
+
+    @cached_property
+    def _used_or_any(self) -> NDArray[np.bool_]:
+        """Markers that enter a pose, shape (m, M); all of them where the pose is not used."""
+        return self.data.seen | ~self.usable[:, None]
+
+    @cached_property
+    def measured(self) -> Array:
+        """Tip frame in station axes as computed from the markers, shape (m, 4, 4)."""
+        return fit_rigid(self.data.points, self.shape, self._used_or_any)
+
+    @cached_property
+    def condensing(self) -> Array:
+        """Pose change from changes of the points, shape (m, 6, 3 M); zero where not usable."""
+        T = self.measured
+        points = rotate(T[:, None, :3, :3], self.shape) + T[:, None, :3, 3]
+        return pose_from_points(points, T[:, :3, 3], self.data.seen & self.usable[:, None])
+
+    @cached_property
+    def propagated(self) -> Array:
+        """Covariance of the computed poses, shape (m, 6, 6), m and rad; identity if not usable."""
+        half = self.condensing @ blockwise_inverse(self.weights)
+        return half @ np.swapaxes(half, -1, -2) + ~self.usable[:, None, None] * np.eye(6)
+
+    @cached_property
+    def scale(self) -> Array:
+        """Weight of each pose, shape (m, 6, 6)."""
+        if self.weighting == "full":
+            return np.linalg.inv(np.linalg.cholesky(self.propagated))
+        used = self.weights[self.data.seen & self.usable[:, None]]
+        sigma = np.sqrt((np.linalg.inv(used) ** 2).sum(axis=-1).mean())
+        diagonal = np.diag([1.0] * 3 + [self.length] * 3) / sigma
+        return np.broadcast_to(diagonal, (len(self.data), 6, 6))
+
+    def row_noise(self, values: Array) -> Array | None:
+        """Covariance (m, 6, 6) of the weighted rows where it is not the identity."""
+        if self.weighting == "full":
+            return None
+        return self.scale @ self.propagated @ np.swapaxes(self.scale, -1, -2)
+
+    def span(self) -> Array:
+        """The set of markers moves as one rigid body: its shape is no unknown."""
+        N = np.eye(len(self.model.parameters))
+        tools = self.model.where(Tool)
+        if not len(tools):
+            return N
+        columns = [
+            np.hstack([np.eye(3), -skew(self.shape[effect.marker])])[list(effect.components)]
+            for effect in self.model.effects
+            if isinstance(effect, Tool)
+        ]
+        rigid = np.zeros((len(N), 6))
+        rigid[tools] = np.vstack(columns)
+        others = np.setdiff1d(np.arange(len(N)), tools)
+        return np.column_stack([N[:, others], rigid])
+
+
+def orientable(markers: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Whether the visible markers of a pose span a plane, shape (m,)."""
+    weight = seen.astype(float)[..., None]
+    mean = (weight * markers).sum(axis=1, keepdims=True) / np.maximum(weight.sum(1, keepdims=True), 1)
+    spread = np.linalg.svd((markers - mean) * weight, compute_uv=False)
+    if spread.shape[-1] < 2:
+        return np.zeros(len(seen), dtype=bool)
+    return np.asarray((seen.sum(axis=1) >= 3) & (spread[:, 1] > _COLLINEAR * spread[:, 0]))
+
+
+def pose_from_points(points: Array, origin: Array, seen: NDArray[np.bool_]) -> Array:
+    """Least-squares pose change for changes of the points, shape (..., m, 6, 3 M).
+
+    points : ndarray, shape (..., m, M, 3), m; origin : ndarray, shape (..., m, 3), m
+    Rows: translation of the origin [m/m], then rotation vector [rad/m], in the axes of the points.
+    """
+    arms = -skew(points - origin[..., None, :])
+    A = np.concatenate([np.broadcast_to(np.eye(3), arms.shape), arms], axis=-1)
+    A = A * seen[..., None, None]
+    A = A.reshape((*A.shape[:-3], -1, 6))
+    At = np.swapaxes(A, -1, -2)
+    idle = ~seen.any(axis=-1)[..., None, None] * np.eye(6)
+    return np.linalg.solve(At @ A + idle, At)
+
+
+def blockwise_inverse(weights: Array) -> Array:
+    """Block-diagonal square root of the points' covariance, shape (m, 3 M, 3 M), m."""
+    m, M = weights.shape[:2]
+    hidden = ~weights.any(axis=(-1, -2))[..., None, None]
+    blocks = np.where(hidden, 0.0, np.linalg.inv(weights + hidden * np.eye(3)))
+    out = np.zeros((m, 3 * M, 3 * M))
+    for j in range(M):
+        out[:, 3 * j : 3 * j + 3, 3 * j : 3 * j + 3] = blocks[:, j]
+    return out
+
+
+def blank(poses: Poses, markers: int) -> Measurements:
+    """A data set of a plan: every marker seen, nothing measured yet."""
+    shape = (len(poses), markers)
+    return Measurements(
+        poses, np.zeros((*shape, 3)), np.ones(shape, dtype=bool), np.full(shape, np.nan)
+    )

@@ -1,0 +1,129 @@
+"""Wrenches that the loads send through the frames of the arm, and how they change with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.kinematics import Frames, point_velocity
+from calib.poses import Poses
+from calib.robot import Robot
+from calib.se3 import Array, cross, rotate
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A body carried at every pose: mass [kg] and centre of mass in the tip frame [m]."""
+
+    mass: float = 0.0
+    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """Everything that pulls on the arm, for m poses and the n + 2 frames.
+
+    mass : ndarray, shape (m, n + 2), kg of the bodies that a frame carries (base counts nothing)
+    com : ndarray, shape (m, n + 2, 3), m, their centre of mass in the frame that carries them
+    force, moment : ndarray, shape (m, 3), N and N m, at the tip frame's origin, base axes
+    gravity : ndarray, shape (3,), m/s^2, base axes
+    """
+
+    mass: Array
+    com: Array
+    force: Array
+    moment: Array
+    gravity: Array
+
+    @property
+    def absent(self) -> bool:
+        """Nothing pulls at any pose."""
+        return not (self.force.any() or self.moment.any() or self.mass.any())
+
+
+def loads_of(robot: Robot, poses: Poses, payload: Payload, gravity: Array) -> Loads:
+    """Gather wrench, payload, hung load and link weights of each pose.
+
+    Raises nothing: a robot without link masses and poses without wrench give zeros.
+    """
+    m = len(poses)
+    mass = np.zeros((m, robot.dof + 2))
+    moment = np.zeros((m, robot.dof + 2, 3))
+    mass[:, 1:-1] = robot.masses
+    moment[:, 1:-1] = robot.masses[:, None] * robot.coms
+    mass[:, -1] = payload.mass + poses.load_mass
+    moment[:, -1] = payload.mass * np.asarray(payload.com)
+    moment[:, -1] += poses.load_mass[:, None] * poses.load_com
+    com = moment / np.where(mass == 0.0, 1.0, mass)[..., None]
+    return Loads(mass, com, poses.wrench[:, :3], poses.wrench[:, 3:], gravity)
+
+
+@dataclass(frozen=True, eq=False)
+class Transmitted:
+    """Wrench that each frame passes on from all that lies beyond it.
+
+    force : ndarray, shape (m, n + 2, 3), N, base axes
+    moment : ndarray, shape (..., m, n + 2, 3), N m, base axes, about the frame's origin
+    local : ndarray, shape (..., m, n + 2, 6), (force, moment) in the frame's own axes
+    centres : ndarray, shape (..., m, n + 2, 3), m, centres of mass in base axes
+    mass_beyond : ndarray, shape (m, n + 2), kg
+    """
+
+    force: Array
+    moment: Array
+    local: Array
+    centres: Array
+    mass_beyond: Array
+
+    def with_extra(self, local: Array) -> Transmitted:
+        """The same with a further wrench in local axes, as a spring beside a joint sends."""
+        return replace(self, local=self.local + local)
+
+
+def _from_tip(a: Array, axis: int) -> Array:
+    """Cumulative sum from the tip towards the base."""
+    return np.flip(np.cumsum(np.flip(a, axis), axis), axis)
+
+
+def transmitted(loads: Loads, frames: Frames, carriers: Array) -> Transmitted:
+    """Static Newton-Euler recursion from the tip to the base.
+
+    carriers : ndarray, shape (..., m, n + 2, 3), origins of the frames that carry the bodies
+    """
+    centres = carriers + rotate(frames.R_link, loads.com)
+    mass_beyond = _from_tip(loads.mass, -1)
+    first_moment = _from_tip(loads.mass[..., None] * centres, -2)
+    force = loads.force[:, None, :] + mass_beyond[..., None] * loads.gravity
+    tip = frames.o[..., -1:, :]
+    arm = first_moment - mass_beyond[..., None] * frames.o
+    moment = loads.moment[:, None, :] + cross(tip - frames.o, loads.force[:, None, :])
+    moment = moment + cross(arm, loads.gravity)
+    axes = np.swapaxes(frames.R, -1, -2)
+    local = np.concatenate(
+        [rotate(axes, np.broadcast_to(force, moment.shape)), rotate(axes, moment)], axis=-1
+    )
+    return Transmitted(force, moment, local, centres, mass_beyond)
+
+
+def transmitted_change(loads: Loads, frames: Frames, wrench: Transmitted, columns: Array) -> Array:
+    """Derivative of ``Transmitted.local`` when the arm moves.
+
+    columns : ndarray, shape (..., m, n + 2, p, 6), velocity field (A, phi) of each frame: the sum of
+        the spatial columns of all displacements up to and with that frame
+    Returns ndarray, shape (..., m, n + 2, p, 6).
+
+    The loads keep their direction in base axes while their points of action move, and the axes in
+    which the wrench is read turn with the frame.
+    """
+    d_centre = point_velocity(columns, wrench.centres[..., None, :])
+    d_origin = point_velocity(columns, frames.o[..., None, :])
+    d_first = _from_tip(loads.mass[..., None, None] * d_centre, -3)
+    d_arm = d_first - wrench.mass_beyond[..., None, None] * d_origin
+    d_moment = cross(d_origin[..., -1:, :, :] - d_origin, loads.force[:, None, None, :])
+    d_moment = d_moment + cross(d_arm, loads.gravity)
+    phi = columns[..., 3:]
+    d_force_local = cross(np.broadcast_to(wrench.force[..., None, :], phi.shape), phi)
+    d_moment_local = d_moment + cross(wrench.moment[..., None, :], phi)
+    # Row vectors times R: the axes of the frame.
+    return np.concatenate([d_force_local @ frames.R, d_moment_local @ frames.R], axis=-1)

@@ -1,0 +1,1 @@
+"""doe: which poses to measure."""

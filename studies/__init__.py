@@ -1,0 +1,1 @@
+"""studies: what a person runs."""

@@ -1,0 +1,1 @@
+"""The commands of ``posecal``: each reads, calls and writes."""

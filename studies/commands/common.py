@@ -1,0 +1,84 @@
+"""What all commands share: fault lines, provenance, output."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+import click
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+json_option = click.option(
+    "--json", "json_path", metavar="FILE", help="Write the result as JSON; - for standard output."
+)
+seed_option = click.option(
+    "--seed", default=0, show_default=True, help="Seed of everything that is drawn by chance."
+)
+
+
+def one_line_faults(function: Callable[P, T]) -> Callable[P, T]:
+    """End with status 2 and one line for what the user can mend."""
+
+    @functools.wraps(function)
+    def run(*args: P.args, **kwargs: P.kwargs) -> T:
+        from calib.errors import CalibError
+
+        try:
+            return function(*args, **kwargs)
+        except CalibError as error:
+            click.echo(f"posecal: {error}", err=True)
+            raise click.exceptions.Exit(2) from None
+
+    return run
+
+
+def envelope(command: str, inputs: list[Path], seed: int) -> dict[str, Any]:
+    """Fields that every result carries."""
+    from importlib.metadata import version
+
+    return {
+        "schema": 1,
+        "command": command,
+        "version": version("posecal"),
+        "seed": seed,
+        "inputs": [{"file": str(path), "sha256": sha256(path)} for path in inputs],
+    }
+
+
+def sha256(path: Path) -> str:
+    """Hash of a file's content."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def console_for(json_path: str | None) -> Console:
+    """Where tables go: standard output, or standard error when that carries the JSON."""
+    from rich.console import Console
+
+    return Console(stderr=json_path == "-", highlight=False, soft_wrap=True)
+
+
+def warn(messages: tuple[str, ...]) -> None:
+    """Print what a reader should know, on standard error."""
+    for message in messages:
+        click.echo(f"warning: {message}", err=True)
+
+
+def output_texts(json_path: str | None, result: dict[str, Any]) -> dict[Path, str]:
+    """The JSON as a file to write; with ``-`` it goes to standard output at once."""
+    from calib.files.write import json_text
+
+    if json_path is None:
+        return {}
+    if json_path == "-":
+        click.echo(json_text(result), nl=False)
+        return {}
+    return {Path(json_path): json_text(result)}

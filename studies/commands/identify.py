@@ -1,0 +1,191 @@
+"""``posecal identify``: parameters of the model from measured points."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from studies.commands.common import (
+    console_for,
+    envelope,
+    json_option,
+    one_line_faults,
+    output_texts,
+    seed_option,
+    warn,
+)
+
+if TYPE_CHECKING:
+    from calib import Cell, Identification, Measurements
+
+
+@click.command()
+@click.argument("cell_path", metavar="CELL", type=click.Path(path_type=Path))
+@click.argument("data_path", metavar="DATA", type=click.Path(path_type=Path))
+@click.option(
+    "--holdout",
+    metavar="FILE|FRACTION",
+    help="Poses that take no part and are predicted: a table, or a share of the configurations.",
+)
+@click.option(
+    "--approach",
+    type=click.Choice(["points", "pose"]),
+    default="points",
+    show_default=True,
+    help="Marker points directly, or the full pose computed from them.",
+)
+@click.option(
+    "--method",
+    type=click.Choice(["joint", "two-step"]),
+    default="joint",
+    show_default=True,
+    help="All parameters at once, or base and tool in turn with the rest.",
+)
+@click.option(
+    "--weighting",
+    type=click.Choice(["full", "plain"]),
+    default="full",
+    show_default=True,
+    help="Of approach pose: propagated covariance, or one length for the rotations.",
+)
+@click.option(
+    "--length-mm",
+    type=click.FloatRange(min=0, min_open=True),
+    default=1000.0,
+    show_default=True,
+    help="Characteristic length of the plain weighting.",
+)
+@click.option(
+    "--differences",
+    is_flag=True,
+    help="Elastic parameters from loaded minus free readings at equal joints.",
+)
+@click.option(
+    "--urdf",
+    "urdf_path",
+    metavar="OUT",
+    type=click.Path(path_type=Path),
+    help="Write the URDF with the identified geometry and the markers.",
+)
+@json_option
+@seed_option
+@one_line_faults
+def identify(
+    cell_path: Path,
+    data_path: Path,
+    holdout: str | None,
+    approach: str,
+    method: str,
+    weighting: str,
+    length_mm: float,
+    differences: bool,
+    urdf_path: Path | None,
+    json_path: str | None,
+    seed: int,
+) -> None:
+    """Identify the effects in the cell's [model] from measured points.
+
+    \b
+    Example:
+      posecal identify cell.toml measurements.csv --holdout 0.3 --json result.json
+    """
+    import calib
+    from calib.errors import EffectCannotAct, InputError, TooFewPoses, UnknownEffect
+    from calib.files.results import identification_fields
+    from calib.files.write import write_files
+
+    cell = calib.load_cell(cell_path)
+    data = calib.load_measurements(cell, data_path)
+    inputs = [cell_path, cell.urdf, data_path]
+    data, heldout, extra = _held_out(cell, data, holdout, seed)
+    warn(data.warnings + (heldout.warnings if heldout is not None and extra else ()))
+    try:
+        result = calib.identify(
+            cell,
+            data,
+            heldout=heldout,
+            approach=approach,  # type: ignore[arg-type]
+            method=method,  # type: ignore[arg-type]
+            weighting=weighting,  # type: ignore[arg-type]
+            length=length_mm / 1e3,
+            differences=differences,
+        )
+    except (UnknownEffect, EffectCannotAct) as error:
+        raise InputError(cell_path, "model.effects", str(error)) from None
+    except TooFewPoses as error:
+        raise InputError(data_path, "", str(error)) from None
+    fields = {
+        **envelope("identify", [*inputs, *extra], seed),
+        "warnings": list(data.warnings),
+        "differences": differences,
+        **identification_fields(result),
+        **_expected_accuracy(cell, result),
+    }
+    texts = output_texts(json_path, fields)
+    if urdf_path is not None:
+        texts[urdf_path] = _corrected(cell, result)
+    write_files(texts)
+    _show(cell, result, fields, json_path)
+    for path in texts:
+        click.echo(f"wrote {path}", err=json_path == "-")
+
+
+def _held_out(
+    cell: Cell, data: Measurements, holdout: str | None, seed: int
+) -> tuple[Measurements, Measurements | None, list[Path]]:
+    """(fitted, held out, further input files)."""
+    import numpy as np
+
+    import calib
+    from calib.errors import InputError
+
+    if holdout is None:
+        return data, None, []
+    path = Path(holdout)
+    try:
+        fraction = float(holdout)
+    except ValueError:
+        return data, calib.load_measurements(cell, path), [path]
+    if not 0.0 < fraction < 1.0:
+        raise InputError("--holdout", "", f"{holdout} is not between 0 and 1", "use 0.3, or a file")
+    kept, held = data.split(fraction, np.random.default_rng(seed))
+    return kept, held, []
+
+
+def _expected_accuracy(cell: Cell, result: Identification) -> dict[str, Any]:
+    """What the parameters' uncertainty leaves at the target poses."""
+    from calib.covariance import accuracy
+    from calib.targets import targets_of
+
+    targets, weights = targets_of(cell)
+    rms, worst = accuracy(result.model, result.values, result.covariance, targets, weights)
+    own = cell.design.get("targets")
+    return {
+        "task_rms_mm": rms * 1e3,
+        "task_worst_mm": worst * 1e3,
+        "targets": str(own) if own is not None else f"{len(targets)} Sobol poses within the limits",
+    }
+
+
+def _corrected(cell: Cell, result: Identification) -> str:
+    from calib.files.urdf import corrected_urdf
+
+    names = result.model.marker_names
+    return corrected_urdf(
+        cell.urdf,
+        cell.robot,
+        result.model.constant_displacements(result.values),
+        dict(zip(names, result.marker_positions, strict=True)),
+    )
+
+
+def _show(
+    cell: Cell, result: Identification, fields: dict[str, Any], json_path: str | None
+) -> None:
+    from studies.tables import identification_tables
+
+    console = console_for(json_path)
+    for part in identification_tables(cell, result, fields):
+        console.print(part)

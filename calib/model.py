@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from calib import statics
+from calib.coupling import coupled
 from calib.effects.base import Base, to_station
 from calib.effects.protocol import (
     Constant,
@@ -32,7 +33,6 @@ from calib.robot import Robot
 from calib.se3 import Array, rotate
 
 _EQUILIBRIUM_M = 1e-10  # markers at rest: a tenth of a nanometre
-_COUPLING = 1e-12  # relative change at which the elastic coupling of the Jacobian has converged
 _MAX_ROUNDS = 30
 
 
@@ -175,42 +175,50 @@ class Model:
         state = self.state(values, poses)
         points = self._tip_points(state.frames, values)
         R, p = self.placement(values, poses)
-        batch = points.shape[:-3]
         J = np.zeros((*points.shape, len(self.parameters)))
-        columns = self.arm_columns(values, state)
-        arm = point_velocity(columns[..., None, :, :], points[..., None, :])
-        J += np.swapaxes(arm, -1, -2)
-        R_tip = state.frames.R[..., -1, :, :]
+        arm = self.where(TwistEffect, LoadEffect)
+        if len(arm):
+            fields = np.swapaxes(self.arm_columns(values, state), -1, -2)
+            moved = point_velocity(fields[..., None, :, :], points[..., None, :])
+            J[..., arm] = np.swapaxes(moved, -1, -2)
         for effect, part in zip(self.effects, self.slices, strict=True):
             if isinstance(effect, Tool):
+                R_tip = state.frames.R[..., -1, :, :]
                 J[..., effect.marker, :, part] = R_tip[..., list(effect.components)]
         J = R[..., None, :, :] @ J
         for effect, part in zip(self.effects, self.slices, strict=True):
             if isinstance(effect, Base):
                 here = poses.station == effect.station
-                block = Base.columns(values[..., part], points[..., here, :, :])
-                J[..., here, :, :, part] = np.broadcast_to(block, (*batch, *block.shape[-4:]))
+                J[..., here, :, :, part] = Base.columns(values[..., part], points[..., here, :, :])
         return to_station(R, p, points), J
 
     def arm_columns(self, values: Array, state: State) -> Array:
-        """Velocity field of the tip for every parameter, shape (..., m, p, 6), base axes.
+        """Velocity field of the tip for each parameter that moves the arm, (..., m, 6, k), base axes.
 
-        Base and tool do not move the arm: their columns are zero.
+        The k columns are those of ``where(TwistEffect, LoadEffect)``.
         """
-        frames, m, p = state.frames, len(state.poses), len(self.parameters)
-        batch = np.broadcast_shapes(values.shape[:-1], frames.o.shape[:-3])
-        elastic = self._flexibilities(values, state.poses)
-        reached = range(self.robot.dof + 2) if elastic else (self.robot.tip_frame,)
-        direct = np.zeros((*batch, m, len(reached), p, 6))
-        for effect, part in zip(self.effects, self.slices, strict=True):
+        frames, poses = state.frames, state.poses
+        own, acts_at, loaded = [], [], []
+        m, still = len(poses), np.zeros((len(poses), self.robot.dof + 2, 6, 0))
+        for effect in self.effects:
+            k = len(effect.parameters)
             if isinstance(effect, TwistEffect):
-                own = spatial_columns(frames, effect.frame, effect.basis(state))
-                first = effect.frame if elastic else 0
-                direct[..., first:, part, :] = own[..., None, :, :]
+                field = spatial_columns(frames, effect.frame, effect.basis(state))
+                own.append(np.swapaxes(field, -1, -2))
+                acts_at += [effect.frame] * k
+                loaded.append(np.zeros((*still.shape[:-1], k)))
+            elif isinstance(effect, LoadEffect):
+                own.append(np.zeros((m, 6, k)))
+                acts_at += [self.robot.tip_frame] * k
+                loaded.append(effect.wrench_basis(poses))
+        batch = np.broadcast_shapes(*(field.shape[:-2] for field in own))
+        columns = np.concatenate([np.broadcast_to(f, (*batch, *f.shape[-2:])) for f in own], axis=-1)
+        elastic = self._flexibilities(values, poses)
         if not elastic:
-            tip: Array = direct[..., 0, :, :]
-            return tip
-        return self._couple(direct, elastic, state)
+            return columns
+        loads = statics.loads_of(self.robot, poses, self.payload, self.gravity)
+        extra = np.concatenate(loaded, axis=-1)
+        return coupled(columns, np.array(acts_at), extra, elastic, loads, frames, state.wrench)
 
     def _flexibilities(self, values: Array, poses: Poses) -> dict[int, Array]:
         """Flexibility of each elastic frame at the present values, shape (..., m, 6, 6)."""
@@ -220,27 +228,3 @@ class Model:
                 K = np.einsum("mijp,...p->...mij", effect.flexibility(poses), values[..., part])
                 total[effect.frame] = total.get(effect.frame, 0.0) + K
         return total
-
-    def _couple(self, direct: Array, elastic: dict[int, Array], state: State) -> Array:
-        """Add to each column what it does to the deflection of the elastic frames."""
-        frames = state.frames
-        loads = statics.loads_of(self.robot, state.poses, self.payload, self.gravity)
-        loaded = np.zeros((*direct.shape[-4:-2], direct.shape[-2], 6))
-        for effect, part in zip(self.effects, self.slices, strict=True):
-            if isinstance(effect, LoadEffect):
-                loaded[..., part, :] = np.swapaxes(effect.wrench_basis(state.poses), -1, -2)
-        total = direct
-        for _ in range(_MAX_ROUNDS):
-            change = statics.transmitted_change(loads, frames, state.wrench, total) + loaded
-            following = direct.copy()
-            for frame, K in elastic.items():
-                basis = K @ np.swapaxes(change[..., frame, :, :], -1, -2)
-                own = spatial_columns(frames, frame, basis)
-                following[..., frame:, :, :] += own[..., None, :, :]
-            moved = np.abs(following - total).max(initial=0.0)
-            total = following
-            if moved <= _COUPLING * np.abs(direct).max(initial=1.0):
-                break
-        tip: Array = total[..., -1, :, :]
-        return tip
-

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.kinematics import Frames, point_velocity
+from calib.kinematics import Frames
 from calib.poses import Poses
 from calib.robot import Robot
-from calib.se3 import Array, cross, rotate
+from calib.se3 import Array, cross, rotate, skew
 
 
 @dataclass(frozen=True)
@@ -66,14 +66,14 @@ class Transmitted:
     force : ndarray, shape (m, n + 2, 3), N, base axes
     moment : ndarray, shape (..., m, n + 2, 3), N m, base axes, about the frame's origin
     local : ndarray, shape (..., m, n + 2, 6), (force, moment) in the frame's own axes
-    centres : ndarray, shape (..., m, n + 2, 3), m, centres of mass in base axes
+    first_moment : ndarray, shape (..., m, n + 2, 3), kg m, of the masses beyond, base axes
     mass_beyond : ndarray, shape (m, n + 2), kg
     """
 
     force: Array
     moment: Array
     local: Array
-    centres: Array
+    first_moment: Array
     mass_beyond: Array
 
     def with_extra(self, local: Array) -> Transmitted:
@@ -103,27 +103,31 @@ def transmitted(loads: Loads, frames: Frames, carriers: Array) -> Transmitted:
     local = np.concatenate(
         [rotate(axes, np.broadcast_to(force, moment.shape)), rotate(axes, moment)], axis=-1
     )
-    return Transmitted(force, moment, local, centres, mass_beyond)
+    return Transmitted(force, moment, local, first_moment, mass_beyond)
 
 
-def transmitted_change(loads: Loads, frames: Frames, wrench: Transmitted, columns: Array) -> Array:
-    """Derivative of ``Transmitted.local`` when the arm moves.
+def rigid_change(loads: Loads, frames: Frames, wrench: Transmitted) -> tuple[Array, Array]:
+    """How the transmitted wrench follows small motions of the arm, given as velocity fields (A, phi).
 
-    columns : ndarray, shape (..., m, n + 2, p, 6), velocity field (A, phi) of each frame: the sum of
-        the spatial columns of all displacements up to and with that frame
-    Returns ndarray, shape (..., m, n + 2, p, 6).
-
-    The loads keep their direction in base axes while their points of action move, and the axes in
-    which the wrench is read turn with the frame.
+    Returns
+    whole : ndarray, shape (..., m, n + 2, 6, 6): change of ``Transmitted.local`` when the frame and
+        all beyond it move as one body. The loads keep their direction in base axes while the axes
+        in which the wrench is read turn with the frame.
+    beyond : ndarray, shape (..., m, n + 2, 3, 6): change of the moment [N m, base axes], about any
+        point that rests, when all beyond the frame moves
     """
-    d_centre = point_velocity(columns, wrench.centres[..., None, :])
-    d_origin = point_velocity(columns, frames.o[..., None, :])
-    d_first = _from_tip(loads.mass[..., None, None] * d_centre, -3)
-    d_arm = d_first - wrench.mass_beyond[..., None, None] * d_origin
-    d_moment = cross(d_origin[..., -1:, :, :] - d_origin, loads.force[:, None, None, :])
-    d_moment = d_moment + cross(d_arm, loads.gravity)
-    phi = columns[..., 3:]
-    d_force_local = cross(np.broadcast_to(wrench.force[..., None, :], phi.shape), phi)
-    d_moment_local = d_moment + cross(wrench.moment[..., None, :], phi)
-    # Row vectors times R: the axes of the frame.
-    return np.concatenate([d_force_local @ frames.R, d_moment_local @ frames.R], axis=-1)
+    g, f = skew(loads.gravity), skew(loads.force)[:, None]
+    tip, mass = frames.o[..., -1:, :], wrench.mass_beyond[..., None, None]
+    # (A + phi x c) x w = -[w]x A + [w]x [c]x phi, summed over the weights and the force at the tip.
+    shift = -(mass * g + f)
+    turn = g @ skew(wrench.first_moment) + f @ skew(tip)
+    beyond = np.concatenate([np.broadcast_to(shift, turn.shape), turn], axis=-1)
+    F, M = skew(wrench.force), skew(wrench.moment)
+    own_shift = shift + F
+    own_turn = turn - F @ skew(frames.o) + M
+    axes = np.swapaxes(frames.R, -1, -2)
+    whole = np.zeros((*turn.shape[:-2], 6, 6))
+    whole[..., :3, 3:] = axes @ F
+    whole[..., 3:, :3] = axes @ own_shift
+    whole[..., 3:, 3:] = axes @ own_turn
+    return whole, beyond

@@ -22,6 +22,7 @@ from calib.robot import Robot
 from calib.se3 import Array
 
 _DEPENDENT = 1e-4  # sine of the angle to the span of the others; a URDF's rounding makes 1e-5
+_NOTHING = 1e-9  # norm of a column that moves no marker, relative to the largest
 _NAMED = 0.05  # smallest share of an absorbing parameter that is worth naming
 
 
@@ -44,6 +45,14 @@ def generic_configurations(robot: Robot, count: int) -> Array:
     return np.asarray(draws * span)
 
 
+def _generic_values(model: Model) -> Array:
+    """Nominal values, but unknown markers anywhere: a first guess may lie on an axis."""
+    values = np.zeros(len(model.parameters))
+    tools = model.where(Tool)
+    values[tools] = np.random.default_rng(1).uniform(-0.1, 0.1, len(tools)) * model.robot.reach
+    return values
+
+
 def irreducible(model: Model) -> tuple[Model, tuple[Dropped, ...]]:
     """Drop the constant parameters that base, markers and the other constants absorb."""
     constant = [e for e in model.effects if _is_constant(e)]
@@ -54,10 +63,10 @@ def irreducible(model: Model) -> tuple[Model, tuple[Dropped, ...]]:
     rigid = model.with_effects(tuple(constant))
     count = 20 + 2 * len(rigid.parameters) // (3 * len(model.markers))
     poses = poses_at(generic_configurations(model.robot, count))
-    _, J = rigid.jacobian(np.zeros(len(rigid.parameters)), poses)
+    _, J = rigid.jacobian(_generic_values(rigid), poses)
     X = J.reshape(-1, J.shape[-1])
     norms = np.linalg.norm(X, axis=0)
-    X = X / np.where(norms == 0.0, 1.0, norms)
+    X = X / np.where(norms < _NOTHING * norms.max(), np.inf, norms)
     kept = _select(X, _priorities(rigid))
     dropped = _explain(rigid, X, norms, kept)
     gone = {d.id for d in dropped}

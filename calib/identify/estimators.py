@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,14 @@ _TURNS = 12  # rigid parameters and elastic differences in turn: each gains thre
 _SETTLED = 1e-6  # of a plausible size
 
 
+class Judged(NamedTuple):
+    """Weighted residuals (m, rows), derivatives (m, rows, p), and directions (p, k) they fitted."""
+
+    r: Array
+    J: Array
+    span: Array
+
+
 class Estimator(Protocol):
     """A way from readings to values and their covariance."""
 
@@ -32,15 +40,15 @@ class Estimator(Protocol):
         """Least-squares values, moving along ``span`` (p, k)."""
         ...
 
-    def rows(self, observation: Points | Pose, values: Array) -> tuple[Array, Array]:
-        """Residuals (m, rows) and derivative (m, rows, p) by which poses and noise are judged."""
+    def judged(self, observation: Points | Pose, values: Array, span: Array) -> Judged:
+        """The marker residuals by which poses and noise are judged."""
         ...
 
     def covariance(self, observation: Points | Pose, values: Array, span: Array) -> Array:
         """Covariance (p, p) for the noise as stated."""
         ...
 
-    def dof(self, observation: Points | Pose, values: Array, span: Array) -> int:
+    def dof(self, observation: Points | Pose, span: Array) -> int:
         """Degrees of freedom of the residuals."""
         ...
 
@@ -56,14 +64,14 @@ class Readings:
             return alternate(flattened(observation), start, *steps(observation.model, span))
         return levenberg_marquardt(flattened(observation), start, span)
 
-    def rows(self, observation: Points | Pose, values: Array) -> tuple[Array, Array]:
-        return as_points(observation).linearise(values)
+    def judged(self, observation: Points | Pose, values: Array, span: Array) -> Judged:
+        return Judged(*as_points(observation).linearise(values), span)
 
     def covariance(self, observation: Points | Pose, values: Array, span: Array) -> Array:
         _, J = flattened(observation)(values)
         return covariance(J, span, observation.row_noise(values))
 
-    def dof(self, observation: Points | Pose, values: Array, span: Array) -> int:
+    def dof(self, observation: Points | Pose, span: Array) -> int:
         counted = observation.data.seen & observation.weights.any(axis=(-1, -2))
         return int(3 * counted.sum()) - span.shape[1]
 
@@ -91,8 +99,9 @@ class Differences:
                 break
         return Minimum(values, elastic.cost, rigid.converged & elastic.converged, iterations)
 
-    def rows(self, observation: Points | Pose, values: Array) -> tuple[Array, Array]:
-        return _centred(observation).linearise(values)
+    def judged(self, observation: Points | Pose, values: Array, span: Array) -> Judged:
+        soft = span[:, _soft(observation.model, span)]
+        return Judged(*_centred(observation).linearise(values), soft)
 
     def covariance(self, observation: Points | Pose, values: Array, span: Array) -> Array:
         soft = _soft(observation.model, span)
@@ -100,7 +109,7 @@ class Differences:
         _, J_centred = flattened(_centred(observation))(values)
         return covariance(J, span[:, ~soft]) + covariance(J_centred, span[:, soft])
 
-    def dof(self, observation: Points | Pose, values: Array, span: Array) -> int:
+    def dof(self, observation: Points | Pose, span: Array) -> int:
         seen = observation.data.seen & observation.weights.any(axis=(-1, -2))
         group = observation.data.poses.configuration
         spare = sum(np.maximum(seen[group == g].sum(axis=0) - 1, 0).sum() for g in np.unique(group))

@@ -32,10 +32,12 @@ from calib.model import Model
 from calib.observations import Approach, Points, Pose, Weighting, orientable
 from calib.poses import Measurements
 from calib.se3 import Array, rotate
+from calib.threads import one_blas_thread
 
 _ROUNDS = 12  # times that outliers are judged anew
 
 
+@one_blas_thread
 def identify(
     cell: Cell,
     data: Measurements,
@@ -74,9 +76,9 @@ def identify(
 
     values, kept = found.best.values, found.kept
     counted = only(observation, kept)
-    r, _ = estimator.rows(counted, values)
-    dof = estimator.dof(counted, values, found.span)
-    noise = noise_level(float((r**2).sum()), dof, data.take(kept), weights[kept])
+    cost = float((estimator.judged(counted, values, found.span).r ** 2).sum())
+    dof = estimator.dof(counted, found.span)
+    noise = noise_level(cost, dof, data.take(kept), weights[kept])
     stated = estimator.covariance(counted, values, found.span)
     fit = residuals(model, data, values, ~kept, found.statistics, found.limit)
     distances = {
@@ -181,9 +183,9 @@ def _fit_without_outliers(
     kept = np.ones(len(observation.data), dtype=bool)
     first = best = estimator.fit(observation, start, span)
     for _ in range(_ROUNDS):
-        r, J = estimator.rows(observation, best.values)
-        statistics = pose_statistics(r, J, kept, span)
-        limit = threshold(statistics, r.shape[-1])
+        judged = estimator.judged(observation, best.values, span)
+        statistics = pose_statistics(judged.r, judged.J, kept, judged.span)
+        limit = threshold(statistics, judged.r.shape[-1])
         fresh = ~judge(statistics, limit)
         if np.array_equal(fresh, kept):
             break

@@ -29,6 +29,8 @@ def initial_values(model: Model, data: Measurements) -> Array:
     markers = model.markers.copy()
     known = not any(isinstance(e, Tool) for e in model.effects)
     has_base = any(isinstance(e, Base) for e in model.effects)
+    if known and not has_base:
+        return values
     counts = np.bincount(data.poses.station, minlength=len(data.poses.stations))
     for station in np.argsort(-counts):
         here = data.poses.station == station
@@ -91,7 +93,7 @@ def _rotation(D: Array, y: Array, arm: Array) -> Array:
 
     def linearise(r: Array) -> tuple[Array, Array]:
         S = so3_exp(r)
-        columns = S[..., None, :, :] @ skew(np.eye(3)) @ np.eye(3)  # d S = S skew(J dr)
+        columns = S[..., None, :, :] @ skew(np.eye(3))  # d S = S skew(J dr)
         dS = np.einsum("...kab,...kj->...jab", columns, so3_right_jacobian(r))
         flat = dS.reshape((*dS.shape[:-2], 9))
         residual = target - S.reshape((*S.shape[:-2], 9)) @ factor.T

@@ -1,0 +1,38 @@
+"""Shared fixtures: the embedded cell, and the real data where they are present."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+# Small matrices: threads of the linear algebra cost more than they give, most on a busy machine.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import pytest
+
+from calib import Cell, Poses
+from studies.demo import embedded_cell, embedded_plan
+
+ROOT = Path(__file__).parent.parent
+
+
+def data_folder() -> Path:
+    """Where the real measurements lie; they are never part of the repository."""
+    return Path(os.environ.get("POSECAL_DATA", ROOT.parent / "shared" / "data"))
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    if not data_folder().is_dir():
+        pytest.skip("real measurements are absent (POSECAL_DATA)")
+    return data_folder()
+
+
+@pytest.fixture(scope="session")
+def kr270() -> Cell:
+    return embedded_cell()
+
+
+@pytest.fixture(scope="session")
+def table_two(kr270: Cell) -> Poses:
+    return embedded_plan(kr270)

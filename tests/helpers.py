@@ -1,0 +1,124 @@
+"""Random robots and loads, numerical derivatives, and small cells on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from calib import Cell
+from calib.effects import EFFECTS, Context
+from calib.model import Model
+from calib.noise import Noise
+from calib.poses import Poses, poses_at
+from calib.robot import Robot
+from calib.se3 import Array, so3_exp, transform
+from calib.statics import Payload
+
+GRAVITY = np.array([0.0, 0.0, -9.80665])
+
+
+def random_robot(rng: np.random.Generator, dof: int, prismatic: Sequence[int] = ()) -> Robot:
+    """A serial chain with nothing special about it."""
+    axes = rng.normal(size=(dof, 3))
+    slides = np.isin(np.arange(dof), prismatic)
+    return Robot(
+        name="random",
+        base="base",
+        tip="tip",
+        joints=tuple(f"j{k + 1}" for k in range(dof)),
+        prismatic=slides,
+        origins=transform(
+            so3_exp(rng.normal(size=(dof + 1, 3))), rng.uniform(-0.5, 0.5, (dof + 1, 3))
+        ),
+        axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
+        limits=np.where(slides[:, None], [-0.5, 0.5], [-np.pi, np.pi]),
+        efforts=np.full(dof, np.nan),
+        masses=rng.uniform(2.0, 40.0, dof),
+        coms=rng.uniform(-0.2, 0.2, (dof, 3)),
+    )
+
+
+def random_poses(rng: np.random.Generator, robot: Robot, count: int, loaded: bool = True) -> Poses:
+    """Poses anywhere in the joint box, under a wrench and a hung load."""
+    low, high = robot.sample_limits().T
+    q = rng.uniform(low, high, (count, robot.dof))
+    if not loaded:
+        return poses_at(q)
+    return poses_at(
+        q,
+        wrench=rng.normal(size=(count, 6)) * 100.0,
+        load_mass=rng.uniform(0.0, 20.0, count),
+        load_com=rng.uniform(-0.1, 0.2, 3),
+    )
+
+
+def random_context(rng: np.random.Generator, robot: Robot, markers: int = 3) -> Context:
+    """Markers, knots and spring anchors for every effect of the catalogue."""
+    return Context(
+        robot=robot,
+        markers=rng.uniform(-0.2, 0.2, (markers, 3)),
+        marker_names=tuple(f"m{j + 1}" for j in range(markers)),
+        knots={
+            joint: np.array([-1.0, 0.0, 1.0]) * (0.4 if slides else 2.0)
+            for joint, slides in zip(robot.joints, robot.prismatic, strict=True)
+        },
+        anchors={
+            joint: rng.uniform(0.1, 0.5, (2, 3))
+            for joint, slides in zip(robot.joints, robot.prismatic, strict=True)
+            if not slides
+        },
+    )
+
+
+def model_of(context: Context, kinds: Sequence[str]) -> Model:
+    """Every effect of some kinds at every place."""
+    effects = [EFFECTS[kind].at(context, w) for kind in kinds for w in EFFECTS[kind].places(context)]
+    return Model(
+        context.robot,
+        context.marker_names,
+        context.markers,
+        tuple(effects),
+        Payload(1.5, (0.0, 0.02, 0.05)),
+        GRAVITY,
+    )
+
+
+def central_difference(function: Callable[[Array], Array], at: Array, steps: Array) -> Array:
+    """Fourth-order derivative of an array function, parameters in the last axis."""
+    columns = []
+    for i, step in enumerate(steps):
+        h = np.zeros_like(at)
+        h[i] = step
+        near = function(at + h) - function(at - h)
+        far = function(at + 2 * h) - function(at - 2 * h)
+        columns.append((8.0 * near - far) / (12.0 * step))
+    return np.stack(columns, axis=-1)
+
+
+def cell_of(robot: Robot, markers: Array, effects: Sequence[str], sigma: float = 1e-5) -> Cell:
+    """A cell without files."""
+    count = len(markers)
+    return Cell(
+        name="test",
+        path=Path("cell.toml"),
+        urdf=Path("robot.urdf"),
+        robot=robot,
+        marker_names=tuple(f"m{j + 1}" for j in range(count)),
+        markers=np.asarray(markers, dtype=float),
+        marker_normals=np.full((count, 3), np.nan),
+        marker_acceptance=np.full(count, np.nan),
+        noise=Noise.isotropic(sigma),
+        instrument=None,
+        gravity=GRAVITY,
+        payload=Payload(),
+        load=None,
+        effects=tuple(effects),
+    )
+
+
+def with_effects(cell: Cell, *effects: str) -> Cell:
+    """The cell under another model."""
+    return replace(cell, effects=effects)

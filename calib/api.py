@@ -68,9 +68,7 @@ def observation(
     return np.concatenate(list(stacked), axis=1)
 
 
-def predict(
-    cell: Cell, measurements: Plan, values: Sequence[float] | Mapping[str, float]
-) -> Array:
+def predict(cell: Cell, measurements: Plan, values: Sequence[float] | Mapping[str, float]) -> Array:
     """Predicted readings, shape (poses, markers, 3), m, in the frame of each pose's station.
 
     values : ndarray, shape (p,), SI, in the order of ``parameters(cell)``, or a mapping from names to
@@ -123,7 +121,11 @@ def _poses(cell: Cell, plan: Plan) -> Poses:
 
 
 def _tip_origin_map(
-    model: Model, values: Array, poses: Poses, points: Array, seen: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+    model: Model,
+    values: Array,
+    poses: Poses,
+    points: Array,
+    seen: np.ndarray[tuple[int, ...], np.dtype[np.bool_]],
 ) -> Array:
     usable = orientable(model.marker_positions(values), seen)
     if not usable.any():
@@ -135,5 +137,3 @@ def _tip_origin_map(
     R, p = model.placement(values, poses)
     origin = rotate(R, frames.o[:, -1]) + p
     return pose_from_points(points, origin, seen & usable[:, None])
-
-

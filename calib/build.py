@@ -19,6 +19,7 @@ from calib.statics import loads_of
 
 _MOST_KNOTS = 8  # distinct angles up to this number become knots of their own
 _SAME_ANGLE = 1e-3  # rad: angles closer than this are one level
+_PROBED = 200  # poses at which it is tried whether an effect acts
 _MOVES_NOTHING = 1e-10  # m: largest movement of a marker by an effect that does not act
 
 
@@ -62,7 +63,7 @@ def place_effect(name: str, where: str, context: Context) -> Effect:
     """
     kind = EFFECTS[name]
     robot = context.robot
-    if where in kind.places(context) or where in robot.joints and name not in GROUPS:
+    if where in kind.places(context) or (where in robot.joints and name not in GROUPS):
         slides = where in robot.joints and robot.prismatic[robot.joints.index(where)]
         if slides and where not in kind.places(context):
             raise EffectCannotAct(
@@ -97,22 +98,16 @@ def context_of(cell: Cell, poses: Poses | None) -> Context:
         elif joint not in knots and joint in cell.design.get("level_values", {}):
             knots[joint] = cell.design["level_values"][joint]
     stations = poses.stations if poses is not None else ("base",)
-    return Context(
-        cell.robot, cell.markers, cell.marker_names, stations, knots, dict(cell.anchors)
-    )
+    return Context(cell.robot, cell.markers, cell.marker_names, stations, knots, dict(cell.anchors))
 
 
 def build(cell: Cell, poses: Poses | None = None) -> Built:
     """The model of a cell for the poses in hand: a plan's or a data set's.
 
-    Effects named for certain places must move a marker at the poses; those named for everywhere may
-    stand idle at some, and their parameters are then reported as unidentifiable.
-
-    Raises UnknownEffect, EffectCannotAct.
+    Raises UnknownEffect, EffectCannotAct where an effect lacks what it needs.
     """
     context = context_of(cell, poses)
     effects: list[Effect] = []
-    named: list[str] = []
     for text in cell.effects:
         name, places = parse_effect(text)
         if name in GROUPS and places is not None:
@@ -122,15 +117,10 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
             if any(e.kind == name and e.where == where for e in effects):
                 raise UnknownEffect(f"{name}:{where} stands twice in [model] effects")
             effects.append(place_effect(name, where, context))
-            if places is not None:
-                named.append(f"{name}:{where}")
     full = Model(
         cell.robot, cell.marker_names, cell.markers, tuple(effects), cell.payload, cell.gravity
     )
-    model, dropped = irreducible(full)
-    if poses is not None and len(poses):
-        _refuse_idle(model, poses, named)
-    return Built(model, dropped)
+    return Built(*irreducible(full))
 
 
 def _same_unknown(kind: str, other: str) -> bool:
@@ -138,29 +128,42 @@ def _same_unknown(kind: str, other: str) -> bool:
     return kind == other or {kind, other} == {"joint_compliance", "stiffness_vs_angle"}
 
 
-def _refuse_idle(model: Model, poses: Poses, named: list[str]) -> None:
-    responsive = [e for e in model.effects if isinstance(e, ElasticEffect | LoadEffect)]
-    if not responsive:
+def refuse_idle_effects(cell: Cell, model: Model, poses: Poses) -> None:
+    """Refuse elastic effects that the user placed and that move no marker at the poses.
+
+    Effects named for everywhere may stand idle at some places; what they lack is reported with the
+    parameters that cannot be identified.
+
+    Raises EffectCannotAct.
+    """
+    part = model.with_effects(
+        tuple(e for e in model.effects if isinstance(e, ElasticEffect | LoadEffect))
+    )
+    if not part.effects:
         return
-    loads = loads_of(model.robot, poses, model.payload, model.gravity)
-    part = model.with_effects(tuple(responsive))
-    few = poses.take(np.unique(np.linspace(0, len(poses) - 1, 200).astype(int)))
+    placed = {
+        (name, where) for name, places in map(parse_effect, cell.effects) for where in places or ()
+    }
     soft = np.zeros(len(part.parameters))
     elastic = part.where(ElasticEffect)
     soft[elastic] = part.sizes[elastic]
+    few = poses.take(np.unique(np.linspace(0, len(poses) - 1, _PROBED).astype(int)))
     _, J = part.jacobian(soft, few)
     moved = np.abs(J).max(axis=(0, 1, 2)) * part.sizes
     for effect, columns in zip(part.effects, part.slices, strict=True):
-        name = f"{effect.kind}:{effect.where}"
-        if name in named and moved[columns].max() < _MOVES_NOTHING:
-            if loads.absent and isinstance(effect, ElasticEffect):
-                raise EffectCannotAct(
-                    name,
-                    "nothing loads the arm",
-                    "give wrench columns (fz_N ..), [payload], or link masses in the URDF",
-                )
-            raise EffectCannotAct(
-                name,
-                "it moves no marker at any of these poses",
-                "take it out of [model] effects, or load the arm so that it is stressed",
-            )
+        if (effect.kind, effect.where) in placed and moved[columns].max() < _MOVES_NOTHING:
+            raise _idle(f"{effect.kind}:{effect.where}", model, poses)
+
+
+def _idle(name: str, model: Model, poses: Poses) -> EffectCannotAct:
+    if loads_of(model.robot, poses, model.payload, model.gravity).absent:
+        return EffectCannotAct(
+            name,
+            "nothing loads the arm",
+            "give wrench columns (fz_N ..), [payload], or link masses in the URDF",
+        )
+    return EffectCannotAct(
+        name,
+        "it moves no marker at any of these poses",
+        "take it out of [model] effects, or load the arm so that it is stressed",
+    )

@@ -18,7 +18,8 @@ from calib.statics import Payload
 @dataclass(frozen=True)
 class Load:
     """The load of a plan, hung on the tip: mass [kg], point in the tip frame [m], largest tilt of
-    the tip's x axis from the horizontal [rad]."""
+    the tip's x axis from the horizontal [rad].
+    """
 
     mass: float
     com: tuple[float, float, float]

@@ -49,7 +49,7 @@ def coupled(
     follow, driven = {}, {}
     for k in order:
         # Velocity field at k for a unit wrench there, times what each wrench column contributes.
-        follow[k] = np.swapaxes(spatial_columns(frames, k, elastic[k]), -1, -2)
+        follow[k] = np.swapaxes(spatial_columns(frames.present, k, elastic[k]), -1, -2)
         drive = whole[..., k, :, :] @ (own * (acts_at <= k)) + loaded[:, k]
         turned = np.swapaxes(frames.R[..., k, :, :], -1, -2)
         drive[..., 3:, :] += turned @ (pulls * (acts_at > k))
@@ -58,9 +58,9 @@ def coupled(
     for _ in range(_MOST_ROUNDS):
         change = 0.0
         for k in order:
-            near = sum((y[l] for l in order if l <= k), np.zeros(()))
+            near = sum((y[j] for j in order if j <= k), np.zeros(()))
             drive = whole[..., k, :, :] @ near
-            far = [beyond[..., l, :, :] @ y[l] for l in order if l > k]
+            far = [beyond[..., j, :, :] @ y[j] for j in order if j > k]
             if far:
                 drive[..., 3:, :] += np.swapaxes(frames.R[..., k, :, :], -1, -2) @ sum(far)
             new = driven[k] + follow[k] @ drive

@@ -53,7 +53,9 @@ def identifiable(J: Array, sizes: Array, ids: tuple[str, ...]) -> Identifiable:
     pivots = np.abs(np.diag(R))
     rank = int((pivots > max(_UNSEEN, _NUMERICAL * pivots.max(initial=0.0))).sum())
     lost = []
-    shares = solve_triangular(R[:rank, :rank], R[:rank, rank:]) if rank else np.zeros((0, len(order)))
+    shares = (
+        solve_triangular(R[:rank, :rank], R[:rank, rank:]) if rank else np.zeros((0, len(order)))
+    )
     for column, position in enumerate(order[rank:]):
         share = shares[:, column]
         named = [ids[order[i]] for i in np.argsort(-np.abs(share)) if abs(share[i]) > _NAMED][:4]

@@ -11,55 +11,85 @@ from calib.se3 import Array, cross, rotate, so3_exp, so3_right_jacobian
 
 
 @dataclass(frozen=True, eq=False)
-class Frames:
-    """Frames 0 (base) .. n + 1 (tip) of the displaced arm, in base axes.
+class Stage:
+    """One displacement ``D(xi)`` of every frame: the axes before it, and the frames after it.
 
-    R : ndarray, shape (..., m, n + 2, 3, 3), frames after their displacement, before joint motion
-    R_before : the same before the displacement: the axes in which its translation acts
-    R_link : the same after joint motion: the frames that carry the links and their weights
-    o : ndarray, shape (..., m, n + 2, 3), m, origins after the displacement
-    xi : ndarray, shape (..., m, n + 2, 6), the displacements, m and rad
+    xi : ndarray, shape (..., m or 1, n + 2, 6), m and rad
+    R_before : ndarray, shape (..., m, n + 2, 3, 3), axes in which its translation acts
+    R : the same after it
+    o : ndarray, shape (..., m, n + 2, 3), m, origins after it
     """
 
-    R: Array
-    R_before: Array
-    R_link: Array
-    o: Array
     xi: Array
+    R_before: Array
+    R: Array
+    o: Array
 
 
-def forward(robot: Robot, q: Array, xi: Array | None = None) -> Frames:
-    """Frames of ``prod_k [C_k D(xi_k) exp(a_k q_k)] C_tip D(xi_tip)``, preceded by ``D(xi_0)``.
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Frames 0 (base) .. n + 1 (tip) of the displaced arm, in base axes, before joint motion.
+
+    constant : Stage, what holds at every pose: errors of the geometry
+    present : Stage, what depends on the state: deflection, gear errors, heat
+    R_link : ndarray, shape (..., m, n + 2, 3, 3), after joint motion: the frames that carry links
+    """
+
+    constant: Stage
+    present: Stage
+    R_link: Array
+
+    @property
+    def R(self) -> Array:
+        """Axes of the frames, shape (..., m, n + 2, 3, 3)."""
+        return self.present.R
+
+    @property
+    def o(self) -> Array:
+        """Origins of the frames, shape (..., m, n + 2, 3), m."""
+        return self.present.o
+
+
+def forward(
+    robot: Robot, q: Array, constant: Array | None = None, present: Array | None = None
+) -> Frames:
+    """Frames of ``prod_k [C_k D(constant_k) D(present_k) exp(a_k q_k)] C_tip D D``, after ``D_0 D_0``.
 
     q : ndarray, shape (m, n), rad or m
-    xi : ndarray, shape (..., m, n + 2, 6), m and rad, displacement of each frame; None for none
+    constant : ndarray, shape (..., n + 2, 6), m and rad, displacement of each frame at every pose
+    present : ndarray, shape (..., m, n + 2, 6), m and rad, displacement at each pose
     """
-    m, frames = len(q), robot.dof + 2
-    xi = np.zeros((m, frames, 6)) if xi is None else xi
-    batch = xi.shape[:-2]
-    D = so3_exp(xi[..., 3:])
-    R = np.empty((*batch, frames, 3, 3))
-    R_before, R_link = np.empty_like(R), np.empty_like(R)
-    o = np.empty((*batch, frames, 3))
+    m, count = len(q), robot.dof + 2
+    first = np.zeros((1, count, 6)) if constant is None else constant[..., None, :, :]
+    second = np.zeros((m, count, 6)) if present is None else present
+    batch = (*np.broadcast_shapes(first.shape[:-3], second.shape[:-3]), m)
+    turns = so3_exp(first[..., 3:]), so3_exp(second[..., 3:])
+    axes = np.empty((4, *batch, count, 3, 3))  # nominal, after constant, after present, after joint
+    origins = np.empty((2, *batch, count, 3))
     rotation: Array = np.broadcast_to(np.eye(3), (*batch, 3, 3))
     origin: Array = np.zeros((*batch, 3))
-    for k in range(frames):
+    for k in range(count):
         if k > 0:
             C = robot.origins[k - 1]
             origin = origin + rotate(rotation, C[:3, 3])
             rotation = rotation @ C[:3, :3]
-        R_before[..., k, :, :] = rotation
-        origin = origin + rotate(rotation, xi[..., k, :3])
-        rotation = rotation @ D[..., k, :, :]
-        R[..., k, :, :], o[..., k, :] = rotation, origin
+        axes[0][..., k, :, :] = rotation
+        for stage, xi in enumerate((first, second)):
+            origin = origin + rotate(rotation, xi[..., k, :3])
+            rotation = rotation @ turns[stage][..., k, :, :]
+            axes[stage + 1][..., k, :, :], origins[stage][..., k, :] = rotation, origin
         if 0 < k <= robot.dof:
             motion = robot.axes[k - 1] * q[:, k - 1, None]
             if robot.prismatic[k - 1]:
                 origin = origin + rotate(rotation, motion)
             else:
                 rotation = rotation @ so3_exp(motion)
-        R_link[..., k, :, :] = rotation
-    return Frames(R, R_before, R_link, o, xi)
+        axes[3][..., k, :, :] = rotation
+    return Frames(
+        Stage(first, axes[0], axes[1], origins[0]),
+        Stage(second, axes[1], axes[2], origins[1]),
+        axes[3],
+    )
 
 
 def link_origins(robot: Robot, frames: Frames, q: Array) -> Array:
@@ -69,7 +99,7 @@ def link_origins(robot: Robot, frames: Frames, q: Array) -> Array:
     return frames.o + rotate(frames.R, travel)
 
 
-def spatial_columns(frames: Frames, frame: int, basis: Array) -> Array:
+def spatial_columns(stage: Stage, frame: int, basis: Array) -> Array:
     """Velocity field of the arm beyond a frame, for each column of displacement there.
 
     A displacement ``basis @ d`` of the frame moves a point x beyond it by ``A + phi x x``.
@@ -77,10 +107,10 @@ def spatial_columns(frames: Frames, frame: int, basis: Array) -> Array:
     basis : ndarray, shape (..., m or 1, 6, p), d xi / d parameter
     Returns ndarray, shape (..., m, p, 6): (A, phi) in base axes.
     """
-    turn = frames.R[..., frame, :, :] @ so3_right_jacobian(frames.xi[..., frame, 3:])
+    turn = stage.R[..., frame, :, :] @ so3_right_jacobian(stage.xi[..., frame, 3:])
     phi = np.swapaxes(turn @ basis[..., 3:, :], -1, -2)
-    slide = np.swapaxes(frames.R_before[..., frame, :, :] @ basis[..., :3, :], -1, -2)
-    A = slide - cross(phi, frames.o[..., frame, None, :])
+    slide = np.swapaxes(stage.R_before[..., frame, :, :] @ basis[..., :3, :], -1, -2)
+    A = slide - cross(phi, stage.o[..., frame, None, :])
     return np.concatenate(np.broadcast_arrays(A, phi), axis=-1)
 
 

@@ -9,6 +9,7 @@ deflection of every elastic frame, which is summed by the same iteration.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -63,7 +64,7 @@ class Model:
     def slices(self) -> tuple[slice, ...]:
         """Where each effect's parameters stand."""
         ends = np.cumsum([0, *(len(e.parameters) for e in self.effects)])
-        return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+        return tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(ends))
 
     def where(self, *kinds: type[Effect]) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
         """Positions of the parameters of some kinds of effect."""
@@ -92,8 +93,8 @@ class Model:
         """
         loads = statics.loads_of(self.robot, poses, self.payload, self.gravity)
         extra = self._extra_wrench(values, poses)
-        elastic = any(isinstance(e, ElasticEffect) for e in self.effects)
-        frames = forward(self.robot, poses.q)
+        constant = self.constant_displacements(values)
+        frames = forward(self.robot, poses.q, constant)
         tips: Array | None = None
         for _ in range(_MAX_ROUNDS):
             carriers = link_origins(self.robot, frames, poses.q)
@@ -101,14 +102,17 @@ class Model:
             state = State(poses, frames, wrench)
             points = self._tip_points(frames, values)
             if tips is not None and np.abs(points - tips).max(initial=0.0) < _EQUILIBRIUM_M:
-                return state
+                break
+            if not self._varying:
+                break
             tips = points
-            frames = forward(self.robot, poses.q, self._displacements(values, state))
-            if not elastic:
-                carriers = link_origins(self.robot, frames, poses.q)
-                wrench = statics.transmitted(loads, frames, carriers)
-                return State(poses, frames, wrench)
-        return State(poses, frames, wrench)
+            frames = forward(self.robot, poses.q, constant, self._displacements(values, state))
+        return state
+
+    @cached_property
+    def _varying(self) -> bool:
+        """Whether any frame's displacement depends on the state."""
+        return any(isinstance(e, TwistEffect) and not isinstance(e, Constant) for e in self.effects)
 
     def _extra_wrench(self, values: Array, poses: Poses) -> Array:
         total = np.zeros((len(poses), self.robot.dof + 2, 6))
@@ -122,17 +126,17 @@ class Model:
         shape = (*values.shape[:-1], len(state.poses), self.robot.dof + 2, 6)
         xi = np.zeros(shape)
         for effect, part in zip(self.effects, self.slices, strict=True):
-            if isinstance(effect, TwistEffect):
+            if isinstance(effect, TwistEffect) and not isinstance(effect, Constant):
                 theta = values[..., None, part, None]
                 xi[..., effect.frame, :] += (effect.basis(state) @ theta)[..., 0]
         return xi
 
     def constant_displacements(self, values: Array) -> Array:
-        """Displacement of each frame that holds at every pose, shape (n + 2, 6), m and rad."""
-        xi = np.zeros((self.robot.dof + 2, 6))
+        """Displacement of each frame that holds at every pose, shape (..., n + 2, 6), m and rad."""
+        xi = np.zeros((*values.shape[:-1], self.robot.dof + 2, 6))
         for effect, part in zip(self.effects, self.slices, strict=True):
             if isinstance(effect, Constant):
-                xi[effect.frame] += effect.columns @ values[part]
+                xi[..., effect.frame, :] += values[..., part] @ effect.columns.T
         return xi
 
     # -- points --------------------------------------------------------------------------------
@@ -203,7 +207,8 @@ class Model:
         for effect in self.effects:
             k = len(effect.parameters)
             if isinstance(effect, TwistEffect):
-                field = spatial_columns(frames, effect.frame, effect.basis(state))
+                stage = frames.constant if isinstance(effect, Constant) else frames.present
+                field = spatial_columns(stage, effect.frame, effect.basis(state))
                 own.append(np.swapaxes(field, -1, -2))
                 acts_at += [effect.frame] * k
                 loaded.append(np.zeros((*still.shape[:-1], k)))
@@ -212,7 +217,9 @@ class Model:
                 acts_at += [self.robot.tip_frame] * k
                 loaded.append(effect.wrench_basis(poses))
         batch = np.broadcast_shapes(*(field.shape[:-2] for field in own))
-        columns = np.concatenate([np.broadcast_to(f, (*batch, *f.shape[-2:])) for f in own], axis=-1)
+        columns = np.concatenate(
+            [np.broadcast_to(f, (*batch, *f.shape[-2:])) for f in own], axis=-1
+        )
         elastic = self._flexibilities(values, poses)
         if not elastic:
             return columns

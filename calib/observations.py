@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from calib.effects.tool import Tool
 from calib.model import Model
-from calib.poses import Measurements, Poses
-from calib.se3 import Array, fit_rigid, rotate, skew, so3_log
+from calib.poses import Measurements
+from calib.se3 import Array, fit_rigid, rotate, skew, so3_exp, so3_log, transform
 
 Approach = Literal["points", "pose"]
 Weighting = Literal["full", "plain"]
@@ -111,13 +111,13 @@ class Pose:
 
     def linearise(self, values: Array) -> tuple[Array, Array]:
         predicted, J = self.model.jacobian(values, self.data.poses)
-        T = fit_rigid(predicted, self.shape, self._used_or_any)
-        measured = self.measured
+        T = fit_rigid(predicted, self.shape, self._fitted)
+        measured, L = self.computed
         turn = measured[:, :3, :3] @ np.swapaxes(T[..., :3, :3], -1, -2)
         residual = np.concatenate([measured[:, :3, 3] - T[..., :3, 3], so3_log(turn)], axis=-1)
         residual = np.where(self.usable[:, None], residual, 0.0)
         flat = J.reshape((*J.shape[:-3], -1, J.shape[-1]))
-        return rotate(self.scale, residual), (self.scale @ self.condensing) @ flat
+        return rotate(self.scale, residual), (self.scale @ L) @ flat
 
     @cached_property
     def usable(self) -> NDArray[np.bool_]:
@@ -125,26 +125,31 @@ class Pose:
         return orientable(self.shape, self.data.seen & self.weights.any(axis=(-1, -2)))
 
     @cached_property
-    def _used_or_any(self) -> NDArray[np.bool_]:
-        """Markers that enter a pose, shape (m, M); all of them where the pose is not used."""
-        return self.data.seen | ~self.usable[:, None]
+    def _fitted(self) -> Array:
+        """One for markers that enter a pose, shape (m, M); for all where the pose is not used."""
+        return (self.data.seen | ~self.usable[:, None]).astype(float)
 
     @cached_property
-    def measured(self) -> Array:
-        """Tip frame in station axes as computed from the markers, shape (m, 4, 4)."""
-        return fit_rigid(self.data.points, self.shape, self._used_or_any)
+    def computed(self) -> tuple[Array, Array]:
+        """Tip frame in station axes as computed from the markers, and how it follows them.
 
-    @cached_property
-    def condensing(self) -> Array:
-        """Pose change from changes of the points, shape (m, 6, 3 M); zero where not usable."""
-        T = self.measured
-        points = rotate(T[:, None, :3, :3], self.shape) + T[:, None, :3, 3]
-        return pose_from_points(points, T[:, :3, 3], self.data.seen & self.usable[:, None])
+        Shapes (m, 4, 4) and (m, 6, 3 M), the latter zero where no pose can be computed. With the
+        full weighting the fit of the pose is itself weighted by the noise of the points.
+        """
+        T = fit_rigid(self.data.points, self.shape, self._fitted)
+        marked = rotate(T[:, None, :3, :3], self.shape) + T[:, None, :3, 3]
+        used = self.data.seen & self.usable[:, None]
+        weights = self.weights if self.weighting == "full" else None
+        L = pose_from_points(marked, T[:, :3, 3], used, weights)
+        rest = ((self.data.points - marked) * used[..., None]).reshape(len(T), -1)
+        step = rotate(L, rest)
+        R = so3_exp(step[:, 3:]) @ T[:, :3, :3]
+        return transform(R, T[:, :3, 3] + step[:, :3]), L
 
     @cached_property
     def propagated(self) -> Array:
         """Covariance of the computed poses, shape (m, 6, 6), m and rad; identity if not usable."""
-        half = self.condensing @ blockwise_inverse(self.weights)
+        half = self.computed[1] @ blockwise_inverse(self.weights)
         return half @ np.swapaxes(half, -1, -2) + ~self.usable[:, None, None] * np.eye(6)
 
     @cached_property
@@ -183,42 +188,43 @@ class Pose:
 def orientable(markers: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Whether the visible markers of a pose span a plane, shape (m,)."""
     weight = seen.astype(float)[..., None]
-    mean = (weight * markers).sum(axis=1, keepdims=True) / np.maximum(weight.sum(1, keepdims=True), 1)
+    mean = (weight * markers).sum(axis=1, keepdims=True) / np.maximum(
+        weight.sum(1, keepdims=True), 1
+    )
     spread = np.linalg.svd((markers - mean) * weight, compute_uv=False)
     if spread.shape[-1] < 2:
         return np.zeros(len(seen), dtype=bool)
     return np.asarray((seen.sum(axis=1) >= 3) & (spread[:, 1] > _COLLINEAR * spread[:, 0]))
 
 
-def pose_from_points(points: Array, origin: Array, seen: NDArray[np.bool_]) -> Array:
+def pose_from_points(
+    points: Array, origin: Array, seen: NDArray[np.bool_], weights: Array | None = None
+) -> Array:
     """Least-squares pose change for changes of the points, shape (..., m, 6, 3 M).
 
     points : ndarray, shape (..., m, M, 3), m; origin : ndarray, shape (..., m, 3), m
+    weights : ndarray, shape (m, M, 3, 3), 1/m, whitening matrices; equal weights without
     Rows: translation of the origin [m/m], then rotation vector [rad/m], in the axes of the points.
     """
     arms = -skew(points - origin[..., None, :])
     A = np.concatenate([np.broadcast_to(np.eye(3), arms.shape), arms], axis=-1)
     A = A * seen[..., None, None]
-    A = A.reshape((*A.shape[:-3], -1, 6))
-    At = np.swapaxes(A, -1, -2)
-    idle = ~seen.any(axis=-1)[..., None, None] * np.eye(6)
-    return np.linalg.solve(At @ A + idle, At)
+    if weights is not None:
+        A = np.swapaxes(weights, -1, -2) @ (weights @ A)
+    weighted = np.swapaxes(A.reshape((*A.shape[:-3], -1, 6)), -1, -2)
+    plain = np.concatenate([np.broadcast_to(np.eye(3), arms.shape), arms], axis=-1)
+    idle = np.logical_not(seen.any(axis=-1, keepdims=True))[..., None] * np.eye(6)
+    return np.asarray(
+        np.linalg.solve(weighted @ plain.reshape((*A.shape[:-3], -1, 6)) + idle, weighted)
+    )
 
 
 def blockwise_inverse(weights: Array) -> Array:
     """Block-diagonal square root of the points' covariance, shape (m, 3 M, 3 M), m."""
     m, M = weights.shape[:2]
-    hidden = ~weights.any(axis=(-1, -2))[..., None, None]
+    hidden = np.logical_not(weights.any(axis=(-1, -2), keepdims=True))
     blocks = np.where(hidden, 0.0, np.linalg.inv(weights + hidden * np.eye(3)))
     out = np.zeros((m, 3 * M, 3 * M))
     for j in range(M):
         out[:, 3 * j : 3 * j + 3, 3 * j : 3 * j + 3] = blocks[:, j]
     return out
-
-
-def blank(poses: Poses, markers: int) -> Measurements:
-    """A data set of a plan: every marker seen, nothing measured yet."""
-    shape = (len(poses), markers)
-    return Measurements(
-        poses, np.zeros((*shape, 3)), np.ones(shape, dtype=bool), np.full(shape, np.nan)
-    )

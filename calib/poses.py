@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.se3 import Array
 
-IntArray = NDArray[np.int_]
+IntArray: TypeAlias = NDArray[np.int_]
 
 _SAME_JOINTS = 1e-7  # rad or m; finer than any controller prints
 

@@ -110,6 +110,7 @@ def rigid_change(loads: Loads, frames: Frames, wrench: Transmitted) -> tuple[Arr
     """How the transmitted wrench follows small motions of the arm, given as velocity fields (A, phi).
 
     Returns
+    -------
     whole : ndarray, shape (..., m, n + 2, 6, 6): change of ``Transmitted.local`` when the frame and
         all beyond it move as one body. The loads keep their direction in base axes while the axes
         in which the wrench is read turn with the frame.

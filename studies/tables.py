@@ -52,8 +52,8 @@ def _summary(cell: Cell, result: Identification, fields: dict[str, Any]) -> Text
             if noise["source"] == "cell"
             else f" (the cell states {noise['believed_sigma_mm']:.4f} mm)"
         ),
-        f"expected   {fields['task_rms_mm']:.4f} mm RMS, {fields['task_worst_mm']:.4f} mm at worst, from the "
-        f"parameters' uncertainty at {fields['targets']}",
+        f"expected   {fields['task_rms_mm']:.4f} mm RMS, {fields['task_worst_mm']:.4f} mm at worst, "
+        f"from the parameters' uncertainty at {fields['targets']}",
     ]
     return Text("\n".join(lines))
 

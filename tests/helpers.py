@@ -75,7 +75,9 @@ def random_context(rng: np.random.Generator, robot: Robot, markers: int = 3) -> 
 
 def model_of(context: Context, kinds: Sequence[str]) -> Model:
     """Every effect of some kinds at every place."""
-    effects = [EFFECTS[kind].at(context, w) for kind in kinds for w in EFFECTS[kind].places(context)]
+    effects = [
+        EFFECTS[kind].at(context, w) for kind in kinds for w in EFFECTS[kind].places(context)
+    ]
     return Model(
         context.robot,
         context.marker_names,

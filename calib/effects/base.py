@@ -39,7 +39,7 @@ class Base(Effect):
 
     @staticmethod
     def columns(values: Array, points: Array) -> Array:
-        """d reading / d parameter of points (..., m, M, 3) in base axes -> (..., m, M, 3, 6)."""
+        """D reading / d parameter of points (..., m, M, 3) in base axes -> (..., m, M, 3, 6)."""
         R, _ = Base.placement(values)
         turn = -R[..., None, None, :, :] @ skew(points)
         turn = turn @ so3_right_jacobian(values[..., 3:])[..., None, None, :, :]

@@ -112,7 +112,7 @@ class TwistEffect(Effect):
 
     @abstractmethod
     def basis(self, state: State) -> Array:
-        """d xi / d parameter, shape (..., m or 1, 6, p), SI."""
+        """D xi / d parameter, shape (..., m or 1, 6, p), SI."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ class Constant(TwistEffect):
     @property
     @abstractmethod
     def columns(self) -> Array:
-        """d xi / d parameter, shape (6, p), SI."""
+        """D xi / d parameter, shape (6, p), SI."""
 
     def basis(self, state: State) -> Array:
         return self.columns[None]
@@ -157,15 +157,14 @@ class ElasticEffect(TwistEffect):
 
     @abstractmethod
     def flexibility(self, poses: Poses) -> Array:
-        """d K / d parameter, shape (m or 1, 6, 6, p): xi = K (force, moment) in the frame's axes."""
+        """D K / d parameter, shape (m or 1, 6, 6, p): xi = K (force, moment) in the frame's axes."""
 
     def basis(self, state: State) -> Array:
         local = state.wrench.local[..., self.frame, :]
-        return np.einsum("mijp,...mj->...mip", self._whole(state.poses), local, optimize=True)
-
-    def _whole(self, poses: Poses) -> Array:
-        K = self.flexibility(poses)
-        return np.broadcast_to(K, (len(poses), *K.shape[1:]))
+        K = self.flexibility(state.poses)
+        K = np.broadcast_to(K, (len(state.poses), *K.shape[1:]))
+        twists: Array = np.einsum("mijp,...mj->...mip", K, local, optimize=True)
+        return twists
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +173,7 @@ class LoadEffect(Effect):
 
     @abstractmethod
     def wrench_basis(self, poses: Poses) -> Array:
-        """d w / d parameter, shape (m, n + 2, 6, p), in the axes of each frame."""
+        """D w / d parameter, shape (m, n + 2, 6, p), in the axes of each frame."""
 
 
 def joint_index(context: Context, where: str) -> int:

@@ -41,7 +41,9 @@ class StiffnessVsAngle(ElasticEffect):
             "no angles are given and no poses to take them from",
             f"add [model.knots_deg] {where} = [..] to the cell",
         )
-        return cls(where, joint + 1, along_axis(context.robot, joint), np.sort(context.knots[where]))
+        return cls(
+            where, joint + 1, along_axis(context.robot, joint), np.sort(context.knots[where])
+        )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -1,0 +1,1 @@
+"""The only place with millimetres, degrees, TOML, CSV and XML."""

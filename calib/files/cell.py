@@ -80,9 +80,7 @@ def load_cell(path: str | Path) -> Cell:
             j: np.array([a.before, a.after]) * _MM for j, a in table.robot.compensators_mm.items()
         },
         capsules={
-            name: tuple(
-                Capsule(_metres(c.start), _metres(c.end), c.radius * _MM) for c in capsules
-            )
+            name: tuple(Capsule(_metres(c.start), _metres(c.end), c.radius * _MM) for c in capsules)
             for name, capsules in table.robot.capsules_mm.items()
         },
         design=_design(path, table.design),
@@ -102,9 +100,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
     except RecursionError:
         raise InputError(path, "", "is nested too deeply") from None
     except OSError as error:
-        raise InputError(
-            path, "", f"cannot be read ({error.strerror})", "check the path"
-        ) from None
+        raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
 
 
 def _first_line(error: Exception) -> str:
@@ -115,7 +111,10 @@ def _validated(path: Path, raw: dict[str, Any]) -> CellFile:
     try:
         return CellFile.model_validate(raw)
     except ValidationError as error:
-        problems = error.errors(include_url=False)
+        # A misspelt key is both unknown and missing: the unknown one is what the user sees.
+        problems = sorted(
+            error.errors(include_url=False), key=lambda p: p["type"] != "extra_forbidden"
+        )
         first = problems[0]
         # A union's tag (number, position, box ..) stands in the location but not in the file.
         keys = [str(k) for k in first["loc"] if str(k) not in _TAGS]
@@ -199,7 +198,9 @@ def _noise(sigma: Sigma) -> Noise:
             sigma.transverse_mm_per_m * _MM,
         )
     if isinstance(sigma, MpeSigma):
-        return Noise.maximum_permissible(sigma.mpe_mm * _MM, sigma.mpe_mm_per_m * _MM, sigma.divisor)
+        return Noise.maximum_permissible(
+            sigma.mpe_mm * _MM, sigma.mpe_mm_per_m * _MM, sigma.divisor
+        )
     return Noise.isotropic(sigma * _MM)
 
 

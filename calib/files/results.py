@@ -120,9 +120,7 @@ def _markers(result: Identification) -> dict[str, list[float]]:
     return {n: list(p * _MM) for n, p in zip(names, result.marker_positions, strict=True)}
 
 
-def _residuals(
-    residuals: Residuals, names: tuple[str, ...], heldout: bool
-) -> list[dict[str, Any]]:
+def _residuals(residuals: Residuals, names: tuple[str, ...], heldout: bool) -> list[dict[str, Any]]:
     out = []
     for i, j in np.argwhere(residuals.data.seen):
         x, y, z = (float(v) for v in residuals.vectors[i, j] * _MM)

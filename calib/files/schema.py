@@ -77,7 +77,11 @@ class MpeSigma(Table):
 
 def _kind_of_sigma(value: Any) -> str:
     if isinstance(value, dict):
-        return "mpe" if any(str(key).startswith("mpe") or key == "divisor" for key in value) else "polar"
+        return (
+            "mpe"
+            if any(str(key).startswith("mpe") or key == "divisor" for key in value)
+            else "polar"
+        )
     return "number"
 
 

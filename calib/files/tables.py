@@ -8,12 +8,13 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from calib.cell import Cell
 from calib.errors import InputError
-from calib.poses import Measurements, Poses, hung, poses_at
+from calib.poses import IntArray, Measurements, Poses, hung, poses_at
 from calib.robot import Robot
 from calib.se3 import Array
 
@@ -108,9 +109,7 @@ def _read(path: Path, required: Sequence[str], check: Callable[[tuple[str, ...]]
     except csv.Error as error:
         raise InputError(path, f"line {reader.line_num}", f"is no CSV ({error})") from None
     except OSError as error:
-        raise InputError(
-            path, "", f"cannot be read ({error.strerror})", "check the path"
-        ) from None
+        raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
     if not rows:
         raise InputError(path, "", "has a header and no rows")
     return _Table(path, columns, rows, lines)
@@ -159,7 +158,7 @@ def _check_known(path: Path, robot: Robot, columns: tuple[str, ...]) -> tuple[st
     known |= {f"approach_{j}" for j in robot.joints}
     ignored = []
     for name in columns:
-        stem, _, unit = name.rpartition("_")
+        unit = name.rpartition("_")[2]
         if name in known or not name:
             continue
         if unit in ("deg", "rad") or name.startswith("approach_"):
@@ -172,7 +171,10 @@ def _check_known(path: Path, robot: Robot, columns: tuple[str, ...]) -> tuple[st
         if name.partition("_")[0] in {c.partition("_")[0] for c in (*_WRENCH, *_FIXED)}:
             close = difflib.get_close_matches(name, [*_WRENCH, *_FIXED], n=1)
             raise InputError(
-                path, "line 1", f"column {name!r} has no known unit", f"name it {(close or ['?'])[0]}"
+                path,
+                "line 1",
+                f"column {name!r} has no known unit",
+                f"name it {(close or ['?'])[0]}",
             )
         ignored.append(name)
     return (f"{path}: ignored columns: {', '.join(ignored)}",) if ignored else ()
@@ -207,34 +209,35 @@ def _joint_warnings(table: _Table, robot: Robot, q: Array) -> tuple[str, ...]:
     return tuple(warnings)
 
 
-def _covariates(table: _Table, robot: Robot, rows: Array) -> dict[str, object]:
+def _covariates(table: _Table, robot: Robot, rows: IntArray) -> dict[str, Any]:
     """Optional columns, at one row for each pose."""
-    chosen = rows.astype(int)
-    found: dict[str, object] = {}
-    wrench = np.zeros((len(chosen), 6))
+    found: dict[str, Any] = {}
+    wrench = np.zeros((len(rows), 6))
     for i, name in enumerate(_WRENCH):
         if name in table.columns:
-            wrench[:, i] = table.numbers(name)[chosen]
+            wrench[:, i] = table.numbers(name)[rows]
     found["wrench"] = wrench
     for key, name in (("temperature", "temperature_degC"), ("time", "time_s")):
         if name in table.columns:
-            found[key] = table.numbers(name)[chosen]
+            found[key] = table.numbers(name)[rows]
     signs = [f"approach_{joint}" for joint in robot.joints]
     present = [name for name in signs if name in table.columns]
     if present and len(present) < len(signs):
         missing = next(name for name in signs if name not in present)
-        raise InputError(table.path, "line 1", f"column {missing!r} is missing beside {present[0]!r}")
+        raise InputError(
+            table.path, "line 1", f"column {missing!r} is missing beside {present[0]!r}"
+        )
     if present:
         approach = np.column_stack([table.numbers(name) for name in signs])
         bad = np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))
         if len(bad):
             raise table.fault(int(bad[0, 0]), signs[int(bad[0, 1])], "is not -1, 0 or +1")
-        found["approach"] = approach[chosen]
+        found["approach"] = approach[rows]
     if "station" in table.columns:
         names = table.text("station")
         stations = tuple(sorted(set(names)))
         found["stations"] = stations
-        found["station"] = np.array([stations.index(names[row]) for row in chosen])
+        found["station"] = np.array([stations.index(names[row]) for row in rows])
     return found
 
 
@@ -294,13 +297,15 @@ def load_measurements(cell: Cell, path: str | Path) -> Measurements:
     return Measurements(poses, points, seen, sigma, tuple(warnings))
 
 
-def _number_in_order(names: list[str]) -> tuple[tuple[str, ...], np.ndarray[tuple[int], np.dtype[np.int_]]]:
+def _number_in_order(
+    names: list[str],
+) -> tuple[tuple[str, ...], IntArray]:
     """Distinct names in order of appearance, and the position of each row's name."""
     order = {name: i for i, name in enumerate(dict.fromkeys(names))}
     return tuple(order), np.array([order[name] for name in names])
 
 
-def _markers(table: _Table, cell: Cell) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
+def _markers(table: _Table, cell: Cell) -> IntArray:
     numbers = {name: i for i, name in enumerate(cell.marker_names)}
     names = table.text("marker")
     for row, name in enumerate(names):
@@ -313,8 +318,8 @@ def _markers(table: _Table, cell: Cell) -> np.ndarray[tuple[int], np.dtype[np.in
 def _check_poses_agree(
     table: _Table,
     robot: Robot,
-    pose_of_row: np.ndarray[tuple[int], np.dtype[np.int_]],
-    first: np.ndarray[tuple[int], np.dtype[np.int_]],
+    pose_of_row: IntArray,
+    first: IntArray,
 ) -> None:
     """Rows of one pose must share joints, wrench, time and heat."""
     own = {"marker", "sigma_mm", *(f"{a}_{u}" for a in "xyz" for u in ("mm", "m"))}

@@ -56,7 +56,10 @@ def _parse(path: Path) -> ElementTree.Element:
         raise InputError(path, "", f"cannot be read ({error.strerror})") from None
     if root.tag != "robot":
         raise InputError(
-            path, f"<{root.tag}>", "is not a URDF", "expand a xacro file to a URDF with <robot> first"
+            path,
+            f"<{root.tag}>",
+            "is not a URDF",
+            "expand a xacro file to a URDF with <robot> first",
         )
     return root
 
@@ -71,14 +74,14 @@ def _numbers(path: Path, where: str, text: str, count: int) -> Array:
     return values
 
 
-def _attribute(path: Path, element: ElementTree.Element | None, key: str, default: str) -> str:
+def _attribute(element: ElementTree.Element | None, key: str, default: str) -> str:
     return default if element is None else element.get(key, default)
 
 
 def _origin(path: Path, where: str, element: ElementTree.Element) -> Array:
     origin = element.find("origin")
-    xyz = _numbers(path, f"{where} origin xyz", _attribute(path, origin, "xyz", "0 0 0"), 3)
-    rpy = _numbers(path, f"{where} origin rpy", _attribute(path, origin, "rpy", "0 0 0"), 3)
+    xyz = _numbers(path, f"{where} origin xyz", _attribute(origin, "xyz", "0 0 0"), 3)
+    rpy = _numbers(path, f"{where} origin rpy", _attribute(origin, "rpy", "0 0 0"), 3)
     return from_xyz_rpy(xyz, rpy)
 
 
@@ -189,7 +192,7 @@ def _inertials(path: Path, root: ElementTree.Element) -> dict[str, tuple[float, 
         if inertial is None:
             continue
         where = f"link {link.get('name')}"
-        text = _attribute(path, inertial.find("mass"), "value", "0")
+        text = _attribute(inertial.find("mass"), "value", "0")
         mass = float(_numbers(path, f"{where} mass", text, 1)[0])
         if mass < 0:
             raise InputError(path, f"{where} mass", f"is negative ({mass} kg)")
@@ -251,7 +254,7 @@ def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
 
 
 def _axis(path: Path, joint: _Joint) -> Array:
-    text = _attribute(path, joint.element.find("axis"), "xyz", "1 0 0")
+    text = _attribute(joint.element.find("axis"), "xyz", "1 0 0")
     axis = _numbers(path, f"joint {joint.name} axis", text, 3)
     length = float(np.linalg.norm(axis))
     if length < 1e-9:

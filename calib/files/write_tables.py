@@ -11,6 +11,7 @@ import numpy as np
 from calib.cell import Cell
 from calib.poses import Measurements, Poses
 from calib.robot import Robot
+from calib.se3 import Array
 
 _WRENCH = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 
@@ -22,7 +23,7 @@ def _joint_header(robot: Robot) -> list[str]:
     ]
 
 
-def _joint_text(robot: Robot, q: np.ndarray[tuple[int], np.dtype[np.float64]]) -> list[str]:
+def _joint_text(robot: Robot, q: Array) -> list[str]:
     shown = np.where(robot.prismatic, q * 1e3, np.degrees(q))
     return [f"{value:.9g}" for value in shown]
 
@@ -56,7 +57,7 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
     return _text(header, rows)
 
 
-def wrench_with_load(cell: Cell, poses: Poses) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def wrench_with_load(cell: Cell, poses: Poses) -> Array:
     """Wrench on the tip, the hung load included as at the nominal pose, shape (m, 6), N and N m."""
     from calib.kinematics import forward
     from calib.se3 import cross, rotate
@@ -64,4 +65,5 @@ def wrench_with_load(cell: Cell, poses: Poses) -> np.ndarray[tuple[int, ...], np
     R_tip = forward(cell.robot, poses.q).R[:, -1]
     force = poses.load_mass[:, None] * cell.gravity
     moment = cross(rotate(R_tip, np.broadcast_to(poses.load_com, force.shape)), force)
-    return poses.wrench + np.concatenate([force, moment], axis=-1)
+    total: Array = poses.wrench + np.concatenate([force, moment], axis=-1)
+    return total

@@ -73,7 +73,7 @@ class Readings:
 
     def dof(self, observation: Points | Pose, span: Array) -> int:
         counted = observation.data.seen & observation.weights.any(axis=(-1, -2))
-        return int(3 * counted.sum()) - span.shape[1]
+        return 3 * int(counted.sum()) - int(span.shape[1])
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Differences:
     def dof(self, observation: Points | Pose, span: Array) -> int:
         seen = observation.data.seen & observation.weights.any(axis=(-1, -2))
         group = observation.data.poses.configuration
-        spare = sum(np.maximum(seen[group == g].sum(axis=0) - 1, 0).sum() for g in np.unique(group))
+        spare = sum(int(np.maximum(seen[group == g].sum(axis=0) - 1, 0).sum()) for g in set(group))
         return int(3 * spare - _soft(observation.model, span).sum())
 
 
@@ -154,7 +154,8 @@ def only(observation: Points | Pose, kept: Mask) -> Points | Pose:
 
 def choose_directions(observation: Points | Pose, start: Array) -> Identifiable:
     """What the data determine, judged with every elastic element a little soft: the effect of a load
-    effect shows through them only."""
+    effect shows through them only.
+    """
     model = observation.model
     probe = start.copy()
     elastic = model.where(ElasticEffect)

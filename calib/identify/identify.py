@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.build import build
+from calib.build import build, refuse_idle_effects
 from calib.cell import Cell
 from calib.covariance import Identifiable, covariance
 from calib.effects.base import Base
@@ -66,11 +66,15 @@ def identify(
     built = build(cell, data.poses)
     model = built.model
     check_counts(model, data)
+    refuse_idle_effects(cell, model, data.poses)
     start = initial_values(model, data)
     weights = whitening(cell, model, start, data)
-    observation: Points | Pose = Points(model, data, weights)
-    if approach == "pose":
-        observation = _as_poses(observation, model.marker_positions(start), weighting, length)
+    points = Points(model, data, weights)
+    observation = (
+        points
+        if approach == "points"
+        else _as_poses(points, model.marker_positions(start), weighting, length)
+    )
     estimator: Estimator = Differences() if differences else Readings(method)
     found = _fit_without_outliers(estimator, observation, start)
 
@@ -174,9 +178,7 @@ class _Found:
     choice: Identifiable
 
 
-def _fit_without_outliers(
-    estimator: Estimator, observation: Points | Pose, start: Array
-) -> _Found:
+def _fit_without_outliers(estimator: Estimator, observation: Points | Pose, start: Array) -> _Found:
     """Fit, judge, and fit again without the outliers until the judgement stands."""
     choice = choose_directions(observation, start)
     span = observation.span()[:, choice.kept]

@@ -73,8 +73,8 @@ def _place(
             first = unknowns + 3 * j
             design[marker == j, :, first : first + 3] = R_tip[pose[marker == j]]
     D = design.reshape(-1, design.shape[-1])
-    S = _rotation(D, y, arm) if has_base else np.eye(3)
-    solution = np.linalg.lstsq(D, (y @ S.T - arm).reshape(-1), rcond=None)[0]
+    S: Array = _rotation(D, y, arm) if has_base else np.eye(3)
+    solution = np.asarray(np.linalg.lstsq(D, (y @ S.T - arm).reshape(-1), rcond=None)[0])
     t = S.T @ solution[:3] if has_base else np.zeros(3)
     if not known:
         markers = solution[unknowns:].reshape(-1, 3)
@@ -84,11 +84,13 @@ def _place(
 def _rotation(D: Array, y: Array, arm: Array) -> Array:
     """The S in SO(3) that minimises the part of ``S y - arm`` outside the span of D."""
     U, s, _ = np.linalg.svd(D, full_matrices=False)
-    basis = U[:, s > 1e-9 * s[0]] if s.size else U[:, :0]
+    basis = np.asarray(U[:, s > 1e-9 * s[0]])
     # Row c of S y is S[c] . y: columns of Z belong to the nine entries of S, then to arm.
-    Z = np.concatenate([np.einsum("nk,cd->ncdk", y, np.eye(3)).reshape(-1, 9), arm.reshape(-1, 1)], 1)
+    Z = np.concatenate(
+        [np.einsum("nk,cd->ncdk", y, np.eye(3)).reshape(-1, 9), arm.reshape(-1, 1)], 1
+    )
     Z = Z - basis @ (basis.T @ Z)
-    R = np.linalg.qr(Z, mode="r")
+    R = np.asarray(np.linalg.qr(Z, mode="r"))
     factor, target = R[:, :9], R[:, 9]
 
     def linearise(r: Array) -> tuple[Array, Array]:
@@ -99,7 +101,7 @@ def _rotation(D: Array, y: Array, arm: Array) -> Array:
         residual = target - S.reshape((*S.shape[:-2], 9)) @ factor.T
         return residual, np.swapaxes(flat @ factor.T, -1, -2)
 
-    free = np.linalg.lstsq(factor, target, rcond=1e-9)[0].reshape(3, 3)
+    free = np.asarray(np.linalg.lstsq(factor, target, rcond=1e-9)[0]).reshape(3, 3)
     random = np.random.default_rng(0).normal(size=(_STARTS - 1, 4))
     starts = np.concatenate([so3_log(nearest_rotation(free))[None], _rotation_vectors(random)])
     found = levenberg_marquardt(linearise, starts, np.eye(3))

@@ -77,10 +77,9 @@ def noise_level(cost: float, dof: int, data: Measurements, weights: Array) -> No
     p_fit = 1.0
     if dof > 0:
         ratio = cost / dof / factor**2
-        if source == "cell":
-            below = float(chdtr(dof, ratio * dof))
-        else:
-            below = float(fdtr(dof, repeats, ratio))
+        below = (
+            float(chdtr(dof, ratio * dof)) if source == "cell" else float(fdtr(dof, repeats, ratio))
+        )
         p_fit = 1.0 - below
         if _two_sided(below) < _DISAGREE:
             factor, source = float(np.sqrt(cost / dof)), "residual"

@@ -29,7 +29,6 @@ def alternate(linearise: Linearise, start: Array, placement: Array, rest: Array)
     a = placement.shape[1]
     blocks = [part for part in (slice(0, a), slice(a, span.shape[1])) if part.stop > part.start]
     values, turns, converged = np.array(start, dtype=float), 0, False
-    cost = np.inf
     for _ in range(_MOST_LINEARISATIONS):
         r, J = linearise(values)
         cost, g, A = normal_equations(r, J @ span)
@@ -54,7 +53,8 @@ def _turns(A: Array, g: Array, blocks: list[slice], most: int) -> tuple[Array, i
             step[part] += move
             gradient = gradient - A[:, part] @ move
         change = step - before
-        if len(blocks) == 1 or change @ A @ change <= (1e-3 * _SETTLED) ** 2 * max(1.0, step @ A @ step):
+        length, moved = float(step @ A @ step), float(change @ A @ change)
+        if len(blocks) == 1 or moved <= (1e-3 * _SETTLED) ** 2 * max(1.0, length):
             return step, turn
     return step, most
 
@@ -62,6 +62,4 @@ def _turns(A: Array, g: Array, blocks: list[slice], most: int) -> tuple[Array, i
 def _inverse(A: Array) -> Array:
     """Inverse of a symmetric positive matrix, columns scaled to one."""
     zero = np.zeros(len(A))
-    return damped_step(
-        np.broadcast_to(A, (len(A), *A.shape)), np.eye(len(A)), zero
-    ).T
+    return damped_step(np.broadcast_to(A, (len(A), *A.shape)), np.eye(len(A)), zero).T

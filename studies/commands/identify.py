@@ -85,7 +85,7 @@ def identify(
     json_path: str | None,
     seed: int,
 ) -> None:
-    """Identify the effects in the cell's [model] from measured points.
+    r"""Identify the effects in the cell's [model] from measured points.
 
     \b
     Example:

@@ -19,7 +19,9 @@ from calib.se3 import Array, displacement, so3_exp
 from studies.demo import simulated
 from tests.helpers import cell_of, random_robot, with_effects
 
-MARKERS = np.array([[0.2792, -0.0164, -0.0919], [0.2792, -0.0252, 0.0961], [0.2818, 0.1305, 0.0056]])
+MARKERS = np.array(
+    [[0.2792, -0.0164, -0.0919], [0.2792, -0.0252, 0.0961], [0.2818, 0.1305, 0.0056]]
+)
 RIGID = ("base", "tool", "geometry")
 
 
@@ -41,7 +43,9 @@ def measured(
     return calib.simulate(model, truth, poses, Noise.isotropic(noise), rng), truth
 
 
-def random_configurations(cell: Cell, rng: np.random.Generator, count: int, **given: object) -> Poses:
+def random_configurations(
+    cell: Cell, rng: np.random.Generator, count: int, **given: object
+) -> Poses:
     low, high = cell.robot.sample_limits().T
     return poses_at(rng.uniform(low, high, (count, cell.robot.dof)), **given)
 
@@ -71,7 +75,7 @@ def test_initial_values_are_exact_for_a_nominal_robot(seed: int) -> None:
     rng = np.random.default_rng(seed)
     robot = random_robot(rng, 2 + seed, prismatic=(1,) if seed % 2 else ())
     cell = cell_of(robot, np.zeros((2, 3)), ("base", "tool"))
-    data, truth = measured(cell, random_configurations(cell, rng, 25), rng, noise=1e-12)
+    data, _truth = measured(cell, random_configurations(cell, rng, 25), rng, noise=1e-12)
     model = build(cell, data.poses).model
     predicted = model.predict(initial_values(model, data), data.poses)
     np.testing.assert_allclose(predicted, data.points, atol=1e-9)
@@ -110,7 +114,11 @@ def test_full_pose_approach_recovers_the_truth(
 ) -> None:
     data, model, truth = simulated(kr270, table_two, 2)
     result = calib.identify(
-        kr270, data, approach="pose", weighting=weighting, length=0.5  # type: ignore[arg-type]
+        kr270,
+        data,
+        approach="pose",
+        weighting=weighting,
+        length=0.5,  # type: ignore[arg-type]
     )
     robot = [i for i, p in enumerate(model.parameters) if p.effect not in ("base", "tool")]
     assert (np.abs(result.values - truth)[robot] / result.std[robot]).max() < 4.5
@@ -148,7 +156,7 @@ def test_several_stations_share_markers_and_robot(kr270: Cell) -> None:
     cell = cell_of(kr270.robot, np.zeros((3, 3)), RIGID)
     station = np.arange(40) % 2
     poses = random_configurations(cell, rng, 40, station=station, stations=("north", "south"))
-    data, truth = measured(cell, poses, rng)
+    data, _truth = measured(cell, poses, rng)
     result = calib.identify(cell, data)
     assert set(result.bases) == {"north", "south"}
     assert len(result.values) == 33 + 6
@@ -158,7 +166,7 @@ def test_several_stations_share_markers_and_robot(kr270: Cell) -> None:
 def test_hidden_markers_only_cost_information(kr270: Cell) -> None:
     rng = np.random.default_rng(5)
     cell = cell_of(kr270.robot, np.zeros((3, 3)), RIGID)
-    data, truth = measured(cell, random_configurations(cell, rng, 40), rng)
+    data, _truth = measured(cell, random_configurations(cell, rng, 40), rng)
     seen = rng.random(data.seen.shape) > 0.3
     hidden = replace(data, seen=seen, points=np.where(seen[..., None], data.points, 0.0))
     full, part = calib.identify(cell, data), calib.identify(cell, hidden)
@@ -169,7 +177,7 @@ def test_hidden_markers_only_cost_information(kr270: Cell) -> None:
 def test_outliers_are_listed_and_do_not_bend_the_result(kr270: Cell) -> None:
     rng = np.random.default_rng(6)
     cell = cell_of(kr270.robot, np.zeros((3, 3)), RIGID)
-    data, truth = measured(cell, random_configurations(cell, rng, 60), rng)
+    data, _truth = measured(cell, random_configurations(cell, rng, 60), rng)
     bad = [7, 23, 41]
     points = data.points.copy()
     points[7] += np.array([0.0, 0.004, 0.0])

@@ -127,9 +127,9 @@ def test_corrected_urdf_without_tool_moves_the_tip(kr270: Cell, tmp_path: Path) 
     path.write_text(text)
     again = load_urdf(path, "base_link", "tool0")
     q = rng.uniform(-1, 1, (5, 6))
-    xi = np.broadcast_to(corrections, (5, 8, 6)).copy()
-    xi[:, 0] = 0.0
-    displaced = forward(kr270.robot, q, xi)
+    constant = corrections.copy()
+    constant[0] = 0.0
+    displaced = forward(kr270.robot, q, constant)
     np.testing.assert_allclose(forward(again, q).o[:, -1], displaced.o[:, -1], atol=1e-12)
     marker = displaced.o[:, -1] + displaced.R[:, -1] @ np.array([0.1, 0.0, 0.2])
     found = body_positions(in_mujoco(text), ["marker_m"], q)[:, 0]

@@ -13,7 +13,9 @@ from calib.poses import poses_at
 from calib.reduction import generic_configurations
 from tests.helpers import cell_of, random_robot, with_effects
 
-MARKERS = np.array([[0.2792, -0.0164, -0.0919], [0.2792, -0.0252, 0.0961], [0.2818, 0.1305, 0.0056]])
+MARKERS = np.array(
+    [[0.2792, -0.0164, -0.0919], [0.2792, -0.0252, 0.0961], [0.2818, 0.1305, 0.0056]]
+)
 
 
 def scaled_matrix(model: Model) -> np.ndarray:

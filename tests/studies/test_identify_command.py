@@ -1,0 +1,174 @@
+"""``posecal identify`` as a user and an outside check see it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import calib
+from studies.cli import main
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("demo")
+    done = run("demo", folder)
+    assert done.exit_code == 0, done.output
+    return folder
+
+
+@pytest.fixture(scope="module")
+def fields(demo: Path) -> dict[str, Any]:
+    return json.loads((demo / "result.json").read_text())
+
+
+def test_demo_writes_what_it_names_and_the_next_commands_run(demo: Path) -> None:
+    done = run("demo", demo)
+    for name in ("cell.toml", "kr270.urdf", "plan.csv", "measurements.csv", "truth.json"):
+        assert (demo / name).exists()
+        assert name in done.output
+    steps = [line.split() for line in done.output.splitlines() if line.startswith("  posecal ")]
+    assert len(steps) == 3
+    for step in steps:
+        again = run(*step[1:])
+        assert again.exit_code == 0, again.output
+
+
+def test_demo_recovers_its_truth(demo: Path, fields: dict[str, Any]) -> None:
+    truth = json.loads((demo / "truth.json").read_text())["parameters"]
+    for p in fields["parameters"]:
+        if p["effect"] not in ("base", "tool"):
+            assert abs(p["value"] - truth[p["id"]]["value"]) < 4.5 * p["std"], p["id"]
+            assert p["unit"] == truth[p["id"]]["unit"]
+
+
+def test_result_holds_what_the_contract_names(demo: Path, fields: dict[str, Any]) -> None:
+    assert fields["schema"] == 1
+    assert fields["command"] == "identify"
+    assert fields["seed"] == 0
+    for entry in fields["inputs"]:
+        assert entry["sha256"] == hashlib.sha256(Path(entry["file"]).read_bytes()).hexdigest()
+    assert fields["status"] == "converged"
+    assert fields["rank"] == len(fields["parameters"]) == 42
+    assert {"sigma_mm", "believed_sigma_mm", "source"} <= set(fields["noise"])
+    assert {"name", "effect", "where", "value", "std", "unit"} <= set(fields["parameters"][0])
+    keys = {"nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed"}
+    for name in ("rms_mm", "max_mm", "p95_mm"):
+        assert set(fields[name]) == keys
+        assert fields[name]["heldout"] is None
+    assert len(fields["residuals"]) == 90
+    knots = [p["name"] for p in fields["parameters"] if p["effect"] == "stiffness_vs_angle"]
+    assert knots[0] == "compliance@-140"
+
+
+def test_base_and_markers_predict_the_readings(demo: Path, fields: dict[str, Any]) -> None:
+    """The parameters of the JSON, in SI, are the values that ``calib.predict`` takes."""
+    cell = calib.load_cell(demo / "cell.toml")
+    data = calib.load_measurements(cell, demo / "measurements.csv")
+    scale = {"mm": 1e-3, "mrad": 1e-3, "um": 1e-6, "urad": 1e-6, "urad/(N m)": 1e-6}
+    values = {p["id"]: p["value"] * scale[p["unit"]] for p in fields["parameters"]}
+    error = data.points - calib.predict(cell, data, values)
+    rms = 1e3 * math.sqrt(np.mean(np.sum(error**2, axis=-1)))
+    assert rms == pytest.approx(fields["rms_mm"]["fitted"], rel=1e-6)
+    residuals = np.array([[r["x_mm"], r["y_mm"], r["z_mm"]] for r in fields["residuals"]])
+    np.testing.assert_allclose(error.reshape(-1, 3) * 1e3, residuals, atol=1e-6)
+    translation = [values[f"base:base.{c}"] * 1e3 for c in "xyz"]
+    np.testing.assert_allclose(fields["base"]["translation_mm"], translation)
+
+
+def test_json_to_standard_output_is_json_alone(demo: Path) -> None:
+    done = CliRunner().invoke(
+        main, ["identify", str(demo / "cell.toml"), str(demo / "measurements.csv"), "--json", "-"]
+    )
+    assert json.loads(done.stdout)["status"] == "converged"
+    assert "status" in done.stderr
+
+
+def test_holdout_by_fraction_and_by_file(demo: Path, tmp_path: Path) -> None:
+    out = tmp_path / "r.json"
+    cell, table = demo / "cell.toml", demo / "measurements.csv"
+    assert run("identify", cell, table, "--holdout", "0.2", "--json", out).exit_code == 0
+    first = json.loads(out.read_text())
+    assert first["rms_mm"]["heldout"] > 0
+    assert sum(r["heldout"] for r in first["residuals"]) == 3 * 2 * 3
+    run("identify", cell, table, "--holdout", "0.2", "--json", out)
+    assert json.loads(out.read_text()) == first, "the seed decides"
+    run("identify", cell, table, "--holdout", "0.2", "--seed", "5", "--json", out)
+    assert json.loads(out.read_text())["rms_mm"] != first["rms_mm"]
+    assert run("identify", cell, table, "--holdout", table, "--json", out).exit_code == 0
+    both = json.loads(out.read_text())
+    assert both["rms_mm"]["heldout"] == pytest.approx(both["rms_mm"]["fitted"])
+    assert len(both["inputs"]) == 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["cell.toml", "nothing.csv"], "nothing.csv: cannot be read"),
+        (["cell.toml", "measurements.csv", "--holdout", "1.5"], "--holdout: 1.5 is not between"),
+        (["cell.toml", "measurements.csv", "--holdout", "x.csv"], "x.csv: cannot be read"),
+        (["plan.csv", "measurements.csv"], "plan.csv: is not valid TOML"),
+        (["cell.toml", "plan.csv"], "plan.csv: line 1: column 'marker' is missing"),
+    ],
+)
+def test_faults_end_with_one_line_and_status_two(
+    demo: Path, arguments: list[str], message: str
+) -> None:
+    named = [str(demo / a) if a.endswith((".toml", ".csv")) else a for a in arguments]
+    done = run("identify", *named)
+    assert done.exit_code == 2
+    assert done.stderr.startswith("posecal: ")
+    assert message in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert "Traceback" not in done.output
+
+
+def test_effects_are_blamed_on_the_cell(demo: Path, tmp_path: Path) -> None:
+    for name in ("kr270.urdf", "cell.toml"):
+        (tmp_path / name).write_text((demo / name).read_text())
+    cell = tmp_path / "cell.toml"
+    cell.write_text(cell.read_text().replace("joint_compliance:A3", "joint_compliance:A1"))
+    done = run("identify", cell, demo / "measurements.csv")
+    assert done.exit_code == 2
+    assert f"{cell}: model.effects: joint_compliance:A1 cannot act" in done.stderr
+
+
+def test_nothing_is_half_written(demo: Path, tmp_path: Path) -> None:
+    """One output cannot be written: the other stays as it was, and no temporary file is left."""
+    old = tmp_path / "result.json"
+    old.write_text("old")
+    missing = tmp_path / "missing" / "out.urdf"
+    cell, table = demo / "cell.toml", demo / "measurements.csv"
+    done = run("identify", cell, table, "--json", old, "--urdf", missing)
+    assert done.exit_code == 2
+    assert "cannot be written" in done.stderr
+    assert old.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_corrected_urdf_is_the_nominal_model_of_the_next_run(demo: Path, tmp_path: Path) -> None:
+    """With the corrected URDF the geometry that is left is within its uncertainty."""
+    (tmp_path / "kr270.urdf").write_text((demo / "kr270_calibrated.urdf").read_text())
+    (tmp_path / "cell.toml").write_text((demo / "cell.toml").read_text())
+    out = tmp_path / "r.json"
+    done = run("identify", tmp_path / "cell.toml", demo / "measurements.csv", "--json", out)
+    assert done.exit_code == 0, done.output
+    again = json.loads(out.read_text())
+    left = [p for p in again["parameters"] if p["effect"] == "geometry"]
+    assert max(abs(p["value"]) / p["std"] for p in left) < 0.05
+
+
+def test_help_shows_an_example() -> None:
+    for command in ("identify", "demo"):
+        assert f"posecal {command}" in run(command, "--help").output

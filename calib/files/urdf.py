@@ -1,4 +1,4 @@
-"""URDF in and out: the serial chain between two links, and the same file with corrected origins."""
+"""Read a URDF: the serial chain between two links."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.robot import Robot
-from calib.se3 import Array, displacement, from_xyz_rpy, rotate, rpy_from_rotation
+from calib.se3 import Array, from_xyz_rpy, rotate
 
 _LARGEST_FILE = 20_000_000  # bytes; a URDF holds text, meshes lie elsewhere
-_MOVING = ("revolute", "continuous", "prismatic")
+MOVING = ("revolute", "continuous", "prismatic")
 
 
 @dataclass(frozen=True)
-class _Joint:
+class UrdfJoint:
+    """A <joint> of the file: name, type, and the links that it joins."""
+
     element: ElementTree.Element
     name: str
     kind: str
@@ -26,7 +28,8 @@ class _Joint:
     child: str
 
 
-def _parse(path: Path) -> ElementTree.Element:
+def parse(path: Path) -> ElementTree.Element:
+    """The <robot> element. Raises InputError for what is no safe, well-formed URDF."""
     from defusedxml import ElementTree as Safe
     from defusedxml.common import DefusedXmlException
 
@@ -78,22 +81,23 @@ def _attribute(element: ElementTree.Element | None, key: str, default: str) -> s
     return default if element is None else element.get(key, default)
 
 
-def _origin(path: Path, where: str, element: ElementTree.Element) -> Array:
+def origin_of(path: Path, where: str, element: ElementTree.Element) -> Array:
+    """The <origin> of an element as a transform, shape (4, 4), m."""
     origin = element.find("origin")
     xyz = _numbers(path, f"{where} origin xyz", _attribute(origin, "xyz", "0 0 0"), 3)
     rpy = _numbers(path, f"{where} origin rpy", _attribute(origin, "rpy", "0 0 0"), 3)
     return from_xyz_rpy(xyz, rpy)
 
 
-def _joints(path: Path, root: ElementTree.Element) -> dict[str, _Joint]:
+def _joints(path: Path, root: ElementTree.Element) -> dict[str, UrdfJoint]:
     """Joints by the link that they move."""
-    by_child: dict[str, _Joint] = {}
+    by_child: dict[str, UrdfJoint] = {}
     for element in root.findall("joint"):
         name = element.get("name", "")
         parent, child = element.find("parent"), element.find("child")
         if not name or parent is None or child is None:
             raise InputError(path, f"joint {name!r}", "lacks a name, a parent or a child")
-        joint = _Joint(
+        joint = UrdfJoint(
             element, name, element.get("type", ""), parent.get("link", ""), child.get("link", "")
         )
         if joint.child in by_child:
@@ -107,7 +111,8 @@ def _joints(path: Path, root: ElementTree.Element) -> dict[str, _Joint]:
     return by_child
 
 
-def _chain(path: Path, root: ElementTree.Element, base: str, tip: str) -> list[_Joint]:
+def chain_of(path: Path, root: ElementTree.Element, base: str, tip: str) -> list[UrdfJoint]:
+    """Joints from link ``base`` to link ``tip``. Raises InputError if they are no serial chain."""
     links = [link.get("name", "") for link in root.findall("link")]
     for key, name in (("base", base), ("tip", tip)):
         if name not in links:
@@ -116,7 +121,7 @@ def _chain(path: Path, root: ElementTree.Element, base: str, tip: str) -> list[_
                 path, "", f"has no link {name!r}", f"set [robot] {key} to one of: {known}"
             )
     by_child = _joints(path, root)
-    chain: list[_Joint] = []
+    chain: list[UrdfJoint] = []
     link = tip
     while link != base:
         if link not in by_child or len(chain) > len(by_child):
@@ -133,11 +138,11 @@ def _chain(path: Path, root: ElementTree.Element, base: str, tip: str) -> list[_
     return chain
 
 
-def _refuse_unsupported(path: Path, root: ElementTree.Element, chain: list[_Joint]) -> None:
+def _refuse_unsupported(path: Path, root: ElementTree.Element, chain: list[UrdfJoint]) -> None:
     inside = {joint.child for joint in chain[:-1]}
     names = {joint.name for joint in chain}
     for joint in chain:
-        if joint.kind not in (*_MOVING, "fixed"):
+        if joint.kind not in (*MOVING, "fixed"):
             raise InputError(
                 path,
                 f"joint {joint.name}",
@@ -151,12 +156,12 @@ def _refuse_unsupported(path: Path, root: ElementTree.Element, chain: list[_Join
                 "mimics another joint",
                 "coupled joints are not supported; give the chain independent joints",
             )
-    if not any(joint.kind in _MOVING for joint in chain):
+    if not any(joint.kind in MOVING for joint in chain):
         raise InputError(path, "", "the chain has no moving joint", "check [robot] base and tip")
     for element in root.findall("joint"):
         parent = element.find("parent")
         link = "" if parent is None else parent.get("link", "")
-        moving = element.get("type") in _MOVING
+        moving = element.get("type") in MOVING
         if element.get("name") not in names and moving and link in inside:
             raise InputError(
                 path,
@@ -167,7 +172,7 @@ def _refuse_unsupported(path: Path, root: ElementTree.Element, chain: list[_Join
 
 
 def _carried(
-    path: Path, root: ElementTree.Element, chain: list[_Joint]
+    path: Path, root: ElementTree.Element, chain: list[UrdfJoint]
 ) -> list[tuple[str, str, Array]]:
     """(link on the chain, link, transform) of links that hang on the chain by fixed joints."""
     on_chain = {joint.child for joint in chain}
@@ -179,7 +184,7 @@ def _carried(
         for joint in pending:
             if joint.kind == "fixed" and joint.parent in placed and joint.child not in placed:
                 carrier, T = placed[joint.parent]
-                own = _origin(path, f"joint {joint.name}", joint.element)
+                own = origin_of(path, f"joint {joint.name}", joint.element)
                 placed[joint.child] = (carrier, T @ own)
                 grew = True
     return [(carrier, link, T) for link, (carrier, T) in placed.items()]
@@ -196,7 +201,7 @@ def _inertials(path: Path, root: ElementTree.Element) -> dict[str, tuple[float, 
         mass = float(_numbers(path, f"{where} mass", text, 1)[0])
         if mass < 0:
             raise InputError(path, f"{where} mass", f"is negative ({mass} kg)")
-        found[link.get("name", "")] = (mass, _origin(path, where, inertial)[:3, 3])
+        found[link.get("name", "")] = (mass, origin_of(path, where, inertial)[:3, 3])
     return found
 
 
@@ -210,12 +215,12 @@ def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
     prismatic joints, or not made of finite numbers.
     """
     path = Path(path)
-    root = _parse(path)
-    chain = _chain(path, root, base, tip)
+    root = parse(path)
+    chain = chain_of(path, root, base, tip)
     weights = _inertials(path, root)
     carried = _carried(path, root, chain)
 
-    moving = [joint for joint in chain if joint.kind in _MOVING]
+    moving = [joint for joint in chain if joint.kind in MOVING]
     n = len(moving)
     origins, axes = np.empty((n + 1, 4, 4)), np.empty((n, 3))
     limits, efforts = np.full((n, 2), [-np.inf, np.inf]), np.full(n, np.nan)
@@ -223,9 +228,9 @@ def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
     C, T_link, k = np.eye(4), np.eye(4), -1
     for joint in chain:
         where = f"joint {joint.name}"
-        own = _origin(path, where, joint.element)
+        own = origin_of(path, where, joint.element)
         C, T_link = C @ own, T_link @ own
-        if joint.kind in _MOVING:
+        if joint.kind in MOVING:
             k += 1
             origins[k], axes[k] = C, _axis(path, joint)
             limits[k], efforts[k] = _limits(path, joint)
@@ -253,7 +258,7 @@ def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
     )
 
 
-def _axis(path: Path, joint: _Joint) -> Array:
+def _axis(path: Path, joint: UrdfJoint) -> Array:
     text = _attribute(joint.element.find("axis"), "xyz", "1 0 0")
     axis = _numbers(path, f"joint {joint.name} axis", text, 3)
     length = float(np.linalg.norm(axis))
@@ -262,7 +267,7 @@ def _axis(path: Path, joint: _Joint) -> Array:
     return axis / length
 
 
-def _limits(path: Path, joint: _Joint) -> tuple[tuple[float, float], float]:
+def _limits(path: Path, joint: UrdfJoint) -> tuple[tuple[float, float], float]:
     limit = joint.element.find("limit")
     if limit is None:
         return (-math.inf, math.inf), math.nan
@@ -275,53 +280,3 @@ def _limits(path: Path, joint: _Joint) -> tuple[tuple[float, float], float]:
     if lower > upper:
         raise InputError(path, where, f"lower {lower} is above upper {upper}")
     return (lower, upper), effort or math.nan
-
-
-def corrected_urdf(
-    source: str | Path, robot: Robot, corrections: Array, markers: dict[str, Array]
-) -> str:
-    """The text of a URDF whose joint origins carry the identified geometry.
-
-    source : path of the nominal URDF
-    corrections : ndarray, shape (n + 2, 6), m and rad, displacement of each frame as in
-        :class:`~calib.robot.Robot`; that of the base is not part of the robot and is ignored
-    markers : dict, name -> ndarray, shape (3,), m, tip frame: written as links ``marker_<name>``
-
-    The tip's displacement goes into the last fixed joint, or into the markers where there is none.
-    """
-    path = Path(source)
-    root = _parse(path)
-    chain = _chain(path, root, robot.base, robot.tip)
-    frame, D_tip = 0, displacement(corrections[robot.tip_frame])
-    for joint in chain:
-        if joint.kind in _MOVING:
-            frame += 1
-            _displace(path, joint, displacement(corrections[frame]))
-    if chain[-1].kind == "fixed":
-        _displace(path, chain[-1], D_tip)
-        D_tip = np.eye(4)
-    for name, position in markers.items():
-        ElementTree.SubElement(root, "link", name=f"marker_{name}")
-        joint_element = ElementTree.SubElement(
-            root, "joint", name=f"marker_{name}_mount", type="fixed"
-        )
-        T = D_tip.copy()
-        T[:3, 3] += rotate(T[:3, :3], position)
-        _write_origin(joint_element, T)
-        ElementTree.SubElement(joint_element, "parent", link=robot.tip)
-        ElementTree.SubElement(joint_element, "child", link=f"marker_{name}")
-    ElementTree.indent(root)
-    text: str = ElementTree.tostring(root, encoding="unicode", xml_declaration=True)
-    return text + "\n"
-
-
-def _displace(path: Path, joint: _Joint, D: Array) -> None:
-    _write_origin(joint.element, _origin(path, f"joint {joint.name}", joint.element) @ D)
-
-
-def _write_origin(element: ElementTree.Element, T: Array) -> None:
-    origin = element.find("origin")
-    if origin is None:
-        origin = ElementTree.SubElement(element, "origin")
-    origin.set("xyz", " ".join(f"{value:.15g}" for value in T[:3, 3]))
-    origin.set("rpy", " ".join(f"{value:.15g}" for value in rpy_from_rotation(T[:3, :3])))

@@ -9,11 +9,10 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from calib.cell import Cell
+from calib.files.columns import WRENCH
 from calib.poses import Measurements, Poses
 from calib.robot import Robot
 from calib.se3 import Array
-
-_WRENCH = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 
 
 def _joint_header(robot: Robot) -> list[str]:
@@ -45,7 +44,7 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
     wrench = wrench_with_load(cell, poses)
     header = ["pose", "marker", *_joint_header(cell.robot), "x_mm", "y_mm", "z_mm"]
     loaded = bool(wrench.any())
-    header += _WRENCH if loaded else ()
+    header += WRENCH if loaded else ()
     header += ["station"] if len(poses.stations) > 1 else []
     rows = []
     for i, j in np.argwhere(data.seen):

@@ -170,7 +170,7 @@ def _expected_accuracy(cell: Cell, result: Identification) -> dict[str, Any]:
 
 
 def _corrected(cell: Cell, result: Identification) -> str:
-    from calib.files.urdf import corrected_urdf
+    from calib.files.urdf_out import corrected_urdf
 
     names = result.model.marker_names
     return corrected_urdf(

@@ -12,7 +12,8 @@ import pytest
 import calib
 from calib import Cell, Poses
 from calib.build import build
-from calib.files.urdf import corrected_urdf, load_urdf
+from calib.files.urdf import load_urdf
+from calib.files.urdf_out import corrected_urdf
 from calib.kinematics import forward, link_origins
 from calib.poses import poses_at
 from calib.se3 import Array

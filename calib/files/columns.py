@@ -1,0 +1,149 @@
+"""What the columns of the tables mean: joints, points, loads and covariates, with their units."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.files.csv_table import Table
+from calib.poses import IntArray
+from calib.robot import Robot
+from calib.se3 import Array
+
+ANGLES = {"deg": math.pi / 180, "rad": 1.0}
+LENGTHS = {"mm": 1e-3, "m": 1.0}
+WRENCH = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+OTHERS = ("pose", "marker", "station", "temperature_degC", "time_s", "sigma_mm", "level", "weight")
+
+_RADIANS_LOOK = 2 * math.pi + 0.1  # a whole table of degrees below this is probably radians
+
+
+def joint_columns(path: Path, robot: Robot, columns: tuple[str, ...]) -> list[tuple[str, float]]:
+    """Column and SI factor of each joint. Raises InputError where one is missing or has no unit."""
+    found = []
+    for joint, slides in zip(robot.joints, robot.prismatic, strict=True):
+        units = LENGTHS if slides else ANGLES
+        named = [(f"{joint}_{unit}", scale) for unit, scale in units.items()]
+        present = [pair for pair in named if pair[0] in columns]
+        if len(present) > 1:
+            raise InputError(path, "line 1", f"joint {joint} stands in two units", "keep one")
+        if not present:
+            wanted = " or ".join(name for name, _ in named)
+            if joint in columns:
+                raise InputError(
+                    path, "line 1", f"column {joint!r} has no unit", f"name it {wanted}"
+                )
+            raise InputError(path, "line 1", f"no column for joint {joint}", f"add {wanted}")
+        found.append(present[0])
+    return found
+
+
+def point_columns(path: Path, columns: tuple[str, ...]) -> list[tuple[str, float]]:
+    """Column and SI factor of x, y and z. Raises InputError where one is missing or unitless."""
+    found = []
+    for axis in "xyz":
+        present = [(f"{axis}_{u}", s) for u, s in LENGTHS.items() if f"{axis}_{u}" in columns]
+        if not present:
+            bare = axis in columns
+            what = f"column {axis!r} has no unit" if bare else f"column {axis}_mm is missing"
+            raise InputError(path, "line 1", what, f"name it {axis}_mm or {axis}_m")
+        found.append(present[0])
+    return found
+
+
+def check_known(path: Path, robot: Robot, columns: tuple[str, ...]) -> tuple[str, ...]:
+    """Warnings about columns that are ignored. Raises InputError for a joint that is not there."""
+    units = ("deg", "rad", "mm", "m")
+    known = {*OTHERS, *WRENCH, *(f"{a}_{u}" for a in "xyz" for u in ("mm", "m"))}
+    known |= {f"{j}_{u}" for j in robot.joints for u in units}
+    known |= {f"approach_{j}" for j in robot.joints}
+    ignored = []
+    for name in columns:
+        unit = name.rpartition("_")[2]
+        if name in known or not name:
+            continue
+        if unit in ("deg", "rad") or name.startswith("approach_"):
+            raise InputError(
+                path,
+                "line 1",
+                f"column {name!r} names no joint of the robot",
+                f"joints are {', '.join(robot.joints)}",
+            )
+        if name.partition("_")[0] in {c.partition("_")[0] for c in (*WRENCH, *OTHERS)}:
+            close = difflib.get_close_matches(name, [*WRENCH, *OTHERS], n=1)
+            raise InputError(
+                path,
+                "line 1",
+                f"column {name!r} has no known unit",
+                f"name it {(close or ['?'])[0]}",
+            )
+        ignored.append(name)
+    return (f"{path}: ignored columns: {', '.join(ignored)}",) if ignored else ()
+
+
+def joint_values(table: Table, robot: Robot) -> Array:
+    """Joint values of every row, shape (rows, n), rad and m."""
+    pairs = joint_columns(table.path, robot, table.columns)
+    return np.column_stack([table.numbers(name) * scale for name, scale in pairs])
+
+
+def joint_warnings(table: Table, robot: Robot, q: Array) -> tuple[str, ...]:
+    """What is odd about joint values but may be meant: limits left, degrees that look like radians."""
+    warnings = []
+    turning = ~robot.prismatic
+    in_degrees = [f"{j}_deg" in table.columns for j in np.array(robot.joints)[turning]]
+    if turning.any() and all(in_degrees):
+        largest = float(np.degrees(np.abs(q[:, turning]).max()))
+        if 0.0 < largest < _RADIANS_LOOK and len(table.rows) > 2:
+            warnings.append(
+                f"{table.path}: joint angles reach only {largest:.3g} degrees: the range looks like "
+                "radians; if so, name the columns <joint>_rad"
+            )
+    margin = 1e-4  # rad or m: rounding of the URDF's limits
+    outside = (q < robot.limits[:, 0] - margin) | (q > robot.limits[:, 1] + margin)
+    for j in np.flatnonzero(outside.any(axis=0)):
+        row = int(np.flatnonzero(outside[:, j])[0])
+        shown = q[row, j] * 1e3 if robot.prismatic[j] else math.degrees(q[row, j])
+        unit = "mm" if robot.prismatic[j] else "deg"
+        warnings.append(
+            f"{table.path}: line {table.lines[row]}: joint {robot.joints[j]} at {shown:.2f} {unit} is "
+            f"outside its limits ({int(outside[:, j].sum())} rows in all); check joint names and units"
+        )
+    return tuple(warnings)
+
+
+def covariates(table: Table, robot: Robot, rows: IntArray) -> dict[str, Any]:
+    """Optional columns, at one row for each pose."""
+    found: dict[str, Any] = {}
+    wrench = np.zeros((len(rows), 6))
+    for i, name in enumerate(WRENCH):
+        if name in table.columns:
+            wrench[:, i] = table.numbers(name)[rows]
+    found["wrench"] = wrench
+    for key, name in (("temperature", "temperature_degC"), ("time", "time_s")):
+        if name in table.columns:
+            found[key] = table.numbers(name)[rows]
+    signs = [f"approach_{joint}" for joint in robot.joints]
+    present = [name for name in signs if name in table.columns]
+    if present and len(present) < len(signs):
+        missing = next(name for name in signs if name not in present)
+        raise InputError(
+            table.path, "line 1", f"column {missing!r} is missing beside {present[0]!r}"
+        )
+    if present:
+        approach = np.column_stack([table.numbers(name) for name in signs])
+        bad = np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))
+        if len(bad):
+            raise table.fault(int(bad[0, 0]), signs[int(bad[0, 1])], "is not -1, 0 or +1")
+        found["approach"] = approach[rows]
+    if "station" in table.columns:
+        names = table.text("station")
+        stations = tuple(sorted(set(names)))
+        found["stations"] = stations
+        found["station"] = np.array([stations.index(names[row]) for row in rows])
+    return found

@@ -1,0 +1,106 @@
+"""A CSV file as columns of checked numbers; every fault names its line and column."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.se3 import Array
+
+_LARGEST_FILE = 500_000_000  # bytes, some three million rows
+_LONGEST_LINE = 65_536  # characters; a longer one is no table of numbers
+
+
+@dataclass(frozen=True)
+class Table:
+    """A CSV file as columns of text, with the line of each row."""
+
+    path: Path
+    columns: tuple[str, ...]
+    rows: list[list[str]]
+    lines: list[int]
+
+    def text(self, column: str) -> list[str]:
+        i = self.columns.index(column)
+        return [row[i].strip() for row in self.rows]
+
+    def numbers(self, column: str) -> Array:
+        """A column of finite numbers; raises InputError naming line and column."""
+        i = self.columns.index(column)
+        try:
+            values = np.array([row[i] for row in self.rows], dtype=float)
+        except ValueError:
+            values = np.array([self._number(i, r) for r in range(len(self.rows))])
+        if not np.isfinite(values).all():
+            bad = int(np.flatnonzero(~np.isfinite(values))[0])
+            raise self.fault(bad, column, f"{self.rows[bad][i]!r} is not a finite number")
+        return values
+
+    def _number(self, column: int, row: int) -> float:
+        cell = self.rows[row][column]
+        try:
+            return float(cell)
+        except ValueError:
+            remedy = "leave the row out if the point was not measured"
+            what = f"{cell[:40]!r} is not a number" if cell.strip() else "is empty"
+            raise self.fault(row, self.columns[column], what, remedy) from None
+
+    def fault(self, row: int, column: str, what: str, remedy: str = "") -> InputError:
+        return InputError(self.path, f"line {self.lines[row]}, column {column}", what, remedy)
+
+
+def _bounded_lines(path: Path) -> Iterator[str]:
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        number = 0
+        while line := file.readline(_LONGEST_LINE):
+            number += 1
+            if "\0" in line or len(line) >= _LONGEST_LINE:
+                raise InputError(path, f"line {number}", "is no line of a CSV table")
+            yield line
+
+
+def read_table(
+    path: Path, required: Sequence[str], check: Callable[[tuple[str, ...]], None]
+) -> Table:
+    """The whole table; the header is checked before any row is read."""
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    try:
+        if path.stat().st_size > _LARGEST_FILE:
+            raise InputError(path, "", f"is larger than {_LARGEST_FILE / 1e6:.0f} MB", "split it")
+        reader = csv.reader(_bounded_lines(path), strict=True)
+        columns = tuple(name.strip() for name in next(reader, []))
+        if not any(columns):
+            raise InputError(path, "", "is empty", "the first line must name the columns")
+        for name in columns:
+            if name and columns.count(name) > 1:
+                raise InputError(path, "line 1", f"column {name!r} stands twice")
+        for name in required:
+            if name not in columns:
+                raise InputError(path, "line 1", f"column {name!r} is missing")
+        check(columns)
+        for row in reader:
+            if not row:
+                continue
+            if len(row) != len(columns):
+                raise InputError(
+                    path,
+                    f"line {reader.line_num}",
+                    f"has {len(row)} fields where the header names {len(columns)}",
+                )
+            rows.append(row)
+            lines.append(reader.line_num)
+    except UnicodeDecodeError:
+        raise InputError(path, "", "is not text in UTF-8", "export it as CSV") from None
+    except csv.Error as error:
+        raise InputError(path, f"line {reader.line_num}", f"is no CSV ({error})") from None
+    except OSError as error:
+        raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
+    if not rows:
+        raise InputError(path, "", "has a header and no rows")
+    return Table(path, columns, rows, lines)

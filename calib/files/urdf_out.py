@@ -1,0 +1,62 @@
+"""Write a URDF with the identified geometry: the user's own file, its joint origins corrected."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from calib.files.urdf import MOVING, UrdfJoint, chain_of, origin_of, parse
+from calib.robot import Robot
+from calib.se3 import Array, displacement, rotate, rpy_from_rotation
+
+
+def corrected_urdf(
+    source: str | Path, robot: Robot, corrections: Array, markers: dict[str, Array]
+) -> str:
+    """The text of a URDF whose joint origins carry the identified geometry.
+
+    source : path of the nominal URDF
+    corrections : ndarray, shape (n + 2, 6), m and rad, displacement of each frame as in
+        :class:`~calib.robot.Robot`; that of the base is not part of the robot and is ignored
+    markers : dict, name -> ndarray, shape (3,), m, tip frame: written as links ``marker_<name>``
+
+    The tip's displacement goes into the last fixed joint, or into the markers where there is none.
+    """
+    path = Path(source)
+    root = parse(path)
+    chain = chain_of(path, root, robot.base, robot.tip)
+    frame, D_tip = 0, displacement(corrections[robot.tip_frame])
+    for joint in chain:
+        if joint.kind in MOVING:
+            frame += 1
+            _displace(path, joint, displacement(corrections[frame]))
+    if chain[-1].kind == "fixed":
+        _displace(path, chain[-1], D_tip)
+        D_tip = np.eye(4)
+    for name, position in markers.items():
+        ElementTree.SubElement(root, "link", name=f"marker_{name}")
+        joint_element = ElementTree.SubElement(
+            root, "joint", name=f"marker_{name}_mount", type="fixed"
+        )
+        T = D_tip.copy()
+        T[:3, 3] += rotate(T[:3, :3], position)
+        _write_origin(joint_element, T)
+        ElementTree.SubElement(joint_element, "parent", link=robot.tip)
+        ElementTree.SubElement(joint_element, "child", link=f"marker_{name}")
+    ElementTree.indent(root)
+    text: str = ElementTree.tostring(root, encoding="unicode", xml_declaration=True)
+    return text + "\n"
+
+
+def _displace(path: Path, joint: UrdfJoint, D: Array) -> None:
+    _write_origin(joint.element, origin_of(path, f"joint {joint.name}", joint.element) @ D)
+
+
+def _write_origin(element: ElementTree.Element, T: Array) -> None:
+    origin = element.find("origin")
+    if origin is None:
+        origin = ElementTree.SubElement(element, "origin")
+    origin.set("xyz", " ".join(f"{value:.15g}" for value in T[:3, 3]))
+    origin.set("rpy", " ".join(f"{value:.15g}" for value in rpy_from_rotation(T[:3, :3])))

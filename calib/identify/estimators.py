@@ -104,10 +104,18 @@ class Differences:
         return Judged(*_centred(observation).linearise(values), soft)
 
     def covariance(self, observation: Points | Pose, values: Array, span: Array) -> Array:
+        """Both sets are linear in the same readings: what the elastic ones owe to noise goes into
+        the rigid ones.
+        """
         soft = _soft(observation.model, span)
+        rigid, elastic = span[:, ~soft], span[:, soft]
         _, J = flattened(observation)(values)
         _, J_centred = flattened(_centred(observation))(values)
-        return covariance(J, span[:, ~soft]) + covariance(J_centred, span[:, soft])
+        to_elastic = np.linalg.pinv(J_centred @ elastic)
+        from_rest = np.linalg.pinv(J @ rigid)
+        to_rigid = from_rest - (from_rest @ (J @ elastic)) @ to_elastic
+        gain = rigid @ to_rigid + elastic @ to_elastic
+        return np.asarray(gain @ gain.T)
 
     def dof(self, observation: Points | Pose, span: Array) -> int:
         seen = observation.data.seen & observation.weights.any(axis=(-1, -2))

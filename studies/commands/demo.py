@@ -14,7 +14,7 @@ from studies.commands.common import one_line_faults, seed_option
 @seed_option
 @one_line_faults
 def demo(folder: Path, seed: int) -> None:
-    r"""Write a complete example to FOLDER and identify it.
+    """Write a complete example to FOLDER and identify it.
 
     The paper's KR 270 is measured by simulation at the fifteen poses of its Table II, free and with
     250 kg on the tool. Cell, plan, measurements and results are files to edit and run again.

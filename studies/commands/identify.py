@@ -85,7 +85,10 @@ def identify(
     json_path: str | None,
     seed: int,
 ) -> None:
-    r"""Identify the effects in the cell's [model] from measured points.
+    """Identify the effects in the cell's [model] from measured points.
+
+    CELL is the description of the measurement cell (cell.toml), DATA the table of measured points
+    (measurements.csv), one row a point.
 
     \b
     Example:

@@ -151,6 +151,25 @@ def test_differences_are_blind_to_geometry(kr270: Cell, table_two: Poses) -> Non
     assert error < 0.3 * np.abs(readings.values[here] - wanted).max()
 
 
+def test_covariance_of_differences_is_that_of_repeated_experiments(
+    kr270: Cell, table_two: Poses
+) -> None:
+    """Rigid parameters found beside differences owe part of their error to the elastic ones."""
+    cell = with_effects(
+        kr270, "base", "tool", "stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6"
+    )
+    data, model, truth = simulated(cell, table_two, 0)
+    rng = np.random.default_rng(1)
+    squared = []
+    for _ in range(60):
+        again = calib.simulate(model, truth, data.poses, cell.noise, rng)
+        found = calib.identify(cell, again, differences=True)
+        error = found.values - truth
+        information = np.linalg.inv(found.covariance / found.noise.factor**2)
+        squared.append(error @ information @ error / len(error))
+    assert np.mean(squared) == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / (24 * 60)))
+
+
 def test_several_stations_share_markers_and_robot(kr270: Cell) -> None:
     rng = np.random.default_rng(3)
     cell = cell_of(kr270.robot, np.zeros((3, 3)), RIGID)

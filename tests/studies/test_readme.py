@@ -1,0 +1,44 @@
+"""What the README shows works as it stands there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from calib.effects import EFFECTS
+from studies.cli import main
+
+README = (Path(__file__).parent.parent.parent / "README.md").read_text()
+
+
+@pytest.fixture
+def beside_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    assert CliRunner().invoke(main, ["demo"]).exit_code == 0
+    return tmp_path
+
+
+def test_python_example(beside_the_demo: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (block,) = re.findall(r"```python\n(.*?)```", README, flags=re.S)
+    exec(compile(block, "README.md", "exec"), {})
+    assert len(capsys.readouterr().out.splitlines()) == 42
+
+
+def test_commands_and_their_output(beside_the_demo: Path) -> None:
+    commands = re.findall(r"^ {4}posecal (.*)$", README, flags=re.M)
+    assert commands
+    output = "".join(CliRunner().invoke(main, command.split()).output for command in commands)
+    spaced = " ".join(output.split())
+    (shown,) = re.findall(r"```\n(kr270 .*?)```", README, flags=re.S)
+    for line in shown.splitlines():
+        assert " ".join(line.strip(" .").split()) in spaced, "the printed example is the real one"
+
+
+def test_every_effect_is_described() -> None:
+    table = README[README.index("| effect |") : README.index("Write `name` for everywhere")]
+    assert set(re.findall(r"`(\w+)`", table.replace("`dq = compliance * torque`", ""))) == set(
+        EFFECTS
+    )

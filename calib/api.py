@@ -51,6 +51,8 @@ def observation(
     """
     poses = _poses(cell, plan)
     m = len(poses)
+    if not m:
+        raise CalibError("the plan has no poses")
     seen = np.ones((m, len(cell.markers)), dtype=bool)
     if isinstance(plan, Measurements):
         seen = plan.seen

@@ -120,7 +120,31 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
     full = Model(
         cell.robot, cell.marker_names, cell.markers, tuple(effects), cell.payload, cell.gravity
     )
-    return Built(*irreducible(full))
+    built = Built(*irreducible(full))
+    _refuse_absorbed(cell, full, built)
+    return built
+
+
+def _refuse_absorbed(cell: Cell, full: Model, built: Built) -> None:
+    """An effect that the user placed and that others stand for whole must not vanish in silence."""
+    absorbed = {d.id: d.absorbed_by for d in built.dropped}
+    placed = _placed(cell)
+    for effect in full.effects:
+        ids = [p.id for p in effect.parameters]
+        if (effect.kind, effect.where) in placed and all(i in absorbed for i in ids):
+            others = ", ".join(dict.fromkeys(name for i in ids for name, _ in absorbed[i]))
+            raise EffectCannotAct(
+                f"{effect.kind}:{effect.where}",
+                f"{others} moves the markers in the same way",
+                "take it out of [model] effects, or take out the other",
+            )
+
+
+def _placed(cell: Cell) -> set[tuple[str, str]]:
+    """(effect, where) of all effects that the cell names with a place."""
+    return {
+        (name, where) for name, places in map(parse_effect, cell.effects) for where in places or ()
+    }
 
 
 def _same_unknown(kind: str, other: str) -> bool:
@@ -141,9 +165,7 @@ def refuse_idle_effects(cell: Cell, model: Model, poses: Poses) -> None:
     )
     if not part.effects:
         return
-    placed = {
-        (name, where) for name, places in map(parse_effect, cell.effects) for where in places or ()
-    }
+    placed = _placed(cell)
     soft = np.zeros(len(part.parameters))
     elastic = part.where(ElasticEffect)
     soft[elastic] = part.sizes[elastic]

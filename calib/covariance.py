@@ -12,7 +12,7 @@ from calib.model import Model
 from calib.poses import Poses
 from calib.se3 import Array
 
-_UNSEEN = 1e-2  # a standard deviation of a hundred plausible sizes: the data say nothing
+_UNSEEN = 0.05  # a standard deviation of twenty plausible sizes: the data say nothing
 _NUMERICAL = 1e-9  # relative to the largest column
 _NAMED = 0.1
 
@@ -40,7 +40,7 @@ class Identifiable:
 
 
 def identifiable(J: Array, sizes: Array, ids: tuple[str, ...]) -> Identifiable:
-    """Directions that the weighted rows determine better than a hundred plausible sizes.
+    """Directions that the weighted rows determine better than twenty plausible sizes.
 
     J : ndarray, shape (N, k), in standard deviations per unit of each direction
     sizes : ndarray, shape (k,), plausible size of each direction

@@ -34,6 +34,7 @@ from calib.robot import Robot
 from calib.se3 import Array, rotate
 
 _EQUILIBRIUM_M = 1e-10  # markers at rest: a tenth of a nanometre
+_UNSTABLE_M = 1e-7
 _MAX_ROUNDS = 30
 
 
@@ -87,7 +88,7 @@ class Model:
     # -- state ---------------------------------------------------------------------------------
 
     def state(self, values: Array, poses: Poses) -> State:
-        """Equilibrium of the arm under its loads.
+        """Equilibrium of the arm under its loads; NaN where there is none, the arm being too soft.
 
         values : ndarray, shape (..., p), SI; leading axes are independent models (trials)
         """
@@ -105,8 +106,12 @@ class Model:
                 break
             if not self._varying:
                 break
+            moved = np.abs(points - tips) if tips is not None else np.full_like(points, np.inf)
             tips = points
             frames = forward(self.robot, poses.q, constant, self._displacements(values, state))
+        else:
+            lost = moved.max(axis=(-1, -2, -3), initial=0.0) > _UNSTABLE_M
+            state.frames.present.o[np.broadcast_to(lost, moved.shape[:-3])] = np.nan
         return state
 
     @cached_property
@@ -228,10 +233,10 @@ class Model:
         return coupled(columns, np.array(acts_at), extra, elastic, loads, frames, state.wrench)
 
     def _flexibilities(self, values: Array, poses: Poses) -> dict[int, Array]:
-        """Flexibility of each elastic frame at the present values, shape (..., m, 6, 6)."""
+        """Flexibility of each frame that is elastic at the present values, shape (..., m, 6, 6)."""
         total: dict[int, Array] = {}
         for effect, part in zip(self.effects, self.slices, strict=True):
             if isinstance(effect, ElasticEffect):
                 K = np.einsum("mijp,...p->...mij", effect.flexibility(poses), values[..., part])
                 total[effect.frame] = total.get(effect.frame, 0.0) + K
-        return total
+        return {frame: K for frame, K in total.items() if K.any()}

@@ -22,6 +22,11 @@ class Noise:
     along_per_m: float = 0.0
     across_per_m: float = 0.0
 
+    @property
+    def grows(self) -> bool:
+        """Whether it depends on where the instrument stands: by range, or along the beam."""
+        return self.along != self.across or self.along_per_m != 0.0 or self.across_per_m != 0.0
+
     @classmethod
     def isotropic(cls, sigma: float) -> Noise:
         """The same standard deviation [m] in every coordinate, at any range."""

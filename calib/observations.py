@@ -9,9 +9,10 @@ approaches have the same information; weighted plainly, with one length for the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,34 +28,51 @@ Weighting = Literal["full", "plain"]
 _COLLINEAR = 1e-3  # ratio of marker spreads below which no orientation can be computed
 
 
-class Observation(Protocol):
-    """How readings become weighted residuals."""
-
-    def linearise(self, values: Array) -> tuple[Array, Array]:
-        """Residuals (..., m, rows), in standard deviations, and the derivative of the prediction."""
-        ...
-
-    def span(self) -> Array:
-        """Directions in which values may move, shape (p, k)."""
-        ...
-
-    def row_noise(self, values: Array) -> Array | None:
-        """Covariance of the weighted rows (m, rows, rows), None where it is the identity."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
-class Points:
-    """Approach #2: every coordinate of every marker.
+class Observation(ABC):
+    """How readings become weighted residuals.
 
-    weights : ndarray, shape (m, M, 3, 3), 1/m, whitening matrices, zero for hidden markers
-    centred : subtract the mean of each configuration: only differences between readings at equal
-        joints count, what is common to them (geometry) drops out
+    weights : ndarray, shape (m, M, 3, 3), 1/m, whitening matrices, zero for what does not count
     """
 
     model: Model
     data: Measurements
     weights: Array
+
+    @abstractmethod
+    def linearise(self, values: Array) -> tuple[Array, Array]:
+        """Residuals (..., m, rows), in standard deviations, and the derivative of the prediction."""
+
+    def span(self) -> Array:
+        """Directions in which values may move, shape (p, k)."""
+        return np.eye(len(self.model.parameters))
+
+    def row_noise(self) -> Array | None:
+        """Covariance of the weighted rows (m, rows, rows), None where it is the identity."""
+        return None
+
+    def only(self, kept: NDArray[np.bool_]) -> Self:
+        """The observation with the other poses weighted out."""
+        return replace(self, weights=self.weights * kept[:, None, None, None])
+
+    def points(self, centred: bool = False) -> Points:
+        """The marker points behind it: what poses and noise are judged by."""
+        return Points(self.model, self.data, self.weights, centred)
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Markers that count, shape (m, M)."""
+        return np.asarray(self.data.seen & self.weights.any(axis=(-1, -2)))
+
+
+@dataclass(frozen=True, eq=False)
+class Points(Observation):
+    """Approach #2: every coordinate of every marker.
+
+    centred : subtract the mean of each configuration: only differences between readings at equal
+        joints count, what is common to them (geometry) drops out
+    """
+
     centred: bool = False
 
     def linearise(self, values: Array) -> tuple[Array, Array]:
@@ -71,29 +89,25 @@ class Points:
         weighted = self.weights @ self._relative(J)
         return weighted.reshape((*J.shape[:-3], -1, J.shape[-1]))
 
-    def span(self) -> Array:
-        return np.eye(len(self.model.parameters))
-
-    def row_noise(self, values: Array) -> Array | None:
-        return None
-
     def _relative(self, a: Array) -> Array:
-        """Subtract the mean of each configuration over the readings that see the marker."""
+        """Subtract the weighted mean of each configuration: what its readings have in common."""
         if not self.centred:
             return a
         out = np.empty_like(a)
         group = self.data.poses.configuration
+        information = np.swapaxes(self.weights, -1, -2) @ self.weights
         for g in np.unique(group):
             here = group == g
-            seen = self.data.seen[here][:, :, None, None]
-            count = np.maximum(seen.sum(axis=0), 1)
-            mean = (a[..., here, :, :, :] * seen).sum(axis=-4, keepdims=True) / count
-            out[..., here, :, :, :] = a[..., here, :, :, :] - mean
+            own, total = information[here], information[here].sum(axis=0)
+            hidden = np.logical_not(total.any(axis=(-1, -2), keepdims=True))
+            weighted = (own @ a[..., here, :, :, :]).sum(axis=-4)
+            mean = np.linalg.solve(total + hidden * np.eye(3), weighted)
+            out[..., here, :, :, :] = a[..., here, :, :, :] - mean[..., None, :, :, :]
         return out
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class Pose(Observation):
     """Approach #1: position and orientation of the tip frame, computed from the markers.
 
     shape : ndarray, shape (M, 3), m, markers in the tip frame as known when the poses are computed;
@@ -102,9 +116,6 @@ class Pose:
         and the same over ``length`` [m] for orientation
     """
 
-    model: Model
-    data: Measurements
-    weights: Array
     shape: Array
     weighting: Weighting = "full"
     length: float = 1.0
@@ -122,7 +133,7 @@ class Pose:
     @cached_property
     def usable(self) -> NDArray[np.bool_]:
         """Poses whose visible markers fix an orientation, shape (m,)."""
-        return orientable(self.shape, self.data.seen & self.weights.any(axis=(-1, -2)))
+        return orientable(self.shape, self.counted)
 
     @cached_property
     def _fitted(self) -> Array:
@@ -162,7 +173,7 @@ class Pose:
         diagonal = np.diag([1.0] * 3 + [self.length] * 3) / sigma
         return np.broadcast_to(diagonal, (len(self.data), 6, 6))
 
-    def row_noise(self, values: Array) -> Array | None:
+    def row_noise(self) -> Array | None:
         """Covariance (m, 6, 6) of the weighted rows where it is not the identity."""
         if self.weighting == "full":
             return None
@@ -174,13 +185,18 @@ class Pose:
         tools = self.model.where(Tool)
         if not len(tools):
             return N
-        columns = [
-            np.hstack([np.eye(3), -skew(self.shape[effect.marker])])[list(effect.components)]
-            for effect in self.model.effects
-            if isinstance(effect, Tool)
-        ]
-        rigid = np.zeros((len(N), 6))
-        rigid[tools] = np.vstack(columns)
+        motions = np.concatenate(
+            [np.broadcast_to(np.eye(3), (len(self.shape), 3, 3)), -skew(self.shape)], -1
+        )
+        free = np.zeros(self.shape.shape, dtype=bool)
+        for effect in self.model.effects:
+            if isinstance(effect, Tool):
+                free[effect.marker, list(effect.components)] = True
+        # Components that the reduction dropped stay still: only motions that leave them so.
+        _, singular, Vt = np.linalg.svd(np.vstack([motions[~free], np.zeros((6, 6))]))
+        allowed = Vt[singular < 1e-9].T
+        rigid = np.zeros((len(N), allowed.shape[1]))
+        rigid[tools] = motions[free] @ allowed
         others = np.setdiff1d(np.arange(len(N)), tools)
         return np.column_stack([N[:, others], rigid])
 
@@ -208,14 +224,13 @@ def pose_from_points(
     """
     arms = -skew(points - origin[..., None, :])
     A = np.concatenate([np.broadcast_to(np.eye(3), arms.shape), arms], axis=-1)
-    A = A * seen[..., None, None]
+    counted = A * seen[..., None, None]
     if weights is not None:
-        A = np.swapaxes(weights, -1, -2) @ (weights @ A)
-    weighted = np.swapaxes(A.reshape((*A.shape[:-3], -1, 6)), -1, -2)
-    plain = np.concatenate([np.broadcast_to(np.eye(3), arms.shape), arms], axis=-1)
+        counted = np.swapaxes(weights, -1, -2) @ (weights @ counted)
+    weighted = np.swapaxes(counted.reshape((*A.shape[:-3], -1, 6)), -1, -2)
     idle = np.logical_not(seen.any(axis=-1, keepdims=True))[..., None] * np.eye(6)
     return np.asarray(
-        np.linalg.solve(weighted @ plain.reshape((*A.shape[:-3], -1, 6)) + idle, weighted)
+        np.linalg.solve(weighted @ A.reshape((*A.shape[:-3], -1, 6)) + idle, weighted)
     )
 
 

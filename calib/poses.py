@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.errors import CalibError
 from calib.se3 import Array
 
 IntArray: TypeAlias = NDArray[np.int_]
@@ -132,9 +133,16 @@ class Measurements:
         """Set aside a fraction of the configurations, whole: (kept, held out).
 
         fraction : float in (0, 1), of the configurations, rounded to at least one
+
+        Raises CalibError where nothing would be left.
         """
         group = self.poses.configuration
         count = int(group.max()) + 1
-        held = rng.permutation(count)[: max(1, round(fraction * count))]
+        size = max(1, round(fraction * count))
+        if size >= count:
+            raise CalibError(
+                f"{fraction:g} of {count} configurations leaves none to fit; hold out less"
+            )
+        held = rng.permutation(count)[:size]
         out = np.isin(group, held)
         return self.take(~out), self.take(out)

@@ -63,7 +63,7 @@ def irreducible(model: Model) -> tuple[Model, tuple[Dropped, ...]]:
     constant = [e for e in model.effects if _is_constant(e)]
     extra_stations = [e for e in constant if isinstance(e, Base) and e.station > 0]
     constant = [e for e in constant if e not in extra_stations]
-    if not any(isinstance(e, Constant) for e in constant):
+    if not constant:
         return model, ()
     rigid = model.with_effects(tuple(constant))
     count = 20 + 2 * len(rigid.parameters) // (3 * len(model.markers))

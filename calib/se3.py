@@ -124,11 +124,6 @@ def displacement(xi: Array) -> Array:
     return transform(so3_exp(xi[..., 3:]), xi[..., :3])
 
 
-def displacement_log(T: Array) -> Array:
-    """Inverse of :func:`displacement`, shape (..., 4, 4) -> (..., 6)."""
-    return np.concatenate([T[..., :3, 3], so3_log(T[..., :3, :3])], axis=-1)
-
-
 def from_xyz_rpy(xyz: Array, rpy: Array) -> Array:
     """Transform of a URDF origin: ``R = Rz(yaw) Ry(pitch) Rx(roll)``, metres and radians."""
     roll, pitch, yaw = (so3_exp(axis * angle) for axis, angle in zip(np.eye(3), rpy, strict=True))

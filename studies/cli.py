@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import click
 
 from studies.commands.demo import demo
@@ -19,3 +21,16 @@ def main() -> None:
 
 main.add_command(identify)
 main.add_command(demo)
+
+
+def run() -> None:
+    """Entry point: faults in the call end with one line and status 2, as those in files do."""
+    try:
+        sys.exit(main(standalone_mode=False))
+    except click.UsageError as error:
+        command = error.ctx.command_path if error.ctx is not None else "posecal"
+        click.echo(f"{command}: {error.format_message()}; see {command} --help", err=True)
+        sys.exit(2)
+    except click.Abort:
+        click.echo("posecal: interrupted, nothing was written", err=True)
+        sys.exit(130)

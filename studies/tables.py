@@ -12,6 +12,7 @@ from rich.text import Text
 
 from calib import Cell, Identification
 from calib.effects import GROUPS
+from calib.effects.tool import Tool
 
 _LABELS = {
     "nominal": "nominal (base and markers fitted)",
@@ -23,7 +24,7 @@ _LABELS = {
 _SOURCES = {
     "cell": "as the cell states",
     "replicates": "from repeated readings",
-    "residual": "from the residual: the model leaves more than the instrument's noise",
+    "residual": "from the residual, {} than the instrument's noise",
 }
 
 
@@ -46,7 +47,8 @@ def _summary(cell: Cell, result: Identification, fields: dict[str, Any]) -> Text
         f"status     {result.status}: {fields['advice']}",
         f"solved     approach {result.approach}, {result.method}"
         + (", elastic parameters from differences" if fields["differences"] else ""),
-        f"noise      {noise['sigma_mm']:.4f} mm a coordinate, {_SOURCES[noise['source']]}"
+        f"noise      {noise['sigma_mm']:.4f} mm in each coordinate, "
+        + _SOURCES[noise["source"]].format("more" if result.noise.factor > 1.0 else "less")
         + (
             ""
             if noise["source"] == "cell"
@@ -110,13 +112,12 @@ def _notes(result: Identification, fields: dict[str, Any]) -> Iterator[Text]:
     for kind, label in (("outliers", "outlier"), ("heldout_outliers", "held-out outlier")):
         for entry in fields[kind]:
             yield Text(f"{label}  {entry['pose']}: {entry['reason']}")
-    weak = [
-        p.id
-        for p, std in zip(result.model.parameters, result.std, strict=True)
-        if std > p.size and p.effect not in ("base", "tool")
-    ]
-    if weak:
-        yield Text(f"weak  {', '.join(weak)}: less certain than such errors are large")
+    if result.weak:
+        yield Text(f"weak  {', '.join(result.weak)}: more uncertain than such errors are large")
+    if result.unused:
+        yield Text(f"unused  {', '.join(result.unused)}: too few markers for an orientation")
+    if result.approach == "pose" and len(result.model.where(Tool)):
+        yield Text("the distances between the markers come from the readings and count as known")
     if result.absorbed:
         yield Text(
             f"{len(result.absorbed)} constant errors are indistinguishable from those above and left "

@@ -20,11 +20,11 @@ class Base(Effect):
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
-        return context.stations
+        return context.stations if len(context.stations) > 1 else ("base",)
 
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
-        return cls(where, context.stations.index(where))
+        return cls(where, cls.places(context).index(where))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -29,7 +29,7 @@ class BaseCompliance(ElasticEffect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter(self.kind, self.where, "tilt", "urad/(N m)", 1e-6, 1e-8),)
+        return (Parameter(self.kind, self.where, "tilt", "urad/(N m)", 1e-6, 1e-7),)
 
     def flexibility(self, poses: Poses) -> Array:
         return tilt_across(np.array([0.0, 0.0, 1.0]))

@@ -37,8 +37,8 @@ class JointCompliance(ElasticEffect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        unit, scale = compliance_unit(bool(self.axis[:3].any()))
-        return (Parameter(self.kind, self.where, "compliance", unit, scale, scale),)
+        unit, scale, size = compliance_unit(bool(self.axis[:3].any()))
+        return (Parameter(self.kind, self.where, "compliance", unit, scale, size),)
 
     def flexibility(self, poses: Poses) -> Array:
         return np.outer(self.axis, self.axis)[None, :, :, None]

@@ -195,9 +195,9 @@ def revolute_joints(context: Context) -> tuple[str, ...]:
     return tuple(j for j, slides in zip(robot.joints, robot.prismatic, strict=True) if not slides)
 
 
-def compliance_unit(prismatic: bool) -> tuple[str, float]:
-    """Unit of a joint's compliance and its SI scale."""
-    return ("nm/N", 1e-9) if prismatic else ("urad/(N m)", 1e-6)
+def compliance_unit(prismatic: bool) -> tuple[str, float, float]:
+    """Unit of a joint's compliance, its SI scale, and a plausible size (light arms are soft)."""
+    return ("nm/N", 1e-9, 1e-6) if prismatic else ("urad/(N m)", 1e-6, 1e-5)
 
 
 def needs(context_has: bool, effect: str, reason: str, remedy: str) -> None:

@@ -48,10 +48,10 @@ class StiffnessVsAngle(ElasticEffect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         slides = bool(self.axis[:3].any())
-        unit, scale = compliance_unit(slides)
+        unit, scale, size = compliance_unit(slides)
         shown = self.knots * 1e3 if slides else np.degrees(self.knots)
         return tuple(
-            Parameter(self.kind, self.where, f"compliance@{knot:.6g}", unit, scale, scale)
+            Parameter(self.kind, self.where, f"compliance@{knot:.6g}", unit, scale, size)
             for knot in np.round(shown, 6) + 0.0
         )
 

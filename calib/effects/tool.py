@@ -18,11 +18,11 @@ class Tool(Effect):
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
-        return context.marker_names
+        return tuple(f"marker:{name}" for name in context.marker_names)
 
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
-        return cls(where, context.marker_names.index(where))
+        return cls(where, context.marker_names.index(where.removeprefix("marker:")))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -28,8 +28,8 @@ class ToolCompliance(ElasticEffect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        slide = [Parameter(self.kind, self.where, c, "nm/N", 1e-9, 1e-8) for c in "xyz"]
-        turn = [Parameter(self.kind, self.where, f"r{c}", "urad/(N m)", 1e-6, 1e-7) for c in "xyz"]
+        slide = [Parameter(self.kind, self.where, c, "nm/N", 1e-9, 1e-7) for c in "xyz"]
+        turn = [Parameter(self.kind, self.where, f"r{c}", "urad/(N m)", 1e-6, 1e-6) for c in "xyz"]
         return (*slide, *turn)
 
     def flexibility(self, poses: Poses) -> Array:

@@ -92,7 +92,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
         size = path.stat().st_size
         if size > _LARGEST_FILE:
             raise InputError(path, "", f"is {size / 1e6:.0f} MB, too large for a cell file")
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except tomllib.TOMLDecodeError as error:
         raise InputError(path, "", f"is not valid TOML: {_first_line(error)}") from None
     except UnicodeDecodeError:
@@ -116,22 +116,42 @@ def _validated(path: Path, raw: dict[str, Any]) -> CellFile:
             error.errors(include_url=False), key=lambda p: p["type"] != "extra_forbidden"
         )
         first = problems[0]
-        # A union's tag (number, position, box ..) stands in the location but not in the file.
-        keys = [str(k) for k in first["loc"] if str(k) not in _TAGS]
+        keys = _keys(first["loc"])
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise InputError(path, ".".join(keys), _plain(first, keys) + more) from None
+
+
+def _keys(location: tuple[int | str, ...]) -> list[str]:
+    """Keys of the file; a union's tag (number, position, box ..) stands in the location alone."""
+    named = ("markers_mm",)  # below these, keys are the user's own names
+    return [
+        str(key)
+        for before, key in zip((None, *location), location, strict=False)
+        if key not in _TAGS or before in named
+    ]
 
 
 _TAGS = frozenset({"number", "polar", "mpe", "position", "table", "box", "sphere", "halfspace"})
 
 
+_PLAINLY = {
+    "tuple_type": "should be a list of numbers in brackets",
+    "list_type": "should be a list in brackets",
+    "dict_type": "should be a table of its own",
+    "model_type": "should be a table of its own",
+    "too_short": "has no entry; at least one is needed",
+}
+
+
 def _plain(problem: Mapping[str, Any], keys: list[str]) -> str:
     kind = problem["type"]
     if kind == "missing":
-        return "is missing"
+        return "is missing; add it, as in the cell that `posecal demo` writes"
     if kind == "extra_forbidden":
         close = difflib.get_close_matches(keys[-1], _known_keys(CellFile), n=1)
         return "is not a known key" + (f"; did you mean {close[0]!r}?" if close else "")
+    if kind in _PLAINLY:
+        return _PLAINLY[kind]
     text = str(problem["msg"]).removeprefix("Value error, ")
     text = text[0].lower() + text[1:]
     value = problem.get("input")
@@ -167,6 +187,8 @@ def _check_joints(path: Path, robot: Robot, table: CellFile) -> None:
     for joint, angles in table.model.knots_deg.items():
         if not angles or len(set(angles)) < len(angles):
             raise InputError(path, f"model.knots_deg.{joint}", "needs angles, each one once")
+        if robot.prismatic[robot.joints.index(joint)]:
+            raise InputError(path, f"model.knots_deg.{joint}", "is a joint that slides, not turns")
 
 
 def _narrowed(path: Path, robot: Robot, table: RobotTable) -> Robot:

@@ -143,6 +143,8 @@ def covariates(table: Table, robot: Robot, rows: IntArray) -> dict[str, Any]:
         found["approach"] = approach[rows]
     if "station" in table.columns:
         names = table.text("station")
+        if "" in names:
+            raise table.fault(names.index(""), "station", "is empty", "name every row's station")
         stations = tuple(sorted(set(names)))
         found["stations"] = stations
         found["station"] = np.array([stations.index(names[row]) for row in rows])

@@ -13,6 +13,7 @@ from calib.errors import InputError
 from calib.se3 import Array
 
 _LARGEST_FILE = 500_000_000  # bytes, some three million rows
+_LARGEST_NUMBER = 1e12  # in any unit
 _LONGEST_LINE = 65_536  # characters; a longer one is no table of numbers
 
 
@@ -36,9 +37,12 @@ class Table:
             values = np.array([row[i] for row in self.rows], dtype=float)
         except ValueError:
             values = np.array([self._number(i, r) for r in range(len(self.rows))])
-        if not np.isfinite(values).all():
-            bad = int(np.flatnonzero(~np.isfinite(values))[0])
-            raise self.fault(bad, column, f"{self.rows[bad][i]!r} is not a finite number")
+        usable = np.abs(values) < _LARGEST_NUMBER
+        if not usable.all():
+            bad = int(np.flatnonzero(~usable)[0])
+            raise self.fault(
+                bad, column, f"{self.rows[bad][i]!r} is not a finite number of plausible size"
+            )
         return values
 
     def _number(self, column: int, row: int) -> float:
@@ -82,7 +86,13 @@ def read_table(
                 raise InputError(path, "line 1", f"column {name!r} stands twice")
         for name in required:
             if name not in columns:
-                raise InputError(path, "line 1", f"column {name!r} is missing")
+                semicolons = len(columns) == 1 and ";" in columns[0]
+                raise InputError(
+                    path,
+                    "line 1",
+                    f"column {name!r} is missing",
+                    "separate the columns by commas, not by semicolons" if semicolons else "add it",
+                )
         check(columns)
         for row in reader:
             if not row:

@@ -32,6 +32,8 @@ def identification_fields(result: Identification) -> dict[str, Any]:
             else noise.replicate_factor * noise.believed * _MM,
             "lack_of_fit_p": noise.lack_of_fit_p,
         },
+        "poses": len(result.fit.data),
+        "points": int(result.fit.data.seen.sum()),
         "rank": result.rank,
         "degrees_of_freedom": result.dof,
         "iterations": result.iterations,
@@ -51,6 +53,8 @@ def identification_fields(result: Identification) -> dict[str, Any]:
                 result.model.parameters, result.values, result.std, interval, optimism, strict=True
             )
         ],
+        "weak": list(result.weak),
+        "unused_poses": list(result.unused),
         "unidentifiable": [
             {"names": list(u.names), "reason": u.reason} for u in result.unidentifiable
         ],
@@ -63,6 +67,7 @@ def identification_fields(result: Identification) -> dict[str, Any]:
         "rms_mm": _summary(result, lambda d: float(np.sqrt(np.mean(d**2)))),
         "max_mm": _summary(result, lambda d: float(d.max())),
         "p95_mm": _summary(result, lambda d: float(np.quantile(d, 0.95))),
+        "rms_of_residuals_mm": float(np.sqrt(np.mean(result.fit.lengths() ** 2))) * _MM,
         "base": _bases(result),
         "markers_mm": _markers(result),
         "correlation": np.round(result.correlation, 4),

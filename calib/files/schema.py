@@ -158,7 +158,7 @@ class DesignTable(Table):
 
 
 class ModelTable(Table):
-    effects: list[str]
+    effects: Annotated[list[str], Field(min_length=1)]
     knots_deg: dict[str, list[Number]] = {}
 
 

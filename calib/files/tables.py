@@ -25,8 +25,10 @@ from calib.robot import Robot
 from calib.se3 import Array
 
 
-def load_measurements(cell: Cell, path: str | Path) -> Measurements:
+def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True) -> Measurements:
     """Read measured points, one row a point, into arrays with a mask for hidden markers.
+
+    every_marker : refuse a table that never shows one of the cell's markers; False for held-out poses
 
     Raises InputError naming line and column for what is missing, doubled, contradictory or no
     number. What is odd but usable is listed in ``Measurements.warnings``.
@@ -68,7 +70,7 @@ def load_measurements(cell: Cell, path: str | Path) -> Measurements:
         if (own <= 0).any():
             raise table.fault(int(np.flatnonzero(own <= 0)[0]), "sigma_mm", "must be above zero")
         sigma[pose_of_row, marker_of_row] = own
-    for j in np.flatnonzero(~seen.any(axis=0)):
+    for j in np.flatnonzero(~seen.any(axis=0)) if every_marker else ():
         raise InputError(
             path,
             f"marker {cell.marker_names[j]}",
@@ -109,7 +111,8 @@ def _check_poses_agree(
     shared |= {f"approach_{j}" for j in robot.joints}
     for name in table.columns:
         if name in shared - own - {"pose"}:
-            values = np.array(table.text(name))
+            text = name in ("station", "pose")
+            values = np.array(table.text(name)) if text else table.numbers(name)
             bad = np.flatnonzero(values != values[first][pose_of_row])
             if len(bad):
                 row = int(bad[0])

@@ -100,6 +100,8 @@ def _joints(path: Path, root: ElementTree.Element) -> dict[str, UrdfJoint]:
         joint = UrdfJoint(
             element, name, element.get("type", ""), parent.get("link", ""), child.get("link", "")
         )
+        if any(joint.name == other.name for other in by_child.values()):
+            raise InputError(path, f"joint {joint.name}", "stands twice", "rename one of them")
         if joint.child in by_child:
             raise InputError(
                 path,

@@ -35,6 +35,8 @@ def corrected_urdf(
     if chain[-1].kind == "fixed":
         _displace(path, chain[-1], D_tip)
         D_tip = np.eye(4)
+    for element in [e for e in root if e.get("name", "").startswith("marker_")]:
+        root.remove(element)  # of an earlier correction
     for name, position in markers.items():
         ElementTree.SubElement(root, "link", name=f"marker_{name}")
         joint_element = ElementTree.SubElement(

@@ -22,6 +22,9 @@ def write_files(texts: Mapping[Path, str]) -> None:
     path = Path()
     try:
         for path, text in texts.items():
+            if path.exists() and not path.is_file() and not path.is_dir():
+                path.write_text(text, encoding="utf-8")  # a device or a pipe is written in place
+                continue
             handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
             prepared.append((name, path))
             with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -16,7 +16,7 @@ from calib.identify.identification import Method
 from calib.identify.solver import Linearise, Minimum, levenberg_marquardt
 from calib.identify.two_step import alternate
 from calib.model import Model
-from calib.observations import Observation, Points, Pose
+from calib.observations import Observation
 from calib.se3 import Array
 
 Mask = NDArray[np.bool_]
@@ -36,20 +36,20 @@ class Judged(NamedTuple):
 class Estimator(Protocol):
     """A way from readings to values and their covariance."""
 
-    def fit(self, observation: Points | Pose, start: Array, span: Array) -> Minimum:
+    def fit(self, observation: Observation, start: Array, span: Array) -> Minimum:
         """Least-squares values, moving along ``span`` (p, k)."""
         ...
 
-    def judged(self, observation: Points | Pose, values: Array, span: Array) -> Judged:
+    def judged(self, observation: Observation, values: Array, span: Array) -> Judged:
         """The marker residuals by which poses and noise are judged."""
         ...
 
-    def covariance(self, observation: Points | Pose, values: Array, span: Array) -> Array:
+    def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
         """Covariance (p, p) for the noise as stated."""
         ...
 
-    def dof(self, observation: Points | Pose, span: Array) -> int:
-        """Degrees of freedom of the residuals."""
+    def dof(self, observation: Observation, span: Array) -> int:
+        """Degrees of freedom of the residuals; negative where the readings do not suffice."""
         ...
 
 
@@ -59,21 +59,20 @@ class Readings:
 
     method: Method = "joint"
 
-    def fit(self, observation: Points | Pose, start: Array, span: Array) -> Minimum:
+    def fit(self, observation: Observation, start: Array, span: Array) -> Minimum:
         if self.method == "two-step":
             return alternate(flattened(observation), start, *steps(observation.model, span))
         return levenberg_marquardt(flattened(observation), start, span)
 
-    def judged(self, observation: Points | Pose, values: Array, span: Array) -> Judged:
-        return Judged(*as_points(observation).linearise(values), span)
+    def judged(self, observation: Observation, values: Array, span: Array) -> Judged:
+        return Judged(*observation.points().linearise(values), span)
 
-    def covariance(self, observation: Points | Pose, values: Array, span: Array) -> Array:
+    def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
         _, J = flattened(observation)(values)
-        return covariance(J, span, observation.row_noise(values))
+        return covariance(J, span, observation.row_noise())
 
-    def dof(self, observation: Points | Pose, span: Array) -> int:
-        counted = observation.data.seen & observation.weights.any(axis=(-1, -2))
-        return 3 * int(counted.sum()) - int(span.shape[1])
+    def dof(self, observation: Observation, span: Array) -> int:
+        return 3 * int(observation.counted.sum()) - int(span.shape[1])
 
 
 @dataclass(frozen=True)
@@ -84,44 +83,49 @@ class Differences:
     other rigid parameters follow from the readings themselves; the two sets are found in turn.
     """
 
-    def fit(self, observation: Points | Pose, start: Array, span: Array) -> Minimum:
+    def fit(self, observation: Observation, start: Array, span: Array) -> Minimum:
         soft = _soft(observation.model, span)
-        values, iterations = start, 0
+        values, iterations, settled = start, 0, False
         for _ in range(_TURNS):
             rigid = levenberg_marquardt(flattened(observation), values, span[:, ~soft])
             elastic = levenberg_marquardt(
-                flattened(_centred(observation)), rigid.values, span[:, soft]
+                flattened(observation.points(centred=True)), rigid.values, span[:, soft]
             )
             iterations += rigid.iterations + elastic.iterations
             moved = np.abs(elastic.values - values) / observation.model.sizes
             values = elastic.values
-            if moved.max(initial=0.0) < _SETTLED:
+            settled = bool(moved.max(initial=0.0) < _SETTLED)
+            if settled:
                 break
-        return Minimum(values, elastic.cost, rigid.converged & elastic.converged, iterations)
+        converged = rigid.converged & elastic.converged & settled
+        return Minimum(values, elastic.cost, converged, iterations)
 
-    def judged(self, observation: Points | Pose, values: Array, span: Array) -> Judged:
+    def judged(self, observation: Observation, values: Array, span: Array) -> Judged:
         soft = span[:, _soft(observation.model, span)]
-        return Judged(*_centred(observation).linearise(values), soft)
+        return Judged(*observation.points(centred=True).linearise(values), soft)
 
-    def covariance(self, observation: Points | Pose, values: Array, span: Array) -> Array:
+    def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
         """Both sets are linear in the same readings: what the elastic ones owe to noise goes into
         the rigid ones.
         """
         soft = _soft(observation.model, span)
         rigid, elastic = span[:, ~soft], span[:, soft]
         _, J = flattened(observation)(values)
-        _, J_centred = flattened(_centred(observation))(values)
+        _, J_centred = flattened(observation.points(centred=True))(values)
         to_elastic = np.linalg.pinv(J_centred @ elastic)
         from_rest = np.linalg.pinv(J @ rigid)
         to_rigid = from_rest - (from_rest @ (J @ elastic)) @ to_elastic
         gain = rigid @ to_rigid + elastic @ to_elastic
         return np.asarray(gain @ gain.T)
 
-    def dof(self, observation: Points | Pose, span: Array) -> int:
-        seen = observation.data.seen & observation.weights.any(axis=(-1, -2))
+    def dof(self, observation: Observation, span: Array) -> int:
         group = observation.data.poses.configuration
-        spare = sum(int(np.maximum(seen[group == g].sum(axis=0) - 1, 0).sum()) for g in set(group))
-        return int(3 * spare - _soft(observation.model, span).sum())
+        counted = observation.counted
+        spare = sum(
+            int(np.maximum(counted[group == g].sum(axis=0) - 1, 0).sum()) for g in set(group)
+        )
+        soft = int(_soft(observation.model, span).sum())
+        return 3 * spare - soft if soft else -1
 
 
 def flattened(observation: Observation) -> Linearise:
@@ -141,33 +145,25 @@ def steps(model: Model, span: Array) -> tuple[Array, Array]:
     return span[:, first], span[:, ~first]
 
 
+def rigid_directions(model: Model, span: Array) -> Array:
+    """The directions that move nothing elastic."""
+    return span[:, ~_soft(model, span)]
+
+
 def _soft(model: Model, span: Array) -> Mask:
     soft = model.where(ElasticEffect, LoadEffect)
     return np.asarray(np.abs(span[soft]).sum(axis=0) > 0.0)
 
 
-def as_points(observation: Points | Pose, centred: bool = False) -> Points:
-    """The marker points behind an observation: what poses and noise are judged by."""
-    return Points(observation.model, observation.data, observation.weights, centred)
+def choose_directions(observation: Observation, values: Array) -> Identifiable:
+    """What the data determine at some values.
 
-
-def _centred(observation: Points | Pose) -> Points:
-    return as_points(observation, centred=True)
-
-
-def only(observation: Points | Pose, kept: Mask) -> Points | Pose:
-    """The observation with the other poses weighted out."""
-    return replace(observation, weights=observation.weights * kept[:, None, None, None])
-
-
-def choose_directions(observation: Points | Pose, start: Array) -> Identifiable:
-    """What the data determine, judged with every elastic element a little soft: the effect of a load
-    effect shows through them only.
+    Elastic elements are taken as a little soft at least: a load effect shows through them only.
     """
     model = observation.model
-    probe = start.copy()
+    probe = values.copy()
     elastic = model.where(ElasticEffect)
-    probe[elastic] = model.sizes[elastic]
+    probe[elastic] = np.maximum(probe[elastic], 0.1 * model.sizes[elastic])
     _, J = flattened(observation)(probe)
     span = observation.span()
     ids = [p.id for p in model.parameters]

@@ -14,12 +14,14 @@ from calib.effects.base import Base
 from calib.identify.noise_level import NoiseLevel
 from calib.model import Model
 from calib.observations import Approach
-from calib.poses import Measurements
+from calib.poses import Measurements, Poses
 from calib.reduction import Dropped
 from calib.se3 import Array
 
 Status = Literal["converged", "not_converged", "rank_deficient"]
 Method = Literal["joint", "two-step"]
+
+_FAR = 0.05  # of the arm's size: no nominal model is off by as much
 
 ADVICE: dict[Status, str] = {
     "converged": "every parameter of the model was estimated",
@@ -61,6 +63,7 @@ class Identification:
     covariance : ndarray, shape (p, p), SI, base and tool included; zero for what was not estimated
     unidentifiable : tuple of Unidentifiable, what the poses do not determine
     absorbed : tuple of Dropped, constants that others stand for at any pose
+    unused : tuple of str, poses whose markers are too few for approach pose
     distances : dict, "nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed" -> distances
         between measured and predicted points, m
     step_two_std : ndarray, shape (p,), standard deviations that would follow if base and tool were
@@ -79,6 +82,7 @@ class Identification:
     iterations: int
     unidentifiable: tuple[Unidentifiable, ...]
     absorbed: tuple[Dropped, ...]
+    unused: tuple[str, ...]
     fit: Residuals
     heldout: Residuals | None
     distances: dict[str, Array]
@@ -103,14 +107,48 @@ class Identification:
         """Confidence interval of each parameter, shape (p, 2), SI (Student's t)."""
         from scipy.special import stdtrit
 
-        dof = self.dof if self.noise.source == "residual" else 1e9
-        half = float(stdtrit(max(dof, 1), 0.5 + level / 2)) * self.std
+        half = float(stdtrit(min(max(self.noise.dof, 1), 1e9), 0.5 + level / 2)) * self.std
         return np.column_stack([self.values - half, self.values + half])
 
     def rms(self, key: str) -> float | None:
         """3-D root mean square per point [m] of an entry of ``distances``."""
         found = self.distances.get(key)
-        return None if found is None else float(np.sqrt(np.mean(found**2)))
+        return None if found is None or not len(found) else float(np.sqrt(np.mean(found**2)))
+
+    @property
+    def weak(self) -> tuple[str, ...]:
+        """Robot parameters whose standard deviation exceeds the size that such errors have."""
+        return tuple(
+            p.id
+            for p, value, std in zip(self.model.parameters, self.values, self.std, strict=True)
+            if std > max(p.size, abs(value)) and p.effect not in ("base", "tool")
+        )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against believing the result."""
+        found = []
+        nominal = self.rms("nominal") or 0.0
+        if nominal > _FAR * self.model.robot.reach:
+            found.append(
+                f"the nominal model misses the data by {nominal * 1e3:.0f} mm: check units, signs and "
+                "order of the joints, and the units of URDF and points"
+            )
+        for p, value, std in zip(self.model.parameters, self.values, self.std, strict=True):
+            if p.name.startswith("compliance") and value < -5.0 * std:
+                found.append(f"{p.id} is negative: check the sign of the wrench and of gravity")
+        return tuple(found)
+
+    @property
+    def knowledge(self) -> Array:
+        """Covariance with a plausible size as the ignorance of what was not estimated, (p, p), SI."""
+        lost = {name for entry in self.unidentifiable for name in entry.names}
+        unknown = [p.size**2 if p.id in lost else 0.0 for p in self.model.parameters]
+        return self.covariance + np.diag(unknown)
+
+    def predict(self, poses: Poses) -> Array:
+        """Readings at other poses, shape (m, M, 3), m, by the model as fitted: the same knots."""
+        return self.model.predict(self.values, poses)
 
     @property
     def marker_positions(self) -> Array:

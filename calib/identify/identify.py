@@ -2,39 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from calib.build import build, refuse_idle_effects
 from calib.cell import Cell
-from calib.covariance import Identifiable, covariance
+from calib.covariance import covariance
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.errors import CalibError, TooFewPoses
-from calib.identify.estimators import (
-    Differences,
-    Estimator,
-    Mask,
-    Readings,
-    as_points,
-    choose_directions,
-    flattened,
-    only,
-    steps,
-)
+from calib.identify.estimators import Differences, Estimator, Mask, Readings, flattened, steps
 from calib.identify.identification import Identification, Method, Residuals, Status
-from calib.identify.initial import initial_values
-from calib.identify.noise_level import noise_level
-from calib.identify.outliers import judge, pose_statistics, prediction_statistics, threshold
-from calib.identify.solver import Minimum, levenberg_marquardt
+from calib.identify.initial import initial_values, marker_shape
+from calib.identify.noise_level import NoiseLevel, noise_level
+from calib.identify.outliers import pose_statistics, prediction_statistics, threshold
+from calib.identify.search import Found, search
+from calib.identify.solver import levenberg_marquardt
 from calib.model import Model
-from calib.observations import Approach, Points, Pose, Weighting, orientable
+from calib.observations import Approach, Observation, Points, Pose, Weighting, orientable
 from calib.poses import Measurements
 from calib.se3 import Array, rotate
 from calib.threads import one_blas_thread
-
-_ROUNDS = 12  # times that outliers are judged anew
 
 
 @one_blas_thread
@@ -61,38 +50,36 @@ def identify(
 
     Raises UnknownEffect, EffectCannotAct, TooFewPoses, CalibError.
     """
-    if differences and (approach != "points" or method != "joint"):
-        raise CalibError("differences go with approach points and method joint; drop one of them")
+    _check_options(approach, method, weighting, length, differences)
     built = build(cell, data.poses)
     model = built.model
     check_counts(model, data)
     refuse_idle_effects(cell, model, data.poses)
-    start = initial_values(model, data)
-    weights = whitening(cell, model, start, data)
-    points = Points(model, data, weights)
-    observation = (
-        points
-        if approach == "points"
-        else _as_poses(points, model.marker_positions(start), weighting, length)
-    )
     estimator: Estimator = Differences() if differences else Readings(method)
-    found = _fit_without_outliers(estimator, observation, start)
-
-    values, kept = found.best.values, found.kept
-    counted = only(observation, kept)
-    cost = float((estimator.judged(counted, values, found.span).r ** 2).sum())
-    dof = estimator.dof(counted, found.span)
-    noise = noise_level(cost, dof, data.take(kept), weights[kept])
+    try:
+        start = initial_values(model, data)
+        points = Points(model, data, whitening(cell, model, start, data))
+        observation: Observation = (
+            points if approach == "points" else _as_poses(points, start, weighting, length)
+        )
+        found = search(estimator, observation, start)
+    except np.linalg.LinAlgError:
+        raise CalibError(
+            "the equations cannot be solved: the numbers are far from those of a robot; check the "
+            "units of joints, points, loads and the URDF"
+        ) from None
+    values, counted = found.best.values, observation.only(found.kept)
+    noise, dof = _noise(estimator, observation, found)
     stated = estimator.covariance(counted, values, found.span)
-    fit = residuals(model, data, values, ~kept, found.statistics, found.limit)
+    fit = residuals(model, data, values, ~found.kept, found.statistics, found.limit)
     distances = {
         "nominal": residuals(model, data, _nominal(observation, start)).lengths(),
-        "fitted": fit.lengths(kept),
+        "fitted": fit.lengths(found.kept),
         "fitted_all": residuals(model, data, found.first.values).lengths(),
     }
     held = None
     if heldout is not None:
-        held = _predicted(observation, heldout, values, stated, found.limit)
+        held = _predicted(cell, observation, heldout, values, stated, found)
         distances["heldout"] = held.lengths()
         distances["heldout_trimmed"] = held.lengths(~held.outlier)
     return Identification(
@@ -108,11 +95,28 @@ def identify(
         iterations=found.best.iterations,
         unidentifiable=found.choice.unidentifiable,
         absorbed=built.dropped,
+        unused=_unused(observation),
         fit=fit,
         heldout=held,
         distances=distances,
         step_two_std=_step_two_std(counted, values, found.span) * noise.factor,
     )
+
+
+def _check_options(
+    approach: str, method: str, weighting: str, length: float, differences: bool
+) -> None:
+    for value, known in (
+        (approach, ("points", "pose")),
+        (method, ("joint", "two-step")),
+        (weighting, ("full", "plain")),
+    ):
+        if value not in known:
+            raise CalibError(f"{value!r} is unknown; choose {known[0]} or {known[1]}")
+    if not 0.0 < length < np.inf:
+        raise CalibError(f"the characteristic length {length} must be a length above zero")
+    if differences and (approach != "points" or method != "joint"):
+        raise CalibError("differences go with approach points and method joint; drop one of them")
 
 
 def check_counts(model: Model, data: Measurements) -> None:
@@ -140,6 +144,11 @@ def whitening(cell: Cell, model: Model, values: Array, data: Measurements) -> Ar
     """
     beams = data.points
     if cell.instrument is not None:
+        if len(data.poses.stations) > 1 and cell.noise.grows:
+            raise CalibError(
+                "[instrument] position_mm holds for one station and the data have "
+                f"{len(data.poses.stations)}; take it out, and ranges count from each station's origin"
+            )
         R, p = model.placement(values, data.poses)
         beams = beams - (rotate(R, cell.instrument) + p)[:, None, :]
     return cell.noise.whitening(beams, data.sigma) * data.seen[..., None, None]
@@ -165,63 +174,60 @@ def residuals(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """Where the search for values and outliers ended."""
-
-    first: Minimum
-    best: Minimum
-    kept: Mask
-    statistics: Array
-    limit: float
-    span: Array
-    choice: Identifiable
-
-
-def _fit_without_outliers(estimator: Estimator, observation: Points | Pose, start: Array) -> _Found:
-    """Fit, judge, and fit again without the outliers until the judgement stands."""
-    choice = choose_directions(observation, start)
-    span = observation.span()[:, choice.kept]
-    kept = np.ones(len(observation.data), dtype=bool)
-    first = best = estimator.fit(observation, start, span)
-    for _ in range(_ROUNDS):
-        judged = estimator.judged(observation, best.values, span)
-        statistics = pose_statistics(judged.r, judged.J, kept, judged.span)
-        limit = threshold(statistics, judged.r.shape[-1])
-        fresh = ~judge(statistics, limit)
-        if np.array_equal(fresh, kept):
-            break
-        kept = fresh
-        best = estimator.fit(only(observation, kept), best.values, span)
-    return _Found(first, best, kept, statistics, limit, span, choice)
-
-
-def _status(found: _Found) -> Status:
-    if not bool(found.best.converged):
+def _status(found: Found) -> Status:
+    if not (bool(found.best.converged) and found.regular):
         return "not_converged"
     return "rank_deficient" if found.choice.unidentifiable else "converged"
 
 
-def _as_poses(points: Points, shape: Array, weighting: Weighting, length: float) -> Pose:
-    if not orientable(shape, points.data.seen).any():
+def _noise(estimator: Estimator, observation: Observation, found: Found) -> tuple[NoiseLevel, int]:
+    """Noise level from the kept poses, and the degrees of freedom of their residuals.
+
+    Where a plain weighting keeps the estimate from the points' own minimum, the noise is judged
+    there.
+    """
+    counted, values = observation.only(found.kept), found.best.values
+    if observation.row_noise() is not None:
+        values = levenberg_marquardt(flattened(counted.points()), values, found.span).values
+    cost = float((estimator.judged(counted, values, found.span).r ** 2).sum())
+    dof = estimator.dof(counted, found.span)
+    data, weights = observation.data.take(found.kept), observation.weights[found.kept]
+    return noise_level(cost, dof, data, weights), dof
+
+
+def _as_poses(points: Points, start: Array, weighting: Weighting, length: float) -> Pose:
+    """Poses computed from the markers; readings that show too few of them are left out."""
+    model, data = points.model, points.data
+    shape = model.marker_positions(start)
+    if not orientable(shape, data.seen).any():
         raise CalibError(
             "approach pose needs three visible markers that are not in line; "
             "measure more markers, or use approach points"
         )
-    return Pose(points.model, points.data, points.weights, shape, weighting, length)
+    if len(model.where(Tool)):
+        shape = marker_shape(data, shape)
+    weights = points.weights * orientable(shape, data.seen)[:, None, None, None]
+    return Pose(model, data, weights, shape, weighting, length)
 
 
-def _nominal(observation: Points | Pose, start: Array) -> Array:
+def _unused(observation: Observation) -> tuple[str, ...]:
+    """Poses whose markers were measured and do not count."""
+    data = observation.data
+    idle = data.seen.any(axis=1) & ~observation.weights.any(axis=(1, 2, 3))
+    return tuple(data.poses.names[i] for i in np.flatnonzero(idle))
+
+
+def _nominal(observation: Observation, start: Array) -> Array:
     """Values with base and markers fitted and all else as in the nominal model."""
     model = observation.model
     placement = model.where(Base, Tool)
     nominal = np.zeros_like(start)
     nominal[placement] = start[placement]
     directions = np.eye(len(start))[:, placement]
-    return levenberg_marquardt(flattened(as_points(observation)), nominal, directions).values
+    return levenberg_marquardt(flattened(observation.points()), nominal, directions).values
 
 
-def _step_two_std(observation: Points | Pose, values: Array, span: Array) -> Array:
+def _step_two_std(observation: Observation, values: Array, span: Array) -> Array:
     """Standard deviations of the paper's step 2, base and tool taken as known; NaN for those."""
     _, rest = steps(observation.model, span)
     if not rest.shape[1]:
@@ -232,15 +238,21 @@ def _step_two_std(observation: Points | Pose, values: Array, span: Array) -> Arr
 
 
 def _predicted(
-    observation: Points | Pose, heldout: Measurements, values: Array, cov: Array, limit: float
+    cell: Cell,
+    observation: Observation,
+    heldout: Measurements,
+    values: Array,
+    cov: Array,
+    found: Found,
 ) -> Residuals:
     """Residuals of poses that took no part, judged by the limit of those that did."""
-    heldout = _with_stations_of(observation.data, heldout)
-    typical = np.median(observation.weights[observation.data.seen], axis=0)
-    points = Points(observation.model, heldout, typical * heldout.seen[..., None, None])
-    r, J = points.linearise(values)
-    statistics = prediction_statistics(r, J, cov)
-    return residuals(observation.model, heldout, values, statistics > limit, statistics, limit)
+    model, data = observation.model, observation.data
+    r, J = observation.points().linearise(values)
+    limit = threshold(pose_statistics(r, J, found.kept, found.span)[0], r.shape[-1])
+    heldout = _with_stations_of(data, heldout)
+    points = Points(model, heldout, whitening(cell, model, values, heldout))
+    statistics, _ = prediction_statistics(*points.linearise(values), cov)
+    return residuals(model, heldout, values, statistics > limit, statistics, limit)
 
 
 def _with_stations_of(data: Measurements, heldout: Measurements) -> Measurements:

@@ -9,16 +9,30 @@ anywhere, turned anyhow, and one marker is enough.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.identify.solver import levenberg_marquardt
 from calib.kinematics import forward
 from calib.model import Model
+from calib.observations import orientable
 from calib.poses import Measurements
-from calib.se3 import Array, nearest_rotation, rotate, skew, so3_exp, so3_log, so3_right_jacobian
+from calib.se3 import (
+    Array,
+    fit_rigid,
+    inverse,
+    nearest_rotation,
+    rotate,
+    skew,
+    so3_exp,
+    so3_log,
+    so3_right_jacobian,
+)
 
 _STARTS = 256
+_RESOLUTION = 1e-6  # m: what the search takes for one standard deviation
+_SHAPE_ROUNDS = 8  # each gains more than a digit
 
 
 def initial_values(model: Model, data: Measurements) -> Array:
@@ -27,9 +41,12 @@ def initial_values(model: Model, data: Measurements) -> Array:
     frames = forward(model.robot, data.poses.q)
     R_tip, p_tip = frames.R[:, -1], frames.o[:, -1]
     markers = model.markers.copy()
-    known = not any(isinstance(e, Tool) for e in model.effects)
+    free = np.zeros(markers.shape, dtype=bool)  # components of the markers that are unknown
+    for effect in model.effects:
+        if isinstance(effect, Tool):
+            free[effect.marker, list(effect.components)] = True
     has_base = any(isinstance(e, Base) for e in model.effects)
-    if known and not has_base:
+    if not free.any() and not has_base:
         return values
     counts = np.bincount(data.poses.station, minlength=len(data.poses.stations))
     for station in np.argsort(-counts):
@@ -37,9 +54,11 @@ def initial_values(model: Model, data: Measurements) -> Array:
         if not here.any():
             continue
         R, t, markers = _place(
-            data.points[here], data.seen[here], R_tip[here], p_tip[here], markers, known, has_base
+            data.points[here], data.seen[here], R_tip[here], p_tip[here], markers, free, has_base
         )
-        known = True  # later stations see the same markers
+        free = (
+            free & (data.seen[here].sum(axis=0) == 0)[:, None]
+        )  # later stations see the same markers
         for effect, part in zip(model.effects, model.slices, strict=True):
             if isinstance(effect, Base) and effect.station == station:
                 values[part] = np.concatenate([t, so3_log(R)])
@@ -52,33 +71,30 @@ def initial_values(model: Model, data: Measurements) -> Array:
 
 def _place(
     points: Array,
-    seen: np.ndarray[tuple[int, ...], np.dtype[np.bool_]],
+    seen: NDArray[np.bool_],
     R_tip: Array,
     p_tip: Array,
     markers: Array,
-    known: bool,
+    free: NDArray[np.bool_],
     has_base: bool,
 ) -> tuple[Array, Array, Array]:
     """Rotation and translation of the base in the readings' frame, and the markers in the tip's."""
     pose, marker = np.nonzero(seen)
-    y, arm = points[pose, marker], p_tip[pose]
-    unknowns = 0 if not has_base else 3
-    design = np.zeros((len(pose), 3, unknowns + (0 if known else 3 * len(markers))))
-    if has_base:
-        design[:, :, :3] = np.eye(3)
-    if known:
-        arm = arm + rotate(R_tip[pose], markers[marker])
-    else:
-        for j in np.unique(marker):
-            first = unknowns + 3 * j
-            design[marker == j, :, first : first + 3] = R_tip[pose[marker == j]]
+    free = free & (seen.sum(axis=0) > 0)[:, None]
+    known = np.where(free, 0.0, markers)
+    y, arm = points[pose, marker], p_tip[pose] + rotate(R_tip[pose], known[marker])
+    first = 3 if has_base else 0
+    design = np.zeros((len(pose), 3, first + int(free.sum())))
+    design[:, :, :first] = np.eye(3)[:, :first]
+    for column, (j, component) in enumerate(np.argwhere(free), start=first):
+        design[marker == j, :, column] = R_tip[pose[marker == j], :, component]
     D = design.reshape(-1, design.shape[-1])
     S: Array = _rotation(D, y, arm) if has_base else np.eye(3)
     solution = np.asarray(np.linalg.lstsq(D, (y @ S.T - arm).reshape(-1), rcond=None)[0])
     t = S.T @ solution[:3] if has_base else np.zeros(3)
-    if not known:
-        markers = solution[unknowns:].reshape(-1, 3)
-    return S.T, t, markers
+    placed = markers.copy()
+    placed[free] = solution[first:]
+    return S.T, t, placed
 
 
 def _rotation(D: Array, y: Array, arm: Array) -> Array:
@@ -91,7 +107,7 @@ def _rotation(D: Array, y: Array, arm: Array) -> Array:
     )
     Z = Z - basis @ (basis.T @ Z)
     R = np.asarray(np.linalg.qr(Z, mode="r"))
-    factor, target = R[:, :9], R[:, 9]
+    factor, target = R[:, :9] / _RESOLUTION, R[:, 9] / _RESOLUTION
 
     def linearise(r: Array) -> tuple[Array, Array]:
         S = so3_exp(r)
@@ -106,6 +122,25 @@ def _rotation(D: Array, y: Array, arm: Array) -> Array:
     starts = np.concatenate([so3_log(nearest_rotation(free))[None], _rotation_vectors(random)])
     found = levenberg_marquardt(linearise, starts, np.eye(3))
     return so3_exp(found.values[int(np.argmin(found.cost))])
+
+
+def marker_shape(data: Measurements, markers: Array) -> Array:
+    """Markers in the tip frame, shape (M, 3), m, their distances taken from the readings alone.
+
+    The mean congruent shape of all readings (generalised Procrustes), laid over the given markers.
+    """
+    shape = markers
+    usable = orientable(markers, data.seen)
+    points, seen = data.points[usable], data.seen[usable].astype(float)
+    count = np.maximum(seen.sum(axis=0), 1.0)[:, None]
+    for _ in range(_SHAPE_ROUNDS):
+        T = inverse(fit_rigid(points, shape, seen))
+        own = rotate(T[:, None, :3, :3], points) + T[:, None, :3, 3]
+        shape = np.where(
+            seen.sum(axis=0)[:, None] > 0.0, (own * seen[..., None]).sum(0) / count, shape
+        )
+    T = fit_rigid(markers, shape)
+    return rotate(T[:3, :3], shape) + T[:3, 3]
 
 
 def _rotation_vectors(quaternions: Array) -> Array:

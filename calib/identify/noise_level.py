@@ -23,6 +23,7 @@ class NoiseLevel:
     believed : float, m, root mean square of what the cell says for the points measured
     factor : float, actual over believed
     source : where the factor comes from
+    dof : float, degrees of freedom behind the factor, infinite for the cell's
     replicate_factor : float or None, what repeated readings alone say
     lack_of_fit_p : float, probability of so large a residual under the noise before it was widened
     """
@@ -30,6 +31,7 @@ class NoiseLevel:
     believed: float
     factor: float
     source: Source
+    dof: float
     replicate_factor: float | None
     lack_of_fit_p: float
 
@@ -65,26 +67,24 @@ def noise_level(cost: float, dof: int, data: Measurements, weights: Array) -> No
 
     cost, dof : sum of squared whitened residuals of the kept poses, and degrees of freedom
     """
-    from scipy.special import chdtr, fdtr
+    from scipy.special import chdtr, chdtrc, fdtr, fdtrc
 
     believed = believed_sigma(data, weights)
     spread, repeats = replicate_spread(data, weights)
     factor = 1.0
     source: Source = "cell"
-    own = np.sqrt(spread / repeats) if repeats >= _FEWEST else None
-    if own is not None and _two_sided(float(chdtr(repeats, spread))) < _DISAGREE:
-        factor, source = float(own), "replicates"
+    own = float(np.sqrt(spread / repeats)) if repeats >= _FEWEST else None
+    tail = 2.0 * min(float(chdtr(repeats, spread)), float(chdtrc(repeats, spread)))
+    if own is not None and tail < _DISAGREE:
+        factor, source = own, "replicates"
     p_fit = 1.0
     if dof > 0:
         ratio = cost / dof / factor**2
-        below = (
-            float(chdtr(dof, ratio * dof)) if source == "cell" else float(fdtr(dof, repeats, ratio))
-        )
-        p_fit = 1.0 - below
-        if _two_sided(below) < _DISAGREE:
+        if source == "cell":
+            below, p_fit = float(chdtr(dof, ratio * dof)), float(chdtrc(dof, ratio * dof))
+        else:
+            below, p_fit = float(fdtr(dof, repeats, ratio)), float(fdtrc(dof, repeats, ratio))
+        if 2.0 * min(below, p_fit) < _DISAGREE:
             factor, source = float(np.sqrt(cost / dof)), "residual"
-    return NoiseLevel(believed, factor, source, None if own is None else float(own), p_fit)
-
-
-def _two_sided(below: float) -> float:
-    return 2.0 * min(below, 1.0 - below)
+    known = {"cell": np.inf, "replicates": repeats, "residual": dof}[source]
+    return NoiseLevel(believed, factor, source, known, own, p_fit)

@@ -1,5 +1,7 @@
 """Poses that do not belong, judged against what the other poses show.
 
+In small sets the worst pose is tested against the fit without it (F test), again and again.
+
 Each pose gets the squared length of its residual in units of its own predicted spread, leverage
 taken out. Where the model is incomplete these follow no chi-square of the instrument's sigma, so
 scale and degrees of freedom are taken from their own median and quartiles; a pose is an outlier
@@ -16,12 +18,15 @@ from calib.se3 import Array
 
 _ALPHA = 1e-3
 _MOST = 0.12  # share of the poses that may be called outliers
-_FEWEST = 12  # poses below which quartiles mean little
+_FEWEST = 12  # poses below which a wrong one cannot be told from a right one
+_FEW = 30  # poses below which quartiles mean little and poses are tested one by one
 _SINGULAR = 0.02  # directions in which a pose is fitted through itself say nothing
 
 
-def pose_statistics(r: Array, J: Array, kept: NDArray[np.bool_], span: Array) -> Array:
-    """Mean square of the residual of each pose over its predicted variance, shape (m,).
+def pose_statistics(
+    r: Array, J: Array, kept: NDArray[np.bool_], span: Array
+) -> tuple[Array, Array]:
+    """Mean square of the residual of each pose over its predicted variance, and its rows, (m,) each.
 
     r : ndarray, shape (m, rows), whitened; zero rows for hidden markers
     J : ndarray, shape (m, rows, p), whitened
@@ -32,12 +37,12 @@ def pose_statistics(r: Array, J: Array, kept: NDArray[np.bool_], span: Array) ->
     return _mean_squares(r, J, cov, np.where(kept, -1.0, 1.0))
 
 
-def prediction_statistics(r: Array, J: Array, cov: Array) -> Array:
+def prediction_statistics(r: Array, J: Array, cov: Array) -> tuple[Array, Array]:
     """The same for poses that took no part, under an estimate of covariance (p, p)."""
     return _mean_squares(r, J, cov, np.ones(len(r)))
 
 
-def _mean_squares(r: Array, J: Array, cov: Array, sign: Array) -> Array:
+def _mean_squares(r: Array, J: Array, cov: Array, sign: Array) -> tuple[Array, Array]:
     """A fitted pose scatters by ``I - J cov J^T``, another one by ``I + J cov J^T``."""
     spread = np.eye(r.shape[1]) + sign[:, None, None] * (J @ cov @ np.swapaxes(J, -1, -2))
     used = np.abs(J).sum(axis=-1) > 0.0
@@ -46,7 +51,8 @@ def _mean_squares(r: Array, J: Array, cov: Array, sign: Array) -> Array:
     component = (np.swapaxes(vectors, -1, -2) @ r[..., None])[..., 0]
     informative = eigenvalues > _SINGULAR
     terms = np.where(informative, component**2 / np.where(informative, eigenvalues, 1.0), 0.0)
-    return np.asarray(terms.sum(axis=-1) / np.maximum(informative.sum(axis=-1), 1))
+    rows = informative.sum(axis=-1)
+    return terms.sum(axis=-1) / np.maximum(rows, 1), rows
 
 
 def threshold(statistics: Array, rows: int) -> float:
@@ -67,9 +73,37 @@ def threshold(statistics: Array, rows: int) -> float:
 
 
 def judge(statistics: Array, limit: float) -> NDArray[np.bool_]:
-    """Which poses are outliers, shape (m,): beyond the limit, and at most an eighth of them."""
+    """Which poses are outliers, shape (m,): beyond the limit, and at most 12 per cent of them."""
     most = int(_MOST * len(statistics))
     order = np.argsort(-statistics)
     out = np.zeros(len(statistics), dtype=bool)
     out[order[:most]] = True
     return out & (statistics > limit)
+
+
+def small_set(poses: int) -> bool:
+    """Whether poses are tested one by one."""
+    return _FEWEST <= poses < _FEW
+
+
+def next_outlier(
+    statistics: Array, rows: Array, kept: NDArray[np.bool_], cost: float, dof: int
+) -> int | None:
+    """The worst of the kept poses of a small set, if the fit without it says so, else None.
+
+    statistics, rows : mean squares and numbers of rows of the poses, as of :func:`pose_statistics`:
+        their product is what the cost falls by when a pose is left out
+    cost, dof : sum of squares of the kept poses and its degrees of freedom
+    """
+    from scipy.special import fdtrc
+
+    m = len(kept)
+    if m - int(kept.sum()) >= max(1, int(_MOST * m)):
+        return None
+    drop = np.where(kept, statistics * rows, 0.0)
+    worst = int(drop.argmax())
+    k, left = int(rows[worst]), dof - int(rows[worst])
+    if left < k:
+        return None
+    F = drop[worst] / k / max((cost - drop[worst]) / left, 1e-300)
+    return worst if float(fdtrc(k, left, F)) < _ALPHA / m else None

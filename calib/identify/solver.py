@@ -18,7 +18,11 @@ Linearise = Callable[[Array], tuple[Array, Array]]
 """values (..., p) -> residuals (..., N) and their derivatives (..., N, p)."""
 
 _DAMPING = (1e-7, 1e-12, 1e12)  # start, smallest, largest; relative to the diagonal
-_STEP = 1e-6  # converged when a step moves no combination by this share of its standard deviation
+_LIGHT = 1e-3  # damping up to which a short step means a minimum
+_STEP = (
+    1e-4  # converged when a step moves no combination by this share of its deviation: below, the
+)
+# cost's own rounding decides, and a last Gauss-Newton step is better than its length by far
 _MAX_ITERATIONS = 60
 
 
@@ -78,20 +82,24 @@ def levenberg_marquardt(
     damping = np.full(batch, _DAMPING[0])
     converged = np.zeros(batch, dtype=bool)
     iterations = 0
-    while iterations < max_iterations and not converged.all():
+    stalled = ~np.isfinite(cost)
+    while iterations < max_iterations and not (converged | stalled).all():
         iterations += 1
         step = damped_step(A, g, damping)
         trial = values + step @ span.T
         trial_cost, trial_g, trial_A = equations(trial)
         expected = np.einsum("...i,...i->...", step, g)  # squared length of the step in sigmas
         better = trial_cost <= cost
-        small = expected <= _STEP**2 * np.maximum(1.0, cost / max(1, span.shape[1]))
+        small = (damping <= _LIGHT) & (
+            expected <= _STEP**2 * np.maximum(1.0, cost / max(1, span.shape[1]))
+        )
         # A step below resolution ends the search even where rounding hides its gain.
-        take = (better | small) & ~converged & np.isfinite(trial_cost)
+        take = (better | small) & ~converged & ~stalled & np.isfinite(trial_cost)
         values = np.where(take[..., None], trial, values)
         cost = np.where(take, trial_cost, cost)
         g = np.where(take[..., None], trial_g, g)
         A = np.where(take[..., None, None], trial_A, A)
         damping = np.clip(np.where(take, damping / 10.0, damping * 10.0), *_DAMPING[1:])
-        converged = converged | small | (damping >= _DAMPING[2])
+        converged = converged | small
+        stalled = stalled | (damping >= _DAMPING[2])  # no step helps: the derivative is wrong here
     return Minimum(values, cost, converged, iterations)

@@ -32,18 +32,18 @@ def alternate(linearise: Linearise, start: Array, placement: Array, rest: Array)
     for _ in range(_MOST_LINEARISATIONS):
         r, J = linearise(values)
         cost, g, A = normal_equations(r, J @ span)
-        step, used = _turns(A, g, blocks, _MOST_TURNS - turns)
+        step, used, settled = _turns(A, g, blocks, _MOST_TURNS - turns)
         turns += used
         values = values + span @ step
-        if step @ A @ step <= _SETTLED**2 * max(1.0, float(cost) / len(step)):
+        if settled and step @ A @ step <= _SETTLED**2 * max(1.0, float(cost) / len(step)):
             converged = True
             break
     r, _ = linearise(values)
     return Minimum(values, np.sum(r**2, axis=-1), np.array(converged), turns)
 
 
-def _turns(A: Array, g: Array, blocks: list[slice], most: int) -> tuple[Array, int]:
-    """Solve ``A step = g`` block by block in turn (Gauss-Seidel)."""
+def _turns(A: Array, g: Array, blocks: list[slice], most: int) -> tuple[Array, int, bool]:
+    """Solve ``A step = g`` block by block in turn (Gauss-Seidel): step, turns, whether it settled."""
     inverse = [_inverse(A[part, part]) for part in blocks]
     step, gradient = np.zeros_like(g), g.copy()
     for turn in range(1, most + 1):
@@ -55,8 +55,8 @@ def _turns(A: Array, g: Array, blocks: list[slice], most: int) -> tuple[Array, i
         change = step - before
         length, moved = float(step @ A @ step), float(change @ A @ change)
         if len(blocks) == 1 or moved <= (1e-3 * _SETTLED) ** 2 * max(1.0, length):
-            return step, turn
-    return step, most
+            return step, turn, True
+    return step, most, False
 
 
 def _inverse(A: Array) -> Array:

@@ -20,7 +20,11 @@ json_option = click.option(
     "--json", "json_path", metavar="FILE", help="Write the result as JSON; - for standard output."
 )
 seed_option = click.option(
-    "--seed", default=0, show_default=True, help="Seed of everything that is drawn by chance."
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of everything that is drawn by chance.",
 )
 
 
@@ -70,6 +74,17 @@ def warn(messages: tuple[str, ...]) -> None:
     """Print what a reader should know, on standard error."""
     for message in messages:
         click.echo(f"warning: {message}", err=True)
+
+
+def check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
+    """Refuse to write over an input, or two results to one file."""
+    from calib.errors import InputError
+
+    taken = {path.resolve() for path in inputs}
+    for path in outputs:
+        if path.resolve() in taken:
+            raise InputError(path, "", "is already an input or another output", "name another file")
+        taken.add(path.resolve())
 
 
 def output_texts(json_path: str | None, result: dict[str, Any]) -> dict[Path, str]:

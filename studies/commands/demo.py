@@ -6,14 +6,15 @@ from pathlib import Path
 
 import click
 
-from studies.commands.common import one_line_faults, seed_option
+from studies.commands.common import json_option, one_line_faults, seed_option
 
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path), default=Path("posecal-demo"))
+@json_option
 @seed_option
 @one_line_faults
-def demo(folder: Path, seed: int) -> None:
+def demo(folder: Path, json_path: str | None, seed: int) -> None:
     """Write a complete example to FOLDER and identify it.
 
     The paper's KR 270 is measured by simulation at the fifteen poses of its Table II, free and with
@@ -34,6 +35,10 @@ def demo(folder: Path, seed: int) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(folder, "", f"cannot be made ({error.strerror})", "name another") from None
+    for name in INPUTS:
+        path = folder / name
+        if path.exists() and path.read_text(encoding="utf-8") != embedded_text(name):
+            raise InputError(path, "", "was edited and is kept", "name another folder for the demo")
     write_files({folder / name: embedded_text(name) for name in INPUTS})
     cell = load_cell(folder / "cell.toml")
     data, model, truth = simulated(cell, load_plan(cell, folder / "plan.csv"), seed)
@@ -48,19 +53,20 @@ def demo(folder: Path, seed: int) -> None:
         }
     )
     click.echo(
-        f"simulated {len(data)} readings ({len(data) // 2} poses, free and loaded) "
-        f"of {data.seen.shape[1]} markers\n"
+        err=json_path == "-",
+        message=f"simulated {len(data)} readings ({len(data) // 2} poses, free and loaded) "
+        f"of {data.seen.shape[1]} markers\n",
     )
     context = click.get_current_context()
     context.invoke(
         identify,
         cell_path=folder / "cell.toml",
         data_path=folder / "measurements.csv",
-        json_path=str(folder / "result.json"),
+        json_path=json_path or str(folder / "result.json"),
         urdf_path=folder / "kr270_calibrated.urdf",
         seed=seed,
     )
-    click.echo(_next_steps(folder))
+    click.echo(_next_steps(folder), err=json_path == "-")
 
 
 def _next_steps(folder: Path) -> str:
@@ -69,6 +75,6 @@ In {folder}: the inputs cell.toml, kr270.urdf, plan.csv and measurements.csv; th
 which identification never reads, in truth.json; the results result.json and kr270_calibrated.urdf.
 
 Try next:
-  posecal identify {folder}/cell.toml {folder}/measurements.csv --holdout 0.2
+  posecal identify {folder}/cell.toml {folder}/measurements.csv --method two-step
   posecal identify {folder}/cell.toml {folder}/measurements.csv --approach pose --weighting plain
   posecal identify {folder}/cell.toml {folder}/measurements.csv --differences"""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from studies.commands.common import (
+    check_outputs,
     console_for,
     envelope,
     json_option,
@@ -95,15 +96,20 @@ def identify(
       posecal identify cell.toml measurements.csv --holdout 0.3 --json result.json
     """
     import calib
-    from calib.errors import EffectCannotAct, InputError, TooFewPoses, UnknownEffect
+    from calib.errors import CalibError, EffectCannotAct, InputError, UnknownEffect
     from calib.files.results import identification_fields
     from calib.files.write import write_files
 
     cell = calib.load_cell(cell_path)
+    targets = cell.design["targets"]
     data = calib.load_measurements(cell, data_path)
-    inputs = [cell_path, cell.urdf, data_path]
-    data, heldout, extra = _held_out(cell, data, holdout, seed)
-    warn(data.warnings + (heldout.warnings if heldout is not None and extra else ()))
+    inputs = [cell_path, cell.urdf, data_path, *([targets] if targets else [])]
+    data, heldout, extra = _held_out(cell, data, holdout, seed, data_path)
+    outputs = [urdf_path] if urdf_path is not None else []
+    outputs += [Path(json_path)] if json_path not in (None, "-") else []
+    check_outputs(outputs, [*inputs, *extra])
+    table_warnings = data.warnings + (heldout.warnings if heldout is not None and extra else ())
+    warn(table_warnings)
     try:
         result = calib.identify(
             cell,
@@ -117,15 +123,21 @@ def identify(
         )
     except (UnknownEffect, EffectCannotAct) as error:
         raise InputError(cell_path, "model.effects", str(error)) from None
-    except TooFewPoses as error:
+    except InputError:
+        raise
+    except CalibError as error:
         raise InputError(data_path, "", str(error)) from None
     fields = {
         **envelope("identify", [*inputs, *extra], seed),
-        "warnings": list(data.warnings),
+        "warnings": [*table_warnings, *result.warnings],
+        "weighting": weighting if approach == "pose" else None,
+        "length_mm": length_mm if approach == "pose" and weighting == "plain" else None,
         "differences": differences,
+        "holdout": holdout,
         **identification_fields(result),
         **_expected_accuracy(cell, result),
     }
+    warn(result.warnings)
     texts = output_texts(json_path, fields)
     if urdf_path is not None:
         texts[urdf_path] = _corrected(cell, result)
@@ -136,7 +148,7 @@ def identify(
 
 
 def _held_out(
-    cell: Cell, data: Measurements, holdout: str | None, seed: int
+    cell: Cell, data: Measurements, holdout: str | None, seed: int, data_path: Path
 ) -> tuple[Measurements, Measurements | None, list[Path]]:
     """(fitted, held out, further input files)."""
     import numpy as np
@@ -150,7 +162,9 @@ def _held_out(
     try:
         fraction = float(holdout)
     except ValueError:
-        return data, calib.load_measurements(cell, path), [path]
+        if path.resolve() == data_path.resolve():
+            raise InputError(path, "", "holds the data themselves", "name other poses") from None
+        return data, calib.load_measurements(cell, path, every_marker=False), [path]
     if not 0.0 < fraction < 1.0:
         raise InputError("--holdout", "", f"{holdout} is not between 0 and 1", "use 0.3, or a file")
     kept, held = data.split(fraction, np.random.default_rng(seed))
@@ -163,7 +177,7 @@ def _expected_accuracy(cell: Cell, result: Identification) -> dict[str, Any]:
     from calib.targets import targets_of
 
     targets, weights = targets_of(cell)
-    rms, worst = accuracy(result.model, result.values, result.covariance, targets, weights)
+    rms, worst = accuracy(result.model, result.values, result.knowledge, targets, weights)
     own = cell.design.get("targets")
     return {
         "task_rms_mm": rms * 1e3,

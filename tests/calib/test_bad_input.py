@@ -170,7 +170,7 @@ CELL = {
     ),
     "no markers": (
         lambda t: re.sub(r"^m[123] = .*$", "", t, flags=re.M),
-        "markers_mm: .*at least 1 item",
+        "markers_mm: has no entry; at least one is needed",
     ),
     "marker with two numbers": (
         swap("[279.2, -16.4, -91.9]", "[279.2, -16.4]"),

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import calib
 from calib import Cell
-from calib.build import build
+from calib.build import build, context_of
+from calib.effects.link_geometry import LinkGeometry
+from calib.errors import EffectCannotAct
 from calib.model import Model
 from calib.poses import poses_at
 from calib.reduction import generic_configurations
@@ -44,14 +48,15 @@ def test_published_set_spans_the_same(kr270: Cell) -> None:
     }
     cell = cell_of(kr270.robot, MARKERS, ["base", "tool", "geometry"])
     reduced = scaled_matrix(build(cell).model)
-    rigid = [f"link_geometry:{joint}" for joint in kr270.robot.joints]
-    full = build(with_effects(cell, "base", "tool", *rigid)).model
-    everything = scaled_matrix(full)
-    wanted = {f"link_geometry:{j}.{c}" for j, names in published.items() for c in names.split()}
-    assert len(wanted) == 18
-    ours = np.linalg.matrix_rank(reduced, tol=1e-6)
-    both = np.linalg.matrix_rank(np.hstack([reduced, everything]), tol=1e-6)
-    assert ours == both == 33
+    context = context_of(cell, None)
+    placed = [e for kind in ("base", "tool") for e in _all(kind, cell)]
+    for joint, names in published.items():
+        components = tuple(LinkGeometry.names.index(name) for name in names.split())
+        placed.append(replace(LinkGeometry.at(context, joint), components=components))
+    theirs = scaled_matrix(build(cell).model.with_effects(tuple(placed)))
+    assert theirs.shape[1] == 33
+    for X in (theirs, reduced, np.hstack([theirs, reduced])):
+        assert np.linalg.matrix_rank(X, tol=1e-6) == 33
 
 
 @pytest.mark.parametrize(
@@ -88,7 +93,7 @@ def test_every_dropped_parameter_is_explained(kr270: Cell) -> None:
     assert len(dropped) == 42 - 18
     names = {d.id: {name for name, _ in d.absorbed_by} for d in dropped}
     assert "base:base.z" in names["geometry:A1.z"]
-    assert names["geometry:tool0.x"] == {f"tool:m{j}.x" for j in (1, 2, 3)}
+    assert names["geometry:tool0.x"] == {f"tool:marker:m{j}.x" for j in (1, 2, 3)}
 
 
 def test_known_base_and_markers_leave_more_to_identify(kr270: Cell) -> None:
@@ -101,3 +106,21 @@ def test_joint_offset_beside_geometry_is_part_of_it(kr270: Cell) -> None:
     plain = cell_of(kr270.robot, MARKERS, ["base", "tool", "geometry"])
     doubled = with_effects(plain, "base", "tool", "geometry", "joint_offset")
     assert len(calib.parameters(doubled)) == 33
+
+
+def test_an_offset_that_the_base_absorbs_is_refused_where_it_was_asked_for(kr270: Cell) -> None:
+    cell = cell_of(kr270.robot, MARKERS, ["base", "joint_offset:A1"])
+    with pytest.raises(EffectCannotAct, match=r"base:base.rz moves the markers in the same way"):
+        build(cell)
+
+
+@pytest.mark.parametrize("effects", [("base", "tool"), ("base", "tool", "geometry")])
+def test_markers_and_base_of_an_arm_in_a_plane_are_reduced_too(effects: tuple[str, ...]) -> None:
+    """A SCARA cannot tell the height of its markers from that of its base."""
+    rng = np.random.default_rng(0)
+    robot = random_robot(rng, 3, prismatic=(2,))
+    flat = replace(robot, axes=np.tile([0.0, 0.0, 1.0], (3, 1)), origins=robot.origins.copy())
+    flat.origins[:, :3, :3] = np.eye(3)
+    model = build(cell_of(flat, rng.uniform(-0.2, 0.2, (3, 3)), effects)).model
+    X = scaled_matrix(model)
+    assert np.linalg.matrix_rank(X, tol=1e-7) == X.shape[1]

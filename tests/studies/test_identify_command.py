@@ -106,7 +106,10 @@ def test_holdout_by_fraction_and_by_file(demo: Path, tmp_path: Path) -> None:
     assert json.loads(out.read_text()) == first, "the seed decides"
     run("identify", cell, table, "--holdout", "0.2", "--seed", "5", "--json", out)
     assert json.loads(out.read_text())["rms_mm"] != first["rms_mm"]
-    assert run("identify", cell, table, "--holdout", table, "--json", out).exit_code == 0
+    assert "holds the data themselves" in run("identify", cell, table, "--holdout", table).stderr
+    copy = tmp_path / "copy.csv"
+    copy.write_text(table.read_text())
+    assert run("identify", cell, table, "--holdout", copy, "--json", out).exit_code == 0
     both = json.loads(out.read_text())
     assert both["rms_mm"]["heldout"] == pytest.approx(both["rms_mm"]["fitted"])
     assert len(both["inputs"]) == 4

@@ -1,0 +1,95 @@
+"""The search for values and outliers: fit, judge, and fit again until the judgement stands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.covariance import Identifiable
+from calib.errors import CalibError
+from calib.identify.estimators import Estimator, Mask, choose_directions, rigid_directions
+from calib.identify.outliers import judge, next_outlier, pose_statistics, small_set, threshold
+from calib.identify.solver import Minimum
+from calib.observations import Observation
+from calib.se3 import Array
+
+_ROUNDS = 12  # times that outliers are judged anew
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Where a search ended.
+
+    first : Minimum over every pose; best : Minimum over the poses kept
+    kept : ndarray of bool, shape (m,); statistics : ndarray, shape (m,), judged by ``limit``
+    choice : Identifiable, what the kept poses determine; span : ndarray, shape (p, k), its directions
+    regular : whether they still determine it where the search ended
+    """
+
+    first: Minimum
+    best: Minimum
+    kept: Mask
+    statistics: Array
+    limit: float
+    choice: Identifiable
+    span: Array
+    regular: bool
+
+
+def search(estimator: Estimator, observation: Observation, start: Array) -> Found:
+    """Fit without the outliers, each round judged by the fit before.
+
+    With something elastic in the model, gross outliers are first looked for under the rigid part
+    alone: a bent arm can follow a wrong point a long way.
+
+    Raises CalibError where the estimator lacks the readings that it needs.
+    """
+    every = np.ones(len(observation.data), dtype=bool)
+    choice = choose_directions(observation, start)
+    span = observation.span()[:, choice.kept]
+    if estimator.dof(observation, span) < 0:
+        raise CalibError(
+            "too few readings at equal joints for differences: each configuration must be measured "
+            "free and loaded, and the model must hold something elastic"
+        )
+    rigid = rigid_directions(observation.model, span)
+    kept = every
+    if 0 < rigid.shape[1] < span.shape[1]:
+        stiff = estimator.fit(observation, start, rigid)
+        kept, _, _ = _judged(estimator, observation, stiff.values, every, rigid)
+    best = estimator.fit(observation.only(kept), start, span)
+    first = best if kept.all() else None
+    statistics, limit = np.zeros(len(every)), np.inf
+    for _ in range(_ROUNDS):
+        fresh, statistics, limit = _judged(estimator, observation, best.values, kept, span)
+        if np.array_equal(fresh, kept):
+            break
+        kept = fresh
+        choice = choose_directions(observation.only(kept), start)
+        span = observation.span()[:, choice.kept]
+        best = estimator.fit(observation.only(kept), best.values, span)
+    if first is None:
+        first = estimator.fit(observation, best.values, span)
+    at_end = choose_directions(observation.only(kept), best.values)
+    return Found(first, best, kept, statistics, limit, choice, span, at_end.rank >= choice.rank)
+
+
+def _judged(
+    estimator: Estimator, observation: Observation, values: Array, kept: Mask, span: Array
+) -> tuple[Mask, Array, float]:
+    """Poses to keep, the statistic of every pose, and its limit, under the fit to those kept."""
+    judged = estimator.judged(observation, values, span)
+    statistics, rows = pose_statistics(judged.r, judged.J, kept, judged.span)
+    if small_set(len(kept)):
+        cost = float((judged.r[kept] ** 2).sum())
+        worst = next_outlier(
+            statistics, rows, kept, cost, estimator.dof(observation.only(kept), span)
+        )
+        fresh = kept.copy()
+        if worst is not None:
+            fresh[worst] = False
+        limit = float(statistics[fresh].max(initial=0.0))
+        return fresh, statistics, limit
+    limit = threshold(statistics, judged.r.shape[-1])
+    return ~judge(statistics, limit), statistics, limit

@@ -78,7 +78,10 @@ def predict(cell: Cell, measurements: Plan, values: Sequence[float] | Mapping[st
     """
     poses = _poses(cell, measurements)
     model = build(cell, poses).model
-    return model.predict(as_vector(model, values), poses)
+    points = model.predict(as_vector(model, values), poses)
+    if not np.isfinite(points).all():
+        raise CalibError("the arm finds no equilibrium: its compliances are far too large")
+    return points
 
 
 def readings(cell: Cell, plan: Poses) -> Poses:

@@ -14,7 +14,7 @@ from calib.effects.tool import Tool
 from calib.errors import CalibError, TooFewPoses
 from calib.identify.estimators import Differences, Estimator, Mask, Readings, flattened, steps
 from calib.identify.identification import Identification, Method, Residuals, Status
-from calib.identify.initial import initial_values, marker_shape
+from calib.identify.initial import initial_values, with_measured_shape
 from calib.identify.noise_level import NoiseLevel, noise_level
 from calib.identify.outliers import pose_statistics, prediction_statistics, threshold
 from calib.identify.search import Found, search
@@ -58,6 +58,8 @@ def identify(
     estimator: Estimator = Differences() if differences else Readings(method)
     try:
         start = initial_values(model, data)
+        if approach == "pose":
+            start = _with_shape(model, data, start)
         points = Points(model, data, whitening(cell, model, start, data))
         observation: Observation = (
             points if approach == "points" else _as_poses(points, start, weighting, length)
@@ -195,19 +197,22 @@ def _noise(estimator: Estimator, observation: Observation, found: Found) -> tupl
     return noise_level(cost, dof, data, weights), dof
 
 
-def _as_poses(points: Points, start: Array, weighting: Weighting, length: float) -> Pose:
-    """Poses computed from the markers; readings that show too few of them are left out."""
-    model, data = points.model, points.data
-    shape = model.marker_positions(start)
-    if not orientable(shape, data.seen).any():
+def _with_shape(model: Model, data: Measurements, start: Array) -> Array:
+    """Initial values fit for approach pose. Raises CalibError where no orientation can be had."""
+    if not orientable(model.marker_positions(start), data.seen).any():
         raise CalibError(
             "approach pose needs three visible markers that are not in line; "
             "measure more markers, or use approach points"
         )
-    if len(model.where(Tool)):
-        shape = marker_shape(data, shape)
-    weights = points.weights * orientable(shape, data.seen)[:, None, None, None]
-    return Pose(model, data, weights, shape, weighting, length)
+    return with_measured_shape(model, data, start) if len(model.where(Tool)) else start
+
+
+def _as_poses(points: Points, start: Array, weighting: Weighting, length: float) -> Pose:
+    """Poses computed from the markers; readings that show too few of them are left out."""
+    shape = points.model.marker_positions(start)
+    usable = orientable(shape, points.data.seen)
+    weights = points.weights * usable[:, None, None, None]
+    return Pose(points.model, points.data, weights, shape, weighting, length)
 
 
 def _unused(observation: Observation) -> tuple[str, ...]:

@@ -32,7 +32,8 @@ from calib.se3 import (
 
 _STARTS = 256
 _RESOLUTION = 1e-6  # m: what the search takes for one standard deviation
-_SHAPE_ROUNDS = 8  # each gains more than a digit
+_SHAPE_ROUNDS = 300
+_SHAPE_M = 1e-9  # the shape has settled
 
 
 def initial_values(model: Model, data: Measurements) -> Array:
@@ -124,23 +125,31 @@ def _rotation(D: Array, y: Array, arm: Array) -> Array:
     return so3_exp(found.values[int(np.argmin(found.cost))])
 
 
-def marker_shape(data: Measurements, markers: Array) -> Array:
-    """Markers in the tip frame, shape (M, 3), m, their distances taken from the readings alone.
+def with_measured_shape(model: Model, data: Measurements, values: Array) -> Array:
+    """The values with marker positions whose distances are taken from the readings alone, (p,).
 
     The mean congruent shape of all readings (generalised Procrustes), laid over the given markers.
     """
-    shape = markers
+    markers = shape = model.marker_positions(values)
     usable = orientable(markers, data.seen)
     points, seen = data.points[usable], data.seen[usable].astype(float)
     count = np.maximum(seen.sum(axis=0), 1.0)[:, None]
     for _ in range(_SHAPE_ROUNDS):
         T = inverse(fit_rigid(points, shape, seen))
         own = rotate(T[:, None, :3, :3], points) + T[:, None, :3, 3]
+        before = shape
         shape = np.where(
             seen.sum(axis=0)[:, None] > 0.0, (own * seen[..., None]).sum(0) / count, shape
         )
+        if np.abs(shape - before).max() < _SHAPE_M:
+            break
     T = fit_rigid(markers, shape)
-    return rotate(T[:3, :3], shape) + T[:3, 3]
+    offsets = rotate(T[:3, :3], shape) + T[:3, 3] - model.markers
+    placed = values.copy()
+    for effect, part in zip(model.effects, model.slices, strict=True):
+        if isinstance(effect, Tool):
+            placed[part] = offsets[effect.marker, list(effect.components)]
+    return placed
 
 
 def _rotation_vectors(quaternions: Array) -> Array:

@@ -37,7 +37,7 @@ def measured(
             turn = axis / np.linalg.norm(axis) * rng.uniform(0, np.pi)
             truth[part] = np.concatenate([rng.uniform(-8, 8, 3), turn])
         if effect.kind == "tool":
-            truth[part] = rng.uniform(-0.2, 0.2, 3)
+            truth[part] = rng.uniform(-0.2, 0.2, len(effect.parameters))
         if "compliance" in effect.kind or effect.kind == "stiffness_vs_angle":
             truth[part] = np.abs(truth[part]) + model.sizes[part]
     return calib.simulate(model, truth, poses, Noise.isotropic(noise), rng), truth

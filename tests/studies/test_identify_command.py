@@ -14,6 +14,7 @@ from click.testing import CliRunner, Result
 
 import calib
 from studies.cli import main
+from studies.cli import run as entry_point
 
 
 def run(*arguments: object) -> Result:
@@ -175,3 +176,60 @@ def test_corrected_urdf_is_the_nominal_model_of_the_next_run(demo: Path, tmp_pat
 def test_help_shows_an_example() -> None:
     for command in ("identify", "demo"):
         assert f"posecal {command}" in run(command, "--help").output
+
+
+def test_outputs_never_replace_inputs(demo: Path, tmp_path: Path) -> None:
+    cell, table = demo / "cell.toml", demo / "measurements.csv"
+    before = table.read_text()
+    for options in (
+        ["--json", table],
+        ["--urdf", demo / "kr270.urdf"],
+        ["--json", tmp_path / "x", "--urdf", tmp_path / "x"],
+    ):
+        done = run("identify", cell, table, *options)
+        assert done.exit_code == 2
+        assert "is already an input or another output" in done.stderr
+    assert table.read_text() == before
+    assert not list(tmp_path.iterdir())
+
+
+def test_demo_keeps_what_was_edited(demo: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "mine"
+    assert run("demo", folder).exit_code == 0
+    cell = folder / "cell.toml"
+    cell.write_text(cell.read_text() + "# mine\n")
+    done = run("demo", folder)
+    assert done.exit_code == 2
+    assert "was edited and is kept; name another folder" in done.stderr
+    assert cell.read_text().endswith("# mine\n")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["identify"],
+        ["identify", "a", "b", "--approach", "x"],
+        ["nothing"],
+        ["demo", "--seed", "-1"],
+    ],
+)
+def test_wrong_calls_end_with_one_line(
+    arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["posecal", *arguments])
+    with pytest.raises(SystemExit) as caught:
+        entry_point()
+    assert caught.value.code == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "--help" in error
+
+
+def test_corrected_urdf_can_be_corrected_again(demo: Path, tmp_path: Path) -> None:
+    for name in ("cell.toml", "measurements.csv"):
+        (tmp_path / name).write_text((demo / name).read_text())
+    (tmp_path / "kr270.urdf").write_text((demo / "kr270_calibrated.urdf").read_text())
+    out = tmp_path / "again.urdf"
+    cell, table = tmp_path / "cell.toml", tmp_path / "measurements.csv"
+    assert run("identify", cell, table, "--urdf", out).exit_code == 0
+    assert out.read_text().count('link name="marker_m1"') == 1

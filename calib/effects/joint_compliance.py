@@ -3,41 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
 from calib.effects.protocol import (
-    Context,
+    AlongJoint,
     ElasticEffect,
     Parameter,
-    along_axis,
     compliance_unit,
-    joint_index,
 )
 from calib.poses import Poses
 from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)
-class JointCompliance(ElasticEffect):
+class JointCompliance(AlongJoint, ElasticEffect):
     """Compliance along one joint's variable."""
 
-    axis: Array
     kind: ClassVar[str] = "joint_compliance"
-
-    @classmethod
-    def places(cls, context: Context) -> tuple[str, ...]:
-        return context.robot.joints
-
-    @classmethod
-    def at(cls, context: Context, where: str) -> Self:
-        joint = joint_index(context, where)
-        return cls(where, joint + 1, along_axis(context.robot, joint))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        unit, scale, size = compliance_unit(bool(self.axis[:3].any()))
+        unit, scale, size = compliance_unit(self.slides)
         return (Parameter(self.kind, self.where, "compliance", unit, scale, size),)
 
     def flexibility(self, poses: Poses) -> Array:

@@ -168,6 +168,30 @@ class ElasticEffect(TwistEffect):
 
 
 @dataclass(frozen=True, eq=False)
+class AlongJoint(TwistEffect):
+    """A twist along the variable of one joint: an error of its reading, or of its drive.
+
+    axis : ndarray, shape (6,), unit displacement along the joint's variable
+    """
+
+    axis: Array
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return context.robot.joints
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        joint = joint_index(context, where)
+        return cls(where, joint + 1, along_axis(context.robot, joint))
+
+    @property
+    def slides(self) -> bool:
+        """Whether the joint is prismatic."""
+        return bool(self.axis[:3].any())
+
+
+@dataclass(frozen=True, eq=False)
 class LoadEffect(Effect):
     """Adds a wrench to what the frames transmit."""
 

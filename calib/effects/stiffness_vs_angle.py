@@ -8,6 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.effects.protocol import (
+    AlongJoint,
     Context,
     ElasticEffect,
     Parameter,
@@ -21,16 +22,11 @@ from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)
-class StiffnessVsAngle(ElasticEffect):
+class StiffnessVsAngle(AlongJoint, ElasticEffect):
     """Compliance with one coefficient at each knot, linear between, constant beyond the ends."""
 
-    axis: Array
     knots: Array
     kind: ClassVar[str] = "stiffness_vs_angle"
-
-    @classmethod
-    def places(cls, context: Context) -> tuple[str, ...]:
-        return context.robot.joints
 
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
@@ -47,9 +43,8 @@ class StiffnessVsAngle(ElasticEffect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        slides = bool(self.axis[:3].any())
-        unit, scale, size = compliance_unit(slides)
-        shown = self.knots * 1e3 if slides else np.degrees(self.knots)
+        unit, scale, size = compliance_unit(self.slides)
+        shown = self.knots * 1e3 if self.slides else np.degrees(self.knots)
         return tuple(
             Parameter(self.kind, self.where, f"compliance@{knot:.6g}", unit, scale, size)
             for knot in np.round(shown, 6) + 0.0

@@ -63,7 +63,7 @@ def forward(
     first = np.zeros((1, count, 6)) if constant is None else constant[..., None, :, :]
     second = np.zeros((m, count, 6)) if present is None else present
     batch = (*np.broadcast_shapes(first.shape[:-3], second.shape[:-3]), m)
-    turns = so3_exp(first[..., 3:]), so3_exp(second[..., 3:])
+    moves = [xi.any(axis=(*range(xi.ndim - 2), -1)) for xi in (first, second)]
     axes = np.empty((4, *batch, count, 3, 3))  # nominal, after constant, after present, after joint
     origins = np.empty((2, *batch, count, 3))
     rotation: Array = np.broadcast_to(np.eye(3), (*batch, 3, 3))
@@ -75,8 +75,9 @@ def forward(
             rotation = rotation @ C[:3, :3]
         axes[0][..., k, :, :] = rotation
         for stage, xi in enumerate((first, second)):
-            origin = origin + rotate(rotation, xi[..., k, :3])
-            rotation = rotation @ turns[stage][..., k, :, :]
+            if moves[stage][k]:
+                origin = origin + rotate(rotation, xi[..., k, :3])
+                rotation = rotation @ so3_exp(xi[..., k, 3:])
             axes[stage + 1][..., k, :, :], origins[stage][..., k, :] = rotation, origin
         if 0 < k <= robot.dof:
             motion = robot.axes[k - 1] * q[:, k - 1, None]

@@ -31,6 +31,7 @@ from calib.se3 import (
 )
 
 _STARTS = 256
+_FOLLOWED = 12  # the best of them
 _RESOLUTION = 1e-6  # m: what the search takes for one standard deviation
 _SHAPE_ROUNDS = 300
 _SHAPE_M = 1e-9  # the shape has settled
@@ -121,7 +122,8 @@ def _rotation(D: Array, y: Array, arm: Array) -> Array:
     free = np.asarray(np.linalg.lstsq(factor, target, rcond=1e-9)[0]).reshape(3, 3)
     random = np.random.default_rng(0).normal(size=(_STARTS - 1, 4))
     starts = np.concatenate([so3_log(nearest_rotation(free))[None], _rotation_vectors(random)])
-    found = levenberg_marquardt(linearise, starts, np.eye(3))
+    cost = np.sum(linearise(starts)[0] ** 2, axis=-1)
+    found = levenberg_marquardt(linearise, starts[np.argsort(cost)[:_FOLLOWED]], np.eye(3))
     return so3_exp(found.values[int(np.argmin(found.cost))])
 
 

@@ -63,7 +63,7 @@ def forward(
     first = np.zeros((1, count, 6)) if constant is None else constant[..., None, :, :]
     second = np.zeros((m, count, 6)) if present is None else present
     batch = (*np.broadcast_shapes(first.shape[:-3], second.shape[:-3]), m)
-    moves = [xi.any(axis=(*range(xi.ndim - 2), -1)) for xi in (first, second)]
+    moves = [np.asarray(xi.any(axis=(*range(xi.ndim - 2), -1))) for xi in (first, second)]
     axes = np.empty((4, *batch, count, 3, 3))  # nominal, after constant, after present, after joint
     origins = np.empty((2, *batch, count, 3))
     rotation: Array = np.broadcast_to(np.eye(3), (*batch, 3, 3))

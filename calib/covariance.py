@@ -88,6 +88,25 @@ def covariance(J: Array, span: Array, noise: Array | None = None) -> Array:
     return np.asarray(half @ meat @ half.T)
 
 
+def clustered(r: Array, J: Array, span: Array) -> Array:
+    """Covariance of all p values when the rows of one pose err together, shape (p, p).
+
+    r : ndarray, shape (m, rows), residuals; J : ndarray, shape (m, rows, p); any common unit
+    Sandwich over the poses (Liang and Zeger, Biometrika 73(1), 1986) with the usual correction
+    m / (m - 1) (N - 1) / (N - k), N the number of rows that count. It takes the scatter from the
+    residuals themselves and wants several times more poses than k.
+    """
+    m, k = len(r), span.shape[1]
+    projected = J @ span
+    flat = projected.reshape(-1, k)
+    scale = np.linalg.norm(flat, axis=0)
+    inverse = np.linalg.inv(np.linalg.qr(flat / scale, mode="r")) / scale[:, None]
+    scores = np.einsum("mrk,mr->mk", projected, r) @ inverse @ inverse.T
+    half = scores @ span.T
+    N = int(np.count_nonzero(np.abs(flat).sum(axis=1)))
+    return np.asarray(half.T @ half * (m / (m - 1) * (N - 1) / (N - k)))
+
+
 def correlation(cov: Array) -> Array:
     """Correlation matrix; rows of parameters that were not estimated are zero off the diagonal."""
     std = np.sqrt(np.diag(cov))

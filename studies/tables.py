@@ -21,6 +21,8 @@ _LABELS = {
     "heldout": "held out",
     "heldout_trimmed": "held out, without its outliers",
 }
+_TOGETHER = 1.2  # ratio worth a line
+
 _SOURCES = {
     "cell": "as the cell states",
     "replicates": "from repeated readings",
@@ -106,6 +108,14 @@ def _parameters(result: Identification, fields: dict[str, Any]) -> Table:
     return table
 
 
+def _common_error(result: Identification) -> float:
+    """Median ratio of standard deviations by pose to those by point; 1 where it cannot be told."""
+    if result.std_by_pose is None or result.noise.source != "residual":
+        return 1.0
+    estimated = result.std > 0.0
+    return float(np.median(result.std_by_pose[estimated] / result.std[estimated]))
+
+
 def _notes(result: Identification, fields: dict[str, Any]) -> Iterator[Text]:
     for entry in fields["unidentifiable"]:
         yield Text(f"unidentifiable  {', '.join(entry['names'])}: {entry['reason']}")
@@ -118,6 +128,12 @@ def _notes(result: Identification, fields: dict[str, Any]) -> Iterator[Text]:
         yield Text(f"unused  {', '.join(result.unused)}: too few markers for an orientation")
     if result.approach == "pose" and len(result.model.where(Tool)):
         yield Text("the distances between the markers come from the readings and count as known")
+    together = _common_error(result)
+    if together > _TOGETHER:
+        yield Text(
+            f"points of one pose err together: counted by pose, standard deviations are {together:.1f} "
+            "times these in the median (JSON: std_by_pose)"
+        )
     if result.absorbed:
         yield Text(
             f"{len(result.absorbed)} constant errors are indistinguishable from those above and left "

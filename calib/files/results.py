@@ -46,11 +46,18 @@ def identification_fields(result: Identification) -> dict[str, Any]:
                 "value": value / p.scale,
                 "std": std / p.scale if std > 0.0 else None,
                 "ci95": list(bounds / p.scale) if std > 0.0 else None,
+                "std_by_pose": None if by_pose is None else by_pose / p.scale,
                 "step_two_optimism": factor,
                 "unit": p.unit,
             }
-            for p, value, std, bounds, factor in zip(
-                result.model.parameters, result.values, result.std, interval, optimism, strict=True
+            for p, value, std, bounds, by_pose, factor in zip(
+                result.model.parameters,
+                result.values,
+                result.std,
+                interval,
+                [None] * len(result.values) if result.std_by_pose is None else result.std_by_pose,
+                optimism,
+                strict=True,
             )
         ],
         "weak": list(result.weak),

@@ -66,6 +66,8 @@ class Identification:
     unused : tuple of str, poses whose markers are too few for approach pose
     distances : dict, "nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed" -> distances
         between measured and predicted points, m
+    std_by_pose : ndarray, shape (p,), standard deviations if the points of a pose err together, as
+        they do under a model that lacks something; None where the poses are too few to tell
     step_two_std : ndarray, shape (p,), standard deviations that would follow if base and tool were
         known (the paper's step 2), NaN for base and tool
     """
@@ -86,6 +88,7 @@ class Identification:
     fit: Residuals
     heldout: Residuals | None
     distances: dict[str, Array]
+    std_by_pose: Array | None
     step_two_std: Array
 
     @property

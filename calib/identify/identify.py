@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.build import build, refuse_idle_effects
 from calib.cell import Cell
-from calib.covariance import covariance
+from calib.covariance import clustered, covariance
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.errors import CalibError, TooFewPoses
@@ -24,6 +24,8 @@ from calib.observations import Approach, Observation, Points, Pose, Weighting, o
 from calib.poses import Measurements
 from calib.se3 import Array, rotate
 from calib.threads import one_blas_thread
+
+_POSES_PER_DIRECTION = 3  # fewer do not tell how poses scatter
 
 
 @one_blas_thread
@@ -101,6 +103,7 @@ def identify(
         fit=fit,
         heldout=held,
         distances=distances,
+        std_by_pose=_std_by_pose(counted, found) if isinstance(estimator, Readings) else None,
         step_two_std=_step_two_std(counted, values, found.span) * noise.factor,
     )
 
@@ -230,6 +233,15 @@ def _nominal(observation: Observation, start: Array) -> Array:
     nominal[placement] = start[placement]
     directions = np.eye(len(start))[:, placement]
     return levenberg_marquardt(flattened(observation.points()), nominal, directions).values
+
+
+def _std_by_pose(counted: Observation, found: Found) -> Array | None:
+    """Standard deviations from the scatter of whole poses, None where they are few."""
+    kept = int(found.kept.sum())
+    if kept < _POSES_PER_DIRECTION * found.span.shape[1] or counted.row_noise() is not None:
+        return None
+    r, J = counted.points().linearise(found.best.values)
+    return np.sqrt(np.diag(clustered(r[found.kept], J[found.kept], found.span)))
 
 
 def _step_two_std(observation: Observation, values: Array, span: Array) -> Array:

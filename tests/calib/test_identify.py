@@ -170,6 +170,25 @@ def test_covariance_of_differences_is_that_of_repeated_experiments(
     assert np.mean(squared) == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / (24 * 60)))
 
 
+def test_standard_deviations_by_pose_when_points_err_together(kr270: Cell) -> None:
+    """Every pose is off by a common vector: by point the uncertainty is understated, by pose not."""
+    rng = np.random.default_rng(2)
+    cell = cell_of(kr270.robot, MARKERS, ("base", "tool", "joint_offset:A2,A3,A4,A5"))
+    poses = random_configurations(cell, rng, 80)
+    model = build(cell, poses).model
+    truth = np.zeros(len(model.parameters))
+    by_point, by_pose = [], []
+    for _ in range(60):
+        data = calib.simulate(model, truth, poses, cell.noise, rng)
+        common = rng.normal(size=(80, 1, 3)) * 1e-4
+        found = calib.identify(cell, replace(data, points=data.points + common))
+        by_point.append((found.values / found.std) ** 2)
+        by_pose.append((found.values / found.std_by_pose) ** 2)
+    offsets = [i for i, p in enumerate(model.parameters) if p.effect == "joint_offset"]
+    assert np.mean(by_point, axis=0)[offsets].mean() > 2.0
+    assert np.mean(by_pose, axis=0)[offsets].mean() == pytest.approx(1.0, abs=0.35)
+
+
 def test_several_stations_share_markers_and_robot(kr270: Cell) -> None:
     rng = np.random.default_rng(3)
     cell = cell_of(kr270.robot, np.zeros((3, 3)), RIGID)

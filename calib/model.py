@@ -10,8 +10,9 @@ deflection of every elastic frame, which is summed by the same iteration.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -55,6 +56,8 @@ class Model:
     effects: tuple[Effect, ...]
     payload: statics.Payload
     gravity: Array
+    # The last linearisation: a fit, its judgement and its covariance ask for the same one.
+    _last: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -180,7 +183,17 @@ class Model:
     # -- derivatives ---------------------------------------------------------------------------
 
     def jacobian(self, values: Array, poses: Poses) -> tuple[Array, Array]:
-        """Predicted points (..., m, M, 3) and their derivatives (..., m, M, 3, p), SI."""
+        """Predicted points (..., m, M, 3) and their derivatives (..., m, M, 3, p), SI, read-only."""
+        last = self._last
+        if last.get("poses") is not poses or not np.array_equal(last["values"], values):
+            found = self._jacobian(values, poses)
+            for array in found:
+                array.flags.writeable = False
+            last.update(poses=poses, values=values.copy(), found=found)
+        points, J = last["found"]
+        return points, J
+
+    def _jacobian(self, values: Array, poses: Poses) -> tuple[Array, Array]:
         state = self.state(values, poses)
         points = self._tip_points(state.frames, values)
         R, p = self.placement(values, poses)

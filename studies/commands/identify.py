@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
@@ -20,6 +20,8 @@ from studies.commands.common import (
 
 if TYPE_CHECKING:
     from calib import Cell, Identification, Measurements
+    from calib.identify.identification import Method
+    from calib.observations import Approach, Weighting
 
 
 @click.command()
@@ -115,9 +117,9 @@ def identify(
             cell,
             data,
             heldout=heldout,
-            approach=approach,  # type: ignore[arg-type]
-            method=method,  # type: ignore[arg-type]
-            weighting=weighting,  # type: ignore[arg-type]
+            approach=cast("Approach", approach),
+            method=cast("Method", method),
+            weighting=cast("Weighting", weighting),
             length=length_mm / 1e3,
             differences=differences,
         )

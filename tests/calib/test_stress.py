@@ -113,8 +113,11 @@ def test_a_station_whose_only_pose_is_wrong(kr270: Cell) -> None:
     points = data.points.copy()
     points[34, 0] += 0.3
     result = calib.identify(cell, replace(data, points=points))
-    assert np.isfinite(result.rms("fitted"))
-    assert result.fit.outlier[34] or result.status != "converged" or result.noise.factor > 3.0
+    assert list(np.flatnonzero(result.fit.outlier)) == [34]
+    assert result.status == "rank_deficient"
+    lost = {name for entry in result.unidentifiable for name in entry.names}
+    assert lost == {f"base:south.{c}" for c in ("x", "y", "z", "rx", "ry", "rz")}
+    assert result.rms("fitted") < 2e-5 * np.sqrt(3)
 
 
 def test_an_arm_too_soft_to_stand_is_refused(kr270: Cell) -> None:
@@ -141,7 +144,6 @@ def test_nonsense_units_are_not_called_a_success(kr270: Cell) -> None:
     cell = cell_of(kr270.robot, MARKERS, RIGID)
     data, _ = measured(cell, random_configurations(cell, rng, 40), rng)
     result = calib.identify(cell, replace(data, points=data.points * 1e3))
-    assert result.status != "converged" or any("check units" in w for w in result.warnings)
     assert any("check units" in text for text in result.warnings)
 
 
@@ -157,12 +159,10 @@ def test_held_out_points_keep_their_own_deviation(kr270: Cell) -> None:
     rng = np.random.default_rng(5)
     cell = cell_of(kr270.robot, MARKERS, RIGID)
     data, _ = measured(cell, random_configurations(cell, rng, 40), rng)
-    rough, _ = measured(cell, random_configurations(cell, rng, 20), rng)
     points = data.points[:20] + rng.normal(size=(20, 3, 3)) * 2e-4
     held = replace(data.take(slice(0, 20)), points=points, sigma=np.full((20, 3), 2e-4))
     result = calib.identify(cell, data.take(slice(20, None)), heldout=held)
     assert not result.heldout.outlier.any()
-    assert len(rough) == 20
 
 
 def test_what_was_not_estimated_counts_in_the_expected_accuracy(kr270: Cell) -> None:

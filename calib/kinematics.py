@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.robot import Robot
-from calib.se3 import Array, cross, rotate, so3_exp, so3_right_jacobian
+from calib.se3 import Array, cross, rotate, so3_about, so3_exp, so3_right_jacobian
+
+_UNTURNED = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,37 +66,46 @@ def forward(
     second = np.zeros((m, count, 6)) if present is None else present
     batch = (*np.broadcast_shapes(first.shape[:-3], second.shape[:-3]), m)
     moves = [np.asarray(xi.any(axis=(*range(xi.ndim - 2), -1))) for xi in (first, second)]
-    axes = np.empty((4, *batch, count, 3, 3))  # nominal, after constant, after present, after joint
-    origins = np.empty((2, *batch, count, 3))
+    # Axes: nominal, after the constant displacement, after the present one, after the joint's motion.
+    # A displacement that moves no frame shares the arrays of the stage before it.
+    nominal, moved = np.empty((*batch, count, 3, 3)), np.empty((*batch, count, 3, 3))
+    axes = [nominal, *(np.empty_like(nominal) if own.any() else nominal for own in moves)]
+    axes[2] = axes[2] if moves[1].any() else axes[1]
+    origins = [np.empty((*batch, count, 3))]
+    origins.append(np.empty_like(origins[0]) if moves[1].any() else origins[0])
     rotation: Array = np.broadcast_to(np.eye(3), (*batch, 3, 3))
     origin: Array = np.zeros((*batch, 3))
     for k in range(count):
         if k > 0:
             C = robot.origins[k - 1]
-            origin = origin + rotate(rotation, C[:3, 3])
-            rotation = rotation @ C[:3, :3]
-        axes[0][..., k, :, :] = rotation
+            if C[:3, 3].any():
+                origin = origin + rotate(rotation, C[:3, 3])
+            if not np.array_equal(C[:3, :3], _UNTURNED):
+                rotation = (rotation.reshape(-1, 3) @ C[:3, :3]).reshape(rotation.shape)
+        nominal[..., k, :, :] = rotation
         for stage, xi in enumerate((first, second)):
             if moves[stage][k]:
                 origin = origin + rotate(rotation, xi[..., k, :3])
                 rotation = rotation @ so3_exp(xi[..., k, 3:])
             axes[stage + 1][..., k, :, :], origins[stage][..., k, :] = rotation, origin
         if 0 < k <= robot.dof:
-            motion = robot.axes[k - 1] * q[:, k - 1, None]
+            axis, value = robot.axes[k - 1], q[:, k - 1]
             if robot.prismatic[k - 1]:
-                origin = origin + rotate(rotation, motion)
+                origin = origin + rotate(rotation, axis * value[:, None])
             else:
-                rotation = rotation @ so3_exp(motion)
-        axes[3][..., k, :, :] = rotation
+                rotation = rotation @ so3_about(axis, value)
+        moved[..., k, :, :] = rotation
     return Frames(
         Stage(first, axes[0], axes[1], origins[0]),
         Stage(second, axes[1], axes[2], origins[1]),
-        axes[3],
+        moved,
     )
 
 
 def link_origins(robot: Robot, frames: Frames, q: Array) -> Array:
     """Origins of the frames that carry the links, shape (..., m, n + 2, 3): prismatic travel in."""
+    if not robot.prismatic.any():
+        return frames.o
     travel = np.zeros((len(q), robot.dof + 2, 3))
     travel[:, 1:-1] = robot.prismatic[:, None] * robot.axes * q[:, :, None]
     return frames.o + rotate(frames.R, travel)
@@ -108,7 +119,9 @@ def spatial_columns(stage: Stage, frame: int, basis: Array) -> Array:
     basis : ndarray, shape (..., m or 1, 6, p), d xi / d parameter
     Returns ndarray, shape (..., m, p, 6): (A, phi) in base axes.
     """
-    turn = stage.R[..., frame, :, :] @ so3_right_jacobian(stage.xi[..., frame, 3:])
+    turn = stage.R[..., frame, :, :]
+    if stage.xi[..., frame, 3:].any():
+        turn = turn @ so3_right_jacobian(stage.xi[..., frame, 3:])
     phi = np.swapaxes(turn @ basis[..., 3:, :], -1, -2)
     slide = np.swapaxes(stage.R_before[..., frame, :, :] @ basis[..., :3, :], -1, -2)
     A = slide - cross(phi, stage.o[..., frame, None, :])

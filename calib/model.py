@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib import statics
 from calib.coupling import coupled
@@ -107,7 +108,7 @@ class Model:
             points = self._tip_points(frames, values)
             if tips is not None and np.abs(points - tips).max(initial=0.0) < _EQUILIBRIUM_M:
                 break
-            if not self._varying:
+            if not values[..., self._varying].any():
                 break
             moved = np.abs(points - tips) if tips is not None else np.full_like(points, np.inf)
             tips = points
@@ -118,9 +119,12 @@ class Model:
         return state
 
     @cached_property
-    def _varying(self) -> bool:
-        """Whether any frame's displacement depends on the state."""
-        return any(isinstance(e, TwistEffect) and not isinstance(e, Constant) for e in self.effects)
+    def _varying(self) -> NDArray[np.bool_]:
+        """Parameters by which a frame's displacement depends on the state, shape (p,)."""
+        varying = np.zeros(len(self.parameters), dtype=bool)
+        for effect, part in zip(self.effects, self.slices, strict=True):
+            varying[part] = isinstance(effect, TwistEffect) and not isinstance(effect, Constant)
+        return varying
 
     def _extra_wrench(self, values: Array, poses: Poses) -> Array:
         total = np.zeros((len(poses), self.robot.dof + 2, 6))
@@ -249,7 +253,7 @@ class Model:
         """Flexibility of each frame that is elastic at the present values, shape (..., m, 6, 6)."""
         total: dict[int, Array] = {}
         for effect, part in zip(self.effects, self.slices, strict=True):
-            if isinstance(effect, ElasticEffect):
+            if isinstance(effect, ElasticEffect) and values[..., part].any():
                 K = np.einsum("mijp,...p->...mij", effect.flexibility(poses), values[..., part])
                 total[effect.frame] = total.get(effect.frame, 0.0) + K
         return {frame: K for frame, K in total.items() if K.any()}

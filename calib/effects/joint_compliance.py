@@ -8,8 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from calib.effects.protocol import (
-    AlongJoint,
-    ElasticEffect,
+    ElasticDrive,
     Parameter,
     compliance_unit,
 )
@@ -18,7 +17,7 @@ from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)
-class JointCompliance(AlongJoint, ElasticEffect):
+class JointCompliance(ElasticDrive):
     """Compliance along one joint's variable."""
 
     kind: ClassVar[str] = "joint_compliance"
@@ -28,5 +27,5 @@ class JointCompliance(AlongJoint, ElasticEffect):
         unit, scale, size = compliance_unit(self.slides)
         return (Parameter(self.kind, self.where, "compliance", unit, scale, size),)
 
-    def flexibility(self, poses: Poses) -> Array:
-        return np.outer(self.axis, self.axis)[None, :, :, None]
+    def shares(self, poses: Poses) -> Array:
+        return np.ones((1, 1))

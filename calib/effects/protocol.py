@@ -192,6 +192,26 @@ class AlongJoint(TwistEffect):
 
 
 @dataclass(frozen=True, eq=False)
+class ElasticDrive(AlongJoint, ElasticEffect):
+    """A joint that yields along its own variable: ``dq = compliance * torque``.
+
+    Paper, equation 2 with a diagonal k_theta.
+    """
+
+    @abstractmethod
+    def shares(self, poses: Poses) -> Array:
+        """What each parameter adds to the compliance at each pose, shape (m or 1, p)."""
+
+    def flexibility(self, poses: Poses) -> Array:
+        return np.outer(self.axis, self.axis)[:, :, None] * self.shares(poses)[:, None, None, :]
+
+    def basis(self, state: State) -> Array:
+        torque = state.wrench.local[..., self.frame, :] @ self.axis
+        turned: Array = torque[..., None] * self.shares(state.poses)
+        return self.axis[:, None] * turned[..., None, :]
+
+
+@dataclass(frozen=True, eq=False)
 class LoadEffect(Effect):
     """Adds a wrench to what the frames transmit."""
 

@@ -8,9 +8,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.effects.protocol import (
-    AlongJoint,
     Context,
-    ElasticEffect,
+    ElasticDrive,
     Parameter,
     along_axis,
     compliance_unit,
@@ -22,7 +21,7 @@ from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)
-class StiffnessVsAngle(AlongJoint, ElasticEffect):
+class StiffnessVsAngle(ElasticDrive):
     """Compliance with one coefficient at each knot, linear between, constant beyond the ends."""
 
     knots: Array
@@ -50,7 +49,7 @@ class StiffnessVsAngle(AlongJoint, ElasticEffect):
             for knot in np.round(shown, 6) + 0.0
         )
 
-    def flexibility(self, poses: Poses) -> Array:
+    def shares(self, poses: Poses) -> Array:
         q = poses.q[:, self.frame - 1]
-        hats = np.column_stack([np.interp(q, self.knots, row) for row in np.eye(len(self.knots))])
-        return np.outer(self.axis, self.axis)[None, :, :, None] * hats[:, None, None, :]
+        hats = [np.interp(q, self.knots, row) for row in np.eye(len(self.knots))]
+        return np.column_stack(hats)

@@ -1,1 +1,1 @@
-"""doe: which poses to measure."""
+"""doe: which poses to measure, and a proof of how good they are."""

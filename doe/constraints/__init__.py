@@ -1,0 +1,27 @@
+"""What a configuration must satisfy to be measured, and which markers are seen there."""
+
+from __future__ import annotations
+
+from calib.cell import Cell
+from doe.constraints.hanging import hanging_load
+from doe.constraints.limits import joint_limits
+from doe.constraints.obstacles import obstacles_of
+from doe.constraints.protocol import Constraint
+from doe.constraints.scene import Scene, moving_capsules, scene_of
+from doe.constraints.self_collision import self_collision
+from doe.constraints.sight import visible
+from doe.constraints.torque import joint_torque
+
+__all__ = ["Constraint", "Scene", "constraints_of", "scene_of", "visible"]
+
+
+def constraints_of(cell: Cell) -> tuple[Constraint, ...]:
+    """Constraints that can act in a cell, the cheap ones first."""
+    found = (
+        joint_limits(cell),
+        *(obstacles_of(cell) if moving_capsules(cell) else ()),
+        self_collision(cell),
+        hanging_load(cell),
+        joint_torque(cell),
+    )
+    return tuple(constraint for constraint in found if constraint is not None)

@@ -1,0 +1,89 @@
+"""Distances from points and segments to simple shapes, batched; zero where they meet.
+
+Points have shape (..., 3), in metres, and broadcast against each other; distances have shape (...).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.se3 import Array
+
+_PARALLEL = 1e-16  # sin^2 of an angle that rounding cannot tell from zero
+_ACROSS = 1e-12  # m; a segment that runs less than this along an axis of a box stays level with it
+
+
+def point_segment(point: Array, start: Array, end: Array) -> Array:
+    """Distance of points to segments."""
+    along, offset = end - start, point - start
+    t = _ratio(_dot(offset, along), _dot(along, along))
+    return _norm(offset - np.clip(t, 0.0, 1.0)[..., None] * along)
+
+
+def segment_segment(start_1: Array, end_1: Array, start_2: Array, end_2: Array) -> Array:
+    """Distance of segments to segments.
+
+    Source: Ericson, Real-Time Collision Detection, 2005, section 5.1.9. The last step is taken
+    everywhere, as it can only shorten the distance. Parallel segments may start it anywhere.
+    """
+    u, v, w = end_1 - start_1, end_2 - start_2, start_1 - start_2
+    uu, uv, vv, uw, vw = _dot(u, u), _dot(u, v), _dot(v, v), _dot(u, w), _dot(v, w)
+    across = uu * vv - uv**2
+    s = np.clip(_ratio(uv * vw - uw * vv, across, _PARALLEL * uu * vv), 0.0, 1.0)
+    t = np.clip(_ratio(uv * s + vw, vv), 0.0, 1.0)
+    s = np.clip(_ratio(uv * t - uw, uu), 0.0, 1.0)
+    return _norm(w + s[..., None] * u - t[..., None] * v)
+
+
+def point_box(point: Array, half: Array) -> Array:
+    """Distance of points to a box about the origin along the axes, ``half`` its size / 2."""
+    return _norm(_beyond(point, half))
+
+
+def segment_box(start: Array, end: Array, half: Array) -> Array:
+    """Distance of segments to a box about the origin along the axes, ``half`` its size / 2.
+
+    The squared distance of the point at t is convex in t, and its derivative is linear between the
+    places where the segment crosses the planes of the faces.
+    """
+    along = end - start
+    step = np.where(np.abs(along) < _ACROSS, 1.0, along)
+    ends = np.broadcast_to(np.array([0.0, 1.0]), (*step.shape[:-1], 2))
+    t = np.concatenate([(-half - start) / step, (half - start) / step, ends], axis=-1)
+    t = np.sort(np.clip(t, 0.0, 1.0), axis=-1)
+    slope = np.zeros(t.shape)
+    for i in range(3):
+        d = along[..., i, None]
+        slope += d * _beyond(start[..., i, None] + t * d, half[i])
+    falling = np.sum(slope < 0.0, axis=-1)[..., None]
+    before, after = np.maximum(falling - 1, 0), np.minimum(falling, t.shape[-1] - 1)
+    (t_0, slope_0), (t_1, slope_1) = (
+        (np.take_along_axis(t, i, -1), np.take_along_axis(slope, i, -1)) for i in (before, after)
+    )
+    root = t_0 + (t_1 - t_0) * np.clip(_ratio(-slope_0, slope_1 - slope_0), 0.0, 1.0)
+    return point_box(start + root * along, half)
+
+
+def segment_halfspace(start: Array, end: Array, point: Array, normal: Array) -> Array:
+    """Distance of segments to all that lies beyond the plane through ``point``, along ``normal``."""
+    unit = normal / np.linalg.norm(normal)
+    height = np.maximum(start @ unit, end @ unit) - point @ unit
+    return np.asarray(np.maximum(-height, 0.0))
+
+
+def _beyond(x: Array, half: Array) -> Array:
+    """How far coordinates lie outside -half .. half, with sign."""
+    return np.asarray(x - np.clip(x, -half, half))
+
+
+def _ratio(a: Array, b: Array, tiny: Array | float = 0.0) -> Array:
+    """``a / b``, and a itself where b is not above ``tiny``."""
+    return np.asarray(a / np.where(b > tiny, b, 1.0))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.einsum("...i,...i->...", a, b))
+
+
+def _norm(a: Array) -> Array:
+    return np.asarray(np.sqrt(_dot(a, a)))

@@ -1,0 +1,129 @@
+"""The arm at n configurations: frames, markers and the shapes of its bodies, each computed once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calib.cell import Capsule, Cell
+from calib.errors import CalibError
+from calib.kinematics import Frames, forward, link_origins
+from calib.se3 import Array
+
+BoolArray: TypeAlias = NDArray[np.bool_]
+
+BASE = 0
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedCapsule:
+    """One capsule at n configurations.
+
+    body : int, number of the frame that carries it: 0 base, 1 .. dof the joints, dof + 1 tool
+    name : str, of the joint, ``base`` or ``tool``; numbered where a body has several
+    start, end : ndarray, shape (n, 3), m, ends of the axis in base axes
+    radius, length : float, m
+    """
+
+    body: int
+    name: str
+    start: Array
+    end: Array
+    radius: float
+    length: float
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is carried by the arm."""
+        return self.body != BASE
+
+    @property
+    def reach(self) -> float:
+        """Radius of the ball around the centre that holds the capsule [m]."""
+        return 0.5 * self.length + self.radius
+
+    @cached_property
+    def centre(self) -> Array:
+        """Middle of the axis, shape (n, 3), m."""
+        return 0.5 * (self.start + self.end)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A cell at n configurations q, ndarray of shape (n, dof), rad or m; nominal model, no loads."""
+
+    cell: Cell
+    q: Array
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @cached_property
+    def frames(self) -> Frames:
+        """Frames of the arm, leading shape (n, dof + 2)."""
+        return forward(self.cell.robot, self.q)
+
+    @cached_property
+    def origins(self) -> Array:
+        """Origins of the frames that carry the links, shape (n, dof + 2, 3), m."""
+        return link_origins(self.cell.robot, self.frames, self.q)
+
+    @cached_property
+    def markers(self) -> Array:
+        """Marker points, shape (n, M, 3), m, base axes."""
+        points = [self.placed(self.cell.robot.tip_frame, point) for point in self.cell.markers]
+        return np.stack(points, axis=1)
+
+    @cached_property
+    def capsules(self) -> tuple[PlacedCapsule, ...]:
+        """Every capsule of the cell, from the base to the tool."""
+        return tuple(
+            PlacedCapsule(
+                body,
+                name,
+                self.placed(body, capsule.start),
+                self.placed(body, capsule.end),
+                capsule.radius,
+                float(np.linalg.norm(np.subtract(capsule.end, capsule.start))),
+            )
+            for body, name, capsule in named_capsules(self.cell)
+        )
+
+    def placed(self, body: int, point: ArrayLike) -> Array:
+        """A point (3,) of a body's own frame in base axes, shape (n, 3), m."""
+        point = np.asarray(point, dtype=float)
+        if body == BASE:
+            return np.broadcast_to(point, (len(self), 3))
+        return turned(self.frames.R_link[:, body], point) + self.origins[:, body]
+
+
+def scene_of(cell: Cell, q: Array) -> Scene:
+    """A cell at joint values q, shape (n, dof), rad or m. Raises CalibError for another shape."""
+    q = np.asarray(q, dtype=float)
+    if q.ndim != 2 or q.shape[1] != cell.robot.dof:
+        raise CalibError(f"joint values have shape {q.shape}, expected (n, {cell.robot.dof})")
+    return Scene(cell, q)
+
+
+def named_capsules(cell: Cell) -> Iterator[tuple[int, str, Capsule]]:
+    """Body number, name and shape of every capsule, from the base to the tool."""
+    for body, carrier in enumerate(("base", *cell.robot.joints, "tool")):
+        capsules = cell.capsules.get(carrier, ())
+        for i, capsule in enumerate(capsules, 1):
+            yield body, carrier if len(capsules) == 1 else f"{carrier} #{i}", capsule
+
+
+def moving_capsules(cell: Cell) -> bool:
+    """Whether the cell gives the arm itself a shape."""
+    return any(body != BASE for body, _, _ in named_capsules(cell))
+
+
+def turned(R: Array, vector: Array) -> Array:
+    """One vector (3,) under n rotations (n, 3, 3), shape (n, 3)."""
+    # A single product with (9, 3) takes a fifth of the time of n products with (3,).
+    return np.asarray(R.reshape(-1, 9) @ np.kron(np.eye(3), vector[:, None]))

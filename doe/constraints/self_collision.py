@@ -1,0 +1,74 @@
+"""The arm keeps clear of itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from calib.cell import Cell
+from doe.constraints.distances import segment_segment
+from doe.constraints.protocol import Constraint
+from doe.constraints.scene import (
+    BoolArray,
+    PlacedCapsule,
+    Scene,
+    named_capsules,
+    scene_of,
+)
+
+_PROBE = 500  # configurations
+_ALWAYS = 0.99  # of them
+
+
+@dataclass(frozen=True, eq=False)
+class SelfCollision(Constraint):
+    """Capsules of bodies that are no neighbours in the chain do not meet.
+
+    Pairs that overlap practically everywhere, as at a spherical wrist, say that the shapes are
+    coarse and not that the arm is in danger; they are exempt, as in MoveIt's setup assistant.
+
+    pairs : tuple of pairs of positions in ``Scene.capsules``, those that are checked
+    exempt : tuple of pairs of capsule names, those that overlap practically everywhere
+    """
+
+    pairs: tuple[tuple[int, int], ...]
+    exempt: tuple[tuple[str, str], ...] = ()
+    name: str = "self_collision"
+
+    def allows(self, scene: Scene) -> BoolArray:
+        free = np.ones(len(scene), dtype=bool)
+        for i, j in self.pairs:
+            free &= ~overlap(scene.capsules[i], scene.capsules[j], free)
+        return free
+
+
+def self_collision(cell: Cell) -> SelfCollision | None:
+    """The pairs of a cell's capsules that can meet; None where no two bodies could."""
+    bodies = [body for body, _, _ in named_capsules(cell)]
+    pairs = [(i, j) for i, j in combinations(range(len(bodies)), 2) if bodies[j] - bodies[i] > 1]
+    if not pairs:
+        return None
+    low, high = cell.robot.sample_limits().T
+    probe = scene_of(cell, np.random.default_rng(0).uniform(low, high, (_PROBE, len(low))))
+    everywhere = np.ones(_PROBE, dtype=bool)
+    checked, exempt = [], []
+    for i, j in pairs:
+        a, b = probe.capsules[i], probe.capsules[j]
+        if overlap(a, b, everywhere).mean() < _ALWAYS:
+            checked.append((i, j))
+        else:
+            exempt.append((a.name, b.name))
+    return SelfCollision(tuple(checked), tuple(exempt))
+
+
+def overlap(a: PlacedCapsule, b: PlacedCapsule, among: BoolArray) -> BoolArray:
+    """Whether two capsules meet, shape (n,); False where ``among`` is."""
+    between = a.centre - b.centre
+    near = np.einsum("ni,ni->n", between, between) <= (a.reach + b.reach) ** 2
+    at = np.flatnonzero(near & among)
+    met = np.zeros(len(among), dtype=bool)
+    distance = segment_segment(a.start[at], a.end[at], b.start[at], b.end[at])
+    met[at] = distance <= a.radius + b.radius
+    return met

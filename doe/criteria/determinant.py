@@ -1,0 +1,91 @@
+"""D and Ds: volume of the confidence ellipsoid, of all parameters or of those that matter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from calib.errors import CalibError
+from calib.se3 import Array
+from doe.criteria.protocol import Conic, Criterion, Question
+
+
+@dataclass(frozen=True, eq=False)
+class Determinant(Criterion):
+    """``Phi = det(M)^(1/p)``, for parameters in their units.
+
+    V : ndarray, shape (p, p), parameters in their units for y
+    """
+
+    V: Array
+    name: ClassVar[str] = "D"
+    unit: ClassVar[str] = "det(M)^(1/p), M per squared parameter units"
+    larger_is_better: ClassVar[bool] = True
+
+    @classmethod
+    def of(cls, question: Question) -> Self:
+        return cls(question.shown)
+
+    def value(self, M: Array) -> Array:
+        return np.asarray(self._scale * np.exp(np.linalg.slogdet(M)[1] / M.shape[-1]))
+
+    @cached_property
+    def _scale(self) -> float:
+        return float(np.exp(-2.0 * np.linalg.slogdet(self.V)[1] / len(self.V)))
+
+    def gradient(self, M: Array) -> Array:
+        return np.asarray(self.value(M) / len(M) * np.linalg.inv(M))
+
+    def conic(self, M: Any, at: Array) -> Conic:
+        import cvxpy as cp
+
+        return Conic(cp.log_det(M))
+
+    def shown(self, value: float) -> float:
+        return value
+
+    def curvature(self, M: Array, columns: Array) -> tuple[float, Array, Array]:
+        L_inverse = np.linalg.inv(np.linalg.cholesky(M))
+        P = L_inverse @ columns @ L_inverse.T
+        cost = -float(np.linalg.slogdet(M)[1])
+        return cost, -np.trace(P, axis1=-2, axis2=-1), P.reshape(len(P), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Subset(Criterion):
+    """``Phi = det(K)^(1/s)``, K the information on s of the parameters, the others unknown too.
+
+    V : ndarray, shape (s, p): ``K = (V M^-1 V^T)^-1``, the Schur complement of M
+    """
+
+    V: Array
+    name: ClassVar[str] = "Ds"
+    unit: ClassVar[str] = "det(K)^(1/s), K per squared parameter units"
+    larger_is_better: ClassVar[bool] = True
+
+    @classmethod
+    def of(cls, question: Question) -> Self:
+        if question.subset is None:
+            raise CalibError("criterion Ds needs the parameters that matter; name them with --of")
+        return cls(question.shown[question.subset])
+
+    def value(self, M: Array) -> Array:
+        cov = self.V @ np.linalg.solve(M, self.V.T)
+        return np.asarray(np.exp(-np.linalg.slogdet(cov)[1] / len(self.V)))
+
+    def gradient(self, M: Array) -> Array:
+        W = np.linalg.solve(M, self.V.T)
+        return np.asarray(self.value(M) / len(self.V) * W @ np.linalg.solve(self.V @ W, W.T))
+
+    def conic(self, M: Any, at: Array) -> Conic:
+        import cvxpy as cp
+
+        V = self.V / np.linalg.norm(self.V, axis=1, keepdims=True)
+        K = cp.Variable((len(V), len(V)), symmetric=True)
+        return Conic(cp.log_det(K), [M - V.T @ K @ V >> 0])
+
+    def shown(self, value: float) -> float:
+        return value

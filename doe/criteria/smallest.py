@@ -1,0 +1,170 @@
+"""Criteria that are the smallest of several: worst target (task-worst), worst region (G), two rivals."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from calib.errors import CalibError
+from calib.se3 import Array
+from doe.criteria.protocol import Conic, Criterion, Question
+
+_SHARPNESS = 60.0  # exponent with which the default supergradient weighs the smallest ones
+_MOST_CONES = 12  # members that enter a conic program: those that are smallest at the moment
+
+
+@dataclass(frozen=True, eq=False)
+class Smallest(Criterion):
+    """``Phi = min_k Phi_k``, each of the K members an information function."""
+
+    @abstractmethod
+    def members(self, M: Array) -> Array:
+        """``Phi_k(M)``, shape (..., K)."""
+
+    @abstractmethod
+    def member_gradient(self, M: Array, weights: Array) -> Array:
+        """A supergradient of a concave function that lies above the smallest, shape (p, p)."""
+
+    def value(self, M: Array) -> Array:
+        return np.asarray(self.members(M).min(axis=-1))
+
+    def gradient(self, M: Array) -> Array:
+        members = self.members(M)
+        weights = (members.min() / members) ** _SHARPNESS
+        G = self.member_gradient(M, weights / weights.sum())
+        return np.asarray(G)
+
+
+@dataclass(frozen=True, eq=False)
+class WorstVariance(Smallest):
+    """The largest of several variances: ``Phi_k = 1 / tr(F_k^T M^-1 F_k)``.
+
+    F : ndarray, shape (K, p, r)
+    """
+
+    F: Array
+
+    def members(self, M: Array) -> Array:
+        K, p, r = self.F.shape
+        flat = np.swapaxes(self.F, 0, 1).reshape(p, K * r)
+        solved = np.linalg.solve(M, flat)
+        return np.asarray(1.0 / (solved * flat).reshape(*M.shape[:-2], p, K, r).sum(axis=(-3, -1)))
+
+    def member_gradient(self, M: Array, weights: Array) -> Array:
+        # Gradient of 1 / tr(C M^-1) with C the weighted sum: it lies above the smallest member.
+        W = np.linalg.solve(M, self.F * np.sqrt(weights)[:, None, None])
+        flat = np.swapaxes(W, 0, 1).reshape(len(M), -1)
+        total = weights @ (1.0 / self.members(M))
+        return np.asarray(flat @ flat.T / total**2)
+
+    def conic(self, M: Any, at: Array) -> Conic:
+        import cvxpy as cp
+
+        members = self.members(at)
+        worst = np.argsort(members)[:_MOST_CONES]
+        scale = 1.0 / members.min()
+        largest = cp.Variable()
+        below = [cp.matrix_frac(self.F[k] / np.sqrt(scale), M) <= largest for k in worst]
+
+        def witness() -> Array:
+            weights = np.zeros(len(self.F))
+            weights[worst] = np.maximum([float(c.dual_value) for c in below], 0.0)
+            return self.member_gradient(M.value, weights / weights.sum())
+
+        return Conic(-largest, below, witness)
+
+    def shown(self, value: float) -> float:
+        return 1.0 / value
+
+
+@dataclass(frozen=True, eq=False)
+class WorstTask(WorstVariance):
+    """Expected squared position error at the worst target pose, shown as its root in mm."""
+
+    name: ClassVar[str] = "task-worst"
+    unit: ClassVar[str] = "mm RMS at the worst target"
+
+    @classmethod
+    def of(cls, question: Question) -> Self:
+        rows = question.targets()[question.target_weights > 0.0]
+        return cls(np.swapaxes(rows, -1, -2))
+
+    def shown(self, value: float) -> float:
+        return 1e3 / float(np.sqrt(value))
+
+
+@dataclass(frozen=True, eq=False)
+class WorstRegion(WorstVariance):
+    """G: the largest variance of a predicted reading, summed over the markers, in noise variances."""
+
+    name: ClassVar[str] = "G"
+    unit: ClassVar[str] = "largest variance of a predicted pose, in noise variances"
+
+    @classmethod
+    def of(cls, question: Question) -> Self:
+        values, vectors = np.linalg.eigh(question.region)
+        return cls(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
+
+
+@dataclass(frozen=True, eq=False)
+class Rivals(Smallest):
+    """Two effects told apart, whichever of them is the true one.
+
+    A member is ``delta^T K delta``: the squared residual, in noise variances, that is left of effect k
+    of plausible size after everything else was fitted, the rival included (T-optimality of Atkinson
+    and Fedorov, Biometrika 62(1), 1975, for linear rivals). K is the Schur complement of M.
+
+    V : tuple of two ndarray, shape (s_k, p), the parameters of either effect in plausible sizes
+    """
+
+    V: tuple[Array, Array]
+    name: ClassVar[str] = "discriminate"
+    unit: ClassVar[str] = "squared residual of the worse rival, in noise variances"
+    larger_is_better: ClassVar[bool] = True
+
+    @classmethod
+    def of(cls, question: Question) -> Self:
+        if question.rivals is None:
+            raise CalibError("two rival effects are needed; name them with --discriminate")
+        first, second = (question.sized[rows] for rows in question.rivals)
+        return cls((first, second))
+
+    def _directions(self, M: Array) -> list[Array]:
+        """``M^-1 V^T K delta`` of both, shape (..., p, 1); delta is one size of every parameter."""
+        found = []
+        for V in self.V:
+            W = np.linalg.solve(M, V.T)
+            delta = np.full((len(V), 1), len(V) ** -0.5)
+            found.append(W @ np.linalg.solve(V @ W, delta))
+        return found
+
+    def members(self, M: Array) -> Array:
+        values = [np.swapaxes(d, -1, -2) @ M @ d for d in self._directions(M)]
+        return np.concatenate(values, axis=-1)[..., 0, :]
+
+    def member_gradient(self, M: Array, weights: Array) -> Array:
+        first, second = self._directions(M)
+        return np.asarray(weights[0] * first @ first.T + weights[1] * second @ second.T)
+
+    def conic(self, M: Any, at: Array) -> Conic:
+        import cvxpy as cp
+
+        smallest = cp.Variable()
+        scale = max(float((V**2).sum()) for V in self.V)
+        above, rest = [], []
+        for V in self.V:
+            K = cp.Variable((len(V), len(V)), symmetric=True)
+            above.append(cp.sum(K) / len(V) >= smallest)
+            rest.append(M - V.T @ K @ V / scale >> 0)
+
+        def witness() -> Array:
+            weights = np.maximum([float(c.dual_value) for c in above], 0.0)
+            return self.member_gradient(M.value, weights / weights.sum())
+
+        return Conic(smallest, [*above, *rest], witness)
+
+    def shown(self, value: float) -> float:
+        return value

@@ -1,0 +1,188 @@
+"""Whole plans: rounded and greedy starts, improved by exchanging one pose for a better candidate.
+
+An exchange is judged exactly, but only where it could pay: the criterion is concave, so a supergradient
+at any matrix bounds every exchange from above by one dot product. The bound is refined at the best
+exchange found so far; a pose stays only where no candidate can beat it (Kelley's cutting planes over the pool). Blocks of
+several markers have about as many rows as there are parameters, so a low-rank update of the inverse
+would cost what the evaluation itself does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from calib.poses import IntArray
+from calib.se3 import Array
+from doe.allowed import Allowed
+from doe.blocks import Blocks
+from doe.criteria import Criterion
+
+_BATCH = 24
+_PATIENCE = 2  # batches looked at after the first one that holds something better
+_WORTH = 1e-7  # relative gain below which an exchange is rounding
+
+
+def exchange(
+    criterion: Criterion,
+    blocks: Blocks,
+    allowed: Allowed,
+    plan: IntArray,
+    *,
+    levels_too: bool = True,
+) -> tuple[IntArray, float]:
+    """Improve a plan until no single exchange does, nor one of a whole level where levels are chosen.
+
+    plan : ndarray of int, shape (size,), candidates; left as it is
+    Returns the plan and its criterion, never lower than before.
+    """
+    plan, value = _singles(criterion, blocks, allowed, plan.copy())
+    while levels_too and allowed.chooses_levels:
+        moved = _move_level(criterion, blocks, allowed, plan, value)
+        if moved is None:
+            break
+        plan, value = _singles(criterion, blocks, allowed, moved)
+    return plan, value
+
+
+def _singles(
+    criterion: Criterion, blocks: Blocks, allowed: Allowed, plan: IntArray
+) -> tuple[IntArray, float]:
+    M = blocks.total(plan)
+    value = float(criterion.value(M))
+    idle = 0
+    while idle < len(plan):
+        for slot in range(len(plan)):
+            found = _better(criterion, blocks, allowed, plan, slot, M, value)
+            if found is None:
+                idle += 1
+            else:
+                plan[slot], value = found
+                M = blocks.total(plan)
+                idle = 0
+            if idle >= len(plan):
+                break
+    return plan, value
+
+
+def _better(
+    criterion: Criterion,
+    blocks: Blocks,
+    allowed: Allowed,
+    plan: IntArray,
+    slot: int,
+    M: Array,
+    value: float,
+) -> tuple[int, float] | None:
+    """A better candidate in place of one pose, and the criterion with it; None if there is none."""
+    here = allowed.members[allowed.group[plan[slot]]]
+    rows = blocks.packed[here] if len(here) < len(blocks) else blocks.packed
+    base = M - blocks.matrices(plan[slot : slot + 1])[0]
+    possible = _above(criterion.gradient(M), base, rows)
+    if not allowed.repeats:
+        possible[np.isin(here, plan)] = -np.inf
+    best, chosen = value * (1.0 + _WORTH), -1
+    patience = _PATIENCE
+    while patience:
+        live = np.flatnonzero(possible > best)
+        if not len(live):
+            break
+        patience -= chosen >= 0
+        if len(live) > _BATCH:
+            live = live[np.argpartition(-possible[live], _BATCH)[:_BATCH]]
+        values = criterion.value(base + blocks.matrices(here[live]))
+        possible[live] = -np.inf
+        top = int(values.argmax())
+        if values[top] > best:
+            best, chosen = float(values[top]), int(here[live[top]])
+        nearest = base + blocks.matrices(here[live[top : top + 1]])[0]
+        rest = np.flatnonzero(possible > best)
+        if len(rest) > _BATCH:
+            cut = _above(criterion.gradient(nearest), base, rows[rest])
+            possible[rest] = np.minimum(possible[rest], cut)
+    return None if chosen < 0 else (chosen, best)
+
+
+def _above(G: Array, base: Array, rows: Array) -> Array:
+    """Upper bound on the criterion of ``base`` with each candidate added."""
+    from doe.packed import pack
+
+    return np.asarray(rows @ pack(G) + float((G * base).sum()))
+
+
+def greedy(
+    criterion: Criterion, blocks: Blocks, allowed: Allowed, plan: Iterable[int] = ()
+) -> IntArray:
+    """Fill a plan up, each time with the candidate that adds most."""
+    chosen = list(plan)
+    M = blocks.total(np.array(chosen, dtype=int))
+    everyone = np.arange(len(blocks))
+    while len(chosen) < allowed.size:
+        counts = np.bincount(allowed.group[chosen], minlength=len(allowed.positions))
+        open_levels = counts < allowed.counts
+        if allowed.chooses_levels:
+            open_levels &= _may_open(allowed, counts)
+        free = open_levels[allowed.group]
+        if not allowed.repeats:
+            free[chosen] = False
+        candidates = everyone[free]
+        values = criterion.value(M + blocks.matrices(candidates))
+        best = int(candidates[values.argmax()])
+        chosen.append(best)
+        M = M + blocks.matrices(np.array([best]))[0]
+    return np.array(chosen)
+
+
+def _may_open(allowed: Allowed, counts: IntArray) -> np.ndarray:
+    """Levels that are used, or may be opened beside those that are."""
+    used = np.flatnonzero(counts)
+    if len(used) == allowed.used:
+        return np.asarray(counts > 0)
+    gaps = np.abs(allowed.positions[:, None] - allowed.positions[used])
+    near = (gaps < allowed.separation - 1e-12).any(axis=1)
+    return np.asarray(~near | (counts > 0))
+
+
+def rounded_weights(
+    allowed: Allowed, index: IntArray, weights: Array, rng: np.random.Generator | None
+) -> IntArray:
+    """A whole plan from weights of some candidates: the largest, or drawn in proportion.
+
+    The draw multiplies the weights with exponential noise, so a sort is a draw without replacement.
+    """
+    keys = weights + 1e-9
+    if rng is not None:
+        keys = keys / rng.exponential(size=len(index))
+    rules = allowed.take(index)
+    # The oracle needs every level filled: a plan of many candidates without weight is still a plan.
+    _, chosen = rules.best(keys)
+    return index[chosen]
+
+
+def _move_level(
+    criterion: Criterion, blocks: Blocks, allowed: Allowed, plan: IntArray, value: float
+) -> IntArray | None:
+    """The first exchange of a whole level that pays, its poses chosen greedily."""
+    group = allowed.group[plan]
+    for old in np.unique(group):
+        rest = plan[group != old]
+        base = blocks.total(rest)
+        others = allowed.positions[np.unique(group[group != old])]
+        gaps = np.abs(allowed.positions[:, None] - others)
+        apart = ~(gaps < allowed.separation - 1e-12).any(axis=1)
+        scores = _above(criterion.gradient(blocks.total(plan)), base, blocks.packed)
+        scores -= float((criterion.gradient(blocks.total(plan)) * base).sum())
+        for new in np.flatnonzero(apart):
+            members = allowed.members[new]
+            if new == old or len(members) < allowed.counts[new]:
+                continue
+            promising = members[np.argsort(-scores[members])[:200]]
+            inside = Allowed(
+                np.zeros(len(promising), dtype=int), np.zeros(1), allowed.counts[new : new + 1], 1
+            )
+            added = greedy(criterion, Blocks(blocks.packed[promising], base), inside)
+            moved = np.concatenate([rest, promising[added]])
+            if criterion.value(blocks.total(moved)) > value * (1.0 + _WORTH):
+                return moved
+    return None

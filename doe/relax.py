@@ -1,0 +1,142 @@
+"""The best weights over all candidates: a small program, priced over the whole pool.
+
+Column generation. A master program over a few hundred candidates gives weights and with them M. The
+supergradient at M scores every candidate of the pool in one product; those that would pay enter the
+master, until the certified bound and the value agree. (Closest relative: Pillai, Ponte, Fampa, Lee,
+Singh and Xie, arXiv 2411.01405, 2024.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.poses import IntArray
+from calib.se3 import Array
+from doe.allowed import Allowed
+from doe.blocks import Blocks
+from doe.certify import bound
+from doe.conic import conic_weights
+from doe.criteria import Criterion
+from doe.newton import newton_weights
+
+GAP = 1e-4
+"""Certified gap, relative, at which the relaxation stops."""
+_MOST_ROUNDS = 40
+_CONIC_UP_TO = 12  # parameters above which the interior point master is faster (studies/benchmarks)
+_WARM_ROUNDS = 6
+_MOST_COLUMNS = 600
+
+
+@dataclass(frozen=True, eq=False)
+class Relaxation:
+    """Weights of the best weighted plan and the bound that they prove.
+
+    index : ndarray of int, shape (q,), candidates; weights : ndarray, shape (q,)
+    M : ndarray, shape (p, p); G : ndarray, shape (p, p), the supergradient of the bound
+    value, bound : float, criterion at M and the proved upper bound over all plans
+    rounds : int
+    """
+
+    index: IntArray
+    weights: Array
+    M: Array
+    G: Array
+    value: float
+    bound: float
+    rounds: int
+
+    @property
+    def gap(self) -> float:
+        """Bound over value, less one."""
+        return self.bound / self.value - 1.0
+
+
+def relax(
+    criterion: Criterion,
+    blocks: Blocks,
+    allowed: Allowed,
+    *,
+    start: IntArray | None = None,
+    gap: float = GAP,
+) -> Relaxation:
+    """Maximise the criterion over weights, certified over every candidate.
+
+    start : ndarray of int, candidates to begin with, as those of a known plan
+    gap : float, certified relative gap at which to stop; a larger one is returned where the solver
+        cannot reach it
+    """
+    active = _warm_start(criterion, blocks, allowed)
+    if start is not None:
+        active = np.union1d(active, start)
+    weights, M = np.zeros(0), blocks.fixed
+    best, G_best = np.inf, np.zeros_like(blocks.fixed)
+    rounds = 0
+    for rounds in range(1, _MOST_ROUNDS + 1):
+        at = M if rounds > 1 else blocks.fixed + np.eye(len(M)) * allowed.size
+        part, rules = blocks.take(active), allowed.take(active)
+        weights, witness = _master(criterion, part, rules, at, gap)
+        M = part.total(np.arange(len(active)), weights)
+        value = float(criterion.value(M))
+        proofs = [criterion.gradient(M)] + ([] if witness is None else [witness])
+        bounds = [bound(G, blocks, allowed) for G in proofs]
+        tightest = int(np.argmin(bounds))
+        if bounds[tightest] < best:
+            best, G_best = bounds[tightest], proofs[tightest]
+        if best <= value * (1.0 + gap):
+            break
+        entering = _entering(blocks.scores(proofs[tightest]), allowed)
+        if np.isin(entering, active).all():
+            break
+        active = _merged(active, weights, entering)
+    else:
+        active = active[: len(weights)]
+    return Relaxation(active, weights, M, G_best, value, best, rounds)
+
+
+def _master(
+    criterion: Criterion, part: Blocks, rules: Allowed, at: Array, gap: float
+) -> tuple[Array, Array | None]:
+    p = len(part.fixed)
+    smooth = criterion.curvature(at, part.matrices(np.arange(1))) is not None
+    if smooth and not rules.chooses_levels and p > _CONIC_UP_TO:
+        return newton_weights(criterion, part, rules, gap / 4.0), None
+    solved = conic_weights(criterion, part, rules, at)
+    if solved is not None:
+        return solved
+    if smooth and not rules.chooses_levels:
+        return newton_weights(criterion, part, rules, gap / 4.0), None
+    _, chosen = rules.best(part.scores(criterion.gradient(at)))
+    return np.bincount(chosen, minlength=len(part)).astype(float), None
+
+
+def _warm_start(criterion: Criterion, blocks: Blocks, allowed: Allowed) -> IntArray:
+    """Candidates of a few steps of the Frank-Wolfe method from uniform weights."""
+    uniform = np.full(len(blocks), allowed.size / len(blocks))
+    M = blocks.total(np.arange(len(blocks)), uniform)
+    active: IntArray = np.zeros(0, dtype=int)
+    for step in range(_WARM_ROUNDS):
+        scores = blocks.scores(criterion.gradient(M))
+        _, chosen = allowed.best(scores)
+        active = np.union1d(active, np.union1d(chosen, _entering(scores, allowed)))
+        M = M + (blocks.total(chosen) - M) * (2.0 / (step + 3.0))
+    return active
+
+
+def _entering(scores: Array, allowed: Allowed) -> IntArray:
+    """Best candidates of every level, and somewhat more of them than a plan takes."""
+    spare = max(2, 60 // len(allowed.positions))
+    found = []
+    for members, count in zip(allowed.members, allowed.counts, strict=True):
+        own = scores[members]
+        k = min(int(count) + spare, len(members)) if count else 0
+        found.append(members[np.argpartition(own, len(own) - k)[len(own) - k :]] if k else members[:0])
+    return np.concatenate(found)
+
+
+def _merged(active: IntArray, weights: Array, entering: IntArray) -> IntArray:
+    """Active candidates and those that enter; without weight they leave a set that grew large."""
+    if len(active) > _MOST_COLUMNS:
+        active = active[weights > 1e-7]
+    return np.union1d(active, entering)

@@ -1,0 +1,97 @@
+"""From weights to the best whole plan found: many starts on a short list, then the whole pool."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.poses import IntArray
+from calib.se3 import Array
+from doe.allowed import Allowed
+from doe.blocks import Blocks
+from doe.certify import survivors
+from doe.criteria import Criterion
+from doe.exchange import exchange, greedy, rounded_weights
+from doe.relax import Relaxation
+
+_STARTS, _FEWEST_STARTS = 12, 3
+_KICKS, _FEWEST_KICKS = 30, 6
+_SMALL = 12  # parameters up to which starts and kicks are not cut: their cost grows with p^3
+_SHORT = 1500  # candidates of the short list
+
+
+def best_plan(
+    criterion: Criterion,
+    blocks: Blocks,
+    allowed: Allowed,
+    relaxed: Relaxation,
+    *,
+    seed: int,
+    start: IntArray | None = None,
+) -> tuple[IntArray, float]:
+    """The best plan found, and its criterion.
+
+    start : a plan to begin with, besides rounded and greedy ones
+    """
+    rng = np.random.default_rng(seed)
+    listed = _short_list(criterion, blocks, allowed, relaxed, start)
+    part, rules = blocks.take(listed), allowed.take(listed)
+    weights = np.zeros(len(listed))
+    weights[np.searchsorted(listed, relaxed.index)] = relaxed.weights
+    everyone = np.arange(len(listed))
+    starts = [rounded_weights(rules, everyone, weights, None), greedy(criterion, part, rules)]
+    effort = min(1.0, (_SMALL / len(blocks.fixed)) ** 1.5)
+    count = max(_FEWEST_STARTS, round(_STARTS * effort))
+    starts += [rounded_weights(rules, everyone, weights, rng) for _ in range(count)]
+    if start is not None:
+        starts.append(np.searchsorted(listed, start))
+    found = [exchange(criterion, part, rules, plan) for plan in starts]
+    plan, value = max(found, key=lambda pair: pair[1])
+    kicks = max(_FEWEST_KICKS, round(_KICKS * effort))
+    plan, value = _kicked(criterion, part, rules, plan, value, kicks, rng)
+    plan = listed[plan]
+    kept = np.union1d(survivors(relaxed.G, blocks, allowed, value), plan)
+    part, rules = blocks.take(kept), allowed.take(kept)
+    plan, value = exchange(criterion, part, rules, np.searchsorted(kept, plan))
+    return kept[plan], value
+
+
+def _short_list(
+    criterion: Criterion,
+    blocks: Blocks,
+    allowed: Allowed,
+    relaxed: Relaxation,
+    start: IntArray | None,
+) -> IntArray:
+    """Candidates with weight, and those that the relaxation prices next."""
+    scores = blocks.scores(relaxed.G)
+    tops = []
+    for members, count in zip(allowed.members, allowed.counts, strict=True):
+        k = min(max(int(count) + 5, _SHORT // len(allowed.positions)), len(members))
+        tops.append(members[np.argsort(-scores[members], kind="stable")[:k]])
+    lists = [relaxed.index, *tops] + ([] if start is None else [start])
+    return np.unique(np.concatenate(lists))
+
+
+def _kicked(
+    criterion: Criterion,
+    blocks: Blocks,
+    allowed: Allowed,
+    plan: IntArray,
+    value: float,
+    kicks: int,
+    rng: np.random.Generator,
+) -> tuple[IntArray, float]:
+    """Iterated local search: replace a few poses by chance, improve, keep what is better."""
+    for _ in range(kicks):
+        trial = plan.copy()
+        for slot in rng.choice(len(plan), min(3, len(plan)), replace=False):
+            members = allowed.members[allowed.group[plan[slot]]]
+            free = members if allowed.repeats else np.setdiff1d(members, trial)
+            if len(free):
+                trial[slot] = rng.choice(free)
+        trial, found = exchange(criterion, blocks, allowed, trial, levels_too=False)
+        if found > value:
+            plan, value = trial, found
+    return plan, value
+
+

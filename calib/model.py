@@ -211,7 +211,8 @@ class Model:
             if isinstance(effect, Tool):
                 R_tip = state.frames.R[..., -1, :, :]
                 J[..., effect.marker, :, part] = R_tip[..., list(effect.components)]
-        J = R[..., None, :, :] @ J
+        if values[..., self.where(Base)].any():
+            J = R[..., None, :, :] @ J
         for effect, part in zip(self.effects, self.slices, strict=True):
             if isinstance(effect, Base):
                 here = poses.station == effect.station

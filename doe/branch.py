@@ -1,8 +1,8 @@
 """Branch and bound: the proof that a plan is the best of a pool, where few candidates survive.
 
 A node fixes some candidates into the plan and shuts others out. Its relaxation gives a bound by the
-same certificate as everywhere, reduced costs shut out more, and the candidate whose weight is closest
-to one half branches. Best bound first, so stopping early still leaves a valid bound.
+same certificate as everywhere, reduced costs shut out more, and the candidate branches that costs most
+to force, by the second-order model of the interior point method. Best bound first, so stopping early still leaves a valid bound.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from doe.exchange import exchange
 from doe.newton import newton_weights
 
 _PRECISION = 1e-6
+_FRACTION = 1e-3  # weights closer to 0 or 1 than this count as whole
 _SAME = 1e-9  # relative difference of two plans that is rounding
 
 
@@ -113,10 +114,34 @@ def _branch(
     kept = survivors(G, part, rules, value * (1.0 + _SAME))
     if not len(kept):
         return value, [], better
-    split = kept[np.abs(w[kept] - 0.5).argmin()]
+    split = kept[_pull(criterion, part, rules, M, w)[kept].argmax()]
     rest = node.free[kept[kept != split]]
     into = np.append(node.inside, node.free[split])
     return found, [_Node(into, rest), _Node(node.inside, rest)], better
+
+
+def _pull(criterion: Criterion, part: Blocks, rules: Allowed, M: Array, w: Array) -> Array:
+    """What it costs to force each candidate in or out, to second order, shape (q,).
+
+    A weight moved by delta, the others following, costs ``delta^2 / (2 K_jj)`` with K the inverse of the
+    Hessian on the directions that keep the sum of every level.
+    """
+    fractional = np.flatnonzero((w > _FRACTION) & (w < 1.0 - _FRACTION))
+    cost = 1e-9 * (0.5 - np.abs(w - 0.5))
+    if len(fractional) < 2:
+        return cost
+    smooth = criterion.curvature(M, part.matrices(fractional))
+    if smooth is None:
+        return cost
+    H = smooth[2] @ smooth[2].T
+    H[np.diag_indices(len(H))] += 1e-6 * np.trace(H) / len(H)
+    K = np.linalg.inv(H)
+    sums = (rules.group[fractional] == np.unique(rules.group[fractional])[:, None]).astype(float)
+    follow = K @ sums.T
+    K = K - follow @ np.linalg.solve(sums @ follow, follow.T)
+    delta = np.minimum(w[fractional], 1.0 - w[fractional])
+    cost[fractional] += delta**2 / np.maximum(np.diag(K), 1e-300)
+    return cost
 
 
 def _rounded(

@@ -53,7 +53,8 @@ class Regressor:
             J = J / noise.along
         if visible is not None:
             J = J * visible[:, :, None, None]
-        return J.reshape(len(poses), -1, J.shape[-1]) @ self.T
+        p = J.shape[-1]
+        return (J.reshape(-1, p) @ self.T).reshape(len(poses), -1, p)
 
     def information(self, q: Array, visible: NDArray[np.bool_] | None = None) -> Array:
         """Information matrix of each configuration, shape (m, p, p)."""

@@ -52,6 +52,8 @@ class Wish:
     rivals : two effects to be told apart, ``effect:where``, or None
     fixed : Poses measured in any case, or None
     repeats : bool
+    at_markers : bool, the error at the targets counts at the markers; None: if they are unknowns, else
+        at the tip's origin
     """
 
     poses: int
@@ -61,6 +63,7 @@ class Wish:
     rivals: tuple[str, str] | None = None
     fixed: Poses | None = None
     repeats: bool = False
+    at_markers: bool | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,15 +124,24 @@ class Problem:
     @cached_property
     def target_rows(self) -> Array:
         """Rows of the targets, (K, r, p), m per y, the mean over markers in them."""
-        return target_rows(self.regressor, self.targets)
+        return target_rows(self.regressor, self.targets, self.at_markers)
+
+    @property
+    def at_markers(self) -> bool:
+        """Whether the error at the targets counts at the markers."""
+        return counts_at_markers(self.model, self.wish)
 
 
-def target_rows(regressor: Regressor, targets: Poses) -> Array:
-    """``J`` at target poses: at the markers, or at the tip's origin where they are no unknowns."""
-    model = regressor.model
-    if any(isinstance(e, Tool) for e in model.effects):
-        model = replace(model)
-    else:
+def counts_at_markers(model: Model, wish: Wish) -> bool:
+    """As wished, else whether the markers are unknowns."""
+    known = not any(isinstance(e, Tool) for e in model.effects)
+    return not known if wish.at_markers is None else wish.at_markers
+
+
+def target_rows(regressor: Regressor, targets: Poses, at_markers: bool) -> Array:
+    """``J`` at target poses, shape (K, rows, p), m per y, the mean over the markers in it."""
+    model = replace(regressor.model)
+    if not at_markers:
         model = replace(model, marker_names=("tip",), markers=np.zeros((1, 3)))
     _, J = model.jacobian(np.zeros(len(model.parameters)), targets)
     rows = J.reshape(len(targets), -1, J.shape[-1]) @ regressor.T
@@ -168,7 +180,7 @@ def problem_of(cell: Cell, wish: Wish, seed: int = 0) -> Problem:
         regressor.T,
         _subset(model, wish),
         _direction(model, wish),
-        lambda: target_rows(regressor, targets),
+        lambda: target_rows(regressor, targets, counts_at_markers(model, wish)),
         weights,
         regressor.information(probe[:_REGION], seen[:_REGION]),
         None if wish.rivals is None else _rival_rows(model, wish.rivals),

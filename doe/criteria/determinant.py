@@ -72,6 +72,10 @@ class Subset(Criterion):
             raise CalibError("criterion Ds needs the parameters that matter; name them with --of")
         return cls(question.shown[question.subset])
 
+    @property
+    def whole(self) -> bool:
+        return False
+
     def value(self, M: Array) -> Array:
         cov = self.V @ np.linalg.solve(M, self.V.T)
         return np.asarray(np.exp(-np.linalg.slogdet(cov)[1] / len(self.V)))

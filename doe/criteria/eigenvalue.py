@@ -27,6 +27,10 @@ class SmallestEigenvalue(Criterion):
     def of(cls, question: Question) -> Self:
         return cls(question.sized[question.chosen])
 
+    @property
+    def whole(self) -> bool:
+        return self.V.shape[0] == self.V.shape[1]
+
     def value(self, M: Array) -> Array:
         cov = self.V @ np.linalg.solve(M, self.V.T)
         return np.asarray(1.0 / np.linalg.eigvalsh(cov)[..., -1])

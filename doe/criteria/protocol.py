@@ -91,6 +91,11 @@ class Criterion(ABC):
     unit: ClassVar[str]
     larger_is_better: ClassVar[bool] = False
 
+    @property
+    def whole(self) -> bool:
+        """Whether every parameter must be determined; else a plan may leave some open."""
+        return True
+
     @classmethod
     @abstractmethod
     def of(cls, question: Question) -> Self:

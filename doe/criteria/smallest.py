@@ -47,6 +47,10 @@ class WorstVariance(Smallest):
 
     F: Array
 
+    @property
+    def whole(self) -> bool:
+        return False
+
     def members(self, M: Array) -> Array:
         K, p, r = self.F.shape
         flat = np.swapaxes(self.F, 0, 1).reshape(p, K * r)
@@ -121,6 +125,11 @@ class Rivals(Smallest):
     """
 
     V: tuple[Array, Array]
+
+    @property
+    def whole(self) -> bool:
+        return False
+
     name: ClassVar[str] = "discriminate"
     unit: ClassVar[str] = "squared residual of the worse rival, in noise variances"
     larger_is_better: ClassVar[bool] = True

@@ -11,6 +11,8 @@ from calib.errors import CalibError
 from calib.se3 import Array
 from doe.criteria.protocol import Conic, Criterion, Question
 
+_UNNEEDED = 1e-8  # m
+
 
 @dataclass(frozen=True, eq=False)
 class Trace(Criterion):
@@ -20,6 +22,10 @@ class Trace(Criterion):
     """
 
     F: Array
+
+    @property
+    def whole(self) -> bool:
+        return bool(np.linalg.matrix_rank(self.F) == len(self.F))
 
     def variance(self, M: Array) -> Array:
         """``tr(F^T M^-1 F)`` of matrices (..., p, p)."""
@@ -84,20 +90,24 @@ class Task(Trace):
     """Expected squared position error after compensation, averaged over the target poses.
 
     The test-pose criterion ``rho_0^2 = tr(J_0 cov J_0^T)`` (Wu, Klimchik, Caro, Furet and Pashkevich,
-    2012), shown as its root in mm.
+    2012), shown as its root in mm. A parameter that the targets do not need counts as ten nanometres at its
+    plausible size, so that among equals the plan that determines it is the better one; without this a
+    single target is best measured at itself, with a singular M.
     """
 
     name: ClassVar[str] = "task"
     unit: ClassVar[str] = "mm RMS at the targets"
 
+    @property
+    def whole(self) -> bool:
+        return False
+
     @classmethod
     def of(cls, question: Question) -> Self:
         rows = question.targets() * np.sqrt(question.target_weights)[:, None, None]
-        rows = rows.reshape(-1, rows.shape[-1])
-        # As few columns as the rank of the sum over the targets.
+        rows = np.vstack([rows.reshape(-1, rows.shape[-1]), _UNNEEDED * question.sized])
         _, singular, Vt = np.linalg.svd(rows, full_matrices=False)
-        kept = singular > 1e-10 * singular[0]
-        return cls(Vt[kept].T * singular[kept])
+        return cls(Vt.T * singular)
 
     def shown(self, value: float) -> float:
         return 1e3 / float(np.sqrt(value))

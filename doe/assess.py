@@ -1,0 +1,134 @@
+"""What a plan promises: standard deviations, accuracy at the targets, and what it stands to lose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.effects.tool import Tool
+from calib.se3 import Array
+from doe.constraints import scene_of, visible
+from doe.problem import Problem
+
+_OPEN = 1e3  # standard deviation in plausible sizes above which nothing is known
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """A plan judged by its information matrix, before anything is measured.
+
+    value : float, the problem's criterion, as shown
+    determinant, trace : float, det(M)^(1/p) and the trace of the covariance, parameters in their units
+    std : ndarray, shape (p,), SI, NaN where the plan leaves a parameter open
+    task_rms, task_worst : float, m, over the target poses
+    observability : dict, indices O1 to O5 of rows scaled to plausible sizes
+    without_pose : ndarray, shape (N,), m, task RMS after the loss of each pose, inf where parameters
+        are lost with it
+    without_marker : dict, marker -> m, the same for each marker
+    hidden : int, marker readings of the plan that are out of sight
+    """
+
+    value: float
+    determinant: float
+    trace: float
+    std: Array
+    task_rms: float
+    task_worst: float
+    observability: dict[str, float]
+    without_pose: Array
+    without_marker: dict[str, float]
+    hidden: int
+
+
+def assess(problem: Problem, q: Array, criterion_value: float | None = None) -> Assessment:
+    """Judge the poses q, shape (N, dof), together with those that are measured in any case.
+
+    criterion_value : float, the criterion if it is known
+    """
+    blocks = problem.information(q)
+    M = problem.fixed + blocks.sum(axis=0)
+    T = problem.regressor.T
+    units = np.array([p.scale for p in problem.model.parameters])
+    shown = T / units[:, None]
+    cov = shown @ np.linalg.solve(M, shown.T)
+    if criterion_value is None:
+        criterion_value = float(problem.criterion.value(M))
+    std = np.sqrt(np.diag(cov)) * units
+    squared = _squared_errors(problem, M)
+    seen = visible(scene_of(problem.cell, q))
+    return Assessment(
+        value=problem.criterion.shown(criterion_value),
+        determinant=float(np.exp(-np.linalg.slogdet(cov)[1] / len(cov))),
+        trace=float(np.trace(cov)),
+        std=np.where(std > _OPEN * problem.model.sizes, np.nan, std),
+        task_rms=float(np.sqrt(problem.target_weights @ squared)),
+        task_worst=float(np.sqrt(squared[problem.target_weights > 0.0].max())),
+        observability=observability(problem, M, len(q)),
+        without_pose=np.array([_task(problem, M - block) for block in blocks]),
+        without_marker=_without_markers(problem, q, seen),
+        hidden=int((~seen).sum()),
+    )
+
+
+def _squared_errors(problem: Problem, M: Array) -> Array:
+    """Expected squared error at each target, shape (K,), m^2."""
+    rows = problem.target_rows
+    solved = np.linalg.solve(M, np.swapaxes(rows, -1, -2))
+    return np.asarray(np.einsum("krp,kpr->k", rows, solved))
+
+
+def _task(problem: Problem, M: Array) -> float:
+    """Task RMS, m; inf where M is singular but for the ridge."""
+    if np.linalg.eigvalsh(M)[0] < 1e-8:
+        return np.inf
+    return float(np.sqrt(problem.target_weights @ _squared_errors(problem, M)))
+
+
+def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
+    """Observability indices of the rows behind M, columns in plausible sizes.
+
+    O1 Borm and Menq 1991; O2 Driels and Pathre 1990; O3 Nahvi, Hollerbach and Hayward 1994; O4 Nahvi and
+    Hollerbach 1996; O5 Sun and Hollerbach 2008. O2 to O5 depend on the scaling, O1 only by a factor.
+    """
+    sized = problem.regressor.T / problem.model.sizes[:, None]
+    s = 1.0 / np.sqrt(np.linalg.eigvalsh(sized @ np.linalg.solve(M, sized.T)))
+    return {
+        "O1": float(np.exp(np.log(s).mean()) / np.sqrt(poses)),
+        "O2": float(s.min() / s.max()),
+        "O3": float(s.min()),
+        "O4": float(s.min() ** 2 / s.max()),
+        "O5": float(1.0 / (1.0 / s).sum()),
+    }
+
+
+def _without_markers(problem: Problem, q: Array, seen: Array) -> dict[str, float]:
+    """Task RMS with all but one marker, m; the lost marker's position is no unknown then."""
+    model, T = problem.model, problem.regressor.T
+    if len(model.marker_names) == 1:
+        return {}
+    back = np.linalg.inv(T / model.sizes[:, None])
+    found = {}
+    for lost, name in enumerate(model.marker_names):
+        kept = np.delete(np.arange(len(model.marker_names)), lost)
+        mask = seen.copy()
+        mask[:, lost] = False
+        M = problem.fixed + problem.regressor.information(q, mask).sum(axis=0)
+        own = np.zeros(len(T), dtype=bool)
+        for effect, part in zip(model.effects, model.slices, strict=True):
+            own[part] = isinstance(effect, Tool) and effect.marker == lost
+        rows = problem.target_rows
+        if problem.at_markers:
+            # The mean over the markers that are left.
+            rows = rows.reshape(len(rows), -1, 3, rows.shape[-1])[:, kept]
+            rows = rows.reshape(len(rows), -1, rows.shape[-1])
+            rows = rows * np.sqrt((len(kept) + 1) / len(kept))
+        sized = (back.T @ M @ back)[np.ix_(~own, ~own)]
+        if np.linalg.eigvalsh(sized)[0] < 1e-3:
+            found[name] = np.inf
+            continue
+        rows = (rows @ back)[..., ~own]
+        solved = np.linalg.solve(sized, np.swapaxes(rows, -1, -2))
+        squared = np.einsum("krp,kpr->k", rows, solved)
+        found[name] = float(np.sqrt(problem.target_weights @ squared))
+    return found

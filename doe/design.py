@@ -1,0 +1,214 @@
+"""The verb: choose the poses of a cell and prove how good they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from calib.cell import Cell
+from calib.effects.stiffness_vs_angle import StiffnessVsAngle
+from calib.errors import CalibError
+from calib.files.tables import load_plan
+from calib.poses import Poses
+from calib.se3 import Array
+from calib.threads import one_blas_thread
+from doe.assess import assess
+from doe.criteria import CRITERIA
+from doe.levels import levels_of
+from doe.order import travel, visiting_order
+from doe.plan import Candidates, Design, Rival, level_values, named, notes_of
+from doe.pool import Pool, chunked, drawn, pool_of
+from doe.problem import Problem, Wish, no_candidate, problem_of
+from doe.solve import Clock, Effort, choose, finish
+
+CANDIDATES = 20_000
+"""Candidates that are drawn unless the user says otherwise."""
+
+
+@one_blas_thread
+def design(
+    cell: Cell,
+    *,
+    poses: int | None = None,
+    criterion: str = "task",
+    levels: str | None = None,
+    candidates: int | str | Path | Poses = CANDIDATES,
+    extend: str | Path | Poses | None = None,
+    discriminate: tuple[str, str] | None = None,
+    of: Iterable[str] = (),
+    against: Mapping[str, Poses] | None = None,
+    repeats: bool | None = None,
+    at_markers: bool | None = None,
+    robust: bool = False,
+    refine: bool = True,
+    fresh: bool = True,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Design:
+    """Choose poses that make a criterion best, with a certificate.
+
+    poses : how many to choose; the cell's [design] or the levels say it otherwise
+    criterion : "task", "task-worst", "D", "Ds", "A", "c", "E" or "G"
+    levels : as "A2=5x3" or "A2=-140,-57,-10x3"; those of the cell's [design] otherwise
+    candidates : number of Sobol candidates, or a table of candidates in the format of a plan
+    extend : a plan that is measured in any case; ``poses`` come on top of it
+    discriminate : two effects ``effect:where`` that the plan is to tell apart, instead of a criterion
+    of : effects or parameters that matter, for Ds, A, E and c (``NAME=FACTOR`` for a combination)
+    against : plans to judge beside the result, by name
+    repeats : whether a candidate may be used more than once; the cell's [design] otherwise
+    at_markers : whether errors at the targets count at the markers, not at the tip's origin; by default
+        where the markers are unknowns of the model
+    robust : the plan that is best after the loss of whichever one pose it can least spare
+    refine : polish the joint angles; fresh : a second bound over as many fresh candidates
+    progress : called with a line for each step
+
+    Raises CalibError where no such plan can be: the text says why and what would help.
+    """
+    chosen_levels = levels_of(cell, levels, poses)
+    wish = Wish(
+        poses=_count(cell, poses, chosen_levels and chosen_levels.used * chosen_levels.per_level),
+        criterion=_criterion(criterion, discriminate),
+        levels=chosen_levels,
+        of=tuple(of),
+        rivals=discriminate,
+        fixed=_plan(cell, extend),
+        repeats=bool(cell.design.get("repeats")) if repeats is None else repeats,
+        at_markers=at_markers,
+    )
+    source = _plan(cell, candidates) if not isinstance(candidates, int) else candidates
+    if isinstance(source, int) and source < 1:
+        raise CalibError(f"{source} candidates are too few; ask for a thousand or more")
+    effort = Effort(refine, source if fresh and isinstance(source, int) else 0, robust, seed, progress)
+    return _designed(cell, wish, source, effort, against or {}, Clock())
+
+
+def _count(cell: Cell, poses: int | None, by_levels: int | None) -> int:
+    found = poses or by_levels or cell.design.get("poses")
+    if not found:
+        raise CalibError("how many poses? give --poses N, or poses in the cell's [design]")
+    own = cell.design.get("poses")
+    if poses is None and by_levels and own and own != by_levels:
+        raise CalibError(
+            f"the levels make {by_levels} poses and [design] poses is {own}; change one of them"
+        )
+    return int(found)
+
+
+def _criterion(name: str, discriminate: tuple[str, str] | None) -> str:
+    if discriminate is not None:
+        return "discriminate"
+    if name not in CRITERIA or name == "discriminate":
+        known = ", ".join(n for n in CRITERIA if n != "discriminate")
+        raise CalibError(f"unknown criterion {name!r}; known are {known}")
+    return name
+
+
+def _plan(cell: Cell, plan: str | Path | Poses | None) -> Poses | None:
+    return load_plan(cell, plan) if isinstance(plan, str | Path) else plan
+
+
+def _designed(
+    cell: Cell,
+    wish: Wish,
+    source: int | Poses | None,
+    effort: Effort,
+    against: Mapping[str, Poses],
+    clock: Clock,
+) -> Design:
+    problem = problem_of(cell, wish, effort.seed)
+    effort.progress(f"{len(problem.model.parameters)} parameters, {wish.poses} poses")
+    pool = _pool(problem, source, effort.seed)
+    clock.lap("pool")
+    effort.progress(f"{len(pool)} of {pool.drawn} candidates are feasible")
+    chosen = choose(problem, pool, effort, clock)
+    levels = wish.levels
+    if levels is not None and not levels.chosen:
+        settled = levels.only(np.unique(pool.q[chosen.index, levels.joint]))
+        if _follows_levels(problem):
+            effort.progress("levels chosen; the model's angles follow them")
+            there = _designed(cell, replace(wish, levels=settled), source, effort, against, clock)
+            note = f"levels chosen among {len(levels.values)}, at least {chosen.value / chosen.relaxed.bound:.3f} of the best choice for a model with even knots; the efficiency is for the levels as chosen"
+            return replace(there, notes=(note, *there.notes))
+        levels = settled
+    q, certificate, live = finish(problem, pool, chosen, effort, clock)
+    q = q[visiting_order(q)]
+    result = Design(
+        problem=problem,
+        poses=named(q),
+        level=level_values(levels, q),
+        levels=levels,
+        assessment=assess(problem, q),
+        certificate=certificate,
+        candidates=Candidates(pool.drawn, len(pool), pool.removed, live),
+        travel=travel(q),
+        rivals=_judged(problem, against, certificate.bound),
+        seconds=clock.laps,
+    )
+    clock.lap("judgement")
+    return replace(result, notes=notes_of(result))
+
+
+def _follows_levels(problem: Problem) -> bool:
+    """Whether the model has a coefficient at each level, so that its parameters change with them."""
+    levels = problem.wish.levels
+    name = problem.cell.robot.joints[levels.joint] if levels is not None else ""
+    return name not in problem.cell.knots and any(
+        isinstance(e, StiffnessVsAngle) and e.where == name for e in problem.model.effects
+    )
+
+
+def _pool(problem: Problem, source: int | Poses | None, seed: int) -> Pool:
+    """Candidates, enough of them at every level. Raises CalibError saying what removed them."""
+    levels = problem.wish.levels
+    if isinstance(source, Poses):
+        chunks, count = chunked(source.q), len(source)
+    else:
+        count = source or CANDIDATES
+        chunks = drawn(problem.cell, count, levels, seed)
+    pool = pool_of(problem.regressor, problem.constraints, levels, chunks, count)
+    if not len(pool):
+        raise CalibError(no_candidate(pool.drawn, pool.removed))
+    rules = problem.rules(pool.level)
+    if rules.chooses_levels:
+        if not np.isfinite(rules.best(np.zeros(len(pool)))[0]):
+            raise CalibError(
+                no_candidate(pool.drawn, pool.removed, f" at {rules.used} levels far enough apart")
+            )
+        return pool
+    for level, members in enumerate(rules.members):
+        needed = 1 if rules.repeats else int(rules.counts[level])
+        if len(members) < needed:
+            raise CalibError(_too_few(problem, pool, level, len(members), needed))
+    return pool
+
+
+def _too_few(problem: Problem, pool: Pool, level: int, found: int, needed: int) -> str:
+    levels = problem.wish.levels
+    if levels is None:
+        return (
+            f"{found} feasible candidates for {needed} poses; draw more, or allow repeats"
+            if not any(pool.removed.values())
+            else no_candidate(pool.drawn, pool.removed, f" enough ({found} for {needed} poses)")
+        )
+    joint = problem.cell.robot.joints[levels.joint]
+    slides = problem.cell.robot.prismatic[levels.joint]
+    shown = levels.values[level] * 1e3 if slides else np.degrees(levels.values[level])
+    where = f" at {joint} = {shown:g}" + ("" if not found else f" enough ({found} for {needed})")
+    removed = {
+        name: int(counts[level]) for name, counts in pool.removed_at.items() if len(counts) > level
+    }
+    return no_candidate(pool.drawn // len(levels.values), removed, where)
+
+
+def _judged(
+    problem: Problem, against: Mapping[str, Poses], bound: float
+) -> dict[str, Rival]:
+    found = {}
+    for name, plan in against.items():
+        M = problem.fixed + problem.information(plan.q).sum(axis=0)
+        value = float(problem.criterion.value(M))
+        found[name] = Rival(assess(problem, plan.q), value / bound, len(plan))
+    return found

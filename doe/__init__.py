@@ -1,7 +1,7 @@
 """doe: which poses to measure, and a proof of how good they are.
 
-    plan = design(cell, poses=20, criterion="task")
-    plan.poses, plan.efficiency
+plan = design(cell, poses=20, criterion="task")
+plan.poses, plan.efficiency
 """
 
 from doe.design import design

@@ -6,6 +6,7 @@ makes every bound built on it a bound over whole plans.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -39,7 +40,9 @@ class Allowed:
     @property
     def size(self) -> int:
         """Number of poses of a plan."""
-        return int(self.counts.sum()) if not self.chooses_levels else int(self.counts[0]) * self.used
+        return (
+            int(self.counts.sum()) if not self.chooses_levels else int(self.counts[0]) * self.used
+        )
 
     @property
     def chooses_levels(self) -> bool:
@@ -51,7 +54,7 @@ class Allowed:
         """Candidates of each level."""
         order = np.argsort(self.group, kind="stable")
         ends = np.searchsorted(self.group[order], np.arange(len(self.positions) + 1))
-        return tuple(order[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True))
+        return tuple(order[a:b] for a, b in itertools.pairwise(ends))
 
     def take(self, index: IntArray) -> Allowed:
         """The same rules over some of the candidates."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.effects.tool import Tool
 from calib.se3 import Array
@@ -88,8 +89,8 @@ def _task(problem: Problem, M: Array) -> float:
 def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
     """Observability indices of the rows behind M, columns in plausible sizes.
 
-    O1 Borm and Menq 1991; O2 Driels and Pathre 1990; O3 Nahvi, Hollerbach and Hayward 1994; O4 Nahvi and
-    Hollerbach 1996; O5 Sun and Hollerbach 2008. O2 to O5 depend on the scaling, O1 only by a factor.
+    O1 Borm and Menq 1991; O2 Driels and Pathre 1990; O3 Nahvi, Hollerbach and Hayward 1994; O4 Nahvi
+    and Hollerbach 1996; O5 Sun and Hollerbach 2008. O2 to O5 depend on the scaling, O1 by a factor.
     """
     sized = problem.regressor.T / problem.model.sizes[:, None]
     s = 1.0 / np.sqrt(np.linalg.eigvalsh(sized @ np.linalg.solve(M, sized.T)))
@@ -102,7 +103,7 @@ def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
     }
 
 
-def _without_markers(problem: Problem, q: Array, seen: Array) -> dict[str, float]:
+def _without_markers(problem: Problem, q: Array, seen: NDArray[np.bool_]) -> dict[str, float]:
     """Task RMS with all but one marker, m; the lost marker's position is no unknown then."""
     model, T = problem.model, problem.regressor.T
     if len(model.marker_names) == 1:

@@ -1,8 +1,9 @@
 """Branch and bound: the proof that a plan is the best of a pool, where few candidates survive.
 
 A node fixes some candidates into the plan and shuts others out. Its relaxation gives a bound by the
-same certificate as everywhere, reduced costs shut out more, and the candidate branches that costs most
-to force, by the second-order model of the interior point method. Best bound first, so stopping early still leaves a valid bound.
+same certificate as everywhere, reduced costs shut out more, and the candidate branches that costs
+most to force, by the second-order model of the interior point method. The best bound goes first, so
+that stopping early still leaves a valid one.
 """
 
 from __future__ import annotations
@@ -98,7 +99,11 @@ def _branch(
     ):
         return -np.inf, [], None
     if not rules.size:
-        return float(criterion.value(part.fixed)), [], _judged(criterion, blocks, node.inside, value)
+        return (
+            float(criterion.value(part.fixed)),
+            [],
+            _judged(criterion, blocks, node.inside, value),
+        )
     open_level = rules.counts[rules.group] > 0
     node = _Node(node.inside, node.free[open_level])
     part, rules = part.take(np.flatnonzero(open_level)), rules.take(np.flatnonzero(open_level))
@@ -106,7 +111,7 @@ def _branch(
     M = part.total(np.arange(len(w)), w)
     G = criterion.gradient(M)
     found = bound(G, part, rules)
-    better = _rounded(criterion, blocks, allowed, part, rules, node, w, value)
+    better = _rounded(criterion, blocks, allowed, rules, node, w, value)
     if better is not None:
         value = better[1]
     if found <= value * (1.0 + _SAME):
@@ -123,8 +128,8 @@ def _branch(
 def _pull(criterion: Criterion, part: Blocks, rules: Allowed, M: Array, w: Array) -> Array:
     """What it costs to force each candidate in or out, to second order, shape (q,).
 
-    A weight moved by delta, the others following, costs ``delta^2 / (2 K_jj)`` with K the inverse of the
-    Hessian on the directions that keep the sum of every level.
+    A weight moved by delta, the others following, costs ``delta^2 / (2 K_jj)`` with K the inverse of
+    the Hessian on the directions that keep the sum of every level.
     """
     fractional = np.flatnonzero((w > _FRACTION) & (w < 1.0 - _FRACTION))
     cost = 1e-9 * (0.5 - np.abs(w - 0.5))
@@ -148,7 +153,6 @@ def _rounded(
     criterion: Criterion,
     blocks: Blocks,
     allowed: Allowed,
-    part: Blocks,
     rules: Allowed,
     node: _Node,
     w: Array,

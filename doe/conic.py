@@ -18,7 +18,8 @@ def conic_weights(
 ) -> tuple[Array, Array | None] | None:
     """Weights of all candidates, shape (q,), and a supergradient from the dual where there is one.
 
-    at : ndarray, shape (p, p), information at which criteria with many cones choose those that count
+    at : ndarray, shape (R, p, p), information matrices met so far: criteria with many cones take those
+        that count there
     Returns None where the solver fails.
     """
     import cvxpy as cp

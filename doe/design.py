@@ -13,10 +13,10 @@ from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from calib.errors import CalibError
 from calib.files.tables import load_plan
 from calib.poses import Poses
-from calib.se3 import Array
 from calib.threads import one_blas_thread
 from doe.assess import assess
 from doe.criteria import CRITERIA
+from doe.curve import accuracy_curve
 from doe.levels import levels_of
 from doe.order import travel, visiting_order
 from doe.plan import Candidates, Design, Rival, level_values, named, notes_of
@@ -45,6 +45,7 @@ def design(
     robust: bool = False,
     refine: bool = True,
     fresh: bool = True,
+    curve: bool = False,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Design:
@@ -63,13 +64,14 @@ def design(
         where the markers are unknowns of the model
     robust : the plan that is best after the loss of whichever one pose it can least spare
     refine : polish the joint angles; fresh : a second bound over as many fresh candidates
+    curve : also the best plans of fewer and of more poses
     progress : called with a line for each step
 
     Raises CalibError where no such plan can be: the text says why and what would help.
     """
     chosen_levels = levels_of(cell, levels, poses)
     wish = Wish(
-        poses=_count(cell, poses, chosen_levels and chosen_levels.used * chosen_levels.per_level),
+        poses=_count(cell, poses, None if chosen_levels is None else chosen_levels.poses),
         criterion=_criterion(criterion, discriminate),
         levels=chosen_levels,
         of=tuple(of),
@@ -81,7 +83,8 @@ def design(
     source = _plan(cell, candidates) if not isinstance(candidates, int) else candidates
     if isinstance(source, int) and source < 1:
         raise CalibError(f"{source} candidates are too few; ask for a thousand or more")
-    effort = Effort(refine, source if fresh and isinstance(source, int) else 0, robust, seed, progress)
+    renewed = source if fresh and isinstance(source, int) else 0
+    effort = Effort(refine, renewed, robust, curve, seed, progress)
     return _designed(cell, wish, source, effort, against or {}, Clock())
 
 
@@ -130,7 +133,11 @@ def _designed(
         if _follows_levels(problem):
             effort.progress("levels chosen; the model's angles follow them")
             there = _designed(cell, replace(wish, levels=settled), source, effort, against, clock)
-            note = f"levels chosen among {len(levels.values)}, at least {chosen.value / chosen.relaxed.bound:.3f} of the best choice for a model with even knots; the efficiency is for the levels as chosen"
+            note = (
+                f"levels chosen among {len(levels.values)}, at least "
+                f"{chosen.value / chosen.relaxed.bound:.3f} of the best choice for a model with even "
+                "knots; the efficiency is for the levels as chosen"
+            )
             return replace(there, notes=(note, *there.notes))
         levels = settled
     q, certificate, live = finish(problem, pool, chosen, effort, clock)
@@ -145,6 +152,7 @@ def _designed(
         candidates=Candidates(pool.drawn, len(pool), pool.removed, live),
         travel=travel(q),
         rivals=_judged(problem, against, certificate.bound),
+        curve=accuracy_curve(problem, pool, effort) if effort.curve else (),
         seconds=clock.laps,
     )
     clock.lap("judgement")
@@ -203,9 +211,7 @@ def _too_few(problem: Problem, pool: Pool, level: int, found: int, needed: int) 
     return no_candidate(pool.drawn // len(levels.values), removed, where)
 
 
-def _judged(
-    problem: Problem, against: Mapping[str, Poses], bound: float
-) -> dict[str, Rival]:
+def _judged(problem: Problem, against: Mapping[str, Poses], bound: float) -> dict[str, Rival]:
     found = {}
     for name, plan in against.items():
         M = problem.fixed + problem.information(plan.q).sum(axis=0)

@@ -2,9 +2,9 @@
 
 An exchange is judged exactly, but only where it could pay: the criterion is concave, so a supergradient
 at any matrix bounds every exchange from above by one dot product. The bound is refined at the best
-exchange found so far; a pose stays only where no candidate can beat it (Kelley's cutting planes over the pool). Blocks of
-several markers have about as many rows as there are parameters, so a low-rank update of the inverse
-would cost what the evaluation itself does.
+exchange found so far (Kelley's cutting planes over the pool); a pose stays only where no candidate can
+beat it. Blocks of several markers have about as many rows as there are parameters, so a low-rank
+update of the inverse would cost what the evaluation itself does.
 """
 
 from __future__ import annotations

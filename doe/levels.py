@@ -34,6 +34,11 @@ class Levels:
     separation: float = 0.0
 
     @property
+    def poses(self) -> int:
+        """Number of poses of a plan."""
+        return self.used * self.per_level
+
+    @property
     def chosen(self) -> bool:
         """Whether the levels are given, so that nothing is left to choose."""
         return self.used == len(self.values)
@@ -102,10 +107,10 @@ def levels_of(cell: Cell, given: str | None, poses: int | None) -> Levels | None
             f"{levels.used} levels of {joint} need at least {levels.used} poses, not {poses}; "
             "ask for more poses or fewer levels"
         )
-    if poses is not None and levels.used * levels.per_level != poses:
+    if poses is not None and levels.poses != poses:
         raise CalibError(
             f"{levels.used} levels of {joint} x {levels.per_level} poses are "
-            f"{levels.used * levels.per_level} poses, not {poses}; change one of them"
+            f"{levels.poses} poses, not {poses}; change one of them"
         )
     return levels
 

@@ -33,7 +33,7 @@ def newton_weights(
     target = allowed.counts[present].astype(float)
     top = target[group] if allowed.repeats else 1.0
     columns = blocks.matrices(np.arange(q))
-    w = (target / sums.sum(axis=1))[group]
+    w: Array = (target / sums.sum(axis=1))[group]
     # Strictly inside even where a level has just as many candidates as it needs.
     upper = np.maximum(top, w * (1.0 + 1e-9)) + 1e-12
     y = np.zeros(len(present))
@@ -52,8 +52,7 @@ def newton_weights(
         H = rows @ rows.T
         H[np.diag_indices(q)] += lower_dual / w + upper_dual / slack
         right = -(slope + sums.T @ y) + centre / w - centre / slack
-        L = np.linalg.cholesky(H)
-        solved = _solve(L, np.column_stack([right, sums.T]))
+        solved = _solve(H, np.column_stack([right, sums.T]))
         schur = sums @ solved[:, 1:]
         dy = np.linalg.solve(schur, sums @ solved[:, 0] - (target - sums @ w))
         dw = solved[:, 0] - solved[:, 1:] @ dy
@@ -64,13 +63,13 @@ def newton_weights(
         w = w + step * dw
         y = y + dual_step * dy
         lower_dual, upper_dual = lower_dual + dual_step * d_lower, upper_dual + dual_step * d_upper
-    return w
+    return np.asarray(w)
 
 
-def _solve(L: Array, right: Array) -> Array:
-    from scipy.linalg import cho_solve
+def _solve(H: Array, right: Array) -> Array:
+    from scipy.linalg import cho_factor, cho_solve
 
-    return np.asarray(cho_solve((L, True), right, check_finite=False))
+    return np.asarray(cho_solve(cho_factor(H, check_finite=False), right, check_finite=False))
 
 
 def _longest(x: Array, dx: Array) -> float:

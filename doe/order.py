@@ -39,7 +39,9 @@ def _nearest(distance: Array, start: int) -> IntArray:
 
 def _two_opt(way: IntArray, distance: Array) -> IntArray:
     """Reverse stretches while that shortens the open way (Croes, Operations Research 6(6), 1958)."""
-    padded = np.pad(distance, (0, 1))  # a place without distance before the first and after the last
+    padded = np.pad(
+        distance, (0, 1)
+    )  # a place without distance before the first and after the last
     ends = len(distance)
     while True:
         around = np.concatenate([[ends], way, [ends]])

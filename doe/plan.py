@@ -67,6 +67,19 @@ class Certificate:
         return max(0.0, self.bound / self.weighted - 1.0)
 
 
+@dataclass(frozen=True)
+class Step:
+    """The best plan found of so many poses.
+
+    poses : int; value : float, criterion as shown; task_rms : float, m; efficiency : float
+    """
+
+    poses: int
+    value: float
+    task_rms: float
+    efficiency: float
+
+
 @dataclass(frozen=True, eq=False)
 class Rival:
     """A plan that was judged beside the result: efficiency against the same bound."""
@@ -86,6 +99,7 @@ class Design:
     assessment : Assessment; certificate : Certificate; candidates : Candidates
     travel : float, rad or m, joint travel from the first pose to the last
     rivals : dict, name -> Rival
+    curve : tuple of Step, plans of fewer and more poses, empty unless asked for
     notes : tuple of str, what a reader should know
     seconds : dict, part -> time
     """
@@ -99,6 +113,7 @@ class Design:
     candidates: Candidates
     travel: float
     rivals: dict[str, Rival] = field(default_factory=dict)
+    curve: tuple[Step, ...] = ()
     notes: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -161,7 +176,8 @@ def _unmoved(design: Design) -> Iterator[str]:
 
 def _no_targets(design: Design) -> Iterator[str]:
     if design.problem.cell.design.get("targets") is None:
-        yield f"no target poses given: {len(design.problem.targets)} Sobol poses within the limits stand for them"
+        count = len(design.problem.targets)
+        yield f"no target poses given: {count} Sobol poses within the limits stand for them"
 
 
 def _unguarded(design: Design) -> Iterator[str]:
@@ -193,8 +209,8 @@ def _knots(design: Design) -> Iterator[str]:
                 continue
             angles = ", ".join(f"{np.degrees(knot):.6g}" for knot in effect.knots)
             yield (
-                f"stiffness_vs_angle:{effect.where} has its coefficients at {angles}; write "
-                f"{effect.where} = [{angles}] into [model.knots_deg] so that other commands use the same"
+                f"stiffness_vs_angle:{effect.where} has its coefficients at {angles}; write them into "
+                f"[model.knots_deg] as {effect.where} = [{angles}], so that other commands use the same"
             )
 
 

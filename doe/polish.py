@@ -1,16 +1,17 @@
 """Better joint angles than any candidate's: a shrinking random search around each pose of a plan.
 
-It needs no derivatives of the constraints and treats all poses in one batch; a pose moves only where the
-plan gains and every constraint holds.
+It needs no derivatives of the constraints and treats all poses in one batch; a pose moves only where
+the plan gains and every constraint holds.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from calib.poses import IntArray
 from calib.se3 import Array
-from doe.packed import unpack
-from doe.pool import judge, rounded
+from doe.constraints import scene_of
+from doe.pool import rounded
 from doe.problem import Problem
 
 _TRIES = 48  # neighbours of each pose in one round
@@ -38,7 +39,9 @@ def polish(problem: Problem, q: Array, M: Array, *, seed: int) -> tuple[Array, A
         # Half of the tries move one joint alone: most gains lie along single axes.
         lone = np.eye(robot.dof)[rng.integers(robot.dof, size=(len(q), _TRIES // 2))]
         steps[:, : _TRIES // 2] *= lone
-        tries = rounded(problem.cell, np.clip(q[:, None, :] + steps, low, high).reshape(-1, robot.dof))
+        tries = rounded(
+            problem.cell, np.clip(q[:, None, :] + steps, low, high).reshape(-1, robot.dof)
+        )
         if levels is not None:
             tries[:, levels.joint] = np.repeat(q[:, levels.joint], _TRIES)
         kept, found, owner = _feasible(problem, tries)
@@ -56,15 +59,13 @@ def polish(problem: Problem, q: Array, M: Array, *, seed: int) -> tuple[Array, A
     return q, M
 
 
-def _feasible(problem: Problem, tries: Array) -> tuple[Array, Array, Array]:
+def _feasible(problem: Problem, tries: Array) -> tuple[Array, Array, IntArray]:
     """Tries that satisfy the constraints, their information, and the pose each belongs to."""
     numbered = np.arange(len(tries))
     for constraint in problem.constraints:
-        from doe.constraints import scene_of
-
         if len(numbered):
             allowed = constraint.allows(scene_of(problem.cell, tries[numbered]))
             numbered = numbered[allowed]
     kept = tries[numbered]
     blocks = problem.information(kept) if len(kept) else np.zeros((0, *problem.fixed.shape))
-    return kept, blocks, numbered // _TRIES
+    return kept, np.asarray(blocks), numbered // _TRIES

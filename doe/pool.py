@@ -121,7 +121,7 @@ def judge(
     level = np.zeros(total, dtype=int) if levels is None else levels.of(q)
     fallen = {}
     if (level < 0).any():
-        fallen["levels"] = np.zeros(count, dtype=int) + [(level < 0).sum(), *[0] * (count - 1)]
+        fallen["levels"] = np.bincount([0] * int((level < 0).sum()), minlength=count)
         q, level = q[level >= 0], level[level >= 0]
     for constraint in constraints:
         if not len(q):

@@ -27,7 +27,7 @@ from doe.levels import Levels
 from doe.pool import Pool, drawn, judge, rounded
 
 RIDGE = 1e-10
-"""Information that every plan has, in units of the pool's mean: singular plans get a value, a tiny one."""
+"""Information that every plan has, in units of the pool's mean: singular plans get a tiny value."""
 _PROBE = 2048
 _REGION = 200
 _OUTSIDE = 1e-4  # rad or m: rounding of limits
@@ -162,7 +162,9 @@ def problem_of(cell: Cell, wish: Wish, seed: int = 0) -> Problem:
     regressor = Regressor(cell, model, np.diag(model.sizes))
     part = judge(regressor, constraints, wish.levels, probe)
     if not len(part.q):
-        raise CalibError(no_candidate(len(probe), {k: int(v.sum()) for k, v in part.fallen.items()}))
+        raise CalibError(
+            no_candidate(len(probe), {k: int(v.sum()) for k, v in part.fallen.items()})
+        )
     probe, seen = part.q, part.visible
     try:
         refuse_idle_effects(cell, model, _loaded(cell, probe))
@@ -236,7 +238,8 @@ def _rival_rows(model: Model, rivals: tuple[str, str]) -> tuple[IntArray, IntArr
         ]
         if not rows:
             raise CannotIdentify(
-                (text,), f"{text}: the rest of the model moves the markers alike; no pose tells it apart"
+                (text,),
+                f"{text}: the rest of the model moves the markers alike; no pose tells it apart",
             )
         found.append(np.array(rows))
     return found[0], found[1]
@@ -275,7 +278,9 @@ def _help(cell: Cell, model: Model, lost: Sequence[str]) -> str:
     out = "take it out of [model] effects"
     if not elastic:
         return f"{out}, free more joints, or add markers"
-    loads = loads_of(model.robot, poses_at(np.zeros((1, cell.robot.dof))), cell.payload, cell.gravity)
+    loads = loads_of(
+        model.robot, poses_at(np.zeros((1, cell.robot.dof))), cell.payload, cell.gravity
+    )
     if cell.load is None and loads.absent:
         return f"{out}, or give a [load]"
     return f"{out}, or move the load off the joint's axis: [load] com_mm, a force across gravity"
@@ -321,10 +326,14 @@ def _direction(model: Model, wish: Wish) -> Array | None:
         try:
             number = float(factor or 1.0)
         except ValueError:
-            raise CalibError(f"--of {text!r}: {factor!r} is not a number; write NAME=FACTOR") from None
+            raise CalibError(
+                f"--of {text!r}: {factor!r} is not a number; write NAME=FACTOR"
+            ) from None
         rows = _known(model, name)
         if len(rows) != 1:
-            raise CalibError(f"--of {name!r} names {len(rows)} parameters; a combination takes single ones")
+            raise CalibError(
+                f"--of {name!r} names {len(rows)} parameters; a combination takes single ones"
+            )
         direction[rows[0]] = number
     return direction
 

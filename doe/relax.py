@@ -27,6 +27,10 @@ _MOST_ROUNDS = 40
 _CONIC_UP_TO = 12  # parameters above which the interior point master is faster (studies/benchmarks)
 _WARM_ROUNDS = 6
 _MOST_COLUMNS = 600
+_MEMORY = 12  # matrices that criteria with many cones look back on
+_PATIENCE = (
+    3  # rounds without a better bound or a new candidate, after which the solver is at its end
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,52 +71,51 @@ def relax(
     gap : float, certified relative gap at which to stop; a larger one is returned where the solver
         cannot reach it
     """
-    active = _warm_start(criterion, blocks, allowed)
+    active, M = _warm_start(criterion, blocks, allowed)
     if start is not None:
         active = np.union1d(active, start)
-    weights, M = np.zeros(0), blocks.fixed
-    best, G_best = np.inf, np.zeros_like(blocks.fixed)
-    rounds = 0
+    met = [M]
+    weights, best, G_best, stalled = np.zeros(0), np.inf, np.zeros_like(M), 0
     for rounds in range(1, _MOST_ROUNDS + 1):
-        at = M if rounds > 1 else blocks.fixed + np.eye(len(M)) * allowed.size
         part, rules = blocks.take(active), allowed.take(active)
-        weights, witness = _master(criterion, part, rules, at, gap)
+        weights, witness = _master(criterion, part, rules, np.array(met[-_MEMORY:]), gap)
         M = part.total(np.arange(len(active)), weights)
+        met.append(M)
         value = float(criterion.value(M))
         proofs = [criterion.gradient(M)] + ([] if witness is None else [witness])
         bounds = [bound(G, blocks, allowed) for G in proofs]
         tightest = int(np.argmin(bounds))
+        stalled = 0 if bounds[tightest] < best * (1.0 - 0.1 * gap) else stalled + 1
         if bounds[tightest] < best:
             best, G_best = bounds[tightest], proofs[tightest]
         if best <= value * (1.0 + gap):
             break
         entering = _entering(blocks.scores(proofs[tightest]), allowed)
-        if np.isin(entering, active).all():
+        if np.isin(entering, active).all() and stalled >= _PATIENCE:
             break
-        active = _merged(active, weights, entering)
-    else:
-        active = active[: len(weights)]
+        if rounds < _MOST_ROUNDS:
+            active = _merged(active, weights, entering)
     return Relaxation(active, weights, M, G_best, value, best, rounds)
 
 
 def _master(
-    criterion: Criterion, part: Blocks, rules: Allowed, at: Array, gap: float
+    criterion: Criterion, part: Blocks, rules: Allowed, met: Array, gap: float
 ) -> tuple[Array, Array | None]:
     p = len(part.fixed)
-    smooth = criterion.curvature(at, part.matrices(np.arange(1))) is not None
+    smooth = criterion.curvature(met[-1], part.matrices(np.arange(1))) is not None
     if smooth and not rules.chooses_levels and p > _CONIC_UP_TO:
         return newton_weights(criterion, part, rules, gap / 4.0), None
-    solved = conic_weights(criterion, part, rules, at)
+    solved = conic_weights(criterion, part, rules, met)
     if solved is not None:
         return solved
     if smooth and not rules.chooses_levels:
         return newton_weights(criterion, part, rules, gap / 4.0), None
-    _, chosen = rules.best(part.scores(criterion.gradient(at)))
+    _, chosen = rules.best(part.scores(criterion.gradient(met[-1])))
     return np.bincount(chosen, minlength=len(part)).astype(float), None
 
 
-def _warm_start(criterion: Criterion, blocks: Blocks, allowed: Allowed) -> IntArray:
-    """Candidates of a few steps of the Frank-Wolfe method from uniform weights."""
+def _warm_start(criterion: Criterion, blocks: Blocks, allowed: Allowed) -> tuple[IntArray, Array]:
+    """Candidates and information of a few Frank-Wolfe steps from uniform weights."""
     uniform = np.full(len(blocks), allowed.size / len(blocks))
     M = blocks.total(np.arange(len(blocks)), uniform)
     active: IntArray = np.zeros(0, dtype=int)
@@ -121,7 +124,7 @@ def _warm_start(criterion: Criterion, blocks: Blocks, allowed: Allowed) -> IntAr
         _, chosen = allowed.best(scores)
         active = np.union1d(active, np.union1d(chosen, _entering(scores, allowed)))
         M = M + (blocks.total(chosen) - M) * (2.0 / (step + 3.0))
-    return active
+    return active, M
 
 
 def _entering(scores: Array, allowed: Allowed) -> IntArray:
@@ -131,7 +134,9 @@ def _entering(scores: Array, allowed: Allowed) -> IntArray:
     for members, count in zip(allowed.members, allowed.counts, strict=True):
         own = scores[members]
         k = min(int(count) + spare, len(members)) if count else 0
-        found.append(members[np.argpartition(own, len(own) - k)[len(own) - k :]] if k else members[:0])
+        found.append(
+            members[np.argpartition(own, len(own) - k)[len(own) - k :]] if k else members[:0]
+        )
     return np.concatenate(found)
 
 

@@ -1,7 +1,7 @@
 """A plan that survives: best after the loss of whichever one pose it can least spare.
 
-The criterion after the worst loss, ``min_i Phi(M - M_i)``, is no function of M, but concavity bounds it:
-the smallest is at most the mean, and the mean at most ``Phi`` of the mean, ``(N - 1) / N`` of M.
+The criterion after the worst loss, ``min_i Phi(M - M_i)``, is no function of M, but concavity bounds
+it: the smallest is at most the mean, and the mean at most ``Phi`` of the mean, ``(N - 1) / N`` of M.
 """
 
 from __future__ import annotations

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from calib.poses import IntArray
-from calib.se3 import Array
 from doe.allowed import Allowed
 from doe.blocks import Blocks
 from doe.certify import survivors
@@ -33,7 +32,7 @@ def best_plan(
     start : a plan to begin with, besides rounded and greedy ones
     """
     rng = np.random.default_rng(seed)
-    listed = _short_list(criterion, blocks, allowed, relaxed, start)
+    listed = _short_list(blocks, allowed, relaxed, start)
     part, rules = blocks.take(listed), allowed.take(listed)
     weights = np.zeros(len(listed))
     weights[np.searchsorted(listed, relaxed.index)] = relaxed.weights
@@ -56,7 +55,6 @@ def best_plan(
 
 
 def _short_list(
-    criterion: Criterion,
     blocks: Blocks,
     allowed: Allowed,
     relaxed: Relaxation,
@@ -93,5 +91,3 @@ def _kicked(
         if found > value:
             plan, value = trial, found
     return plan, value
-
-

@@ -14,7 +14,7 @@ from calib.se3 import Array
 from doe.allowed import Allowed
 from doe.blocks import Blocks
 from doe.branch import Proof, prove
-from doe.certify import bound, survivors
+from doe.certify import survivors
 from doe.packed import pack
 from doe.plan import Certificate
 from doe.polish import polish
@@ -35,12 +35,14 @@ class Effort:
 
     refine : polish the joint angles; fresh : number of fresh candidates for a second bound, 0 for none
     robust : prefer the plan that is best after the loss of any one pose
+    curve : also the best plans of other numbers of poses
     seed : int; progress : called with a line for each step
     """
 
     refine: bool = True
     fresh: int = 0
     robust: bool = False
+    curve: bool = False
     seed: int = 0
     progress: Callable[[str], None] = lambda _: None
 
@@ -112,7 +114,9 @@ def finish(
         proof = prove(criterion, blocks, rules, index, relaxed.G, most_nodes=_NODES)
         index = proof.plan
         clock.lap("branch and bound")
-        said = "proved optimal" if proof.optimal else f"bound down to {proof.value / proof.bound:.4f}"
+        said = (
+            "proved optimal" if proof.optimal else f"bound down to {proof.value / proof.bound:.4f}"
+        )
         effort.progress(f"branch and bound, {proof.nodes} nodes: {said}")
     if effort.robust:
         index = robust_exchange(criterion, blocks, rules, index)
@@ -146,7 +150,9 @@ def finish(
 
 def _provable(problem: Problem, blocks: Blocks, rules: Allowed) -> bool:
     """Whether branch and bound applies: a smooth criterion, settled levels, no repeats."""
-    smooth = problem.criterion.curvature(blocks.fixed + np.eye(len(blocks.fixed)), np.eye(len(blocks.fixed))[None])
+    smooth = problem.criterion.curvature(
+        blocks.fixed + np.eye(len(blocks.fixed)), np.eye(len(blocks.fixed))[None]
+    )
     return smooth is not None and not rules.chooses_levels and not rules.repeats
 
 

@@ -7,6 +7,7 @@ import sys
 import click
 
 from studies.commands.demo import demo
+from studies.commands.design import design
 from studies.commands.identify import identify
 
 
@@ -20,6 +21,7 @@ def main() -> None:
 
 
 main.add_command(identify)
+main.add_command(design)
 main.add_command(demo)
 
 

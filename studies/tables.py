@@ -62,7 +62,8 @@ def _summary(cell: Cell, result: Identification, fields: dict[str, Any]) -> Text
     return Text("\n".join(lines))
 
 
-def _table(*columns: tuple[str, str]) -> Table:
+def plain_table(*columns: tuple[str, str]) -> Table:
+    """A table without lines; columns are (title, "left" or "right")."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     for title, justify in columns:
         table.add_column(Text(title), justify=justify)  # type: ignore[arg-type]
@@ -70,7 +71,7 @@ def _table(*columns: tuple[str, str]) -> Table:
 
 
 def _errors(fields: dict[str, Any]) -> Table:
-    table = _table(
+    table = plain_table(
         ("\ndistance measured - predicted", "left"),
         ("RMS\n[mm]", "right"),
         ("p95\n[mm]", "right"),
@@ -84,7 +85,7 @@ def _errors(fields: dict[str, Any]) -> Table:
 
 
 def _parameters(result: Identification, fields: dict[str, Any]) -> Table:
-    table = _table(
+    table = plain_table(
         ("\neffect", "left"),
         ("\nwhere", "left"),
         ("\nparameter", "left"),

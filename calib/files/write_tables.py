@@ -56,6 +56,20 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
     return _text(header, rows)
 
 
+def plan_csv(cell: Cell, poses: Poses, level: Array) -> str:
+    """The text of a plan: pose, joints, and the level in degrees or mm where there are levels.
+
+    level : ndarray, shape (m,), as shown; NaN for none
+    """
+    with_level = bool(np.isfinite(level).any())
+    header = ["pose", *_joint_header(cell.robot), *(["level"] if with_level else [])]
+    rows = []
+    for name, q, own in zip(poses.names, poses.q, level, strict=True):
+        row = [name, *_joint_text(cell.robot, q)]
+        rows.append([*row, f"{own:.9g}"] if with_level else row)
+    return _text(header, rows)
+
+
 def wrench_with_load(cell: Cell, poses: Poses) -> Array:
     """Wrench on the tip, the hung load included as at the nominal pose, shape (m, 6), N and N m."""
     from calib.kinematics import forward

@@ -29,7 +29,7 @@ class SmallestEigenvalue(Criterion):
 
     @property
     def whole(self) -> bool:
-        return self.V.shape[0] == self.V.shape[1]
+        return bool(self.V.shape[0] == self.V.shape[1])
 
     def value(self, M: Array) -> Array:
         cov = self.V @ np.linalg.solve(M, self.V.T)

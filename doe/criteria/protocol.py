@@ -1,8 +1,9 @@
 """What a criterion is: an information function of the plan's information matrix.
 
-A criterion ``Phi(M)`` is concave, grows with M and is homogeneous of degree one: twice the measurements,
-twice the value (Pukelsheim, Optimal Design of Experiments, 1993, chapter 5). From this alone follows
-the certificate that all of ``doe`` rests on. At any positive definite M, with G a supergradient there,
+A criterion ``Phi(M)`` is concave, grows with M and is homogeneous of degree one: twice the
+measurements, twice the value (Pukelsheim, Optimal Design of Experiments, 1993, chapter 5). From this
+alone follows the certificate that all of ``doe`` rests on. At any positive definite M, with G a
+supergradient there,
 
     Phi(M') <= <G, M'>    for every information matrix M' ,
 
@@ -117,7 +118,7 @@ class Criterion(ABC):
         """The criterion in cvxpy.
 
         M : symmetric expression of shape (p, p)
-        at : ndarray, shape (p, p), where it is at the moment
+        at : ndarray, shape (R, p, p), where it has been, the last one now
         """
 
     @abstractmethod

@@ -1,9 +1,10 @@
-"""Criteria that are the smallest of several: worst target (task-worst), worst region (G), two rivals."""
+"""The smallest of several: worst target (task-worst), worst region (G), worse of two rivals."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -11,9 +12,10 @@ import numpy as np
 from calib.errors import CalibError
 from calib.se3 import Array
 from doe.criteria.protocol import Conic, Criterion, Question
+from doe.packed import pack
 
 _SHARPNESS = 60.0  # exponent with which the default supergradient weighs the smallest ones
-_MOST_CONES = 12  # members that enter a conic program: those that are smallest at the moment
+_CONES = 4  # members that enter a conic program for each matrix it has met: the smallest there
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +53,14 @@ class WorstVariance(Smallest):
     def whole(self) -> bool:
         return False
 
+    @cached_property
+    def _packed(self) -> Array:
+        """``F_k F_k^T``, packed, shape (K, p (p + 1) / 2)."""
+        C: Array = self.F @ np.swapaxes(self.F, -1, -2)
+        return pack(C)
+
     def members(self, M: Array) -> Array:
-        K, p, r = self.F.shape
-        flat = np.swapaxes(self.F, 0, 1).reshape(p, K * r)
-        solved = np.linalg.solve(M, flat)
-        return np.asarray(1.0 / (solved * flat).reshape(*M.shape[:-2], p, K, r).sum(axis=(-3, -1)))
+        return np.asarray(1.0 / (pack(np.asarray(np.linalg.inv(M))) @ self._packed.T))
 
     def member_gradient(self, M: Array, weights: Array) -> Array:
         # Gradient of 1 / tr(C M^-1) with C the weighted sum: it lies above the smallest member.
@@ -68,7 +73,7 @@ class WorstVariance(Smallest):
         import cvxpy as cp
 
         members = self.members(at)
-        worst = np.argsort(members)[:_MOST_CONES]
+        worst = np.unique(np.argsort(members, axis=-1)[:, :_CONES])
         scale = 1.0 / members.min()
         largest = cp.Variable()
         below = [cp.matrix_frac(self.F[k] / np.sqrt(scale), M) <= largest for k in worst]
@@ -143,11 +148,11 @@ class Rivals(Smallest):
 
     def _directions(self, M: Array) -> list[Array]:
         """``M^-1 V^T K delta`` of both, shape (..., p, 1); delta is one size of every parameter."""
-        found = []
+        found: list[Array] = []
         for V in self.V:
             W = np.linalg.solve(M, V.T)
             delta = np.full((len(V), 1), len(V) ** -0.5)
-            found.append(W @ np.linalg.solve(V @ W, delta))
+            found.append(np.asarray(W @ np.linalg.solve(V @ W, delta)))
         return found
 
     def members(self, M: Array) -> Array:

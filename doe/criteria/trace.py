@@ -90,9 +90,9 @@ class Task(Trace):
     """Expected squared position error after compensation, averaged over the target poses.
 
     The test-pose criterion ``rho_0^2 = tr(J_0 cov J_0^T)`` (Wu, Klimchik, Caro, Furet and Pashkevich,
-    2012), shown as its root in mm. A parameter that the targets do not need counts as ten nanometres at its
-    plausible size, so that among equals the plan that determines it is the better one; without this a
-    single target is best measured at itself, with a singular M.
+    2012), shown as its root in mm. A parameter that the targets do not need counts as ten nanometres
+    at its plausible size, so that among equals the plan that determines it is the better one; without
+    this a single target is best measured at itself, with a singular M.
     """
 
     name: ClassVar[str] = "task"

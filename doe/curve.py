@@ -1,0 +1,69 @@
+"""Accuracy against the number of poses: where more of them stop paying."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+
+from doe.assess import assess
+from doe.plan import Design, Step
+from doe.pool import Pool
+from doe.problem import CannotIdentify, Problem
+from doe.solve import Clock, Effort, choose
+
+_STEPS = 8
+_PAYS = 0.05  # gain of the next step below which more poses hardly pay
+
+
+def accuracy_curve(problem: Problem, pool: Pool, effort: Effort) -> tuple[Step, ...]:
+    """Plans of the same candidates with fewer and with more poses, up to twice as many."""
+    steps = []
+    for smaller in _sizes(problem):
+        try:
+            chosen = choose(smaller, pool, replace(effort, progress=lambda _: None), Clock())
+        except CannotIdentify:
+            continue
+        judged = assess(smaller, pool.q[chosen.index], chosen.value)
+        steps.append(
+            Step(
+                smaller.wish.poses,
+                judged.value,
+                judged.task_rms,
+                min(1.0, chosen.value / chosen.relaxed.bound),
+            )
+        )
+    return tuple(steps)
+
+
+def _sizes(problem: Problem) -> list[Problem]:
+    wish, rows = problem.wish, 3 * len(problem.model.marker_names)
+    least = -(-len(problem.model.parameters) // rows)
+    if wish.levels is not None:
+        counts = range(1, 2 * wish.levels.per_level + 1)
+        levels = [replace(wish.levels, per_level=k) for k in counts]
+        wishes = [replace(wish, levels=own, poses=own.poses) for own in levels]
+    else:
+        sizes = np.unique(np.geomspace(max(least, 2), 2 * wish.poses, _STEPS).round().astype(int))
+        wishes = [replace(wish, poses=int(n)) for n in np.union1d(sizes, [wish.poses])]
+    return [replace(problem, wish=own) for own in wishes]
+
+
+def stops_paying(steps: tuple[Step, ...]) -> int | None:
+    """Number of poses from which on the next step gains less than a twentieth of the RMS error."""
+    for step, following in itertools.pairwise(steps):
+        if following.task_rms > (1.0 - _PAYS) * step.task_rms:
+            return step.poses
+    return None
+
+
+def poses_that_match(steps: tuple[Step, ...], design: Design) -> dict[str, int | None]:
+    """Fewest poses of an optimal plan that do what each plan judged beside it does, by name."""
+    larger = design.problem.criterion.larger_is_better
+    found: dict[str, int | None] = {}
+    for name, rival in design.rivals.items():
+        value = rival.assessment.value
+        good = [s.poses for s in steps if (s.value >= value if larger else s.value <= value)]
+        found[name] = min(good) if good else None
+    return found

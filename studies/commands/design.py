@@ -1,0 +1,173 @@
+"""``posecal design``: which poses to measure, and a proof of how good they are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from studies.commands.common import (
+    check_outputs,
+    console_for,
+    envelope,
+    json_option,
+    one_line_faults,
+    output_texts,
+    seed_option,
+)
+
+_CRITERIA = ("task", "task-worst", "D", "Ds", "A", "c", "E", "G")
+
+
+@click.command()
+@click.argument("cell_path", metavar="CELL", type=click.Path(path_type=Path))
+@click.option("-o", "--output", "plan_path", metavar="PLAN", type=click.Path(path_type=Path),
+              help="Write the plan as CSV, in the order of measuring.")  # fmt: skip
+@click.option("--poses", metavar="N", type=click.IntRange(min=1), help="How many poses to choose.")
+@click.option(
+    "--criterion",
+    type=click.Choice(_CRITERIA),
+    default="task",
+    show_default=True,
+    help="task: error left at the target poses; D, A, E, G, c, Ds: the classical ones.",
+)
+@click.option("--levels", metavar="A2=5x3", help="Five levels of A2 with three poses each.")
+@click.option(
+    "--candidates",
+    metavar="N|FILE",
+    default="20000",
+    show_default=True,
+    help="How many candidates to draw, or a table of candidates.",
+)
+@click.option("--extend", "extend_path", metavar="PLAN", type=click.Path(path_type=Path),
+              help="A plan that is measured already; N poses come on top of it.")  # fmt: skip
+@click.option(
+    "--discriminate",
+    metavar="EFFECT:WHERE,EFFECT:WHERE",
+    help="Poses that tell two effects apart, instead of a criterion.",
+)
+@click.option(
+    "--of",
+    metavar="NAME[,NAME]",
+    help="Effects or parameters that matter, for Ds, A and E; NAME=FACTOR,.. for c.",
+)
+@click.option("--against", metavar="PLAN", multiple=True, type=click.Path(path_type=Path),
+              help="A plan to judge beside the result; may be given several times.")  # fmt: skip
+@click.option("--curve", is_flag=True, help="Also accuracy against the number of poses.")
+@click.option(
+    "--robust", is_flag=True, help="The plan that best survives the loss of any one pose."
+)
+@click.option("--repeats/--no-repeats", default=None, help="Whether a pose may be used twice.")
+@click.option("--polish/--no-polish", default=True, help="Move joint angles beyond the candidates.")
+@json_option
+@seed_option
+@one_line_faults
+def design(
+    cell_path: Path,
+    plan_path: Path | None,
+    poses: int | None,
+    criterion: str,
+    levels: str | None,
+    candidates: str,
+    extend_path: Path | None,
+    discriminate: str | None,
+    of: str | None,
+    against: tuple[Path, ...],
+    curve: bool,
+    robust: bool,
+    repeats: bool | None,
+    polish: bool,
+    json_path: str | None,
+    seed: int,
+) -> None:
+    """Choose the poses to measure in a cell, with a certified efficiency.
+
+    CELL is the description of the measurement cell (cell.toml). How many poses, levels, obstacles and
+    targets may stand in its [design] table; options come first.
+
+    \b
+    Example:
+      posecal design cell.toml --levels A2=5x3 --criterion task -o plan.csv
+    """
+    import calib
+    import doe
+    from calib.errors import InputError
+    from calib.files.write import write_files
+    from calib.files.write_tables import plan_csv
+    from doe.results import design_fields, shown_levels
+
+    cell = calib.load_cell(cell_path)
+    source: int | Path = int(candidates) if candidates.isdigit() else Path(candidates)
+    targets = cell.design.get("targets")
+    inputs = [cell_path, cell.urdf, *([targets] if targets else []), *against]
+    inputs += [extend_path] if extend_path is not None else []
+    inputs += [source] if isinstance(source, Path) else []
+    check_outputs([path for path in (plan_path, _file(json_path)) if path is not None], inputs)
+    plans = {path.name: calib.load_plan(cell, path) for path in against}
+    try:
+        result = doe.design(
+            cell,
+            poses=poses,
+            criterion=criterion,
+            levels=levels,
+            candidates=source,
+            extend=extend_path,
+            discriminate=_two(discriminate),
+            of=[] if of is None else [name.strip() for name in of.split(",")],
+            against=plans,
+            repeats=repeats,
+            robust=robust,
+            refine=polish,
+            curve=curve,
+            seed=seed,
+            progress=_progress(),
+        )
+    except InputError:
+        raise
+    except calib.CalibError as error:
+        raise InputError(cell_path, "", str(error)) from None
+    fields: dict[str, Any] = {**envelope("design", inputs, seed), **design_fields(result)}
+    texts = output_texts(json_path, fields)
+    if plan_path is not None:
+        import numpy as np
+
+        texts[plan_path] = plan_csv(cell, result.poses, np.array(shown_levels(result)))
+    write_files(texts)
+    _show(result, fields, json_path)
+    for path in texts:
+        click.echo(f"wrote {path}", err=json_path == "-")
+
+
+def _file(json_path: str | None) -> Path | None:
+    return None if json_path in (None, "-") else Path(str(json_path))
+
+
+def _two(text: str | None) -> tuple[str, str] | None:
+    from calib.errors import InputError
+
+    if text is None:
+        return None
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) != 2 or not all(parts) or parts[0] == parts[1]:
+        raise InputError(
+            "--discriminate", "", f"{text!r} is not two effects", "write EFFECT:WHERE,EFFECT:WHERE"
+        )
+    return parts[0], parts[1]
+
+
+def _progress() -> Any:
+    """Steps on a terminal's standard error; nothing where it is no terminal."""
+    import sys
+
+    if not sys.stderr.isatty():
+        return lambda _: None
+    return lambda line: click.echo(f"  {line}", err=True)
+
+
+def _show(result: Any, fields: dict[str, Any], json_path: str | None) -> None:
+    from studies.design_tables import design_tables
+
+    console = console_for(json_path)
+    for part in design_tables(result, fields):
+        console.print(part)

@@ -1,0 +1,165 @@
+"""A design as short tables for the terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from doe import Design
+from doe.curve import poses_that_match, stops_paying
+from studies.tables import plain_table
+
+_MOST_PARAMETERS = 24  # longer lists are in the JSON
+
+
+def design_tables(design: Design, fields: dict[str, Any]) -> Iterator[RenderableType]:
+    """Summary, poses, what they will determine, plans beside it, and what a reader should know."""
+    yield _summary(design, fields)
+    yield _poses(fields)
+    if len(fields["predicted_std"]) <= _MOST_PARAMETERS:
+        yield _parameters(fields)
+    if fields["against"]:
+        yield _against(fields)
+    if fields["curve"]:
+        yield _curve(fields)
+        yield _reading(design)
+    for note in fields["notes"]:
+        yield Text(f"note  {note}")
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
+
+
+def _summary(design: Design, fields: dict[str, Any]) -> Text:
+    proof, candidates = fields["proof"], fields["candidates"]
+    beyond = "no plan is above" if fields["larger_is_better"] else "no plan is below"
+    removed = ", ".join(f"{name} {n}" for name, n in candidates["removed_by"].items() if n)
+    extra = "" if fields["extends"] is None else f" beside {fields['extends']} already measured"
+    lines = [
+        f"{design.problem.cell.name}: {len(design.poses)} poses{extra} for "
+        f"{len(fields['predicted_std'])} parameters",
+        f"{fields['criterion']:<10} {_number(fields['value'])} {fields['criterion_unit']}; "
+        f"{beyond} {_number(fields['bound'])}",
+        f"proof      at least {_percent(fields['efficiency'])} of the best plan of these candidates; "
+        + _remainder(fields),
+        f"expected   {_number(fields['task_rms_mm'])} mm RMS, {_number(fields['task_worst_mm'])} mm at "
+        f"worst, at {fields['targets']}",
+        f"survives   {_losses(fields)}",
+        f"candidates {candidates['feasible']} of {candidates['drawn']} feasible"
+        + (f" (removed by {removed})" if removed else "")
+        + f", {proof['surviving_candidates']} could still be part of a better plan",
+        f"travel     {fields['joint_travel_deg']:.0f} degrees, of the joint that moves most each time",
+    ]
+    return Text("\n".join(lines))
+
+
+def _percent(efficiency: float) -> str:
+    return f"{math.floor(efficiency * 1e4) / 1e2:.2f} %"
+
+
+def _remainder(fields: dict[str, Any]) -> str:
+    proof = fields["proof"]
+    before = proof["before_polish"]
+    if before["proved_optimal"]:
+        return f"of the candidates alone the optimum, proved in {before['nodes']} nodes"
+    fresh = proof["efficiency_fresh"]
+    rest = 1.0 - fields["efficiency"]
+    solver = min(proof["solver_gap"], rest)
+    said = f"of the other {100 * rest:.2f} %, {100 * solver:.2f} are the solver's"
+    said += " and the rest is between whole and weighted poses"
+    return said + ("" if fresh is None else f"; {_percent(fresh)} against fresh candidates")
+
+
+def _losses(fields: dict[str, Any]) -> str:
+    pose = fields["survives"]["loss_of_pose"]
+    markers = fields["survives"]["loss_of_marker"]
+    worst = pose["task_rms_mm"]
+    said = (
+        f"without {pose['worst']}, which it can least spare, {_number(worst)} mm RMS"
+        if worst is not None
+        else f"no loss of {pose['worst']}: parameters are lost with it"
+    )
+    if markers:
+        lost = [name for name, rms in markers.items() if rms is None]
+        said += (
+            f"; the loss of marker {', '.join(lost)} takes parameters with it"
+            if lost
+            else f"; without any one marker up to {_number(max(markers.values()))}"
+        )
+    return said
+
+
+def _poses(fields: dict[str, Any]) -> Table:
+    first = fields["poses"][0]
+    joints = [(name, "deg") for name in first["joints_deg"]]
+    joints += [(name, "mm") for name in first.get("joints_mm", {})]
+    table = plain_table(
+        ("\npose", "left"), *((f"{name}\n[{unit}]", "right") for name, unit in joints)
+    )
+    for pose in fields["poses"]:
+        values = {**pose["joints_deg"], **pose.get("joints_mm", {})}
+        table.add_row(pose["pose"], *(f"{values[name]:.2f}" for name, _ in joints))
+    return table
+
+
+def _parameters(fields: dict[str, Any]) -> Table:
+    table = plain_table(
+        ("\neffect", "left"),
+        ("\nwhere", "left"),
+        ("\nparameter", "left"),
+        ("expected standard\ndeviation", "right"),
+        ("\nunit", "left"),
+    )
+    for p in fields["predicted_std"]:
+        std = "open" if p["std"] is None else f"{p['std']:.3g}"
+        table.add_row(p["effect"], p["where"], p["name"], std, p["unit"])
+    return table
+
+
+def _against(fields: dict[str, Any]) -> Table:
+    table = plain_table(
+        ("\nplan", "left"),
+        ("\nposes", "right"),
+        (f"\n{fields['criterion']}", "right"),
+        ("efficiency\n(bound)", "right"),
+        ("task RMS\n[mm]", "right"),
+        ("trace of\ncovariance", "right"),
+        ("det(M)\n^(1/p)", "right"),
+    )
+    own = {**fields, "poses": len(fields["poses"])}
+    for name, plan in {"this plan": own, **fields["against"]}.items():
+        keys = ("value", "efficiency", "task_rms_mm", "trace", "determinant")
+        table.add_row(name, str(plan["poses"]), *(_number(plan[key]) for key in keys))
+    return table
+
+
+def _curve(fields: dict[str, Any]) -> Table:
+    table = plain_table(
+        ("\nposes", "right"),
+        (f"\n{fields['criterion']}", "right"),
+        ("task RMS\n[mm]", "right"),
+        ("efficiency\n(bound)", "right"),
+    )
+    for step in fields["curve"]:
+        keys = ("value", "task_rms_mm", "efficiency")
+        table.add_row(str(step["poses"]), *(_number(step[key]) for key in keys))
+    return table
+
+
+def _reading(design: Design) -> Text:
+    enough = stops_paying(design.curve)
+    lines = [
+        f"beyond {enough} poses the next step gains less than 5 %"
+        if enough
+        else "every step still gains more than 5 %: more poses would pay"
+    ]
+    for name, count in poses_that_match(design.curve, design).items():
+        said = f"{count} poses do" if count else "no plan of this range does"
+        lines.append(f"{said} as well as {name} with its {design.rivals[name].poses}")
+    return Text("\n".join(lines))

@@ -58,7 +58,10 @@ def identifiable(J: Array, sizes: Array, ids: tuple[str, ...]) -> Identifiable:
     )
     for column, position in enumerate(order[rank:]):
         share = shares[:, column]
-        named = [ids[order[i]] for i in np.argsort(-np.abs(share)) if abs(share[i]) > _NAMED][:4]
+        seen = np.linalg.norm(R[:, rank + column]) > _UNSEEN
+        least = _NAMED * np.abs(share).max(initial=0.0)
+        largest = np.argsort(-np.abs(share))[:4]
+        named = [ids[order[i]] for i in largest if seen and abs(share[i]) > least]
         reason = (
             f"at these poses it moves the markers as {', '.join(named)} do together"
             if named

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from calib.effects.tool import Tool
 from calib.se3 import Array
 from doe.constraints import scene_of, visible
-from doe.problem import Problem
+from doe.problem import RIDGE, Problem
 
-_OPEN = 1e3  # standard deviation in plausible sizes above which nothing is known
+_NOTHING = 1e3 * RIDGE  # eigenvalue of the information below which a direction is open
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def assess(problem: Problem, q: Array, criterion_value: float | None = None) -> 
         value=problem.criterion.shown(criterion_value),
         determinant=float(np.exp(-np.linalg.slogdet(cov)[1] / len(cov))),
         trace=float(np.trace(cov)),
-        std=np.where(std > _OPEN * problem.model.sizes, np.nan, std),
+        std=np.where(open_parameters(problem, M), np.nan, std),
         task_rms=float(np.sqrt(problem.target_weights @ squared)),
         task_worst=float(np.sqrt(squared[problem.target_weights > 0.0].max())),
         observability=observability(problem, M, len(q)),
@@ -70,6 +70,14 @@ def assess(problem: Problem, q: Array, criterion_value: float | None = None) -> 
         without_marker=_without_markers(problem, q, seen),
         hidden=int((~seen).sum()),
     )
+
+
+def open_parameters(problem: Problem, M: Array) -> NDArray[np.bool_]:
+    """Parameters that a plan's information leaves open, shape (p,)."""
+    values, vectors = np.linalg.eigh(M)
+    sized = problem.regressor.T / problem.model.sizes[:, None]
+    lost = np.linalg.norm(sized @ vectors[:, values < _NOTHING], axis=1)
+    return np.asarray(lost > 1e-3 * np.linalg.norm(sized, axis=1))
 
 
 def _squared_errors(problem: Problem, M: Array) -> Array:
@@ -81,7 +89,7 @@ def _squared_errors(problem: Problem, M: Array) -> Array:
 
 def _task(problem: Problem, M: Array) -> float:
     """Task RMS, m; inf where M is singular but for the ridge."""
-    if np.linalg.eigvalsh(M)[0] < 1e-8:
+    if np.linalg.eigvalsh(M)[0] < _NOTHING:
         return np.inf
     return float(np.sqrt(problem.target_weights @ _squared_errors(problem, M)))
 

@@ -21,7 +21,7 @@ from doe.levels import levels_of
 from doe.order import travel, visiting_order
 from doe.plan import Candidates, Design, Rival, level_values, named, notes_of
 from doe.pool import Pool, chunked, drawn, pool_of
-from doe.problem import Problem, Wish, no_candidate, problem_of
+from doe.problem import Problem, Wish, at_level, no_candidate, problem_of
 from doe.solve import Clock, Effort, choose, finish
 
 CANDIDATES = 20_000
@@ -201,10 +201,8 @@ def _too_few(problem: Problem, pool: Pool, level: int, found: int, needed: int) 
             if not any(pool.removed.values())
             else no_candidate(pool.drawn, pool.removed, f" enough ({found} for {needed} poses)")
         )
-    joint = problem.cell.robot.joints[levels.joint]
-    slides = problem.cell.robot.prismatic[levels.joint]
-    shown = levels.values[level] * 1e3 if slides else np.degrees(levels.values[level])
-    where = f" at {joint} = {shown:g}" + ("" if not found else f" enough ({found} for {needed})")
+    where = at_level(problem.cell, problem.wish, level)
+    where += "" if not found else f" enough ({found} for {needed})"
     removed = {
         name: int(counts[level]) for name, counts in pool.removed_at.items() if len(counts) > level
     }

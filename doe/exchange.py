@@ -9,8 +9,6 @@ update of the inverse would cost what the evaluation itself does.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from calib.poses import IntArray
@@ -111,37 +109,29 @@ def _above(G: Array, base: Array, rows: Array) -> Array:
     return np.asarray(rows @ pack(G) + float((G * base).sum()))
 
 
-def greedy(
-    criterion: Criterion, blocks: Blocks, allowed: Allowed, plan: Iterable[int] = ()
-) -> IntArray:
-    """Fill a plan up, each time with the candidate that adds most."""
-    chosen = list(plan)
-    M = blocks.total(np.array(chosen, dtype=int))
-    everyone = np.arange(len(blocks))
-    while len(chosen) < allowed.size:
-        counts = np.bincount(allowed.group[chosen], minlength=len(allowed.positions))
-        open_levels = counts < allowed.counts
-        if allowed.chooses_levels:
-            open_levels &= _may_open(allowed, counts)
-        free = open_levels[allowed.group]
+def greedy(criterion: Criterion, blocks: Blocks, allowed: Allowed) -> IntArray:
+    """Fill a plan up, each time with the candidate that adds most.
+
+    Levels that are to be chosen are settled first, by the plan that is best to first order.
+    """
+    counts = allowed.counts
+    if allowed.chooses_levels:
+        mean = blocks.total(np.arange(len(blocks)), np.full(len(blocks), 1.0 / len(blocks)))
+        _, first = allowed.best(blocks.scores(criterion.gradient(mean)))
+        counts = np.bincount(allowed.group[first], minlength=len(counts))
+    chosen: list[int] = []
+    M = blocks.fixed
+    while len(chosen) < counts.sum():
+        taken = np.bincount(allowed.group[chosen], minlength=len(counts)) if chosen else 0 * counts
+        free = (taken < counts)[allowed.group]
         if not allowed.repeats:
             free[chosen] = False
-        candidates = everyone[free]
+        candidates = np.flatnonzero(free)
         values = criterion.value(M + blocks.matrices(candidates))
         best = int(candidates[values.argmax()])
         chosen.append(best)
         M = M + blocks.matrices(np.array([best]))[0]
     return np.array(chosen)
-
-
-def _may_open(allowed: Allowed, counts: IntArray) -> np.ndarray:
-    """Levels that are used, or may be opened beside those that are."""
-    used = np.flatnonzero(counts)
-    if len(used) == allowed.used:
-        return np.asarray(counts > 0)
-    gaps = np.abs(allowed.positions[:, None] - allowed.positions[used])
-    near = (gaps < allowed.separation - 1e-12).any(axis=1)
-    return np.asarray(~near | (counts > 0))
 
 
 def rounded_weights(

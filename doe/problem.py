@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.build import build, parse_effect, refuse_idle_effects
 from calib.cell import Cell
@@ -24,11 +25,11 @@ from doe.constraints import Constraint, constraints_of
 from doe.criteria import CRITERIA, Criterion, Question
 from doe.information import Regressor
 from doe.levels import Levels
-from doe.pool import Pool, drawn, judge, rounded
+from doe.pool import Chunk, Pool, drawn, judge, rounded
 
 RIDGE = 1e-10
 """Information that every plan has, in units of the pool's mean: singular plans get a tiny value."""
-_PROBE = 2048
+_PROBE, _PROBE_PER_LEVEL, _LONGEST_PROBE = 2000, 20, 65_536
 _REGION = 200
 _OUTSIDE = 1e-4  # rad or m: rounding of limits
 
@@ -157,15 +158,9 @@ def problem_of(cell: Cell, wish: Wish, seed: int = 0) -> Problem:
     if wish.rivals is not None:
         cell = _with_rivals(cell, wish.rivals)
     constraints = constraints_of(cell)
-    probe = np.concatenate(list(drawn(cell, _PROBE, wish.levels, seed + 1)))
-    model = build(cell, _angles(cell, probe, wish)).model
+    model = build(cell, _angles(cell, wish, seed)).model
     regressor = Regressor(cell, model, np.diag(model.sizes))
-    part = judge(regressor, constraints, wish.levels, probe)
-    if not len(part.q):
-        raise CalibError(
-            no_candidate(len(probe), {k: int(v.sum()) for k, v in part.fallen.items()})
-        )
-    probe, seen = part.q, part.visible
+    probe, seen = _probe(regressor, constraints, wish, seed)
     try:
         refuse_idle_effects(cell, model, _loaded(cell, probe))
     except CalibError as error:
@@ -204,8 +199,52 @@ def _loaded(cell: Cell, q: Array) -> Poses:
     return readings(cell, poses_at(q))
 
 
-def _angles(cell: Cell, probe: Array, wish: Wish) -> Poses:
+def _probe(
+    regressor: Regressor, constraints: tuple[Constraint, ...], wish: Wish, seed: int
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Feasible configurations of every level and their visible markers: what the cell is like."""
+    levels = wish.levels
+    count = 1 if levels is None else len(levels.values)
+    found: list[Chunk] = []
+    per_level, tried = np.zeros(count, dtype=int), 0
+    for q in drawn(regressor.cell, _LONGEST_PROBE, levels, seed + 1):
+        found.append(judge(regressor, constraints, levels, q))
+        tried += len(q)
+        per_level += np.bincount(found[-1].level, minlength=count)
+        every = levels is None or not levels.chosen or per_level.min() >= _PROBE_PER_LEVEL
+        if per_level.sum() >= _PROBE and every:
+            break
+    needed = per_level if levels is not None and levels.chosen else per_level.sum(keepdims=True)
+    for level in np.flatnonzero(needed == 0)[:1]:
+        names = dict.fromkeys(name for part in found for name in part.fallen)
+        none = np.zeros(count, dtype=int)
+        fallen = {
+            name: sum((part.fallen.get(name, none) for part in found), none) for name in names
+        }
+        if len(needed) == 1:
+            raise CalibError(no_candidate(tried, {n: int(f.sum()) for n, f in fallen.items()}))
+        removed = {name: int(counts[level]) for name, counts in fallen.items()}
+        where = at_level(regressor.cell, wish, int(level))
+        raise CalibError(no_candidate(tried // count, removed, where))
+    return (
+        np.concatenate([part.q for part in found]),
+        np.concatenate([part.visible for part in found]),
+    )
+
+
+def at_level(cell: Cell, wish: Wish, level: int) -> str:
+    """Words for one level, none without levels."""
+    if wish.levels is None:
+        return ""
+    value, joint = wish.levels.values[level], wish.levels.joint
+    slides = cell.robot.prismatic[joint]
+    shown = f"{value * 1e3:g} mm" if slides else f"{np.degrees(value):g} deg"
+    return f" at {cell.robot.joints[joint]} = {shown}"
+
+
+def _angles(cell: Cell, wish: Wish, seed: int) -> Poses:
     """Poses from which angle-dependent effects take their knots: the levels, else the whole range."""
+    probe = np.concatenate(list(drawn(cell, _PROBE, wish.levels, seed + 1)))
     ends = rounded(cell, cell.robot.sample_limits().T)
     if wish.levels is not None:
         ends[:, wish.levels.joint] = wish.levels.values[[0, -1]]

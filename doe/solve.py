@@ -12,6 +12,7 @@ import numpy as np
 from calib.poses import IntArray
 from calib.se3 import Array
 from doe.allowed import Allowed
+from doe.assess import open_parameters
 from doe.blocks import Blocks
 from doe.branch import Proof, prove
 from doe.certify import survivors
@@ -26,7 +27,6 @@ from doe.search import best_plan
 
 _PROVABLE = 400  # surviving candidates up to which branch and bound is tried
 _NODES = 400
-_SINGULAR = 1e-7  # smallest eigenvalue of a plan's information, in units of the pool's mean
 
 
 @dataclass(frozen=True)
@@ -88,17 +88,14 @@ def choose(problem: Problem, pool: Pool, effort: Effort, clock: Clock) -> Chosen
 
 
 def _check_regular(problem: Problem, M: Array) -> None:
-    values, vectors = np.linalg.eigh(M)
-    if values[0] > _SINGULAR or not problem.criterion.whole:
+    lost = open_parameters(problem, M)
+    if not problem.criterion.whole or not lost.any():
         return
-    # Which parameters the lost direction moves, in their plausible sizes.
-    share = np.abs(problem.regressor.T @ vectors[:, 0] / problem.model.sizes)
-    order = np.argsort(-share)
-    ids = [problem.model.parameters[i].id for i in order[:4] if share[i] > 0.1 * share[order[0]]]
+    ids = [p.id for p, gone in zip(problem.model.parameters, lost, strict=True) if gone]
     raise CannotIdentify(
         tuple(ids),
-        f"{problem.wish.poses} poses cannot determine {', '.join(ids)} apart; ask for more poses, more "
-        "levels, or take one of them out of [model] effects",
+        f"{problem.wish.poses} poses cannot determine {', '.join(ids[:4])}{' ..' * (len(ids) > 4)}; "
+        "ask for more poses, or take some of them out of [model] effects",
     )
 
 

@@ -100,7 +100,7 @@ class Task(Trace):
 
     @property
     def whole(self) -> bool:
-        return False
+        return True
 
     @classmethod
     def of(cls, question: Question) -> Self:

@@ -1,0 +1,86 @@
+"""Small random design problems with known answers by exhaustive search."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from calib.poses import IntArray
+from calib.se3 import Array
+from doe.allowed import Allowed
+from doe.blocks import Blocks
+from doe.criteria import Criterion
+from doe.criteria.determinant import Determinant, Subset
+from doe.criteria.eigenvalue import SmallestEigenvalue
+from doe.criteria.smallest import Rivals, WorstTask
+from doe.criteria.trace import Average, Combination, Task
+from doe.packed import pack
+
+RIDGE = 1e-10
+
+
+def random_blocks(rng: np.random.Generator, n: int, p: int, rows: int = 3) -> Blocks:
+    """Information of n candidates of several rows each, the mean about the identity."""
+    J = rng.normal(size=(n, rows, p)) * rng.uniform(0.3, 1.5, (n, 1, 1)) / np.sqrt(rows)
+    return Blocks(pack(np.swapaxes(J, -1, -2) @ J), RIDGE * np.eye(p))
+
+
+def grouped(
+    n: int, levels: int, per_level: int, used: int | None = None, **more: object
+) -> Allowed:
+    """Candidates dealt to levels in turn."""
+    return Allowed(
+        np.arange(n) % levels,
+        np.arange(levels, dtype=float),
+        np.full(levels, per_level),
+        levels if used is None else used,
+        **more,  # type: ignore[arg-type]
+    )
+
+
+def criteria(rng: np.random.Generator, p: int) -> dict[str, Criterion]:
+    """One of each kind, with nothing special about it."""
+    V = rng.normal(size=(p, p)) + 2.0 * np.eye(p)
+    F = rng.normal(size=(4, 2, p))
+    return {
+        "D": Determinant(V),
+        "Ds": Subset(V[:2]),
+        "A": Average(V.T),
+        "c": Combination(V[:1].T),
+        "task": Task(np.concatenate(list(F)).T),
+        "E": SmallestEigenvalue(V),
+        "E of two": SmallestEigenvalue(V[:2]),
+        "task-worst": WorstTask(np.swapaxes(F, -1, -2)),
+        "rivals": Rivals((V[:1], V[1:3])),
+    }
+
+
+def plans(allowed: Allowed) -> list[IntArray]:
+    """Every plan, by plain enumeration of the rules."""
+    choose = itertools.combinations_with_replacement if allowed.repeats else itertools.combinations
+    found = []
+    for used in itertools.combinations(range(len(allowed.positions)), allowed.used):
+        positions = allowed.positions[list(used)]
+        if len(used) > 1 and np.diff(positions).min() < allowed.separation - 1e-12:
+            continue
+        inside = [choose(np.flatnonzero(allowed.group == g), allowed.counts[g]) for g in used]
+        found += [np.concatenate(parts) for parts in itertools.product(*map(list, inside))]
+    return [np.array(plan, dtype=int) for plan in found]
+
+
+def best_by_exhaustion(
+    criterion: Criterion, blocks: Blocks, allowed: Allowed
+) -> tuple[float, IntArray]:
+    """The best plan of all, judged one by one."""
+    every = plans(allowed)
+    totals = np.array([blocks.total(plan) for plan in every])
+    values = criterion.value(totals)
+    best = int(values.argmax())
+    return float(values[best]), every[best]
+
+
+def random_information(rng: np.random.Generator, p: int) -> Array:
+    """A positive definite matrix."""
+    A = rng.normal(size=(p, p + 2))
+    return np.asarray(A @ A.T)

@@ -42,6 +42,8 @@ class Certificate:
     pool_bound : float, bound for it
     optimal : bool, branch and bound proved that plan the best of the candidates; nodes : int
     rounds : int, column generation
+    agreement : float, median over the starts of the search of what they ended at, over the best plan
+        of candidates: near one, what is missing to the bound is likely the bound's slack
     left : float, criterion after the loss of the pose that the plan can least spare
     """
 
@@ -54,6 +56,7 @@ class Certificate:
     optimal: bool
     nodes: int
     rounds: int
+    agreement: float
     left: float
 
     @property

@@ -45,6 +45,7 @@ def design_fields(design: Design) -> dict[str, Any]:
             "efficiency_fresh": None
             if math.isnan(proof.fresh)
             else min(1.0, proof.value / proof.fresh),
+            "agreement_of_starts": proof.agreement,
             "surviving_candidates": design.candidates.survivors,
             "rounds": proof.rounds,
         },

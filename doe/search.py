@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from calib.poses import IntArray
+from calib.se3 import Array
 from doe.allowed import Allowed
 from doe.blocks import Blocks
 from doe.certify import survivors
@@ -18,6 +21,20 @@ _SMALL = 12  # parameters up to which starts and kicks are not cut: their cost g
 _SHORT = 1500  # candidates of the short list
 
 
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The best plan found.
+
+    plan : ndarray of int, candidates; value : float, its criterion
+    starts : ndarray, criterion at the local optimum that each start ended in: where they agree, what is
+        missing to the bound is likely the bound's slack
+    """
+
+    plan: IntArray
+    value: float
+    starts: Array
+
+
 def best_plan(
     criterion: Criterion,
     blocks: Blocks,
@@ -26,8 +43,8 @@ def best_plan(
     *,
     seed: int,
     start: IntArray | None = None,
-) -> tuple[IntArray, float]:
-    """The best plan found, and its criterion.
+) -> Found:
+    """Search from many starts, then over every candidate that a better plan may contain.
 
     start : a plan to begin with, besides rounded and greedy ones
     """
@@ -37,21 +54,22 @@ def best_plan(
     weights = np.zeros(len(listed))
     weights[np.searchsorted(listed, relaxed.index)] = relaxed.weights
     everyone = np.arange(len(listed))
-    starts = [rounded_weights(rules, everyone, weights, None), greedy(criterion, part, rules)]
+    first = [rounded_weights(rules, everyone, weights, None), greedy(criterion, part, rules)]
     effort = min(1.0, (_SMALL / len(blocks.fixed)) ** 1.5)
     count = max(_FEWEST_STARTS, round(_STARTS * effort))
-    starts += [rounded_weights(rules, everyone, weights, rng) for _ in range(count)]
+    first += [rounded_weights(rules, everyone, weights, rng) for _ in range(count)]
     if start is not None:
-        starts.append(np.searchsorted(listed, start))
-    found = [exchange(criterion, part, rules, plan) for plan in starts]
+        first.append(np.searchsorted(listed, start))
+    found = [exchange(criterion, part, rules, plan) for plan in first]
     plan, value = max(found, key=lambda pair: pair[1])
+    starts = np.array([value for _, value in found])
     kicks = max(_FEWEST_KICKS, round(_KICKS * effort))
     plan, value = _kicked(criterion, part, rules, plan, value, kicks, rng)
     plan = listed[plan]
     kept = np.union1d(survivors(relaxed.G, blocks, allowed, value), plan)
     part, rules = blocks.take(kept), allowed.take(kept)
     plan, value = exchange(criterion, part, rules, np.searchsorted(kept, plan))
-    return kept[plan], value
+    return Found(kept[plan], value, starts)
 
 
 def _short_list(

@@ -66,11 +66,13 @@ class Chosen:
     """A whole plan of candidates with the weights that bound it.
 
     index : ndarray of int, shape (N,), candidates; value : float
+    starts : ndarray, criterion that each start of the search ended at
     relaxed : Relaxation
     """
 
     index: IntArray
     value: float
+    starts: Array
     relaxed: Relaxation
 
 
@@ -80,11 +82,11 @@ def choose(problem: Problem, pool: Pool, effort: Effort, clock: Clock) -> Chosen
     relaxed = relax(problem.criterion, blocks, rules)
     clock.lap("relaxation")
     effort.progress(f"weighted plan after {relaxed.rounds} rounds, certified to {relaxed.gap:.1e}")
-    index, value = best_plan(problem.criterion, blocks, rules, relaxed, seed=effort.seed)
+    found = best_plan(problem.criterion, blocks, rules, relaxed, seed=effort.seed)
     clock.lap("exchange")
-    _check_regular(problem, blocks.total(index))
-    effort.progress(f"whole plan found, at least {value / relaxed.bound:.4f} of the best")
-    return Chosen(index, value, relaxed)
+    _check_regular(problem, blocks.total(found.plan))
+    effort.progress(f"whole plan found, at least {found.value / relaxed.bound:.4f} of the best")
+    return Chosen(found.plan, found.value, found.starts, relaxed)
 
 
 def _check_regular(problem: Problem, M: Array) -> None:
@@ -140,6 +142,7 @@ def finish(
         optimal=proof.optimal and not effort.robust,
         nodes=proof.nodes,
         rounds=final.rounds,
+        agreement=float(np.median(chosen.starts) / chosen.value),
         left=smallest_left(criterion, M, problem.information(q)),
     )
     return q, certificate, len(live)

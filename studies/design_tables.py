@@ -15,19 +15,25 @@ from doe.curve import poses_that_match, stops_paying
 from studies.tables import plain_table
 
 _MOST_PARAMETERS = 24  # longer lists are in the JSON
+_WORTH_EXPLAINING = 0.002  # missing efficiency
 
 
 def design_tables(design: Design, fields: dict[str, Any]) -> Iterator[RenderableType]:
     """Summary, poses, what they will determine, plans beside it, and what a reader should know."""
     yield _summary(design, fields)
+    yield Text("")
     yield _poses(fields)
+    yield Text("")
     if len(fields["predicted_std"]) <= _MOST_PARAMETERS:
         yield _parameters(fields)
+        yield Text("")
     if fields["against"]:
         yield _against(fields)
+        yield Text("")
     if fields["curve"]:
         yield _curve(fields)
         yield _reading(design)
+        yield Text("")
     for note in fields["notes"]:
         yield Text(f"note  {note}")
 
@@ -37,43 +43,74 @@ def _number(value: float | None) -> str:
 
 
 def _summary(design: Design, fields: dict[str, Any]) -> Text:
-    proof, candidates = fields["proof"], fields["candidates"]
+    candidates = fields["candidates"]
     beyond = "no plan is above" if fields["larger_is_better"] else "no plan is below"
     removed = ", ".join(f"{name} {n}" for name, n in candidates["removed_by"].items() if n)
     extra = "" if fields["extends"] is None else f" beside {fields['extends']} already measured"
+    survivors = fields["proof"]["surviving_candidates"]
     lines = [
         f"{design.problem.cell.name}: {len(design.poses)} poses{extra} for "
         f"{len(fields['predicted_std'])} parameters",
-        f"{fields['criterion']:<10} {_number(fields['value'])} {fields['criterion_unit']}; "
-        f"{beyond} {_number(fields['bound'])}",
-        f"proof      at least {_percent(fields['efficiency'])} of the best plan of these candidates; "
-        + _remainder(fields),
-        f"expected   {_number(fields['task_rms_mm'])} mm RMS, {_number(fields['task_worst_mm'])} mm at "
-        f"worst, at {fields['targets']}",
-        f"survives   {_losses(fields)}",
-        f"candidates {candidates['feasible']} of {candidates['drawn']} feasible"
-        + (f" (removed by {removed})" if removed else "")
-        + f", {proof['surviving_candidates']} could still be part of a better plan",
-        f"travel     {fields['joint_travel_deg']:.0f} degrees, of the joint that moves most each time",
+        _line(
+            fields["criterion"],
+            f"{_number(fields['value'])} {fields['criterion_unit']}; "
+            f"{beyond} {_number(fields['bound'])}",
+        ),
+        *_proof(fields),
+        _line(
+            "expected",
+            f"{_number(fields['task_rms_mm'])} mm RMS, {_number(fields['task_worst_mm'])} mm at worst,"
+            f" at {fields['targets']}",
+        ),
+        _line("loss", _losses(fields)),
+        _line(
+            "candidates",
+            f"{candidates['feasible']} of {candidates['drawn']} feasible"
+            + (f" (removed by {removed})" if removed else "")
+            + f"; {survivors} could still be part of a better plan",
+        ),
+        _line(
+            "travel",
+            f"{fields['joint_travel_deg']:.0f} degrees in this order, of the joint that moves most",
+        ),
     ]
     return Text("\n".join(lines))
 
 
-def _percent(efficiency: float) -> str:
-    return f"{math.floor(efficiency * 1e4) / 1e2:.2f} %"
+def _line(label: str, text: str) -> str:
+    return f"{label:<11} {text}"
 
 
-def _remainder(fields: dict[str, Any]) -> str:
+def _percent(share: float) -> str:
+    return f"{math.floor(share * 1e4) / 1e2:.2f} %"
+
+
+def _proof(fields: dict[str, Any]) -> Iterator[str]:
     proof = fields["proof"]
-    before = proof["before_polish"]
+    before, fresh = proof["before_polish"], proof["efficiency_fresh"]
+    said = f"at least {_percent(fields['efficiency'])} of the best plan of these candidates"
+    said += "" if fresh is None else f", {_percent(fresh)} of fresh ones"
+    yield _line("proof", said)
     if before["proved_optimal"]:
-        return f"of the candidates alone the optimum, proved in {before['nodes']} nodes"
-    fresh = proof["efficiency_fresh"]
+        nodes = before["nodes"]
+        yield _line(
+            "", f"before the angles were polished it was the optimum, proved in {nodes} nodes"
+        )
+        return
     rest = 1.0 - fields["efficiency"]
-    solver = min(proof["solver_gap"], rest)
-    said = f"of the other {100 * rest:.2f} %, {100 * solver:.2f} are the solver's"
-    said += " and the rest is between whole and weighted poses"
-    return said + ("" if fresh is None else f"; {_percent(fresh)} against fresh candidates")
+    spread = 100.0 * (1.0 - proof["agreement_of_starts"])
+    if rest > _WORTH_EXPLAINING:
+        solver = min(proof["solver_gap"], rest)
+        yield _line(
+            "",
+            f"missing {100 * rest:.2f} %: {100 * solver:.2f} the solver's, the rest between whole and "
+            "weighted poses",
+        )
+        yield _line(
+            "",
+            f"the searches ended {spread:.2f} % apart in the median: the closer, the more of the rest "
+            "is slack",
+        )
 
 
 def _losses(fields: dict[str, Any]) -> str:
@@ -81,16 +118,16 @@ def _losses(fields: dict[str, Any]) -> str:
     markers = fields["survives"]["loss_of_marker"]
     worst = pose["task_rms_mm"]
     said = (
-        f"without {pose['worst']}, which it can least spare, {_number(worst)} mm RMS"
+        f"of pose {pose['worst']}, the worst to lose: {_number(worst)} mm RMS"
         if worst is not None
-        else f"no loss of {pose['worst']}: parameters are lost with it"
+        else f"of pose {pose['worst']} takes parameters with it"
     )
     if markers:
         lost = [name for name, rms in markers.items() if rms is None]
         said += (
-            f"; the loss of marker {', '.join(lost)} takes parameters with it"
+            f"; of marker {', '.join(lost)} takes parameters with it"
             if lost
-            else f"; without any one marker up to {_number(max(markers.values()))}"
+            else f"; of any one marker: up to {_number(max(markers.values()))} mm"
         )
     return said
 

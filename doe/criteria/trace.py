@@ -11,7 +11,7 @@ from calib.errors import CalibError
 from calib.se3 import Array
 from doe.criteria.protocol import Conic, Criterion, Question
 
-_UNNEEDED = 1e-8  # m
+_UNNEEDED = 1e-7  # share of the mean that every direction counts, needed at the targets or not
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,9 +90,9 @@ class Task(Trace):
     """Expected squared position error after compensation, averaged over the target poses.
 
     The test-pose criterion ``rho_0^2 = tr(J_0 cov J_0^T)`` (Wu, Klimchik, Caro, Furet and Pashkevich,
-    2012), shown as its root in mm. A parameter that the targets do not need counts as ten nanometres
-    at its plausible size, so that among equals the plan that determines it is the better one; without
-    this a single target is best measured at itself, with a singular M.
+    2012), shown as its root in mm. Directions that the targets do not need count a ten-millionth of the
+    mean, so that among equals the plan that determines them is the better one; without this a single
+    target is best measured at itself, with a singular M.
     """
 
     name: ClassVar[str] = "task"
@@ -105,7 +105,9 @@ class Task(Trace):
     @classmethod
     def of(cls, question: Question) -> Self:
         rows = question.targets() * np.sqrt(question.target_weights)[:, None, None]
-        rows = np.vstack([rows.reshape(-1, rows.shape[-1]), _UNNEEDED * question.sized])
+        rows = rows.reshape(-1, rows.shape[-1])
+        least = np.sqrt(_UNNEEDED * (rows**2).sum() / len(question.T))
+        rows = np.vstack([rows, least * np.eye(len(question.T))])
         _, singular, Vt = np.linalg.svd(rows, full_matrices=False)
         return cls(Vt.T * singular)
 

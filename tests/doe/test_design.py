@@ -31,7 +31,7 @@ QUICK: dict[str, Any] = {"candidates": 3000, "fresh": False}
 
 @pytest.fixture(scope="module")
 def elastic(kr270: Cell) -> Cell:
-    return replace(kr270, effects=ELASTIC)
+    return replace(kr270, effects=ELASTIC, design={})
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +115,7 @@ def test_figures_from_the_observation_matrices(elastic: Cell, criterion: str) ->
 
 def test_geometric_problem(kr270: Cell) -> None:
     """33 parameters, 20 poses: well above the asked 0.93, in a smaller pool."""
-    cell = replace(kr270, effects=("base", "tool", "geometry"), load=None)
+    cell = replace(kr270, effects=("base", "tool", "geometry"), load=None, design={})
     plan = doe.design(cell, poses=20, criterion="D", candidates=1500, fresh=False)
     assert len(plan.problem.model.parameters) == 33
     assert plan.efficiency > 0.95
@@ -197,7 +197,7 @@ def test_robust_plan_loses_least(elastic: Cell) -> None:
 
 def test_loss_of_a_marker(kr270: Cell) -> None:
     """Judged without its rows and without its unknowns."""
-    cell = replace(kr270, effects=("base", "tool", "geometry"), load=None)
+    cell = replace(kr270, effects=("base", "tool", "geometry"), load=None, design={})
     plan = doe.design(cell, poses=15, criterion="D", candidates=600, fresh=False, refine=False)
     two = replace(
         cell,
@@ -214,7 +214,7 @@ def test_loss_of_a_marker(kr270: Cell) -> None:
 
 def test_discriminating_two_effects(kr270: Cell) -> None:
     """What is left of one effect after the fit of all else, the rival too, by plain least squares."""
-    cell = replace(kr270, effects=("joint_compliance:A3,A4,A5,A6",))
+    cell = replace(kr270, effects=("joint_compliance:A3,A4,A5,A6",), design={})
     rivals = ("joint_compliance:A2", "bearing_compliance:A2")
     plan = doe.design(cell, poses=12, discriminate=rivals, **QUICK)
     both = replace(cell, effects=(*cell.effects, *rivals))
@@ -390,7 +390,7 @@ REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
     "no candidates": (lambda c: c, {"poses": 15, "candidates": 0}, "too few"),
     "fewer candidates than poses": (lambda c: c, {"poses": 15, "candidates": 9}, "for 15 poses"),
     "rivals that are alike": (
-        lambda c: replace(c, effects=("base", "tool", "geometry"), load=None),
+        lambda c: replace(c, effects=("base", "tool", "geometry"), load=None, design={}),
         {"poses": 15, "discriminate": ("joint_offset:A3", "joint_offset:A4")},
         "",
     ),
@@ -436,7 +436,7 @@ def test_single_target_still_determines_every_parameter(elastic: Cell, tmp_path:
 
 def test_e_with_a_free_base_says_so(kr270: Cell) -> None:
     """No pose changes what is known of the base's translation against gravity's shift."""
-    cell = replace(kr270, effects=("base", "joint_compliance:A3,A4,A5,A6"))
+    cell = replace(kr270, effects=("base", "joint_compliance:A3,A4,A5,A6"), design={})
     plan = doe.design(cell, poses=15, criterion="E", **QUICK)
     part = doe.design(cell, poses=15, criterion="E", of=["joint_compliance"], **QUICK)
     assert any("no choice of poses changes" in note for note in plan.notes) == (

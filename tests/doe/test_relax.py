@@ -129,7 +129,7 @@ def test_search_against_exhaustion(name: str, rules: str, seed: int) -> None:
     criterion, blocks = criteria(rng, P)[name], random_blocks(rng, len(allowed.group), P)
     optimum, _ = best_by_exhaustion(criterion, blocks, allowed)
     relaxed = relax(criterion, blocks, allowed)
-    _, value = best_plan(criterion, blocks, allowed, relaxed, seed=0)
+    value = best_plan(criterion, blocks, allowed, relaxed, seed=0).value
     assert relaxed.bound >= optimum * (1.0 - 1e-9)
     assert value <= optimum * (1.0 + 1e-9)
     assert value >= 0.999 * optimum
@@ -169,7 +169,8 @@ def test_finer_pools_bound_coarser_plans(name: str) -> None:
     criterion, blocks, allowed = setting(name, "levels")
     few = np.arange(0, 20)
     coarse, rules = blocks.take(few), allowed.take(few)
-    plan, value = best_plan(criterion, coarse, rules, relax(criterion, coarse, rules), seed=0)
+    found = best_plan(criterion, coarse, rules, relax(criterion, coarse, rules), seed=0)
+    plan, value = found.plan, found.value
     fine = relax(criterion, blocks, allowed)
     assert value <= fine.bound * (1.0 + 1e-9)
     assert relax(criterion, coarse, rules).value <= fine.bound * (1.0 + 1e-9)
@@ -181,10 +182,12 @@ def test_fixed_rows_count() -> None:
     criterion, blocks, allowed = setting("D", "free")
     fixed = Blocks(blocks.packed, blocks.total(np.arange(5)))
     relaxed = relax(criterion, fixed, allowed)
-    plan, value = best_plan(criterion, fixed, allowed, relaxed, seed=0)
+    found = best_plan(criterion, fixed, allowed, relaxed, seed=0)
+    plan, value = found.plan, found.value
     assert value <= relaxed.bound * (1.0 + 1e-9)
     assert value >= 0.95 * relaxed.bound
-    alone, _ = best_plan(criterion, blocks, allowed, relax(criterion, blocks, allowed), seed=0)
+    free = relax(criterion, blocks, allowed)
+    alone = best_plan(criterion, blocks, allowed, free, seed=0).plan
     assert value >= float(criterion.value(fixed.total(alone)))
     assert set(plan) != set(alone)
 
@@ -215,5 +218,6 @@ def test_near_singular_plans_do_not_break_the_search() -> None:
     blocks = Blocks(pack(np.swapaxes(J, -1, -2) @ J), 1e-10 * np.eye(P))
     allowed = grouped(30, 1, 4)
     criterion = criteria(rng, P)["D"]
-    plan, _ = best_plan(criterion, blocks, allowed, relax(criterion, blocks, allowed), seed=0)
+    relaxed = relax(criterion, blocks, allowed)
+    plan = best_plan(criterion, blocks, allowed, relaxed, seed=0).plan
     assert np.linalg.matrix_rank(blocks.total(plan), tol=1e-6) == P

@@ -1,0 +1,157 @@
+"""``posecal design`` as a user and an outside check see it."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import calib
+from doe.criteria import CRITERIA
+from studies.cli import main
+from studies.commands.design import _CRITERIA
+from studies.demo import INPUTS, embedded_text
+
+OPTIONS = ("--candidates", 2000, "--levels", "A2=-140,-99.85,-56.9,-25.24,-0.01x3")
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The paper's cell with its elastostatic model."""
+    path = tmp_path_factory.mktemp("cell")
+    for name in INPUTS:
+        (path / name).write_text(embedded_text(name))
+    cell = path / "cell.toml"
+    effects = 'effects = ["stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6"]'
+    cell.write_text(re.sub(r"^effects = .*$", effects, cell.read_text(), flags=re.M))
+    return path
+
+
+@pytest.fixture(scope="module")
+def done(folder: Path) -> Result:
+    return run(
+        "design", folder / "cell.toml", *OPTIONS, "--against", folder / "plan.csv", "--curve",
+        "-o", folder / "best.csv", "--json", folder / "best.json",
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def fields(folder: Path, done: Result) -> dict[str, Any]:
+    assert done.exit_code == 0, done.output
+    return json.loads((folder / "best.json").read_text(), parse_constant=pytest.fail)
+
+
+def test_result_holds_what_the_contract_names(folder: Path, fields: dict[str, Any]) -> None:
+    assert (fields["schema"], fields["command"], fields["seed"]) == (1, "design", 0)
+    named = {Path(entry["file"]).name: entry["sha256"] for entry in fields["inputs"]}
+    assert set(named) == {"cell.toml", "kr270.urdf", "plan.csv"}
+    assert named["plan.csv"] == hashlib.sha256((folder / "plan.csv").read_bytes()).hexdigest()
+    assert fields["criterion"] == "task"
+    assert fields["value"] >= fields["bound"] > 0.0
+    assert fields["efficiency"] == pytest.approx((fields["bound"] / fields["value"]) ** 2)
+    assert fields["value"] == pytest.approx(fields["task_rms_mm"], rel=1e-5)
+    assert len(fields["poses"]) == 15
+    for pose in fields["poses"]:
+        assert set(pose["joints_deg"]) == {f"A{k}" for k in range(1, 7)}
+        assert pose["level"] == pytest.approx(pose["joints_deg"]["A2"])
+    assert fields["levels_deg"] == {"A2": [-140.0, -99.85, -56.9, -25.24, -0.01]}
+    assert [p["name"] for p in fields["predicted_std"]][:2] == [
+        "compliance@-140",
+        "compliance@-99.85",
+    ]
+    assert all(p["unit"] == "urad/(N m)" and p["std"] > 0 for p in fields["predicted_std"])
+    candidates = fields["candidates"]
+    assert candidates["drawn"] == candidates["feasible"] == 2000
+    assert fields["seconds"] > 0.0
+    assert fields["against"]["plan.csv"]["poses"] == 15
+    assert [step["poses"] for step in fields["curve"]] == [5, 10, 15, 20, 25, 30]
+
+
+def test_plan_is_read_by_the_other_commands(folder: Path, fields: dict[str, Any]) -> None:
+    cell = calib.load_cell(folder / "cell.toml")
+    plan = calib.load_plan(cell, folder / "best.csv")
+    assert plan.names == tuple(pose["pose"] for pose in fields["poses"])
+    shown = [list(pose["joints_deg"].values()) for pose in fields["poses"]]
+    np.testing.assert_allclose(np.degrees(plan.q), shown, atol=1e-9)
+    with (folder / "best.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["level"]) for row in rows] == [pose["level"] for pose in fields["poses"]]
+    assert all(re.fullmatch(r"-?\d+(\.\d{1,2})?", row["A4_deg"]) for row in rows)
+
+
+def test_tables_say_what_matters(done: Result) -> None:
+    text = " ".join(done.output.split())
+    for said in ("15 poses for 9 parameters", "no plan is below", "plan.csv", "loss", "p15"):
+        assert said in text, said
+    assert "nan" not in text.lower()
+    assert max(len(line) for line in done.output.splitlines() if "wrote" not in line) <= 110
+
+
+def test_a_plan_found_is_its_own_equal(folder: Path, fields: dict[str, Any]) -> None:
+    """Judged beside a new design of the same candidates it has the value it was given."""
+    again = run(
+        "design", folder / "cell.toml", *OPTIONS, "--against", folder / "best.csv", "--json", "-"
+    )
+    other = json.loads(again.stdout)
+    rival = other["against"]["best.csv"]
+    assert rival["value"] == pytest.approx(fields["value"], rel=1e-6)
+    assert rival["efficiency"] <= 1.0
+    assert other["value"] == pytest.approx(fields["value"], rel=1e-12)
+
+
+def test_extend_counts_beside_the_poses(folder: Path) -> None:
+    extended = run(
+        "design", folder / "cell.toml", *OPTIONS, "--extend", folder / "plan.csv", "--criterion", "D",
+        "--json", "-",
+    )  # fmt: skip
+    fields = json.loads(extended.stdout)
+    assert fields["extends"] == 15
+    assert len(fields["poses"]) == 15
+    assert fields["value"] <= fields["bound"]
+
+
+def test_help_names_every_criterion_and_an_example() -> None:
+    assert set(_CRITERIA) == set(CRITERIA) - {"discriminate"}
+    shown = run("design", "--help").output
+    assert "posecal design cell.toml" in shown
+    assert all(name in shown for name in _CRITERIA)
+
+
+FAULTS = {
+    "levels": (("--levels", "A2=5x3", "--poses", "4"), "need at least 5 poses"),
+    "criterion": (("--criterion", "F"), "criterion"),
+    "candidates": (("--candidates", "none.csv"), "none.csv"),
+    "rivals": (("--discriminate", "joint_compliance:A2"), "is not two effects"),
+    "unknown rival": (("--discriminate", "joint_complience:A2,backlash:A3"), "joint_compliance"),
+    "of": (("--criterion", "c", "--of", "joint_compliance:A3=x"), "not a number"),
+    "output": (("-o", "CELL"), "already an input"),
+    "no load for chi_1": (("--of", "joint_compliance:A1", "--criterion", "Ds"), "no parameter"),
+}
+
+
+@pytest.mark.parametrize("case", FAULTS)
+def test_faults_are_one_line(folder: Path, case: str) -> None:
+    options, said = FAULTS[case]
+    options = tuple(str(folder / "cell.toml") if o == "CELL" else o for o in options)
+    before = sorted(folder.iterdir())
+    base = [] if case == "levels" else ["--levels", "A2=-140,-99.85,-56.9,-25.24,-0.01x3"]
+    failed = run("design", folder / "cell.toml", *base, *options)
+    assert failed.exit_code == 2
+    lines = failed.stderr.strip().splitlines()
+    assert said in failed.stderr
+    if case != "criterion":  # click's own usage text, one line in the real entry point
+        assert len(lines) == 1
+    assert sorted(folder.iterdir()) == before
+    assert not math.isnan(failed.exit_code)

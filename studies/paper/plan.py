@@ -1,8 +1,8 @@
 """Table II's fifteen poses beside optimal ones: ``python -m studies.paper.plan [--candidates N]``.
 
 The paper says how its poses were restricted (five angles of A2, joint limits, obstacles that it does
-not list) and not how they were chosen. Here are plans of the same size at the same levels within the same
-joint limits, on the same model: 250 kg at (300, 0, 150) mm, which makes chi_6 observable, three
+not list) and not how they were chosen. Here are plans of the same size at the same levels within the
+same joint limits, on the same model: 250 kg at (300, 0, 150) mm, which makes chi_6 observable, three
 markers, base and tool known, nine compliances; targets of a milling task.
 """
 
@@ -39,8 +39,8 @@ class Case:
 
 
 CASES = (
-    Case("task, at the markers", "task", True, "task_rms"),
-    Case("task, at the tip", "task", False, "task_rms"),
+    Case("task (markers)", "task", True, "task_rms"),
+    Case("task (tip)", "task", False, "task_rms"),
     Case("A", "A", True, "trace"),
     Case("D", "D", True, "determinant"),
 )
@@ -94,10 +94,10 @@ def main(candidates: int) -> None:
                 ("\noptimal", "right"),
                 ("\nTable II", "right"),
                 ("\nratio", "right"),
-                ("proved\nefficiency", "right"),
-                ("of\nTable II", "right"),
+                ("\nproved", "right"),
+                ("share of\nTable II", "right"),
                 ("poses that\nmatch it", "right"),
-                ("\nseconds", "right"),
+                ("\ntime [s]", "right"),
             )
             cell = cell_of_the_paper(Path(folder), link_weights)
             for case in CASES:

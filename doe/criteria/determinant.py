@@ -22,7 +22,7 @@ class Determinant(Criterion):
 
     V: Array
     name: ClassVar[str] = "D"
-    unit: ClassVar[str] = "det(M)^(1/p), M per squared parameter units"
+    unit: ClassVar[str] = "det(M)^(1/p), parameters in their units"
     larger_is_better: ClassVar[bool] = True
 
     @classmethod
@@ -63,7 +63,7 @@ class Subset(Criterion):
 
     V: Array
     name: ClassVar[str] = "Ds"
-    unit: ClassVar[str] = "det(K)^(1/s), K per squared parameter units"
+    unit: ClassVar[str] = "det(K)^(1/s), parameters in their units"
     larger_is_better: ClassVar[bool] = True
 
     @classmethod

@@ -24,7 +24,11 @@ def beside_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_python_example(beside_the_demo: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (block,) = re.findall(r"```python\n(.*?)```", README, flags=re.S)
     exec(compile(block, "README.md", "exec"), {})
-    assert len(capsys.readouterr().out.splitlines()) == 42
+    *parameters, design = capsys.readouterr().out.splitlines()
+    assert len(parameters) == 42
+    efficiency, _, shape = design.partition(" ")
+    assert 0.9 < float(efficiency) <= 1.0
+    assert shape == "(15, 6)"
 
 
 def test_commands_and_their_output(beside_the_demo: Path) -> None:

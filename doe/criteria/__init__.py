@@ -1,12 +1,17 @@
-"""Criteria by name: one class each, and one entry here."""
+"""Criteria by name: one file each, and one entry here."""
 
 from __future__ import annotations
 
-from doe.criteria.determinant import Determinant, Subset
+from doe.criteria.average import Average
+from doe.criteria.combination import Combination
+from doe.criteria.determinant import Determinant
 from doe.criteria.eigenvalue import SmallestEigenvalue
 from doe.criteria.protocol import Conic, Criterion, Question
-from doe.criteria.smallest import Rivals, WorstRegion, WorstTask
-from doe.criteria.trace import Average, Combination, Task
+from doe.criteria.region import WorstRegion
+from doe.criteria.rivals import Rivals
+from doe.criteria.subset import Subset
+from doe.criteria.task import Task
+from doe.criteria.worst_task import WorstTask
 
 CRITERIA: dict[str, type[Criterion]] = {
     "task": Task,

@@ -11,10 +11,14 @@ from calib.se3 import Array
 from doe.allowed import Allowed
 from doe.blocks import Blocks
 from doe.criteria import Criterion
-from doe.criteria.determinant import Determinant, Subset
+from doe.criteria.average import Average
+from doe.criteria.combination import Combination
+from doe.criteria.determinant import Determinant
 from doe.criteria.eigenvalue import SmallestEigenvalue
-from doe.criteria.smallest import Rivals, WorstTask
-from doe.criteria.trace import Average, Combination, Task
+from doe.criteria.rivals import Rivals
+from doe.criteria.subset import Subset
+from doe.criteria.task import Task
+from doe.criteria.worst_task import WorstTask
 from doe.packed import pack
 
 RIDGE = 1e-10

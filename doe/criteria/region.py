@@ -1,0 +1,24 @@
+"""G: the worst predicted pose of the reachable cell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from doe.criteria.protocol import Question
+from doe.criteria.smallest import WorstVariance
+
+
+@dataclass(frozen=True, eq=False)
+class WorstRegion(WorstVariance):
+    """G: the largest variance of a predicted reading, summed over the markers, in noise variances."""
+
+    name: ClassVar[str] = "G"
+    unit: ClassVar[str] = "largest variance of a predicted pose, in noise variances"
+
+    @classmethod
+    def of(cls, question: Question) -> Self:
+        values, vectors = np.linalg.eigh(question.region)
+        return cls(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])

@@ -1,0 +1,53 @@
+"""Ds: volume of the confidence ellipsoid of the parameters that matter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from calib.errors import CalibError
+from calib.se3 import Array
+from doe.criteria.protocol import Conic, Criterion, Question
+
+
+@dataclass(frozen=True, eq=False)
+class Subset(Criterion):
+    """``Phi = det(K)^(1/s)``, K the information on s of the parameters, the others unknown too.
+
+    V : ndarray, shape (s, p): ``K = (V M^-1 V^T)^-1``, the Schur complement of M
+    """
+
+    V: Array
+    name: ClassVar[str] = "Ds"
+    unit: ClassVar[str] = "det(K)^(1/s), parameters in their units"
+    larger_is_better: ClassVar[bool] = True
+
+    @classmethod
+    def of(cls, question: Question) -> Self:
+        if question.subset is None:
+            raise CalibError("criterion Ds needs the parameters that matter; name them with --of")
+        return cls(question.shown[question.subset])
+
+    @property
+    def whole(self) -> bool:
+        return False
+
+    def value(self, M: Array) -> Array:
+        cov = self.V @ np.linalg.solve(M, self.V.T)
+        return np.asarray(np.exp(-np.linalg.slogdet(cov)[1] / len(self.V)))
+
+    def gradient(self, M: Array) -> Array:
+        W = np.linalg.solve(M, self.V.T)
+        return np.asarray(self.value(M) / len(self.V) * W @ np.linalg.solve(self.V @ W, W.T))
+
+    def conic(self, M: Any, at: Array) -> Conic:
+        import cvxpy as cp
+
+        V = self.V / np.linalg.norm(self.V, axis=1, keepdims=True)
+        K = cp.Variable((len(V), len(V)), symmetric=True)
+        return Conic(cp.log_det(K), [M - V.T @ K @ V >> 0])
+
+    def shown(self, value: float) -> float:
+        return value

@@ -1,0 +1,43 @@
+"""task: accuracy where the robot is to work."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from doe.criteria.protocol import Question
+from doe.criteria.trace import Trace
+
+_UNNEEDED = 1e-7  # share of the mean that every direction counts, needed at the targets or not
+
+
+@dataclass(frozen=True, eq=False)
+class Task(Trace):
+    """Expected squared position error after compensation, averaged over the target poses.
+
+    The test-pose criterion ``rho_0^2 = tr(J_0 cov J_0^T)`` (Wu, Klimchik, Caro, Furet and Pashkevich,
+    2012), shown as its root in mm. Directions that the targets do not need count a ten-millionth of the
+    mean, so that among equals the plan that determines them is the better one; without this a single
+    target is best measured at itself, with a singular M.
+    """
+
+    name: ClassVar[str] = "task"
+    unit: ClassVar[str] = "mm RMS at the targets"
+
+    @property
+    def whole(self) -> bool:
+        return True
+
+    @classmethod
+    def of(cls, question: Question) -> Self:
+        rows = question.targets() * np.sqrt(question.target_weights)[:, None, None]
+        rows = rows.reshape(-1, rows.shape[-1])
+        least = np.sqrt(_UNNEEDED * (rows**2).sum() / len(question.T))
+        rows = np.vstack([rows, least * np.eye(len(question.T))])
+        _, singular, Vt = np.linalg.svd(rows, full_matrices=False)
+        return cls(Vt.T * singular)
+
+    def shown(self, value: float) -> float:
+        return 1e3 / float(np.sqrt(value))

@@ -6,6 +6,6 @@ plan.poses, plan.efficiency
 
 from doe.design import design
 from doe.plan import Design
-from doe.problem import CannotIdentify
+from doe.refusals import CannotIdentify
 
 __all__ = ["CannotIdentify", "Design", "design"]

@@ -18,11 +18,14 @@ from doe.assess import assess
 from doe.criteria import CRITERIA
 from doe.curve import accuracy_curve
 from doe.levels import levels_of
+from doe.notes import notes_of
 from doe.order import travel, visiting_order
-from doe.plan import Candidates, Design, Rival, level_values, named, notes_of
+from doe.plan import Candidates, Design, Rival, level_values, named
 from doe.pool import Pool, chunked, drawn, pool_of
-from doe.problem import Problem, Wish, at_level, no_candidate, problem_of
+from doe.problem import Problem, problem_of
+from doe.refusals import at_level, no_candidate
 from doe.solve import Clock, Effort, choose, finish
+from doe.wish import Wish
 
 CANDIDATES = 20_000
 """Candidates that are drawn unless the user says otherwise."""
@@ -201,7 +204,7 @@ def _too_few(problem: Problem, pool: Pool, level: int, found: int, needed: int) 
             if not any(pool.removed.values())
             else no_candidate(pool.drawn, pool.removed, f" enough ({found} for {needed} poses)")
         )
-    where = at_level(problem.cell, problem.wish, level)
+    where = at_level(problem.cell, levels, level)
     where += "" if not found else f" enough ({found} for {needed})"
     removed = {
         name: int(counts[level]) for name, counts in pool.removed_at.items() if len(counts) > level

@@ -20,7 +20,8 @@ from doe.packed import pack
 from doe.plan import Certificate
 from doe.polish import polish
 from doe.pool import Pool, drawn, judge
-from doe.problem import CannotIdentify, Problem
+from doe.problem import Problem
+from doe.refusals import CannotIdentify
 from doe.relax import Relaxation, relax
 from doe.robust import robust_exchange, smallest_left
 from doe.search import best_plan

@@ -77,4 +77,4 @@ which identification never reads, in truth.json; the results result.json and kr2
 Try next:
   posecal identify {folder}/cell.toml {folder}/measurements.csv --method two-step
   posecal identify {folder}/cell.toml {folder}/measurements.csv --approach pose --weighting plain
-  posecal design {folder}/cell.toml --against {folder}/plan.csv --candidates 2000 -o {folder}/better.csv"""
+  posecal design {folder}/cell.toml --candidates 2000 -o {folder}/better.csv"""

@@ -19,8 +19,8 @@ from calib.cell import Capsule, Load
 from calib.covariance import accuracy
 from calib.poses import hung, poses_at
 from calib.targets import targets_of
+from doe import CannotIdentify
 from doe.constraints import constraints_of, scene_of, visible
-from doe.problem import CannotIdentify
 from tests.helpers import cell_of, random_robot
 
 ELASTIC = ("stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")

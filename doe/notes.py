@@ -1,0 +1,79 @@
+"""What a reader should know about a plan, one rule a note."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from calib.effects.stiffness_vs_angle import StiffnessVsAngle
+from doe.constraints.self_collision import SelfCollision
+from doe.plan import Design
+
+
+def notes_of(design: Design) -> tuple[str, ...]:
+    """What a reader should know about a plan."""
+    return tuple(note for rule in _NOTES for note in rule(design))
+
+
+def _weak(design: Design) -> Iterator[str]:
+    sizes = design.problem.model.sizes
+    weak = ~(design.assessment.std <= sizes)
+    if weak.any():
+        ids = [p.id for p, w in zip(design.problem.model.parameters, weak, strict=True) if w]
+        yield (
+            f"{', '.join(ids[:6])}{' ..' if len(ids) > 6 else ''}: more uncertain than such errors are "
+            f"large; criterion {design.criterion} does not need them better, A or D would"
+        )
+
+
+def _unmoved(design: Design) -> Iterator[str]:
+    """E can be bounded by a direction that is the same at every pose."""
+    if design.criterion == "E" and design.efficiency > 0.999999:
+        yield (
+            "E is set by a direction that no choice of poses changes, as a shift of the base does; "
+            "name the parameters that matter with --of"
+        )
+
+
+def _no_targets(design: Design) -> Iterator[str]:
+    if design.problem.cell.design.get("targets") is None:
+        count = len(design.problem.targets)
+        yield f"no target poses given: {count} Sobol poses within the limits stand for them"
+
+
+def _unguarded(design: Design) -> Iterator[str]:
+    cell = design.problem.cell
+    if cell.design.get("obstacle") and not set(cell.capsules) - {"base"}:
+        yield "obstacles are given but no [robot.capsules_mm]: nothing keeps the arm away from them"
+
+
+def _exempt(design: Design) -> Iterator[str]:
+    for constraint in design.problem.constraints:
+        if isinstance(constraint, SelfCollision) and constraint.exempt:
+            pairs = ", ".join(f"{a} with {b}" for a, b in constraint.exempt)
+            yield f"capsules that touch at every pose are not checked against each other: {pairs}"
+
+
+def _hidden(design: Design) -> Iterator[str]:
+    hidden = design.assessment.hidden
+    if hidden:
+        total = len(design.poses) * len(design.problem.model.marker_names)
+        yield f"{hidden} of {total} marker readings are out of sight and count nothing"
+
+
+def _knots(design: Design) -> Iterator[str]:
+    problem = design.problem
+    for effect in problem.model.effects:
+        if isinstance(effect, StiffnessVsAngle) and effect.where not in problem.cell.knots:
+            levels = design.levels
+            if levels is not None and problem.cell.robot.joints[levels.joint] == effect.where:
+                continue
+            angles = ", ".join(f"{np.degrees(knot):.6g}" for knot in effect.knots)
+            yield (
+                f"stiffness_vs_angle:{effect.where} has its coefficients at {angles}; write them into "
+                f"[model.knots_deg] as {effect.where} = [{angles}], so that other commands use the same"
+            )
+
+
+_NOTES = (_no_targets, _weak, _unmoved, _unguarded, _exempt, _hidden, _knots)

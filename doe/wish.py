@@ -1,0 +1,125 @@
+"""What a user asks of a plan, and which parameters that means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.build import parse_effect
+from calib.cell import Cell
+from calib.errors import CalibError
+from calib.model import Model
+from calib.poses import IntArray, Poses
+from calib.se3 import Array
+from doe.levels import Levels
+from doe.refusals import CannotIdentify
+
+
+@dataclass(frozen=True, eq=False)
+class Wish:
+    """What a user asks of a plan.
+
+    poses : int, how many are to be chosen
+    criterion : str, a key of ``doe.criteria.CRITERIA``
+    levels : Levels or None
+    of : tuple of str: effects or parameters that matter, or ``name=factor`` for a combination
+    rivals : two effects to be told apart, ``effect:where``, or None
+    fixed : Poses measured in any case, or None
+    repeats : bool
+    at_markers : bool, the error at the targets counts at the markers; None: if they are unknowns, else
+        at the tip's origin
+    """
+
+    poses: int
+    criterion: str
+    levels: Levels | None = None
+    of: tuple[str, ...] = ()
+    rivals: tuple[str, str] | None = None
+    fixed: Poses | None = None
+    repeats: bool = False
+    at_markers: bool | None = None
+
+
+def with_rivals(cell: Cell, rivals: tuple[str, str]) -> Cell:
+    """The cell with both rivals in its model. Raises CalibError, UnknownEffect."""
+    present = {
+        (name, where) for name, places in map(parse_effect, cell.effects) for where in places or ()
+    }
+    everywhere = {name for name, places in map(parse_effect, cell.effects) if places is None}
+    added = []
+    for text in rivals:
+        name, places = parse_effect(text)
+        if places is None or len(places) != 1:
+            raise CalibError(f"rival {text!r} needs one place, as in joint_compliance:A2")
+        if name not in everywhere and (name, places[0]) not in present:
+            added.append(text)
+    return replace(cell, effects=(*cell.effects, *added))
+
+
+def rival_rows(model: Model, rivals: tuple[str, str]) -> tuple[IntArray, IntArray]:
+    """Positions of the parameters of either rival. Raises CannotIdentify."""
+    found = []
+    for text in rivals:
+        name, places = parse_effect(text)
+        rows = [
+            i
+            for i, p in enumerate(model.parameters)
+            if p.effect == name and p.where == (places or ("",))[0]
+        ]
+        if not rows:
+            raise CannotIdentify(
+                (text,),
+                f"{text}: the rest of the model moves the markers alike; no pose tells it apart",
+            )
+        found.append(np.array(rows))
+    return found[0], found[1]
+
+
+def _matches(model: Model, text: str) -> list[int]:
+    name, _, where = text.partition(":")
+    return [
+        i
+        for i, p in enumerate(model.parameters)
+        if text == p.id or (p.effect == name and (not where or p.where == where))
+    ]
+
+
+def subset_of(model: Model, wish: Wish) -> IntArray | None:
+    """Positions of the parameters that matter, None for all. Raises CalibError."""
+    if not wish.of or wish.criterion == "c":
+        return None
+    rows: list[int] = []
+    for text in wish.of:
+        rows += _known(model, text)
+    return np.unique(rows)
+
+
+def direction_of(model: Model, wish: Wish) -> Array | None:
+    """Factors of the combination, for parameters in their units."""
+    if not wish.of or wish.criterion != "c":
+        return None
+    direction = np.zeros(len(model.parameters))
+    for text in wish.of:
+        name, _, factor = text.partition("=")
+        try:
+            number = float(factor or 1.0)
+        except ValueError:
+            raise CalibError(
+                f"--of {text!r}: {factor!r} is not a number; write NAME=FACTOR"
+            ) from None
+        rows = _known(model, name)
+        if len(rows) != 1:
+            raise CalibError(
+                f"--of {name!r} names {len(rows)} parameters; a combination takes single ones"
+            )
+        direction[rows[0]] = number
+    return direction
+
+
+def _known(model: Model, text: str) -> list[int]:
+    rows = _matches(model, text)
+    if not rows:
+        known = ", ".join(p.id for p in model.parameters)
+        raise CalibError(f"--of {text!r} is no parameter or effect of the model; there are {known}")
+    return rows

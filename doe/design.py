@@ -46,7 +46,7 @@ def design(
     repeats: bool | None = None,
     at_markers: bool | None = None,
     robust: bool = False,
-    refine: bool = True,
+    refine: bool | None = None,
     fresh: bool = True,
     curve: bool = False,
     seed: int = 0,
@@ -66,7 +66,8 @@ def design(
     at_markers : whether errors at the targets count at the markers, not at the tip's origin; by default
         where the markers are unknowns of the model
     robust : the plan that is best after the loss of whichever one pose it can least spare
-    refine : polish the joint angles; fresh : a second bound over as many fresh candidates
+    refine : polish the joint angles; by default unless the candidates come from a table
+    fresh : a second bound over as many fresh candidates
     curve : also the best plans of fewer and of more poses
     progress : called with a line for each step
 
@@ -87,7 +88,8 @@ def design(
     if isinstance(source, int) and source < 1:
         raise CalibError(f"{source} candidates are too few; ask for a thousand or more")
     renewed = source if fresh and isinstance(source, int) else 0
-    effort = Effort(refine, renewed, robust, curve, seed, progress)
+    polished = isinstance(source, int) if refine is None else refine
+    effort = Effort(polished, renewed, robust, curve, seed, progress)
     return _designed(cell, wish, source, effort, against or {}, Clock())
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -81,6 +81,8 @@ def parse_levels(text: str) -> tuple[str, dict[str, Any]]:
 def levels_of(cell: Cell, given: str | None, poses: int | None) -> Levels | None:
     """Levels as asked for, else those of the cell's [design]; None for none.
 
+    With the cell's levels a number of poses says how many stand at each.
+
     Raises CalibError where they do not fit the robot or the number of poses.
     """
     tables = dict(cell.design.get("levels") or {})
@@ -102,6 +104,8 @@ def levels_of(cell: Cell, given: str | None, poses: int | None) -> Levels | None
             f"levels of {joint}: no such joint; joints are {', '.join(cell.robot.joints)}"
         )
     levels = _levels(cell, cell.robot.joints.index(joint), table)
+    if given is None and poses is not None and poses % levels.used == 0:
+        levels = replace(levels, per_level=poses // levels.used)
     if poses is not None and levels.used > poses:
         raise CalibError(
             f"{levels.used} levels of {joint} need at least {levels.used} poses, not {poses}; "

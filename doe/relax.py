@@ -26,7 +26,9 @@ GAP = 1e-4
 _MOST_ROUNDS = 40
 _CONIC_UP_TO = 12  # parameters above which the interior point master is faster (studies/benchmarks)
 _WARM_ROUNDS = 6
-_MOST_COLUMNS = 600
+_NEAR = 0.9  # share of the score that enters a plan, below which a candidate without weight leaves
+_IDLE = 1e-6  # weight that is none
+_DIGITS = 0.02  # precision of a master, of the gap that is left
 _MEMORY = 12  # matrices that criteria with many cones look back on
 _PATIENCE = (
     3  # rounds without a better bound or a new candidate, after which the solver is at its end
@@ -74,11 +76,11 @@ def relax(
     active, M = _warm_start(criterion, blocks, allowed)
     if start is not None:
         active = np.union1d(active, start)
-    met = [M]
+    met, precision = [M], _DIGITS
     weights, best, G_best, stalled = np.zeros(0), np.inf, np.zeros_like(M), 0
     for rounds in range(1, _MOST_ROUNDS + 1):
         part, rules = blocks.take(active), allowed.take(active)
-        weights, witness = _master(criterion, part, rules, np.array(met[-_MEMORY:]), gap)
+        weights, witness = _master(criterion, part, rules, np.array(met[-_MEMORY:]), precision)
         M = part.total(np.arange(len(active)), weights)
         met.append(M)
         value = float(criterion.value(M))
@@ -90,26 +92,30 @@ def relax(
             best, G_best = bounds[tightest], proofs[tightest]
         if best <= value * (1.0 + gap):
             break
-        entering = _entering(blocks.scores(proofs[tightest]), allowed)
+        # No more digits of the master than its candidates deserve.
+        precision = max(gap / 4.0, min(precision, _DIGITS * (best / value - 1.0)))
+        scores = blocks.scores(proofs[tightest])
+        entering = _entering(scores, allowed)
         if np.isin(entering, active).all() and stalled >= _PATIENCE:
             break
         if rounds < _MOST_ROUNDS:
-            active = _merged(active, weights, entering)
+            near = scores[active] >= _NEAR * allowed.thresholds(scores)[allowed.group[active]]
+            active = np.union1d(active[near | (weights > _IDLE)], entering)
     return Relaxation(active, weights, M, G_best, value, best, rounds)
 
 
 def _master(
-    criterion: Criterion, part: Blocks, rules: Allowed, met: Array, gap: float
+    criterion: Criterion, part: Blocks, rules: Allowed, met: Array, precision: float
 ) -> tuple[Array, Array | None]:
     p = len(part.fixed)
     smooth = criterion.curvature(met[-1], part.matrices(np.arange(1))) is not None
     if smooth and not rules.chooses_levels and p > _CONIC_UP_TO:
-        return newton_weights(criterion, part, rules, gap / 4.0), None
+        return newton_weights(criterion, part, rules, precision), None
     solved = conic_weights(criterion, part, rules, met)
     if solved is not None:
         return solved
     if smooth and not rules.chooses_levels:
-        return newton_weights(criterion, part, rules, gap / 4.0), None
+        return newton_weights(criterion, part, rules, precision), None
     _, chosen = rules.best(part.scores(criterion.gradient(met[-1])))
     return np.bincount(chosen, minlength=len(part)).astype(float), None
 
@@ -138,10 +144,3 @@ def _entering(scores: Array, allowed: Allowed) -> IntArray:
             members[np.argpartition(own, len(own) - k)[len(own) - k :]] if k else members[:0]
         )
     return np.concatenate(found)
-
-
-def _merged(active: IntArray, weights: Array, entering: IntArray) -> IntArray:
-    """Active candidates and those that enter; without weight they leave a set that grew large."""
-    if len(active) > _MOST_COLUMNS:
-        active = active[weights > 1e-7]
-    return np.union1d(active, entering)

@@ -10,6 +10,7 @@ import numpy as np
 
 from calib.se3 import Array
 from doe.criteria.protocol import Conic, Criterion, Question
+from doe.packed import pack
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,4 +51,4 @@ class Determinant(Criterion):
         L_inverse = np.linalg.inv(np.linalg.cholesky(M))
         P = L_inverse @ columns @ L_inverse.T
         cost = -float(np.linalg.slogdet(M)[1])
-        return cost, -np.trace(P, axis1=-2, axis2=-1), P.reshape(len(P), -1)
+        return cost, -np.trace(P, axis1=-2, axis2=-1), pack(P)

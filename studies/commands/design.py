@@ -59,7 +59,11 @@ _CRITERIA = ("task", "task-worst", "D", "Ds", "A", "c", "E", "G")
     "--robust", is_flag=True, help="The plan that best survives the loss of any one pose."
 )
 @click.option("--repeats/--no-repeats", default=None, help="Whether a pose may be used twice.")
-@click.option("--polish/--no-polish", default=True, help="Move joint angles beyond the candidates.")
+@click.option(
+    "--polish/--no-polish",
+    default=None,
+    help="Move joint angles beyond the candidates. Default: yes, unless they come from a table.",
+)
 @json_option
 @seed_option
 @one_line_faults
@@ -77,7 +81,7 @@ def design(
     curve: bool,
     robust: bool,
     repeats: bool | None,
-    polish: bool,
+    polish: bool | None,
     json_path: str | None,
     seed: int,
 ) -> None:

@@ -149,6 +149,16 @@ def test_proved_optimal_where_few_survive(elastic: Cell) -> None:
     assert plan.certificate.pool_value == pytest.approx(plan.certificate.pool_bound, rel=1e-7)
 
 
+def test_poses_say_how_many_stand_at_the_cells_levels(elastic: Cell) -> None:
+    table = {"values_deg": [-120.0, -80.0, -40.0], "poses_per_level": 3}
+    cell = replace(elastic, design={"levels": {"A2": table}}, knots={})
+    plan = doe.design(cell, poses=6, criterion="D", **QUICK)
+    _, counts = np.unique(plan.poses.q[:, 1], return_counts=True)
+    assert counts.tolist() == [2, 2, 2]
+    with pytest.raises(CalibError, match="are 9 poses, not 7"):
+        doe.design(cell, poses=7, **QUICK)
+
+
 def test_levels_to_choose(elastic: Cell) -> None:
     """Five of many levels, apart; the model's coefficients follow them where none are given."""
     design = {"levels": {"A2": {"count": 5, "poses_per_level": 3, "min_separation_deg": 20.0}}}
@@ -293,7 +303,7 @@ def test_candidates_of_a_table(elastic: Cell, table_two: Poses) -> None:
     q[:, 1] = np.tile(np.unique(table_two.q[:, 1]), 60)
     q[0, 1] += 0.1  # stands at no level
     pool = poses_at(q)
-    plan = doe.design(elastic, levels=LEVELS, criterion="D", candidates=pool, refine=False)
+    plan = doe.design(elastic, levels=LEVELS, criterion="D", candidates=pool)
     assert plan.candidates.drawn == 300
     assert plan.candidates.removed_by["levels"] == 1
     distance = np.abs(plan.poses.q[:, None] - q[None]).max(axis=2).min(axis=1)

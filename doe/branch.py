@@ -63,7 +63,7 @@ def prove(
     *,
     most_nodes: int = 500,
 ) -> Proof:
-    """Prove a plan, or find a better one; levels are given, candidates are used once.
+    """Prove a plan, or find a better one: a smooth criterion, levels given, candidates used once.
 
     G : ndarray, shape (p, p), supergradient of the root's bound
     Returns the best plan and the bound that is left after ``most_nodes``.
@@ -135,10 +135,8 @@ def _pull(criterion: Criterion, part: Blocks, rules: Allowed, M: Array, w: Array
     cost = 1e-9 * (0.5 - np.abs(w - 0.5))
     if len(fractional) < 2:
         return cost
-    smooth = criterion.curvature(M, part.matrices(fractional))
-    if smooth is None:
-        return cost
-    H = smooth[2] @ smooth[2].T
+    _, _, rows = criterion.curvature(M, part.matrices(fractional))
+    H = rows @ rows.T
     H[np.diag_indices(len(H))] += 1e-6 * np.trace(H) / len(H)
     K = np.linalg.inv(H)
     sums = (rules.group[fractional] == np.unique(rules.group[fractional])[:, None]).astype(float)

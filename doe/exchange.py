@@ -16,9 +16,11 @@ from calib.se3 import Array
 from doe.allowed import Allowed
 from doe.blocks import Blocks
 from doe.criteria import Criterion
+from doe.packed import pack
 
 _BATCH = 24
 _PATIENCE = 2  # batches looked at after the first one that holds something better
+_PROMISING = 200  # candidates of a level that is tried in place of another
 _WORTH = 1e-7  # relative gain below which an exchange is rounding
 
 
@@ -104,8 +106,6 @@ def _better(
 
 def _above(G: Array, base: Array, rows: Array) -> Array:
     """Upper bound on the criterion of ``base`` with each candidate added."""
-    from doe.packed import pack
-
     return np.asarray(rows @ pack(G) + float((G * base).sum()))
 
 
@@ -145,7 +145,6 @@ def rounded_weights(
     if rng is not None:
         keys = keys / rng.exponential(size=len(index))
     rules = allowed.take(index)
-    # The oracle needs every level filled: a plan of many candidates without weight is still a plan.
     _, chosen = rules.best(keys)
     return index[chosen]
 
@@ -155,23 +154,19 @@ def _move_level(
 ) -> IntArray | None:
     """The first exchange of a whole level that pays, its poses chosen greedily."""
     group = allowed.group[plan]
+    scores = blocks.scores(criterion.gradient(blocks.total(plan)))
     for old in np.unique(group):
         rest = plan[group != old]
-        base = blocks.total(rest)
         others = allowed.positions[np.unique(group[group != old])]
         gaps = np.abs(allowed.positions[:, None] - others)
-        apart = ~(gaps < allowed.separation - 1e-12).any(axis=1)
-        scores = _above(criterion.gradient(blocks.total(plan)), base, blocks.packed)
-        scores -= float((criterion.gradient(blocks.total(plan)) * base).sum())
-        for new in np.flatnonzero(apart):
-            members = allowed.members[new]
-            if new == old or len(members) < allowed.counts[new]:
+        near = (gaps < allowed.separation - 1e-12).any(axis=1)
+        for new in np.flatnonzero(~near):
+            members, count = allowed.members[new], allowed.counts[new : new + 1]
+            if new == old or len(members) < count[0]:
                 continue
-            promising = members[np.argsort(-scores[members])[:200]]
-            inside = Allowed(
-                np.zeros(len(promising), dtype=int), np.zeros(1), allowed.counts[new : new + 1], 1
-            )
-            added = greedy(criterion, Blocks(blocks.packed[promising], base), inside)
+            promising = members[np.argsort(-scores[members])[:_PROMISING]]
+            inside = Allowed(np.zeros(len(promising), dtype=int), np.zeros(1), count, 1)
+            added = greedy(criterion, Blocks(blocks.packed[promising], blocks.total(rest)), inside)
             moved = np.concatenate([rest, promising[added]])
             if criterion.value(blocks.total(moved)) > value * (1.0 + _WORTH):
                 return moved

@@ -39,10 +39,7 @@ def newton_weights(
     y = np.zeros(len(present))
     lower_dual = upper_dual = np.full(q, len(blocks.fixed) / (2.0 * q))
     for _ in range(_MOST_STEPS):
-        smooth = criterion.curvature(blocks.total(np.arange(q), w), columns)
-        if smooth is None:
-            raise TypeError(f"criterion {criterion.name} has no curvature")
-        _, slope, rows = smooth
+        _, slope, rows = criterion.curvature(blocks.total(np.arange(q), w), columns)
         slack = upper - w
         gap = float(w @ lower_dual + slack @ upper_dual)
         residual = slope + sums.T @ y - lower_dual + upper_dual

@@ -35,9 +35,10 @@ class Certificate:
     bound : float, no plan of the candidates and of the plan's own poses is better
     weighted : float, criterion of the best weighted plan, at which the bound was found
     fresh : float, bound over as many fresh candidates, NaN where none were drawn
-    pool_value : float, criterion of the best plan of candidates alone, before its angles were polished
+    pool_value : float, criterion of the plan of candidates alone, before its angles were polished
     pool_bound : float, bound for it
-    optimal : bool, branch and bound proved that plan the best of the candidates; nodes : int
+    optimal : bool, branch and bound proved the plan the best of all candidates and its own poses
+    nodes : int, that branch and bound looked at, none where too many candidates survive
     rounds : int, column generation
     agreement : float, median over the starts of the search of what they ended at, over the best plan
         of candidates: near one, what is missing to the bound is likely the bound's slack

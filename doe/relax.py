@@ -107,14 +107,13 @@ def relax(
 def _master(
     criterion: Criterion, part: Blocks, rules: Allowed, met: Array, precision: float
 ) -> tuple[Array, Array | None]:
-    p = len(part.fixed)
-    smooth = criterion.curvature(met[-1], part.matrices(np.arange(1))) is not None
-    if smooth and not rules.chooses_levels and p > _CONIC_UP_TO:
+    newton = criterion.smooth and not rules.chooses_levels
+    if newton and len(part.fixed) > _CONIC_UP_TO:
         return newton_weights(criterion, part, rules, precision), None
     solved = conic_weights(criterion, part, rules, met)
     if solved is not None:
         return solved
-    if smooth and not rules.chooses_levels:
+    if newton:
         return newton_weights(criterion, part, rules, precision), None
     _, chosen = rules.best(part.scores(criterion.gradient(met[-1])))
     return np.bincount(chosen, minlength=len(part)).astype(float), None

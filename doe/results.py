@@ -38,9 +38,9 @@ def design_fields(design: Design) -> dict[str, Any]:
                 "value": criterion.shown(proof.pool_value),
                 "bound": criterion.shown(proof.pool_bound),
                 "efficiency": min(1.0, proof.pool_value / proof.pool_bound),
-                "proved_optimal": proof.optimal,
-                "nodes": proof.nodes,
             },
+            "proved_optimal": proof.optimal,
+            "nodes": proof.nodes,
             "fresh_bound": None if math.isnan(proof.fresh) else criterion.shown(proof.fresh),
             "efficiency_fresh": None
             if math.isnan(proof.fresh)

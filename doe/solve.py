@@ -5,15 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from calib.poses import IntArray
 from calib.se3 import Array
-from doe.allowed import Allowed
 from doe.assess import open_parameters
-from doe.blocks import Blocks
 from doe.branch import Proof, prove
 from doe.certify import survivors
 from doe.packed import pack
@@ -105,62 +103,60 @@ def _check_regular(problem: Problem, M: Array) -> None:
 def finish(
     problem: Problem, pool: Pool, chosen: Chosen, effort: Effort, clock: Clock
 ) -> tuple[Array, Certificate, int]:
-    """Prove, harden, polish: joint values (N, dof), certificate, and candidates that survive."""
-    criterion, blocks, rules = problem.criterion, problem.blocks(pool), problem.rules(pool.level)
-    index, value, relaxed = chosen.index, chosen.value, chosen.relaxed
-    live = survivors(relaxed.G, blocks, rules, value)
-    proof = Proof(index, value, relaxed.bound, 0)
-    if len(live) <= _PROVABLE and _provable(problem, blocks, rules):
-        proof = prove(criterion, blocks, rules, index, relaxed.G, most_nodes=_NODES)
-        index = proof.plan
-        clock.lap("branch and bound")
-        said = (
-            "proved optimal" if proof.optimal else f"bound down to {proof.value / proof.bound:.4f}"
-        )
-        effort.progress(f"branch and bound, {proof.nodes} nodes: {said}")
+    """Harden, polish, prove: joint values (N, dof), certificate, and candidates that survive."""
+    criterion, before = problem.criterion, chosen
     if effort.robust:
-        index = robust_exchange(criterion, blocks, rules, index)
+        blocks, rules = problem.blocks(pool), problem.rules(pool.level)
+        index = robust_exchange(criterion, blocks, rules, chosen.index)
+        chosen = replace(chosen, index=index, value=float(criterion.value(blocks.total(index))))
         clock.lap("robust exchange")
-    q, M, final = pool.q[index], blocks.total(index), relaxed
-    if effort.refine and not effort.robust:
-        q, M = polish(problem, q, M, seed=effort.seed)
-        pool = pool.joined(_judged(problem, q))
-        start = np.concatenate([relaxed.index, np.arange(len(pool) - len(q), len(pool))])
-        final = relax(criterion, problem.blocks(pool), problem.rules(pool.level), start=start)
+    elif effort.refine:
+        pool, chosen = _polished(problem, pool, chosen, effort)
         clock.lap("polish")
-    value = float(criterion.value(M))
+    blocks, rules = problem.blocks(pool), problem.rules(pool.level)
+    live = survivors(chosen.relaxed.G, blocks, rules, chosen.value)
+    proof = Proof(chosen.index, chosen.value, chosen.relaxed.bound, 0)
+    provable = criterion.smooth and not (rules.chooses_levels or rules.repeats or effort.robust)
+    if provable and len(live) <= _PROVABLE:
+        G = chosen.relaxed.G
+        proof = prove(criterion, blocks, rules, chosen.index, G, most_nodes=_NODES)
+        clock.lap("branch and bound")
+        effort.progress(
+            f"branch and bound: {proof.value / proof.bound:.4f} after {proof.nodes} nodes"
+        )
     fresh = np.nan
     if effort.fresh:
-        fresh = fresh_bound(problem, final.G, effort.fresh, effort.seed + 2)
+        fresh = fresh_bound(problem, chosen.relaxed.G, effort.fresh, effort.seed + 2)
         clock.lap("fresh candidates")
+    q = pool.q[proof.plan]
     certificate = Certificate(
-        value=value,
-        bound=max(final.bound, value),
-        weighted=final.value,
+        value=proof.value,
+        bound=max(proof.bound, proof.value),
+        weighted=chosen.relaxed.value,
         fresh=fresh,
-        pool_value=float(criterion.value(blocks.total(index))),
-        pool_bound=proof.bound,
-        optimal=proof.optimal and not effort.robust,
+        pool_value=before.value,
+        pool_bound=before.relaxed.bound,
+        optimal=proof.nodes > 0 and proof.optimal,
         nodes=proof.nodes,
-        rounds=final.rounds,
-        agreement=float(np.median(chosen.starts) / chosen.value),
-        left=smallest_left(criterion, M, problem.information(q)),
+        rounds=before.relaxed.rounds,
+        agreement=float(np.median(before.starts) / before.value),
+        left=smallest_left(criterion, blocks.total(proof.plan), blocks.matrices(proof.plan)),
     )
     return q, certificate, len(live)
 
 
-def _provable(problem: Problem, blocks: Blocks, rules: Allowed) -> bool:
-    """Whether branch and bound applies: a smooth criterion, settled levels, no repeats."""
-    smooth = problem.criterion.curvature(
-        blocks.fixed + np.eye(len(blocks.fixed)), np.eye(len(blocks.fixed))[None]
-    )
-    return smooth is not None and not rules.chooses_levels and not rules.repeats
-
-
-def _judged(problem: Problem, q: Array) -> Pool:
-    """Poses that satisfy the constraints, as candidates."""
+def _polished(problem: Problem, pool: Pool, chosen: Chosen, effort: Effort) -> tuple[Pool, Chosen]:
+    """The plan with its joint angles moved; its poses join the candidates, so the bound knows them."""
+    blocks = problem.blocks(pool)
+    q, _ = polish(problem, pool.q[chosen.index], blocks.total(chosen.index), seed=effort.seed)
     part = judge(problem.regressor, (), problem.wish.levels, q)
-    return Pool(part.q, part.packed, part.level, part.visible, len(q), {}, {})
+    added = Pool(part.q, part.packed, part.level, part.visible, len(q), {}, {})
+    index = np.arange(len(pool), len(pool) + len(q))
+    pool = pool.joined(added)
+    blocks, start = problem.blocks(pool), np.concatenate([chosen.relaxed.index, index])
+    relaxed = relax(problem.criterion, blocks, problem.rules(pool.level), start=start)
+    value = float(problem.criterion.value(blocks.total(index)))
+    return pool, Chosen(index, value, chosen.starts, relaxed)
 
 
 def fresh_bound(problem: Problem, G: Array, count: int, seed: int) -> float:

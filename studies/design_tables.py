@@ -87,14 +87,13 @@ def _percent(share: float) -> str:
 
 def _proof(fields: dict[str, Any]) -> Iterator[str]:
     proof = fields["proof"]
-    before, fresh = proof["before_polish"], proof["efficiency_fresh"]
+    fresh = proof["efficiency_fresh"]
     said = f"at least {_percent(fields['efficiency'])} of the best plan of these candidates"
     said += "" if fresh is None else f", {_percent(fresh)} of fresh ones"
     yield _line("proof", said)
-    if before["proved_optimal"]:
-        nodes = before["nodes"]
+    if proof["proved_optimal"]:
         yield _line(
-            "", f"before the angles were polished it was the optimum, proved in {nodes} nodes"
+            "", f"the best of them all: proved by branch and bound in {proof['nodes']} nodes"
         )
         return
     rest = 1.0 - fields["efficiency"]

@@ -24,6 +24,7 @@ class Determinant(Criterion):
     name: ClassVar[str] = "D"
     unit: ClassVar[str] = "det(M)^(1/p), parameters in their units"
     larger_is_better: ClassVar[bool] = True
+    smooth: ClassVar[bool] = True
 
     @classmethod
     def of(cls, question: Question) -> Self:

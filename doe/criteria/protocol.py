@@ -91,6 +91,7 @@ class Criterion(ABC):
     name: ClassVar[str]
     unit: ClassVar[str]
     larger_is_better: ClassVar[bool] = False
+    smooth: ClassVar[bool] = False
 
     @property
     def whole(self) -> bool:
@@ -125,10 +126,10 @@ class Criterion(ABC):
     def shown(self, value: float) -> float:
         """The value as people read it, in ``unit``."""
 
-    def curvature(self, M: Array, columns: Array) -> tuple[float, Array, Array] | None:
-        """A smooth convex cost of the same optimum over weights of columns, None if there is none.
+    def curvature(self, M: Array, columns: Array) -> tuple[float, Array, Array]:
+        """A convex cost of the same optimum over weights of columns, where ``smooth`` says so.
 
         columns : ndarray, shape (q, p, p)
         Returns the cost at M, its gradient (q,) and rows (q, k) with Hessian ``rows @ rows^T``.
         """
-        return None
+        raise NotImplementedError(f"criterion {self.name} is not smooth")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -19,6 +19,7 @@ class Trace(Criterion):
     """
 
     F: Array
+    smooth: ClassVar[bool] = True
 
     @property
     def whole(self) -> bool:

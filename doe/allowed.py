@@ -103,6 +103,14 @@ class Allowed:
             level = int(far[level])
         return np.array(used[::-1])
 
+    def admits(self, plan: IntArray) -> bool:
+        """Whether candidates make a plan by the rules."""
+        counts = np.bincount(self.group[plan], minlength=len(self.positions))
+        used = np.flatnonzero(counts)
+        apart = np.diff(self.positions[used]).min(initial=np.inf) >= self.separation - 1e-9
+        full = len(used) == self.used and bool((counts[used] == self.counts[used]).all())
+        return bool(apart) and full and (self.repeats or len(np.unique(plan)) == len(plan))
+
     def thresholds(self, scores: Array) -> Array:
         """Score that a candidate of each level must reach to enter the best plan, shape (L,)."""
         tops = [self._top(scores, level) for level in range(len(self.positions))]

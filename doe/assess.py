@@ -42,28 +42,23 @@ class Assessment:
     hidden: int
 
 
-def assess(problem: Problem, q: Array, criterion_value: float | None = None) -> Assessment:
-    """Judge the poses q, shape (N, dof), together with those that are measured in any case.
-
-    criterion_value : float, the criterion if it is known
-    """
+def assess(problem: Problem, q: Array) -> Assessment:
+    """Judge the poses q, shape (N, dof), together with those that are measured in any case."""
     blocks = problem.information(q)
     M = problem.fixed + blocks.sum(axis=0)
-    T = problem.regressor.T
     units = np.array([p.scale for p in problem.model.parameters])
-    shown = T / units[:, None]
+    shown = problem.regressor.T / units[:, None]
     cov = shown @ np.linalg.solve(M, shown.T)
-    if criterion_value is None:
-        criterion_value = float(problem.criterion.value(M))
-    std = np.sqrt(np.diag(cov)) * units
+    lost = open_parameters(problem, M)
     squared = _squared_errors(problem, M)
     seen = visible(scene_of(problem.cell, q))
+    criterion = problem.criterion
     return Assessment(
-        value=problem.criterion.shown(criterion_value),
-        determinant=float(np.exp(-np.linalg.slogdet(cov)[1] / len(cov))),
-        trace=float(np.trace(cov)),
-        std=np.where(open_parameters(problem, M), np.nan, std),
-        task_rms=float(np.sqrt(problem.target_weights @ squared)),
+        value=criterion.shown(float(criterion.plain.value(M))),
+        determinant=0.0 if lost.any() else float(np.exp(-np.linalg.slogdet(cov)[1] / len(cov))),
+        trace=np.inf if lost.any() else float(np.trace(cov)),
+        std=np.where(lost, np.nan, np.sqrt(np.diag(cov)) * units),
+        task_rms=_task(problem, M),
         task_worst=float(np.sqrt(squared[problem.target_weights > 0.0].max())),
         observability=observability(problem, M, len(q)),
         without_pose=np.array([_task(problem, M - block) for block in blocks]),
@@ -81,17 +76,22 @@ def open_parameters(problem: Problem, M: Array) -> NDArray[np.bool_]:
 
 
 def _squared_errors(problem: Problem, M: Array) -> Array:
-    """Expected squared error at each target, shape (K,), m^2."""
+    """Expected squared error at each target, shape (K,), m^2; inf where an open direction shows."""
     rows = problem.target_rows
-    solved = np.linalg.solve(M, np.swapaxes(rows, -1, -2))
-    return np.asarray(np.einsum("krp,kpr->k", rows, solved))
+    values, vectors = np.linalg.eigh(M)
+    along = rows @ vectors
+    squared = (along**2 / np.maximum(values, 0.1 * RIDGE)).sum(axis=(1, 2))
+    lost = values < _NOTHING
+    shows = np.linalg.norm(along[..., lost], axis=(1, 2)) > 1e-6 * np.linalg.norm(rows, axis=(1, 2))
+    return np.where(shows, np.inf, squared)
 
 
 def _task(problem: Problem, M: Array) -> float:
-    """Task RMS, m; inf where M is singular but for the ridge."""
-    if np.linalg.eigvalsh(M)[0] < _NOTHING:
-        return np.inf
-    return float(np.sqrt(problem.target_weights @ _squared_errors(problem, M)))
+    """Task RMS, m; inf where an open direction shows at the targets."""
+    squared = _squared_errors(problem, M)
+    return (
+        float(np.sqrt(squared @ problem.target_weights)) if np.isfinite(squared).all() else np.inf
+    )
 
 
 def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:

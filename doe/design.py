@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.build import parse_effect
 from calib.cell import Cell
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from calib.errors import CalibError
@@ -24,7 +25,7 @@ from doe.plan import Candidates, Design, Rival, level_values, named
 from doe.pool import Pool, chunked, drawn, pool_of
 from doe.problem import Problem, problem_of
 from doe.refusals import at_level, no_candidate
-from doe.solve import Clock, Effort, choose, finish
+from doe.solve import Clock, Effort, check_count, choose, finish
 from doe.wish import Wish
 
 CANDIDATES = 20_000
@@ -76,7 +77,7 @@ def design(
     chosen_levels = levels_of(cell, levels, poses)
     wish = Wish(
         poses=_count(cell, poses, None if chosen_levels is None else chosen_levels.poses),
-        criterion=_criterion(criterion, discriminate),
+        criterion=_criterion(criterion, discriminate, tuple(of)),
         levels=chosen_levels,
         of=tuple(of),
         rivals=discriminate,
@@ -105,7 +106,10 @@ def _count(cell: Cell, poses: int | None, by_levels: int | None) -> int:
     return int(found)
 
 
-def _criterion(name: str, discriminate: tuple[str, str] | None) -> str:
+def _criterion(name: str, discriminate: tuple[str, str] | None, of: tuple[str, ...]) -> str:
+    if of and (discriminate is not None or name not in ("Ds", "A", "E", "c")):
+        said = "--discriminate" if discriminate is not None else f"criterion {name}"
+        raise CalibError(f"--of says nothing to {said}; it goes with Ds, A, E and c")
     if discriminate is not None:
         return "discriminate"
     if name not in CRITERIA or name == "discriminate":
@@ -126,16 +130,18 @@ def _designed(
     against: Mapping[str, Poses],
     clock: Clock,
 ) -> Design:
-    problem = problem_of(cell, wish, effort.seed)
+    follows = _follows_levels(cell, wish)
+    problem = problem_of(_with_even_knots(cell, wish) if follows else cell, wish, effort.seed)
     effort.progress(f"{len(problem.model.parameters)} parameters, {wish.poses} poses")
     pool = _pool(problem, source, effort.seed)
     clock.lap("pool")
     effort.progress(f"{len(pool)} of {pool.drawn} candidates are feasible")
+    check_count(problem, pool)
     chosen = choose(problem, pool, effort, clock)
     levels = wish.levels
     if levels is not None and not levels.chosen:
         settled = levels.only(np.unique(pool.q[chosen.index, levels.joint]))
-        if _follows_levels(problem):
+        if follows:
             effort.progress("levels chosen; the model's angles follow them")
             there = _designed(cell, replace(wish, levels=settled), source, effort, against, clock)
             note = (
@@ -164,13 +170,24 @@ def _designed(
     return replace(result, notes=notes_of(result))
 
 
-def _follows_levels(problem: Problem) -> bool:
-    """Whether the model has a coefficient at each level, so that its parameters change with them."""
-    levels = problem.wish.levels
-    name = problem.cell.robot.joints[levels.joint] if levels is not None else ""
-    return name not in problem.cell.knots and any(
-        isinstance(e, StiffnessVsAngle) and e.where == name for e in problem.model.effects
-    )
+def _follows_levels(cell: Cell, wish: Wish) -> bool:
+    """Whether levels are to be chosen and the model has a coefficient at each of them."""
+    levels = wish.levels
+    if levels is None or levels.chosen or cell.robot.joints[levels.joint] in cell.knots:
+        return False
+    joint = cell.robot.joints[levels.joint]
+    placed = [parse_effect(text) for text in cell.effects]
+    kind = StiffnessVsAngle.kind
+    return any(name == kind and (where is None or joint in where) for name, where in placed)
+
+
+def _with_even_knots(cell: Cell, wish: Wish) -> Cell:
+    """As many coefficients as levels, evenly over the joint's range, while the levels are chosen."""
+    if wish.levels is None:
+        return cell
+    grid = wish.levels.values
+    knots = {cell.robot.joints[wish.levels.joint]: np.linspace(grid[0], grid[-1], wish.levels.used)}
+    return replace(cell, knots={**cell.knots, **knots})
 
 
 def _pool(problem: Problem, source: int | Poses | None, seed: int) -> Pool:
@@ -182,9 +199,13 @@ def _pool(problem: Problem, source: int | Poses | None, seed: int) -> Pool:
         count = source or CANDIDATES
         chunks = drawn(problem.cell, count, levels, seed)
     pool = pool_of(problem.regressor, problem.constraints, levels, chunks, count)
+    if problem.wish.fixed is not None and not problem.wish.repeats:
+        pool = pool.without(problem.wish.fixed.q)
     if not len(pool):
         raise CalibError(no_candidate(pool.drawn, pool.removed))
     rules = problem.rules(pool.level)
+    if isinstance(source, Poses):
+        _check_rows(problem, source)
     if rules.chooses_levels:
         if not np.isfinite(rules.best(np.zeros(len(pool)))[0]):
             raise CalibError(
@@ -196,6 +217,16 @@ def _pool(problem: Problem, source: int | Poses | None, seed: int) -> Pool:
         if len(members) < needed:
             raise CalibError(_too_few(problem, pool, level, len(members), needed))
     return pool
+
+
+def _check_rows(problem: Problem, table: Poses) -> None:
+    """Refuse a table of candidates without a row at a level that is wanted."""
+    levels = problem.wish.levels
+    if levels is None or not levels.chosen:
+        return
+    for level in np.setdiff1d(np.arange(len(levels.values)), levels.of(table.q)):
+        where = at_level(problem.cell, levels, int(level))
+        raise CalibError(f"the table of candidates has no row{where}; add some")
 
 
 def _too_few(problem: Problem, pool: Pool, level: int, found: int, needed: int) -> str:
@@ -218,6 +249,6 @@ def _judged(problem: Problem, against: Mapping[str, Poses], bound: float) -> dic
     found = {}
     for name, plan in against.items():
         M = problem.fixed + problem.information(plan.q).sum(axis=0)
-        value = float(problem.criterion.value(M))
-        found[name] = Rival(assess(problem, plan.q), value / bound, len(plan))
+        value = float(problem.criterion.plain.value(M))
+        found[name] = Rival(assess(problem, plan.q), value / bound, plan.q)
     return found

@@ -159,7 +159,7 @@ def _move_level(
         rest = plan[group != old]
         others = allowed.positions[np.unique(group[group != old])]
         gaps = np.abs(allowed.positions[:, None] - others)
-        near = (gaps < allowed.separation - 1e-12).any(axis=1)
+        near = (gaps < max(allowed.separation - 1e-12, 1e-12)).any(axis=1)
         for new in np.flatnonzero(~near):
             members, count = allowed.members[new], allowed.counts[new : new + 1]
             if new == old or len(members) < count[0]:

@@ -14,6 +14,7 @@ from calib.poses import IntArray
 from calib.se3 import Array
 
 _GRID = 25  # even steps over the range of the joint, from which levels are chosen
+_MOST = 100  # levels that may be chosen
 _AT_LEVEL = 1e-6  # rad or m
 
 
@@ -69,6 +70,8 @@ def parse_levels(text: str) -> tuple[str, dict[str, Any]]:
         else:
             table["count"] = int(values)
         if min(table["poses_per_level"], table.get("count", 1)) < 1:
+            raise ValueError
+        if not np.isfinite(table.get("values_deg", 0.0)).all():
             raise ValueError
     except ValueError:
         raise CalibError(
@@ -126,6 +129,8 @@ def _levels(cell: Cell, joint: int, table: dict[str, Any]) -> Levels:
     separation = float(table.get("min_separation_deg") or 0.0) * unit
     if table.get("values_deg") is not None:
         values = np.sort(np.array(table["values_deg"], dtype=float)) * unit
+        if not len(values):
+            raise CalibError(f"levels of {name}: values_deg is empty; give some, or a count")
         for value in values[(values < low - _AT_LEVEL) | (values > high + _AT_LEVEL)]:
             raise CalibError(
                 f"level {value / unit:g} of {name} is outside its limits "
@@ -135,6 +140,8 @@ def _levels(cell: Cell, joint: int, table: dict[str, Any]) -> Levels:
             raise CalibError(f"levels of {name} contain the same value twice; give each once")
         return Levels(joint, values, len(values), per_level)
     used = int(table["count"])
+    if used > _MOST:
+        raise CalibError(f"{used} levels of {name} are too many to choose; ask for at most {_MOST}")
     if separation * (used - 1) > high - low + _AT_LEVEL:
         raise CalibError(
             f"{used} levels of {name} cannot be {separation / unit:g} apart within "

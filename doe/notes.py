@@ -17,14 +17,26 @@ def notes_of(design: Design) -> tuple[str, ...]:
 
 
 def _weak(design: Design) -> Iterator[str]:
-    sizes = design.problem.model.sizes
-    weak = ~(design.assessment.std <= sizes)
-    if weak.any():
-        ids = [p.id for p, w in zip(design.problem.model.parameters, weak, strict=True) if w]
+    std, sizes = design.assessment.std, design.problem.model.sizes
+    parameters = design.problem.model.parameters
+    weak = [p.id for p, s, size in zip(parameters, std, sizes, strict=True) if not s <= size]
+    if weak:
         yield (
-            f"{', '.join(ids[:6])}{' ..' if len(ids) > 6 else ''}: more uncertain than such errors are "
-            f"large; criterion {design.criterion} does not need them better, A or D would"
+            f"hardly determined by this plan, so do not identify them from it: {', '.join(weak[:6])}"
+            f"{' ..' * (len(weak) > 6)}; criterion {design.criterion} does not need them, A or D would"
         )
+
+
+def _outside(design: Design) -> Iterator[str]:
+    """Plans that were given, with poses beyond the limits."""
+    low, high = design.problem.cell.robot.limits.T
+    given = {name: rival.q for name, rival in design.rivals.items()}
+    if design.problem.wish.fixed is not None:
+        given["the plan to extend"] = design.problem.wish.fixed.q
+    for name, q in given.items():
+        count = int(((q < low - 1e-4) | (q > high + 1e-4)).any(axis=1).sum())
+        if count:
+            yield f"{name}: {count} poses are outside the joint limits"
 
 
 def _unmoved(design: Design) -> Iterator[str]:
@@ -76,4 +88,4 @@ def _knots(design: Design) -> Iterator[str]:
             )
 
 
-_NOTES = (_no_targets, _weak, _unmoved, _unguarded, _exempt, _hidden, _knots)
+_NOTES = (_no_targets, _weak, _outside, _unmoved, _unguarded, _exempt, _hidden, _knots)

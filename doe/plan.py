@@ -62,6 +62,15 @@ class Certificate:
         """At least this fraction of the best that any allowed plan could reach."""
         return min(1.0, self.value / self.bound)
 
+    def kept(self, poses: int, alone: bool) -> float:
+        """After the loss of any one of the poses: this fraction of what any plan could keep.
+
+        The smallest that is left is at most the criterion of the mean that is left, (N - 1) / N of the
+        plan's information where nothing else is measured.
+        """
+        share = (poses - 1) / poses if alone else 1.0
+        return min(1.0, self.left / (share * self.bound)) if poses > 1 else 0.0
+
     @property
     def solver_share(self) -> float:
         """Part of the missing efficiency that the relaxation's own gap accounts for."""
@@ -83,11 +92,19 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """A plan that was judged beside the result: efficiency against the same bound."""
+    """A plan that was judged beside the result: efficiency against the same bound.
+
+    q : ndarray, shape (m, dof), its poses
+    """
 
     assessment: Assessment
     efficiency: float
-    poses: int
+    q: Array
+
+    @property
+    def poses(self) -> int:
+        """Number of its poses."""
+        return len(self.q)
 
 
 @dataclass(frozen=True, eq=False)

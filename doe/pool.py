@@ -87,6 +87,21 @@ class Pool:
     def __len__(self) -> int:
         return len(self.q)
 
+    def without(self, q: Array) -> Pool:
+        """The candidates that are none of these configurations (m, dof)."""
+        known = {tuple(row) for row in np.round(q, 9)}
+        fresh = np.array([tuple(row) not in known for row in np.round(self.q, 9)], dtype=bool)
+        removed = {**self.removed, "already measured": int((~fresh).sum())}
+        return Pool(
+            self.q[fresh],
+            self.packed[fresh],
+            self.level[fresh],
+            self.visible[fresh],
+            self.drawn,
+            removed,
+            self.removed_at,
+        )
+
     def joined(self, other: Pool) -> Pool:
         """Both pools as one, the counts those of the first."""
         return Pool(

@@ -78,6 +78,7 @@ def design_fields(design: Design) -> dict[str, Any]:
                 else design.poses.names[int(judged.without_pose.argmax())],
                 "task_rms_mm": _finite(judged.without_pose.max(initial=0.0) * _MM),
                 "criterion": _finite(criterion.shown(proof.left)) if proof.left > 0.0 else None,
+                "efficiency": proof.kept(len(design.poses), problem.wish.fixed is None),
             },
             "loss_of_marker": {
                 name: _finite(rms * _MM) for name, rms in judged.without_marker.items()

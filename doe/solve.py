@@ -8,12 +8,15 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.poses import IntArray
 from calib.se3 import Array
 from doe.assess import open_parameters
 from doe.branch import Proof, prove
 from doe.certify import survivors
+from doe.criteria.determinant import Determinant
+from doe.exchange import greedy
 from doe.packed import pack
 from doe.plan import Certificate
 from doe.polish import polish
@@ -26,6 +29,8 @@ from doe.search import best_plan
 
 _PROVABLE = 400  # surviving candidates up to which branch and bound is tried
 _NODES = 400
+_ROUNDING = 1e-6
+_LOOKED_AT = 100  # candidates of each level by which a number of poses is judged
 
 
 @dataclass(frozen=True)
@@ -88,15 +93,38 @@ def choose(problem: Problem, pool: Pool, effort: Effort, clock: Clock) -> Chosen
     return Chosen(found.plan, found.value, found.starts, relaxed)
 
 
+def check_count(problem: Problem, pool: Pool) -> None:
+    """Refuse at once a number of poses that leaves the model open wherever they stand.
+
+    Judged by the greedy plan for D, which adds directions as fast as they come, over some candidates.
+    """
+    blocks, rules = problem.blocks(pool), problem.rules(pool.level)
+    if not problem.criterion.whole or rules.chooses_levels:
+        return
+    size = blocks.scores(np.eye(len(blocks.fixed)))
+    told = [members[np.argsort(-size[members])[:_LOOKED_AT]] for members in rules.members]
+    some = np.unique(np.concatenate(told))
+    part, rules = blocks.take(some), rules.take(some)
+    plan = greedy(Determinant(np.eye(len(blocks.fixed))), part, rules)
+    lost = open_parameters(problem, part.total(plan))
+    if lost.any():
+        _refuse(problem, lost)
+
+
 def _check_regular(problem: Problem, M: Array) -> None:
     lost = open_parameters(problem, M)
-    if not problem.criterion.whole or not lost.any():
-        return
+    if problem.criterion.whole and lost.any():
+        _refuse(problem, lost)
+
+
+def _refuse(problem: Problem, lost: NDArray[np.bool_]) -> None:
     ids = [p.id for p, gone in zip(problem.model.parameters, lost, strict=True) if gone]
+    wish = problem.wish
+    more = "more poses" if wish.levels is None else "more levels, more poses"
     raise CannotIdentify(
         tuple(ids),
-        f"{problem.wish.poses} poses cannot determine {', '.join(ids[:4])}{' ..' * (len(ids) > 4)}; "
-        "ask for more poses, or take some of them out of [model] effects",
+        f"{wish.poses} poses leave {len(ids)} of {len(lost)} parameters open: {', '.join(ids[:4])}"
+        f"{' ..' * (len(ids) > 4)}; ask for {more}, or take effects out of [model] effects",
     )
 
 
@@ -128,10 +156,13 @@ def finish(
     if effort.fresh:
         fresh = fresh_bound(problem, chosen.relaxed.G, effort.fresh, effort.seed + 2)
         clock.lap("fresh candidates")
+    if not rules.admits(proof.plan) or proof.value > proof.bound * (1.0 + _ROUNDING):
+        raise AssertionError("a plan against its rules, or above its bound: this is a defect")
     q = pool.q[proof.plan]
+    value = float(criterion.plain.value(blocks.total(proof.plan)))
     certificate = Certificate(
-        value=proof.value,
-        bound=max(proof.bound, proof.value),
+        value=value,
+        bound=max(proof.bound, value),
         weighted=chosen.relaxed.value,
         fresh=fresh,
         pool_value=before.value,

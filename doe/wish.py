@@ -104,10 +104,10 @@ def direction_of(model: Model, wish: Wish) -> Array | None:
         name, _, factor = text.partition("=")
         try:
             number = float(factor or 1.0)
+            if not np.isfinite(number) or number == 0.0:
+                raise ValueError
         except ValueError:
-            raise CalibError(
-                f"--of {text!r}: {factor!r} is not a number; write NAME=FACTOR"
-            ) from None
+            raise CalibError(f"--of {text!r}: {factor!r} is no factor; write NAME=FACTOR") from None
         rows = _known(model, name)
         if len(rows) != 1:
             raise CalibError(

@@ -14,7 +14,7 @@ from doe import Design
 from doe.curve import poses_that_match, stops_paying
 from studies.tables import plain_table
 
-_MOST_PARAMETERS = 24  # longer lists are in the JSON
+_MOST_PARAMETERS = 24  # above it base and tool stand in the JSON alone
 _WORTH_EXPLAINING = 0.002  # missing efficiency
 
 
@@ -22,11 +22,10 @@ def design_tables(design: Design, fields: dict[str, Any]) -> Iterator[Renderable
     """Summary, poses, what they will determine, plans beside it, and what a reader should know."""
     yield _summary(design, fields)
     yield Text("")
-    yield _poses(fields)
+    yield _poses(design, fields)
     yield Text("")
-    if len(fields["predicted_std"]) <= _MOST_PARAMETERS:
-        yield _parameters(fields)
-        yield Text("")
+    yield _parameters(fields)
+    yield Text("")
     if fields["against"]:
         yield _against(fields)
         yield Text("")
@@ -47,7 +46,6 @@ def _summary(design: Design, fields: dict[str, Any]) -> Text:
     beyond = "no plan is above" if fields["larger_is_better"] else "no plan is below"
     removed = ", ".join(f"{name} {n}" for name, n in candidates["removed_by"].items() if n)
     extra = "" if fields["extends"] is None else f" beside {fields['extends']} already measured"
-    survivors = fields["proof"]["surviving_candidates"]
     lines = [
         f"{design.problem.cell.name}: {len(design.poses)} poses{extra} for "
         f"{len(fields['predicted_std'])} parameters",
@@ -62,12 +60,14 @@ def _summary(design: Design, fields: dict[str, Any]) -> Text:
             f"{_number(fields['task_rms_mm'])} mm RMS, {_number(fields['task_worst_mm'])} mm at worst,"
             f" at {fields['targets']}",
         ),
-        _line("loss", _losses(fields)),
+        *_losses(fields),
+        _line(
+            "indices", ", ".join(f"{k} {_number(v)}" for k, v in fields["observability"].items())
+        ),
         _line(
             "candidates",
             f"{candidates['feasible']} of {candidates['drawn']} feasible"
-            + (f" (removed by {removed})" if removed else "")
-            + f"; {survivors} could still be part of a better plan",
+            + (f" (removed by {removed})" if removed else ""),
         ),
         _line(
             "travel",
@@ -88,59 +88,53 @@ def _percent(share: float) -> str:
 def _proof(fields: dict[str, Any]) -> Iterator[str]:
     proof = fields["proof"]
     fresh = proof["efficiency_fresh"]
-    said = f"at least {_percent(fields['efficiency'])} of the best plan of these candidates"
-    said += "" if fresh is None else f", {_percent(fresh)} of fresh ones"
-    yield _line("proof", said)
+    squared = " (of the squared RMS)" if fields["criterion"].startswith("task") else ""
     if proof["proved_optimal"]:
-        yield _line(
-            "", f"the best of them all: proved by branch and bound in {proof['nodes']} nodes"
-        )
-        return
+        nodes = proof["nodes"]
+        yield _line("proof", f"the best plan of these candidates (branch and bound, {nodes} nodes)")
+    else:
+        share = _percent(fields["efficiency"])
+        yield _line("proof", f"at least {share}{squared} of the best plan of these candidates")
+    if fresh is not None:
+        count = fields["candidates"]["drawn"]
+        yield _line("", f"and {_percent(fresh)} of the best of {count} fresh ones")
     rest = 1.0 - fields["efficiency"]
-    spread = 100.0 * (1.0 - proof["agreement_of_starts"])
-    if rest > _WORTH_EXPLAINING:
+    if rest > _WORTH_EXPLAINING and not proof["proved_optimal"]:
         solver = min(proof["solver_gap"], rest)
         yield _line(
-            "",
-            f"missing {100 * rest:.2f} %: {100 * solver:.2f} the solver's, the rest between whole and "
-            "weighted poses",
+            "slack", f"{100 * solver:.2f} of the missing {100 * rest:.2f} % are the solver's,"
         )
+        yield _line("", "the rest lies between the plan and the bound, which may split poses;")
+        spread = 100.0 * (1.0 - proof["agreement_of_starts"])
         yield _line(
-            "",
-            f"the searches ended {spread:.2f} % apart in the median: the closer, the more of the rest "
-            "is slack",
+            "", f"the searches ended {spread:.2f} % apart: the closer, the more is the bound's"
         )
 
 
-def _losses(fields: dict[str, Any]) -> str:
+def _losses(fields: dict[str, Any]) -> Iterator[str]:
     pose = fields["survives"]["loss_of_pose"]
     markers = fields["survives"]["loss_of_marker"]
-    worst = pose["task_rms_mm"]
-    said = (
-        f"of pose {pose['worst']}, the worst to lose: {_number(worst)} mm RMS"
-        if worst is not None
-        else f"of pose {pose['worst']} takes parameters with it"
-    )
-    if markers:
-        lost = [name for name, rms in markers.items() if rms is None]
-        said += (
-            f"; of marker {', '.join(lost)} takes parameters with it"
-            if lost
-            else f"; of any one marker: up to {_number(max(markers.values()))} mm"
-        )
-    return said
+    if pose["task_rms_mm"] is None:
+        yield _line("loss", f"of pose {pose['worst']} takes parameters with it")
+    else:
+        rms, kept = _number(pose["task_rms_mm"]), _percent(pose["efficiency"])
+        yield _line("loss", f"of pose {pose['worst']}, the worst to lose: {rms} mm RMS")
+        yield _line("", f"({fields['criterion']}: at least {kept} of what any plan could keep)")
+    lost = [name for name, rms in markers.items() if rms is None]
+    if lost:
+        yield _line("", f"of marker {', '.join(lost)} takes parameters with it")
+    elif markers:
+        yield _line("", f"of any one marker: up to {_number(max(markers.values()))} mm RMS")
 
 
-def _poses(fields: dict[str, Any]) -> Table:
-    first = fields["poses"][0]
-    joints = [(name, "deg") for name in first["joints_deg"]]
-    joints += [(name, "mm") for name in first.get("joints_mm", {})]
-    table = plain_table(
-        ("\npose", "left"), *((f"{name}\n[{unit}]", "right") for name, unit in joints)
-    )
+def _poses(design: Design, fields: dict[str, Any]) -> Table:
+    robot = design.problem.cell.robot
+    units = ["mm" if slides else "deg" for slides in robot.prismatic]
+    joints = [f"{name}\n[{unit}]" for name, unit in zip(robot.joints, units, strict=True)]
+    table = plain_table(("\npose", "left"), *((name, "right") for name in joints))
     for pose in fields["poses"]:
         values = {**pose["joints_deg"], **pose.get("joints_mm", {})}
-        table.add_row(pose["pose"], *(f"{values[name]:.2f}" for name, _ in joints))
+        table.add_row(pose["pose"], *(f"{values[name]:.2f}" for name in robot.joints))
     return table
 
 
@@ -153,6 +147,8 @@ def _parameters(fields: dict[str, Any]) -> Table:
         ("\nunit", "left"),
     )
     for p in fields["predicted_std"]:
+        if p["effect"] in ("base", "tool") and len(fields["predicted_std"]) > _MOST_PARAMETERS:
+            continue
         std = "open" if p["std"] is None else f"{p['std']:.3g}"
         table.add_row(p["effect"], p["where"], p["name"], std, p["unit"])
     return table
@@ -191,9 +187,8 @@ def _curve(fields: dict[str, Any]) -> Table:
 def _reading(design: Design) -> Text:
     enough = stops_paying(design.curve)
     lines = [
-        f"beyond {enough} poses the next step gains less than 5 %"
-        if enough
-        else "every step still gains more than 5 %: more poses would pay"
+        f"from {enough} poses on, more only average noise: twice as many for a third less error",
+        "(plans before polishing: the one above is a little better than its line here)",
     ]
     for name, count in poses_that_match(design.curve, design).items():
         said = f"{count} poses do" if count else "no plan of this range does"

@@ -82,6 +82,10 @@ def check_known(path: Path, robot: Robot, columns: tuple[str, ...]) -> tuple[str
                 f"column {name!r} has no known unit",
                 f"name it {(close or ['?'])[0]}",
             )
+        meant = difflib.get_close_matches(name, [*OTHERS, *WRENCH], n=1, cutoff=0.8)
+        if meant:
+            what, remedy = f"column {name!r} is not known", f"did you mean {meant[0]!r}?"
+            raise InputError(path, "line 1", what, remedy)
         ignored.append(name)
     return (f"{path}: ignored columns: {', '.join(ignored)}",) if ignored else ()
 

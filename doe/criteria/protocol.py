@@ -94,6 +94,11 @@ class Criterion(ABC):
     smooth: ClassVar[bool] = False
 
     @property
+    def plain(self) -> Criterion:
+        """The criterion without what keeps the search away from singular plans."""
+        return self
+
+    @property
     def whole(self) -> bool:
         """Whether every parameter must be determined; else a plan may leave some open."""
         return True

@@ -14,6 +14,7 @@ from doe.criteria.protocol import Conic, Criterion
 from doe.packed import pack
 
 _SHARPNESS = 60.0  # exponent with which the default supergradient weighs the smallest ones
+_LEAST = 1e-300  # a variance is above zero, whatever rounding makes of it
 _CONES = 4  # members that enter a conic program for each matrix it has met: the smallest there
 
 
@@ -59,7 +60,8 @@ class WorstVariance(Smallest):
         return pack(C)
 
     def members(self, M: Array) -> Array:
-        return np.asarray(1.0 / (pack(np.asarray(np.linalg.inv(M))) @ self._packed.T))
+        variance = pack(np.asarray(np.linalg.inv(M))) @ self._packed.T
+        return np.asarray(1.0 / np.maximum(variance, _LEAST))
 
     def member_gradient(self, M: Array, weights: Array) -> Array:
         # Gradient of 1 / tr(C M^-1) with C the weighted sum: it lies above the smallest member.

@@ -7,7 +7,8 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from doe.criteria.protocol import Question
+from calib.se3 import Array
+from doe.criteria.protocol import Criterion, Question
 from doe.criteria.trace import Trace
 
 _UNNEEDED = 1e-7  # share of the mean that every direction counts, needed at the targets or not
@@ -21,8 +22,11 @@ class Task(Trace):
     2012), shown as its root in mm. Directions that the targets do not need count a ten-millionth of the
     mean, so that among equals the plan that determines them is the better one; without this a single
     target is best measured at itself, with a singular M.
+
+    without : Task without that share, by which plans are judged
     """
 
+    without: Task | None = None
     name: ClassVar[str] = "task"
     unit: ClassVar[str] = "mm RMS at the targets"
 
@@ -35,9 +39,19 @@ class Task(Trace):
         rows = question.targets() * np.sqrt(question.target_weights)[:, None, None]
         rows = rows.reshape(-1, rows.shape[-1])
         least = np.sqrt(_UNNEEDED * (rows**2).sum() / len(question.T))
-        rows = np.vstack([rows, least * np.eye(len(question.T))])
-        _, singular, Vt = np.linalg.svd(rows, full_matrices=False)
-        return cls(Vt.T * singular)
+        steady = np.vstack([rows, least * np.eye(len(question.T))])
+        return cls(_root(steady), cls(_root(rows)))
+
+    @property
+    def plain(self) -> Criterion:
+        return self if self.without is None else self.without
 
     def shown(self, value: float) -> float:
         return 1e3 / float(np.sqrt(value))
+
+
+def _root(rows: Array) -> Array:
+    """F of as few columns as can be with ``F F^T = rows^T rows``."""
+    _, singular, Vt = np.linalg.svd(rows, full_matrices=False)
+    kept = singular > 1e-12 * singular[0]
+    return np.asarray(Vt[kept].T * singular[kept])

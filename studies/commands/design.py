@@ -30,15 +30,21 @@ _CRITERIA = ("task", "task-worst", "D", "Ds", "A", "c", "E", "G")
     type=click.Choice(_CRITERIA),
     default="task",
     show_default=True,
-    help="task: error left at the target poses; D, A, E, G, c, Ds: the classical ones.",
+    help="Made best. task: error left at the targets (task-worst: at the worst); A: mean variance; "
+    "D: volume of confidence (Ds: of some parameters); c: one combination; E: the worst combination; "
+    "G: the worst predicted pose.",
 )
-@click.option("--levels", metavar="A2=5x3", help="Five levels of A2 with three poses each.")
+@click.option(
+    "--levels",
+    metavar="A2=5x3",
+    help="Five levels of A2 with three poses each, to be chosen; A2=-140,-57,-10x3 gives them.",
+)
 @click.option(
     "--candidates",
     metavar="N|FILE",
     default="20000",
     show_default=True,
-    help="How many candidates to draw, or a table of candidates.",
+    help="How many candidates to draw, or a table of them in the format of a plan.",
 )
 @click.option("--extend", "extend_path", metavar="PLAN", type=click.Path(path_type=Path),
               help="A plan that is measured already; N poses come on top of it.")  # fmt: skip
@@ -50,7 +56,7 @@ _CRITERIA = ("task", "task-worst", "D", "Ds", "A", "c", "E", "G")
 @click.option(
     "--of",
     metavar="NAME[,NAME]",
-    help="Effects or parameters that matter, for Ds, A and E; NAME=FACTOR,.. for c.",
+    help="What matters, for Ds, A and E: joint_compliance:A6,..; for c also NAME=FACTOR,..",
 )
 @click.option("--against", metavar="PLAN", multiple=True, type=click.Path(path_type=Path),
               help="A plan to judge beside the result; may be given several times.")  # fmt: skip
@@ -101,14 +107,18 @@ def design(
     from calib.files.write_tables import plan_csv
     from doe.results import design_fields, shown_levels
 
+    given = click.get_current_context().get_parameter_source("criterion")
+    if discriminate is not None and given == click.core.ParameterSource.COMMANDLINE:
+        raise InputError("--criterion", "", "does not go with --discriminate", "give one of them")
     cell = calib.load_cell(cell_path)
-    source: int | Path = int(candidates) if candidates.isdigit() else Path(candidates)
+    source = _source(candidates)
     targets = cell.design.get("targets")
     inputs = [cell_path, cell.urdf, *([targets] if targets else []), *against]
     inputs += [extend_path] if extend_path is not None else []
     inputs += [source] if isinstance(source, Path) else []
     check_outputs([path for path in (plan_path, _file(json_path)) if path is not None], inputs)
-    plans = {path.name: calib.load_plan(cell, path) for path in against}
+    loaded = [calib.load_plan(cell, path) for path in against]
+    plans = dict(zip(_names(against), loaded, strict=True))
     try:
         result = doe.design(
             cell,
@@ -141,6 +151,27 @@ def design(
     _show(result, fields, json_path)
     for path in texts:
         click.echo(f"wrote {path}", err=json_path == "-")
+
+
+def _source(candidates: str) -> int | Path:
+    """A number of candidates, or the table that holds them."""
+    from calib.errors import InputError
+
+    try:
+        number = float(candidates)
+    except ValueError:
+        if not candidates.strip():
+            raise InputError("--candidates", "", "is empty", "give a number or a table") from None
+        return Path(candidates)
+    if not 1.0 <= number < 1e12 or number != round(number):
+        raise InputError("--candidates", "", f"{candidates} is no count", "give 1 or more")
+    return int(number)
+
+
+def _names(paths: tuple[Path, ...]) -> list[str]:
+    """File names, or whole paths where names repeat."""
+    names = [path.name for path in paths]
+    return names if len(set(names)) == len(names) else [str(path) for path in paths]
 
 
 def _file(json_path: str | None) -> Path | None:

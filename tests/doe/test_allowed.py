@@ -39,6 +39,15 @@ def test_best_and_forced(name: str) -> None:
             assert forced.max() == pytest.approx(value, rel=1e-12)
 
 
+def test_what_is_no_plan() -> None:
+    allowed = grouped(12, 6, 2, used=2, separation=2.0)
+    assert allowed.admits(np.array([0, 6, 2, 8]))
+    assert not allowed.admits(np.array([0, 6, 1, 7]))  # too close
+    assert not allowed.admits(np.array([0, 6, 0, 6]))  # one level, twice
+    assert not allowed.admits(np.array([0, 2, 4, 8]))  # three levels
+    assert not allowed.admits(np.array([0, 0, 2, 8]))  # a candidate twice
+
+
 def test_levels_without_enough_candidates_are_not_used() -> None:
     allowed = grouped(7, 4, 2, used=3)  # the last level has one candidate only
     value, plan = allowed.best(np.r_[np.zeros(3), 10.0, np.zeros(3)])

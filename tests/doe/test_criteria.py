@@ -104,6 +104,8 @@ def test_unchanged_by_relabelling(name: str) -> None:
         moved = {}
         for field in fields(criterion):
             value = getattr(criterion, field.name)
+            if value is None:
+                continue
             if field.name == "F":
                 moved["F"] = change.T @ value
             elif isinstance(value, tuple):

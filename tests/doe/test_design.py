@@ -175,6 +175,20 @@ def test_levels_to_choose(elastic: Cell) -> None:
     assert fixed.value > even.value
 
 
+@pytest.mark.parametrize("criterion", ["task-worst", "D", "A"])
+@pytest.mark.parametrize(("levels", "count", "each"), [("A2=3x5", 3, 5), ("A2=5x3", 5, 3)])
+def test_chosen_levels_keep_their_counts(
+    elastic: Cell, criterion: str, levels: str, count: int, each: int
+) -> None:
+    """At any distance, with and without coefficients that follow the levels."""
+    for cell in (elastic, replace(elastic, knots={})):
+        if len(cell.knots) and count < 5:
+            continue  # five coefficients are too many for three levels
+        plan = doe.design(cell, levels=levels, criterion=criterion, candidates=1500, fresh=False)
+        _, counts = np.unique(np.round(plan.poses.q[:, 1], 6), return_counts=True)
+        assert counts.tolist() == [each] * count
+
+
 def test_extending_a_plan(elastic: Cell, table_two: Poses) -> None:
     alone = doe.design(elastic, levels=LEVELS, criterion="D", **QUICK)
     more = doe.design(elastic, levels=LEVELS, criterion="D", extend=table_two, **QUICK)
@@ -354,7 +368,7 @@ REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
     "not understood": (lambda c: c, {"levels": "A2:5x3"}, "not understood"),
     "no number": (lambda c: c, {}, "how many poses"),
     "unknown criterion": (lambda c: c, {"poses": 15, "criterion": "F"}, "unknown criterion 'F'"),
-    "too few poses": (lambda c: replace(c, markers=c.markers), {"poses": 2}, "cannot determine"),
+    "too few poses": (lambda c: replace(c, markers=c.markers), {"poses": 2}, "poses leave"),
     "nothing feasible": (
         lambda c: replace(
             c,

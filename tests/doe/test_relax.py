@@ -24,6 +24,7 @@ RULES = {
     "levels": grouped(40, 4, 2),
     "repeats": grouped(40, 4, 2, repeats=True),
     "levels to choose": grouped(48, 8, 2, used=3, separation=2.0),
+    "levels at any distance": grouped(48, 8, 2, used=3),
 }
 
 
@@ -92,6 +93,7 @@ def test_exchange_never_worsens(name: str, rules: str) -> None:
         plan, value = exchange(criterion, blocks, allowed, start)
         assert value >= before
         assert value == pytest.approx(float(criterion.value(blocks.total(plan))), rel=1e-9)
+        assert allowed.admits(plan)
         counts = np.bincount(allowed.group[plan], minlength=len(allowed.positions))
         used = np.flatnonzero(counts)
         assert (counts[used] == allowed.counts[used]).all()

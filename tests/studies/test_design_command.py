@@ -111,6 +111,15 @@ def test_a_plan_found_is_its_own_equal(folder: Path, fields: dict[str, Any]) -> 
     assert other["value"] == pytest.approx(fields["value"], rel=1e-12)
 
 
+def test_plans_of_one_name_are_both_judged(folder: Path) -> None:
+    (folder / "other").mkdir(exist_ok=True)
+    (folder / "other" / "plan.csv").write_text((folder / "plan.csv").read_text())
+    plans = [folder / "plan.csv", folder / "other" / "plan.csv"]
+    flags = [word for plan in plans for word in ("--against", plan)]
+    done = run("design", folder / "cell.toml", *OPTIONS, *flags, "--json", "-")
+    assert set(json.loads(done.stdout)["against"]) == {str(plan) for plan in plans}
+
+
 def test_extend_counts_beside_the_poses(folder: Path) -> None:
     extended = run(
         "design", folder / "cell.toml", *OPTIONS, "--extend", folder / "plan.csv", "--criterion", "D",
@@ -135,7 +144,12 @@ FAULTS = {
     "candidates": (("--candidates", "none.csv"), "none.csv"),
     "rivals": (("--discriminate", "joint_compliance:A2"), "is not two effects"),
     "unknown rival": (("--discriminate", "joint_complience:A2,backlash:A3"), "joint_compliance"),
-    "of": (("--criterion", "c", "--of", "joint_compliance:A3=x"), "not a number"),
+    "of": (("--criterion", "c", "--of", "joint_compliance:A3=x"), "is no factor"),
+    "factor zero": (("--criterion", "c", "--of", "joint_compliance:A6=0"), "is no factor"),
+    "of for task": (("--of", "joint_compliance:A6"), "says nothing to criterion task"),
+    "both": (("--criterion", "D", "--discriminate", "a:b,c:d"), "does not go with"),
+    "digits": (("--candidates", "\u00b2"), "cannot be read"),
+    "no count": (("--candidates", "-5"), "is no count"),
     "output": (("-o", "CELL"), "already an input"),
     "no load for chi_1": (("--of", "joint_compliance:A1", "--criterion", "Ds"), "no parameter"),
 }

@@ -18,10 +18,12 @@ class Blocks:
     packed : ndarray, shape (n, p (p + 1) / 2), in the coordinates of the criteria
     fixed : ndarray, shape (p, p), of poses that are part of every plan; a trace of the identity keeps
         it positive definite
+    rank : int, largest rank of a candidate's matrix, at most the rows of its readings
     """
 
     packed: Array
     fixed: Array
+    rank: int
 
     def __len__(self) -> int:
         return len(self.packed)
@@ -41,4 +43,4 @@ class Blocks:
 
     def take(self, index: IntArray) -> Blocks:
         """The blocks of some candidates."""
-        return Blocks(self.packed[index], self.fixed)
+        return Blocks(self.packed[index], self.fixed, self.rank)

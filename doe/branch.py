@@ -93,7 +93,7 @@ def _branch(
     """Bound of a node, the nodes below it, and a better plan if one was met."""
     taken = np.bincount(allowed.group[node.inside], minlength=len(allowed.positions))
     rules = replace(allowed.take(node.free), counts=allowed.counts - taken)
-    part = Blocks(blocks.packed[node.free], blocks.total(node.inside))
+    part = Blocks(blocks.packed[node.free], blocks.total(node.inside), blocks.rank)
     if (rules.counts < 0).any() or any(
         len(members) < count for members, count in zip(rules.members, rules.counts, strict=True)
     ):

@@ -2,9 +2,10 @@
 
 An exchange is judged exactly, but only where it could pay: the criterion is concave, so a supergradient
 at any matrix bounds every exchange from above by one dot product. The bound is refined at the best
-exchange found so far (Kelley's cutting planes over the pool); a pose stays only where no candidate can
-beat it. Blocks of several markers have about as many rows as there are parameters, so a low-rank
-update of the inverse would cost what the evaluation itself does.
+exchange found so far (Kelley's cutting planes over the pool), and for D the rank of a block bounds its
+determinant; a pose stays only where no candidate can beat it. Blocks of several markers have about as
+many rows as there are parameters, so a low-rank update of the inverse would cost what the evaluation
+itself does.
 """
 
 from __future__ import annotations
@@ -79,7 +80,9 @@ def _better(
     here = allowed.members[allowed.group[plan[slot]]]
     rows = blocks.packed[here] if len(here) < len(blocks) else blocks.packed
     base = M - blocks.matrices(plan[slot : slot + 1])[0]
-    possible = _above(criterion.gradient(M), base, rows)
+    possible = np.minimum(
+        _above(criterion.gradient(M), base, rows), criterion.screen(base, rows, blocks.rank)
+    )
     if not allowed.repeats:
         possible[np.isin(here, plan)] = -np.inf
     best, chosen = value * (1.0 + _WORTH), -1
@@ -166,7 +169,9 @@ def _move_level(
                 continue
             promising = members[np.argsort(-scores[members])[:_PROMISING]]
             inside = Allowed(np.zeros(len(promising), dtype=int), np.zeros(1), count, 1)
-            added = greedy(criterion, Blocks(blocks.packed[promising], blocks.total(rest)), inside)
+            added = greedy(
+                criterion, Blocks(blocks.packed[promising], blocks.total(rest), blocks.rank), inside
+            )
             moved = np.concatenate([rest, promising[added]])
             if criterion.value(blocks.total(moved)) > value * (1.0 + _WORTH):
                 return moved

@@ -28,6 +28,12 @@ class Regressor:
     T: Array
     silent: bool = False
 
+    @property
+    def rank(self) -> int:
+        """Rows that one configuration brings, or the number of parameters if that is less."""
+        readings_each = 1 if self.silent or self.cell.load is None else 2
+        return int(min(3 * len(self.cell.markers) * readings_each, self.T.shape[1]))
+
     def rows(self, q: Array, visible: NDArray[np.bool_] | None = None) -> Array:
         """Rows of all readings at each configuration, in standard deviations, (m, rows, p).
 

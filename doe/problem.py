@@ -72,7 +72,7 @@ class Problem:
 
     def blocks(self, pool: Pool) -> Blocks:
         """Information of a pool beside what is fixed."""
-        return Blocks(pool.packed, self.fixed)
+        return Blocks(pool.packed, self.fixed, self.regressor.rank)
 
     def rules(self, level: IntArray) -> Allowed:
         """Which sets of candidates make a plan, for candidates at these levels."""

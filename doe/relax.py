@@ -24,7 +24,6 @@ from doe.newton import newton_weights
 GAP = 1e-4
 """Certified gap, relative, at which the relaxation stops."""
 _MOST_ROUNDS = 40
-_CONIC_UP_TO = 12  # parameters above which the interior point master is faster (studies/benchmarks)
 _WARM_ROUNDS = 6
 _NEAR = 0.9  # share of the score that enters a plan, below which a candidate without weight leaves
 _IDLE = 1e-6  # weight that is none
@@ -107,14 +106,14 @@ def relax(
 def _master(
     criterion: Criterion, part: Blocks, rules: Allowed, met: Array, precision: float
 ) -> tuple[Array, Array | None]:
-    newton = criterion.smooth and not rules.chooses_levels
-    if newton and len(part.fixed) > _CONIC_UP_TO:
-        return newton_weights(criterion, part, rules, precision), None
+    if criterion.smooth and not rules.chooses_levels:
+        try:
+            return newton_weights(criterion, part, rules, precision), None
+        except np.linalg.LinAlgError:
+            pass  # a singular step, on problems at the edge of rank: the cone program may still do
     solved = conic_weights(criterion, part, rules, met)
     if solved is not None:
         return solved
-    if newton:
-        return newton_weights(criterion, part, rules, precision), None
     _, chosen = rules.best(part.scores(criterion.gradient(met[-1])))
     return np.bincount(chosen, minlength=len(part)).astype(float), None
 

@@ -40,6 +40,12 @@ class Determinant(Criterion):
     def gradient(self, M: Array) -> Array:
         return np.asarray(self.value(M) / len(M) * np.linalg.inv(M))
 
+    def screen(self, base: Array, packed: Array, rank: int) -> Array:
+        # det(base + M) = det(base) det(I + base^-1 M), whose rank eigenvalues have a known sum.
+        told = packed @ pack(np.asarray(np.linalg.inv(base)))
+        power = rank / len(base)
+        return np.asarray(self.value(base) * (1.0 + np.maximum(told, 0.0) / rank) ** power)
+
     def conic(self, M: Any, at: Array) -> Conic:
         import cvxpy as cp
 

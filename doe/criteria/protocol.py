@@ -27,6 +27,7 @@ import numpy as np
 from calib.model import Model
 from calib.poses import IntArray
 from calib.se3 import Array
+from doe.packed import pack
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +119,14 @@ class Criterion(ABC):
 
         Tight: ``<G, M> = Phi(M)``, nearly so for criteria with a kink.
         """
+
+    def screen(self, base: Array, packed: Array, rank: int) -> Array:
+        """Upper bound on ``Phi(base + M_j)`` of packed candidates, shape (n,): the gradient at base.
+
+        base : ndarray, shape (p, p); rank : int, of every M_j at most
+        """
+        G = self.gradient(base)
+        return np.asarray(packed @ pack(G) + (G * base).sum())
 
     @abstractmethod
     def conic(self, M: Any, at: Array) -> Conic:

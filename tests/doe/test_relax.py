@@ -182,7 +182,7 @@ def test_finer_pools_bound_coarser_plans(name: str) -> None:
 def test_fixed_rows_count() -> None:
     """Poses that are measured in any case change what is best, and the bound knows of them."""
     criterion, blocks, allowed = setting("D", "free")
-    fixed = Blocks(blocks.packed, blocks.total(np.arange(5)))
+    fixed = Blocks(blocks.packed, blocks.total(np.arange(5)), blocks.rank)
     relaxed = relax(criterion, fixed, allowed)
     found = best_plan(criterion, fixed, allowed, relaxed, seed=0)
     plan, value = found.plan, found.value
@@ -217,7 +217,7 @@ def test_near_singular_plans_do_not_break_the_search() -> None:
     J[:4, 0] = np.eye(P)
     from doe.packed import pack
 
-    blocks = Blocks(pack(np.swapaxes(J, -1, -2) @ J), 1e-10 * np.eye(P))
+    blocks = Blocks(pack(np.swapaxes(J, -1, -2) @ J), 1e-10 * np.eye(P), 1)
     allowed = grouped(30, 1, 4)
     criterion = criteria(rng, P)["D"]
     relaxed = relax(criterion, blocks, allowed)

@@ -2,8 +2,10 @@
 
 Column generation. A master program over a few hundred candidates gives weights and with them M. The
 supergradient at M scores every candidate of the pool in one product; those that would pay enter the
-master, until the certified bound and the value agree. (Closest relative: Pillai, Ponte, Fampa, Lee,
-Singh and Xie, arXiv 2411.01405, 2024.)
+master, until the certified bound and the value agree. The master is an interior point method for the
+smooth criteria, measured faster at every size (studies/benchmarks), and a cone program for the others
+and where levels are chosen; tests hold the one against the other. (Closest relative: Pillai, Ponte,
+Fampa, Lee, Singh and Xie, arXiv 2411.01405, 2024.)
 """
 
 from __future__ import annotations
@@ -29,9 +31,7 @@ _NEAR = 0.9  # share of the score that enters a plan, below which a candidate wi
 _IDLE = 1e-6  # weight that is none
 _DIGITS = 0.02  # precision of a master, of the gap that is left
 _MEMORY = 12  # matrices that criteria with many cones look back on
-_PATIENCE = (
-    3  # rounds without a better bound or a new candidate, after which the solver is at its end
-)
+_PATIENCE = 3  # rounds with neither a better bound nor a new candidate: the solver is at its end
 
 
 @dataclass(frozen=True, eq=False)

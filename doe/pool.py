@@ -19,7 +19,7 @@ from doe.information import Regressor
 from doe.levels import Levels
 from doe.packed import pack, packed_size
 
-CHUNK = 1024
+CHUNK = 2048
 """Configurations handled at once: a power of two keeps Sobol points balanced, and it fits the cache."""
 _LARGEST = 8e9  # bytes of information blocks
 _STEP = 1e-2  # degrees or millimetres

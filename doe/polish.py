@@ -20,11 +20,11 @@ _WIDEST = 0.12  # of the joint range, shrinking to a two-hundredth of it
 _NARROWEST = 6e-4
 
 
-def polish(problem: Problem, q: Array, M: Array, *, seed: int) -> tuple[Array, Array]:
+def polish(problem: Problem, q: Array, M: Array, *, seed: int) -> Array:
     """Move the poses of a plan inside the constraints, levels kept.
 
     q : ndarray, shape (N, dof); M : ndarray, shape (p, p), information of the plan
-    Returns joint values and information; the criterion is never lower than before.
+    Returns joint values; the criterion is never lower than before.
     """
     rng = np.random.default_rng(seed)
     robot, levels = problem.cell.robot, problem.wish.levels
@@ -56,7 +56,7 @@ def polish(problem: Problem, q: Array, M: Array, *, seed: int) -> tuple[Array, A
                 value = float(values[best])
                 q[slot], blocks[slot] = kept[own[best]], found[own[best]]
                 M = base + blocks[slot]
-    return q, M
+    return q
 
 
 def _feasible(problem: Problem, tries: Array) -> tuple[Array, Array, IntArray]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -70,7 +70,6 @@ class Pool:
     q : ndarray, shape (n, dof), rad or m
     packed : ndarray, shape (n, p (p + 1) / 2), information of each
     level : ndarray of int, shape (n,), zero without levels
-    visible : ndarray of bool, shape (n, M)
     drawn : int, candidates before the constraints
     removed : dict, constraint -> candidates that it removed, each counted where it fell first
     removed_at : dict, constraint -> ndarray of int, the same by level
@@ -79,7 +78,6 @@ class Pool:
     q: Array
     packed: Array
     level: IntArray
-    visible: NDArray[np.bool_]
     drawn: int
     removed: dict[str, int]
     removed_at: dict[str, IntArray]
@@ -91,27 +89,21 @@ class Pool:
         """The candidates that are none of these configurations (m, dof)."""
         known = {tuple(row) for row in np.round(q, 9)}
         fresh = np.array([tuple(row) not in known for row in np.round(self.q, 9)], dtype=bool)
-        removed = {**self.removed, "already measured": int((~fresh).sum())}
-        return Pool(
-            self.q[fresh],
-            self.packed[fresh],
-            self.level[fresh],
-            self.visible[fresh],
-            self.drawn,
-            removed,
-            self.removed_at,
+        return replace(
+            self,
+            q=self.q[fresh],
+            packed=self.packed[fresh],
+            level=self.level[fresh],
+            removed={**self.removed, "already measured": int((~fresh).sum())},
         )
 
-    def joined(self, other: Pool) -> Pool:
-        """Both pools as one, the counts those of the first."""
-        return Pool(
-            np.concatenate([self.q, other.q]),
-            np.concatenate([self.packed, other.packed]),
-            np.concatenate([self.level, other.level]),
-            np.concatenate([self.visible, other.visible]),
-            self.drawn,
-            self.removed,
-            self.removed_at,
+    def joined(self, part: Chunk) -> Pool:
+        """The pool with further candidates at its end, the counts as they were."""
+        return replace(
+            self,
+            q=np.concatenate([self.q, part.q]),
+            packed=np.concatenate([self.packed, part.packed]),
+            level=np.concatenate([self.level, part.level]),
         )
 
 
@@ -153,6 +145,13 @@ def judge(
     return Chunk(q, packed, level, seen, total, fallen)
 
 
+def fallen_of(parts: list[Chunk]) -> dict[str, IntArray]:
+    """Configurations that each constraint removed, by level, over all chunks."""
+    names = dict.fromkeys(name for part in parts for name in part.fallen)
+    none = np.zeros(1, dtype=int)
+    return {name: sum((part.fallen.get(name, none) for part in parts), none) for name in names}
+
+
 def pool_of(
     regressor: Regressor,
     constraints: tuple[Constraint, ...],
@@ -178,14 +177,11 @@ def pool_of(
     for part in parts:
         packed[start : start + len(part.q)] = part.packed
         start += len(part.q)
-    names = dict.fromkeys(name for part in parts for name in part.fallen)
-    zero = np.zeros(1, dtype=int)
-    removed_at = {name: sum((c.fallen.get(name, zero) for c in parts), zero) for name in names}
+    removed_at = fallen_of(parts)
     return Pool(
         np.concatenate([part.q for part in parts]),
         packed,
         np.concatenate([part.level for part in parts]),
-        np.concatenate([part.visible for part in parts]),
         sum(part.drawn for part in parts),
         {name: int(counts.sum()) for name, counts in removed_at.items()},
         removed_at,

@@ -16,7 +16,7 @@ from calib.se3 import Array
 from calib.statics import loads_of
 from doe.constraints import Constraint
 from doe.information import Regressor
-from doe.pool import Chunk, drawn, judge
+from doe.pool import Chunk, drawn, fallen_of, judge
 from doe.refusals import CannotIdentify, at_level, no_candidate
 from doe.wish import Wish
 
@@ -42,11 +42,7 @@ def probe_of(
             break
     needed = per_level if levels is not None and levels.chosen else per_level.sum(keepdims=True)
     for level in np.flatnonzero(needed == 0)[:1]:
-        names = dict.fromkeys(name for part in found for name in part.fallen)
-        none = np.zeros(count, dtype=int)
-        fallen = {
-            name: sum((part.fallen.get(name, none) for part in found), none) for name in names
-        }
+        fallen = fallen_of(found)
         if len(needed) == 1:
             raise CalibError(no_candidate(tried, {n: int(f.sum()) for n, f in fallen.items()}))
         removed = {name: int(counts[level]) for name, counts in fallen.items()}

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.api import readings
 from calib.build import build, refuse_idle_effects
 from calib.cell import Cell
 from calib.effects.tool import Tool
@@ -17,7 +18,7 @@ from calib.se3 import Array
 from calib.targets import targets_of
 from doe.allowed import Allowed
 from doe.blocks import Blocks
-from doe.constraints import Constraint, constraints_of
+from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.criteria import CRITERIA, Criterion, Question
 from doe.information import Regressor
 from doe.pool import Pool, drawn, rounded
@@ -66,8 +67,6 @@ class Problem:
 
     def information(self, q: Array) -> Array:
         """Information matrix of configurations, hidden markers left out, shape (m, p, p)."""
-        from doe.constraints import scene_of, visible
-
         return self.regressor.information(q, visible(scene_of(self.cell, q)))
 
     def blocks(self, pool: Pool) -> Blocks:
@@ -125,7 +124,7 @@ def problem_of(cell: Cell, wish: Wish, seed: int = 0) -> Problem:
     regressor = Regressor(cell, model, np.diag(model.sizes))
     probe, seen = probe_of(regressor, constraints, wish, seed)
     try:
-        refuse_idle_effects(cell, model, _loaded(cell, probe))
+        refuse_idle_effects(cell, model, readings(cell, poses_at(probe)))
     except CalibError as error:
         raise CannotIdentify((), str(error)) from None
     rows = regressor.rows(probe, seen)
@@ -147,12 +146,6 @@ def problem_of(cell: Cell, wish: Wish, seed: int = 0) -> Problem:
     )
     criterion = CRITERIA[wish.criterion].of(question)
     return Problem(cell, wish, regressor, constraints, criterion, targets, weights)
-
-
-def _loaded(cell: Cell, q: Array) -> Poses:
-    from calib.api import readings
-
-    return readings(cell, poses_at(q))
 
 
 def _angles(cell: Cell, wish: Wish, seed: int) -> Poses:

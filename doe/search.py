@@ -42,14 +42,10 @@ def best_plan(
     relaxed: Relaxation,
     *,
     seed: int,
-    start: IntArray | None = None,
 ) -> Found:
-    """Search from many starts, then over every candidate that a better plan may contain.
-
-    start : a plan to begin with, besides rounded and greedy ones
-    """
+    """Search from many starts, then over every candidate that a better plan may contain."""
     rng = np.random.default_rng(seed)
-    listed = _short_list(blocks, allowed, relaxed, start)
+    listed = _short_list(blocks, allowed, relaxed)
     part, rules = blocks.take(listed), allowed.take(listed)
     weights = np.zeros(len(listed))
     weights[np.searchsorted(listed, relaxed.index)] = relaxed.weights
@@ -58,8 +54,6 @@ def best_plan(
     effort = min(1.0, (_SMALL / len(blocks.fixed)) ** 1.5)
     count = max(_FEWEST_STARTS, round(_STARTS * effort))
     first += [rounded_weights(rules, everyone, weights, rng) for _ in range(count)]
-    if start is not None:
-        first.append(np.searchsorted(listed, start))
     found = [exchange(criterion, part, rules, plan) for plan in first]
     plan, value = max(found, key=lambda pair: pair[1])
     starts = np.array([value for _, value in found])
@@ -76,7 +70,6 @@ def _short_list(
     blocks: Blocks,
     allowed: Allowed,
     relaxed: Relaxation,
-    start: IntArray | None,
 ) -> IntArray:
     """Candidates with weight, and those that the relaxation prices next."""
     scores = blocks.scores(relaxed.G)
@@ -84,8 +77,7 @@ def _short_list(
     for members, count in zip(allowed.members, allowed.counts, strict=True):
         k = min(max(int(count) + 5, _SHORT // len(allowed.positions)), len(members))
         tops.append(members[np.argsort(-scores[members], kind="stable")[:k]])
-    lists = [relaxed.index, *tops] + ([] if start is None else [start])
-    return np.unique(np.concatenate(lists))
+    return np.unique(np.concatenate([relaxed.index, *tops]))
 
 
 def _kicked(

@@ -179,11 +179,9 @@ def finish(
 def _polished(problem: Problem, pool: Pool, chosen: Chosen, effort: Effort) -> tuple[Pool, Chosen]:
     """The plan with its joint angles moved; its poses join the candidates, so the bound knows them."""
     blocks = problem.blocks(pool)
-    q, _ = polish(problem, pool.q[chosen.index], blocks.total(chosen.index), seed=effort.seed)
-    part = judge(problem.regressor, (), problem.wish.levels, q)
-    added = Pool(part.q, part.packed, part.level, part.visible, len(q), {}, {})
+    q = polish(problem, pool.q[chosen.index], blocks.total(chosen.index), seed=effort.seed)
     index = np.arange(len(pool), len(pool) + len(q))
-    pool = pool.joined(added)
+    pool = pool.joined(judge(problem.regressor, (), problem.wish.levels, q))
     blocks, start = problem.blocks(pool), np.concatenate([chosen.relaxed.index, index])
     relaxed = relax(problem.criterion, blocks, problem.rules(pool.level), start=start)
     value = float(problem.criterion.value(blocks.total(index)))

@@ -61,12 +61,7 @@ def rival_rows(model: Model, rivals: tuple[str, str]) -> tuple[IntArray, IntArra
     """Positions of the parameters of either rival. Raises CannotIdentify."""
     found = []
     for text in rivals:
-        name, places = parse_effect(text)
-        rows = [
-            i
-            for i, p in enumerate(model.parameters)
-            if p.effect == name and p.where == (places or ("",))[0]
-        ]
+        rows = _matches(model, text)
         if not rows:
             raise CannotIdentify(
                 (text,),

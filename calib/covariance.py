@@ -71,24 +71,26 @@ def identifiable(J: Array, sizes: Array, ids: tuple[str, ...]) -> Identifiable:
     return Identifiable(np.sort(order[:rank]), rank, tuple(lost))
 
 
-def covariance(J: Array, span: Array, noise: Array | None = None) -> Array:
-    """Covariance of all p values for unit-variance rows, shape (p, p).
+def covariance(J: Array, span: Array) -> Array:
+    """Covariance of all p values for independent rows of unit variance, shape (p, p).
 
     J : ndarray, shape (N, p); span : ndarray, shape (p, k), directions that are estimated
-    noise : ndarray, shape (m, rows, rows), covariance of the rows of each pose where it is not the
-        identity (a weighting other than the inverse noise): then the sandwich
-        ``(J^T J)^-1 J^T C J (J^T J)^-1``
     """
+    half = _half(J, span)
+    return np.asarray(half @ half.T)
+
+
+def gain(J: Array, span: Array) -> Array:
+    """How least-squares values follow the rows, shape (p, N), for rows of any noise."""
+    half = _half(J, span)
+    return np.asarray(half @ (J @ half).T)
+
+
+def _half(J: Array, span: Array) -> Array:
+    """H (p, k) with ``H H^T = span (span^T J^T J span)^-1 span^T``."""
     scale = np.linalg.norm(J @ span, axis=0)
     R = np.linalg.qr(J @ span / scale, mode="r")
-    inverse = np.linalg.inv(R) / scale[:, None]
-    half = span @ inverse
-    if noise is None:
-        return np.asarray(half @ half.T)
-    m, rows = noise.shape[:2]
-    blocks = (J @ half).reshape(m, rows, -1)
-    meat = np.einsum("mia,mij,mjb->ab", blocks, noise, blocks, optimize=True)
-    return np.asarray(half @ meat @ half.T)
+    return np.asarray(span @ (np.linalg.inv(R) / scale[:, None]))
 
 
 def clustered(r: Array, J: Array, span: Array) -> Array:

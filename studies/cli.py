@@ -6,6 +6,7 @@ import sys
 
 import click
 
+from studies.commands.compare import compare
 from studies.commands.demo import demo
 from studies.commands.design import design
 from studies.commands.identify import identify
@@ -22,6 +23,7 @@ def main() -> None:
 
 main.add_command(identify)
 main.add_command(design)
+main.add_command(compare)
 main.add_command(demo)
 
 

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from doe import Design
 from doe.curve import poses_that_match, stops_paying
-from studies.tables import plain_table
+from studies.tables import number, plain_table
 
 _MOST_PARAMETERS = 24  # above it base and tool stand in the JSON alone
 _WORTH_EXPLAINING = 0.002  # missing efficiency
@@ -37,10 +37,6 @@ def design_tables(design: Design, fields: dict[str, Any]) -> Iterator[Renderable
         yield Text(f"note  {note}")
 
 
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
-
-
 def _summary(design: Design, fields: dict[str, Any]) -> Text:
     candidates = fields["candidates"]
     beyond = "no plan is above" if fields["larger_is_better"] else "no plan is below"
@@ -51,19 +47,17 @@ def _summary(design: Design, fields: dict[str, Any]) -> Text:
         f"{len(fields['predicted_std'])} parameters",
         _line(
             fields["criterion"],
-            f"{_number(fields['value'])} {fields['criterion_unit']}; "
-            f"{beyond} {_number(fields['bound'])}",
+            f"{number(fields['value'])} {fields['criterion_unit']}; "
+            f"{beyond} {number(fields['bound'])}",
         ),
         *_proof(fields),
         _line(
             "expected",
-            f"{_number(fields['task_rms_mm'])} mm RMS, {_number(fields['task_worst_mm'])} mm at worst,"
+            f"{number(fields['task_rms_mm'])} mm RMS, {number(fields['task_worst_mm'])} mm at worst,"
             f" at {fields['targets']}",
         ),
         *_losses(fields),
-        _line(
-            "indices", ", ".join(f"{k} {_number(v)}" for k, v in fields["observability"].items())
-        ),
+        _line("indices", ", ".join(f"{k} {number(v)}" for k, v in fields["observability"].items())),
         _line(
             "candidates",
             f"{candidates['feasible']} of {candidates['drawn']} feasible"
@@ -117,14 +111,14 @@ def _losses(fields: dict[str, Any]) -> Iterator[str]:
     if pose["task_rms_mm"] is None:
         yield _line("loss", f"of pose {pose['worst']} takes parameters with it")
     else:
-        rms, kept = _number(pose["task_rms_mm"]), _percent(pose["efficiency"])
+        rms, kept = number(pose["task_rms_mm"]), _percent(pose["efficiency"])
         yield _line("loss", f"of pose {pose['worst']}, the worst to lose: {rms} mm RMS")
         yield _line("", f"({fields['criterion']}: at least {kept} of what any plan could keep)")
     lost = [name for name, rms in markers.items() if rms is None]
     if lost:
         yield _line("", f"of marker {', '.join(lost)} takes parameters with it")
     elif markers:
-        yield _line("", f"of any one marker: up to {_number(max(markers.values()))} mm RMS")
+        yield _line("", f"of any one marker: up to {number(max(markers.values()))} mm RMS")
 
 
 def _poses(design: Design, fields: dict[str, Any]) -> Table:
@@ -167,7 +161,7 @@ def _against(fields: dict[str, Any]) -> Table:
     own = {**fields, "poses": len(fields["poses"])}
     for name, plan in {"this plan": own, **fields["against"]}.items():
         keys = ("value", "efficiency", "task_rms_mm", "trace", "determinant")
-        table.add_row(name, str(plan["poses"]), *(_number(plan[key]) for key in keys))
+        table.add_row(name, str(plan["poses"]), *(number(plan[key]) for key in keys))
     return table
 
 
@@ -180,7 +174,7 @@ def _curve(fields: dict[str, Any]) -> Table:
     )
     for step in fields["curve"]:
         keys = ("value", "task_rms_mm", "efficiency")
-        table.add_row(str(step["poses"]), *(_number(step[key]) for key in keys))
+        table.add_row(str(step["poses"]), *(number(step[key]) for key in keys))
     return table
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -70,6 +71,11 @@ def plain_table(*columns: tuple[str, str]) -> Table:
     return table
 
 
+def number(value: float | None) -> str:
+    """Four digits, or a dash for what is undefined."""
+    return "-" if value is None or not math.isfinite(value) else f"{value:.4g}"
+
+
 def _errors(fields: dict[str, Any]) -> Table:
     table = plain_table(
         ("\ndistance measured - predicted", "left"),
@@ -128,7 +134,9 @@ def _notes(result: Identification, fields: dict[str, Any]) -> Iterator[Text]:
     if result.unused:
         yield Text(f"unused  {', '.join(result.unused)}: too few markers for an orientation")
     if result.approach == "pose" and len(result.model.where(Tool)):
-        yield Text("the distances between the markers come from the readings and count as known")
+        yield Text(
+            "the shape of the marker set comes from the same readings; its uncertainty is counted"
+        )
     together = _common_error(result)
     if together > _TOGETHER:
         yield Text(

@@ -13,22 +13,25 @@ from typing import Any
 from calib.errors import InputError
 
 
-def write_files(texts: Mapping[Path, str]) -> None:
-    """Write several files, all or none: every text is on disk before the first is renamed.
+def write_files(contents: Mapping[Path, str | bytes]) -> None:
+    """Write several files, all or none: every content is on disk before the first is renamed.
+
+    Text is written as UTF-8 with its line ends as they are, bytes unchanged.
 
     Raises InputError where a folder is missing, read-only or full; existing files stay whole.
     """
     prepared: list[tuple[str, Path]] = []
     path = Path()
     try:
-        for path, text in texts.items():
+        for path, content in contents.items():
+            data = content if isinstance(content, bytes) else content.encode("utf-8")
             if path.exists() and not path.is_file() and not path.is_dir():
-                path.write_text(text, encoding="utf-8")  # a device or a pipe is written in place
+                path.write_bytes(data)  # a device or a pipe is written in place
                 continue
             handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
             prepared.append((name, path))
-            with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
-                file.write(text)
+            with os.fdopen(handle, "wb") as file:
+                file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
             os.chmod(name, 0o644)

@@ -8,12 +8,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.covariance import Identifiable, covariance, identifiable
+from calib.covariance import Identifiable, identifiable
 from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
 from calib.identify.identification import Method
-from calib.identify.solver import Linearise, Minimum, levenberg_marquardt
+from calib.identify.solver import Minimum, levenberg_marquardt
 from calib.identify.two_step import alternate
 from calib.model import Model
 from calib.observations import Observation
@@ -61,15 +61,14 @@ class Readings:
 
     def fit(self, observation: Observation, start: Array, span: Array) -> Minimum:
         if self.method == "two-step":
-            return alternate(flattened(observation), start, *steps(observation.model, span))
-        return levenberg_marquardt(flattened(observation), start, span)
+            return alternate(observation.flat, start, *steps(observation.model, span))
+        return levenberg_marquardt(observation.flat, start, span)
 
     def judged(self, observation: Observation, values: Array, span: Array) -> Judged:
         return Judged(*observation.points().linearise(values), span)
 
     def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
-        _, J = flattened(observation)(values)
-        return covariance(J, span, observation.row_noise())
+        return observation.covariance(values, span)
 
     def dof(self, observation: Observation, span: Array) -> int:
         return 3 * int(observation.counted.sum()) - int(span.shape[1])
@@ -87,9 +86,9 @@ class Differences:
         soft = _soft(observation.model, span)
         values, iterations, settled = start, 0, False
         for _ in range(_TURNS):
-            rigid = levenberg_marquardt(flattened(observation), values, span[:, ~soft])
+            rigid = levenberg_marquardt(observation.flat, values, span[:, ~soft])
             elastic = levenberg_marquardt(
-                flattened(observation.points(centred=True)), rigid.values, span[:, soft]
+                observation.points(centred=True).flat, rigid.values, span[:, soft]
             )
             iterations += rigid.iterations + elastic.iterations
             moved = np.abs(elastic.values - values) / observation.model.sizes
@@ -110,8 +109,8 @@ class Differences:
         """
         soft = _soft(observation.model, span)
         rigid, elastic = span[:, ~soft], span[:, soft]
-        _, J = flattened(observation)(values)
-        _, J_centred = flattened(observation.points(centred=True))(values)
+        _, J = observation.flat(values)
+        _, J_centred = observation.points(centred=True).flat(values)
         to_elastic = np.linalg.pinv(J_centred @ elastic)
         from_rest = np.linalg.pinv(J @ rigid)
         to_rigid = from_rest - (from_rest @ (J @ elastic)) @ to_elastic
@@ -126,17 +125,6 @@ class Differences:
         )
         soft = int(_soft(observation.model, span).sum())
         return 3 * spare - soft if soft else -1
-
-
-def flattened(observation: Observation) -> Linearise:
-    """Residuals (..., N) and derivatives (..., N, p) of an observation, poses and rows in one axis."""
-
-    def linearise(values: Array) -> tuple[Array, Array]:
-        r, J = observation.linearise(values)
-        batch = values.shape[:-1]
-        return r.reshape((*batch, -1)), J.reshape((*batch, -1, J.shape[-1]))
-
-    return linearise
 
 
 def steps(model: Model, span: Array) -> tuple[Array, Array]:
@@ -164,7 +152,7 @@ def choose_directions(observation: Observation, values: Array) -> Identifiable:
     probe = values.copy()
     elastic = model.where(ElasticEffect)
     probe[elastic] = np.maximum(probe[elastic], 0.1 * model.sizes[elastic])
-    _, J = flattened(observation)(probe)
+    _, J = observation.flat(probe)
     span = observation.span()
     ids = [p.id for p in model.parameters]
     sizes, names = [], []

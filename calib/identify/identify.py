@@ -12,15 +12,23 @@ from calib.covariance import clustered, covariance
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.errors import CalibError, TooFewPoses
-from calib.identify.estimators import Differences, Estimator, Mask, Readings, flattened, steps
+from calib.identify.estimators import Differences, Estimator, Mask, Readings, steps
 from calib.identify.identification import Identification, Method, Residuals, Status
-from calib.identify.initial import initial_values, with_measured_shape
+from calib.identify.initial import initial_values
 from calib.identify.noise_level import NoiseLevel, noise_level
 from calib.identify.outliers import pose_statistics, prediction_statistics, threshold
 from calib.identify.search import Found, search
 from calib.identify.solver import levenberg_marquardt
 from calib.model import Model
-from calib.observations import Approach, Observation, Points, Pose, Weighting, orientable
+from calib.observations import (
+    Approach,
+    Observation,
+    Points,
+    Weighting,
+    as_poses,
+    orientable,
+    with_measured_shape,
+)
 from calib.poses import Measurements
 from calib.se3 import Array, rotate
 from calib.threads import one_blas_thread
@@ -46,8 +54,8 @@ def identify(
     approach : "points" (marker coordinates, the paper's #2) or "pose" (position and orientation from
         the markers of each pose, #1)
     method : "joint" (all parameters at once) or "two-step" (the paper's section III, iterated)
-    weighting, length : of approach pose: "full" propagated covariance, or "plain" with a
-        characteristic length [m]
+    weighting, length : of approach pose: "full" propagated covariance, "normalised" by each
+        component's own standard deviation, or "plain" with a characteristic length [m]
     differences : elastic parameters from differences between readings at equal joints
 
     Raises UnknownEffect, EffectCannotAct, TooFewPoses, CalibError.
@@ -64,7 +72,9 @@ def identify(
             start = _with_shape(model, data, start)
         points = Points(model, data, whitening(cell, model, start, data))
         observation: Observation = (
-            points if approach == "points" else _as_poses(points, start, weighting, length)
+            points
+            if approach == "points"
+            else as_poses(points, model.marker_positions(start), weighting, length)
         )
         found = search(estimator, observation, start)
     except np.linalg.LinAlgError:
@@ -114,10 +124,10 @@ def _check_options(
     for value, known in (
         (approach, ("points", "pose")),
         (method, ("joint", "two-step")),
-        (weighting, ("full", "plain")),
+        (weighting, ("full", "normalised", "plain")),
     ):
         if value not in known:
-            raise CalibError(f"{value!r} is unknown; choose {known[0]} or {known[1]}")
+            raise CalibError(f"{value!r} is unknown; choose {' or '.join(known)}")
     if not 0.0 < length < np.inf:
         raise CalibError(f"the characteristic length {length} must be a length above zero")
     if differences and (approach != "points" or method != "joint"):
@@ -192,8 +202,8 @@ def _noise(estimator: Estimator, observation: Observation, found: Found) -> tupl
     there.
     """
     counted, values = observation.only(found.kept), found.best.values
-    if observation.row_noise() is not None:
-        values = levenberg_marquardt(flattened(counted.points()), values, found.span).values
+    if not observation.efficient:
+        values = levenberg_marquardt(counted.points().flat, values, found.span).values
     cost = float((estimator.judged(counted, values, found.span).r ** 2).sum())
     dof = estimator.dof(counted, found.span)
     data, weights = observation.data.take(found.kept), observation.weights[found.kept]
@@ -210,14 +220,6 @@ def _with_shape(model: Model, data: Measurements, start: Array) -> Array:
     return with_measured_shape(model, data, start) if len(model.where(Tool)) else start
 
 
-def _as_poses(points: Points, start: Array, weighting: Weighting, length: float) -> Pose:
-    """Poses computed from the markers; readings that show too few of them are left out."""
-    shape = points.model.marker_positions(start)
-    usable = orientable(shape, points.data.seen)
-    weights = points.weights * usable[:, None, None, None]
-    return Pose(points.model, points.data, weights, shape, weighting, length)
-
-
 def _unused(observation: Observation) -> tuple[str, ...]:
     """Poses whose markers were measured and do not count."""
     data = observation.data
@@ -232,13 +234,13 @@ def _nominal(observation: Observation, start: Array) -> Array:
     nominal = np.zeros_like(start)
     nominal[placement] = start[placement]
     directions = np.eye(len(start))[:, placement]
-    return levenberg_marquardt(flattened(observation.points()), nominal, directions).values
+    return levenberg_marquardt(observation.points().flat, nominal, directions).values
 
 
 def _std_by_pose(counted: Observation, found: Found) -> Array | None:
     """Standard deviations from the scatter of whole poses, None where they are few."""
     kept = int(found.kept.sum())
-    if kept < _POSES_PER_DIRECTION * found.span.shape[1] or counted.row_noise() is not None:
+    if kept < _POSES_PER_DIRECTION * found.span.shape[1] or not counted.efficient:
         return None
     r, J = counted.points().linearise(found.best.values)
     return np.sqrt(np.diag(clustered(r[found.kept], J[found.kept], found.span)))
@@ -249,7 +251,7 @@ def _step_two_std(observation: Observation, values: Array, span: Array) -> Array
     _, rest = steps(observation.model, span)
     if not rest.shape[1]:
         return np.full(len(values), np.nan)
-    _, J = flattened(observation)(values)
+    _, J = observation.flat(values)
     std = np.sqrt(np.diag(covariance(J, rest)))
     return np.where(std > 0.0, std, np.nan)
 

@@ -16,12 +16,9 @@ from calib.effects.tool import Tool
 from calib.identify.solver import levenberg_marquardt
 from calib.kinematics import forward
 from calib.model import Model
-from calib.observations import orientable
 from calib.poses import Measurements
 from calib.se3 import (
     Array,
-    fit_rigid,
-    inverse,
     nearest_rotation,
     rotate,
     skew,
@@ -33,8 +30,6 @@ from calib.se3 import (
 _STARTS = 256
 _FOLLOWED = 12  # the best of them
 _RESOLUTION = 1e-6  # m: what the search takes for one standard deviation
-_SHAPE_ROUNDS = 300
-_SHAPE_M = 1e-9  # the shape has settled
 
 
 def initial_values(model: Model, data: Measurements) -> Array:
@@ -125,33 +120,6 @@ def _rotation(D: Array, y: Array, arm: Array) -> Array:
     cost = np.sum(linearise(starts)[0] ** 2, axis=-1)
     found = levenberg_marquardt(linearise, starts[np.argsort(cost)[:_FOLLOWED]], np.eye(3))
     return so3_exp(found.values[int(np.argmin(found.cost))])
-
-
-def with_measured_shape(model: Model, data: Measurements, values: Array) -> Array:
-    """The values with marker positions whose distances are taken from the readings alone, (p,).
-
-    The mean congruent shape of all readings (generalised Procrustes), laid over the given markers.
-    """
-    markers = shape = model.marker_positions(values)
-    usable = orientable(markers, data.seen)
-    points, seen = data.points[usable], data.seen[usable].astype(float)
-    count = np.maximum(seen.sum(axis=0), 1.0)[:, None]
-    for _ in range(_SHAPE_ROUNDS):
-        T = inverse(fit_rigid(points, shape, seen))
-        own = rotate(T[:, None, :3, :3], points) + T[:, None, :3, 3]
-        before = shape
-        shape = np.where(
-            seen.sum(axis=0)[:, None] > 0.0, (own * seen[..., None]).sum(0) / count, shape
-        )
-        if np.abs(shape - before).max() < _SHAPE_M:
-            break
-    T = fit_rigid(markers, shape)
-    offsets = rotate(T[:3, :3], shape) + T[:3, 3] - model.markers
-    placed = values.copy()
-    for effect, part in zip(model.effects, model.slices, strict=True):
-        if isinstance(effect, Tool):
-            placed[part] = offsets[effect.marker, list(effect.components)]
-    return placed
 
 
 def _rotation_vectors(quaternions: Array) -> Array:

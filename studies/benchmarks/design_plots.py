@@ -7,21 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from studies.benchmarks.design_runs import Row
+from studies.plots.style import DPI, SERIES, styled, tidy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Colours of Okabe and Ito, told apart by marker and line style as well.
-STYLES: tuple[dict[str, Any], ...] = (
-    {"color": "#000000", "marker": "o", "linestyle": "-"},
-    {"color": "#0072B2", "marker": "s", "linestyle": "--"},
-    {"color": "#D55E00", "marker": "^", "linestyle": "-."},
-    {"color": "#009E73", "marker": "D", "linestyle": ":"},
-)
-TEXT: Any = {"font.size": 10, "axes.titlesize": 10, "legend.fontsize": 9, "svg.fonttype": "none"}
+STYLES = [look.line for look in SERIES[:4]]
 
 
+@styled
 def cost_by_candidates(pools: list[Row], solved: list[Row], case: str) -> Figure:
     """Seconds of pool, relaxation and exchange, one panel a criterion."""
     criteria = list(dict.fromkeys(row["criterion"] for row in solved))
@@ -41,6 +36,7 @@ def cost_by_candidates(pools: list[Row], solved: list[Row], case: str) -> Figure
     return figure
 
 
+@styled
 def cost_by_parameters(rows: list[Row], limit: float) -> Figure:
     """Seconds of the relaxation by master, one panel a criterion; stopped runs point upwards."""
     criteria = list(dict.fromkeys(row["criterion"] for row in rows))
@@ -70,27 +66,22 @@ def cost_by_parameters(rows: list[Row], limit: float) -> Figure:
     return figure
 
 
+@styled
 def save(figure: Figure, path: Path) -> Iterable[Path]:
     """The figure as PNG and SVG; path without suffix."""
-    import matplotlib as mpl
-
     written = [path.with_suffix(suffix) for suffix in (".png", ".svg")]
-    with mpl.rc_context(TEXT):
-        for target in written:
-            figure.savefig(target, dpi=200)
+    for target in written:
+        figure.savefig(target, dpi=DPI)
     return written
 
 
 def _panels(count: int) -> tuple[Figure, list[Axes]]:
-    import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    with mpl.rc_context(TEXT):
-        figure = Figure(figsize=(1.0 + 3.0 * count, 3.9), layout="constrained")
-        panels = list(figure.subplots(1, count, sharey=True, squeeze=False)[0])
-        for panel in panels:
-            panel.grid(True, which="major", color="0.85", linewidth=0.6)
-            panel.spines[["top", "right"]].set_visible(False)
+    figure = Figure(figsize=(1.0 + 3.0 * count, 3.9), layout="constrained")
+    panels = list(figure.subplots(1, count, sharey=True, squeeze=False)[0])
+    for panel in panels:
+        tidy(panel)
     return figure, panels
 
 

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 T = TypeVar("T")
 
+_WIDTH = 120  # of tables in files and pipes
+
 json_option = click.option(
     "--json", "json_path", metavar="FILE", help="Write the result as JSON; - for standard output."
 )
@@ -67,7 +69,10 @@ def console_for(json_path: str | None) -> Console:
     """Where tables go: standard output, or standard error when that carries the JSON."""
     from rich.console import Console
 
-    return Console(stderr=json_path == "-", highlight=False, soft_wrap=True)
+    console = Console(stderr=json_path == "-", highlight=False, soft_wrap=True)
+    if not console.is_terminal:
+        console.width = _WIDTH
+    return console
 
 
 def warn(messages: tuple[str, ...]) -> None:
@@ -85,6 +90,17 @@ def check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
         if path.resolve() in taken:
             raise InputError(path, "", "is already an input or another output", "name another file")
         taken.add(path.resolve())
+
+
+def plan_names(paths: tuple[Path, ...]) -> list[str]:
+    """File names, or whole paths where names repeat."""
+    names = [path.name for path in paths]
+    return names if len(set(names)) == len(names) else [str(path) for path in paths]
+
+
+def output_file(json_path: str | None) -> Path | None:
+    """Where the JSON goes, None for standard output."""
+    return None if json_path in (None, "-") else Path(str(json_path))
 
 
 def output_texts(json_path: str | None, result: dict[str, Any]) -> dict[Path, str]:

@@ -13,7 +13,9 @@ from studies.commands.common import (
     envelope,
     json_option,
     one_line_faults,
+    output_file,
     output_texts,
+    plan_names,
     seed_option,
 )
 
@@ -116,9 +118,11 @@ def design(
     inputs = [cell_path, cell.urdf, *([targets] if targets else []), *against]
     inputs += [extend_path] if extend_path is not None else []
     inputs += [source] if isinstance(source, Path) else []
-    check_outputs([path for path in (plan_path, _file(json_path)) if path is not None], inputs)
+    check_outputs(
+        [path for path in (plan_path, output_file(json_path)) if path is not None], inputs
+    )
     loaded = [calib.load_plan(cell, path) for path in against]
-    plans = dict(zip(_names(against), loaded, strict=True))
+    plans = dict(zip(plan_names(against), loaded, strict=True))
     try:
         result = doe.design(
             cell,
@@ -166,16 +170,6 @@ def _source(candidates: str) -> int | Path:
     if not 1.0 <= number < 1e12 or number != round(number):
         raise InputError("--candidates", "", f"{candidates} is no count", "give 1 or more")
     return int(number)
-
-
-def _names(paths: tuple[Path, ...]) -> list[str]:
-    """File names, or whole paths where names repeat."""
-    names = [path.name for path in paths]
-    return names if len(set(names)) == len(names) else [str(path) for path in paths]
-
-
-def _file(json_path: str | None) -> Path | None:
-    return None if json_path in (None, "-") else Path(str(json_path))
 
 
 def _two(text: str | None) -> tuple[str, str] | None:

@@ -48,10 +48,11 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--weighting",
-    type=click.Choice(["full", "plain"]),
+    type=click.Choice(["full", "normalised", "plain"]),
     default="full",
     show_default=True,
-    help="Of approach pose: propagated covariance, or one length for the rotations.",
+    help="Of approach pose: propagated covariance, each component by its own standard deviation, or "
+    "one length for the rotations.",
 )
 @click.option(
     "--length-mm",

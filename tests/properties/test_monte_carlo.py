@@ -10,7 +10,6 @@ from scipy.stats import chi2
 
 from calib import Cell, Poses
 from calib.covariance import covariance
-from calib.identify.estimators import flattened
 from calib.identify.solver import levenberg_marquardt
 from calib.observations import Points
 from calib.se3 import Array
@@ -32,10 +31,10 @@ def refits(cell: Cell, plan: Poses) -> tuple[Array, Array, Array]:
     for _ in range(TRIALS // 50):
         noisy = exact + SIGMA * rng.standard_normal((50, *exact.shape))
         observation = Points(model, replace(data, points=noisy), weights)
-        found = levenberg_marquardt(flattened(observation), np.tile(start, (50, 1)), span)
+        found = levenberg_marquardt(observation.flat, np.tile(start, (50, 1)), span)
         assert found.converged.all()
         estimates.append(found.values)
-    _, J = flattened(Points(model, data, weights))(truth)
+    _, J = Points(model, data, weights).flat(truth)
     return np.concatenate(estimates), truth, covariance(J, span)
 
 

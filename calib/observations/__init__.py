@@ -1,0 +1,27 @@
+"""Residuals and their derivatives under the paper's two approaches, weighted by the noise.
+
+``points`` (approach #2) compares marker coordinates; ``pose`` (approach #1) first condenses the markers
+of a reading to position and orientation of the tip frame.
+"""
+
+from typing import Literal
+
+from calib.observations.points import Points
+from calib.observations.pose import Pose, Weighting, as_poses
+from calib.observations.protocol import Observation
+from calib.observations.rigid import orientable, pose_from_points
+from calib.observations.shape import with_measured_shape
+
+Approach = Literal["points", "pose"]
+
+__all__ = [
+    "Approach",
+    "Observation",
+    "Points",
+    "Pose",
+    "Weighting",
+    "as_poses",
+    "orientable",
+    "pose_from_points",
+    "with_measured_shape",
+]

@@ -1,0 +1,51 @@
+"""Approach #2 of the paper: the coordinates of every marker, as they are measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.observations.protocol import Observation
+from calib.se3 import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Points(Observation):
+    """Every coordinate of every marker.
+
+    centred : subtract the mean of each configuration: only differences between readings at equal
+        joints count, what is common to them (geometry) drops out
+    """
+
+    centred: bool = False
+
+    def linearise(self, values: Array) -> tuple[Array, Array]:
+        predicted, J = self.model.jacobian(values, self.data.poses)
+        return self.residuals(predicted), self.rows(J)
+
+    def residuals(self, predicted: Array) -> Array:
+        """Weighted residuals, shape (..., m, 3 M)."""
+        r = self._relative((self.data.points - predicted)[..., None])
+        return (self.weights @ r).reshape((*r.shape[:-3], -1))
+
+    def rows(self, J: Array) -> Array:
+        """Weighted rows of a Jacobian (..., m, M, 3, p), shape (..., m, 3 M, p)."""
+        weighted = self.weights @ self._relative(J)
+        return weighted.reshape((*J.shape[:-3], -1, J.shape[-1]))
+
+    def _relative(self, a: Array) -> Array:
+        """Subtract the weighted mean of each configuration: what its readings have in common."""
+        if not self.centred:
+            return a
+        out = np.empty_like(a)
+        group = self.data.poses.configuration
+        information = np.swapaxes(self.weights, -1, -2) @ self.weights
+        for g in np.unique(group):
+            here = group == g
+            own, total = information[here], information[here].sum(axis=0)
+            hidden = np.logical_not(total.any(axis=(-1, -2), keepdims=True))
+            weighted = (own @ a[..., here, :, :, :]).sum(axis=-4)
+            mean = np.linalg.solve(total + hidden * np.eye(3), weighted)
+            out[..., here, :, :, :] = a[..., here, :, :, :] - mean[..., None, :, :, :]
+        return out

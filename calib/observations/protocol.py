@@ -1,0 +1,69 @@
+"""What an observation is: a way from readings to weighted residuals."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.covariance import covariance
+from calib.model import Model
+from calib.poses import Measurements
+from calib.se3 import Array
+
+if TYPE_CHECKING:
+    from calib.observations.points import Points
+
+
+@dataclass(frozen=True, eq=False)
+class Observation(ABC):
+    """How readings become weighted residuals.
+
+    data : Measurements; its points may carry leading axes, one set of readings a trial
+    weights : ndarray, shape (m, M, 3, 3), 1/m, whitening matrices, zero for what does not count
+    """
+
+    model: Model
+    data: Measurements
+    weights: Array
+
+    @abstractmethod
+    def linearise(self, values: Array) -> tuple[Array, Array]:
+        """Residuals (..., m, rows), in standard deviations, and the derivative of the prediction."""
+
+    def flat(self, values: Array) -> tuple[Array, Array]:
+        """Residuals (..., N) and derivatives (..., N, p), poses and rows in one axis."""
+        r, J = self.linearise(values)
+        batch = values.shape[:-1]
+        return r.reshape((*batch, -1)), J.reshape((*batch, -1, J.shape[-1]))
+
+    @property
+    def efficient(self) -> bool:
+        """Whether it is weighted by the inverse of its noise, so that nothing is lost."""
+        return True
+
+    def span(self) -> Array:
+        """Directions in which values may move, shape (p, k)."""
+        return np.eye(len(self.model.parameters))
+
+    def covariance(self, values: Array, span: Array) -> Array:
+        """Covariance (p, p) of the least-squares values along ``span`` (p, k), the noise as stated."""
+        return covariance(self.flat(values)[1], span)
+
+    def only(self, kept: NDArray[np.bool_]) -> Self:
+        """The observation with the other poses weighted out."""
+        return replace(self, weights=self.weights * kept[:, None, None, None])
+
+    def points(self, centred: bool = False) -> Points:
+        """The marker points behind it: what poses and noise are judged by."""
+        from calib.observations.points import Points
+
+        return Points(self.model, self.data, self.weights, centred)
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Markers that count, shape (m, M)."""
+        return np.asarray(self.data.seen & self.weights.any(axis=(-1, -2)))

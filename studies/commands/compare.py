@@ -1,0 +1,167 @@
+"""``posecal compare``: which approach, which weighting, which plan, and can it be believed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+
+from studies.commands.common import (
+    check_outputs,
+    console_for,
+    envelope,
+    json_option,
+    one_line_faults,
+    output_file,
+    output_texts,
+    plan_names,
+    seed_option,
+)
+
+
+@click.command()
+@click.argument("cell_path", metavar="CELL", type=click.Path(path_type=Path))
+@click.argument(
+    "plan_paths",
+    metavar="PLAN [PLAN ...]",
+    nargs=-1,
+    required=True,
+    type=click.Path(path_type=Path),
+)
+@click.option(
+    "--monte-carlo",
+    "trials",
+    metavar="N",
+    type=click.IntRange(min=0),
+    default=200,
+    show_default=True,
+    help="Simulated experiments at each plan; 0 predicts only.",
+)
+@click.option("--workers", metavar="N", type=click.IntRange(min=1), default=None,
+              help="Processes of this machine. Default: one for each processor.")  # fmt: skip
+@click.option("--scheduler", metavar="ADDRESS", default=None,
+              help="A dask scheduler that computes the trials, such as tcp://host:8786.")  # fmt: skip
+@click.option(
+    "--length-mm",
+    type=click.FloatRange(min=0, min_open=True),
+    default=1000.0,
+    show_default=True,
+    help="Characteristic length of approach pose, plain.",
+)
+@click.option("--values", "values_path", metavar="RESULT", type=click.Path(path_type=Path),
+              help="A result of identify: predict and simulate at its values.")  # fmt: skip
+@click.option("--figures", "folder", metavar="FOLDER", type=click.Path(path_type=Path),
+              help="Write the figures, as SVG and PNG with their numbers as CSV.")  # fmt: skip
+@json_option
+@seed_option
+@one_line_faults
+def compare(
+    cell_path: Path,
+    plan_paths: tuple[Path, ...],
+    trials: int,
+    workers: int | None,
+    scheduler: str | None,
+    length_mm: float,
+    values_path: Path | None,
+    folder: Path | None,
+    json_path: str | None,
+    seed: int,
+) -> None:
+    """Say what approach #1 and #2 of the paper will know at each PLAN, predicted and simulated.
+
+    Each simulated experiment draws the readings of a plan from the full model and fits them by every
+    approach. Where simulation and prediction disagree, it says by how much and why.
+
+    \b
+    Example:
+      posecal compare cell.toml plan_a.csv plan_b.csv --monte-carlo 1000
+    """
+    import calib
+    from calib.build import build
+    from calib.errors import CalibError, InputError
+    from calib.files.values import load_values
+    from calib.files.write import write_files
+    from studies.compare import compare as compare_plans
+    from studies.compare import engine
+    from studies.compare.results import comparison_fields
+
+    cell = calib.load_cell(cell_path)
+    targets = cell.design.get("targets")
+    inputs = [cell_path, cell.urdf, *plan_paths, *([targets] if targets else [])]
+    inputs += [values_path] if values_path is not None else []
+    check_outputs([path for path in [output_file(json_path)] if path is not None], inputs)
+    loaded = [calib.load_plan(cell, path) for path in plan_paths]
+    plans = dict(zip(plan_names(plan_paths), loaded, strict=True))
+    try:
+        values = None
+        if values_path is not None:
+            values = load_values(values_path, build(cell, loaded[0]).model.parameters)
+        with (
+            engine(_processes(workers, trials), scheduler) as executor,
+            _progress(trials * len(plans)) as progress,
+        ):
+            result = compare_plans(
+                cell,
+                plans,
+                trials=trials,
+                values=values,
+                length=length_mm / 1e3,
+                seed=seed,
+                executor=executor,
+                progress=progress,
+            )
+    except InputError:
+        raise
+    except CalibError as error:
+        raise InputError(cell_path, "", str(error)) from None
+    except KeyboardInterrupt:
+        raise CalibError("interrupted before the first trials were done; nothing written") from None
+    fields = {**envelope("compare", inputs, seed), **comparison_fields(result)}
+    texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
+    if folder is not None:
+        from studies.compare.pictures import pictures
+        from studies.plots.style import folder_files
+
+        folder.mkdir(parents=True, exist_ok=True)
+        texts |= folder_files(pictures(result), folder)
+    write_files(texts)
+    _show(result, fields, json_path)
+    for path in texts:
+        click.echo(f"wrote {path}", err=json_path == "-")
+
+
+def _processes(workers: int | None, trials: int) -> int:
+    """One for each processor, and none of their own where a single block is all there is."""
+    import os
+
+    from studies.compare.montecarlo import MOST_TRIALS
+
+    if workers is None:
+        return len(os.sched_getaffinity(0)) if trials > MOST_TRIALS else 1
+    return workers
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Callable[[int], None]]:
+    """A bar on a terminal's standard error; nothing where it is no terminal."""
+    import sys
+
+    if not sys.stderr.isatty() or not total:
+        yield lambda _: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("simulated experiments", total=total)
+        yield lambda done: bar.update(task, advance=done)
+
+
+def _show(result: object, fields: dict[str, object], json_path: str | None) -> None:
+    from studies.compare.tables import comparison_tables
+
+    console = console_for(json_path)
+    for part in comparison_tables(result, fields):  # type: ignore[arg-type]
+        console.print(part)

@@ -1,0 +1,95 @@
+"""Whether simulation bears the prediction out: chi-square tests of the errors of the trials.
+
+With errors e of T trials about the truth and the predicted covariance C, ``sum e^2 / C_aa`` of each
+parameter is chi-square with T degrees of freedom, and ``sum e^T C^-1 e`` with T times the rank of C.
+Both count scatter and bias.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.se3 import Array
+
+_RANK = 1e-9  # eigenvalue of the correlation matrix below which a direction is fixed
+BELIEVED = 0.01
+"""Probability below which the prediction counts as refuted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """Simulated over predicted.
+
+    trials : int; std : ndarray, shape (p,), SI, of the trials about their own mean
+    bias : ndarray, shape (p,), SI, mean error; NaN in both where a parameter is open
+    ratio : ndarray, shape (p,), simulated over predicted standard deviation
+    total : float, mean of ``e^T C^-1 e`` over its expectation
+    p : float, probability of so large a disagreement by chance, over all tests made (Bonferroni)
+    """
+
+    trials: int
+    std: Array
+    bias: Array
+    ratio: Array
+    total: float
+    p: float
+
+    @property
+    def worst_ratio(self) -> float:
+        """The ratio farthest from one."""
+        known = self.ratio[np.isfinite(self.ratio)]
+        return float(known[np.abs(np.log(known)).argmax()]) if len(known) else float("nan")
+
+    @property
+    def bias_share(self) -> Array:
+        """Bias in standard errors of the simulated mean, shape (p,)."""
+        return np.asarray(self.bias / (self.std / np.sqrt(self.trials)))
+
+
+def agreement(errors: Array, covariance: Array) -> Agreement | None:
+    """Judge trials by a predicted covariance; None from fewer than two.
+
+    errors : ndarray, shape (trials, p), SI; covariance : ndarray, shape (p, p), SI
+    """
+    trials = len(errors)
+    variance = np.diag(covariance)
+    known = variance > 0.0
+    if trials < 2 or not known.any():
+        return None
+    predicted = np.where(known, np.sqrt(variance), np.nan)
+    std = np.where(known, errors.std(axis=0, ddof=1), np.nan)
+    scaled = errors[:, known] / predicted[known]
+    values, vectors = np.linalg.eigh(
+        covariance[np.ix_(known, known)] / np.outer(*[predicted[known]] * 2)
+    )
+    free = values > _RANK
+    whitened = scaled @ vectors[:, free] / np.sqrt(values[free])
+    total = float((whitened**2).sum())
+    alone = [_two_sided((scaled[:, a] ** 2).sum(), trials) for a in range(scaled.shape[1])]
+    smallest = min(_two_sided(total, whitened.size), len(alone) * min(alone))
+    return Agreement(
+        trials,
+        std,
+        np.where(known, errors.mean(axis=0), np.nan),
+        std / predicted,
+        total / whitened.size,
+        min(1.0, 2.0 * smallest),
+    )
+
+
+def band(trials: int, level: float = 0.95) -> tuple[float, float]:
+    """Where the ratio of standard deviations lies by chance with a probability."""
+    from scipy.special import chdtri
+
+    tail = (1.0 - level) / 2.0
+    dof = trials - 1
+    low, high = (float(np.sqrt(chdtri(dof, q) / dof)) for q in (1.0 - tail, tail))
+    return low, high
+
+
+def _two_sided(value: float, dof: int) -> float:
+    from scipy.special import chdtr, chdtrc
+
+    return 2.0 * min(float(chdtr(dof, value)), float(chdtrc(dof, value)))

@@ -1,0 +1,177 @@
+"""Which approach, which weighting, which plan; and whether the prediction can be believed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.api import as_vector
+from calib.build import build
+from calib.cell import Cell
+from calib.errors import CalibError
+from calib.poses import Poses
+from calib.se3 import Array
+from calib.targets import targets_of
+from calib.threads import one_blas_thread
+from studies.compare.agreement import Agreement, agreement
+from studies.compare.experiment import PLAIN, POINTS, Experiment, Way, experiment_of
+from studies.compare.montecarlo import Refits, refits
+from studies.compare.prediction import Prediction, accuracy_at, predict
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """One way at one plan.
+
+    task_rms, task_worst : float, m, predicted position error at the targets, infinite where open
+    agreement : Agreement, with the trials; None without
+    simulated_rms : float, m, task RMS from the scatter of the trials, NaN without
+    """
+
+    prediction: Prediction
+    task_rms: float
+    task_worst: float
+    agreement: Agreement | None
+    simulated_rms: float
+
+    @property
+    def way(self) -> Way:
+        """Approach and weighting."""
+        return self.prediction.way
+
+
+@dataclass(frozen=True, eq=False)
+class PlanStudy:
+    """One plan under every way.
+
+    changed : ndarray, shape (p,), standard deviation of approach points at the simulated truth over
+        that at the nominal model: what the prediction owes to not knowing the robot
+    """
+
+    name: str
+    plan: Poses
+    experiment: Experiment
+    verdicts: tuple[Verdict, ...]
+    refits: Refits
+    changed: Array
+
+    def of(self, way: Way) -> Verdict | None:
+        """The verdict on a way, None where the markers do not allow it."""
+        return next((v for v in self.verdicts if v.way == way), None)
+
+    @property
+    def improvement(self) -> Array | None:
+        """Plain approach #1 over approach #2, by parameter, as in Table I of the paper."""
+        plain, points = self.of(PLAIN), self.of(POINTS)
+        if plain is None or points is None:
+            return None
+        return np.asarray(plain.prediction.std / points.prediction.std)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """The result of :func:`compare`.
+
+    asked : int, trials for each plan; trials : int, trials done at the plan that has fewest
+    """
+
+    cell: Cell
+    plans: tuple[PlanStudy, ...]
+    asked: int
+
+    @property
+    def trials(self) -> int:
+        """Trials done at every plan."""
+        return min(study.refits.trials for study in self.plans)
+
+    @property
+    def agreements(self) -> list[Agreement]:
+        """Of every way at every plan."""
+        return [v.agreement for s in self.plans for v in s.verdicts if v.agreement is not None]
+
+    @property
+    def worst_ratio(self) -> float | None:
+        """Simulated over predicted standard deviation, where it is farthest from one."""
+        ratios = [found.worst_ratio for found in self.agreements]
+        return max(ratios, key=lambda r: abs(np.log(r)), default=None)
+
+    @property
+    def p(self) -> float | None:
+        """Probability of so large a disagreement by chance, over all ways and plans."""
+        found = [own.p for own in self.agreements]
+        return min(1.0, len(found) * min(found)) if found else None
+
+
+@one_blas_thread
+def compare(
+    cell: Cell,
+    plans: Mapping[str, Poses],
+    *,
+    trials: int = 200,
+    values: Mapping[str, float] | None = None,
+    length: float = 1.0,
+    seed: int = 0,
+    executor: Executor | None = None,
+    progress: Callable[[int], None] = lambda _: None,
+) -> Comparison:
+    """Predict and simulate what each approach will know of the cell's model at each plan.
+
+    plans : name -> Poses; trials : int, Monte Carlo refits of each plan by each way, 0 for none
+    values : name -> value, SI, where predictions and simulations hold; see ``experiment_of``
+    length : float, m, characteristic length of the plain weighting
+    executor : where the trials are computed; figures do not depend on it
+    progress : called with the number of trials just done
+
+    Raises UnknownEffect, EffectCannotAct, CalibError.
+    """
+    if not plans:
+        raise CalibError("no plan to compare")
+    targets, weights = targets_of(cell)
+    studies: list[PlanStudy] = []
+    for index, (name, plan) in enumerate(plans.items()):
+        own = None if values is None else as_vector(build(cell, plan).model, values)
+        experiment = experiment_of(cell, plan, values=own, length=length, seed=seed)
+        predictions = [predict(experiment, way) for way in experiment.ways]
+        experiment = replace(experiment, truth=_visible_truth(experiment, predictions))
+        done = refits(
+            experiment,
+            predictions,
+            trials,
+            seed=(seed, index),
+            executor=executor,
+            progress=progress,
+        )
+        verdicts = [_verdict(experiment, p, done, targets, weights) for p in predictions]
+        studies.append(
+            PlanStudy(name, plan, experiment, tuple(verdicts), done, _changed(experiment))
+        )
+        if done.trials < trials:
+            break
+    return Comparison(cell, tuple(studies), trials)
+
+
+def _visible_truth(experiment: Experiment, predictions: list[Prediction]) -> Array:
+    """The truth without what some way leaves open: no fit could answer for it."""
+    known = np.all([np.isfinite(p.std) for p in predictions], axis=0)
+    return np.where(known, experiment.truth, experiment.nominal)
+
+
+def _verdict(
+    experiment: Experiment, prediction: Prediction, done: Refits, targets: Poses, weights: Array
+) -> Verdict:
+    rms, worst = accuracy_at(experiment, prediction.covariance, targets, weights)
+    judged, simulated = None, np.nan
+    if done.trials:
+        errors = done.of(prediction.way.key)
+        judged = agreement(errors, prediction.covariance)
+    if judged is not None and np.isfinite(rms):
+        simulated, _ = accuracy_at(experiment, errors.T @ errors / len(errors), targets, weights)
+    return Verdict(prediction, rms, worst, judged, simulated)
+
+
+def _changed(experiment: Experiment) -> Array:
+    there = replace(experiment, nominal=experiment.truth)
+    return np.asarray(predict(there, POINTS).std / predict(experiment, POINTS).std)

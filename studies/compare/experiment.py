@@ -1,0 +1,140 @@
+"""A plan, ready to be predicted and simulated under the paper's approaches and their weightings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.api import readings
+from calib.build import build, refuse_idle_effects
+from calib.cell import Cell
+from calib.effects.base import Base
+from calib.effects.protocol import ElasticEffect
+from calib.effects.tool import Tool
+from calib.model import Model
+from calib.noise import Noise
+from calib.observations import (
+    Approach,
+    Observation,
+    Points,
+    Weighting,
+    as_poses,
+    orientable,
+    with_measured_shape,
+)
+from calib.poses import Measurements, Poses
+from calib.se3 import Array
+from calib.simulate import beams
+from doe.constraints import scene_of, visible
+
+_PLAUSIBLE_M = 1e-3  # what an assumed error moves the markers by at most
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way from readings to parameters: an approach and what it is weighted by."""
+
+    approach: Approach
+    weighting: Weighting
+
+    @property
+    def key(self) -> str:
+        """Short name: ``points``, ``pose plain``, .."""
+        return "points" if self.approach == "points" else f"pose {self.weighting}"
+
+
+POINTS = Way("points", "full")
+PLAIN = Way("pose", "plain")
+WAYS = (PLAIN, Way("pose", "normalised"), Way("pose", "full"), POINTS)
+"""Approach #1 in three weightings, and approach #2."""
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """What is measured, and what is true.
+
+    model : Model; poses : Poses, the m readings; seen : ndarray of bool, shape (m, M)
+    weights : ndarray, shape (m, M, 3, 3), 1/m, whitening matrices of the noise, zero where hidden
+    nominal : ndarray, shape (p,), SI, what is known before: predictions hold there, fits start there
+    truth : ndarray, shape (p,), SI, what simulated readings come from
+    length : float, m, characteristic length of the plain weighting
+    """
+
+    model: Model
+    poses: Poses
+    seen: NDArray[np.bool_]
+    weights: Array
+    nominal: Array
+    truth: Array
+    length: float = 1.0
+
+    @property
+    def ways(self) -> tuple[Way, ...]:
+        """The ways that the markers allow: no pose can be computed from fewer than three."""
+        usable = orientable(self.model.marker_positions(self.nominal), self.seen)
+        return WAYS if usable.any() else (POINTS,)
+
+    def observe(self, way: Way, points: Array) -> tuple[Observation, Array]:
+        """Readings under a way, and the values (..., p) from which a fit starts.
+
+        points : ndarray, shape (..., m, M, 3), m; leading axes are trials
+        """
+        data = Measurements(self.poses, points, self.seen, np.full(self.seen.shape, np.nan))
+        observation = Points(self.model, data, self.weights)
+        start = np.broadcast_to(self.nominal, (*points.shape[:-3], len(self.nominal)))
+        if way.approach == "points":
+            return observation, start
+        if len(self.model.where(Tool)):
+            start = with_measured_shape(self.model, data, self.nominal)
+        shape = self.model.marker_positions(start)
+        return as_poses(observation, shape, way.weighting, self.length), start
+
+
+def experiment_of(
+    cell: Cell, plan: Poses, *, values: Array | None = None, length: float = 1.0, seed: int = 0
+) -> Experiment:
+    """The readings of a plan in a cell.
+
+    values : ndarray, shape (p,), SI, what predictions and simulations hold at. Without them predictions
+        hold at the nominal model and simulations at one that is off by plausible errors, drawn with
+        the seed: each parameter by its usual size, or by what moves the markers a millimetre
+
+    Raises UnknownEffect, EffectCannotAct.
+    """
+    poses = readings(cell, plan)
+    model = build(cell, poses).model
+    refuse_idle_effects(cell, model, poses)
+    seen = np.tile(visible(scene_of(cell, plan.q)), (len(poses) // len(plan), 1))
+    nominal = np.zeros(len(model.parameters)) if values is None else values
+    weights = noise_weights(cell.noise, model, nominal, poses, seen, cell.instrument)
+    truth = plausible(model, poses, seed) if values is None else values
+    return Experiment(model, poses, seen, weights, nominal, truth, length)
+
+
+def noise_weights(
+    noise: Noise,
+    model: Model,
+    values: Array,
+    poses: Poses,
+    seen: NDArray[np.bool_],
+    instrument: Array | None = None,
+) -> Array:
+    """Whitening matrices of the points of a plan, shape (m, M, 3, 3), 1/m, zero where hidden."""
+    along = beams(model, values, poses, model.predict(values, poses), instrument)
+    W = noise.whitening(along, np.full(seen.shape, np.nan))
+    weights: Array = W * seen[..., None, None]
+    return weights
+
+
+def plausible(model: Model, poses: Poses, seed: int) -> Array:
+    """A robot that is off as robots are, shape (p,), SI; base and markers where they are thought."""
+    _, J = model.jacobian(np.zeros(len(model.parameters)), poses)
+    moved = np.linalg.norm(J, axis=-2).max(axis=(0, 1))
+    size = np.minimum(model.sizes, _PLAUSIBLE_M / np.maximum(moved, 1e-300))
+    values = size * np.random.default_rng(seed).standard_normal(len(size))
+    values[model.where(Base, Tool)] = 0.0
+    elastic = model.where(ElasticEffect)
+    values[elastic] = np.abs(values[elastic])
+    return values

@@ -1,0 +1,186 @@
+"""A comparison as short tables for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from studies.compare import Comparison
+from studies.plots.style import APPROACHES
+from studies.tables import number, plain_table
+
+_MOST_PARAMETERS = 24  # above it base and tool stand in the JSON alone
+_SAME = 1.005
+
+
+def comparison_tables(result: Comparison, fields: dict[str, Any]) -> Iterator[RenderableType]:
+    """The answer, accuracy of every way at every plan, and standard deviations plan by plan."""
+    yield _answer(result, fields)
+    yield Text("")
+    yield _accuracy(fields)
+    for plan in fields["plans"]:
+        yield Text(f"\n{plan['plan']}: standard deviations, and what plain #1 loses", style="bold")
+        yield _parameters(plan, fields["trials"] > 0)
+
+
+def _answer(result: Comparison, fields: dict[str, Any]) -> Text:
+    plans = fields["plans"]
+    p = len(plans[0]["approaches"][0]["parameters"])
+    lines = [
+        f"{result.cell.name}: {p} parameters, {_count(len(plans), 'plan')}, "
+        + (
+            f"{fields['trials']} simulated experiments each"
+            if fields["trials"]
+            else "not simulated"
+        ),
+        *_best(plans, fields["targets"]),
+        *_gain(plans),
+        *_belief(fields),
+        *_open(plans),
+    ]
+    return Text("\n".join(lines))
+
+
+def _count(n: int, what: str) -> str:
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
+
+
+def _best(plans: list[dict[str, Any]], targets: str) -> Iterator[str]:
+    """The plan that leaves the smallest error, and what the others need to draw level."""
+    rms = {plan["plan"]: _entry(plan, "points")["task_rms_mm"] for plan in plans}
+    known = {name: value for name, value in rms.items() if np.isfinite(value)}
+    if not known:
+        yield "best       no plan determines every parameter"
+        return
+    best = min(known, key=lambda name: known[name])
+    yield f"best       {best} with approach points: {known[best]:.4g} mm RMS expected at {targets}"
+    for name, value in known.items():
+        if name != best and value > _SAME * known[best]:
+            times = (value / known[best]) ** 2
+            yield f"           {name} would have to be measured {times:.1f} times over to match it"
+
+
+def _gain(plans: list[dict[str, Any]]) -> Iterator[str]:
+    factors = [e["factor"] for plan in plans for e in plan["improvement"]]
+    factors = [f for f in factors if np.isfinite(f)]
+    if not factors:
+        yield "approach   #1 (pose) needs three markers that are not in line; #2 (points) does not"
+        return
+    yield (
+        f"approach   #1 with plain weighting is {min(factors):.2f} to {max(factors):.3g} times less "
+        "certain than #2"
+    )
+    worst = max(_loss(plan) for plan in plans)
+    yield "           weighted by its full covariance #1 " + (
+        "equals #2: the gain is in the weighting"
+        if worst < _SAME
+        else f"still loses up to {100.0 * (worst - 1.0):.2g} %"
+    )
+
+
+def _loss(plan: dict[str, Any]) -> float:
+    """Largest ratio of standard deviations, fully weighted #1 over #2."""
+    full, points = _entry(plan, "pose", "full"), _entry(plan, "points")
+    if full is None:
+        return 1.0
+    ratios = [
+        a["std"] / b["std"] for a, b in zip(full["parameters"], points["parameters"], strict=True)
+    ]
+    return float(np.nanmax([1.0, *ratios]))
+
+
+def _belief(fields: dict[str, Any]) -> Iterator[str]:
+    found = fields["agreement"]
+    if found["chi2_p"] is None:
+        return
+    low, high = found["ratio_band95"]
+    yield f"believe    {found['says']}"
+    yield (
+        f"           simulated / predicted is {found['worst_ratio']:.2f} where it is farthest from one"
+        f" ({low:.2f} to {high:.2f} are chance at 95 %); p = {found['chi2_p']:.2g}"
+    )
+    stuck = [e["not_converged"] for plan in fields["plans"] for e in plan["approaches"]]
+    if any(stuck):
+        yield f"           {sum(stuck)} fits did not settle and are left out"
+    if fields["trials"] < fields["trials_asked"]:
+        yield f"           interrupted: {fields['trials']} of {fields['trials_asked']} trials done"
+
+
+def _open(plans: list[dict[str, Any]]) -> Iterator[str]:
+    for plan in plans:
+        names = [e["id"] for e in _entry(plan, "points")["parameters"] if np.isnan(e["std"])]
+        if names:
+            shown = ", ".join(names[:4]) + (" .." if len(names) > 4 else "")
+            yield f"open       {plan['plan']} does not determine {shown}"
+
+
+def _entry(plan: dict[str, Any], approach: str, weighting: str = "full") -> Any:
+    found = (
+        e for e in plan["approaches"] if (e["approach"], e["weighting"]) == (approach, weighting)
+    )
+    return next(found, None)
+
+
+def _label(entry: dict[str, Any]) -> str:
+    key = "points" if entry["approach"] == "points" else f"pose {entry['weighting']}"
+    length = entry["length_mm"]
+    return APPROACHES[key].label + ("" if length is None else f" ({length:g} mm)")
+
+
+def _accuracy(fields: dict[str, Any]) -> Table:
+    table = plain_table(
+        ("\nplan", "left"),
+        ("\nposes", "right"),
+        ("\napproach", "left"),
+        ("task RMS\n[mm]", "right"),
+        ("at worst\n[mm]", "right"),
+        ("task RMS,\nsimulated", "right"),
+        ("\np", "right"),
+    )
+    for plan in fields["plans"]:
+        head = (plan["plan"], str(plan["poses"]))
+        for entry in plan["approaches"]:
+            keys = ("task_rms_mm", "task_worst_mm", "monte_carlo_task_rms_mm")
+            found = entry["agreement"]
+            chance = "-" if found is None else f"{found['chi2_p']:.2g}"
+            table.add_row(*head, _label(entry), *(number(entry[key]) for key in keys), chance)
+            head = ("", "")
+    return table
+
+
+def _parameters(plan: dict[str, Any], simulated: bool) -> Table:
+    entries = plan["approaches"]
+    points = _entry(plan, "points")["parameters"]
+    columns = ["#1\nplain", "#1\nnorm.", "#1\nfull", "#2\npoints"][-len(entries) :]
+    columns += ["#2\nsim."] if simulated else []
+    table = plain_table(
+        ("\nparameter", "left"),
+        ("\nunit", "left"),
+        *((title, "right") for title in columns),
+        ("plain\nover #2", "right"),
+    )
+    factors = [e["factor"] for e in plan["improvement"]] or [np.nan] * len(points)
+    group = ""
+    for i, (p, factor) in enumerate(zip(points, factors, strict=True)):
+        if p["effect"] in ("base", "tool") and len(points) > _MOST_PARAMETERS:
+            continue
+        if p["effect"] != group:
+            group = p["effect"]
+            table.add_row(Text(group, style="italic"))
+        table.add_row(
+            f"  {p['where']} {p['name']}",
+            p["unit"],
+            *(_std(e["parameters"][i]["std"]) for e in entries),
+            *([_std(p["monte_carlo_std"])] if simulated else []),
+            "-" if np.isnan(factor) else f"{factor:.2f}",
+        )
+    return table
+
+
+def _std(value: float) -> str:
+    return "open" if np.isnan(value) else f"{value:.3g}"

@@ -1,0 +1,130 @@
+"""Accuracy against what it costs: number of poses, number of markers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calib.se3 import Array
+from studies.plots.style import (
+    SOFT,
+    Picture,
+    cell,
+    key_of,
+    legend_below,
+    log_ticks,
+    looks,
+    sheet,
+    styled,
+    tidy,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_GUIDE = "1/sqrt(n)"
+
+
+@styled
+def against_poses(
+    counts: Sequence[int],
+    accuracy: Mapping[str, Array],
+    *,
+    what: str = "task RMS",
+    name: str = "accuracy_poses",
+    title: str = "Accuracy against the number of poses",
+) -> Picture:
+    """Accuracy over the number of poses, a line for each approach or plan.
+
+    counts : numbers of poses, shape (k,)
+    accuracy : approach or plan -> ndarray, shape (k,), m; NaN where not estimable
+    """
+    return _against(counts, accuracy, "poses", what, name, title)
+
+
+@styled
+def against_markers(
+    counts: Sequence[int],
+    accuracy: Mapping[str, Array],
+    *,
+    what: str = "task RMS",
+    name: str = "accuracy_markers",
+    title: str = "Accuracy against the number of markers",
+) -> Picture:
+    """Accuracy over the number of markers; arguments as in ``against_poses``."""
+    return _against(counts, accuracy, "markers", what, name, title)
+
+
+def _against(
+    counts: Sequence[int],
+    accuracy: Mapping[str, Array],
+    of: str,
+    what: str,
+    name: str,
+    title: str,
+) -> Picture:
+    look = looks(accuracy)
+    n = np.asarray(counts, dtype=float)
+    scale, unit = length_unit(accuracy)
+    lines = {key: np.asarray(values, dtype=float) * scale for key, values in accuracy.items()}
+    figure = sheet(6.4, 4.2)
+    panel = figure.subplots()
+    tidy(panel)
+    for key, values in lines.items():
+        panel.plot(n, values, **look[key].line, markersize=5.5, label=look[key].label)
+    panel.set(xscale="log", yscale="log", xlabel=f"number of {of} n", ylabel=f"{what} [{unit}]")
+    _guide(panel, n, lines)
+    known = np.concatenate([v[np.isfinite(v)] for v in lines.values()])
+    if len(known):
+        log_ticks(panel.yaxis, known.min(), known.max())
+        panel.set_ylim(0.85 * panel.dataLim.y0, 1.12 * panel.dataLim.y1)
+    else:  # nothing could be estimated: an empty panel, as the table says
+        panel.set_ylim(1.0, 10.0)
+    _count_ticks(panel, counts)
+    handles = [key_of(look[key]) for key in accuracy]
+    legend_below(figure, handles)
+    caption = (
+        f"{what[0].upper()}{what[1:]} over the number of {of}, both on log scales; lower is better. "
+        f"The grey line falls as {_GUIDE}, the gain of mere repetition."
+    )
+    header = (of, *(f"{look[key].label} [{unit}]" for key in accuracy))
+    rows = tuple(
+        (float(count), *(cell(values[i]) for values in lines.values()))
+        for i, count in enumerate(counts)
+    )
+    return Picture(name, title, caption, figure, header, rows)
+
+
+def length_unit(values: Mapping[str, Array]) -> tuple[float, str]:
+    """Factor from metres, and unit: micrometres below half a millimetre, millimetres above."""
+    known = [np.asarray(v)[np.isfinite(v)] for v in values.values()]
+    largest = max((float(v.max()) for v in known if len(v)), default=0.0)
+    return (1e6, "um") if largest < 5e-4 else (1e3, "mm")
+
+
+def _guide(panel: Axes, n: Array, lines: Mapping[str, Array]) -> None:
+    """1/sqrt(n) below the lowest line, so that it crosses none of them."""
+    scaled = np.array(list(lines.values())) * np.sqrt(n)
+    if not np.isfinite(scaled).any():
+        return
+    guide = 0.8 * np.nanmin(scaled) / np.sqrt(n)
+    panel.plot(n, guide, color=SOFT, linewidth=1.0, zorder=1)
+    panel.annotate(
+        _GUIDE, (n[-1], guide[-1]), (-6.0, -3.0), textcoords="offset points", color=SOFT, fontsize=9,
+        ha="right", va="top",
+    )  # fmt: skip
+
+
+def _count_ticks(panel: Axes, counts: Sequence[int]) -> None:
+    """Ticks at the counts themselves, left out where their labels would meet."""
+    from matplotlib.ticker import NullLocator
+
+    kept: list[int] = []
+    span = np.log(max(counts) / min(counts)) or 1.0
+    for count in sorted(set(counts)):
+        if not kept or np.log(count / kept[-1]) > 0.055 * span:
+            kept.append(count)
+    panel.set_xticks(kept, [str(count) for count in kept])
+    panel.xaxis.set_minor_locator(NullLocator())

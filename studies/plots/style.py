@@ -1,0 +1,304 @@
+"""One look for all figures, and how a figure is written with its numbers.
+
+Colours are those of Okabe and Ito, each with a marker, a line style and a hatch of its own: nothing is
+told by colour alone. Text stays text in the SVG; the same data give the same bytes.
+"""
+
+from __future__ import annotations
+
+import csv
+import functools
+import io
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+
+P = ParamSpec("P")
+T = TypeVar("T")
+Cell: TypeAlias = str | float | None
+
+BLACK, BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY = (
+    "#000000",
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#E69F00",
+    "#56B4E9",
+)
+INK, SOFT, FAINT = "0.15", "0.45", "0.85"
+DPI = 200
+_NAMED = 62  # poses whose names fit below an axis
+RC: Any = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans", "Verdana", "Arial"],
+    "font.size": 10,
+    "axes.titlesize": 10,
+    "legend.fontsize": 9,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "posecal",
+    "hatch.linewidth": 0.6,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A figure with its numbers.
+
+    name : str, of its files, without suffix
+    title, caption : str, plain text; the caption says what is seen and how to read it
+    figure : Figure
+    header : tuple of str, the columns with their units
+    rows : tuple of rows of the table; None where there is no value
+    """
+
+    name: str
+    title: str
+    caption: str
+    figure: Figure
+    header: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+
+
+@dataclass(frozen=True)
+class Look:
+    """How one line, bar or point is drawn; ``sign`` is its marker as a character."""
+
+    label: str
+    color: str
+    marker: str
+    linestyle: str
+    hatch: str
+    sign: str
+
+    @property
+    def line(self) -> dict[str, Any]:
+        """Keywords of a line with markers."""
+        return {"color": self.color, "marker": self.marker, "linestyle": self.linestyle}
+
+
+APPROACHES: Mapping[str, Look] = {
+    "pose plain": Look("#1 pose, plain", VERMILLION, "o", ":", "//", "●"),
+    "pose normalised": Look("#1 pose, normalised", PURPLE, "s", "-.", "\\\\", "■"),
+    "pose full": Look("#1 pose, full covariance", GREEN, "^", "--", "xx", "▲"),
+    "points": Look("#2 points", BLUE, "D", "-", "", "◆"),
+}
+SERIES: tuple[Look, ...] = (
+    Look("", BLACK, "o", "-", "", "●"),
+    Look("", BLUE, "s", "--", "//", "■"),
+    Look("", VERMILLION, "^", "-.", "\\\\", "▲"),
+    Look("", GREEN, "D", ":", "xx", "◆"),
+    Look("", PURPLE, "v", (0, (5, 1, 1, 1, 1, 1)), "..", "▼"),  # type: ignore[arg-type]
+    Look("", ORANGE, "P", (0, (8, 2)), "++", "✚"),  # type: ignore[arg-type]
+    Look("", SKY, "X", (0, (1, 1)), "oo", "✖"),  # type: ignore[arg-type]
+)
+
+
+def looks(keys: Iterable[str], solid: bool = False) -> dict[str, Look]:
+    """The look of each key: approaches keep theirs, others take the next that is free.
+
+    solid : bool, for bars, which are too heavy in black
+    """
+    keys = list(dict.fromkeys(keys))
+    known = [key for key in keys if key in APPROACHES]
+    taken = {APPROACHES[key].color for key in known}
+    free = [look for look in SERIES if look.color not in taken][solid:]
+    others = [key for key in keys if key not in APPROACHES]
+    return {key: APPROACHES[key] for key in known} | {
+        key: Look(key, *_parts(free[i % len(free)])) for i, key in enumerate(others)
+    }
+
+
+def _parts(look: Look) -> tuple[str, str, str, str, str]:
+    return look.color, look.marker, look.linestyle, look.hatch, look.sign
+
+
+# -- drawing -----------------------------------------------------------------------------------
+
+
+def styled(function: Callable[P, T]) -> Callable[P, T]:
+    """Run a drawing function under the common settings, whatever the user's are."""
+
+    @functools.wraps(function)
+    def run(*args: P.args, **kwargs: P.kwargs) -> T:
+        import matplotlib as mpl
+
+        with mpl.rc_context(RC):
+            return function(*args, **kwargs)
+
+    return run
+
+
+def sheet(width: float, height: float, layout: str = "constrained") -> Figure:
+    """An empty figure, inches; no global state. Panels of fixed aspect want layout "compressed"."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout=layout)  # type: ignore[arg-type]
+    figure.get_layout_engine().set(w_pad=0.08, h_pad=0.08)  # type: ignore[union-attr, call-arg]
+    return figure
+
+
+def tidy(panel: Axes, grid: str = "both") -> None:
+    """Thin grid behind the data, no box; grid is "x", "y", "both" or "none"."""
+    panel.set_axisbelow(True)
+    if grid != "none":
+        panel.grid(True, axis=grid, which="major", color=FAINT, linewidth=0.6)  # type: ignore[arg-type]
+    panel.spines[["top", "right"]].set_visible(False)
+
+
+def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
+    """One legend for all panels, in as many columns as fit."""
+    lengths = [0.075 * len(handle.get_label()) + 0.6 for handle in handles]  # inches, about
+    columns = len(handles)
+    while columns > 1 and _legend_width(lengths, columns) > figure.get_figwidth() - 0.3:
+        columns -= 1
+    columns = -(-len(handles) // -(-len(handles) // columns))
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
+
+
+def _legend_width(lengths: Sequence[float], columns: int) -> float:
+    """Width of entries set column by column, each column as wide as its widest."""
+    lines = -(-len(lengths) // columns)
+    return sum(max(lengths[i : i + lines]) for i in range(0, len(lengths), lines))
+
+
+def key_of(look: Look, **changed: Any) -> Any:
+    """Entry of a legend."""
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], label=look.label, **(look.line | changed))
+
+
+def log_ticks(axis: Axis, low: float, high: float) -> None:
+    """Plain numbers at 1, 2, 5 where few decades are shown, at powers of ten where many."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+
+    decades = math.log10(high / low)
+    steps = (1.0, 2.0, 5.0) if decades < 2.2 else (1.0,)
+    axis.set_major_locator(LogLocator(subs=steps, numticks=20))
+    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axis.set_minor_locator(NullLocator())
+    axis.set_minor_formatter(NullFormatter())
+
+
+def pose_ticks(panel: Axes, names: Sequence[str]) -> None:
+    """Names below the axis, upright where they would meet; every k-th where even that is too tight."""
+    step = -(-len(names) // _NAMED)
+    shown = range(0, len(names), step)
+    upright = len(shown) * max(map(len, names)) > 40
+    labels = [names[i] for i in shown]
+    panel.set_xticks(list(shown), labels, rotation=90 if upright else 0, fontsize=9)
+    panel.tick_params(axis="x", length=0)
+
+
+def short(value: float, digits: int = 3) -> str:
+    """A number with few digits and no exponent where it can be avoided; empty where there is none.
+
+    >>> short(1234.5), short(0.01234), short(3.0), short(float("nan"))
+    ('1234', '0.0123', '3.00', '')
+    """
+    if not math.isfinite(value):
+        return ""
+    if value == 0.0:
+        return "0"
+    size = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if not -5 < size < 6:
+        return f"{value:.{digits - 1}e}"
+    return f"{value:.{max(0, digits - 1 - size)}f}"
+
+
+def brief(names: Sequence[str]) -> list[str]:
+    """Labels of parameters without what is plain from the rest; whole where two would be alike.
+
+    >>> brief(["geometry:A2.x", "tool:marker:m1.x", "base:base.rz", "plain"])
+    ['A2 x', 'm1 x', 'base rz', 'plain']
+    >>> brief(["geometry:A2.x", "bearing_compliance:A2.x"])
+    ['geometry:A2.x', 'bearing_compliance:A2.x']
+    """
+    labels = [_tail(name) for name in names]
+    return [
+        label if labels.count(label) == 1 else name
+        for name, label in zip(names, labels, strict=True)
+    ]
+
+
+def _tail(name: str) -> str:
+    place = name.rsplit(":", 1)[-1]
+    return place.replace(".", " ", 1) if ":" in name else name
+
+
+def cell(value: Any) -> float | None:
+    """A number for a table: None where it is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
+# -- writing -----------------------------------------------------------------------------------
+
+
+def files(picture: Picture, folder: Path) -> dict[Path, str | bytes]:
+    """``name.svg``, ``name.png`` and ``name.csv`` of a picture, for ``calib.files.write_files``."""
+    base = folder / picture.name
+    return {
+        base.with_name(f"{picture.name}.svg"): svg_text(picture),
+        base.with_name(f"{picture.name}.png"): png_bytes(picture),
+        base.with_name(f"{picture.name}.csv"): csv_text(picture),
+    }
+
+
+def folder_files(pictures: Iterable[Picture], folder: Path) -> dict[Path, str | bytes]:
+    """The files of several pictures; their names must differ."""
+    made: dict[Path, str | bytes] = {}
+    for picture in pictures:
+        made |= files(picture, folder)
+    return made
+
+
+def svg_text(picture: Picture) -> str:
+    """The figure as SVG with title and description; equal for equal data."""
+    return _saved(picture, "svg", Date=None, Creator="posecal").decode("utf-8")
+
+
+def png_bytes(picture: Picture) -> bytes:
+    """The figure as PNG at 200 dots per inch; equal for equal data."""
+    return _saved(picture, "png", Software="posecal")
+
+
+def csv_text(picture: Picture) -> str:
+    """The table as CSV, six digits."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(picture.header)
+    writer.writerows([_plain(value) for value in row] for row in picture.rows)
+    return buffer.getvalue()
+
+
+def _plain(value: Cell) -> str:
+    if value is None:
+        return ""
+    return value if isinstance(value, str) else f"{value:.6g}"
+
+
+def _saved(picture: Picture, kind: str, **metadata: str | None) -> bytes:
+    import matplotlib as mpl
+
+    buffer = io.BytesIO()
+    described = {"Title": picture.title, "Description": picture.caption, **metadata}
+    # The name in the salt keeps identifiers apart where several pictures stand on one page.
+    with mpl.rc_context({**RC, "svg.hashsalt": f"posecal {picture.name}"}):
+        settle(picture.figure)
+        picture.figure.savefig(buffer, format=kind, dpi=DPI, metadata=described)
+    return buffer.getvalue()
+
+
+def settle(figure: Figure) -> None:
+    """Lay the figure out once: a second pass would move it by fractions of a pixel."""
+    if figure.get_layout_engine() is not None:
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")

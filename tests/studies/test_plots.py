@@ -1,0 +1,294 @@
+"""Figures by their structure: labels with units, tables equal to the data, equal bytes on repeat."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib.errors import InputError
+from calib.files.write import write_files
+from studies.plots import Picture, files
+from studies.plots.accuracy import against_markers, against_poses, length_unit
+from studies.plots.deviations import by_approach, chance_band, predicted_against_simulated
+from studies.plots.ellipses import correlation, correlations, ellipse, ellipses, share_inside
+from studies.plots.information import by_pose, derivative
+from studies.plots.residuals import by_pose_and_axis
+from studies.plots.style import APPROACHES, RC, SERIES, folder_files, looks, svg_text
+
+NAMES = ["geometry:A2.x", "geometry:A3.x", "joint_compliance:A2.compliance"]
+UNITS = ["um", "um", "urad/(N m)"]
+STD = {"pose plain": np.array([2.0, np.nan, 0.004]), "points": np.array([1.0, 3.0, 0.001])}
+RNG = np.random.default_rng(5)
+
+
+@cache
+def _deviations() -> Picture:
+    return by_approach(NAMES, UNITS, STD)
+
+
+@cache
+def _many() -> Picture:
+    names = [
+        f"geometry:A{k}.{axis}" for k in range(1, 8) for axis in ("x", "y", "z", "rx", "ry", "rz")
+    ]
+    units = ["um" if name[-2] == "." else "urad" for name in names]
+    return by_approach(names, units, {"points": np.geomspace(0.1, 9.0, 42)})
+
+
+@cache
+def _ratios() -> Picture:
+    simulated = {key: 1.05 * value for key, value in STD.items()}
+    return predicted_against_simulated(NAMES, UNITS, STD, simulated, 200)
+
+
+@cache
+def _ellipses() -> Picture:
+    C = np.array([[[4.0, 1.0], [1.0, 1.0]], [[np.nan, np.nan], [np.nan, 1.0]]])
+    samples = {"points": RNG.multivariate_normal([0, 0], C[0], 500)[:, None].repeat(2, axis=1)}
+    pairs = [("dl1", "mm", "dq1", "mdeg"), ("dl2", "mm", "dq2", "mdeg")]
+    return ellipses(pairs, {"points": C}, samples)
+
+
+@cache
+def _correlation() -> Picture:
+    return correlation(NAMES, np.array([[4.0, 1.9, 0.0], [1.9, 1.0, 0.0], [0.0, 0.0, 0.0]]))
+
+
+@cache
+def _accuracy() -> Picture:
+    return against_poses([3, 6, 12], {"points": np.array([np.nan, 2e-5, 1e-5])})
+
+
+@cache
+def _markers() -> Picture:
+    return against_markers(
+        [3, 4], {"Table II": np.array([2e-3, 1e-3]), "own": np.array([1e-3, 8e-4])}
+    )
+
+
+@cache
+def _information() -> Picture:
+    return by_pose(["p1", "p2"], np.array([[1.0, 0.5], [2.0, 0.5]]), ("geometry", "compliance"))
+
+
+@cache
+def _derivative() -> Picture:
+    level = np.radians([-90.0, 0.0])
+    angle, score = np.tile(level, 50), np.linspace(0.0, 1.0, 100)
+    return derivative(
+        score,
+        angle,
+        "A2",
+        np.array([98, 99]),
+        levels=level,
+        bound=np.array([0.995, 1.0]),
+        efficiency=0.98,
+    )
+
+
+@cache
+def _residuals() -> Picture:
+    residuals = RNG.normal(size=(4, 2, 3)) * 1e-5
+    residuals[2, 0, 1] = 1e-3
+    seen = np.ones((4, 2), dtype=bool)
+    seen[3] = False
+    outliers = np.array([False, False, True, False])
+    return by_pose_and_axis(["p1", "p2", "p3", "p4"], residuals, seen, ["m1", "m2"], 1e-5, outliers)
+
+
+ALL: list[Callable[[], Picture]] = [
+    _deviations,
+    _many,
+    _ratios,
+    _ellipses,
+    _correlation,
+    _accuracy,
+    _markers,
+    _information,
+    _derivative,
+    _residuals,
+]
+
+
+def table(picture: Picture) -> list[dict[str, str]]:
+    """The CSV as it is written, by column."""
+    text = files(picture, Path())[Path(f"{picture.name}.csv")]
+    assert isinstance(text, str)
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def column(picture: Picture, name: str) -> list[Any]:
+    """One column of the table before it is written."""
+    return [row[picture.header.index(name)] for row in picture.rows]
+
+
+@pytest.mark.parametrize("make", ALL)
+def test_every_picture_is_complete(make: Callable[[], Picture]) -> None:
+    picture = make()
+    made = files(picture, Path("out"))
+    assert [path.name for path in made] == [
+        f"{picture.name}.{end}" for end in ("svg", "png", "csv")
+    ]
+    assert str(made[Path("out") / f"{picture.name}.png"])[2:].startswith("\\x89PNG")
+    assert all(len(row) == len(picture.header) for row in picture.rows)
+    svg = svg_text(picture)
+    assert f"<dc:title>{picture.title}</dc:title>" in svg
+    assert picture.caption.endswith(".")
+    assert "<dc:date>" not in svg
+    assert "nan" not in svg.lower().replace("dominant", "")
+
+
+@pytest.mark.parametrize("make", ALL)
+def test_text_is_large_enough_and_axes_are_labelled(make: Callable[[], Picture]) -> None:
+    picture = make()
+    svg = svg_text(picture)
+    sizes = [float(s) for s in re.findall(r"font-size: ([\d.]+)px", svg)]
+    assert min(sizes) >= 9.0
+    labels = [axes.get_xlabel() + axes.get_ylabel() for axes in picture.figure.axes]
+    assert any(re.search(r"\[.+\]", label) for label in labels)
+
+
+def test_equal_data_give_equal_bytes() -> None:
+    first, second = _ratios(), _ratios.__wrapped__()
+    made = files(first, Path())
+    assert made == files(first, Path())
+    assert made == files(second, Path())
+
+
+def test_pictures_of_a_folder_are_together() -> None:
+    made = folder_files([_accuracy(), _markers()], Path("out"))
+    assert len(made) == 6
+    assert made.items() >= files(_markers(), Path("out")).items()
+
+
+def test_approaches_look_different_without_colour() -> None:
+    for field in ("marker", "linestyle", "hatch", "color", "sign"):
+        assert len({getattr(look, field) for look in APPROACHES.values()}) == len(APPROACHES)
+        assert len({str(getattr(look, field)) for look in SERIES}) == len(SERIES)
+    mixed = looks(["points", "own", "other"])
+    assert mixed["points"] is APPROACHES["points"]
+    assert len({look.color for look in mixed.values()}) == 3
+
+
+def test_user_settings_do_not_reach_the_figures() -> None:
+    import matplotlib as mpl
+
+    with mpl.rc_context({"font.size": 30.0, "font.family": "serif", "svg.hashsalt": "other"}):
+        own = svg_text(_accuracy.__wrapped__())
+    assert own == svg_text(_accuracy())
+    assert (
+        mpl.rcParams["font.size"] == RC["font.size"]
+    )  # matplotlib's own default, not ours left over
+
+
+def test_matplotlib_is_loaded_only_to_draw() -> None:
+    modules = ", ".join(f"studies.plots.{name}" for name in ("deviations", "ellipses", "residuals"))
+    code = f"import sys, {modules}; sys.exit('matplotlib' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_deviations_are_the_data() -> None:
+    picture = _deviations()
+    assert column(picture, "#2 points") == list(STD["points"])
+    assert column(picture, "#1 pose, plain") == [2.0, None, 0.004]
+    assert column(picture, "#1 pose, plain / #2 points") == [2.0, None, pytest.approx(4.0)]
+    assert table(picture)[1]["#1 pose, plain"] == ""
+    assert "cannot estimate" in picture.caption
+    panels = [axes for axes in picture.figure.axes if axes.get_xlabel()]
+    assert [axes.get_xlabel() for axes in panels] == [
+        f"standard deviation [{u}]" for u in ("um", UNITS[2])
+    ]
+
+
+def test_many_parameters_keep_their_rows() -> None:
+    labels = [t.get_text() for axes in _many().figure.axes for t in axes.get_yticklabels()]
+    assert len(labels) == 42
+    assert len(set(labels)) == 42
+
+
+def test_band_of_chance_is_that_of_samples() -> None:
+    low, high = chance_band(40)
+    std = RNG.normal(size=(20000, 40)).std(axis=1, ddof=1)
+    assert np.mean((std > low) & (std < high)) == pytest.approx(0.95, abs=0.006)
+    assert column(_ratios(), "#2 points: ratio") == pytest.approx([1.05] * 3)
+
+
+def test_ellipse_holds_its_share() -> None:
+    C = np.array([[4.0, 1.0], [1.0, 1.0]])
+    edge = ellipse(C)
+    np.testing.assert_allclose(
+        np.einsum("ki,ij,kj->k", edge, np.linalg.inv(C), edge), -2 * np.log(0.05)
+    )
+    samples = RNG.multivariate_normal([0, 0], C, 20000)
+    assert share_inside(C, samples) == pytest.approx(0.95, abs=0.006)
+    rows = table(_ellipses())
+    assert float(rows[0]["correlation"]) == pytest.approx(0.5)
+    assert rows[1]["correlation"] == ""
+
+
+def test_correlation_is_that_of_the_covariance() -> None:
+    picture = _correlation()
+    assert picture.rows[0] == (NAMES[0], NAMES[1], pytest.approx(0.95))
+    assert np.isnan(correlations(np.diag([1.0, 0.0]))[1, 1])
+    image = picture.figure.axes[0].images[0]
+    assert image.get_clim() == (-1.0, 1.0)
+
+
+def test_accuracy_is_in_readable_units() -> None:
+    assert column(_accuracy(), "#2 points [um]") == [None, pytest.approx(20.0), pytest.approx(10.0)]
+    assert column(_markers(), "Table II [mm]") == pytest.approx([2.0, 1.0])
+    assert length_unit({"none": np.array([np.nan])}) == (1e6, "um")
+
+
+def test_information_adds_up() -> None:
+    picture = _information()
+    assert column(picture, "geometry [parameters]") == [1.0, 2.0]
+    assert sum(column(picture, "share of all [%]")) == pytest.approx(100.0)
+
+
+def test_derivative_states_bound_and_efficiency() -> None:
+    picture = _derivative()
+    assert column(picture, "A2 [deg]") == pytest.approx([-90.0, 0.0])
+    assert column(picture, "bound [-]") == pytest.approx([0.995, 1.0])
+    assert "98.0 %" in picture.caption
+    free = derivative(np.linspace(0, 1, 3000), np.linspace(-1, 1, 3000), "A2", np.array([2999]))
+    assert column(free, "bound [-]") == [1.0]
+    assert free.figure.axes[0].get_xlabel() == "A2 [deg]"
+
+
+def test_residuals_mark_what_is_outside() -> None:
+    picture = _residuals()
+    panels = picture.figure.axes
+    assert [axes.get_ylabel() for axes in panels] == ["x [mm]", "y [mm]", "z [mm]"]
+    assert len({axes.get_ylim() for axes in panels}) == 1
+    assert panels[0].get_ylim()[1] < 0.1  # an outlier of a millimetre does not set the scale
+    assert picture.rows[2][1:] == (
+        pytest.approx(0.71, abs=0.01),
+        pytest.approx(1.0),
+        "y",
+        "m1",
+        "yes",
+    )
+    assert picture.rows[3] == ("p4", None, None, None, None, "")
+
+
+def test_bytes_are_written_as_they_are(tmp_path: Path) -> None:
+    png, text = tmp_path / "a.png", tmp_path / "a.csv"
+    write_files({png: b"\x89PNG\r\n\x1a\n", text: "µ\n"})
+    assert png.read_bytes() == b"\x89PNG\r\n\x1a\n"
+    assert text.read_bytes() == "µ\n".encode()
+    missing = tmp_path / "missing" / "b.png"
+    with pytest.raises(InputError):
+        write_files({png: b"new", missing: b"new"})
+    assert png.read_bytes().startswith(b"\x89PNG")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.png"]

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import signal
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from typing import ParamSpec, TypeVar
+from weakref import WeakSet
 
 from calib.errors import InputError
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 _PATIENCE_S = 10
 
@@ -19,31 +27,78 @@ def engine(workers: int = 1, scheduler: str | None = None) -> Iterator[Executor 
 
     workers : int, processes of this machine; scheduler : str, address of a dask scheduler
 
-    Raises InputError where the scheduler cannot be reached or dask is not installed.
+    Raises InputError where the scheduler cannot be reached or dask is not installed, and at the end
+    where a worker died or the cluster was lost.
     """
     if scheduler is not None:
         with _cluster(scheduler) as executor:
             yield executor
     elif workers > 1:
-        # Fresh processes: a fork would copy this one's threads half-way through their work.
-        pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_leave_interrupts)
+        pool = _Pool(workers)
         try:
             yield pool
+        except BrokenProcessPool:
+            raise InputError(
+                "--workers", str(workers), "a worker died, perhaps out of memory", "take fewer"
+            ) from None
         finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+            pool.end()
     else:
         yield None
 
 
-def _leave_interrupts() -> None:
-    """Ctrl-C ends the study, which then ends its workers."""
+class _Pool(ProcessPoolExecutor):
+    """Processes that Ctrl-C does not reach: it ends the study, which ends them."""
+
+    def __init__(self, workers: int) -> None:
+        # Fresh processes: a fork would copy this one's threads half-way through their work.
+        super().__init__(workers, get_context("spawn"), initializer=_stay_with_parent)
+        self._given: WeakSet[Future[object]] = WeakSet()
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        with _interrupts_held():  # processes are started here and inherit it
+            future = super().submit(fn, *args, **kwargs)
+            self._given.add(future)
+        return future
+
+    def end(self) -> None:
+        """Shut down. What still runs was given up and is not waited for."""
+        if not all(future.done() for future in self._given):
+            for process in list(self._processes.values()):
+                process.terminate()
+        self.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Keep Ctrl-C for later; processes started meanwhile never see it, not even while they import."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _stay_with_parent() -> None:
+    """Leave Ctrl-C to the study, and end with it even where it is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 @contextmanager
 def _cluster(address: str) -> Iterator[Executor]:
     try:
-        from distributed import Client
+        from distributed import Client, KilledWorker
     except ImportError:
         raise InputError(
             "--scheduler", "", "dask is not installed", "pip install 'posecal[cluster]'"
@@ -60,4 +115,13 @@ def _cluster(address: str) -> Iterator[Executor]:
             raise InputError(
                 "--scheduler", address, "has no workers", "start one: dask worker ADDRESS"
             )
-        yield client.get_executor(pure=False)
+        try:
+            yield client.get_executor(pure=False)
+        except KilledWorker:
+            raise InputError(
+                "--scheduler", address, "its workers died, perhaps out of memory", "see their logs"
+            ) from None
+        except (CancelledError, OSError):
+            raise InputError(
+                "--scheduler", address, "was lost", "see its log, then start anew"
+            ) from None

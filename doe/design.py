@@ -151,7 +151,7 @@ def _designed(
             )
             return replace(there, notes=(note, *there.notes))
         levels = settled
-    q, certificate, live = finish(problem, pool, chosen, effort, clock)
+    q, certificate, landscape, live = finish(problem, pool, chosen, effort, clock)
     q = q[visiting_order(q)]
     result = Design(
         problem=problem,
@@ -161,6 +161,7 @@ def _designed(
         assessment=assess(problem, q),
         certificate=certificate,
         candidates=Candidates(pool.drawn, len(pool), pool.removed, live),
+        landscape=landscape,
         travel=travel(q),
         rivals=_judged(problem, against, certificate.bound),
         curve=accuracy_curve(problem, pool, effort) if effort.curve else (),

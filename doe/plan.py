@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.poses import Poses, poses_at
 from calib.se3 import Array
@@ -77,6 +78,21 @@ class Certificate:
         return max(0.0, self.bound / self.weighted - 1.0)
 
 
+@dataclass(frozen=True, eq=False)
+class Landscape:
+    """How much each candidate would bring: the proof of the plan, candidate by candidate.
+
+    q : ndarray, shape (n, dof); the plan's own poses and the best of the others
+    share : ndarray, shape (n,), directional derivative of the criterion towards each, over what a
+        candidate of its level must reach to enter the weighted plan at which the bound was found
+    chosen : ndarray of bool, shape (n,)
+    """
+
+    q: Array
+    share: Array
+    chosen: NDArray[np.bool_]
+
+
 @dataclass(frozen=True)
 class Step:
     """The best plan found of so many poses.
@@ -115,6 +131,7 @@ class Design:
     poses : Poses, in the order of measuring
     level : ndarray, shape (N,), rad or m, NaN without levels; levels : Levels, settled, or None
     assessment : Assessment; certificate : Certificate; candidates : Candidates
+    landscape : Landscape
     travel : float, rad or m, joint travel from the first pose to the last
     rivals : dict, name -> Rival
     curve : tuple of Step, plans of fewer and more poses, empty unless asked for
@@ -129,6 +146,7 @@ class Design:
     assessment: Assessment
     certificate: Certificate
     candidates: Candidates
+    landscape: Landscape
     travel: float
     rivals: dict[str, Rival] = field(default_factory=dict)
     curve: tuple[Step, ...] = ()

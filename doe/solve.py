@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from calib.poses import IntArray
 from calib.se3 import Array
+from doe.allowed import Allowed
 from doe.assess import open_parameters
 from doe.branch import Proof, prove
 from doe.certify import survivors
 from doe.criteria.determinant import Determinant
 from doe.exchange import greedy
 from doe.packed import pack
-from doe.plan import Certificate
+from doe.plan import Certificate, Landscape
 from doe.polish import polish
 from doe.pool import Pool, drawn, judge
 from doe.problem import Problem
@@ -30,6 +31,7 @@ from doe.search import best_plan
 _PROVABLE = 400  # surviving candidates up to which branch and bound is tried
 _NODES = 400
 _ROUNDING = 1e-6
+_SHOWN = 20_000  # candidates of the landscape
 _LOOKED_AT = 100  # candidates of each level by which a number of poses is judged
 
 
@@ -130,8 +132,8 @@ def _refuse(problem: Problem, lost: NDArray[np.bool_]) -> None:
 
 def finish(
     problem: Problem, pool: Pool, chosen: Chosen, effort: Effort, clock: Clock
-) -> tuple[Array, Certificate, int]:
-    """Harden, polish, prove: joint values (N, dof), certificate, and candidates that survive."""
+) -> tuple[Array, Certificate, Landscape, int]:
+    """Harden, polish, prove: joint values (N, dof), certificate, and how many candidates survive."""
     criterion, before = problem.criterion, chosen
     if effort.robust:
         blocks, rules = problem.blocks(pool), problem.rules(pool.level)
@@ -173,7 +175,14 @@ def finish(
         agreement=float(np.median(before.starts) / before.value),
         left=smallest_left(criterion, blocks.total(proof.plan), blocks.matrices(proof.plan)),
     )
-    return q, certificate, len(live)
+    view = _landscape(pool, rules, blocks.scores(chosen.relaxed.G), proof.plan)
+    return q, certificate, view, len(live)
+
+
+def _landscape(pool: Pool, rules: Allowed, scores: Array, plan: IntArray) -> Landscape:
+    share = scores / rules.thresholds(scores)[rules.group]
+    shown = np.union1d(np.argsort(-share, kind="stable")[:_SHOWN], plan)
+    return Landscape(pool.q[shown], share[shown], np.isin(shown, plan))
 
 
 def _polished(problem: Problem, pool: Pool, chosen: Chosen, effort: Effort) -> tuple[Pool, Chosen]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
@@ -13,6 +13,8 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from studies.plots.style import Picture
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -20,6 +22,13 @@ _WIDTH = 120  # of tables in files and pipes
 
 json_option = click.option(
     "--json", "json_path", metavar="FILE", help="Write the result as JSON; - for standard output."
+)
+figures_option = click.option(
+    "--figures",
+    "folder",
+    metavar="FOLDER",
+    type=click.Path(path_type=Path),
+    help="Write the figures, as SVG and PNG, with their numbers as CSV.",
 )
 seed_option = click.option(
     "--seed",
@@ -113,3 +122,30 @@ def output_texts(json_path: str | None, result: dict[str, Any]) -> dict[Path, st
         click.echo(json_text(result), nl=False)
         return {}
     return {Path(json_path): json_text(result)}
+
+
+def figure_files(pictures: Iterable[Picture], folder: Path) -> dict[Path, str | bytes]:
+    """The files of figures in a folder, which is made. Raises InputError."""
+    from calib.errors import InputError
+    from studies.plots.style import folder_files
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(folder, "", f"cannot be made ({error.strerror})", "name another") from None
+    return folder_files(pictures, folder)
+
+
+def say_written(
+    written: Mapping[Path, str | bytes], folder: Path | None, json_path: str | None
+) -> None:
+    """Name the files, those of the figures together."""
+    own = [path for path in written if path.parent != folder]
+    for path in own:
+        click.echo(f"wrote {path}", err=json_path == "-")
+    if folder is not None:
+        count = len({path.stem for path in written if path.parent == folder})
+        click.echo(
+            f"wrote {count} figures to {folder} as .svg and .png, with their numbers as .csv",
+            err=json_path == "-",
+        )

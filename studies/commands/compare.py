@@ -12,11 +12,14 @@ from studies.commands.common import (
     check_outputs,
     console_for,
     envelope,
+    figure_files,
+    figures_option,
     json_option,
     one_line_faults,
     output_file,
     output_texts,
     plan_names,
+    say_written,
     seed_option,
 )
 
@@ -52,8 +55,7 @@ from studies.commands.common import (
 )
 @click.option("--values", "values_path", metavar="RESULT", type=click.Path(path_type=Path),
               help="A result of identify: predict and simulate at its values.")  # fmt: skip
-@click.option("--figures", "folder", metavar="FOLDER", type=click.Path(path_type=Path),
-              help="Write the figures, as SVG and PNG with their numbers as CSV.")  # fmt: skip
+@figures_option
 @json_option
 @seed_option
 @one_line_faults
@@ -122,14 +124,11 @@ def compare(
     texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
     if folder is not None:
         from studies.compare.pictures import pictures
-        from studies.plots.style import folder_files
 
-        folder.mkdir(parents=True, exist_ok=True)
-        texts |= folder_files(pictures(result), folder)
+        texts |= figure_files(pictures(result), folder)
     write_files(texts)
     _show(result, fields, json_path)
-    for path in texts:
-        click.echo(f"wrote {path}", err=json_path == "-")
+    say_written(texts, folder, json_path)
 
 
 def _processes(workers: int | None, trials: int) -> int:

@@ -11,11 +11,14 @@ from studies.commands.common import (
     check_outputs,
     console_for,
     envelope,
+    figure_files,
+    figures_option,
     json_option,
     one_line_faults,
     output_file,
     output_texts,
     plan_names,
+    say_written,
     seed_option,
 )
 
@@ -72,6 +75,7 @@ _CRITERIA = ("task", "task-worst", "D", "Ds", "A", "c", "E", "G")
     default=None,
     help="Move joint angles beyond the candidates. Default: yes, unless they come from a table.",
 )
+@figures_option
 @json_option
 @seed_option
 @one_line_faults
@@ -90,6 +94,7 @@ def design(
     robust: bool,
     repeats: bool | None,
     polish: bool | None,
+    folder: Path | None,
     json_path: str | None,
     seed: int,
 ) -> None:
@@ -146,15 +151,18 @@ def design(
     except calib.CalibError as error:
         raise InputError(cell_path, "", str(error)) from None
     fields: dict[str, Any] = {**envelope("design", inputs, seed), **design_fields(result)}
-    texts = output_texts(json_path, fields)
+    texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
     if plan_path is not None:
         import numpy as np
 
         texts[plan_path] = plan_csv(cell, result.poses, np.array(shown_levels(result)))
+    if folder is not None:
+        from studies.design.pictures import pictures
+
+        texts |= figure_files(pictures(result), folder)
     write_files(texts)
     _show(result, fields, json_path)
-    for path in texts:
-        click.echo(f"wrote {path}", err=json_path == "-")
+    say_written(texts, folder, json_path)
 
 
 def _source(candidates: str) -> int | Path:
@@ -195,7 +203,7 @@ def _progress() -> Any:
 
 
 def _show(result: Any, fields: dict[str, Any], json_path: str | None) -> None:
-    from studies.design_tables import design_tables
+    from studies.design.tables import design_tables
 
     console = console_for(json_path)
     for part in design_tables(result, fields):

@@ -11,9 +11,12 @@ from studies.commands.common import (
     check_outputs,
     console_for,
     envelope,
+    figure_files,
+    figures_option,
     json_option,
     one_line_faults,
     output_texts,
+    say_written,
     seed_option,
     warn,
 )
@@ -73,6 +76,7 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path),
     help="Write the URDF with the identified geometry and the markers.",
 )
+@figures_option
 @json_option
 @seed_option
 @one_line_faults
@@ -86,6 +90,7 @@ def identify(
     length_mm: float,
     differences: bool,
     urdf_path: Path | None,
+    folder: Path | None,
     json_path: str | None,
     seed: int,
 ) -> None:
@@ -141,13 +146,16 @@ def identify(
         **_expected_accuracy(cell, result),
     }
     warn(result.warnings)
-    texts = output_texts(json_path, fields)
+    texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
     if urdf_path is not None:
         texts[urdf_path] = _corrected(cell, result)
+    if folder is not None:
+        from studies.identify.pictures import pictures
+
+        texts |= figure_files(pictures(result), folder)
     write_files(texts)
     _show(cell, result, fields, json_path)
-    for path in texts:
-        click.echo(f"wrote {path}", err=json_path == "-")
+    say_written(texts, folder, json_path)
 
 
 def _held_out(
@@ -204,7 +212,7 @@ def _corrected(cell: Cell, result: Identification) -> str:
 def _show(
     cell: Cell, result: Identification, fields: dict[str, Any], json_path: str | None
 ) -> None:
-    from studies.tables import identification_tables
+    from studies.identify.tables import identification_tables
 
     console = console_for(json_path)
     for part in identification_tables(cell, result, fields):

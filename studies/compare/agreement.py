@@ -1,8 +1,8 @@
 """Whether simulation bears the prediction out: chi-square tests of the errors of the trials.
 
-With errors e of T trials about the truth and the predicted covariance C, ``sum e^2 / C_aa`` of each
-parameter is chi-square with T degrees of freedom, and ``sum e^T C^-1 e`` with T times the rank of C.
-Both count scatter and bias.
+With errors e of T trials, their mean m and the predicted covariance C of rank k, chi-square are: the
+scatter ``sum (e - m)^T C^-1 (e - m)`` with (T - 1) k degrees of freedom, the same for each parameter
+alone with T - 1, and the bias ``T m^T C^-1 m`` with k.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Agreement:
     trials : int; std : ndarray, shape (p,), SI, of the trials about their own mean
     bias : ndarray, shape (p,), SI, mean error; NaN in both where a parameter is open
     ratio : ndarray, shape (p,), simulated over predicted standard deviation
-    total : float, mean of ``e^T C^-1 e`` over its expectation
+    total : float, scatter over its expectation
     p : float, probability of so large a disagreement by chance, over all tests made (Bonferroni)
     """
 
@@ -53,6 +53,8 @@ def agreement(errors: Array, covariance: Array) -> Agreement | None:
 
     errors : ndarray, shape (trials, p), SI; covariance : ndarray, shape (p, p), SI
     """
+    from scipy.special import chdtrc
+
     trials = len(errors)
     variance = np.diag(covariance)
     known = variance > 0.0
@@ -66,16 +68,18 @@ def agreement(errors: Array, covariance: Array) -> Agreement | None:
     )
     free = values > _RANK
     whitened = scaled @ vectors[:, free] / np.sqrt(values[free])
-    total = float((whitened**2).sum())
-    alone = [_two_sided((scaled[:, a] ** 2).sum(), trials) for a in range(scaled.shape[1])]
-    smallest = min(_two_sided(total, whitened.size), len(alone) * min(alone))
+    mean, k = whitened.mean(axis=0), whitened.shape[1]
+    scatter, dof = float(((whitened - mean) ** 2).sum()), (trials - 1) * k
+    alone = [_two_sided((trials - 1) * v, trials - 1) for v in scaled.var(axis=0, ddof=1)]
+    bias = float(chdtrc(k, trials * (mean**2).sum()))
+    smallest = min(_two_sided(scatter, dof), bias, len(alone) * min(alone))
     return Agreement(
         trials,
         std,
         np.where(known, errors.mean(axis=0), np.nan),
         std / predicted,
-        total / whitened.size,
-        min(1.0, 2.0 * smallest),
+        scatter / dof,
+        min(1.0, 3.0 * smallest),
     )
 
 

@@ -16,11 +16,14 @@ from studies.compare.experiment import POINTS, WAYS, Experiment, experiment_of
 from studies.compare.prediction import Prediction, accuracy_at, predict
 
 _SUBSETS = 7  # drawn of each size
+_SIZES = 7
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
     """Task RMS [m] by a number of things: median, least and largest over subsets of that size.
+
+    Sizes at which no way determines every parameter are left out.
 
     counts : ndarray of int, shape (s,); rms : dict, way -> ndarray, shape (s, 3); NaN or infinite
         where a way cannot be had or leaves parameters open
@@ -45,11 +48,23 @@ def influence(experiment: Experiment, prediction: Prediction, configurations: in
     return np.asarray((share / np.where(total > 0.0, total, np.nan)).T)
 
 
+def influence_by_effect(
+    experiment: Experiment, prediction: Prediction, configurations: int
+) -> tuple[Array, list[str]]:
+    """Influence summed over the parameters of each effect, shape (m, effects), and their names."""
+    share = influence(experiment, prediction, configurations)
+    effects = np.array([p.effect for p in experiment.model.parameters])
+    groups = list(dict.fromkeys(effects.tolist()))
+    summed = [np.nansum(share[:, effects == group], axis=1) for group in groups]
+    return np.stack(summed, axis=1), groups
+
+
 def by_poses(cell: Cell, experiment: Experiment, configurations: int, seed: int = 0) -> Curve:
     """Accuracy of random parts of a plan."""
     targets, weights = targets_of(cell)
     rng = np.random.default_rng(seed)
-    counts = np.unique(np.linspace(1, configurations, min(configurations, 8)).round().astype(int))
+    fewest = -(-configurations // 3)
+    counts = np.unique(np.linspace(fewest, configurations, _SIZES).round().astype(int))
     rows = []
     for count in counts:
         several = 1 if count == configurations else _SUBSETS
@@ -86,7 +101,8 @@ def _curve(counts: IntArray, rows: list[list[dict[str, float]]]) -> Curve:
     for way in WAYS:
         values = [[found.get(way.key, np.inf) for found in row] for row in rows]
         rms[way.key] = np.array([[np.median(v), min(v), max(v)] for v in values])
-    return Curve(counts, rms)
+    known = np.any([np.isfinite(v[:, 0]) for v in rms.values()], axis=0)
+    return Curve(counts[known], {key: v[known] for key, v in rms.items()})
 
 
 def _part(experiment: Experiment, kept: IntArray, configurations: int) -> Experiment:

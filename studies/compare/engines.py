@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import threading
@@ -10,7 +11,7 @@ from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExec
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 from weakref import WeakSet
 
 from calib.errors import InputError
@@ -18,7 +19,7 @@ from calib.errors import InputError
 P = ParamSpec("P")
 T = TypeVar("T")
 
-_PATIENCE_S = 10
+_PATIENCE_S = 8
 
 
 @contextmanager
@@ -53,7 +54,7 @@ class _Pool(ProcessPoolExecutor):
     def __init__(self, workers: int) -> None:
         # Fresh processes: a fork would copy this one's threads half-way through their work.
         super().__init__(workers, get_context("spawn"), initializer=_stay_with_parent)
-        self._given: WeakSet[Future[object]] = WeakSet()
+        self._given: WeakSet[Future[Any]] = WeakSet()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         with _interrupts_held():  # processes are started here and inherit it
@@ -103,18 +104,9 @@ def _cluster(address: str) -> Iterator[Executor]:
         raise InputError(
             "--scheduler", "", "dask is not installed", "pip install 'posecal[cluster]'"
         ) from None
-    try:
-        client = Client(address, timeout=_PATIENCE_S)
-    except (OSError, ValueError, TypeError) as error:
-        said = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(
-            "--scheduler", address, f"no scheduler answers ({said})", "start one, or leave it out"
-        ) from None
-    with client:
-        if not client.scheduler_info()["workers"]:
-            raise InputError(
-                "--scheduler", address, "has no workers", "start one: dask worker ADDRESS"
-            )
+    if not _workers_at(address):
+        raise InputError("--scheduler", address, "has no workers", "start one: dask worker ADDRESS")
+    with Client(address, timeout=_PATIENCE_S) as client:
         try:
             yield client.get_executor(pure=False)
         except KilledWorker:
@@ -125,3 +117,23 @@ def _cluster(address: str) -> Iterator[Executor]:
             raise InputError(
                 "--scheduler", address, "was lost", "see its log, then start anew"
             ) from None
+
+
+def _workers_at(address: str) -> int:
+    """Workers of a scheduler, asked in a loop of its own: dask waits for ever where nothing speaks."""
+    from distributed import Client
+
+    async def ask() -> int:
+        client = Client(address, timeout=_PATIENCE_S, asynchronous=True)
+        try:
+            return len((await client).scheduler_info()["workers"])
+        finally:
+            await client.close()
+
+    try:
+        return asyncio.run(asyncio.wait_for(ask(), _PATIENCE_S + 0.5))
+    except Exception as error:  # whatever listens there may answer anything
+        said = str(error).splitlines()[0] if str(error) else f"silent for {_PATIENCE_S} s"
+        raise InputError(
+            "--scheduler", address, f"no scheduler answers ({said})", "start one, or leave it out"
+        ) from None

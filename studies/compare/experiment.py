@@ -124,8 +124,7 @@ def noise_weights(
     """Whitening matrices of the points of a plan, shape (m, M, 3, 3), 1/m, zero where hidden."""
     along = beams(model, values, poses, model.predict(values, poses), instrument)
     W = noise.whitening(along, np.full(seen.shape, np.nan))
-    weights: Array = W * seen[..., None, None]
-    return weights
+    return np.asarray(np.where(seen[..., None, None], W, 0.0))
 
 
 def plausible(model: Model, poses: Poses, seed: int) -> Array:
@@ -133,7 +132,7 @@ def plausible(model: Model, poses: Poses, seed: int) -> Array:
     _, J = model.jacobian(np.zeros(len(model.parameters)), poses)
     moved = np.linalg.norm(J, axis=-2).max(axis=(0, 1))
     size = np.minimum(model.sizes, _PLAUSIBLE_M / np.maximum(moved, 1e-300))
-    values = size * np.random.default_rng(seed).standard_normal(len(size))
+    values: Array = size * np.random.default_rng(seed).standard_normal(len(size))
     values[model.where(Base, Tool)] = 0.0
     elastic = model.where(ElasticEffect)
     values[elastic] = np.abs(values[elastic])

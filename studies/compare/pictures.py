@@ -11,7 +11,7 @@ import numpy as np
 from calib.covariance import correlation
 from calib.se3 import Array
 from calib.threads import one_blas_thread
-from studies.compare.anatomy import by_markers, by_poses, influence
+from studies.compare.anatomy import by_markers, by_poses, influence_by_effect
 from studies.compare.compare import Comparison, PlanStudy, Verdict
 from studies.compare.experiment import POINTS
 from studies.plots import accuracy, deviations, ellipses, information
@@ -64,7 +64,10 @@ def _of_plan(result: Comparison, study: PlanStudy) -> Iterator[Picture]:
     cov = _points(study).prediction.covariance
     yield _ellipses(study, correlation(cov))
     yield ellipses.correlation(names, np.where(np.diag(cov) > 0.0, correlation(cov), np.nan))
-    yield _information(study)
+    share, groups = influence_by_effect(
+        study.experiment, _points(study).prediction, len(study.plan)
+    )
+    yield information.by_pose(study.plan.names, share, groups)
     curve = by_poses(result.cell, study.experiment, len(study.plan))
     yield accuracy.against_poses(list(curve.counts), _known(curve.rms))
     if len(result.cell.marker_names) > 1:
@@ -94,14 +97,6 @@ def _ellipses(study: PlanStudy, R: Array) -> Picture:
         covariances,
         samples,
     )
-
-
-def _information(study: PlanStudy) -> Picture:
-    share = influence(study.experiment, _points(study).prediction, len(study.plan))
-    effects = [p.effect for p in study.experiment.model.parameters]
-    groups = list(dict.fromkeys(effects))
-    summed = [np.nansum(share[:, [e == g for e in effects]], axis=1) for g in groups]
-    return information.by_pose(study.plan.names, np.stack(summed, axis=1), groups)
 
 
 def _known(rms: dict[str, Array]) -> dict[str, Array]:

@@ -18,7 +18,7 @@ _MATTERS = 1.02  # change of a standard deviation that is worth a word
 
 def comparison_fields(result: Comparison) -> dict[str, Any]:
     """The fields of ``compare --json``, without provenance."""
-    low, high = band(result.trials) if result.trials > 1 else (math.nan, math.nan)
+    ratios = sum(int(np.isfinite(found.ratio).sum()) for found in result.agreements)
     return {
         "plans": [_plan(study) for study in result.plans],
         "targets": str(result.cell.design.get("targets") or "200 Sobol poses"),
@@ -27,11 +27,17 @@ def comparison_fields(result: Comparison) -> dict[str, Any]:
         "agreement": {
             "worst_ratio": result.worst_ratio,
             "chi2_p": result.p,
-            "ratio_band95": [low, high],
+            "ratio_band95": _band(result.trials, 0.95),
+            "worst_ratio_band95": _band(result.trials, 1.0 - 0.05 / max(1, ratios)),
+            "ratios": ratios,
             "believed": None if result.p is None else result.p >= BELIEVED,
             "says": _says(result),
         },
     }
+
+
+def _band(trials: int, level: float) -> list[float]:
+    return list(band(trials, level)) if trials > 1 else [math.nan, math.nan]
 
 
 def _plan(study: PlanStudy) -> dict[str, Any]:

@@ -16,16 +16,24 @@ from studies.tables import number, plain_table
 
 _MOST_PARAMETERS = 24  # above it base and tool stand in the JSON alone
 _SAME = 1.005
+_TITLES = ("#1\nplain", "#1\nnorm.", "#1\nfull", "#2\npoints")
 
 
 def comparison_tables(result: Comparison, fields: dict[str, Any]) -> Iterator[RenderableType]:
-    """The answer, accuracy of every way at every plan, and standard deviations plan by plan."""
+    """The answer, accuracy of every way at every plan, and standard deviations of the parameters.
+
+    One plan is shown under every approach, several under approach #2 side by side.
+    """
     yield _answer(result, fields)
     yield Text("")
     yield _accuracy(fields)
-    for plan in fields["plans"]:
-        yield Text(f"\n{plan['plan']}: standard deviations, and what plain #1 loses", style="bold")
-        yield _parameters(plan, fields["trials"] > 0)
+    plans = fields["plans"]
+    if len(plans) == 1:
+        yield Text("\nstandard deviations, and what plain #1 loses", style="bold")
+        yield _approaches(plans[0], fields["trials"] > 0)
+    else:
+        yield Text("\nstandard deviations of approach #2 at each plan", style="bold")
+        yield _side_by_side(plans)
 
 
 def _answer(result: Comparison, fields: dict[str, Any]) -> Text:
@@ -62,7 +70,7 @@ def _best(plans: list[dict[str, Any]], targets: str) -> Iterator[str]:
     for name, value in known.items():
         if name != best and value > _SAME * known[best]:
             times = (value / known[best]) ** 2
-            yield f"           {name} would have to be measured {times:.1f} times over to match it"
+            yield f"           {name} would have to be measured {times:.2f} times over to match it"
 
 
 def _gain(plans: list[dict[str, Any]]) -> Iterator[str]:
@@ -98,11 +106,11 @@ def _belief(fields: dict[str, Any]) -> Iterator[str]:
     found = fields["agreement"]
     if found["chi2_p"] is None:
         return
-    low, high = found["ratio_band95"]
+    low, high = found["worst_ratio_band95"]
     yield f"believe    {found['says']}"
     yield (
-        f"           simulated / predicted is {found['worst_ratio']:.2f} where it is farthest from one"
-        f" ({low:.2f} to {high:.2f} are chance at 95 %); p = {found['chi2_p']:.2g}"
+        f"           simulated / predicted is {found['worst_ratio']:.2f} where it is farthest from one "
+        f"({low:.2f} to {high:.2f} is chance among {found['ratios']}); p = {found['chi2_p']:.2g}"
     )
     stuck = [e["not_converged"] for plan in fields["plans"] for e in plan["approaches"]]
     if any(stuck):
@@ -153,20 +161,41 @@ def _accuracy(fields: dict[str, Any]) -> Table:
     return table
 
 
-def _parameters(plan: dict[str, Any], simulated: bool) -> Table:
+def _approaches(plan: dict[str, Any], simulated: bool) -> Table:
     entries = plan["approaches"]
+    factors = [e["factor"] for e in plan["improvement"]]
+    columns = {
+        title: [p["std"] for p in entry["parameters"]]
+        for title, entry in zip(_TITLES[-len(entries) :], entries, strict=True)
+    }
+    if simulated:
+        columns["#2\nsim."] = [p["monte_carlo_std"] for p in _entry(plan, "points")["parameters"]]
+    return _parameters(plan, columns, {"plain\nover #2": factors} if factors else {})
+
+
+def _side_by_side(plans: list[dict[str, Any]]) -> Table:
+    """Plans beside the first; those whose model has other angles are in the JSON alone."""
+    first = [p["id"] for p in _entry(plans[0], "points")["parameters"]]
+    columns = {}
+    for plan in plans:
+        own = _entry(plan, "points")["parameters"]
+        if [p["id"] for p in own] == first:
+            columns[f"\n{plan['plan']}"] = [p["std"] for p in own]
+    return _parameters(plans[0], columns, {})
+
+
+def _parameters(
+    plan: dict[str, Any], columns: dict[str, list[float]], factors: dict[str, list[float]]
+) -> Table:
+    """Standard deviations and ratios by parameter, effect by effect."""
     points = _entry(plan, "points")["parameters"]
-    columns = ["#1\nplain", "#1\nnorm.", "#1\nfull", "#2\npoints"][-len(entries) :]
-    columns += ["#2\nsim."] if simulated else []
     table = plain_table(
         ("\nparameter", "left"),
         ("\nunit", "left"),
-        *((title, "right") for title in columns),
-        ("plain\nover #2", "right"),
+        *((title, "right") for title in (*columns, *factors)),
     )
-    factors = [e["factor"] for e in plan["improvement"]] or [np.nan] * len(points)
     group = ""
-    for i, (p, factor) in enumerate(zip(points, factors, strict=True)):
+    for i, p in enumerate(points):
         if p["effect"] in ("base", "tool") and len(points) > _MOST_PARAMETERS:
             continue
         if p["effect"] != group:
@@ -175,9 +204,8 @@ def _parameters(plan: dict[str, Any], simulated: bool) -> Table:
         table.add_row(
             f"  {p['where']} {p['name']}",
             p["unit"],
-            *(_std(e["parameters"][i]["std"]) for e in entries),
-            *([_std(p["monte_carlo_std"])] if simulated else []),
-            "-" if np.isnan(factor) else f"{factor:.2f}",
+            *(_std(values[i]) for values in columns.values()),
+            *(f"{values[i]:.2f}" for values in factors.values()),
         )
     return table
 

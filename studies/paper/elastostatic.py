@@ -232,9 +232,9 @@ def _print_intervals(console: Any, cell: Cell) -> list[LoadPoint]:
     ratio = printed[KNOWN] * MICRO / ours.std[KNOWN]
     console.print(
         "\nThe unit: Table IV prints rad/(N mm) without a power of ten. At 1e-6 rad/(N m) its\n"
-        f"intervals of chi_21 to chi_4 are {ratio.min():.1f} to {ratio.max():.1f} times what 0.01 mm of "
-        f"noise leave open,\nand the load bends the arm by {_deflection(cell, plan)}. Read as printed, "
-        "both would be\n1e9 times as much."
+        f"intervals of chi_21 to chi_4 are {ratio.min():.1f} to {ratio.max():.1f} times what 0.01 mm "
+        f"of noise leave open,\nand the load bends the arm by {_deflection(cell, plan)}. Read as "
+        "printed, both would be\n1e9 times as much."
     )
     return best
 

@@ -1,8 +1,8 @@
 """What approach #1 loses against #2 beyond its weighting: ``python -m studies.paper.losses``.
 
-Known marker geometry and full covariance: nothing, however many markers. Unknown geometry: nothing while
-every pose shows all markers at equal noise; with hidden markers or noise that depends on the beam, the
-error of the shape that #1 computes first falls on the poses unequally.
+Known marker geometry and full covariance: nothing, however many markers. Unknown geometry: nothing
+while every pose shows all markers at equal noise; with hidden markers or noise that depends on the
+beam, the error of the shape that #1 computes first falls on the poses unequally.
 """
 
 from __future__ import annotations

@@ -142,7 +142,8 @@ def derivative(
     panel.set_ylabel(f"derivative of {criterion}, bound = 1 [-]")
     if limits.size > 1:
         panel.set_ylabel(f"derivative of {criterion} [-]")
-    panel.set_ylim(bottom=min(0.0, float(score.min())))
+    low, high = float(score.min()), max(float(score.max()), float(limits.max()))
+    panel.set_ylim(low - 0.12 * (high - low), high + 0.12 * (high - low))
     if efficiency is not None:
         panel.set_title(
             f"at least {100.0 * efficiency:.1f} % of the best", loc="right", color="0.2"

@@ -15,7 +15,9 @@ from studies.compare.experiment import PLAIN, POINTS
 from studies.paper import table_one
 from studies.paper.table_one_search import NAMES, predicted, read_experiment
 
-PRINTED = json.loads((Path(__file__).parent.parent / "reference" / "paper.json").read_text())["table_I"]
+PRINTED = json.loads((Path(__file__).parent.parent / "reference" / "paper.json").read_text())[
+    "table_I"
+]
 KEYS = {"approach_1": PLAIN.key, "approach_2": POINTS.key}
 
 
@@ -68,9 +70,12 @@ def test_the_gain_is_the_weighting_of_approach_one() -> None:
 
 def test_where_the_base_stands_turned_has_no_influence() -> None:
     setting = table_one.embedded_setting()
-    turned = table_one.Setting(setting.q + [0.7, 0.0, 0.0], setting.markers, setting.length)
+    turned = table_one.Setting(
+        setting.q + np.array([0.7, 0.0, 0.0]), setting.markers, setting.length
+    )
     first, second = (
-        table_one.predictions_at(table_one.experiment_at(s))[PLAIN.key].std for s in (setting, turned)
+        table_one.predictions_at(table_one.experiment_at(s))[PLAIN.key].std
+        for s in (setting, turned)
     )
     np.testing.assert_allclose(first, second, rtol=1e-9)
 

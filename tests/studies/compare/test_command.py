@@ -1,0 +1,233 @@
+"""``posecal compare`` as a user and an outside check see it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from studies.cli import main
+from studies.demo import INPUTS, embedded_text
+
+ELASTIC = 'effects = ["stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6"]'
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The paper's cell with its elastostatic model, and two plans."""
+    path = tmp_path_factory.mktemp("cell")
+    for name in INPUTS:
+        (path / name).write_text(embedded_text(name))
+    cell = path / "cell.toml"
+    cell.write_text(re.sub(r"^effects = .*$", ELASTIC, cell.read_text(), flags=re.M))
+    rows = (path / "plan.csv").read_text().splitlines()
+    (path / "shorter.csv").write_text("\n".join([rows[0], *rows[1::2], ""]))
+    return path
+
+
+@pytest.fixture(scope="module")
+def done(folder: Path) -> Result:
+    return run(
+        "compare", folder / "cell.toml", folder / "plan.csv", folder / "shorter.csv",
+        "--monte-carlo", 100, "--workers", 1, "--json", folder / "out.json",
+        "--figures", folder / "figures",
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def fields(folder: Path, done: Result) -> dict[str, Any]:
+    assert done.exit_code == 0, done.output
+    return json.loads((folder / "out.json").read_text(), parse_constant=pytest.fail)
+
+
+def entry(plan: dict[str, Any], approach: str, weighting: str) -> dict[str, Any]:
+    found = [
+        e for e in plan["approaches"] if (e["approach"], e["weighting"]) == (approach, weighting)
+    ]
+    assert len(found) == 1
+    return found[0]
+
+
+def test_result_holds_what_the_contract_names(folder: Path, fields: dict[str, Any]) -> None:
+    assert (fields["schema"], fields["command"], fields["seed"]) == (1, "compare", 0)
+    assert {Path(f["file"]).name for f in fields["inputs"]} == {
+        "cell.toml", "kr270.urdf", "plan.csv", "shorter.csv",
+    }  # fmt: skip
+    assert fields["trials"] == 100
+    assert set(fields["agreement"]) >= {"worst_ratio", "chi2_p"}
+    assert [plan["plan"] for plan in fields["plans"]] == ["plan.csv", "shorter.csv"]
+    for plan in fields["plans"]:
+        for own in plan["approaches"]:
+            assert len(own["parameters"]) == 9
+            assert set(own["parameters"][0]) >= {"name", "std", "unit", "monte_carlo_std"}
+            assert own["task_rms_mm"] > 0.0
+        assert len(plan["improvement"]) == 9
+
+
+def test_figures_are_consistent(fields: dict[str, Any]) -> None:
+    for plan in fields["plans"]:
+        plain, points = entry(plan, "pose", "plain"), entry(plan, "points", "full")
+        for a, b, gain in zip(
+            plain["parameters"], points["parameters"], plan["improvement"], strict=True
+        ):
+            assert gain["factor"] == pytest.approx(a["std"] / b["std"])
+            assert b["monte_carlo_std"] == pytest.approx(b["std"], rel=0.3)
+        full = entry(plan, "pose", "full")
+        assert full["task_rms_mm"] == pytest.approx(points["task_rms_mm"], rel=1e-9)
+        assert sum(p["parameters_worth"] for p in plan["by_pose"]) == pytest.approx(9.0)
+    whole, half = fields["plans"]
+    assert (
+        entry(half, "points", "full")["task_rms_mm"] > entry(whole, "points", "full")["task_rms_mm"]
+    )
+    ratios = [
+        p["monte_carlo_std"] / p["std"]
+        for plan in fields["plans"] for e in plan["approaches"] for p in e["parameters"]
+    ]  # fmt: skip
+    worst = fields["agreement"]["worst_ratio"]
+    assert any(worst == pytest.approx(r) for r in ratios)
+
+
+def test_the_answer_comes_first(done: Result) -> None:
+    lines = done.output.splitlines()
+    assert lines[0] == "kr270 milling cell: 9 parameters, 2 plans, 100 simulated experiments each"
+    assert lines[1].startswith("best       plan.csv with approach points:")
+    assert lines[2].strip().startswith("shorter.csv would have to be measured")
+    assert "equals #2: the gain is in the weighting" in done.output
+    assert max(map(len, lines)) <= 120
+
+
+def test_figures_are_written_with_their_numbers(folder: Path, done: Result) -> None:
+    assert "figures to" in done.output
+    made = {path.name for path in (folder / "figures").iterdir()}
+    stems = {name.rsplit(".", 1)[0] for name in made}
+    own = {"deviations", "predicted_simulated", "ellipses", "correlation", "information"}
+    own |= {"accuracy_poses", "accuracy_markers"}
+    assert stems == {"plans"} | {f"{plan}_{name}" for plan in ("plan", "shorter") for name in own}
+    assert made == {f"{stem}.{kind}" for stem in stems for kind in ("svg", "png", "csv")}
+    with (folder / "figures" / "plan_deviations.csv").open() as file:
+        rows = list(csv.reader(file))
+    assert len(rows) == 10
+    assert (folder / "figures" / "plans.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_nothing_simulated(folder: Path) -> None:
+    done = run(
+        "compare", folder / "cell.toml", folder / "plan.csv", "--monte-carlo", 0, "--json", "-"
+    )
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout, parse_constant=pytest.fail)
+    assert found["trials"] == 0
+    assert found["agreement"]["worst_ratio"] is None
+    assert found["agreement"]["chi2_p"] is None
+    assert found["plans"][0]["approaches"][0]["parameters"][0]["monte_carlo_std"] is None
+    assert "not simulated" in done.stderr
+
+
+def test_same_seed_same_result(folder: Path) -> None:
+    def once(*more: object) -> dict[str, Any]:
+        done = run(
+            "compare", folder / "cell.toml", folder / "plan.csv", "--monte-carlo", 20, "--json", "-",
+            *more,
+        )  # fmt: skip
+        assert done.exit_code == 0, done.output
+        return json.loads(done.stdout)
+
+    assert once() == once()
+    assert once("--seed", 1)["agreement"] != once()["agreement"]
+
+
+def test_values_of_an_identification(folder: Path, tmp_path: Path) -> None:
+    result = tmp_path / "identified.json"
+    compliance = {"stiffness_vs_angle": 0.28, "joint_compliance": 1.5}
+    knots = (-140, -99.85, -56.9, -25.24, -0.01)
+    ids = [f"stiffness_vs_angle:A2.compliance@{k:g}" for k in knots]
+    ids += [f"joint_compliance:A{k}.compliance" for k in range(3, 7)]
+    entries = [{"id": i, "value": compliance[i.split(":")[0]], "unit": "urad/(N m)"} for i in ids]
+    result.write_text(json.dumps({"parameters": entries}))
+    call = ("compare", folder / "cell.toml", folder / "plan.csv", "--monte-carlo", 20)
+    done = run(*call, "--values", result)
+    assert done.exit_code == 0, done.output
+    entries[0]["unit"] = "rad/(N mm)"
+    result.write_text(json.dumps({"parameters": entries}))
+    faulty = run(*call, "--values", result)
+    assert faulty.exit_code == 2
+    assert "has no value in urad/(N m)" in faulty.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("cell.toml",), "Missing argument"),
+        (("cell.toml", "none.csv"), "none.csv"),
+        (("none.toml", "plan.csv"), "none.toml"),
+        (("cell.toml", "plan.csv", "--monte-carlo", "-1"), "--monte-carlo"),
+        (("cell.toml", "plan.csv", "--workers", "0"), "--workers"),
+        (("cell.toml", "plan.csv", "--length-mm", "0"), "--length-mm"),
+        (("cell.toml", "plan.csv", "--values", "plan.csv"), "is not a result of posecal identify"),
+        (("cell.toml", "plan.csv", "--values", "none.json"), "cannot be read"),
+        (("cell.toml", "plan.csv", "--json", "plan.csv"), "already an input"),
+        (("cell.toml", "plan.csv", "--json", "no/folder/out.json"), "cannot be written"),
+        (("cell.toml", "plan.csv", "--figures", "plan.csv"), "cannot be made"),
+        (("cell.toml", "plan.csv", "--scheduler", "nonsense"), "--scheduler"),
+        (("cell.toml", "empty.csv"), "empty.csv"),
+        (("cell.toml", "truth.json"), "truth.json"),
+    ],
+)
+def test_faults_end_in_one_line(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], said: str
+) -> None:
+    monkeypatch.chdir(folder)
+    (folder / "empty.csv").write_text("pose,A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg\n")
+    call = [sys.executable, "-c", "from studies.cli import run; run()", "compare", *arguments]
+    call += [] if "--monte-carlo" in arguments else ["--monte-carlo", "0"]
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    assert done.returncode == 2, done.stdout + done.stderr
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1, done.stderr
+    assert said in lines[0]
+
+
+def test_a_robot_of_the_users_own(data: Path, tmp_path: Path) -> None:
+    """The whole question on a UR10: a designed plan against one of as many measured poses."""
+    cell = data / "ur10_leica_b" / "cell.toml"
+    best = tmp_path / "best.csv"
+    designed = run(
+        "design", cell, "--poses", 20, "--criterion", "task", "--candidates", 2000, "-o", best
+    )
+    assert designed.exit_code == 0, designed.output
+    with (data / "ur10_leica_b" / "measurements.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    first = {row["pose"]: row for row in reversed(rows)}
+    header = ["pose", *(name for name in rows[0] if name.endswith(("_deg", "_rad")))]
+    own = tmp_path / "own.csv"
+    lines = [[row[name] for name in header] for row in list(first.values())[::-1][:20]]
+    own.write_text("\n".join(",".join(line) for line in [header, *lines]) + "\n")
+    done = run(
+        "compare",
+        cell,
+        best,
+        own,
+        "--monte-carlo",
+        100,
+        "--workers",
+        1,
+        "--json",
+        tmp_path / "o.json",
+    )
+    assert done.exit_code == 0, done.output
+    assert done.output.splitlines()[1].startswith("best       best.csv")
+    found = json.loads((tmp_path / "o.json").read_text())
+    assert found["agreement"]["worst_ratio"] == pytest.approx(1.0, abs=0.35)
+    rms = [entry(plan, "points", "full")["task_rms_mm"] for plan in found["plans"]]
+    assert rms[1] > 1.1 * rms[0]

@@ -1,0 +1,289 @@
+"""Predicted covariances and Monte Carlo refits of both approaches."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import calib
+import doe
+from calib import Cell, Poses
+from calib.errors import CalibError
+from calib.noise import Noise
+from calib.poses import poses_at
+from calib.se3 import Array
+from studies.compare import compare
+from studies.compare.agreement import agreement, band
+from studies.compare.anatomy import by_markers, by_poses, influence, influence_by_effect
+from studies.compare.experiment import PLAIN, POINTS, WAYS, Experiment, experiment_of
+from studies.compare.montecarlo import refits
+from studies.compare.prediction import predict
+from studies.compare.results import comparison_fields
+from tests.helpers import cell_of, random_poses, random_robot, with_effects
+
+
+def random_cell(seed: int, dof: int, markers: int, *effects: str) -> tuple[Cell, Poses]:
+    """A cell with nothing special about it and twelve poses in it."""
+    rng = np.random.default_rng(seed)
+    robot = random_robot(rng, dof, prismatic=(1,) if seed % 3 == 0 else ())
+    cell = cell_of(robot, rng.uniform(-0.2, 0.2, (markers, 3)), effects)
+    return cell, random_poses(rng, robot, 12)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000), st.integers(3, 7), st.integers(3, 6))
+def test_full_covariance_makes_the_approaches_equal(seed: int, dof: int, markers: int) -> None:
+    """For known marker geometry; base, geometry and compliances estimated, tracker noise."""
+    cell, plan = random_cell(seed, dof, markers, "base", "geometry", "joint_compliance")
+    cell = replace(cell, noise=Noise(3e-6, 5e-6, 0.0, 2e-6))
+    experiment = experiment_of(cell, plan, seed=seed)
+    found = {way.key: predict(experiment, way) for way in WAYS}
+    points, full = found["points"].covariance, found["pose full"].covariance
+    scale = np.sqrt(np.diag(points))
+    scale[scale == 0.0] = 1.0
+    np.testing.assert_allclose(
+        full / np.outer(scale, scale), points / np.outer(scale, scale), atol=1e-9
+    )
+    known = np.isfinite(found["points"].std)
+    np.testing.assert_allclose(found["pose full"].std[known], found["points"].std[known], rtol=1e-9)
+    for key in ("pose plain", "pose normalised"):
+        assert (found[key].std[known] > found["points"].std[known] * (1.0 - 1e-9)).all()
+
+
+def test_prediction_is_the_inverse_of_the_information(kr270: Cell, table_two: Poses) -> None:
+    """Against the observation matrices of the public interface, and against the design's figures."""
+    experiment = experiment_of(kr270, table_two)
+    B = calib.observation(kr270, table_two).reshape(-1, 42) / kr270.noise.across
+    scale = np.linalg.norm(B, axis=0)
+    std = np.sqrt(np.diag(np.linalg.inv((B / scale).T @ (B / scale)))) / scale
+    np.testing.assert_allclose(predict(experiment, POINTS).std, std, rtol=1e-6)
+    plan = doe.design(kr270, criterion="D", candidates=600, refine=False)
+    rival = compare(kr270, {"own": plan.poses}, trials=0).plans[0]
+    points = rival.of(POINTS)
+    assert points is not None
+    np.testing.assert_allclose(points.prediction.std, plan.assessment.std, rtol=1e-6)
+    assert points.task_rms == pytest.approx(plan.assessment.task_rms, rel=1e-6)
+    assert points.task_worst == pytest.approx(plan.assessment.task_worst, rel=1e-6)
+
+
+@pytest.mark.parametrize("effects", [("tool",), ("base", "tool")], ids=["base known", "base too"])
+def test_thousand_refits_scatter_as_predicted(
+    kr270: Cell, table_two: Poses, effects: tuple[str, ...]
+) -> None:
+    """Both approaches, every weighting, a robot that is off, free and loaded: nonlinear throughout."""
+    elastic = [e for e in kr270.effects if "stiffness" in e or "compliance" in e]
+    cell = with_effects(kr270, *effects, *elastic)
+    result = compare(cell, {"Table II": table_two}, trials=500, seed=1)
+    for verdict in result.plans[0].verdicts:
+        found = verdict.agreement
+        assert found is not None
+        assert found.trials == 500
+        low, high = band(500, 0.9999)
+        assert low < found.ratio.min()
+        assert found.ratio.max() < high
+        assert np.abs(found.bias_share).max() < 4.5
+        assert found.p > 1e-3
+        assert verdict.simulated_rms == pytest.approx(verdict.task_rms, rel=0.05)
+    assert result.p is not None
+    assert result.p > 1e-3
+    assert np.abs(result.plans[0].changed - 1.0).max() < 0.02
+
+
+def test_what_is_simulated_is_not_the_nominal_robot(kr270: Cell, table_two: Poses) -> None:
+    experiment = experiment_of(kr270, table_two, seed=3)
+    moved = experiment.model.predict(experiment.truth, experiment.poses) - experiment.model.predict(
+        experiment.nominal, experiment.poses
+    )
+    size = np.linalg.norm(moved, axis=-1)
+    assert 0.5e-3 < np.median(size) < 20e-3
+    again = experiment_of(kr270, table_two, seed=3)
+    np.testing.assert_array_equal(experiment.truth, again.truth)
+    assert (experiment.truth != experiment_of(kr270, table_two, seed=4).truth).any()
+
+
+def test_given_values_are_where_it_is_predicted_and_simulated(
+    kr270: Cell, table_two: Poses
+) -> None:
+    values = dict.fromkeys(calib.parameters(kr270), 0.0) | {"joint_compliance:A3.compliance": 4e-7}
+    study = compare(kr270, {"p": table_two}, trials=0, values=values).plans[0]
+    np.testing.assert_array_equal(study.experiment.truth, study.experiment.nominal)
+    assert study.experiment.nominal.max() == 4e-7
+    with pytest.raises(CalibError, match="no parameter 'nonsense'"):
+        compare(kr270, {"p": table_two}, trials=0, values={"nonsense": 1.0})
+
+
+def test_one_marker_leaves_approach_two(kr270: Cell, table_two: Poses) -> None:
+    cell = replace(kr270, marker_names=("m1",), markers=kr270.markers[:1])
+    cell = replace(cell, marker_normals=kr270.marker_normals[:1])
+    cell = replace(cell, marker_acceptance=kr270.marker_acceptance[:1])
+    study = compare(cell, {"p": table_two}, trials=20).plans[0]
+    assert [v.way for v in study.verdicts] == [POINTS]
+    assert study.improvement is None
+    assert study.of(PLAIN) is None
+
+
+def test_a_parameter_that_the_plan_leaves_open_is_said(kr270: Cell, table_two: Poses) -> None:
+    """A1 parallel to gravity: its compliance cannot be seen, the others can."""
+    cell = with_effects(
+        kr270, "stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6", "joint_offset:A1"
+    )
+    few = table_two.take(np.arange(3))
+    study = compare(cell, {"three": few}, trials=20).plans[0]
+    points = study.of(POINTS)
+    assert points is not None
+    open_ = np.isnan(points.prediction.std)
+    assert open_.any()
+    assert np.isfinite(points.prediction.std).any()
+    assert points.task_rms == np.inf
+    assert points.agreement is not None
+    assert np.isnan(points.agreement.ratio[open_]).all()
+    assert not study.refits.errors["points"][:, open_].any()
+    fields = comparison_fields(compare(cell, {"three": few}, trials=0))
+    assert json.dumps(fields["plans"][0]["plan"]) == '"three"'
+
+
+# -- agreement ---------------------------------------------------------------------------------
+
+
+def drawn(cov: Array, trials: int, seed: int = 0) -> Array:
+    return np.random.default_rng(seed).multivariate_normal(np.zeros(len(cov)), cov, trials)
+
+
+COV = np.array([[4.0, 1.9, 0.0], [1.9, 1.0, 0.0], [0.0, 0.0, 9.0]]) * 1e-12
+
+
+def test_p_values_are_uniform_or_rarer_where_the_prediction_is_right() -> None:
+    found = [agreement(drawn(COV, 200, seed), COV) for seed in range(400)]
+    p = np.array([own.p for own in found if own is not None])
+    for level in (0.01, 0.05, 0.2):
+        assert np.mean(p < level) < level + 3.0 * np.sqrt(level / 400)
+    assert np.mean(p < 0.2) > 0.03, "and not for want of power"
+
+
+@pytest.mark.parametrize(
+    "errors",
+    [
+        drawn(COV * 1.3, 500),
+        drawn(COV / 1.3, 500),
+        drawn(COV, 500) + np.array([0.3e-6, 0.0, 0.0]),
+        drawn(np.diag(np.diag(COV)), 500),
+    ],
+    ids=["too wide", "too narrow", "biased", "uncorrelated"],
+)
+def test_a_wrong_prediction_is_refuted(errors: Array) -> None:
+    found = agreement(errors, COV)
+    assert found is not None
+    assert found.p < 1e-3
+
+
+def test_agreement_of_directions_that_are_fixed_and_of_nothing() -> None:
+    joined = np.array([[1.0, 1.0], [1.0, 1.0]]) * 1e-12
+    errors = np.repeat(np.random.default_rng(0).normal(0.0, 1e-6, (300, 1)), 2, axis=1)
+    found = agreement(errors, joined)
+    assert found is not None
+    assert found.p > 0.01
+    assert found.total == pytest.approx(1.0, abs=0.3)
+    assert agreement(errors[:1], joined) is None
+    assert agreement(errors, np.zeros((2, 2))) is None
+
+
+def test_worst_ratio_is_farthest_in_either_direction() -> None:
+    found = agreement(drawn(COV * np.diag([0.25, 1.0, 1.0]) + np.diag([0, 0, 1e-12]), 4000), COV)
+    assert found is not None
+    assert found.worst_ratio == found.ratio[0] == pytest.approx(0.5, abs=0.03)
+
+
+def test_disagreement_is_explained(kr270: Cell, table_two: Poses) -> None:
+    """Noise of centimetres on rotations of some degrees: the estimate is not linear in it."""
+    cell = with_effects(kr270, "base", "tool", "geometry")
+    cell = replace(cell, noise=Noise.isotropic(0.15), load=None)
+    result = compare(cell, {"coarse": table_two}, trials=60)
+    found = comparison_fields(result)["agreement"]
+    assert found["chi2_p"] < 0.01
+    assert found["believed"] is False
+    assert "coarse" in found["says"]
+    assert "not linear" in found["says"]
+    fine = compare(cell_of_fine(kr270), {"fine": table_two}, trials=60)
+    assert comparison_fields(fine)["agreement"]["says"] == "simulation and prediction agree"
+
+
+def cell_of_fine(kr270: Cell) -> Cell:
+    return replace(with_effects(kr270, "base", "tool", "geometry"), load=None)
+
+
+# -- anatomy -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def nine(kr270: Cell, table_two: Poses) -> Experiment:
+    return experiment_of(with_effects(kr270, *[e for e in kr270.effects if ":" in e]), table_two)
+
+
+def test_influence_of_the_poses_sums_to_one(nine: Experiment) -> None:
+    prediction = predict(nine, POINTS)
+    share = influence(nine, prediction, 15)
+    assert share.shape == (15, 9)
+    np.testing.assert_allclose(share.sum(axis=0), 1.0)
+    summed, groups = influence_by_effect(nine, prediction, 15)
+    assert groups == ["stiffness_vs_angle", "joint_compliance"]
+    np.testing.assert_allclose(summed.sum(axis=0), [5.0, 4.0])
+    knots = [p.name for p in nine.model.parameters[:5]]
+    at = share[:3, knots.index("compliance@-0.01")].sum()
+    assert at > 0.5, "the compliance at a level comes from the poses at that level"
+
+
+def test_noise_at_a_pose_counts_as_its_influence_says(nine: Experiment) -> None:
+    """More noise at one pose raises each variance by that pose's share."""
+    share = influence(nine, predict(nine, POINTS), 15)
+    rows = calib_rows(nine)
+    gain = np.linalg.pinv(rows.reshape(-1, 9))
+    weights = np.ones((30, 9))
+    weights[[3, 18]] = np.sqrt(2.0)
+    variance = ((gain * weights.ravel()) ** 2).sum(axis=1)
+    np.testing.assert_allclose(variance / (gain**2).sum(axis=1), 1.0 + share[3], rtol=1e-8)
+
+
+def calib_rows(experiment: Experiment) -> Array:
+    _, J = experiment.model.jacobian(experiment.nominal, experiment.poses)
+    return np.asarray(J.reshape(len(experiment.poses), 9, -1))
+
+
+def test_accuracy_by_poses_and_markers(kr270: Cell, table_two: Poses) -> None:
+    cell = with_effects(kr270, "base", "tool", "joint_offset:A2,A3")
+    experiment = experiment_of(cell, table_two)
+    curve = by_poses(cell, experiment, 15)
+    assert curve.counts[-1] == 15
+    points = curve.rms["points"]
+    assert (np.diff(points[:, 0]) < 0.0).all(), "more poses, more accuracy"
+    assert (points[:, 1] <= points[:, 0]).all()
+    assert (points[:, 0] <= points[:, 2]).all()
+    whole = compare(cell, {"p": table_two}, trials=0).plans[0].of(POINTS)
+    assert whole is not None
+    assert points[-1, 0] == pytest.approx(whole.task_rms)
+    markers = by_markers(cell, table_two)
+    assert list(markers.counts) == [1, 2, 3]
+    assert np.isinf(markers.rms["pose plain"][:2]).all()
+    assert (np.diff(markers.rms["points"][:, 0]) < 0.0).all()
+
+
+# -- Monte Carlo -------------------------------------------------------------------------------
+
+
+def test_trials_without_load_or_tool(kr270: Cell) -> None:
+    robot = kr270.robot
+    low, high = robot.sample_limits().T
+    q = np.random.default_rng(0).uniform(low, high, (6, 6))
+    cell = with_effects(replace(kr270, load=None), "joint_offset:A2,A3,A4")
+    experiment = experiment_of(cell, poses_at(q))
+    prediction = predict(experiment, POINTS)
+    done = refits(experiment, [prediction], 120)
+    assert done.trials == done.asked == 120
+    assert done.settled["points"].all()
+    found = agreement(done.of("points"), prediction.covariance)
+    assert found is not None
+    assert found.p > 1e-3

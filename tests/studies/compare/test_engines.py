@@ -1,0 +1,335 @@
+"""Who computes the trials changes no digit; interruptions and faults end in one line."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from calib.errors import InputError
+from studies.cli import main
+from studies.commands import compare as command
+from studies.compare import engine, engines, montecarlo
+from studies.compare.experiment import Experiment, experiment_of
+from studies.compare.montecarlo import MOST_TRIALS, Refits, refits
+from studies.compare.prediction import Prediction, predict
+from studies.demo import embedded_text
+from tests.helpers import cell_of, random_poses, random_robot
+
+Study = tuple[Experiment, list[Prediction]]
+COUNTS = (1, MOST_TRIALS - 1, MOST_TRIALS, 2 * MOST_TRIALS + 17)
+RUN = [sys.executable, "-c", "from studies.cli import run; run()", "compare"]
+NOWHERE = "tcp://127.0.0.1:1"
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    rng = np.random.default_rng(3)
+    robot = random_robot(rng, 3)
+    cell = cell_of(robot, rng.uniform(-0.2, 0.2, (3, 3)), ["tool", "joint_compliance"])
+    experiment = experiment_of(cell, random_poses(rng, robot, 5))
+    return experiment, [predict(experiment, way) for way in experiment.ways]
+
+
+@pytest.fixture(scope="module")
+def scheduler() -> Iterator[str]:
+    """Address of a dask cluster of two processes, where the first death of a worker is a fault."""
+    dask = pytest.importorskip("dask")
+    distributed = pytest.importorskip("distributed")
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+        ) as cluster,
+    ):
+        yield cluster.scheduler_address
+    assert not multiprocessing.active_children()
+
+
+@pytest.fixture(scope="module", params=["threads", "processes", "dask"])
+def executor(request: pytest.FixtureRequest) -> Iterator[Executor | None]:
+    with ExitStack() as stack:
+        if request.param == "threads":
+            yield stack.enter_context(ThreadPoolExecutor(4))
+        elif request.param == "processes":
+            yield stack.enter_context(engine(workers=2))
+        else:
+            address = request.getfixturevalue("scheduler")
+            yield stack.enter_context(engine(scheduler=address))
+
+
+def fresh(study: Study) -> Study:
+    """The study without what its model remembers."""
+    experiment, predictions = study
+    return replace(experiment, model=replace(experiment.model)), predictions
+
+
+def same(a: Refits, b: Refits) -> bool:
+    return a.errors.keys() == b.errors.keys() and all(
+        np.array_equal(a.errors[way], b.errors[way])
+        and np.array_equal(a.settled[way], b.settled[way])
+        for way in a.errors
+    )
+
+
+@pytest.mark.parametrize("trials", COUNTS)
+def test_no_digit_depends_on_who_computes(
+    study: Study, executor: Executor | None, trials: int
+) -> None:
+    here = refits(*fresh(study), trials, seed=(5, 1))
+    there = refits(*fresh(study), trials, seed=(5, 1), executor=executor)
+    assert here.trials == there.trials == trials
+    assert len(here.errors) == 4
+    assert np.stack(list(here.errors.values())).any()
+    assert same(here, there)
+
+
+def test_more_trials_begin_with_the_same(study: Study) -> None:
+    many = refits(*study, 3 * MOST_TRIALS)
+    for trials in (MOST_TRIALS, 2 * MOST_TRIALS, MOST_TRIALS + 7, 3):
+        few = refits(*study, trials)
+        for way, prediction in zip(few.errors, study[1], strict=True):
+            whole = trials // MOST_TRIALS * MOST_TRIALS
+            assert np.array_equal(few.errors[way][:whole], many.errors[way][:whole])
+            # A block that ends early rounds differently: its trials share their array operations.
+            off = (few.errors[way] - many.errors[way][:trials]) / prediction.std
+            assert np.abs(off).max() < 1e-6
+
+
+def test_seeds_differ_by_plan(study: Study) -> None:
+    assert not same(refits(*study, 3, seed=(0, 0)), refits(*study, 3, seed=(0, 1)))
+
+
+# -- interruption --------------------------------------------------------------------------------
+
+
+def interrupt_at(count: int) -> Callable[[int], None]:
+    done: list[int] = []
+
+    def progress(trials: int) -> None:
+        done.append(trials)
+        if len(done) == count:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+def test_an_interruption_keeps_what_is_done(study: Study, executor: Executor | None) -> None:
+    found = refits(*fresh(study), 10 * MOST_TRIALS, executor=executor, progress=interrupt_at(2))
+    assert found.asked == 10 * MOST_TRIALS
+    assert found.trials == 2 * MOST_TRIALS
+    again = refits(*fresh(study), 3, executor=executor)
+    assert again.trials == 3, "the executor can be used again"
+
+
+def test_blocks_that_run_are_not_waited_for() -> None:
+    begun = time.monotonic()
+    with engine(workers=2) as pool:
+        assert pool is not None
+        for _ in range(5):
+            pool.submit(time.sleep, 60.0)
+        pool.submit(abs, -1).cancel()
+    assert time.monotonic() - begun < 20.0
+    assert not multiprocessing.active_children()
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> list[str]:
+    """Arguments of a comparison whose blocks are fast."""
+    lines = embedded_text("cell.toml").splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith("effects ="))
+    lines[at] = 'effects = ["tool", "joint_compliance:A3,A4"]'
+    (tmp_path / "cell.toml").write_text("\n".join(lines))
+    (tmp_path / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
+    plan = embedded_text("plan.csv").splitlines()
+    (tmp_path / "plan.csv").write_text("\n".join(plan[:5]) + "\n")
+    (tmp_path / "other.csv").write_text("\n".join([plan[0], *plan[5:9]]) + "\n")
+    return [str(tmp_path / "cell.toml"), str(tmp_path / "plan.csv")]
+
+
+def compare(*options: str) -> Result:
+    return CliRunner().invoke(main, ["compare", *options])
+
+
+def test_an_interrupted_command_writes_what_is_done(
+    small: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @contextmanager
+    def progress(_: int) -> Iterator[Callable[[int], None]]:
+        yield interrupt_at(2)
+
+    monkeypatch.setattr(sys.modules[command.callback.__module__], "_progress", progress)
+    out = tmp_path / "result.json"
+    done = compare(*small, "--monte-carlo", "170", "--workers", "1", "--json", str(out))
+    assert done.exit_code == 0, done.output
+    fields = json.loads(out.read_text())
+    assert (fields["trials"], fields["trials_asked"]) == (2 * MOST_TRIALS, 170)
+    assert "interrupted: 100 of 170 trials done" in done.stdout
+
+
+def alive(session: int) -> list[str]:
+    """Processes of a session that have not ended."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue  # it ended meanwhile
+        if int(fields[3]) == session and fields[0] != "Z":
+            found.append(path.parent.name)
+    return found
+
+
+def wait_until(fact: Callable[[], bool], seconds: float) -> bool:
+    end = time.monotonic() + seconds
+    while not fact() and time.monotonic() < end:
+        time.sleep(0.05)
+    return fact()
+
+
+@contextmanager
+def started(*options: str) -> Iterator[subprocess.Popen[str]]:
+    """A comparison with a session of its own, as a terminal would start it."""
+    with subprocess.Popen(
+        [*RUN, *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        try:
+            yield process
+        finally:
+            if alive(process.pid):
+                os.killpg(process.pid, signal.SIGKILL)
+
+
+linux = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /proc")
+
+
+@linux
+@pytest.mark.parametrize("after", [0.0, 0.3, 3.0], ids=["at once", "workers start", "at work"])
+def test_ctrl_c_ends_the_command_and_its_workers(
+    small: list[str], tmp_path: Path, after: float
+) -> None:
+    out = tmp_path / "result.json"
+    before = sorted(p.name for p in tmp_path.iterdir())
+    options = ("--monte-carlo", "200000", "--workers", "2", "--json", str(out))
+    with started(*small, *options) as process:
+        # The command, a resource tracker, two workers.
+        assert wait_until(lambda: len(alive(process.pid)) >= 4, 30.0)
+        time.sleep(after)
+        os.killpg(process.pid, signal.SIGINT)
+        begun = time.monotonic()
+        stdout, stderr = process.communicate(timeout=30.0)
+        assert time.monotonic() - begun < 10.0
+        assert wait_until(lambda: not alive(process.pid), 5.0), "no worker is left"
+    assert "Traceback" not in stdout + stderr
+    if out.exists():
+        fields = json.loads(out.read_text())
+        assert 0 < fields["trials"] < fields["trials_asked"]
+        assert process.returncode == 0
+        assert not stderr
+    else:
+        assert process.returncode != 0
+        assert len(stderr.strip().splitlines()) == 1
+        assert "interrupted" in stderr
+        assert sorted(p.name for p in tmp_path.iterdir()) == before
+
+
+@linux
+def test_workers_end_with_a_command_that_is_killed(small: list[str]) -> None:
+    with started(*small, "--monte-carlo", "200000", "--workers", "2") as process:
+        assert wait_until(lambda: len(alive(process.pid)) >= 4, 30.0)
+        time.sleep(3.0)  # imports done
+        process.kill()
+        assert wait_until(lambda: not alive(process.pid), 10.0)
+
+
+# -- faults --------------------------------------------------------------------------------------
+
+
+def one_line(done: Result, *words: str) -> None:
+    assert done.exit_code == 2, done.output
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert done.stderr.startswith("posecal: --")
+    assert all(word in done.stderr for word in words), done.stderr
+
+
+def test_nonsense_for_a_scheduler(small: list[str]) -> None:
+    pytest.importorskip("distributed")
+    one_line(compare(*small, "--scheduler", "nonsense"), "nonsense", "no scheduler answers")
+
+
+def test_nothing_listens(small: list[str]) -> None:
+    pytest.importorskip("distributed")
+    begun = time.monotonic()
+    done = subprocess.run(
+        [*RUN, *small, "--scheduler", NOWHERE], capture_output=True, text=True, check=False
+    )
+    assert time.monotonic() - begun < 8.0 + engines._PATIENCE_S
+    assert done.returncode == 2
+    assert not done.stdout
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert NOWHERE in done.stderr
+
+
+def test_what_listens_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(engines, "_PATIENCE_S", 1)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(InputError, match="no scheduler answers"), engine(scheduler=address):
+            pass
+
+
+def test_a_cluster_without_workers(small: list[str]) -> None:
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None) as cluster:
+        address = cluster.scheduler_address
+        one_line(compare(*small, "--scheduler", address), address, "has no workers")
+
+
+def test_dask_is_not_installed(small: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    one_line(compare(*small, "--scheduler", NOWHERE), "dask is not installed", "pip install")
+
+
+def die(*_: object) -> None:
+    os._exit(1)
+
+
+def test_a_worker_that_dies(small: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(montecarlo, "refit", die)
+    done = compare(*small, "--monte-carlo", "200", "--workers", "2")
+    one_line(done, "--workers: 2", "a worker died")
+    assert not multiprocessing.active_children()
+
+
+def test_a_worker_of_the_cluster_that_dies(
+    small: list[str], scheduler: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(montecarlo, "refit", die)
+    one_line(compare(*small, "--scheduler", scheduler), scheduler, "its workers died")
+
+
+def test_a_fault_of_a_block_is_not_hidden(
+    small: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(montecarlo, "refit", divmod)
+    done = compare(*small, "--monte-carlo", "200", "--workers", "2")
+    assert isinstance(done.exception, TypeError)

@@ -104,9 +104,12 @@ def _cluster(address: str) -> Iterator[Executor]:
         raise InputError(
             "--scheduler", "", "dask is not installed", "pip install 'posecal[cluster]'"
         ) from None
-    if not _workers_at(address):
-        raise InputError("--scheduler", address, "has no workers", "start one: dask worker ADDRESS")
+    _knock(address)
     with Client(address, timeout=_PATIENCE_S) as client:
+        if not client.scheduler_info()["workers"]:
+            raise InputError(
+                "--scheduler", address, "has no workers", "start one: dask worker ADDRESS"
+            )
         try:
             yield client.get_executor(pure=False)
         except KilledWorker:
@@ -119,19 +122,19 @@ def _cluster(address: str) -> Iterator[Executor]:
             ) from None
 
 
-def _workers_at(address: str) -> int:
-    """Workers of a scheduler, asked in a loop of its own: dask waits for ever where nothing speaks."""
+def _knock(address: str) -> None:
+    """See that a scheduler answers, in a loop of our own: dask waits for ever for a silent port."""
     from distributed import Client
 
-    async def ask() -> int:
+    async def connect() -> None:
         client = Client(address, timeout=_PATIENCE_S, asynchronous=True)
         try:
-            return len((await client).scheduler_info()["workers"])
+            await client
         finally:
             await client.close()
 
     try:
-        return asyncio.run(asyncio.wait_for(ask(), _PATIENCE_S + 0.5))
+        asyncio.run(asyncio.wait_for(connect(), _PATIENCE_S + 0.5))
     except Exception as error:  # whatever listens there may answer anything
         said = str(error).splitlines()[0] if str(error) else f"silent for {_PATIENCE_S} s"
         raise InputError(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calib.se3 import Array
+from studies.compare.agreement import band
 from studies.plots.style import (
     FAINT,
     INK,
@@ -98,7 +99,7 @@ def predicted_against_simulated(
     """
     look = looks(predicted)
     ratios = {key: _positive(simulated[key]) / _positive(predicted[key]) for key in predicted}
-    low, high = chance_band(trials)
+    low, high = band(trials)
     figure, panels = _panels(names, [""] * len(names))
     everything = np.concatenate([*ratios.values(), [low, high]])
     left, right = np.nanmin(everything), np.nanmax(everything)
@@ -132,14 +133,6 @@ def predicted_against_simulated(
         columns += [np.asarray(predicted[key]), np.asarray(simulated[key]), ratios[key]]
     table = _rows(names, units, columns)
     return Picture(name, title, caption, figure, tuple(header), table)
-
-
-def chance_band(trials: int) -> tuple[float, float]:
-    """Where 95 % of the ratios of a sample standard deviation to the true one lie (chi-square)."""
-    from scipy.special import chdtri
-
-    free = trials - 1
-    return math.sqrt(chdtri(free, 0.975) / free), math.sqrt(chdtri(free, 0.025) / free)
 
 
 # -- rows of parameters ------------------------------------------------------------------------

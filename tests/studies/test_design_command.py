@@ -167,3 +167,17 @@ def test_faults_are_one_line(folder: Path, case: str) -> None:
     if case != "criterion":  # click's own usage text, one line in the real entry point
         assert len(lines) == 1
     assert sorted(folder.iterdir()) == before
+
+
+def test_figures_of_a_design(folder: Path, tmp_path: Path) -> None:
+    made = run(
+        "design", folder / "cell.toml", "--candidates", 500, "--curve",
+        "--against", folder / "plan.csv", "--figures", tmp_path / "figures",
+    )  # fmt: skip
+    assert made.exit_code == 0, made.output
+    assert "wrote 4 figures" in made.output
+    stems = {path.stem for path in (tmp_path / "figures").iterdir()}
+    assert stems == {"derivative", "information", "deviations", "accuracy_poses"}
+    with (tmp_path / "figures" / "derivative.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 15

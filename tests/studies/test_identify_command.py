@@ -233,3 +233,13 @@ def test_corrected_urdf_can_be_corrected_again(demo: Path, tmp_path: Path) -> No
     cell, table = tmp_path / "cell.toml", tmp_path / "measurements.csv"
     assert run("identify", cell, table, "--urdf", out).exit_code == 0
     assert out.read_text().count('link name="marker_m1"') == 1
+
+
+def test_figures_of_an_identification(demo: Path, tmp_path: Path) -> None:
+    done = run(
+        "identify", demo / "cell.toml", demo / "measurements.csv", "--holdout", 0.2,
+        "--figures", tmp_path / "figures",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    stems = {path.stem for path in (tmp_path / "figures").iterdir()}
+    assert stems == {"residuals", "residuals_heldout", "correlation"}

@@ -17,9 +17,10 @@ import pytest
 
 from calib.errors import InputError
 from calib.files.write import write_files
+from studies.compare.agreement import band
 from studies.plots import Picture, files
 from studies.plots.accuracy import against_markers, against_poses, length_unit
-from studies.plots.deviations import by_approach, chance_band, predicted_against_simulated
+from studies.plots.deviations import by_approach, predicted_against_simulated
 from studies.plots.ellipses import correlation, correlations, ellipse, ellipses, share_inside
 from studies.plots.information import by_pose, derivative
 from studies.plots.residuals import by_pose_and_axis
@@ -217,7 +218,7 @@ def test_many_parameters_keep_their_rows() -> None:
 
 
 def test_band_of_chance_is_that_of_samples() -> None:
-    low, high = chance_band(40)
+    low, high = band(40)
     std = RNG.normal(size=(20000, 40)).std(axis=1, ddof=1)
     assert np.mean((std > low) & (std < high)) == pytest.approx(0.95, abs=0.006)
     assert column(_ratios(), "#2 points: ratio") == pytest.approx([1.05] * 3)

@@ -53,7 +53,7 @@ def scheduler() -> Iterator[str]:
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+            n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0"
         ) as cluster,
     ):
         yield cluster.scheduler_address
@@ -137,14 +137,14 @@ def test_an_interruption_keeps_what_is_done(study: Study, executor: Executor | N
 
 
 def test_blocks_that_run_are_not_waited_for() -> None:
-    begun = time.monotonic()
+    begun, before = time.monotonic(), set(multiprocessing.active_children())
     with engine(workers=2) as pool:
         assert pool is not None
         for _ in range(5):
             pool.submit(time.sleep, 60.0)
         pool.submit(abs, -1).cancel()
     assert time.monotonic() - begun < 20.0
-    assert not multiprocessing.active_children()
+    assert not set(multiprocessing.active_children()) - before
 
 
 @pytest.fixture
@@ -172,7 +172,7 @@ def test_an_interrupted_command_writes_what_is_done(
     def progress(_: int) -> Iterator[Callable[[int], None]]:
         yield interrupt_at(2)
 
-    monkeypatch.setattr(sys.modules[command.callback.__module__], "_progress", progress)
+    monkeypatch.setattr(command, "_progress", progress)
     out = tmp_path / "result.json"
     done = compare(*small, "--monte-carlo", "170", "--workers", "1", "--json", str(out))
     assert done.exit_code == 0, done.output
@@ -222,7 +222,7 @@ linux = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /pro
 
 
 @linux
-@pytest.mark.parametrize("after", [0.0, 0.3, 3.0], ids=["at once", "workers start", "at work"])
+@pytest.mark.parametrize("after", [0.0, 0.3, 2.5], ids=["at once", "workers start", "at work"])
 def test_ctrl_c_ends_the_command_and_its_workers(
     small: list[str], tmp_path: Path, after: float
 ) -> None:
@@ -255,7 +255,7 @@ def test_ctrl_c_ends_the_command_and_its_workers(
 def test_workers_end_with_a_command_that_is_killed(small: list[str]) -> None:
     with started(*small, "--monte-carlo", "200000", "--workers", "2") as process:
         assert wait_until(lambda: len(alive(process.pid)) >= 4, 30.0)
-        time.sleep(3.0)  # imports done
+        time.sleep(1.0)
         process.kill()
         assert wait_until(lambda: not alive(process.pid), 10.0)
 
@@ -299,7 +299,9 @@ def test_what_listens_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_cluster_without_workers(small: list[str]) -> None:
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None) as cluster:
+    with distributed.LocalCluster(
+        n_workers=0, host="127.0.0.1", dashboard_address="127.0.0.1:0"
+    ) as cluster:
         address = cluster.scheduler_address
         one_line(compare(*small, "--scheduler", address), address, "has no workers")
 
@@ -314,10 +316,11 @@ def die(*_: object) -> None:
 
 
 def test_a_worker_that_dies(small: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    before = set(multiprocessing.active_children())
     monkeypatch.setattr(montecarlo, "refit", die)
     done = compare(*small, "--monte-carlo", "200", "--workers", "2")
     one_line(done, "--workers: 2", "a worker died")
-    assert not multiprocessing.active_children()
+    assert not set(multiprocessing.active_children()) - before
 
 
 def test_a_worker_of_the_cluster_that_dies(

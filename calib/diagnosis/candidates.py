@@ -1,0 +1,89 @@
+"""Everything that might be the cause: the inactive effects of the catalogue, and unnamed curves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from calib.build import context_of, place_effect
+from calib.cell import Cell
+from calib.diagnosis.curves import Curve, curves
+from calib.effects import EFFECTS, GROUPS, Effect
+from calib.effects.protocol import Constant, ElasticEffect, LoadEffect, State
+from calib.errors import CalibError
+from calib.model import Model
+
+PARTS = {"geometry": ("joint_offset", "link_geometry"), "stiffness_vs_angle": ("joint_compliance",)}
+"""What an active effect contains already."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One suspect. named : it has a cause by name, in the catalogue."""
+
+    effect: Effect
+    named: bool
+    depends_on: str
+
+    @property
+    def where(self) -> str:
+        """Place, as in the results."""
+        return self.effect.where
+
+    @property
+    def key(self) -> str:
+        """``effect:where``, for a curve with its variable."""
+        tail = "" if self.named else f" by {self.depends_on}"
+        return f"{self.effect.kind}:{self.where}{tail}"
+
+
+@dataclass(frozen=True)
+class NotAsked:
+    """A cause that the data cannot speak of, and why."""
+
+    effect: str
+    reason: str
+
+
+def candidates(
+    cell: Cell, model: Model, state: State
+) -> tuple[list[Candidate], list[NotAsked]]:
+    """Inactive effects at every place where they can act, and curves; and what cannot be asked.
+
+    state : State of the data under the present fit, for what the curves depend on
+    """
+    context = context_of(cell, state.poses)
+    found, missing = [], []
+    for kind in EFFECTS:
+        if kind in GROUPS:
+            continue
+        for where in EFFECTS[kind].places(context):
+            if _contained(model.effects, kind, where):
+                continue
+            try:
+                effect = place_effect(kind, where, context)
+            except CalibError as error:
+                missing.append(NotAsked(f"{kind}:{where}", str(error)))
+                continue
+            found.append(Candidate(effect, True, depends_on(effect)))
+    unnamed = [Candidate(c, False, c.variable.name) for c in curves(cell, context, state)]
+    return found + unnamed, missing
+
+
+def _contained(active: Sequence[Effect], kind: str, where: str) -> bool:
+    """Whether the model has this cause, or one that contains it."""
+    for effect in active:
+        if effect.kind == kind and effect.where == where:
+            return True
+        if kind in PARTS.get(effect.kind, ()) and (
+            effect.kind == "geometry" or effect.where == where
+        ):
+            return True
+    return False
+
+
+def depends_on(effect: Effect) -> str:
+    """On what an effect's displacement depends most, as named in the results."""
+    if isinstance(effect, Constant):
+        return "none"
+    return "load" if isinstance(effect, ElasticEffect | LoadEffect) else effect.depends_on

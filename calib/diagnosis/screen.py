@@ -1,0 +1,122 @@
+"""The score test: how much of what is left would each candidate explain?
+
+With the whitened derivatives N of everything modelled and r the residual, a candidate with columns X is
+judged by ``S = |U^T r|^2``, U an orthonormal basis of what is left of X once N is projected out. Where
+nothing is missing S is chi-square with as many degrees of freedom as U has columns; an effect that is
+there adds its noncentrality (Rao 1948; one QR of N serves all candidates).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.se3 import Array
+
+VISIBLE = 1e-3
+"""Share of a column's length that must be left beside the modelled ones for it to count."""
+_DEPENDENT = 1e-8
+_AGREES = 0.01  # probability below which the residual refutes the stated noise
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """Columns and residual with everything modelled projected out.
+
+    X : ndarray, shape (N, K); r : ndarray, shape (N,), in standard deviations
+    lengths : ndarray, shape (K,), of the columns before the projection
+    dof : int, degrees of freedom of r
+    """
+
+    X: Array
+    r: Array
+    lengths: Array
+    dof: int
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares of the residual."""
+        return float(self.r @ self.r)
+
+    @property
+    def noise_refuted(self) -> bool:
+        """Whether the residual's size contradicts the stated noise, in either direction."""
+        from scipy.special import chdtr, chdtrc
+
+        if self.dof <= 0:
+            return False
+        tail = min(float(chdtr(self.dof, self.cost)), float(chdtrc(self.dof, self.cost)))
+        return 2.0 * tail < _AGREES
+
+    def without(self, columns: Sequence[int] | Array) -> Field:
+        """The same with some of the columns modelled too."""
+        U = self.basis(columns)
+        return Field(
+            self.X - U @ (U.T @ self.X), self.r - U @ (U.T @ self.r), self.lengths, self.dof - U.shape[1]
+        )
+
+    def basis(self, columns: Sequence[int] | Array) -> Array:
+        """Orthonormal directions (N, k) of some columns, those that cannot be seen left out."""
+        own = self.X[:, columns]
+        lengths = np.where(self.lengths[columns] > 0.0, self.lengths[columns], 1.0)
+        values, vectors = np.linalg.eigh((own / lengths).T @ (own / lengths))
+        seen = values > VISIBLE**2
+        return np.asarray((own / lengths) @ vectors[:, seen] / np.sqrt(values[seen]))
+
+
+def field(N: Array, X: Array, r: Array) -> Field:
+    """Project the modelled columns out of candidates and residual.
+
+    N : ndarray, shape (rows, p), whitened derivatives of what is modelled; X : ndarray, shape (rows, K)
+    r : ndarray, shape (rows,), whitened residuals; rows of zeros count nothing
+    """
+    from scipy.linalg import qr
+
+    scale = np.linalg.norm(N, axis=0)
+    Q, R, _ = qr(N / np.where(scale > 0.0, scale, 1.0), mode="economic", pivoting=True)
+    pivots = np.abs(np.diag(R))
+    Q = Q[:, pivots > _DEPENDENT * pivots.max(initial=0.0)]
+    rows = int(np.count_nonzero(np.abs(N).sum(axis=1) + np.abs(X).sum(axis=1)))
+    lengths = np.linalg.norm(X, axis=0)
+    # Twice is enough: what is left after one projection carries the rounding of the first.
+    X, r = X - Q @ (Q.T @ X), r - Q @ (Q.T @ r)
+    X, r = X - Q @ (Q.T @ X), r - Q @ (Q.T @ r)
+    return Field(X, r, lengths, rows - Q.shape[1])
+
+
+@dataclass(frozen=True)
+class Score:
+    """What one candidate would explain.
+
+    fall : float, by which the sum of squares would fall; directions : int
+    evidence : float, fall of -2 log likelihood: ``fall`` where the noise is believed, else
+        ``dof log(cost / (cost - fall))``
+    p : float, probability of as much by chance
+    """
+
+    fall: float
+    directions: int
+    evidence: float
+    p: float
+
+
+NOTHING = Score(0.0, 0, 0.0, 1.0)
+
+
+def score(field: Field, columns: Sequence[int] | Array) -> Score:
+    """Score of a candidate with these columns."""
+    from scipy.special import chdtrc, fdtrc
+
+    U = field.basis(columns)
+    k = U.shape[1]
+    if k == 0:
+        return NOTHING
+    fall = float(((U.T @ field.r) ** 2).sum())
+    left = field.dof - k
+    if not field.noise_refuted or left <= 0:
+        return Score(fall, k, fall, float(chdtrc(k, fall)))
+    rest = max(field.cost - fall, 1e-300)
+    evidence = field.dof * float(np.log(field.cost / rest))
+    return Score(fall, k, evidence, float(fdtrc(k, left, fall / k / (rest / left))))

@@ -1,0 +1,108 @@
+"""From the contest to a verdict: what is named, what only looks alike, what is merely located."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.contest import Entry, Outcome
+from calib.diagnosis.stage import Fit, Stage
+
+VerdictName = Literal["no_gap", "explained", "ambiguous", "unknown"]
+
+_TRIED = 5  # close rivals that are fitted in full
+_CLOSE = 30.0  # gain below the best at which a rival is not worth a fit
+_SAME = 8.0  # difference of -2 log likelihood that tells nothing yet
+_MASS = 0.98  # probability that a class holds together
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """An effect that was found.
+
+    members : tuple of (Candidate, probability), causes that the data cannot tell apart, best first
+    fit : Fit, with the best member in place
+    """
+
+    entry: Entry
+    members: tuple[tuple[Candidate, float], ...]
+
+    @property
+    def candidate(self) -> Candidate:
+        """The most probable cause."""
+        return self.members[0][0]
+
+    @property
+    def probability(self) -> float:
+        """Of the most probable cause."""
+        return self.members[0][1]
+
+
+def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
+    """Close rivals of every named entry, fitted in full; and the fit with the best of each.
+
+    A linear screen can let a wrong geometry imitate an effect; only whole fits are compared.
+    """
+    chosen = [entry.candidate for entry in outcome.entries]
+    found: list[Named] = []
+    fit = outcome.fit
+    for position, entry in enumerate(outcome.entries):
+        if not entry.candidate.named:
+            continue
+        top = entry.rivals[0][1]
+        rivals = [c for c, gain in entry.rivals if c.named and gain > top - _CLOSE][:_TRIED]
+        if entry.candidate not in rivals:
+            rivals = [entry.candidate, *rivals]
+        fits = {c.key: _with(stage, chosen, position, c) for c in rivals}
+        prices = {c.key: _price(stage, fits[c.key]) for c in rivals}
+        rivals.sort(key=lambda c: prices[c.key])
+        chosen[position] = rivals[0]
+        fit = fits[rivals[0].key]
+        found.append(Named(entry, _members(rivals, prices)))
+    return tuple(found), fit
+
+
+def _with(stage: Stage, chosen: Sequence[Candidate], position: int, other: Candidate) -> Fit:
+    effects = [c.effect for c in chosen]
+    effects[position] = other.effect
+    return stage.fit(effects)
+
+
+def _price(stage: Stage, fit: Fit) -> float:
+    """-2 log likelihood and Schwarz's price of the directions; infinite where a fit failed."""
+    cost = float((fit.r**2).sum())
+    if not fit.converged or not np.isfinite(cost):
+        return np.inf
+    rows = int(np.count_nonzero(np.abs(fit.J).sum(axis=-1)))
+    dof = max(1, rows - fit.span.shape[1])
+    # Where the residual exceeds the stated noise the likelihood is that of an unknown sigma.
+    scale = max(1.0, cost / dof)
+    return cost / scale + fit.span.shape[1] * float(np.log(max(rows, 2)))
+
+
+def _members(
+    rivals: Sequence[Candidate], prices: dict[str, float]
+) -> tuple[tuple[Candidate, float], ...]:
+    best = prices[rivals[0].key]
+    weights = np.array([np.exp(-0.5 * min(prices[c.key] - best, 700.0)) for c in rivals])
+    weights = weights / weights.sum()
+    kept, mass = [], 0.0
+    for candidate, weight in zip(rivals, weights, strict=True):
+        if mass >= _MASS and prices[candidate.key] - best > _SAME:
+            break
+        kept.append((candidate, float(weight)))
+        mass += float(weight)
+    return tuple(kept)
+
+
+def verdict(named: Sequence[Named], outcome: Outcome, something_left: bool) -> VerdictName:
+    """The word for it."""
+    if not outcome.entries:
+        return "unknown" if something_left else "no_gap"
+    if something_left or any(not entry.candidate.named for entry in outcome.entries):
+        return "unknown"
+    return "explained" if all(len(n.members) == 1 for n in named) else "ambiguous"

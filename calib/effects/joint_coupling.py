@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from calib.effects.drive import DriveError, along_axis, error_unit, variable_unit
-from calib.effects.protocol import Context, Parameter, joint_index
+from calib.effects.protocol import Context, Parameter, joint_index, needs
 from calib.poses import Poses
 from calib.robot import Robot
 from calib.se3 import Array
@@ -29,6 +29,8 @@ class JointCoupling(DriveError):
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
         joint, robot = joint_index(context, where), context.robot
+        reason = "the robot has no other joint"
+        needs(robot.dof > 1, f"{cls.kind}:{where}", reason, "take it out of [model] effects")
         return cls(where, joint + 1, along_axis(robot, joint), robot)
 
     @property

@@ -13,6 +13,7 @@ from calib.errors import CalibError
 from calib.files.cell import load_cell
 from calib.files.tables import load_measurements, load_plan, load_targets
 from calib.identify import Identification, identify
+from calib.moves import in_one_session
 from calib.poses import Measurements, Poses
 from calib.simulate import simulate
 
@@ -23,6 +24,7 @@ __all__ = [
     "Measurements",
     "Poses",
     "identify",
+    "in_one_session",
     "load_cell",
     "load_measurements",
     "load_plan",

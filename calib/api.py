@@ -15,7 +15,7 @@ from calib.errors import CalibError
 from calib.model import Model
 from calib.observations import Approach, orientable, pose_from_points
 from calib.poses import Measurements, Poses, hung, poses_at
-from calib.se3 import Array, rotate
+from calib.se3 import Array
 
 Plan: TypeAlias = Poses | Measurements | str | Path | Array
 """Poses, measurements, a plan's file, or joint values (m, n) in rad and m."""
@@ -24,7 +24,8 @@ Plan: TypeAlias = Poses | Measurements | str | Path | Array
 def parameters(cell: Cell, plan: Plan | None = None) -> list[str]:
     """Names of the p parameters of the cell's model, in the order of columns and values.
 
-    plan : needed only where ``stiffness_vs_angle`` takes its angles from the poses
+    plan : needed only where ``stiffness_vs_angle`` takes its angles, or ``payload`` its wrench, from
+        the poses
     Raises UnknownEffect, EffectCannotAct.
     """
     poses = None if plan is None else _poses(cell, plan)
@@ -139,6 +140,5 @@ def _tip_origin_map(
             "add markers, or use approach points"
         )
     frames = model.state(values, poses).frames
-    R, p = model.placement(values, poses)
-    origin = rotate(R, frames.o[:, -1]) + p
+    origin = model.readings(values, poses, frames.o[:, -1:])[:, 0]
     return pose_from_points(points, origin, seen & usable[:, None])

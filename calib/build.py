@@ -9,7 +9,13 @@ import numpy as np
 
 from calib.cell import Cell
 from calib.effects import EFFECTS, GROUPS, Context, Effect
-from calib.effects.protocol import ElasticEffect, LoadEffect
+from calib.effects.protocol import (
+    ARM,
+    ElasticEffect,
+    LoadEffect,
+    PoseEffect,
+    ReadingEffect,
+)
 from calib.errors import EffectCannotAct, UnknownEffect
 from calib.model import Model
 from calib.poses import Poses
@@ -21,6 +27,19 @@ _MOST_KNOTS = 8  # distinct angles up to this number become knots of their own
 _SAME_ANGLE = 1e-3  # rad: angles closer than this are one level
 _PROBED = 200  # poses at which it is tried whether an effect acts
 _MOVES_NOTHING = 1e-10  # m: largest movement of a marker by an effect that does not act
+_MOST_NAMED = 4  # absorbing parameters that a refusal names
+_COVARIATES = {
+    "temperature": ("the poses have no temperature", "add column temperature_degC"),
+    "time": ("the poses have no time", "add column time_s"),
+    "approach": (
+        "nothing says from which side the joints came",
+        "add columns approach_<joint>, or give measured poses in their order",
+    ),
+    "motion": (
+        "nothing says how far the joints went before",
+        "give measured poses in their order",
+    ),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,20 +82,26 @@ def place_effect(name: str, where: str, context: Context) -> Effect:
     """
     kind = EFFECTS[name]
     robot = context.robot
-    if where in kind.places(context) or (where in robot.joints and name not in GROUPS):
+    places = kind.places(context)
+    on_joints = not places or any(place in robot.joints for place in places)
+    if where in places or (on_joints and where in robot.joints):
         slides = where in robot.joints and robot.prismatic[robot.joints.index(where)]
-        if slides and where not in kind.places(context):
+        if kind.turns and slides:
             raise EffectCannotAct(
                 f"{name}:{where}", f"{where} is a prismatic joint", "name a joint that turns"
             )
-        return kind.at(context, where)
+        effect = kind.at(context, where)
+        for covariate in kind.uses:
+            if covariate in context.lacking:
+                raise EffectCannotAct(f"{name}:{where}", *_COVARIATES[covariate])
+        return effect
     parts = [part for mark in "*/-+" for part in where.split(mark) if mark in where]
     if name.endswith("compliance") and len(parts) > 1 and all(p in robot.joints for p in parts):
         raise UnknownEffect(
             f"{name}:{where}: off-diagonal terms of the compliance matrix are not modelled; name one "
             f"joint at a time, as in {name}:{parts[0]},{parts[1]}"
         )
-    known = ", ".join(kind.places(context)) or "none on this robot"
+    known = ", ".join(places) or "none on this robot"
     raise UnknownEffect(f"{name} has no place {where!r} in [model] effects; places are: {known}")
 
 
@@ -97,8 +122,30 @@ def context_of(cell: Cell, poses: Poses | None) -> Context:
             knots[joint] = default_knots(poses.q[:, index])
         elif joint not in knots and joint in cell.design.get("level_values", {}):
             knots[joint] = cell.design["level_values"][joint]
-    stations = poses.stations if poses is not None else ("base",)
-    return Context(cell.robot, cell.markers, cell.marker_names, stations, knots, dict(cell.anchors))
+    return Context(
+        cell.robot,
+        cell.markers,
+        cell.marker_names,
+        poses.stations if poses is not None else ("base",),
+        knots,
+        dict(cell.anchors),
+        cell.gravity,
+        cell.payload,
+        _brings_load(cell, poses),
+        frozenset() if poses is None else lacking(poses),
+    )
+
+
+def _brings_load(cell: Cell, poses: Poses | None) -> bool:
+    """Whether the poses carry a load beside the payload; a cell's plan does if it has a [load]."""
+    if poses is None:
+        return cell.load is not None
+    return bool(poses.wrench.any() or poses.load_mass.any())
+
+
+def lacking(poses: Poses) -> frozenset[str]:
+    """What effects may ask for and the poses do not have."""
+    return frozenset(name for name in _COVARIATES if getattr(poses, name) is None)
 
 
 def build(cell: Cell, poses: Poses | None = None) -> Built:
@@ -112,7 +159,8 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
         name, places = parse_effect(text)
         if name in GROUPS and places is not None:
             raise UnknownEffect(f"{name!r} is a group and takes no places, found {text!r}")
-        taken = {e.where for e in effects if _same_unknown(e.kind, name)}
+        # The arm as a whole is what its links are one by one.
+        taken = {ARM} | {e.where for e in effects if _same_unknown(e.kind, name)}
         for where in places or [w for w in EFFECTS[name].places(context) if w not in taken]:
             if any(e.kind == name and e.where == where for e in effects):
                 raise UnknownEffect(f"{name}:{where} stands twice in [model] effects")
@@ -121,30 +169,34 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
         cell.robot, cell.marker_names, cell.markers, tuple(effects), cell.payload, cell.gravity
     )
     built = Built(*irreducible(full))
-    _refuse_absorbed(cell, full, built)
+    _refuse_absorbed(_placed(cell, context), full, built)
     return built
 
 
-def _refuse_absorbed(cell: Cell, full: Model, built: Built) -> None:
+def _refuse_absorbed(placed: set[tuple[str, str]], full: Model, built: Built) -> None:
     """An effect that the user placed and that others stand for whole must not vanish in silence."""
     absorbed = {d.id: d.absorbed_by for d in built.dropped}
-    placed = _placed(cell)
     for effect in full.effects:
         ids = [p.id for p in effect.parameters]
         if (effect.kind, effect.where) in placed and all(i in absorbed for i in ids):
-            others = ", ".join(dict.fromkeys(name for i in ids for name, _ in absorbed[i]))
+            others = list(dict.fromkeys(name for i in ids for name, _ in absorbed[i]))
+            more = len(others) - _MOST_NAMED
+            named = ", ".join(others[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
             raise EffectCannotAct(
                 f"{effect.kind}:{effect.where}",
-                f"{others} moves the markers in the same way",
+                f"{named} {'move' if len(others) > 1 else 'moves'} the markers in the same way",
                 "take it out of [model] effects, or take out the other",
             )
 
 
-def _placed(cell: Cell) -> set[tuple[str, str]]:
-    """(effect, where) of all effects that the cell names with a place."""
-    return {
-        (name, where) for name, places in map(parse_effect, cell.effects) for where in places or ()
-    }
+def _placed(cell: Cell, context: Context) -> set[tuple[str, str]]:
+    """(effect, where) of all effects that the cell names with a place, or that have only one."""
+    found = set()
+    for name, places in map(parse_effect, cell.effects):
+        own = EFFECTS[name].places(context)
+        single = own if len(own) == 1 and name not in GROUPS else ()
+        found |= {(name, where) for where in places or single}
+    return found
 
 
 def _same_unknown(kind: str, other: str) -> bool:
@@ -153,19 +205,18 @@ def _same_unknown(kind: str, other: str) -> bool:
 
 
 def refuse_idle_effects(cell: Cell, model: Model, poses: Poses) -> None:
-    """Refuse elastic effects that the user placed and that move no marker at the poses.
+    """Refuse effects that the user placed and that move no marker at the poses.
 
     Effects named for everywhere may stand idle at some places; what they lack is reported with the
     parameters that cannot be identified.
 
     Raises EffectCannotAct.
     """
-    part = model.with_effects(
-        tuple(e for e in model.effects if isinstance(e, ElasticEffect | LoadEffect))
-    )
+    kinds = (ElasticEffect, LoadEffect, PoseEffect, ReadingEffect)
+    part = model.with_effects(tuple(e for e in model.effects if isinstance(e, kinds)))
     if not part.effects:
         return
-    placed = _placed(cell)
+    placed = _placed(cell, context_of(cell, poses))
     soft = np.zeros(len(part.parameters))
     elastic = part.where(ElasticEffect)
     soft[elastic] = part.sizes[elastic]
@@ -174,10 +225,26 @@ def refuse_idle_effects(cell: Cell, model: Model, poses: Poses) -> None:
     moved = np.abs(J).max(axis=(0, 1, 2)) * part.sizes
     for effect, columns in zip(part.effects, part.slices, strict=True):
         if (effect.kind, effect.where) in placed and moved[columns].max() < _MOVES_NOTHING:
-            raise _idle(f"{effect.kind}:{effect.where}", model, poses)
+            raise _idle(effect, part, poses)
 
 
-def _idle(name: str, model: Model, poses: Poses) -> EffectCannotAct:
+def _idle(effect: Effect, model: Model, poses: Poses) -> EffectCannotAct:
+    """Why an effect moves nothing; ``model`` holds what is not constant in the user's model."""
+    name = f"{effect.kind}:{effect.where}"
+    reason = "it moves no marker at any of these poses"
+    if effect.uses:
+        known = " and ".join(effect.uses)
+        return EffectCannotAct(
+            name, reason, f"take it out of [model] effects, or measure where {known} differs"
+        )
+    if isinstance(effect, LoadEffect) and not len(model.where(ElasticEffect)):
+        return EffectCannotAct(
+            name,
+            "nothing in the model is elastic",
+            "add joint_compliance, or take it out of [model] effects",
+        )
+    if not isinstance(effect, ElasticEffect | LoadEffect):
+        return EffectCannotAct(name, reason, "take it out of [model] effects, or move more joints")
     if loads_of(model.robot, poses, model.payload, model.gravity).absent:
         return EffectCannotAct(
             name,
@@ -185,7 +252,5 @@ def _idle(name: str, model: Model, poses: Poses) -> EffectCannotAct:
             "give wrench columns (fz_N ..), [payload], or link masses in the URDF",
         )
     return EffectCannotAct(
-        name,
-        "it moves no marker at any of these poses",
-        "take it out of [model] effects, or load the arm so that it is stressed",
+        name, reason, "take it out of [model] effects, or load the arm so that it is stressed"
     )

@@ -38,7 +38,7 @@ def coupled(
 
     own : ndarray, shape (..., m, 6, p), velocity field of each parameter's own displacement
     acts_at : ndarray of int, shape (p,), frame that each parameter displaces
-    loaded : ndarray, shape (m, n + 2, 6, p), wrench that each parameter adds to the frames
+    loaded : ndarray, shape (..., m, n + 2, 6, p), wrench that each parameter adds to the frames
     elastic : dict, frame -> ndarray, shape (..., m, 6, 6), flexibility
     Returns ndarray, shape (..., m, 6, p), base axes.
     """
@@ -50,7 +50,7 @@ def coupled(
     for k in order:
         # Velocity field at k for a unit wrench there, times what each wrench column contributes.
         follow[k] = np.swapaxes(spatial_columns(frames.present, k, elastic[k]), -1, -2)
-        drive = whole[..., k, :, :] @ (own * (acts_at <= k)) + loaded[:, k]
+        drive = whole[..., k, :, :] @ (own * (acts_at <= k)) + loaded[..., k, :, :]
         turned = np.swapaxes(frames.R[..., k, :, :], -1, -2)
         drive[..., 3:, :] += turned @ (pulls * (acts_at > k))
         driven[k] = follow[k] @ drive

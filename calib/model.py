@@ -1,24 +1,23 @@
 """The forward model: robot, markers and active effects -> predicted points and their Jacobian.
 
-A marker j at pose i is read at ``T_station_base(i) * arm(q_i, effects) * p_j`` (paper, equation 6).
-The arm is displaced frame by frame by its effects; elastic ones follow the wrench that the displaced
-arm transmits, found by fixed-point iteration. Derivatives are velocity fields: a parameter
-that displaces frame k moves all beyond it by ``A + phi x x``, and through the loads it also changes the
-deflection of every elastic frame, which is summed by the same iteration.
+A marker j at pose i is read at ``T_station_base(i) * arm(q_i, effects) * p_j`` (paper, equation 6),
+as the instrument reads it. The arm is displaced frame by frame by its effects; elastic ones follow
+the wrench that the displaced arm transmits, found by fixed-point iteration. Derivatives are those of
+:mod:`calib.columns`.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib import statics
-from calib.coupling import coupled
+from calib.columns import arm_columns
 from calib.effects.base import Base, to_station
 from calib.effects.protocol import (
     Constant,
@@ -26,11 +25,16 @@ from calib.effects.protocol import (
     ElasticEffect,
     LoadEffect,
     Parameter,
+    PoseEffect,
+    ReadingEffect,
+    SpringEffect,
     State,
+    Strand,
     TwistEffect,
+    WeightEffect,
 )
 from calib.effects.tool import Tool
-from calib.kinematics import Frames, forward, link_origins, point_velocity, spatial_columns
+from calib.kinematics import Frames, forward, link_origins, point_velocity
 from calib.poses import Poses
 from calib.robot import Robot
 from calib.se3 import Array, rotate
@@ -71,13 +75,14 @@ class Model:
         ends = np.cumsum([0, *(len(e.parameters) for e in self.effects)])
         return tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(ends))
 
+    @property
+    def _parts(self) -> Iterator[tuple[Effect, slice]]:
+        """Each effect and where its parameters stand."""
+        return zip(self.effects, self.slices, strict=True)
+
     def where(self, *kinds: type[Effect]) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
         """Positions of the parameters of some kinds of effect."""
-        found = [
-            np.arange(s.start, s.stop)
-            for e, s in zip(self.effects, self.slices, strict=True)
-            if isinstance(e, kinds)
-        ]
+        found = [np.arange(s.start, s.stop) for e, s in self._parts if isinstance(e, kinds)]
         return np.concatenate(found) if found else np.zeros(0, dtype=int)
 
     def with_effects(self, effects: tuple[Effect, ...]) -> Model:
@@ -96,10 +101,11 @@ class Model:
 
         values : ndarray, shape (..., p), SI; leading axes are independent models (trials)
         """
-        loads = statics.loads_of(self.robot, poses, self.payload, self.gravity)
-        extra = self._extra_wrench(values, poses)
-        constant = self.constant_displacements(values)
-        frames = forward(self.robot, poses.q, constant)
+        loads = self.loads(values, poses)
+        extra = self._springs(values, poses)
+        constant, given = self.constant_displacements(values), self._given(values, poses)
+        frames = forward(self.robot, poses.q, constant, given)
+        yields = bool(np.take(values, self.where(ElasticEffect), axis=-1).any())
         tips: Array | None = None
         for _ in range(_MAX_ROUNDS):
             carriers = link_origins(self.robot, frames, poses.q)
@@ -108,45 +114,62 @@ class Model:
             points = self._tip_points(frames, values)
             if tips is not None and np.abs(points - tips).max(initial=0.0) < _EQUILIBRIUM_M:
                 break
-            if not values[..., self._varying].any():
+            if not yields:
                 break
             moved = np.abs(points - tips) if tips is not None else np.full_like(points, np.inf)
             tips = points
-            frames = forward(self.robot, poses.q, constant, self._displacements(values, state))
+            present = self._deflections(values, state)
+            present = present if given is None else present + given
+            frames = forward(self.robot, poses.q, constant, present)
         else:
             lost = moved.max(axis=(-1, -2, -3), initial=0.0) > _UNSTABLE_M
             state.frames.present.o[np.broadcast_to(lost, moved.shape[:-3])] = np.nan
         return state
 
-    @cached_property
-    def _varying(self) -> NDArray[np.bool_]:
-        """Parameters by which a frame's displacement depends on the state, shape (p,)."""
-        varying = np.zeros(len(self.parameters), dtype=bool)
-        for effect, part in zip(self.effects, self.slices, strict=True):
-            varying[part] = isinstance(effect, TwistEffect) and not isinstance(effect, Constant)
-        return varying
+    def loads(self, values: Array, poses: Poses) -> statics.Loads:
+        """What pulls on the arm, the errors of weights and wrenches included."""
+        loads = statics.loads_of(self.robot, poses, self.payload, self.gravity)
+        changed = loads
+        for effect, part in self._parts:
+            if isinstance(effect, WeightEffect) and values[..., part].any():
+                changed = changed.changed(effect.changes(poses, loads), values[..., part])
+        return changed
 
-    def _extra_wrench(self, values: Array, poses: Poses) -> Array:
+    def _springs(self, values: Array, poses: Poses) -> Array:
+        """Wrenches of springs beside the joints, shape (..., m, n + 2, 6), in frame axes."""
         total = np.zeros((len(poses), self.robot.dof + 2, 6))
-        for effect, part in zip(self.effects, self.slices, strict=True):
-            if isinstance(effect, LoadEffect):
+        for effect, part in self._parts:
+            if isinstance(effect, SpringEffect):
                 basis = effect.wrench_basis(poses)
                 total = total + np.einsum("mfip,...p->...mfi", basis, values[..., part])
         return total
 
-    def _displacements(self, values: Array, state: State) -> Array:
-        shape = (*values.shape[:-1], len(state.poses), self.robot.dof + 2, 6)
-        xi = np.zeros(shape)
-        for effect, part in zip(self.effects, self.slices, strict=True):
-            if isinstance(effect, TwistEffect) and not isinstance(effect, Constant):
-                theta = values[..., None, part, None]
-                xi[..., effect.frame, :] += (effect.basis(state) @ theta)[..., 0]
+    def _given(self, values: Array, poses: Poses) -> Array | None:
+        """Displacements known before the arm bends, (..., m, n + 2, 6), None where there are none."""
+        chosen = [(e, part) for e, part in self._parts if isinstance(e, PoseEffect)]
+        strands = [(part, e.twists(poses)) for e, part in chosen if values[..., part].any()]
+        return self._summed(values, poses, strands) if strands else None
+
+    def _deflections(self, values: Array, state: State) -> Array:
+        """Displacements of what is elastic, shape (..., m, n + 2, 6)."""
+        chosen = [(e, part) for e, part in self._parts if isinstance(e, ElasticEffect)]
+        strands = [(part, e.strands(state)) for e, part in chosen]
+        return self._summed(values, state.poses, strands)
+
+    def _summed(
+        self, values: Array, poses: Poses, strands: list[tuple[slice, tuple[Strand, ...]]]
+    ) -> Array:
+        xi = np.zeros((*values.shape[:-1], len(poses), self.robot.dof + 2, 6))
+        for part, own in strands:
+            theta = values[..., None, part, None]
+            for frame, basis in own:
+                xi[..., frame, :] += (basis @ theta)[..., 0]
         return xi
 
     def constant_displacements(self, values: Array) -> Array:
         """Displacement of each frame that holds at every pose, shape (..., n + 2, 6), m and rad."""
         xi = np.zeros((*values.shape[:-1], self.robot.dof + 2, 6))
-        for effect, part in zip(self.effects, self.slices, strict=True):
+        for effect, part in self._parts:
             if isinstance(effect, Constant):
                 xi[..., effect.frame, :] += values[..., part] @ effect.columns.T
         return xi
@@ -156,7 +179,7 @@ class Model:
     def marker_positions(self, values: Array) -> Array:
         """Markers in the tip frame, shape (..., M, 3), m."""
         offsets = np.zeros((*values.shape[:-1], *self.markers.shape))
-        for effect, part in zip(self.effects, self.slices, strict=True):
+        for effect, part in self._parts:
             if isinstance(effect, Tool):
                 offsets[..., effect.marker, list(effect.components)] = values[..., part]
         return self.markers + offsets
@@ -166,7 +189,7 @@ class Model:
         batch = values.shape[:-1]
         R = np.broadcast_to(np.eye(3), (*batch, len(poses), 3, 3)).copy()
         p = np.zeros((*batch, len(poses), 3))
-        for effect, part in zip(self.effects, self.slices, strict=True):
+        for effect, part in self._parts:
             if isinstance(effect, Base):
                 R_base, p_base = Base.placement(values[..., part])
                 here = poses.station == effect.station
@@ -182,7 +205,15 @@ class Model:
     def predict(self, values: Array, poses: Poses) -> Array:
         """Readings of the markers, shape (..., m, M, 3), m, in the frames of the stations."""
         points = self._tip_points(self.state(values, poses).frames, values)
-        return to_station(*self.placement(values, poses), points)
+        return self.readings(values, poses, points)
+
+    def readings(self, values: Array, poses: Poses, points: Array) -> Array:
+        """What the instrument reads of points (..., m, M, 3), m, in base axes."""
+        readings = to_station(*self.placement(values, poses), points)
+        for effect, part in self._parts:
+            if isinstance(effect, ReadingEffect) and values[..., part].any():
+                readings, _, _ = effect.linearise(values[..., part], poses, readings)
+        return readings
 
     # -- derivatives ---------------------------------------------------------------------------
 
@@ -204,56 +235,35 @@ class Model:
         J = np.zeros((*points.shape, len(self.parameters)))
         arm = self.where(TwistEffect, LoadEffect)
         if len(arm):
-            fields = np.swapaxes(self.arm_columns(values, state), -1, -2)
+            given = statics.loads_of(self.robot, poses, self.payload, self.gravity)
+            soft, loads = self._flexibilities(values, poses), self.loads(values, poses)
+            fields = np.swapaxes(
+                arm_columns(self.robot, self.effects, state, given, loads, soft), -1, -2
+            )
             moved = point_velocity(fields[..., None, :, :], points[..., None, :])
             J[..., arm] = np.swapaxes(moved, -1, -2)
-        for effect, part in zip(self.effects, self.slices, strict=True):
+        for effect, part in self._parts:
             if isinstance(effect, Tool):
                 R_tip = state.frames.R[..., -1, :, :]
                 J[..., effect.marker, :, part] = R_tip[..., list(effect.components)]
         if values[..., self.where(Base)].any():
             J = R[..., None, :, :] @ J
-        for effect, part in zip(self.effects, self.slices, strict=True):
+        for effect, part in self._parts:
             if isinstance(effect, Base):
                 here = poses.station == effect.station
                 J[..., here, :, :, part] = Base.columns(values[..., part], points[..., here, :, :])
-        return to_station(R, p, points), J
-
-    def arm_columns(self, values: Array, state: State) -> Array:
-        """Velocity field of the tip for each parameter that moves the arm, (..., m, 6, k), base axes.
-
-        The k columns are those of ``where(TwistEffect, LoadEffect)``.
-        """
-        frames, poses = state.frames, state.poses
-        own, acts_at, loaded = [], [], []
-        m, still = len(poses), np.zeros((len(poses), self.robot.dof + 2, 6, 0))
-        for effect in self.effects:
-            k = len(effect.parameters)
-            if isinstance(effect, TwistEffect):
-                stage = frames.constant if isinstance(effect, Constant) else frames.present
-                field = spatial_columns(stage, effect.frame, effect.basis(state))
-                own.append(np.swapaxes(field, -1, -2))
-                acts_at += [effect.frame] * k
-                loaded.append(np.zeros((*still.shape[:-1], k)))
-            elif isinstance(effect, LoadEffect):
-                own.append(np.zeros((m, 6, k)))
-                acts_at += [self.robot.tip_frame] * k
-                loaded.append(effect.wrench_basis(poses))
-        batch = np.broadcast_shapes(*(field.shape[:-2] for field in own))
-        columns = np.concatenate(
-            [np.broadcast_to(f, (*batch, *f.shape[-2:])) for f in own], axis=-1
-        )
-        elastic = self._flexibilities(values, poses)
-        if not elastic:
-            return columns
-        loads = statics.loads_of(self.robot, poses, self.payload, self.gravity)
-        extra = np.concatenate(loaded, axis=-1)
-        return coupled(columns, np.array(acts_at), extra, elastic, loads, frames, state.wrench)
+        readings = to_station(R, p, points)
+        for effect, part in self._parts:
+            if isinstance(effect, ReadingEffect):
+                readings, turn, own = effect.linearise(values[..., part], poses, readings)
+                J = turn @ J if values[..., part].any() else J
+                J[..., part] = own
+        return readings, J
 
     def _flexibilities(self, values: Array, poses: Poses) -> dict[int, Array]:
         """Flexibility of each frame that is elastic at the present values, shape (..., m, 6, 6)."""
         total: dict[int, Array] = {}
-        for effect, part in zip(self.effects, self.slices, strict=True):
+        for effect, part in self._parts:
             if isinstance(effect, ElasticEffect) and values[..., part].any():
                 K = np.einsum("mijp,...p->...mij", effect.flexibility(poses), values[..., part])
                 total[effect.frame] = total.get(effect.frame, 0.0) + K

@@ -28,7 +28,10 @@ class Poses:
         both in base axes; zero where the file has none
     temperature : ndarray, shape (m,), degC, or None
     time : ndarray, shape (m,), s, or None
+    start : float, s, the time of the first pose of the session, from which drift counts
     approach : ndarray, shape (m, n), sign of the last motion of each joint, or None
+    approach_derived : bool, whether it follows from the order of measurement
+    motion : ndarray, shape (m, n), rad or m, how far each joint went in the move before, or None
     station : ndarray of int, shape (m,), index into ``stations``
     stations : tuple of str, names of the instrument's frames
     load_mass : ndarray, shape (m,), kg hung at ``load_com`` (tip frame, m)
@@ -39,7 +42,10 @@ class Poses:
     wrench: Array
     temperature: Array | None
     time: Array | None
+    start: float
     approach: Array | None
+    approach_derived: bool
+    motion: Array | None
     station: IntArray
     stations: tuple[str, ...]
     load_mass: Array
@@ -57,6 +63,16 @@ class Poses:
             if isinstance(value, np.ndarray) and field.name != "load_com":
                 changed[field.name] = value[chosen]
         return replace(self, **changed)
+
+    @property
+    def elapsed(self) -> Array:
+        """Time since the first pose of the session, shape (m,), s; zero where none is given."""
+        return np.zeros(len(self)) if self.time is None else self.time - self.start
+
+    @property
+    def warming(self) -> Array:
+        """Temperature above the 20 degC of the nominal model, shape (m,), K; zero if not given."""
+        return np.zeros(len(self)) if self.temperature is None else self.temperature - 20.0
 
     @cached_property
     def configuration(self) -> IntArray:
@@ -84,7 +100,10 @@ def poses_at(q: Array, names: Sequence[str] | None = None, **given: Any) -> Pose
         "wrench": np.zeros((m, 6)),
         "temperature": None,
         "time": None,
+        "start": 0.0,
         "approach": None,
+        "approach_derived": False,
+        "motion": None,
         "station": np.zeros(m, dtype=int),
         "stations": ("base",),
         "load_mass": np.zeros(m),

@@ -2,9 +2,9 @@
 
 Six errors of every segment, together with base and markers, describe each error in many ways. At
 generic poses the columns that others can imitate are found and dropped: base first, then markers,
-then joint offsets are kept, and of the rest what adds most (QR with pivoting on columns scaled to
-one). Nothing about the robot's architecture is assumed, so parallel or intersecting axes and
-prismatic joints need no table of their own.
+then joint offsets are kept, of the rest what adds most (QR with pivoting on columns scaled to one),
+and the instrument's scale if lengths leave it anything. Nothing about the robot's architecture is
+assumed, so parallel or intersecting axes and prismatic joints need no table of their own.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from calib.effects.base import Base
 from calib.effects.protocol import Constant, ConstantTwist, Effect
 from calib.effects.tool import Tool
+from calib.effects.tracker_scale import TrackerScale
 from calib.model import Model
 from calib.poses import poses_at
 from calib.robot import Robot
@@ -80,7 +81,7 @@ def irreducible(model: Model) -> tuple[Model, tuple[Dropped, ...]]:
 
 
 def _is_constant(effect: Effect) -> bool:
-    return isinstance(effect, Base | Tool | Constant)
+    return isinstance(effect, Base | Tool | Constant | TrackerScale)
 
 
 def _priorities(model: Model) -> Array:
@@ -92,6 +93,8 @@ def _priorities(model: Model) -> Array:
         elif isinstance(effect, ConstantTwist):
             offset = _axis_component(model.robot, effect)
             groups += [2 if c == offset else 3 for c in effect.components]
+        elif isinstance(effect, TrackerScale):
+            groups.append(4)
         else:
             groups.append(2)
     return np.array(groups)

@@ -39,6 +39,17 @@ def cross(a: Array, b: Array) -> Array:
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
+def across(axis: Array) -> Array:
+    """Two unit vectors across a unit vector of shape (3,) and across each other, shape (2, 3).
+
+    The first is the coordinate axis that lies most across, less its part along ``axis``.
+    """
+    chosen = np.eye(3)[int(np.abs(axis).argmin())]
+    u = chosen - axis * (axis @ chosen)
+    u = u / np.linalg.norm(u)
+    return np.stack([u, cross(axis, u)])
+
+
 def rotate(R: Array, v: Array) -> Array:
     """Apply rotations to vectors: shapes (..., 3, 3) and (..., 3), broadcast."""
     out: Array = np.einsum("...ij,...j->...i", R, v)  # half the time of matmul

@@ -42,13 +42,20 @@ def random_robot(rng: np.random.Generator, dof: int, prismatic: Sequence[int] = 
 
 
 def random_poses(rng: np.random.Generator, robot: Robot, count: int, loaded: bool = True) -> Poses:
-    """Poses anywhere in the joint box, under a wrench and a hung load."""
+    """Poses anywhere in the joint box, under a wrench and a hung load, in a session that warms."""
     low, high = robot.sample_limits().T
     q = rng.uniform(low, high, (count, robot.dof))
+    session = {
+        "temperature": rng.uniform(15.0, 30.0, count),
+        "time": rng.uniform(0.0, 2e4, count),
+        "approach": rng.choice([-1.0, 1.0], q.shape),
+        "motion": rng.uniform(0.0, 1.0, q.shape),
+    }
     if not loaded:
-        return poses_at(q)
+        return poses_at(q, **session)
     return poses_at(
         q,
+        **session,
         wrench=rng.normal(size=(count, 6)) * 100.0,
         load_mass=rng.uniform(0.0, 20.0, count),
         load_com=rng.uniform(-0.1, 0.2, 3),
@@ -70,6 +77,9 @@ def random_context(rng: np.random.Generator, robot: Robot, markers: int = 3) -> 
             for joint, slides in zip(robot.joints, robot.prismatic, strict=True)
             if not slides
         },
+        gravity=GRAVITY,
+        payload=Payload(1.5, (0.0, 0.02, 0.05)),
+        measured_load=True,
     )
 
 
@@ -83,8 +93,8 @@ def model_of(context: Context, kinds: Sequence[str]) -> Model:
         context.marker_names,
         context.markers,
         tuple(effects),
-        Payload(1.5, (0.0, 0.02, 0.05)),
-        GRAVITY,
+        context.payload,
+        context.gravity,
     )
 
 

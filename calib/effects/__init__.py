@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+from calib.effects.backlash import Backlash
 from calib.effects.base import Base
 from calib.effects.base_compliance import BaseCompliance
+from calib.effects.base_drift import BaseDrift
 from calib.effects.bearing_compliance import BearingCompliance
 from calib.effects.geometry import Geometry
 from calib.effects.gravity_compensator import GravityCompensator
+from calib.effects.gravity_sag import GravitySag
 from calib.effects.joint_compliance import JointCompliance
+from calib.effects.joint_coupling import JointCoupling
 from calib.effects.joint_offset import JointOffset
 from calib.effects.link_geometry import LinkGeometry
+from calib.effects.link_weight import LinkWeight
+from calib.effects.payload import PayloadError
 from calib.effects.protocol import Context, Effect, Parameter, State
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
+from calib.effects.thermal_expansion import ThermalExpansion
 from calib.effects.tool import Tool
 from calib.effects.tool_compliance import ToolCompliance
+from calib.effects.tracker_drift import TrackerDrift
+from calib.effects.tracker_scale import TrackerScale
+from calib.effects.transmission_harmonic import TransmissionHarmonic
+from calib.effects.transmission_scale import TransmissionScale
 
 EFFECTS: dict[str, type[Effect]] = {
     "base": Base,
@@ -24,9 +35,20 @@ EFFECTS: dict[str, type[Effect]] = {
     "joint_compliance": JointCompliance,
     "stiffness_vs_angle": StiffnessVsAngle,
     "gravity_compensator": GravityCompensator,
+    "gravity_sag": GravitySag,
+    "link_weight": LinkWeight,
+    "payload": PayloadError,
+    "transmission_harmonic": TransmissionHarmonic,
+    "transmission_scale": TransmissionScale,
+    "joint_coupling": JointCoupling,
+    "backlash": Backlash,
     "bearing_compliance": BearingCompliance,
     "base_compliance": BaseCompliance,
+    "base_drift": BaseDrift,
+    "thermal_expansion": ThermalExpansion,
     "tool_compliance": ToolCompliance,
+    "tracker_scale": TrackerScale,
+    "tracker_drift": TrackerDrift,
 }
 
 GROUPS = ("base", "tool", "geometry")

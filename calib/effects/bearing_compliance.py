@@ -12,7 +12,7 @@ from calib.effects.protocol import (
     ElasticEffect,
     Parameter,
     joint_index,
-    revolute_joints,
+    turning_joints,
 )
 from calib.poses import Poses
 from calib.se3 import Array
@@ -31,10 +31,11 @@ class BearingCompliance(ElasticEffect):
 
     axis: Array
     kind: ClassVar[str] = "bearing_compliance"
+    turns: ClassVar[bool] = True
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
-        return revolute_joints(context)
+        return turning_joints(context)
 
     @classmethod
     def at(cls, context: Context, where: str) -> Self:

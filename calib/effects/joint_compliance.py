@@ -7,11 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from calib.effects.protocol import (
-    ElasticDrive,
-    Parameter,
-    compliance_unit,
-)
+from calib.effects.drive import ElasticDrive, compliance_unit
+from calib.effects.protocol import Parameter
 from calib.poses import Poses
 from calib.se3 import Array
 

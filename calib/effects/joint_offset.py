@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from calib.effects.protocol import (
-    AlongJoint,
-    Constant,
-    Parameter,
-)
+from calib.effects.drive import AlongJoint, error_unit
+from calib.effects.protocol import Constant, Parameter
 from calib.se3 import Array
 
 
@@ -21,7 +18,7 @@ class JointOffset(AlongJoint, Constant):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        unit = "um" if self.slides else "urad"
+        unit = error_unit(self.slides)
         return (Parameter(self.kind, self.where, "offset", unit, 1e-6, 1e-3),)
 
     @property

@@ -1,12 +1,16 @@
 """What an effect is: anything that moves a marker, linear in its parameters where it acts.
 
-An effect acts at one of four places of the paper's product ``T_base T_robot T_tool`` (equation 6):
+An effect acts in one of five ways on the paper's product ``T_base T_robot T_tool`` (equation 6):
 
-- :class:`TwistEffect`: displaces a frame of the arm by ``xi = basis(state) @ parameters``;
+- :class:`TwistEffect`: displaces frames of the arm by ``xi = basis @ parameters``. A
+  :class:`Constant` one does so alike at every pose, a :class:`PoseEffect` by what is known of the pose
+  before the arm bends: angles as read, approach, time, temperature;
 - :class:`ElasticEffect`: a twist whose basis is a flexibility times the wrench that the frame
   transmits, ``xi = K(parameters) w`` (equation 2 with the terms of k_theta it stands for);
-- :class:`LoadEffect`: adds to the wrench that frames transmit, and so moves what is elastic;
-- :class:`~calib.effects.base.Base` and :class:`~calib.effects.tool.Tool`: the outer factors.
+- :class:`LoadEffect`: adds to the wrench that frames transmit, and so moves what is elastic: a
+  :class:`SpringEffect` beside a joint, or a :class:`WeightEffect` by what hangs on the arm;
+- :class:`~calib.effects.base.Base` and :class:`~calib.effects.tool.Tool`: the outer factors;
+- :class:`ReadingEffect`: the instrument reads a point elsewhere than it is.
 
 From the basis follow, in :mod:`calib.model`, the exact displacement, its Jacobian and its score.
 A new cause of error is one file with one such class and one entry in ``calib.effects.EFFECTS``.
@@ -17,7 +21,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Self
+from typing import ClassVar, Self, TypeAlias
 
 import numpy as np
 
@@ -26,7 +30,11 @@ from calib.kinematics import Frames
 from calib.poses import Poses
 from calib.robot import Robot
 from calib.se3 import Array
-from calib.statics import Transmitted
+from calib.statics import Loads, Payload, Transmitted
+
+STANDARD_GRAVITY = (0.0, 0.0, -9.80665)
+ARM = "arm"
+"""The place that stands for all links, or all joints, at once."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +79,10 @@ class Context:
     knots : dict, joint name -> ndarray, rad, where ``stiffness_vs_angle`` has coefficients
     anchors : dict, joint name -> ndarray, shape (2, 3), m: spring anchors of a gravity
         compensator, on the link before the joint and on the link after it
+    gravity : ndarray, shape (3,), m/s^2, base axes
+    payload : Payload, as given
+    measured_load : whether the poses bring a load of their own: a wrench, or a plan's [load]
+    lacking : frozenset of str, covariates that the poses in hand do not have
     """
 
     robot: Robot
@@ -79,14 +91,25 @@ class Context:
     stations: tuple[str, ...] = ("base",)
     knots: Mapping[str, Array] = field(default_factory=dict)
     anchors: Mapping[str, Array] = field(default_factory=dict)
+    gravity: Array = field(default_factory=lambda: np.array(STANDARD_GRAVITY))
+    payload: Payload = field(default_factory=Payload)
+    measured_load: bool = False
+    lacking: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, eq=False)
 class Effect(ABC):
-    """One cause at one place, ``where``."""
+    """One cause at one place, ``where``.
+
+    uses : what it needs to know of each pose beyond joints and loads, by the names of ``Poses``;
+        where a pose does not say, the effect rests
+    turns : whether its places are joints that turn, not slide
+    """
 
     where: str
     kind: ClassVar[str]
+    uses: ClassVar[tuple[str, ...]] = ()
+    turns: ClassVar[bool] = False
 
     @classmethod
     @abstractmethod
@@ -104,28 +127,32 @@ class Effect(ABC):
         """Its unknowns, in the order of the basis columns."""
 
 
+Strand: TypeAlias = tuple[int, Array]
+"""A frame (0 base, 1..n joints, n + 1 tip) and d xi / d parameter there, (..., m or 1, 6, p), SI."""
+
+
 @dataclass(frozen=True, eq=False)
 class TwistEffect(Effect):
-    """Displaces ``frame`` (0 base, 1..n joints, n + 1 tip) in the frame's own axes."""
-
-    frame: int
+    """Displaces frames of the arm, each in its own axes."""
 
     @abstractmethod
-    def basis(self, state: State) -> Array:
-        """D xi / d parameter, shape (..., m or 1, 6, p), SI."""
+    def strands(self, state: State) -> tuple[Strand, ...]:
+        """Where it acts, and how."""
 
 
 @dataclass(frozen=True, eq=False)
 class Constant(TwistEffect):
     """A displacement that is the same at every pose: it can go into the joint origins of a URDF."""
 
+    frame: int
+
     @property
     @abstractmethod
     def columns(self) -> Array:
         """D xi / d parameter, shape (6, p), SI."""
 
-    def basis(self, state: State) -> Array:
-        return self.columns[None]
+    def strands(self, state: State) -> tuple[Strand, ...]:
+        return ((self.frame, self.columns[None]),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,14 +179,32 @@ class ConstantTwist(Constant):
 
 
 @dataclass(frozen=True, eq=False)
+class PoseEffect(TwistEffect):
+    """A displacement by what is known of the pose before the arm bends, angles as read."""
+
+    @abstractmethod
+    def twists(self, poses: Poses) -> tuple[Strand, ...]:
+        """Where it acts, and how."""
+
+    def strands(self, state: State) -> tuple[Strand, ...]:
+        return self.twists(state.poses)
+
+
+@dataclass(frozen=True, eq=False)
 class ElasticEffect(TwistEffect):
     """A displacement in proportion to the wrench that the frame transmits."""
+
+    frame: int
 
     @abstractmethod
     def flexibility(self, poses: Poses) -> Array:
         """D K / d parameter, shape (m or 1, 6, 6, p): xi = K (force, moment) in the frame's axes."""
 
+    def strands(self, state: State) -> tuple[Strand, ...]:
+        return ((self.frame, self.basis(state)),)
+
     def basis(self, state: State) -> Array:
+        """D xi / d parameter at the frame, shape (..., m, 6, p), SI."""
         local = state.wrench.local[..., self.frame, :]
         K = self.flexibility(state.poses)
         K = np.broadcast_to(K, (len(state.poses), *K.shape[1:]))
@@ -168,56 +213,48 @@ class ElasticEffect(TwistEffect):
 
 
 @dataclass(frozen=True, eq=False)
-class AlongJoint(TwistEffect):
-    """A twist along the variable of one joint: an error of its reading, or of its drive.
-
-    axis : ndarray, shape (6,), unit displacement along the joint's variable
-    """
-
-    axis: Array
-
-    @classmethod
-    def places(cls, context: Context) -> tuple[str, ...]:
-        return context.robot.joints
-
-    @classmethod
-    def at(cls, context: Context, where: str) -> Self:
-        joint = joint_index(context, where)
-        return cls(where, joint + 1, along_axis(context.robot, joint))
-
-    @property
-    def slides(self) -> bool:
-        """Whether the joint is prismatic."""
-        return bool(self.axis[:3].any())
-
-
-@dataclass(frozen=True, eq=False)
-class ElasticDrive(AlongJoint, ElasticEffect):
-    """A joint that yields along its own variable: ``dq = compliance * torque``.
-
-    Paper, equation 2 with a diagonal k_theta.
-    """
-
-    @abstractmethod
-    def shares(self, poses: Poses) -> Array:
-        """What each parameter adds to the compliance at each pose, shape (m or 1, p)."""
-
-    def flexibility(self, poses: Poses) -> Array:
-        return np.outer(self.axis, self.axis)[:, :, None] * self.shares(poses)[:, None, None, :]
-
-    def basis(self, state: State) -> Array:
-        torque = state.wrench.local[..., self.frame, :] @ self.axis
-        turned: Array = torque[..., None] * self.shares(state.poses)
-        return self.axis[:, None] * turned[..., None, :]
-
-
-@dataclass(frozen=True, eq=False)
 class LoadEffect(Effect):
     """Adds a wrench to what the frames transmit."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpringEffect(LoadEffect):
+    """A wrench between two links, fixed in their axes."""
 
     @abstractmethod
     def wrench_basis(self, poses: Poses) -> Array:
         """D w / d parameter, shape (m, n + 2, 6, p), in the axes of each frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class WeightEffect(LoadEffect):
+    """A change of what hangs on the arm; its wrench follows the arm as all loads do."""
+
+    @abstractmethod
+    def changes(self, poses: Poses, loads: Loads) -> tuple[Loads, ...]:
+        """D loads / d parameter, one each, from the loads as given."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingEffect(Effect):
+    """The instrument reads a point elsewhere than it is."""
+
+    @abstractmethod
+    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
+        """Readings of points (..., m, M, 3), m, in the axes of their stations.
+
+        values : ndarray, shape (..., p), SI
+        Returns readings (..., m, M, 3), their derivatives by the points (..., m or 1, M or 1, 3, 3) and
+        by the parameters (..., m, M, 3, p).
+        """
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return ("instrument",)
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        return cls(where)
 
 
 def joint_index(context: Context, where: str) -> int:
@@ -225,23 +262,10 @@ def joint_index(context: Context, where: str) -> int:
     return context.robot.joints.index(where)
 
 
-def along_axis(robot: Robot, joint: int) -> Array:
-    """Unit displacement along a joint's variable, shape (6,)."""
-    part = slice(0, 3) if robot.prismatic[joint] else slice(3, 6)
-    unit = np.zeros(6)
-    unit[part] = robot.axes[joint]
-    return unit
-
-
-def revolute_joints(context: Context) -> tuple[str, ...]:
+def turning_joints(context: Context) -> tuple[str, ...]:
     """Names of the joints that turn."""
     robot = context.robot
     return tuple(j for j, slides in zip(robot.joints, robot.prismatic, strict=True) if not slides)
-
-
-def compliance_unit(prismatic: bool) -> tuple[str, float, float]:
-    """Unit of a joint's compliance, its SI scale, and a plausible size (light arms are soft)."""
-    return ("nm/N", 1e-9, 1e-6) if prismatic else ("urad/(N m)", 1e-6, 1e-5)
 
 
 def needs(context_has: bool, effect: str, reason: str, remedy: str) -> None:

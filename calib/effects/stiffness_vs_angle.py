@@ -7,15 +7,8 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from calib.effects.protocol import (
-    Context,
-    ElasticDrive,
-    Parameter,
-    along_axis,
-    compliance_unit,
-    joint_index,
-    needs,
-)
+from calib.effects.drive import ElasticDrive, along_axis, compliance_unit
+from calib.effects.protocol import Context, Parameter, joint_index, needs
 from calib.poses import Poses
 from calib.se3 import Array
 

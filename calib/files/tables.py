@@ -20,6 +20,7 @@ from calib.files.columns import (
     point_columns,
 )
 from calib.files.csv_table import Table, read_table
+from calib.moves import with_moves
 from calib.poses import IntArray, Measurements, Poses, hung, poses_at
 from calib.robot import Robot
 from calib.se3 import Array
@@ -31,7 +32,8 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     every_marker : refuse a table that never shows one of the cell's markers; False for held-out poses
 
     Raises InputError naming line and column for what is missing, doubled, contradictory or no
-    number. What is odd but usable is listed in ``Measurements.warnings``.
+    number. What is odd but usable is listed in ``Measurements.warnings``. From which side each joint
+    came follows from the order of measurement where the table does not say.
     """
     path = Path(path)
     warnings: list[str] = []
@@ -48,7 +50,7 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     marker_of_row = _markers(table, cell)
     _, first = np.unique(pose_of_row, return_index=True)
     given = covariates(table, cell.robot, first)
-    poses = poses_at(q_rows[first], pose_names, **given)
+    poses = with_moves(poses_at(q_rows[first], pose_names, **given))
     _check_poses_agree(table, cell.robot, pose_of_row, first)
 
     m, M = len(pose_names), len(cell.marker_names)
@@ -144,9 +146,12 @@ def _load_poses(cell: Cell, path: Path, required: Sequence[str]) -> tuple[Poses,
 
 
 def load_plan(cell: Cell, path: str | Path) -> Poses:
-    """Read a plan: pose identifiers, joints, optional wrench. Raises InputError."""
+    """Read a plan: pose identifiers, joints, optional wrench, in the order of measurement.
+
+    Raises InputError.
+    """
     poses, _ = _load_poses(cell, Path(path), ("pose",))
-    return poses
+    return with_moves(poses)
 
 
 def load_targets(cell: Cell, path: str | Path) -> tuple[Poses, Array]:

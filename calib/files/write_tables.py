@@ -36,7 +36,7 @@ def _text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def measurements_csv(cell: Cell, data: Measurements) -> str:
-    """The text of ``measurements.csv``: a row for each visible point, wrench of the hung load in it.
+    """The text of ``measurements.csv``: a row for each visible point, with all that is known of it.
 
     A load hung on the tip is written as the wrench that it exerts at the nominal pose.
     """
@@ -45,15 +45,31 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
     header = ["pose", "marker", *_joint_header(cell.robot), "x_mm", "y_mm", "z_mm"]
     loaded = bool(wrench.any())
     header += WRENCH if loaded else ()
-    header += ["station"] if len(poses.stations) > 1 else []
+    session = _session(cell, poses)
+    header += session
     rows = []
     for i, j in np.argwhere(data.seen):
         row = [poses.names[i], cell.marker_names[j], *_joint_text(cell.robot, poses.q[i])]
         row += [f"{1e3 * value:.5f}" for value in data.points[i, j]]
         row += [f"{value:.6f}" for value in wrench[i]] if loaded else []
-        row += [poses.stations[poses.station[i]]] if len(poses.stations) > 1 else []
+        row += [texts[i] for texts in session.values()]
         rows.append(row)
     return _text(header, rows)
+
+
+def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:
+    """Columns of temperature, time, approach and station, as far as the poses have their own."""
+    found: dict[str, list[str]] = {}
+    if poses.temperature is not None:
+        found["temperature_degC"] = [f"{value:.6g}" for value in poses.temperature]
+    if poses.time is not None:
+        found["time_s"] = [f"{value:.9g}" for value in poses.time]
+    if poses.approach is not None and not poses.approach_derived:
+        for joint, signs in zip(cell.robot.joints, poses.approach.T, strict=True):
+            found[f"approach_{joint}"] = [f"{sign:.0f}" for sign in signs]
+    if len(poses.stations) > 1:
+        found["station"] = [poses.stations[i] for i in poses.station]
+    return found
 
 
 def plan_csv(cell: Cell, poses: Poses, level: Array) -> str:

@@ -140,6 +140,14 @@ class Identification:
         for p, value, std in zip(self.model.parameters, self.values, self.std, strict=True):
             if p.name.startswith("compliance") and value < -5.0 * std:
                 found.append(f"{p.id} is negative: check the sign of the wrench and of gravity")
+        poses = self.fit.data.poses
+        uses = {name for effect in self.model.effects for name in effect.uses}
+        if "approach" in uses and poses.approach_derived:
+            order = "of the file" if poses.time is None else "in time"
+            found.append(
+                f"from which side each joint came was derived from the order {order}: add columns "
+                "approach_<joint> if moves in between were not measured"
+            )
         return tuple(found)
 
     @property

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.build import build, refuse_idle_effects
+from calib.build import build, lacking, refuse_idle_effects
 from calib.cell import Cell
 from calib.covariance import clustered, covariance
 from calib.effects.base import Base
@@ -269,9 +269,22 @@ def _predicted(
     r, J = observation.points().linearise(values)
     limit = threshold(pose_statistics(r, J, found.kept, found.span)[0], r.shape[-1])
     heldout = _with_stations_of(data, heldout)
+    _check_covariates(model, heldout)
     points = Points(model, heldout, whitening(cell, model, values, heldout))
     statistics, _ = prediction_statistics(*points.linearise(values), cov)
     return residuals(model, heldout, values, statistics > limit, statistics, limit)
+
+
+def _check_covariates(model: Model, heldout: Measurements) -> None:
+    """Refuse to predict what the held-out poses do not say."""
+    missing = lacking(heldout.poses)
+    for effect in model.effects:
+        for covariate in effect.uses:
+            if covariate in missing:
+                raise CalibError(
+                    f"held-out poses have no {covariate}, which {effect.kind}:{effect.where} needs; "
+                    "add its column to their table, or leave these poses out"
+                )
 
 
 def _with_stations_of(data: Measurements, heldout: Measurements) -> Measurements:

@@ -175,7 +175,8 @@ def _held_out(
     except ValueError:
         if path.resolve() == data_path.resolve():
             raise InputError(path, "", "holds the data themselves", "name other poses") from None
-        return data, calib.load_measurements(cell, path, every_marker=False), [path]
+        held = calib.load_measurements(cell, path, every_marker=False)
+        return *calib.in_one_session(data, held), [path]
     if not 0.0 < fraction < 1.0:
         raise InputError("--holdout", "", f"{holdout} is not between 0 and 1", "use 0.3, or a file")
     kept, held = data.split(fraction, np.random.default_rng(seed))

@@ -199,9 +199,29 @@ CELL = {
         effects("base", "tool", "joint_compliance:A1"),
         "joint_compliance:A1 cannot act: it moves no marker at any of these poses",
     ),
-    "compensator without anchors": (
-        effects("base", "joint_compliance:A2", "gravity_compensator:A2"),
-        r"gravity_compensator:A2 cannot act: .*add \[robot.compensators_mm\] A2",
+    "effect of the base at a joint": (
+        effects("base", "base_compliance:A2"),
+        "base_compliance has no place 'A2'.*places are: base",
+    ),
+    "link that the tip alone ends": (
+        effects("base", "thermal_expansion:A4"),
+        "thermal_expansion:A4 cannot act: the next joint has its origin in this one's",
+    ),
+    "temperature not measured": (
+        effects("base", "thermal_expansion:arm"),
+        "thermal_expansion:arm cannot act: the poses have no temperature; add column temperature_degC",
+    ),
+    "time not measured": (
+        effects("base", "base_drift"),
+        "base_drift:base cannot act: the poses have no time; add column time_s",
+    ),
+    "load error of a rigid arm": (
+        effects("base", "payload"),
+        "payload:payload cannot act: nothing in the model is elastic; add joint_compliance",
+    ),
+    "scale beside free lengths": (
+        effects("base", "tool", "geometry", "tracker_scale"),
+        "tracker_scale:instrument cannot act: .* and .* more move the markers in the same way",
     ),
     "off-diagonal compliance": (
         effects("joint_compliance:A2*A3"),

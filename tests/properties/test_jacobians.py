@@ -2,16 +2,35 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calib.effects import EFFECTS
+from calib.effects.protocol import LoadEffect
+from calib.model import Model
+from calib.poses import Poses
+from calib.se3 import Array
+from calib.statics import Payload
 from tests.helpers import central_difference, model_of, random_context, random_poses, random_robot
 
-COMBINATIONS = [[kind] for kind in EFFECTS if kind != "gravity_compensator"] + [
-    ["gravity_compensator", "joint_compliance"],
-    list(EFFECTS),
+SOFT = ["joint_compliance", "tool_compliance"]  # without these, loads move nothing
+COMBINATIONS = [
+    [kind, *SOFT] if issubclass(effect, LoadEffect) else [kind] for kind, effect in EFFECTS.items()
 ]
+COMBINATIONS.append(list(EFFECTS))
+
+
+def check_jacobian(model: Model, poses: Poses, values: Array) -> None:
+    points, J = model.jacobian(values, poses)
+    np.testing.assert_allclose(points, model.predict(values, poses), atol=1e-12)
+    numeric = central_difference(lambda v: model.predict(v, poses), values, model.sizes * 1e-2)
+    scale = np.abs(J).max(axis=(0, 1, 2))
+    assert (scale > 0.0).all(), "every parameter must move a marker here"
+    # Rounding of a nanometre equilibrium over the step limits what differences can show.
+    noise = 1e-12 / (model.sizes * 1e-2)
+    assert (np.abs(J - numeric).max(axis=(0, 1, 2)) <= 1e-6 * scale + 10.0 * noise).all()
 
 
 @pytest.mark.parametrize("kinds", COMBINATIONS, ids=lambda kinds: "+".join(kinds)[:40])
@@ -22,14 +41,21 @@ def test_jacobian(kinds: list[str], dof: int, prismatic: tuple[int, ...]) -> Non
     model = model_of(random_context(rng, robot), kinds)
     poses = random_poses(rng, robot, 12)
     values = model.sizes * rng.normal(size=len(model.parameters))
-    points, J = model.jacobian(values, poses)
-    np.testing.assert_allclose(points, model.predict(values, poses), atol=1e-12)
-    numeric = central_difference(lambda v: model.predict(v, poses), values, model.sizes * 1e-2)
-    scale = np.abs(J).max(axis=(0, 1, 2))
-    assert (scale > 0.0).all(), "every parameter must move a marker here"
-    # Rounding of a nanometre equilibrium over the step limits what differences can show.
-    noise = 1e-12 / (model.sizes * 1e-2)
-    assert (np.abs(J - numeric).max(axis=(0, 1, 2)) <= 1e-6 * scale + 10.0 * noise).all()
+    check_jacobian(model, poses, values)
+
+
+@pytest.mark.parametrize("payload", [Payload(), Payload(0.0, (0.1, 0.0, 0.2))])
+@pytest.mark.parametrize("measured", [True, False])
+def test_jacobian_of_an_unknown_load(payload: Payload, measured: bool) -> None:
+    """Where no payload is given: the scale of the measured wrench, or a body nobody wrote down."""
+    rng = np.random.default_rng(1)
+    robot = random_robot(rng, 5, (2,))
+    context = replace(random_context(rng, robot), payload=payload, measured_load=measured)
+    model = model_of(context, ["payload", *SOFT])
+    names = [p.name for p in model.parameters if p.effect == "payload"]
+    assert names == (["scale", "com_x", "com_y", "com_z"] if measured else ["mass"])
+    values = model.sizes * rng.normal(size=len(model.parameters))
+    check_jacobian(model, random_poses(rng, robot, 12), values)
 
 
 def test_trials_are_independent() -> None:

@@ -1,0 +1,35 @@
+"""Lost motion of a joint: it stops short on the side from which it came.
+
+``dq = half_width * approach``, approach the sign of the joint's last motion and 0 where none is known.
+The half width may be negative, as with a controller that compensates too much.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from calib.effects.drive import DriveError, error_unit
+from calib.effects.protocol import Parameter
+from calib.poses import Poses
+from calib.se3 import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Backlash(DriveError):
+    """Half the gap between both approaches of one joint."""
+
+    kind: ClassVar[str] = "backlash"
+    uses: ClassVar[tuple[str, ...]] = ("approach",)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        unit = error_unit(self.slides)
+        return (Parameter(self.kind, self.where, "half_width", unit, 1e-6, 1e-4),)
+
+    def shares(self, poses: Poses) -> Array:
+        if poses.approach is None:
+            return np.zeros((len(poses), 1))
+        return poses.approach[:, self.frame - 1, None]

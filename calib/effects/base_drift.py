@@ -1,0 +1,35 @@
+"""Slow motion of the robot's base, as of a floor that settles: zero at the first pose in time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from calib.effects.drift import drift_parameters
+from calib.effects.protocol import Context, Parameter, PoseEffect, Strand
+from calib.poses import Poses
+
+
+@dataclass(frozen=True, eq=False)
+class BaseDrift(PoseEffect):
+    """The base frame moves at constant rates along and about its own axes."""
+
+    kind: ClassVar[str] = "base_drift"
+    uses: ClassVar[tuple[str, ...]] = ("time",)
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return ("base",)
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        return cls(where)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return drift_parameters(self.kind, self.where)
+
+    def twists(self, poses: Poses) -> tuple[Strand, ...]:
+        return ((0, poses.elapsed[:, None, None] * np.eye(6)),)

@@ -1,0 +1,104 @@
+"""Effects along the variable of one joint: errors of its reading, and of its drive."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from calib.effects.protocol import (
+    Context,
+    ElasticEffect,
+    PoseEffect,
+    State,
+    Strand,
+    TwistEffect,
+    joint_index,
+    turning_joints,
+)
+from calib.poses import Poses
+from calib.robot import Robot
+from calib.se3 import Array
+
+
+@dataclass(frozen=True, eq=False)
+class AlongJoint(TwistEffect):
+    """A twist along the variable of one joint: an error of its reading, or of its drive.
+
+    frame : int, the joint's
+    axis : ndarray, shape (6,), unit displacement along the joint's variable
+    """
+
+    frame: int
+    axis: Array
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return turning_joints(context) if cls.turns else context.robot.joints
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        joint = joint_index(context, where)
+        return cls(where, joint + 1, along_axis(context.robot, joint))
+
+    @property
+    def slides(self) -> bool:
+        """Whether the joint is prismatic."""
+        return bool(self.axis[:3].any())
+
+
+@dataclass(frozen=True, eq=False)
+class DriveError(AlongJoint, PoseEffect):
+    """An error of a joint's variable: ``dq = shares @ parameters``."""
+
+    @abstractmethod
+    def shares(self, poses: Poses) -> Array:
+        """D dq / d parameter at each pose, shape (m, p), SI."""
+
+    def twists(self, poses: Poses) -> tuple[Strand, ...]:
+        return ((self.frame, self.axis[:, None] * self.shares(poses)[:, None, :]),)
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticDrive(AlongJoint, ElasticEffect):
+    """A joint that yields along its own variable: ``dq = compliance * torque``.
+
+    Paper, equation 2 with a diagonal k_theta.
+    """
+
+    @abstractmethod
+    def shares(self, poses: Poses) -> Array:
+        """What each parameter adds to the compliance at each pose, shape (m or 1, p)."""
+
+    def flexibility(self, poses: Poses) -> Array:
+        return np.outer(self.axis, self.axis)[:, :, None] * self.shares(poses)[:, None, None, :]
+
+    def basis(self, state: State) -> Array:
+        torque = state.wrench.local[..., self.frame, :] @ self.axis
+        turned: Array = torque[..., None] * self.shares(state.poses)
+        return self.axis[:, None] * turned[..., None, :]
+
+
+def along_axis(robot: Robot, joint: int) -> Array:
+    """Unit displacement along a joint's variable, shape (6,)."""
+    part = slice(0, 3) if robot.prismatic[joint] else slice(3, 6)
+    unit = np.zeros(6)
+    unit[part] = robot.axes[joint]
+    return unit
+
+
+def compliance_unit(prismatic: bool) -> tuple[str, float, float]:
+    """Unit of a joint's compliance, its SI scale, and a plausible size (light arms are soft)."""
+    return ("nm/N", 1e-9, 1e-6) if prismatic else ("urad/(N m)", 1e-6, 1e-5)
+
+
+def error_unit(prismatic: bool) -> str:
+    """Unit of an error of a joint's variable."""
+    return "um" if prismatic else "urad"
+
+
+def variable_unit(prismatic: bool) -> str:
+    """SI unit of a joint's variable, the denominator of errors in proportion to it."""
+    return "m" if prismatic else "rad"

@@ -1,0 +1,101 @@
+"""Sag of joints under the arm's own weight where link masses are unknown.
+
+The weight of all links beyond joint k turns it by ``compliance * a_k . sum_l (R_l b_l) x g``, b_l the
+first moment of link l, what hangs beyond it included. Neither factor is known, so the parameters are
+their products with g. What of b_l lies along joint l's own axis counts with the link before, hence two
+a joint that turns: ``u_<joint>`` and ``v_<joint>`` across its axis. A joint that slides shifts what is
+beyond it, ``travel_<joint>``. Under a joint that slides itself, weight and compliance have one product.
+Angles are as read; the arm's own weight bends it too little for more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from calib.effects.drive import along_axis, error_unit
+from calib.effects.protocol import ARM, Context, Parameter, PoseEffect, Strand, joint_index
+from calib.kinematics import forward
+from calib.poses import Poses
+from calib.robot import Robot
+from calib.se3 import Array, across, cross, rotate
+
+_SIZE = 1e-4  # rad, or m
+
+
+@dataclass(frozen=True, eq=False)
+class GravitySag(PoseEffect):
+    """Sag of one joint, or of every joint (``arm``).
+
+    robot : Robot
+    sagging : tuple of int, positions of the joints that sag
+    down : ndarray, shape (3,), unit vector of gravity in base axes
+    """
+
+    robot: Robot
+    sagging: tuple[int, ...]
+    down: Array
+    kind: ClassVar[str] = "gravity_sag"
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return (ARM, *context.robot.joints)
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        robot = context.robot
+        joints = range(robot.dof) if where == ARM else [joint_index(context, where)]
+        size = float(np.linalg.norm(context.gravity))
+        return cls(where, robot, tuple(joints), context.gravity / (size or 1.0))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        found = []
+        for k in self.sagging:
+            unit = error_unit(bool(self.robot.prismatic[k]))
+            prefix = f"{self.robot.joints[k]}_" if self.where == ARM else ""
+            for name, slides in self._moments(k):
+                own = f"{unit}/m" if slides else unit
+                found.append(Parameter(self.kind, self.where, prefix + name, own, 1e-6, _SIZE))
+        return tuple(found)
+
+    def _moments(self, k: int) -> list[tuple[str, bool]]:
+        """Names of the products at joint k, and whether a joint's travel multiplies them."""
+        robot = self.robot
+        if robot.prismatic[k]:
+            return [("weight", False)]
+        names: list[tuple[str, bool]] = []
+        for joint, slides in list(zip(robot.joints, robot.prismatic, strict=True))[k:]:
+            own = [f"travel_{joint}"] if slides else [f"u_{joint}", f"v_{joint}"]
+            names += [(name, bool(slides)) for name in own]
+        return names
+
+    def twists(self, poses: Poses) -> tuple[Strand, ...]:
+        R = forward(self.robot, poses.q).R_link
+        strands, first, count = [], 0, len(self.parameters)
+        for k in self.sagging:
+            turned = self._turned(k, R, poses.q)
+            columns = np.zeros((len(poses), count))
+            columns[:, first : first + turned.shape[1]] = turned
+            first += turned.shape[1]
+            axis = along_axis(self.robot, k)
+            strands.append((k + 1, axis[:, None] * columns[:, None, :]))
+        return tuple(strands)
+
+    def _turned(self, k: int, R: Array, q: Array) -> Array:
+        """D dq_k / d product, shape (m, products)."""
+        robot = self.robot
+        axis = rotate(R[:, k + 1], robot.axes[k])  # the joint's own motion leaves its axis in place
+        if robot.prismatic[k]:
+            return (axis @ self.down)[:, None]
+        columns = []
+        for j in range(k, robot.dof):
+            if robot.prismatic[j]:
+                moments = robot.axes[j] * q[:, j, None, None]
+            else:
+                moments = across(robot.axes[j])[None]
+            in_base = rotate(R[:, j + 1, None], moments)
+            columns.append(np.sum(axis[:, None, :] * cross(in_base, self.down), axis=-1))
+        return np.concatenate(columns, axis=1)

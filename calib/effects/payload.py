@@ -1,0 +1,66 @@
+"""Wrong knowledge of what the tip carries.
+
+With a [payload] in the cell, its mass and centre of mass are corrected. Where there is none and the
+poses bring a load of their own, as a measured wrench or a plan's [load], ``scale`` is the error of that
+load and the centre shifts the point at which it acts. With neither, ``mass`` is an unknown body at the
+point that the cell gives, and the moment of nothing cannot be corrected.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from calib.effects.protocol import Context, Parameter, WeightEffect
+from calib.poses import Poses
+from calib.statics import Loads, Payload
+
+_SHARE = 0.1  # of a mass or a wrench: plausible error
+_UNKNOWN = 10.0  # kg: plausible mass of a forgotten tool
+_COM = 0.02  # m
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadError(WeightEffect):
+    """Corrections to first order at the given load: of its size, and of where it acts.
+
+    given : Payload; measured : bool, whether the load of the poses is meant in its place
+    """
+
+    given: Payload
+    measured: bool
+    kind: ClassVar[str] = "payload"
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return ("payload",)
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        return cls(where, context.payload, context.payload.mass == 0.0 and context.measured_load)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        mass = self.given.mass
+        com = [Parameter(self.kind, self.where, f"com_{c}", "mm", 1e-3, _COM) for c in "xyz"]
+        if self.measured:
+            return (Parameter(self.kind, self.where, "scale", "1", 1.0, _SHARE), *com)
+        first = Parameter(self.kind, self.where, "mass", "kg", 1.0, _SHARE * mass or _UNKNOWN)
+        return (first, *com) if mass > 0.0 else (first,)
+
+    def changes(self, poses: Poses, loads: Loads) -> tuple[Loads, ...]:
+        size, *shifts = [loads.nothing() for _ in self.parameters]
+        if self.measured:
+            size.mass[:, -1] = poses.load_mass
+            size.mass_moment[:, -1] = poses.load_mass[:, None] * poses.load_com
+            size.force[:], size.moment[:] = loads.force, loads.moment
+        else:
+            size.mass[:, -1] = 1.0
+            size.mass_moment[:, -1] = self.given.com
+        for shift, axis in zip(shifts, np.eye(3), strict=False):
+            body = poses.load_mass if self.measured else np.full(len(poses), self.given.mass)
+            shift.mass_moment[:, -1] = body[:, None] * axis
+            shift.lever[:] = axis * self.measured
+        return (size, *shifts)

@@ -1,0 +1,66 @@
+"""Links that grow with temperature, from the 20 degC at which the nominal model holds.
+
+A link grows along its own constant translation, from its joint to the origin of the next one (or to
+the tip). ``arm`` warms as a whole, the base link up to the first joint with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from calib.effects.protocol import ARM, Context, Parameter, PoseEffect, Strand, joint_index, needs
+from calib.poses import Poses
+from calib.robot import Robot
+from calib.se3 import Array
+
+
+@dataclass(frozen=True, eq=False)
+class ThermalExpansion(PoseEffect):
+    """Growth per metre and kelvin.
+
+    ends : tuple of int, the frames in which the growing links end
+    lengths : ndarray, shape (ends, 3), m, the links' translations in the axes of those frames
+    """
+
+    ends: tuple[int, ...]
+    lengths: Array
+    kind: ClassVar[str] = "thermal_expansion"
+    uses: ClassVar[tuple[str, ...]] = ("temperature",)
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        lengths = translations(context.robot)[1:]
+        links = zip(context.robot.joints, lengths, strict=True)
+        return (ARM, *(joint for joint, length in links if length.any()))
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        robot, lengths = context.robot, translations(context.robot)
+        if where == ARM:
+            return cls(where, tuple(range(1, robot.dof + 2)), lengths)
+        link = joint_index(context, where) + 1
+        needs(
+            bool(lengths[link].any()),
+            f"{cls.kind}:{where}",
+            "the next joint has its origin in this one's",
+            "name a link that has a length, or arm",
+        )
+        return cls(where, (link + 1,), lengths[link : link + 1])
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter(self.kind, self.where, "growth", "um/(m K)", 1e-6, 1e-5),)
+
+    def twists(self, poses: Poses) -> tuple[Strand, ...]:
+        slides = np.column_stack([self.lengths, np.zeros_like(self.lengths)])
+        grown = poses.warming[:, None, None] * slides[:, None, :, None]
+        return tuple(zip(self.ends, grown, strict=True))
+
+
+def translations(robot: Robot) -> Array:
+    """Origin of each frame but the base's from the one before, in its own axes, (n + 1, 3), m."""
+    R, p = robot.origins[:, :3, :3], robot.origins[:, :3, 3]
+    return np.asarray((p[:, None, :] @ R)[:, 0])

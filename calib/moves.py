@@ -1,0 +1,79 @@
+"""From which side, and how far, each joint came: what the order of measurement tells.
+
+The order is that of time where the poses have it, else that of the file. A table of held-out poses is
+part of the same session, so both are ordered together before anything is fitted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calib.poses import IntArray, Measurements, Poses, poses_at
+from calib.se3 import Array
+
+_MOVED = 1e-5  # rad or m: less is the trembling of a servo, and turns no gear round
+
+
+def moves(q: Array) -> tuple[Array, Array]:
+    """Approach and size of move at joint values in the order in which they were reached.
+
+    q : ndarray, shape (m, n), rad or m
+    Returns the sign of the last motion of each joint, and how far each went in the move that led to
+    the configuration, both (m, n). A reading that follows without a move keeps those of the reading
+    before; at the first configuration nothing is known, and both are zero.
+    """
+    step = np.diff(q, axis=0, prepend=q[:1])
+    step[np.abs(step) < _MOVED] = 0.0
+    row = np.arange(len(q))[:, None]
+    last = np.maximum.accumulate(np.where(step != 0.0, row, 0), axis=0)
+    arrival = np.maximum.accumulate(np.where(step.any(axis=1, keepdims=True), row, 0), axis=0)
+    return np.take_along_axis(np.sign(step), last, axis=0), np.abs(step)[arrival[:, 0]]
+
+
+def with_moves(poses: Poses) -> Poses:
+    """The poses of one session with approach, size of move, and the time at which it began.
+
+    An approach that the poses already have is kept.
+    """
+    order = _order(poses)
+    approach, motion = np.empty_like(poses.q), np.empty_like(poses.q)
+    approach[order], motion[order] = moves(poses.q[order])
+    derived = poses.approach is None or poses.approach_derived
+    return replace(
+        poses,
+        start=0.0 if poses.time is None else float(poses.time.min(initial=np.inf)),
+        approach=approach if derived else poses.approach,
+        approach_derived=derived,
+        motion=motion,
+    )
+
+
+def in_one_session(data: Measurements, heldout: Measurements) -> tuple[Measurements, Measurements]:
+    """Two tables of one session, with moves and time counted over both.
+
+    Without a time in both nothing says how they interleave, and each stays in its own order.
+    """
+    first, second = data.poses, heldout.poses
+    if first.time is None or second.time is None:
+        return data, heldout
+    q, time = np.concatenate([first.q, second.q]), np.concatenate([first.time, second.time])
+    session = with_moves(poses_at(q, time=time))
+    ours, theirs = session.take(slice(len(first))), session.take(slice(len(first), None))
+    return _within(data, ours), _within(heldout, theirs)
+
+
+def _within(own: Measurements, session: Poses) -> Measurements:
+    """A table with what the whole session tells of its poses."""
+    poses = own.poses
+    approach = session.approach if poses.approach_derived else poses.approach
+    poses = replace(poses, start=session.start, approach=approach, motion=session.motion)
+    return replace(own, poses=poses)
+
+
+def _order(poses: Poses) -> IntArray:
+    """Positions of the poses in the order of measurement."""
+    if poses.time is None:
+        return np.arange(len(poses))
+    return np.argsort(poses.time, kind="stable")

@@ -1,0 +1,5 @@
+"""Sim-to-real diagnosis: where the gap lies, what causes it, how far it shrinks."""
+
+from calib.diagnosis.diagnose import Diagnosis, diagnose
+
+__all__ = ["Diagnosis", "diagnose"]

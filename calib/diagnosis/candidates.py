@@ -9,10 +9,20 @@ from calib.build import context_of, place_effect
 from calib.cell import Cell
 from calib.diagnosis.curves import Curve, curves
 from calib.effects import EFFECTS, GROUPS, Effect
-from calib.effects.protocol import Constant, ElasticEffect, LoadEffect, State
+from calib.effects.protocol import ElasticEffect, LoadEffect, State
 from calib.errors import CalibError
 from calib.model import Model
 
+_BY_ANGLE = (
+    "transmission_harmonic", "transmission_scale", "joint_coupling", "gravity_compensator",
+    "gravity_sag", "stiffness_vs_angle",
+)  # fmt: skip
+_BY_KIND = {
+    "base_drift": "time",
+    "tracker_drift": "time",
+    "tracker_scale": "range",
+    "thermal_expansion": "temperature",
+}
 PARTS = {"geometry": ("joint_offset", "link_geometry"), "stiffness_vs_angle": ("joint_compliance",)}
 """What an active effect contains already."""
 
@@ -84,6 +94,12 @@ def _contained(active: Sequence[Effect], kind: str, where: str) -> bool:
 
 def depends_on(effect: Effect) -> str:
     """On what an effect's displacement depends most, as named in the results."""
-    if isinstance(effect, Constant):
-        return "none"
-    return "load" if isinstance(effect, ElasticEffect | LoadEffect) else effect.depends_on
+    if isinstance(effect, Curve):
+        return effect.variable.name
+    if effect.kind in _BY_ANGLE:
+        return f"q:{effect.where}"
+    if effect.kind in ("backlash",):
+        return f"approach:{effect.where}"
+    if isinstance(effect, ElasticEffect | LoadEffect):
+        return "load"
+    return _BY_KIND.get(effect.kind, "none")

@@ -9,21 +9,23 @@ change the whole model is fitted anew, nonlinearly and from the nominal values, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.screen import NOTHING, Field, Score, field, score
-from calib.diagnosis.stage import Fit, Stage
+from calib.diagnosis.screen import Field, Score, score
+from calib.diagnosis.stage import Fit, Stage, View, view
 from calib.poses import IntArray
-from calib.se3 import Array
 
-_ALPHA = 0.01  # false entries, over all candidates together
-_CURVE_PENALTY = 2.0 * np.log(10.0)
+ALPHA = 0.01
+"""Probability of a false entry, over all candidates together."""
+_CURVE_PENALTY = float(2.0 * np.log(10.0))
+_CHALLENGE = 1.0  # gain by which a rival must lead to take a place
 _NAMED_SHARE = 0.9  # of the leader's evidence at which a cause by name is preferred to a curve
 _MOST_EFFECTS = 5
 _MOST_ROUNDS = 12
+_RIVALS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +45,15 @@ class Outcome:
     """Where the contest ended.
 
     fit : Fit, with all entries; before : Fit, without
-    last : Field, of the candidates beside all that is modelled; scores : their scores
+    last : Field, of the candidates beside all that is modelled; where : their columns in it
+    scores : their scores
     """
 
     before: Fit
     fit: Fit
     entries: tuple[Entry, ...]
     last: Field
+    where: dict[str, IntArray]
     scores: dict[str, Score]
 
 
@@ -57,87 +61,80 @@ def contest(stage: Stage, suspects: Sequence[Candidate]) -> Outcome:
     """Add, exchange and remove candidates until nothing pays."""
     active: list[Candidate] = []
     before = fit = stage.fit(())
-    seen: set[frozenset[str]] = set()
+    seen: set[frozenset[str]] = {frozenset()}
     for _ in range(_MOST_ROUNDS):
-        found = _better(stage, fit, active, suspects)
-        if found is None:
-            break
+        found = _better(view(stage, fit, suspects), active, suspects)
         keys = frozenset(c.key for c in found)
         if keys in seen:
             break
         seen.add(keys)
         active = found
         fit = stage.fit([c.effect for c in active])
-    view, columns = stage.view(fit, suspects)
-    scores = {c.key: score(view, columns[c.key]) for c in suspects}
-    return Outcome(before, fit, _entries(stage, fit, active, suspects), view, scores)
+    at_end = view(stage, fit, suspects)
+    last = at_end.beside()
+    scores = _scores(last, at_end, suspects)
+    entries = tuple(_entry(at_end, member, active, suspects) for member in active)
+    return Outcome(before, fit, entries, last, at_end.where, scores)
 
 
 def _better(
-    stage: Stage, fit: Fit, active: list[Candidate], suspects: Sequence[Candidate]
-) -> list[Candidate] | None:
-    """The next set of effects, None where the present one stands."""
-    for position, member in enumerate(active):
-        rest = active[:position] + active[position + 1 :]
-        view, columns = stage.view(fit, suspects, without=member)
-        scores = {c.key: score(view, columns[c.key]) for c in suspects}
-        if not _pays(scores[member.key], view, len(suspects), member):
+    seen_from: View, active: list[Candidate], suspects: Sequence[Candidate]
+) -> list[Candidate]:
+    """The next set of effects; the present one where it stands."""
+    for member in active:
+        rest = [c for c in active if c is not member]
+        beside = seen_from.beside(without=member)
+        scores = _scores(beside, seen_from, suspects)
+        own = scores[member.key]
+        if not _pays(own, beside, len(suspects), member):
             return rest
-        best = _leader(scores, view, [c for c in suspects if c not in rest])
-        if best is not member and _gain(scores[best.key], view, best) > _margin(
-            scores[member.key], view, member
+        best = _leader(scores, beside, [c for c in suspects if c not in rest])
+        if best is not member and (
+            gain(scores[best.key], beside, best) > gain(own, beside, member) + _CHALLENGE
         ):
             return [*rest, best]
     if len(active) >= _MOST_EFFECTS:
-        return None
-    view, columns = stage.view(fit, suspects)
-    scores = {c.key: score(view, columns[c.key]) for c in suspects}
-    best = _leader(scores, view, [c for c in suspects if c not in active])
-    if not _pays(scores[best.key], view, len(suspects), best):
-        return None
-    return [*active, best]
+        return active
+    beside = seen_from.beside()
+    scores = _scores(beside, seen_from, suspects)
+    best = _leader(scores, beside, [c for c in suspects if c not in active])
+    return [*active, best] if _pays(scores[best.key], beside, len(suspects), best) else active
 
 
-def _gain(found: Score, view: Field, candidate: Candidate) -> float:
+def _scores(beside: Field, seen_from: View, suspects: Sequence[Candidate]) -> dict[str, Score]:
+    return {c.key: score(beside, seen_from.where[c.key]) for c in suspects}
+
+
+def gain(found: Score, beside: Field, candidate: Candidate) -> float:
     """Evidence less the price of its directions (Schwarz), and of having no name."""
-    price = found.directions * np.log(len(view.r))
-    return found.evidence - float(price) - (0.0 if candidate.named else float(_CURVE_PENALTY))
+    price = found.directions * float(np.log(len(beside.r)))
+    return found.evidence - price - (0.0 if candidate.named else _CURVE_PENALTY)
 
 
-def _margin(found: Score, view: Field, candidate: Candidate) -> float:
-    return _gain(found, view, candidate) + 1.0
+def _pays(found: Score, beside: Field, asked: int, candidate: Candidate) -> bool:
+    enough = gain(found, beside, candidate) > 2.0 * np.log(asked)
+    return bool(enough and found.p * asked < ALPHA)
 
 
-def _pays(found: Score, view: Field, asked: int, candidate: Candidate) -> bool:
-    enough = _gain(found, view, candidate) > 2.0 * np.log(asked)
-    return bool(enough and found.p * asked < _ALPHA)
-
-
-def _leader(scores: dict[str, Score], view: Field, open_: Sequence[Candidate]) -> Candidate:
+def _leader(
+    scores: dict[str, Score], beside: Field, eligible: Sequence[Candidate]
+) -> Candidate:
     """The best candidate; a cause by name where it explains nearly as much as the best curve."""
-    best = max(open_, key=lambda c: _gain(scores[c.key], view, c))
-    if best.named:
+    best = max(eligible, key=lambda c: gain(scores[c.key], beside, c))
+    named = [c for c in eligible if c.named]
+    if best.named or not named:
         return best
-    named = [c for c in open_ if c.named]
-    if not named:
-        return best
-    first = max(named, key=lambda c: _gain(scores[c.key], view, c))
+    first = max(named, key=lambda c: gain(scores[c.key], beside, c))
     enough = scores[first.key].fall >= _NAMED_SHARE * scores[best.key].fall
     return first if enough else best
 
 
-def _entries(
-    stage: Stage, fit: Fit, active: list[Candidate], suspects: Sequence[Candidate]
-) -> tuple[Entry, ...]:
-    found = []
-    for member in active:
-        rest = [c for c in active if c is not member]
-        view, columns = stage.view(fit, suspects, without=member)
-        scores = {c.key: score(view, columns[c.key]) for c in suspects}
-        gains = [(c, _gain(scores[c.key], view, c)) for c in suspects if c not in rest]
-        gains.sort(key=lambda pair: -pair[1])
-        found.append(Entry(member, scores[member.key], tuple(gains[:_RIVALS])))
-    return tuple(found)
-
-
-_RIVALS = 12
+def _entry(
+    seen_from: View, member: Candidate, active: list[Candidate], suspects: Sequence[Candidate]
+) -> Entry:
+    rest = [c for c in active if c is not member]
+    beside = seen_from.beside(without=member)
+    scores = _scores(beside, seen_from, suspects)
+    gains = [(c, gain(scores[c.key], beside, c)) for c in suspects if c not in rest]
+    gains.sort(key=lambda pair: -pair[1])
+    return Entry(member, scores[member.key], tuple(gains[:_RIVALS]))

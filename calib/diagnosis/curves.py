@@ -14,14 +14,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.cell import Cell
-from calib.effects.protocol import (
-    Context,
-    Parameter,
-    State,
-    TwistEffect,
-    along_axis,
-    joint_index,
-)
+from calib.effects.drive import along_axis, error_unit
+from calib.effects.protocol import Context, Parameter, State, Strand, TwistEffect, joint_index
 from calib.errors import EffectCannotAct
 from calib.se3 import Array
 
@@ -80,9 +74,10 @@ class Torque(Variable):
 class Curve(TwistEffect):
     """Displacement of a frame along given directions by an unknown function of a variable.
 
-    directions : ndarray, shape (6, c); knots : ndarray, shape (K,), ascending, of the variable
+    frame : int; directions : ndarray, shape (6, c); knots : ndarray, shape (K,), ascending, of the variable
     """
 
+    frame: int
     directions: Array
     variable: Variable
     knots: Array
@@ -100,17 +95,16 @@ class Curve(TwistEffect):
     def parameters(self) -> tuple[Parameter, ...]:
         found = []
         for c in range(self.directions.shape[1]):
-            slides = bool(self.directions[:3, c].any())
-            unit = "um" if slides else "urad"
+            unit = error_unit(bool(self.directions[:3, c].any()))
             for knot in self.knots:
                 name = f"{self.variable.name}_{c}@{knot:.4g}"
                 found.append(Parameter(self.kind, self.where, name, unit, 1e-6, 1e-3))
         return tuple(found)
 
-    def basis(self, state: State) -> Array:
+    def strands(self, state: State) -> tuple[Strand, ...]:
         hats = hat_functions(self.variable.at(state), self.knots)
         basis = self.directions[:, :, None] * hats[..., None, None, :]
-        return np.asarray(basis.reshape((*basis.shape[:-2], -1)))
+        return ((self.frame, basis.reshape((*basis.shape[:-2], -1))),)
 
 
 def hat_functions(values: Array, knots: Array) -> Array:

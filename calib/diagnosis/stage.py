@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,43 +92,52 @@ class Stage:
         typical = float(np.median(length[~self.dropped]))
         return np.asarray(np.minimum(1.0, _HUBER * typical / np.maximum(length, 1e-12)))
 
-    def view(
-        self, fit: Fit, suspects: Sequence[Candidate], without: Candidate | None = None
-    ) -> tuple[Field, dict[str, IntArray]]:
-        """All candidates beside what is modelled, seen from a fit.
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """All candidates as seen from a fit.
+
+    fit : Fit; columns : ndarray, shape (rows, K), whitened derivatives of every candidate
+    where : dict, candidate -> ndarray of int, its columns
+    """
+
+    fit: Fit
+    columns: Array
+    where: dict[str, IntArray]
+
+    def beside(self, without: Candidate | None = None) -> Field:
+        """Candidates and residual with all that is modelled projected out.
 
         without : one of the fitted effects, which then counts as a candidate like the others
         """
-        columns, where = self._columns(fit, suspects)
+        fit = self.fit
         N, r = fit.J.reshape(-1, fit.J.shape[-1]) @ fit.span, fit.r.ravel()
         if without is not None:
-            own = _positions(fit.model, without.effect)
+            own = positions(fit.model, without.effect)
             # The residual as it would be without the effect, to first order.
             r = r + fit.J.reshape(len(r), -1)[:, own] @ fit.values[own]
-            rest = np.abs(fit.span[own]).sum(axis=0) == 0.0
-            N = N[:, rest]
-        return field(N, columns, r), where
-
-    def _columns(
-        self, fit: Fit, suspects: Sequence[Candidate]
-    ) -> tuple[Array, dict[str, IntArray]]:
-        model = fit.model
-        known = {(e.kind, e.where, id(e)) for e in model.effects}
-        extra = [c.effect for c in suspects if (c.effect.kind, c.effect.where, id(c.effect)) not in known]
-        whole = model.with_effects((*model.effects, *extra))
-        values = np.concatenate([fit.values, np.zeros(len(whole.parameters) - len(fit.values))])
-        _, J = whole.jacobian(values, self.data.poses)
-        rows = self.observation(whole, fit.weight).rows(J)
-        columns = rows.reshape(-1, rows.shape[-1])
-        where, at = {}, []
-        for candidate in suspects:
-            own = _positions(whole, candidate.effect)
-            where[candidate.key] = np.arange(len(at), len(at) + len(own))
-            at += own.tolist()
-        return columns[:, at], where
+            N = N[:, np.abs(fit.span[own]).sum(axis=0) == 0.0]
+        return field(N, self.columns, r)
 
 
-def _positions(model: Model, effect: Effect) -> IntArray:
+def view(stage: Stage, fit: Fit, suspects: Sequence[Candidate]) -> View:
+    """Linearise every candidate at a fit; those that are in it stand where they are."""
+    model = fit.model
+    fitted = {id(e) for e in model.effects}
+    extra = [c.effect for c in suspects if id(c.effect) not in fitted]
+    whole = model.with_effects((*model.effects, *extra))
+    values = np.concatenate([fit.values, np.zeros(len(whole.parameters) - len(fit.values))])
+    _, J = whole.jacobian(values, stage.data.poses)
+    rows = stage.observation(whole, fit.weight).rows(J)
+    columns = rows.reshape(-1, rows.shape[-1])
+    at = [positions(whole, c.effect) for c in suspects]
+    ends = np.cumsum([0, *map(len, at)])
+    where = {c.key: np.arange(a, b) for c, a, b in zip(suspects, ends, ends[1:], strict=False)}
+    return View(fit, columns[:, np.concatenate(at)], where)
+
+
+def positions(model: Model, effect: Effect) -> IntArray:
+    """Where an effect's parameters stand in the vector of values."""
     for own, part in zip(model.effects, model.slices, strict=True):
         if own is effect:
             return np.arange(part.start, part.stop)

@@ -1,0 +1,248 @@
+"""Where the gap between model and measurement lies, and what causes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.build import build
+from calib.cell import Cell
+from calib.covariance import covariance
+from calib.diagnosis.candidates import Candidate, NotAsked, candidates
+from calib.diagnosis.contest import ALPHA, Entry, Outcome, contest
+from calib.diagnosis.gap import Gap, gap_of, rms, share_closed, squared_errors
+from calib.diagnosis.power import smallest_detectable
+from calib.diagnosis.stage import Fit, Stage, positions
+from calib.diagnosis.verdict import Named, VerdictName, classes, verdict
+from calib.identify.identify import check_counts, whitening
+from calib.identify.initial import initial_values
+from calib.identify.noise_level import NoiseLevel, believed_sigma, noise_level, replicate_spread
+from calib.identify.outliers import judge, pose_statistics, threshold
+from calib.moves import in_one_session
+from calib.poses import Measurements
+from calib.se3 import Array
+from calib.threads import one_blas_thread
+
+_REPLICATES = 10  # degrees of freedom of repeated readings worth believing
+_DISAGREE = 0.01
+_MOST_PASSES = 3  # contests, while outliers are judged anew
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """An effect of the catalogue that was found.
+
+    values, std : ndarray, shape (k,), SI; p : float, over all that was asked
+    share : float, of the gap, NaN where there is none
+    """
+
+    named: Named
+    values: Array
+    std: Array
+    p: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a part of the gap sits, and on what it depends."""
+
+    where: str
+    depends_on: str
+    share: float
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """The size (SI) that an effect must have to be found; infinite where no size would do."""
+
+    effect: str
+    where: str
+    smallest: float
+    unit: str
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """Result of :func:`diagnose`.
+
+    outlier : ndarray of bool, shape (m,), poses that were left out; statistic, limit : judged by
+    not_asked : causes that the table's columns cannot speak of
+    """
+
+    verdict: VerdictName
+    noise: NoiseLevel
+    causes: tuple[Cause, ...]
+    located: tuple[Place, ...]
+    gap: Gap
+    hidden: tuple[Hidden, ...]
+    not_asked: tuple[NotAsked, ...]
+    data: Measurements
+    outlier: Array
+    statistic: Array
+    limit: float
+    before: Fit
+    after: Fit
+    outcome: Outcome
+
+
+@one_blas_thread
+def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = None) -> Diagnosis:
+    """Find the unmodelled effects that the measurements show.
+
+    heldout : measurements that take no part and on which the shrinkage of the error is proved
+
+    Raises UnknownEffect, EffectCannotAct, TooFewPoses, CalibError.
+    """
+    if heldout is not None:
+        data, heldout = in_one_session(data, heldout)
+    model = build(cell, data.poses).model
+    check_counts(model, data)
+    start = initial_values(model, data)
+    weights = whitening(cell, model, start, data)
+    factor = _replicate_factor(data, weights)
+    none = np.zeros(len(data), dtype=bool)
+    stage = Stage(data, model, start, weights / factor, none)
+    state = model.state(stage.fit(()).values, data.poses)
+    suspects, missing = candidates(cell, model, state)
+    outcome = contest(stage, suspects)
+    statistic, limit = np.zeros(len(data)), np.inf
+    for _ in range(_MOST_PASSES):
+        out, statistic, limit = _outliers(stage, outcome)
+        if not stage.robust and np.array_equal(out, stage.dropped):
+            break
+        stage = replace(stage, dropped=out, robust=False)
+        outcome = contest(stage, suspects)
+    named, after = classes(stage, outcome)
+    noise = _noise(stage, after, factor)
+    left = _something_left(stage, outcome, noise)
+    floor = float(np.sqrt(3.0)) * noise.sigma
+    causes = tuple(_cause(stage, outcome, n, after, noise, len(suspects), heldout) for n in named)
+    return Diagnosis(
+        verdict=verdict(named, outcome, left),
+        noise=noise,
+        causes=causes,
+        located=_located(stage, outcome, causes, after, heldout, floor),
+        gap=gap_of(outcome.before, after, data.take(~stage.dropped), heldout, floor),
+        hidden=_hidden(outcome, suspects),
+        not_asked=tuple(missing),
+        data=data,
+        outlier=stage.dropped,
+        statistic=statistic,
+        limit=limit,
+        before=outcome.before,
+        after=after,
+        outcome=outcome,
+    )
+
+
+def _replicate_factor(data: Measurements, weights: Array) -> float:
+    """Actual over stated noise by repeated readings, one where they agree or are too few."""
+    from scipy.special import chdtr, chdtrc
+
+    spread, dof = replicate_spread(data, weights)
+    if dof < _REPLICATES:
+        return 1.0
+    tail = 2.0 * min(float(chdtr(dof, spread)), float(chdtrc(dof, spread)))
+    return float(np.sqrt(spread / dof)) if tail < _DISAGREE else 1.0
+
+
+def _outliers(stage: Stage, outcome: Outcome) -> tuple[Array, Array, float]:
+    """Poses that the model with all its effects does not explain."""
+    whole = np.ones(len(stage.data))
+    fit = outcome.fit
+    everything = replace(stage, dropped=np.zeros(len(whole), dtype=bool))
+    r, J = everything.observation(fit.model, whole).linearise(fit.values)
+    statistic, _ = pose_statistics(r, J, ~stage.dropped, fit.span)
+    limit = threshold(statistic, r.shape[-1])
+    return judge(statistic, limit), statistic, limit
+
+
+def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:
+    """Noise from the residual of the final model, the stated one or the repeats' where they agree."""
+    kept = ~stage.dropped
+    cost = float((fit.r**2).sum())
+    dof = 3 * int(stage.data.seen[kept].sum()) - fit.span.shape[1]
+    weights = stage.weights[kept] * factor
+    return noise_level(cost * factor**2, dof, stage.data.take(kept), weights)
+
+
+def _something_left(stage: Stage, outcome: Outcome, noise: NoiseLevel) -> bool:
+    """Whether repeated readings say that the residual is more than noise."""
+    spread, dof = replicate_spread(stage.data, stage.weights)
+    return dof >= _REPLICATES and noise.source == "residual" and outcome.last.cost > outcome.last.dof
+
+
+def _cause(
+    stage: Stage,
+    outcome: Outcome,
+    named: Named,
+    after: Fit,
+    noise: NoiseLevel,
+    asked: int,
+    heldout: Measurements | None,
+) -> Cause:
+    effect = named.candidate.effect
+    own = positions(after.model, effect)
+    cov = covariance(after.J.reshape(-1, after.J.shape[-1]), after.span)
+    scale = noise.factor if noise.source == "residual" else 1.0
+    share = _share(stage, after, named.candidate, heldout, float(np.sqrt(3.0)) * noise.sigma, outcome)
+    p = min(1.0, named.entry.score.p * asked)
+    return Cause(named, after.values[own], scale * np.sqrt(np.diag(cov)[own]), p, share)
+
+
+def _share(
+    stage: Stage,
+    after: Fit,
+    candidate: Candidate,
+    heldout: Measurements | None,
+    floor: float,
+    outcome: Outcome,
+) -> float:
+    """Rise of the squared error when one effect is taken out again, over the gap."""
+    data = stage.data.take(~stage.dropped) if heldout is None else heldout
+    rest = [
+        e for e in after.model.effects[len(stage.model.effects) :] if e is not candidate.effect
+    ]
+    without = squared_errors(stage.fit(rest), data)
+    with_it, before = squared_errors(after, data), squared_errors(outcome.before, data)
+    whole = float(np.nanmean(before)) - floor**2
+    return (float(np.nanmean(without)) - float(np.nanmean(with_it))) / whole if whole > 0 else np.nan
+
+
+def _located(
+    stage: Stage,
+    outcome: Outcome,
+    causes: tuple[Cause, ...],
+    after: Fit,
+    heldout: Measurements | None,
+    floor: float,
+) -> tuple[Place, ...]:
+    """Places of all that was found, largest share first."""
+    found = [
+        Place(c.named.candidate.where, c.named.candidate.depends_on, c.share) for c in causes
+    ]
+    for entry in outcome.entries:
+        if not entry.candidate.named:
+            share = _share(stage, after, entry.candidate, heldout, floor, outcome)
+            found.append(Place(entry.candidate.where, entry.candidate.depends_on, share))
+    return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
+
+
+def _hidden(outcome: Outcome, suspects: list[Candidate]) -> tuple[Hidden, ...]:
+    """What every inactive cause would have to be to be found, nine times in ten."""
+    found = []
+    entered = {entry.candidate.key for entry in outcome.entries}
+    for candidate in suspects:
+        if not candidate.named or candidate.key in entered:
+            continue
+        sizes = [
+            (smallest_detectable(outcome.last, int(c), ALPHA / len(suspects)), p)
+            for c, p in zip(outcome.where[candidate.key], candidate.effect.parameters, strict=True)
+        ]
+        size, parameter = min(sizes, key=lambda pair: pair[0] / pair[1].size)
+        effect = candidate.effect
+        found.append(Hidden(effect.kind, effect.where, size, parameter.unit, parameter.scale))
+    return tuple(found)

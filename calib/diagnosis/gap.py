@@ -1,0 +1,79 @@
+"""How far the error shrinks once the effects are in the model: fitted poses, and poses held out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.diagnosis.stage import Fit
+from calib.poses import Measurements
+from calib.se3 import Array
+
+_DRAWS = 2000
+
+
+@dataclass(frozen=True)
+class Gap:
+    """3-D root mean squares per point, m; None where nothing was held out.
+
+    closed : share of the gap that is gone on held-out poses, None where there was none
+    closed_ci95 : bootstrap over configurations
+    """
+
+    floor: float
+    fit_before: float
+    fit_after: float
+    heldout_before: float | None
+    heldout_after: float | None
+    closed: float | None
+    closed_ci95: tuple[float, float] | None
+
+
+def squared_errors(fit: Fit, data: Measurements) -> Array:
+    """Squared distance of measured and predicted points, shape (m, M), m^2, NaN where hidden."""
+    error = ((data.points - fit.model.predict(fit.values, data.poses)) ** 2).sum(axis=-1)
+    return np.where(data.seen, error, np.nan)
+
+
+def rms(squared: Array) -> float:
+    """Root mean square over the visible points, m."""
+    return float(np.sqrt(np.nanmean(squared)))
+
+
+def gap_of(
+    before: Fit, after: Fit, data: Measurements, heldout: Measurements | None, floor: float
+) -> Gap:
+    """Both models on both sets; the choice of effects never saw the held-out points."""
+    fitted = [rms(squared_errors(fit, data)) for fit in (before, after)]
+    if heldout is None:
+        return Gap(floor, *fitted, None, None, None, None)
+    first, second = (squared_errors(fit, heldout) for fit in (before, after))
+    closed = share_closed(first, second, floor)
+    interval = None if closed is None else _interval(first, second, floor, heldout)
+    return Gap(floor, *fitted, rms(first), rms(second), closed, interval)
+
+
+def share_closed(before: Array, after: Array, floor: float) -> float | None:
+    """``(before^2 - after^2) / (before^2 - floor^2)``; None where before is not above the floor."""
+    first, second = float(np.nanmean(before)), float(np.nanmean(after))
+    return (first - second) / (first - floor**2) if first > floor**2 else None
+
+
+def _interval(
+    before: Array, after: Array, floor: float, heldout: Measurements
+) -> tuple[float, float] | None:
+    """95 % interval, configurations drawn whole and alike for both models."""
+    group = heldout.poses.configuration
+    count = int(group.max()) + 1
+    points = np.bincount(group, np.isfinite(before).sum(axis=1), count)
+    first, second = (np.bincount(group, np.nansum(s, axis=1), count) for s in (before, after))
+    drawn = np.random.default_rng(0).integers(0, count, (_DRAWS, count))
+    n = points[drawn].sum(axis=1)
+    mean_first, mean_second = first[drawn].sum(axis=1) / n, second[drawn].sum(axis=1) / n
+    usable = mean_first > floor**2
+    if usable.mean() < 0.5:
+        return None
+    shares = (mean_first - mean_second)[usable] / (mean_first - floor**2)[usable]
+    low, high = np.quantile(shares, [0.025, 0.975])
+    return float(low), float(high)

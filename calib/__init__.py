@@ -9,6 +9,7 @@ A cell file names the robot, the markers, the instrument and what the model cont
 
 from calib.api import observation, parameters, predict, readings
 from calib.cell import Cell
+from calib.diagnosis import Diagnosis, diagnose
 from calib.errors import CalibError
 from calib.files.cell import load_cell
 from calib.files.tables import load_measurements, load_plan, load_targets
@@ -20,9 +21,11 @@ from calib.simulate import simulate
 __all__ = [
     "CalibError",
     "Cell",
+    "Diagnosis",
     "Identification",
     "Measurements",
     "Poses",
+    "diagnose",
     "identify",
     "in_one_session",
     "load_cell",

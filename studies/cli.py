@@ -9,6 +9,7 @@ import click
 from studies.commands.compare import compare
 from studies.commands.demo import demo
 from studies.commands.design import design
+from studies.commands.diagnose import diagnose
 from studies.commands.identify import identify
 
 
@@ -24,6 +25,7 @@ def main() -> None:
 main.add_command(identify)
 main.add_command(design)
 main.add_command(compare)
+main.add_command(diagnose)
 main.add_command(demo)
 
 

@@ -55,9 +55,7 @@ class NotAsked:
     reason: str
 
 
-def candidates(
-    cell: Cell, model: Model, state: State
-) -> tuple[list[Candidate], list[NotAsked]]:
+def candidates(cell: Cell, model: Model, state: State) -> tuple[list[Candidate], list[NotAsked]]:
     """Inactive effects at every place where they can act, and curves; and what cannot be asked.
 
     state : State of the data under the present fit, for what the curves depend on
@@ -76,7 +74,7 @@ def candidates(
                 missing.append(NotAsked(f"{kind}:{where}", str(error)))
                 continue
             found.append(Candidate(effect, True, depends_on(effect)))
-    unnamed = [Candidate(c, False, c.variable.name) for c in curves(cell, context, state)]
+    unnamed = [Candidate(c, False, c.variable.name) for c in curves(context, state)]
     return found + unnamed, missing
 
 

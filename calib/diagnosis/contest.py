@@ -1,9 +1,10 @@
 """The contest of all candidates for what the model does not explain.
 
-Round by round the linear screen looks at every candidate beside the model and the effects found so far;
-the best enters if its evidence pays for its parameters and survives Bonferroni over all that were asked;
-each effect that entered is then challenged again by every other candidate, and by nothing. After each
-change the whole model is fitted anew, nonlinearly and from the nominal values, and screened at that fit.
+Round by round the linear screen looks at every candidate beside the model and the effects found so
+far; the best enters if its evidence pays for its parameters and survives Bonferroni over all that were
+asked; each effect that entered is then challenged again by every other candidate, and by nothing.
+After each change the whole model is fitted anew, nonlinearly and from the nominal values, and screened
+at that fit.
 """
 
 from __future__ import annotations
@@ -116,9 +117,7 @@ def _pays(found: Score, beside: Field, asked: int, candidate: Candidate) -> bool
     return bool(enough and found.p * asked < ALPHA)
 
 
-def _leader(
-    scores: dict[str, Score], beside: Field, eligible: Sequence[Candidate]
-) -> Candidate:
+def _leader(scores: dict[str, Score], beside: Field, eligible: Sequence[Candidate]) -> Candidate:
     """The best candidate; a cause by name where it explains nearly as much as the best curve."""
     best = max(eligible, key=lambda c: gain(scores[c.key], beside, c))
     named = [c for c in eligible if c.named]

@@ -1,7 +1,7 @@
 """Causes without a name: a place that is off by an unknown function of one variable.
 
-The function is a sum of hats over the variable's range. In the contest beside the catalogue such a block
-locates what the catalogue cannot explain, and its coefficients are the curve of the error with a band.
+The function is a sum of hats over the variable's range. In the contest beside the catalogue such a
+block locates what the catalogue cannot explain, and its coefficients are the curve of the error.
 """
 
 from __future__ import annotations
@@ -13,14 +13,12 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from calib.cell import Cell
 from calib.effects.drive import along_axis, error_unit
 from calib.effects.protocol import Context, Parameter, State, Strand, TwistEffect, joint_index
 from calib.errors import EffectCannotAct
 from calib.se3 import Array
 
 _KNOTS = 6
-_FEW = 12  # distinct values of a variable up to which each may be a knot
 _SAME = 1e-9
 
 
@@ -74,7 +72,8 @@ class Torque(Variable):
 class Curve(TwistEffect):
     """Displacement of a frame along given directions by an unknown function of a variable.
 
-    frame : int; directions : ndarray, shape (6, c); knots : ndarray, shape (K,), ascending, of the variable
+    frame : int; directions : ndarray, shape (6, c)
+    knots : ndarray, shape (K,), ascending, of the variable
     """
 
     frame: int
@@ -84,11 +83,11 @@ class Curve(TwistEffect):
     kind: ClassVar[str] = "curve"
 
     @classmethod
-    def places(cls, context: Context) -> tuple[str, ...]:
+    def places(cls, context: Context) -> tuple[str, ...]:  # noqa: ARG003
         return ()
 
     @classmethod
-    def at(cls, context: Context, where: str) -> Self:
+    def at(cls, context: Context, where: str) -> Self:  # noqa: ARG003
         raise EffectCannotAct(f"{cls.kind}:{where}", "it is no cause by name", "name another")
 
     @property
@@ -130,7 +129,7 @@ def knots_of(values: Array) -> Array | None:
     return np.linspace(low, high, min(_KNOTS, len(distinct)))
 
 
-def curves(cell: Cell, context: Context, state: State) -> Iterator[Curve]:
+def curves(context: Context, state: State) -> Iterator[Curve]:
     """Every place with every variable that varies in the data."""
     robot, poses = context.robot, state.poses
     shared = [Angle(k, f"q:{joint}") for k, joint in enumerate(robot.joints)]

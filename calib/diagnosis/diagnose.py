@@ -10,14 +10,15 @@ from calib.build import build
 from calib.cell import Cell
 from calib.covariance import covariance
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
-from calib.diagnosis.contest import ALPHA, Entry, Outcome, contest
-from calib.diagnosis.gap import Gap, gap_of, rms, share_closed, squared_errors
+from calib.diagnosis.contest import ALPHA, Outcome, contest
+from calib.diagnosis.gap import Gap, gap_of, squared_errors
 from calib.diagnosis.power import smallest_detectable
 from calib.diagnosis.stage import Fit, Stage, positions
 from calib.diagnosis.verdict import Named, VerdictName, classes, verdict
+from calib.identify.estimators import Mask
 from calib.identify.identify import check_counts, whitening
 from calib.identify.initial import initial_values
-from calib.identify.noise_level import NoiseLevel, believed_sigma, noise_level, replicate_spread
+from calib.identify.noise_level import NoiseLevel, noise_level, replicate_spread
 from calib.identify.outliers import judge, pose_statistics, threshold
 from calib.moves import in_one_session
 from calib.poses import Measurements
@@ -80,7 +81,7 @@ class Diagnosis:
     hidden: tuple[Hidden, ...]
     not_asked: tuple[NotAsked, ...]
     data: Measurements
-    outlier: Array
+    outlier: Mask
     statistic: Array
     limit: float
     before: Fit
@@ -149,7 +150,7 @@ def _replicate_factor(data: Measurements, weights: Array) -> float:
     return float(np.sqrt(spread / dof)) if tail < _DISAGREE else 1.0
 
 
-def _outliers(stage: Stage, outcome: Outcome) -> tuple[Array, Array, float]:
+def _outliers(stage: Stage, outcome: Outcome) -> tuple[Mask, Array, float]:
     """Poses that the model with all its effects does not explain."""
     whole = np.ones(len(stage.data))
     fit = outcome.fit
@@ -171,8 +172,10 @@ def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:
 
 def _something_left(stage: Stage, outcome: Outcome, noise: NoiseLevel) -> bool:
     """Whether repeated readings say that the residual is more than noise."""
-    spread, dof = replicate_spread(stage.data, stage.weights)
-    return dof >= _REPLICATES and noise.source == "residual" and outcome.last.cost > outcome.last.dof
+    _, dof = replicate_spread(stage.data, stage.weights)
+    return (
+        dof >= _REPLICATES and noise.source == "residual" and outcome.last.cost > outcome.last.dof
+    )
 
 
 def _cause(
@@ -188,7 +191,9 @@ def _cause(
     own = positions(after.model, effect)
     cov = covariance(after.J.reshape(-1, after.J.shape[-1]), after.span)
     scale = noise.factor if noise.source == "residual" else 1.0
-    share = _share(stage, after, named.candidate, heldout, float(np.sqrt(3.0)) * noise.sigma, outcome)
+    share = _share(
+        stage, after, named.candidate, heldout, float(np.sqrt(3.0)) * noise.sigma, outcome
+    )
     p = min(1.0, named.entry.score.p * asked)
     return Cause(named, after.values[own], scale * np.sqrt(np.diag(cov)[own]), p, share)
 
@@ -203,13 +208,13 @@ def _share(
 ) -> float:
     """Rise of the squared error when one effect is taken out again, over the gap."""
     data = stage.data.take(~stage.dropped) if heldout is None else heldout
-    rest = [
-        e for e in after.model.effects[len(stage.model.effects) :] if e is not candidate.effect
-    ]
+    rest = [e for e in after.model.effects[len(stage.model.effects) :] if e is not candidate.effect]
     without = squared_errors(stage.fit(rest), data)
     with_it, before = squared_errors(after, data), squared_errors(outcome.before, data)
     whole = float(np.nanmean(before)) - floor**2
-    return (float(np.nanmean(without)) - float(np.nanmean(with_it))) / whole if whole > 0 else np.nan
+    return (
+        (float(np.nanmean(without)) - float(np.nanmean(with_it))) / whole if whole > 0 else np.nan
+    )
 
 
 def _located(
@@ -221,9 +226,7 @@ def _located(
     floor: float,
 ) -> tuple[Place, ...]:
     """Places of all that was found, largest share first."""
-    found = [
-        Place(c.named.candidate.where, c.named.candidate.depends_on, c.share) for c in causes
-    ]
+    found = [Place(c.named.candidate.where, c.named.candidate.depends_on, c.share) for c in causes]
     for entry in outcome.entries:
         if not entry.candidate.named:
             share = _share(stage, after, entry.candidate, heldout, floor, outcome)

@@ -45,7 +45,7 @@ def gap_of(
     before: Fit, after: Fit, data: Measurements, heldout: Measurements | None, floor: float
 ) -> Gap:
     """Both models on both sets; the choice of effects never saw the held-out points."""
-    fitted = [rms(squared_errors(fit, data)) for fit in (before, after)]
+    fitted = rms(squared_errors(before, data)), rms(squared_errors(after, data))
     if heldout is None:
         return Gap(floor, *fitted, None, None, None, None)
     first, second = (squared_errors(fit, heldout) for fit in (before, after))

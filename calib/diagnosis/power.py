@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
 from calib.diagnosis.screen import Field
+from calib.poses import IntArray
 from calib.se3 import Array
 
 POWER = 0.9
@@ -23,7 +23,7 @@ def needed(directions: int, alpha: float, power: float = POWER) -> float:
     return float(brentq(lambda x: 1.0 - chndtr(limit, directions, x) - power, 1e-6, 1e6))
 
 
-def noncentrality(field: Field, columns: Sequence[int] | Array, values: Array) -> float:
+def noncentrality(field: Field, columns: IntArray, values: Array) -> float:
     """Squared length, in standard deviations, of an effect once all modelled is projected out."""
     moved = field.X[:, columns] @ values
     return float(moved @ moved)
@@ -37,7 +37,7 @@ def smallest_detectable(field: Field, column: int, alpha: float) -> float:
     return float(np.sqrt(needed(1, alpha)) / length)
 
 
-def apart(field: Field, one: Sequence[int] | Array, other: Sequence[int] | Array) -> float:
+def apart(field: Field, one: IntArray, other: IntArray) -> float:
     """Share of a candidate's directions that another cannot imitate, 0 (look-alike) to 1.
 
     The smallest sine between the first candidate's directions and the span of the other's.
@@ -46,4 +46,6 @@ def apart(field: Field, one: Sequence[int] | Array, other: Sequence[int] | Array
     if not U.shape[1] or not V.shape[1]:
         return 1.0
     cosine = np.linalg.svd(V.T @ U, compute_uv=False)
-    return float(np.sqrt(max(0.0, 1.0 - float(cosine[-1 if len(cosine) == U.shape[1] else 0]) ** 2)))
+    return float(
+        np.sqrt(max(0.0, 1.0 - float(cosine[-1 if len(cosine) == U.shape[1] else 0]) ** 2))
+    )

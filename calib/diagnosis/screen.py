@@ -1,4 +1,4 @@
-"""The score test: how much of what is left would each candidate explain?
+"""The score test: how much of what is left each candidate would explain.
 
 With the whitened derivatives N of everything modelled and r the residual, a candidate with columns X is
 judged by ``S = |U^T r|^2``, U an orthonormal basis of what is left of X once N is projected out. Where
@@ -8,11 +8,11 @@ there adds its noncentrality (Rao 1948; one QR of N serves all candidates).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from calib.poses import IntArray
 from calib.se3 import Array
 
 VISIBLE = 1e-3
@@ -50,14 +50,17 @@ class Field:
         tail = min(float(chdtr(self.dof, self.cost)), float(chdtrc(self.dof, self.cost)))
         return 2.0 * tail < _AGREES
 
-    def without(self, columns: Sequence[int] | Array) -> Field:
+    def without(self, columns: IntArray) -> Field:
         """The same with some of the columns modelled too."""
         U = self.basis(columns)
         return Field(
-            self.X - U @ (U.T @ self.X), self.r - U @ (U.T @ self.r), self.lengths, self.dof - U.shape[1]
+            self.X - U @ (U.T @ self.X),
+            self.r - U @ (U.T @ self.r),
+            self.lengths,
+            self.dof - U.shape[1],
         )
 
-    def basis(self, columns: Sequence[int] | Array) -> Array:
+    def basis(self, columns: IntArray) -> Array:
         """Orthonormal directions (N, k) of some columns, those that cannot be seen left out."""
         own = self.X[:, columns]
         lengths = np.where(self.lengths[columns] > 0.0, self.lengths[columns], 1.0)
@@ -105,7 +108,7 @@ class Score:
 NOTHING = Score(0.0, 0, 0.0, 1.0)
 
 
-def score(field: Field, columns: Sequence[int] | Array) -> Score:
+def score(field: Field, columns: IntArray) -> Score:
     """Score of a candidate with these columns."""
     from scipy.special import chdtrc, fdtrc
 

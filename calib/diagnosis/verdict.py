@@ -58,7 +58,7 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
         if entry.candidate not in rivals:
             rivals = [entry.candidate, *rivals]
         fits = {c.key: _with(stage, chosen, position, c) for c in rivals}
-        prices = {c.key: _price(stage, fits[c.key]) for c in rivals}
+        prices = {c.key: _price(fits[c.key]) for c in rivals}
         rivals.sort(key=lambda c: prices[c.key])
         chosen[position] = rivals[0]
         fit = fits[rivals[0].key]
@@ -72,7 +72,7 @@ def _with(stage: Stage, chosen: Sequence[Candidate], position: int, other: Candi
     return stage.fit(effects)
 
 
-def _price(stage: Stage, fit: Fit) -> float:
+def _price(fit: Fit) -> float:
     """-2 log likelihood and Schwarz's price of the directions; infinite where a fit failed."""
     cost = float((fit.r**2).sum())
     if not fit.converged or not np.isfinite(cost):
@@ -81,7 +81,7 @@ def _price(stage: Stage, fit: Fit) -> float:
     dof = max(1, rows - fit.span.shape[1])
     # Where the residual exceeds the stated noise the likelihood is that of an unknown sigma.
     scale = max(1.0, cost / dof)
-    return cost / scale + fit.span.shape[1] * float(np.log(max(rows, 2)))
+    return float(cost / scale + fit.span.shape[1] * np.log(max(rows, 2)))
 
 
 def _members(

@@ -112,7 +112,7 @@ def identify(
     targets = cell.design["targets"]
     data = calib.load_measurements(cell, data_path)
     inputs = [cell_path, cell.urdf, data_path, *([targets] if targets else [])]
-    data, heldout, extra = _held_out(cell, data, holdout, seed, data_path)
+    data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
     outputs = [urdf_path] if urdf_path is not None else []
     outputs += [Path(json_path)] if json_path not in (None, "-") else []
     check_outputs(outputs, [*inputs, *extra])
@@ -158,7 +158,7 @@ def identify(
     say_written(texts, folder, json_path)
 
 
-def _held_out(
+def held_out(
     cell: Cell, data: Measurements, holdout: str | None, seed: int, data_path: Path
 ) -> tuple[Measurements, Measurements | None, list[Path]]:
     """(fitted, held out, further input files)."""

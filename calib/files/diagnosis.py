@@ -1,0 +1,86 @@
+"""A diagnosis in the units of the file formats."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from calib.diagnosis import Diagnosis
+from calib.diagnosis.diagnose import Cause, Hidden
+
+_MM = 1e3
+
+
+def diagnosis_fields(result: Diagnosis) -> dict[str, Any]:
+    """The fields of ``diagnose --json``, without provenance."""
+    noise, gap = result.noise, result.gap
+    return {
+        "verdict": result.verdict,
+        "noise": {
+            "sigma_mm": noise.sigma * _MM,
+            "believed_sigma_mm": noise.believed * _MM,
+            "source": noise.source,
+        },
+        "effects": [_cause(cause) for cause in result.causes],
+        "located": [
+            {
+                "where": place.where,
+                "depends_on": place.depends_on,
+                "share_of_gap": place.share,
+            }
+            for place in result.located
+        ],
+        "gap": {
+            "floor_mm": gap.floor * _MM,
+            "fit_before_mm": gap.fit_before * _MM,
+            "fit_after_mm": gap.fit_after * _MM,
+            "heldout_before_mm": None if gap.heldout_before is None else gap.heldout_before * _MM,
+            "heldout_after_mm": None if gap.heldout_after is None else gap.heldout_after * _MM,
+            "closed": gap.closed,
+            "closed_ci95": None if gap.closed_ci95 is None else list(gap.closed_ci95),
+        },
+        "could_not_see": [_hidden(entry) for entry in result.hidden],
+        "not_asked": [{"effect": n.effect, "reason": n.reason} for n in result.not_asked],
+        "outliers": [
+            {
+                "pose": name,
+                "reason": f"mean square {value:.1f} of its own spread, limit {result.limit:.1f}",
+            }
+            for name, value, out in zip(
+                result.data.poses.names, result.statistic, result.outlier, strict=True
+            )
+            if out
+        ],
+        "next_poses": [],
+    }
+
+
+def _cause(cause: Cause) -> dict[str, Any]:
+    candidate = cause.named.candidate
+    return {
+        "effect": candidate.effect.kind,
+        "where": candidate.where,
+        "probability": cause.named.probability,
+        "p_value": cause.p,
+        "class": [
+            {"effect": member.effect.kind, "where": member.where, "probability": probability}
+            for member, probability in cause.named.members
+        ],
+        "parameters": [
+            {"name": p.name, "value": value / p.scale, "std": std / p.scale, "unit": p.unit}
+            for p, value, std in zip(
+                candidate.effect.parameters, cause.values, cause.std, strict=True
+            )
+        ],
+        "share_of_gap": cause.share,
+    }
+
+
+def _hidden(entry: Hidden) -> dict[str, Any]:
+    seen = math.isfinite(entry.smallest)
+    return {
+        "effect": entry.effect,
+        "where": entry.where,
+        "minimum_detectable": entry.smallest / entry.scale if seen else None,
+        "unit": entry.unit,
+    }

@@ -1,0 +1,78 @@
+"""``posecal diagnose``: where the gap lies, what causes it, how far it shrinks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from studies.commands.common import (
+    check_outputs,
+    console_for,
+    envelope,
+    json_option,
+    one_line_faults,
+    output_file,
+    output_texts,
+    seed_option,
+    warn,
+)
+
+
+@click.command()
+@click.argument("cell_path", metavar="CELL", type=click.Path(path_type=Path))
+@click.argument("data_path", metavar="DATA", type=click.Path(path_type=Path))
+@click.option(
+    "--holdout",
+    metavar="FILE|FRACTION",
+    help="Poses on which the shrinkage is proved: a table, or a share of the configurations.",
+)
+@json_option
+@seed_option
+@one_line_faults
+def diagnose(
+    cell_path: Path, data_path: Path, holdout: str | None, json_path: str | None, seed: int
+) -> None:
+    """Say whether measurements show more than the cell's model and noise, where, and why.
+
+    Every effect that the model lacks is asked at every place where it can act, beside curves without a
+    name that locate what is in no catalogue.
+
+    \b
+    Example:
+      posecal diagnose cell.toml measurements.csv --holdout 0.3 --json diagnosis.json
+    """
+    import calib
+    from calib.diagnosis import diagnose as diagnose_data
+    from calib.errors import CalibError, EffectCannotAct, InputError, UnknownEffect
+    from calib.files.diagnosis import diagnosis_fields
+    from calib.files.write import write_files
+    from studies.commands.identify import held_out
+    from studies.diagnose.tables import diagnosis_tables
+
+    cell = calib.load_cell(cell_path)
+    data = calib.load_measurements(cell, data_path)
+    inputs = [cell_path, cell.urdf, data_path]
+    data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
+    check_outputs([p for p in [output_file(json_path)] if p is not None], [*inputs, *extra])
+    warn(data.warnings + (heldout.warnings if heldout is not None and extra else ()))
+    try:
+        result = diagnose_data(cell, data, heldout=heldout)
+    except (UnknownEffect, EffectCannotAct) as error:
+        raise InputError(cell_path, "model.effects", str(error)) from None
+    except InputError:
+        raise
+    except CalibError as error:
+        raise InputError(data_path, "", str(error)) from None
+    fields = {
+        **envelope("diagnose", [*inputs, *extra], seed),
+        "holdout": holdout,
+        **diagnosis_fields(result),
+    }
+    texts = output_texts(json_path, fields)
+    write_files(texts)
+    console = console_for(json_path)
+    for part in diagnosis_tables(cell.name, fields):
+        console.print(part)
+    for path in texts:
+        click.echo(f"wrote {path}", err=json_path == "-")

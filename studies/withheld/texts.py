@@ -55,7 +55,11 @@ def mjcf(arm: Arm, geometry: Array, markers: Array) -> str:
             # The inertia turns nothing here: the arm stands still.
             f'<inertial pos="{_text(joint.com)}" mass="{joint.mass!r}" diaginertia="1 1 1"/>'
         )
-    lines.append(f'<body name="tip" {_placed(arm.tip_xyz, arm.tip_rpy, geometry[-1])}>')
+    lines.append(
+        f'<body name="tip" {_placed(arm.tip_xyz, arm.tip_rpy, geometry[-1])}>'
+        # Loads act at a body's centre of mass: a nanogram puts that at the tip's origin.
+        '<inertial pos="0 0 0" mass="1e-12" diaginertia="1 1 1"/>'
+    )
     lines += [f'<site name="m{i}" pos="{_text(m)}"/>' for i, m in enumerate(markers, 1)]
     return "\n".join([*lines, "</body>" * (arm.dof + 2), "</worldbody></mujoco>"])
 

@@ -19,7 +19,8 @@ class State:
         in its own axes, N and N m
     torque : ndarray, shape (N, n), N m, or N at a prismatic joint
     points : ndarray, shape (N, M, 3), markers, base axes, m
-    readings : ndarray, shape (N, M, 3), the same as the instrument sees them
+    aimed : ndarray, shape (N, M, 3), the same in the instrument's frame
+    readings : ndarray, shape (N, M, 3), what the instrument says of them
     """
 
     R: Array
@@ -28,6 +29,7 @@ class State:
     wrench: Array
     torque: Array
     points: Array
+    aimed: Array
     readings: Array
 
 

@@ -164,7 +164,7 @@ def tool_compliance(scene: Scene, state: State, where: str, values: Values) -> A
 def tracker_scale(scene: Scene, state: State, where: str, values: Values) -> Action:
     """Readings grow from the instrument's origin."""
     action = scene.nothing()
-    action.reading[:] = values["scale"] * state.readings
+    action.reading[:] = values["scale"] * state.aimed
     return action
 
 
@@ -172,7 +172,7 @@ def tracker_drift(scene: Scene, state: State, where: str, values: Values) -> Act
     """Readings move as one body in proportion to time, in the instrument's frame."""
     action = scene.nothing()
     moved = scene.session.hours[:, None] * _six(values)
-    turn = np.cross(moved[:, None, 3:], state.readings)
+    turn = np.cross(moved[:, None, 3:], state.aimed)
     action.reading[:] = moved[:, None, :3] + turn
     return action
 

@@ -10,7 +10,6 @@ import numpy as np
 from studies.withheld.actions import Action, State
 from studies.withheld.catalogue import AXES, CATALOGUE, segment
 from studies.withheld.outside import OUTSIDE
-from studies.withheld.robots import Array
 from studies.withheld.scene import Scene
 
 Values = dict[str, float]

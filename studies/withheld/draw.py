@@ -111,9 +111,9 @@ def draw_scene(rng: np.random.Generator, arm: Arm, conditions: Conditions) -> Sc
         geometry[1:, :3] = rng.normal(size=(arm.dof + 1, 3)) * 3e-4
         geometry[1:, 3:] = rng.normal(size=(arm.dof + 1, 3)) * 4e-4
     soft = [k for k, joint in enumerate(arm.joints) if joint.compliance]
-    rigid = rng.permutation(soft)[: int(rng.integers(0, 3))] if rng.random() < 0.7 else []
+    stiff = rng.permutation(soft)[: int(rng.choice(3, p=[0.5, 0.25, 0.25]))]
     compliance = np.array([j.compliance for j in arm.joints]) * rng.lognormal(0.0, 0.25, arm.dof)
-    compliance[rigid] = 0.0
+    compliance[stiff] = 0.0
     guesses = _markers(rng, arm)
     payload = round(float(rng.uniform(0.3, 1.0)) * arm.payload, 2) if conditions.payload else 0.0
     com = np.round(rng.uniform(-0.4, 0.4, 3) * arm.tool, 4) if payload else np.zeros(3)
@@ -165,8 +165,8 @@ def _wrench(arm: Arm, session: Session) -> Array:
     mechanism = Mechanism(arm, np.zeros((arm.dof + 2, 6)), np.zeros((1, 3)), weighs=False)
     R = mechanism.posed(session.q).R_link[:, -1]
     moment = np.cross(R @ session.hang, session.force)
-    rounded: Array = np.round(np.hstack([session.force, moment]), 4)
-    return rounded + 0.0
+    wrench: Array = np.hstack([session.force, moment]).round(4) + 0.0  # no minus zeros
+    return wrench
 
 
 def _filled(rng: np.random.Generator, family: str, conditions: Conditions, scene: Scene) -> Case:
@@ -260,9 +260,10 @@ def _absurd(scene: Scene, cause: Cause, size: float) -> bool:
     """Masses and compliances below nothing, weights far from what anyone would believe."""
     values = {name: size * value for name, value in cause.values.items()}
     if cause.effect == "link_weight":
-        return abs(values["mass"]) > 0.6 * scene.arm.masses[scene.arm.names.index(cause.where)]
+        own = float(scene.arm.masses[scene.arm.names.index(cause.where)])
+        return abs(values["mass"]) > 0.6 * own
     if cause.effect == "payload":
-        com = max(abs(v) for n, v in {"": 0.0, **values}.items() if n in ("", "com_x", "com_y", "com_z"))
+        com = max(abs(values.get(f"com_{c}", 0.0)) for c in "xyz")
         mass = abs(values.get("mass", 0.0)) / max(scene.payload, 1e-9)
         return abs(values.get("scale", 0.0)) > 0.5 or mass > 0.9 or com > scene.arm.tool
     if cause.effect == "gravity_sag":

@@ -20,6 +20,7 @@ UNSCORED = ("stiffness_vs_angle", "gravity_sag", "tracker_drift")
 def key_of(case: Case, name: str, index: int, salt: str) -> dict[str, Any]:
     """Everything that scoring needs, and the truth for who wants to look."""
     scene, outside = case.scene, case.family == "outside"
+    soft = [joint.name for joint in scene.arm.joints if joint.compliance]
     held = scene.session.held
     noise = (case.noisy - case.clean)[held][case.seen[held]]
     key: dict[str, Any] = {
@@ -31,7 +32,7 @@ def key_of(case: Case, name: str, index: int, salt: str) -> dict[str, Any]:
         "robot": scene.arm.name,
         "conditions": {
             **asdict(case.conditions),
-            "rigid": [j.name for j in scene.arm.joints if j.compliance and j.name not in scene.modelled],
+            "rigid": [name for name in soft if name not in scene.modelled],
             "markers": len(scene.markers),
         },
         "effects": [],
@@ -96,7 +97,7 @@ def _places(scene: Scene, cause: Cause) -> list[str]:
     where = cause.where
     if cause.effect in ("base_drift", "tracker_drift", "settling_base"):
         return ["base", "instrument"]
-    upright = [j.name for j in scene.arm.joints if not j.slides][0]
+    upright = next(j.name for j in scene.arm.joints if not j.slides)
     if cause.effect in ("base_compliance", "bearing_compliance") and where in ("base", upright):
         # The first axis stands upright: its bearing tilts as the base does.
         return ["base", upright]

@@ -24,26 +24,20 @@ def make(
     if (folder / COMMITMENT).exists() or (folder / "cases").exists():
         raise FileExistsError(f"{folder}: holds cases already; name a new folder")
     (folder / "keys").mkdir(parents=True)
-    for index, case in enumerate(Cases(count, seed)):
+    drawn = families(np.random.default_rng([seed, count]), count)
+    for index, family in enumerate(drawn):
+        case = numbered(seed, index, family)
         name = f"case_{index:04d}"
         write_case(folder / "cases" / name, case)
         # The salt keeps the hash from being found by trying all that could have been drawn.
-        write_json(folder / "keys" / f"{name}.json", key_of(case, name, index, secrets.token_hex(16)))
+        write_json(
+            folder / "keys" / f"{name}.json", key_of(case, name, index, secrets.token_hex(16))
+        )
         progress(index + 1)
     write_json(folder / "keys" / "seed.json", {"seed": seed, "count": count})
     commit_keys(folder)
 
 
-class Cases:
-    """Cases by index; each has its own stream of random numbers."""
-
-    def __init__(self, count: int, seed: int) -> None:
-        self._families = families(np.random.default_rng([seed, count]), count)
-        self._seed = seed
-
-    def __len__(self) -> int:
-        return len(self._families)
-
-    def __getitem__(self, index: int) -> Case:
-        family = self._families[index]  # IndexError ends iteration
-        return draw_case(np.random.default_rng([self._seed, len(self), index]), family)
+def numbered(seed: int, index: int, family: str) -> Case:
+    """One case; each index has its own stream of random numbers."""
+    return draw_case(np.random.default_rng([seed, index]), family)

@@ -92,8 +92,8 @@ def slipped_joint(scene: Scene, state: State, where: str, values: Values) -> Act
 def bent_beam(scene: Scene, state: State, where: str, values: Values) -> Action:
     """Distances that are wrong with the square of the range."""
     action = scene.nothing()
-    away = np.linalg.norm(state.readings, axis=-1, keepdims=True)
-    action.reading[:] = values["a"] * away * state.readings
+    away = np.linalg.norm(state.aimed, axis=-1, keepdims=True)
+    action.reading[:] = values["a"] * away * state.aimed
     return action
 
 
@@ -124,7 +124,7 @@ OUTSIDE: dict[str, Outside] = {
     "creep": Outside(creep, ("load", "time"), "time"),
     "cable_pull": Outside(cable_pull, ("q:{k}", "q:{j}")),
     "wandering_axis": Outside(wandering_axis, ("q:{j}", "q:{k}")),
-    "overshoot": Outside(overshoot, ("motion:{k}",)),
+    "overshoot": Outside(overshoot, ("motion:{k}",), "time"),
     "warm_encoder": Outside(warm_encoder, ("temperature",), "temperature"),
     "hardening_drive": Outside(hardening_drive, ("load",)),
     "slipped_joint": Outside(slipped_joint, ("time",), "time"),

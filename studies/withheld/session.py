@@ -42,7 +42,8 @@ class Session:
     @property
     def hours(self) -> Array:
         """Time since the first reading, shape (N,), h."""
-        return (self.time - self.time[0]) / 3600.0
+        hours: Array = (self.time - self.time[0]) / 3600.0
+        return hours
 
 
 def draw_session(
@@ -55,13 +56,14 @@ def draw_session(
     """
     total = configurations + held_out
     joints = _configurations(rng, arm, total)
-    visits = np.concatenate([np.arange(total), np.repeat(np.arange(4 if configurations > 20 else 2), 2)])
+    repeated = np.arange(4 if configurations > 20 else 2)
+    visits = np.concatenate([np.arange(total), np.repeat(repeated, 2)])
     visits = _without_repeats_in_a_row(rng, visits)
     config = np.repeat(visits, 2)
     q = joints[config]
     loaded = np.tile([False, True], len(visits))
     N = len(config)
-    time = np.round(np.cumsum(rng.uniform(30.0, 60.0, N)), 1)
+    time: Array = np.cumsum(rng.uniform(30.0, 60.0, N)).round(1)
     force = np.zeros((N, 3))
     force[loaded, 2] = -arm.load
     approach, motion = _moves(rng, q, known_start)
@@ -75,7 +77,7 @@ def draw_session(
         force=force,
         hang=np.round(rng.uniform(-0.6, 0.6, 3) * arm.tool, 4),
         time=time,
-        temperature=np.round(_temperature(rng, time), 3),
+        temperature=_temperature(rng, time),
         approach=approach,
         motion=motion,
     )
@@ -95,7 +97,9 @@ def _configurations(rng: np.random.Generator, arm: Arm, total: int) -> Array:
     return rounded
 
 
-def _without_repeats_in_a_row(rng: np.random.Generator, visits: NDArray[np.int_]) -> NDArray[np.int_]:
+def _without_repeats_in_a_row(
+    rng: np.random.Generator, visits: NDArray[np.int_]
+) -> NDArray[np.int_]:
     while True:
         order = rng.permutation(visits)
         if np.all(np.diff(order)):
@@ -106,8 +110,9 @@ def _temperature(rng: np.random.Generator, time: Array) -> Array:
     """Up and down within the session: heat must not look like time."""
     phase = 2.0 * np.pi * (rng.uniform(1.2, 2.6) * time / time[-1] + rng.random())
     swing, ramp = rng.uniform(2.0, 4.0), rng.uniform(-1.5, 1.5)
-    value: Array = rng.uniform(19.0, 24.0) + swing * np.sin(phase) + ramp * time / time[-1]
-    return value
+    value = rng.uniform(19.0, 24.0) + swing * np.sin(phase) + ramp * time / time[-1]
+    shown: Array = np.round(value, 3)
+    return shown
 
 
 def _moves(rng: np.random.Generator, q: Array, known_start: bool) -> tuple[Array, Array]:

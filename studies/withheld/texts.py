@@ -25,7 +25,8 @@ def urdf(arm: Arm, masses: bool = True) -> str:
         )
         inertial = (
             f"<inertial>{_origin(joint.com)}"
-            f'<mass value="{joint.mass:.9g}"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>'
+            f'<mass value="{joint.mass:.9g}"/>'
+            '<inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>'
             "</inertial>"
         )
         lines.append(f'  <link name="{child}">{inertial if masses else ""}</link>')

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from typing import Any
 
-import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -31,12 +31,16 @@ class Mechanism:
     def __init__(self, arm: Arm, geometry: Array, markers: Array, weighs: bool = True) -> None:
         self.arm = arm
         self.markers = markers
-        self.model: Any = mujoco.MjModel.from_xml_string(mjcf(arm, geometry, markers))
+        # Loaded here, so that scoring needs no simulator. It comes with the extra "sim".
+        self._mujoco: Any = importlib.import_module("mujoco")
+        self.model: Any = self._mujoco.MjModel.from_xml_string(mjcf(arm, geometry, markers))
         if not weighs:
             self.model.body_mass[:] = 0.0
-        self.data: Any = mujoco.MjData(self.model)
+        self.data: Any = self._mujoco.MjData(self.model)
         self._pos = self.model.body_pos[1:].copy()
-        self._quat = Rotation.from_quat(np.roll(self.model.body_quat[1:], -1, axis=1))  # w first there
+        self._quat = Rotation.from_quat(
+            np.roll(self.model.body_quat[1:], -1, axis=1)
+        )  # w first there
         self._site = self.model.site_pos.copy()
 
     def rest(self, q: Array, act: Act, instrument: tuple[Array, Array]) -> State:
@@ -63,7 +67,7 @@ class Mechanism:
 
     def _pose(self, q: Array, action: Action, instrument: tuple[Array, Array]) -> State:
         N, frames, n = len(q), self.arm.dof + 2, self.arm.dof
-        model, data = self.model, self.data
+        mujoco, model, data = self._mujoco, self.model, self.data
         turn = Rotation.from_rotvec(action.twist[..., 3:].reshape(-1, 3))
         base = Rotation.concatenate([self._quat] * N)
         R_nominal = self._quat.as_matrix()
@@ -100,5 +104,5 @@ class Mechanism:
         own = np.where(self.arm.slides[:, None], wrench[:, 1 : n + 1, :3], wrench[:, 1 : n + 1, 3:])
         torque = np.einsum("nki,ki->nk", own, self.arm.axes)
         R_in, p_in = instrument
-        readings = points @ R_in.T + p_in + action.reading
-        return State(R, o, R_link, wrench, torque, points, readings)
+        aimed = points @ R_in.T + p_in
+        return State(R, o, R_link, wrench, torque, points, aimed, aimed + action.reading)

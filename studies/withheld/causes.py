@@ -200,10 +200,9 @@ def _spring(rng: np.random.Generator, scene: Scene, where: str, kind: str) -> Va
 
 def _payload(rng: np.random.Generator, scene: Scene, where: str, kind: str) -> Values:
     sign = float(rng.choice([-1.0, 1.0]))
-    choice = int(rng.integers(3)) if scene.payload else 0
-    if choice == 0:
+    if not scene.payload:
         return {"scale": 0.02 * sign}
-    if choice == 1:
+    if rng.random() < 0.5:
         return {"mass": 0.05 * scene.payload * sign}
     return _direction(rng, ("com_x", "com_y", "com_z"), 0.01)
 

@@ -94,7 +94,7 @@ def _conditions(rng: np.random.Generator) -> Conditions:
         outliers=rng.random() < 0.15,
         hidden=rng.random() < 0.20,
         configurations=15 if rng.random() < 0.12 else 45,
-        known_geometry=rng.random() < 0.12,
+        known_geometry=rng.random() < 0.15,
         weighs=rng.random() > 0.08,
         payload=rng.random() < 0.35,
         missing=missing if rng.random() < 0.15 else None,

@@ -118,7 +118,7 @@ def _depends_right(causes: list[dict[str, Any]], answer: dict[str, Any]) -> bool
 
 
 def _intervals(key: dict[str, Any], effects: list[dict[str, Any]]) -> tuple[bool, ...]:
-    """Parameters that the answer gives with a standard deviation; others make no claim."""
+    """Parameters given with a standard deviation; others make no claim, unknown units a false one."""
     held = []
     for truth in key["effects"]:
         for effect in (e for e in effects if _name(e) == _name(truth)):
@@ -129,7 +129,7 @@ def _intervals(key: dict[str, Any], effects: list[dict[str, Any]]) -> tuple[bool
                     continue
                 if answer.get("value") is None or answer.get("std") is None:
                     continue
-                scale = SI[answer["unit"]] / SI[parameter["unit"]]
+                scale = SI.get(answer.get("unit"), math.nan) / SI[parameter["unit"]]
                 off = abs(answer["value"] * scale - parameter["value"])
                 held.append(off <= _Z * answer["std"] * scale)
     return tuple(held)

@@ -79,7 +79,7 @@ def _entry(scene: Scene, cause: Cause, alone: float, beside: float, family: str)
     if cause.shape is not None:
         entry["shape"] = {"joint": scene.arm.names[cause.shape[0]], "phase_rad": cause.shape[1]}
     slides = any(j.slides and j.name == cause.where for j in scene.arm.joints)
-    for name, value in cause.values.items():
+    for name, value in {**_absent(scene, cause), **cause.values}.items():
         shown = unit(cause.effect, name, slides)
         entry["parameters"].append(
             {
@@ -90,6 +90,16 @@ def _entry(scene: Scene, cause: Cause, alone: float, beside: float, family: str)
             }
         )
     return entry
+
+
+def _absent(scene: Scene, cause: Cause) -> dict[str, float]:
+    """Parameters of the effect that are truly zero: an interval should hold that too."""
+    if cause.effect == "transmission_harmonic":
+        return dict.fromkeys(("cos_1", "sin_1", "cos_2", "sin_2"), 0.0)
+    if cause.effect == "joint_coupling":
+        turns = [j.name for j in scene.arm.joints if not j.slides and j.name != cause.where]
+        return {f"from_{name}": 0.0 for name in turns}
+    return {}
 
 
 def _places(scene: Scene, cause: Cause) -> list[str]:

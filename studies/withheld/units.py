@@ -13,6 +13,8 @@ SI = {
     "ppm": 1e-6,
     "urad/rad": 1e-6,
     "um/m": 1e-6,
+    "um/rad": 1e-6,
+    "urad/m": 1e-6,
     "urad/(N m)": 1e-6,
     "nm/N": 1e-9,
     "um/h": 1e-6,

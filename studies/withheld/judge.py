@@ -19,6 +19,7 @@ class Judgement:
     """What is right and wrong about one answer.
 
     visible : every cause's noncentrality, beside the others, is above 60
+    twin : another effect moves everything alike, so that its own name is a matter of luck
     answered : there is an answer
     gap : it says that there is something
     exact : it names the causes and nothing else, each by its own name
@@ -41,6 +42,7 @@ class Judgement:
     truth: tuple[str, ...]
     noncentrality: float
     visible: bool
+    twin: bool
     answered: bool
     verdict: str
     named: tuple[str, ...]
@@ -79,6 +81,7 @@ def judge(key: dict[str, Any], answer: dict[str, Any] | None) -> Judgement:
         truth=tuple(_name(cause) for cause in causes),
         noncentrality=key["noncentrality"],
         visible=bool(causes) and min(cause["beside"] for cause in causes) > VISIBLE,
+        twin=any(len(cause["places"]) > 1 for cause in causes),
         answered=answer is not None,
         verdict=verdict,
         named=tuple(named),

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,11 +23,11 @@ from studies.withheld.make import make
 from studies.withheld.robots import ARMS
 from studies.withheld.run import run
 from studies.withheld.score import score
-from studies.withheld.seal import BrokenSeal, opened, read_json
+from studies.withheld.seal import BrokenSeal, commit_answers, opened, read_json, write_json
 from studies.withheld.visible import Projector, at_rest
 from tests.studies.withheld.scenes import scene_of
 
-COUNT = 8
+COUNT = 10
 # Says that there is no gap, except where it fails.
 PROGRAM = """
 import json, sys
@@ -45,18 +47,21 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture
-def answered(folder: Path, tmp_path: Path) -> Path:
-    """A copy of the cases with answers."""
-    copy = tmp_path / "copy"
-    for path in folder.rglob("*.*"):
-        target = copy / path.relative_to(folder)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(path.read_bytes())
-    program = tmp_path / "program.py"
+@pytest.fixture(scope="module")
+def once(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The cases with answers."""
+    copy = tmp_path_factory.mktemp("answered") / "cases"
+    shutil.copytree(folder, copy)
+    program = copy.parent / "program.py"
     program.write_text(PROGRAM)
     run(copy, command=f"{sys.executable} {program} {{cell}} {{data}} {{heldout}} {{answer}}")
     return copy
+
+
+@pytest.fixture
+def answered(once: Path, tmp_path: Path) -> Path:
+    """A copy of them to spoil."""
+    return Path(shutil.copytree(once, tmp_path / "copy"))
 
 
 def test_same_seed_same_cases(folder: Path, tmp_path: Path) -> None:
@@ -88,9 +93,7 @@ def test_files_are_read_by_the_program(folder: Path) -> None:
         assert len(held.poses) == 40
         assert len(fitted.poses) == (106 if key["conditions"]["configurations"] == 45 else 38)
         text = (case / "cell.toml").read_text()
-        assert not any(
-            effect["effect"] in text.replace("joint_compliance", "") for effect in key["effects"]
-        )
+        assert not any(f"{e['effect']}:{e['where']}" in text for e in key["effects"])
 
 
 def test_nulls_hold_nothing(tmp_path: Path) -> None:
@@ -159,6 +162,46 @@ def test_answers_are_committed_and_scored(answered: Path) -> None:
     nulls = next(row for row in result["rates"] if row["family"] == "null")
     key = read_json(answered / "keys" / "case_0001.json")
     assert nulls["hits"] == (key["family"] == "null")  # no answer is no proof of no gap
+
+
+def perfect(key: dict[str, Any]) -> dict[str, Any]:
+    """The answer of one who knows the key."""
+    causes = key["effects"] or ([key["outside"]] if key["outside"] else [])
+    effects = [
+        {
+            "effect": cause["effect"],
+            "where": cause["where"],
+            "probability": 1.0,
+            "class": [{"effect": cause["effect"], "where": cause["where"]}],
+            "parameters": [{**p, "std": abs(p["value"]) + 1.0} for p in cause["parameters"]],
+        }
+        for cause in key["effects"]
+    ]
+    verdicts = {"null": "no_gap", "outside": "unknown", "shape": "unknown"}
+    return {
+        "verdict": verdicts.get(key["family"], "explained"),
+        "effects": effects,
+        "located": [
+            {"where": c["where"], "depends_on": (c["depends_on"] or ["none"])[0]} for c in causes
+        ],
+        "gap": {"heldout_after_mm": key["heldout_noise_rms_mm"]},
+    }
+
+
+def test_who_knows_the_keys_scores_fully(answered: Path) -> None:
+    runs = {}
+    for path in (answered / "keys").glob("case_*.json"):
+        write_json(answered / "answers" / path.name, perfect(read_json(path)))
+        runs[path.stem] = {"status": "answered", "seconds": 1.0}
+    commit_answers(answered, runs, ["by hand"])
+    result = score(answered)
+    assert result["failed"] == 0
+    for row in result["rates"]:
+        if row["bar"] is not None and row["n"]:
+            assert row["rate"] == row["bar"][row["bar"][0] > 0.0], row
+    assert result["coverage"]["rate"] == 1.0
+    assert all(row["hits"] == row["n"] for row in result["reliability"])
+    assert 0.8 < result["heldout_over_floor"]["median"] < 1.2
 
 
 def test_no_score_before_answers(folder: Path) -> None:

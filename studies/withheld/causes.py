@@ -79,10 +79,14 @@ def places(scene: Scene) -> dict[str, list[str]]:
 
 
 def draw_cause(rng: np.random.Generator, scene: Scene) -> Cause:
-    """An effect of the catalogue; its kind by the root of the number of its places."""
+    """An effect of the catalogue at one of its places.
+
+    Between drawing among kinds and drawing among places: kinds that have one place are seen often enough
+    to be judged, and do not crowd out the rest.
+    """
     found = places(scene)
     kinds = list(found)
-    weight = np.sqrt([len(found[kind]) for kind in kinds])
+    weight = np.array([len(found[kind]) for kind in kinds]) ** 0.75
     kind = str(rng.choice(kinds, p=weight / weight.sum()))
     where = str(rng.choice(found[kind]))
     return Cause(kind, where, _UNIT.get(kind, _one)(rng, scene, where, kind))

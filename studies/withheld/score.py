@@ -111,7 +111,7 @@ def score(folder: Path) -> dict[str, Any]:
     """The whole score of a folder, as written to JSON. Raises BrokenSeal."""
     keys, answers = opened(folder)
     runs = read_json(folder / "answers.json")["runs"]
-    judged = [judge(keys[name], answers[name]) for name in keys]
+    judged = [judged_or_failed(keys[name], answers[name]) for name in keys]
     return {
         "schema": 1,
         "command": "withheld score",
@@ -126,6 +126,14 @@ def score(folder: Path) -> dict[str, Any]:
         "heldout_over_floor": floors(judged),
         "answers": [_short(j) for j in judged],
     }
+
+
+def judged_or_failed(key: dict[str, Any], answer: dict[str, Any] | None) -> Judgement:
+    """An answer that cannot be read as one is none."""
+    try:
+        return judge(key, answer)
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return judge(key, None)
 
 
 def rates(judged: Sequence[Judgement]) -> list[Rate]:

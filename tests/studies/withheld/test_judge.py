@@ -8,7 +8,16 @@ from typing import Any
 import pytest
 
 from studies.withheld.judge import judge
-from studies.withheld.score import Rate, by_condition, coverage, floors, rates, reliability, wilson
+from studies.withheld.score import (
+    Rate,
+    by_condition,
+    coverage,
+    floors,
+    judged_or_failed,
+    rates,
+    reliability,
+    wilson,
+)
 
 CONDITIONS = {
     "wrong_sigma": False,
@@ -120,6 +129,11 @@ def test_missing() -> None:
     assert j.over_floor == math.inf
     nulls = rates([judge(key("null"), None), judge(key("null"), answer("no_gap"))])[0]
     assert (nulls.hits, nulls.n) == (1, 2)
+
+
+@pytest.mark.parametrize("effects", [[{"effect": "backlash"}], "backlash", [None], [["backlash"]]])
+def test_malformed(effects: Any) -> None:
+    assert not judged_or_failed(key("single", BACKLASH), {"effects": effects}).answered
 
 
 def test_two_causes() -> None:

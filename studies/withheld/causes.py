@@ -81,12 +81,13 @@ def places(scene: Scene) -> dict[str, list[str]]:
 def draw_cause(rng: np.random.Generator, scene: Scene) -> Cause:
     """An effect of the catalogue at one of its places.
 
-    Between drawing among kinds and drawing among places: kinds that have one place are seen often enough
-    to be judged, and do not crowd out the rest.
+    Between drawing among kinds and drawing among places: kinds that have one place are seen often
+    enough to be judged, and do not crowd out the rest. What few scenes allow is frequent in those.
     """
     found = places(scene)
     kinds = list(found)
     weight = np.array([len(found[kind]) for kind in kinds]) ** 0.75
+    weight *= [3.0 if kind in _RARE else 1.0 for kind in kinds]
     kind = str(rng.choice(kinds, p=weight / weight.sum()))
     where = str(rng.choice(found[kind]))
     return Cause(kind, where, _UNIT.get(kind, _one)(rng, scene, where, kind))
@@ -129,6 +130,8 @@ def with_wrong_shape(rng: np.random.Generator, scene: Scene, cause: Cause) -> Ca
     joint = names.index(cause.where) if cause.where in names else int(rng.integers(len(names)))
     return replace(cause, shape=(joint, float(rng.uniform(0.0, 2.0 * np.pi))))
 
+
+_RARE = ("joint_compliance", "gravity_sag", "link_geometry", "tracker_scale", "gravity_compensator")
 
 Unit = Callable[[np.random.Generator, Scene, str, str], Values]
 

@@ -1,0 +1,83 @@
+"""Sealed cases for the diagnosis: make them, let it answer, score the answers.
+
+``python -m studies.withheld make 600 --seed 1 FOLDER``, then ``run FOLDER --workers 2``, then
+``score FOLDER --json score.json``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from studies.withheld.run import DIAGNOSE
+from studies.withheld.seal import BrokenSeal, write_json
+
+_FOLDER = click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
+
+
+@click.group(help="Sealed cases for `posecal diagnose`, their answers and the score.")
+def main() -> None:
+    """Group of the three steps."""
+
+
+@main.command()
+@click.argument("count", type=click.IntRange(min=1), metavar="N")
+@_FOLDER
+@click.option("--seed", type=click.IntRange(min=0), required=True, help="Fresh for every check.")
+def make(count: int, folder: Path, seed: int) -> None:
+    """Draw N cases into a new FOLDER and commit their keys."""
+    from studies.withheld.make import make as make_cases
+
+    try:
+        with click.progressbar(length=count, label="cases") as bar:
+            make_cases(folder, count, seed, lambda _: bar.update(1))
+    except FileExistsError as error:
+        raise click.ClickException(str(error)) from None
+    click.echo(f"wrote {count} cases, their keys and {folder / 'commitment.json'}")
+
+
+@main.command()
+@_FOLDER
+@click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True)
+@click.option("--limit", type=float, default=120.0, show_default=True, help="Seconds for one case.")
+@click.option("--command", default=DIAGNOSE, help="With {cell} {data} {heldout} {answer}.")
+def run(folder: Path, workers: int, limit: float, command: str) -> None:
+    """Let the diagnosis answer every case, and commit the answers."""
+    from studies.withheld.run import run as run_cases
+    from studies.withheld.seal import case_names
+
+    with click.progressbar(length=len(case_names(folder)), label="answers") as bar:
+        runs = run_cases(
+            folder,
+            command=command,
+            workers=workers,
+            limit=limit,
+            progress=lambda: bar.update(1),
+        )
+    failed = [name for name, one in runs.items() if one["status"] != "answered"]
+    click.echo(f"{len(runs) - len(failed)} answered, {len(failed)} without an answer")
+    for name in failed:
+        click.echo(f"  {name}: {runs[name]['status']}, see {folder / 'answers' / name}.log")
+
+
+@main.command()
+@_FOLDER
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Write the score.")
+def score(folder: Path, json_path: Path | None) -> None:
+    """Check both commitments, open the keys and score."""
+    from studies.withheld.score import score as score_cases
+    from studies.withheld.tables import show
+
+    try:
+        result = score_cases(folder)
+    except BrokenSeal as error:
+        raise click.ClickException(str(error)) from None
+    show(Console(width=120, highlight=False), result)
+    if json_path is not None:
+        write_json(json_path, result)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,123 @@
+"""The key of a case: what was put in, in the names and units of the answers."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from studies.withheld.causes import Cause
+from studies.withheld.draw import Case
+from studies.withheld.outside import OUTSIDE
+from studies.withheld.scene import Scene
+from studies.withheld.units import SI, unit
+
+# What the answer parametrises in its own way: the total or the change, the frame of the drift.
+UNSCORED = ("stiffness_vs_angle", "gravity_sag", "tracker_drift")
+
+
+def key_of(case: Case, name: str, index: int, salt: str) -> dict[str, Any]:
+    """Everything that scoring needs, and the truth for who wants to look."""
+    scene, outside = case.scene, case.family == "outside"
+    soft = [joint.name for joint in scene.arm.joints if joint.compliance]
+    held = scene.session.held
+    noise = (case.noisy - case.clean)[held][case.seen[held]]
+    key: dict[str, Any] = {
+        "schema": 1,
+        "salt": salt,
+        "case": name,
+        "index": index,
+        "family": case.family,
+        "robot": scene.arm.name,
+        "conditions": {
+            **asdict(case.conditions),
+            "rigid": [name for name in soft if name not in scene.modelled],
+            "markers": len(scene.markers),
+        },
+        "effects": [],
+        "outside": None,
+        "noncentrality": case.together,
+        "displacement_rms_mm": case.moved * 1e3,
+        "sigma_mm": scene.sigma * 1e3,
+        "believed_sigma_mm": scene.believed * 1e3,
+        "floor_mm": float(np.sqrt(3.0)) * scene.sigma * 1e3,
+        "heldout_noise_rms_mm": float(np.sqrt(np.mean(np.sum(noise**2, axis=-1)))) * 1e3,
+        "outliers": list(case.outliers),
+        "truth": {
+            "compliance_urad_per_Nm": dict(
+                zip(scene.arm.names, (scene.compliance * 1e6).tolist(), strict=True)
+            ),
+            "geometry_m_rad": scene.geometry.tolist(),
+            "markers_mm": (scene.markers * 1e3).tolist(),
+        },
+    }
+    entries = [
+        _entry(scene, cause, alone, beside, case.family)
+        for cause, alone, beside in zip(case.causes, case.noncentrality, case.beside, strict=True)
+    ]
+    if outside:
+        key["outside"] = entries[0]
+    else:
+        key["effects"] = entries
+    return key
+
+
+def _entry(scene: Scene, cause: Cause, alone: float, beside: float, family: str) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "effect": cause.effect,
+        "where": cause.where,
+        "places": _places(scene, cause),
+        "depends_on": _depends(scene, cause),
+        "noncentrality": alone,
+        "beside": beside,
+        "parameters": [],
+    }
+    if family == "outside":
+        entry["size"] = {n: v * cause.size for n, v in cause.values.items()}
+        return entry
+    if cause.shape is not None:
+        entry["shape"] = {"joint": scene.arm.names[cause.shape[0]], "phase_rad": cause.shape[1]}
+    slides = any(j.slides and j.name == cause.where for j in scene.arm.joints)
+    for name, value in {**_absent(scene, cause), **cause.values}.items():
+        shown = unit(cause.effect, name, slides)
+        entry["parameters"].append(
+            {
+                "name": name,
+                "value": value * cause.size / SI[shown],
+                "unit": shown,
+                "scored": cause.effect not in UNSCORED and cause.shape is None,
+            }
+        )
+    return entry
+
+
+def _absent(scene: Scene, cause: Cause) -> dict[str, float]:
+    """Parameters of the effect that are truly zero: an interval should hold that too."""
+    if cause.effect == "transmission_harmonic":
+        return dict.fromkeys(("cos_1", "sin_1", "cos_2", "sin_2"), 0.0)
+    if cause.effect == "joint_coupling":
+        turns = [j.name for j in scene.arm.joints if not j.slides and j.name != cause.where]
+        return {f"from_{name}": 0.0 for name in turns}
+    return {}
+
+
+def _places(scene: Scene, cause: Cause) -> list[str]:
+    """Names under which the place is right: moving base and moving instrument are one and the same."""
+    where = cause.where
+    if cause.effect in ("base_drift", "tracker_drift", "settling_base"):
+        return ["base", "instrument"]
+    upright = next(j.name for j in scene.arm.joints if not j.slides)
+    if cause.effect in ("base_compliance", "bearing_compliance") and where in ("base", upright):
+        # The first axis stands upright: its bearing tilts as the base does.
+        return ["base", upright]
+    return [where]
+
+
+def _depends(scene: Scene, cause: Cause) -> list[str]:
+    """What the answer may say that the cause depends on; empty where this is not scored."""
+    if cause.effect not in OUTSIDE:
+        return []
+    names = scene.arm.names
+    k = names.index(cause.where) if cause.where in names else 0
+    return [text.format(k=names[k], j=names[k - 1]) for text in OUTSIDE[cause.effect].depends]

@@ -1,0 +1,43 @@
+"""Making sealed cases: the same seed gives the same cases, whatever is made beside them."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from studies.withheld.case_files import write_case
+from studies.withheld.draw import Case, draw_case, families
+from studies.withheld.keys import key_of
+from studies.withheld.seal import COMMITMENT, commit_keys, write_json
+
+
+def make(
+    folder: Path, count: int, seed: int, progress: Callable[[int], None] = lambda _: None
+) -> None:
+    """Write cases, keys, and last the commitment.
+
+    Raises FileExistsError where the folder holds cases already.
+    """
+    if (folder / COMMITMENT).exists() or (folder / "cases").exists():
+        raise FileExistsError(f"{folder}: holds cases already; name a new folder")
+    (folder / "keys").mkdir(parents=True)
+    drawn = families(np.random.default_rng([seed, count]), count)
+    for index, family in enumerate(drawn):
+        case = numbered(seed, index, family)
+        name = f"case_{index:04d}"
+        write_case(folder / "cases" / name, case)
+        # The salt keeps the hash from being found by trying all that could have been drawn.
+        write_json(
+            folder / "keys" / f"{name}.json", key_of(case, name, index, secrets.token_hex(16))
+        )
+        progress(index + 1)
+    write_json(folder / "keys" / "seed.json", {"seed": seed, "count": count})
+    commit_keys(folder)
+
+
+def numbered(seed: int, index: int, family: str) -> Case:
+    """One case; each index has its own stream of random numbers."""
+    return draw_case(np.random.default_rng([seed, index]), family)

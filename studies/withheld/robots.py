@@ -1,0 +1,172 @@
+"""Three arms, written by hand: a heavy 6R, a light 6R, and a 6R on a rail."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+Triple: TypeAlias = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint and the link that it moves.
+
+    xyz, rpy : origin in the link before it, m and rad
+    axis : unit vector in its own frame
+    low, high : limits, rad or m
+    mass : kg of its link, com : m in the link's frame
+    compliance : rad/(N m), typical; 0 where no vertical load turns the joint
+    """
+
+    name: str
+    xyz: Triple
+    axis: Triple
+    low: float
+    high: float
+    mass: float
+    com: Triple
+    compliance: float = 0.0
+    rpy: Triple = (0.0, 0.0, 0.0)
+    slides: bool = False
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A serial arm with its instrument and load.
+
+    sigma : m, standard deviation of one coordinate
+    load : N, hung at the tool
+    tool : m, distance of the markers from the tip
+    spring : joint of a balancing spring with its anchors before and after it (m), or None
+    largest : m, RMS displacement that an effect may cause at most
+    """
+
+    name: str
+    base: str
+    tip: str
+    joints: tuple[Joint, ...]
+    tip_xyz: Triple
+    tip_rpy: Triple
+    sigma: float
+    load: float
+    tool: float
+    largest: float
+    payload: float
+    spring: tuple[str, Triple, Triple] | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return tuple(joint.name for joint in self.joints)
+
+    @property
+    def dof(self) -> int:
+        """Number of joints, n. Frames are 0 (base), 1..n (before each joint's motion), n + 1 (tip)."""
+        return len(self.joints)
+
+    @property
+    def axes(self) -> Array:
+        """Joint axes, shape (n, 3)."""
+        return np.array([joint.axis for joint in self.joints])
+
+    @property
+    def slides(self) -> NDArray[np.bool_]:
+        """Which joints are prismatic, shape (n,)."""
+        return np.array([joint.slides for joint in self.joints])
+
+    @property
+    def limits(self) -> Array:
+        """Lower and upper limits, shape (n, 2), rad or m."""
+        return np.array([[joint.low, joint.high] for joint in self.joints])
+
+    @property
+    def masses(self) -> Array:
+        """Masses of the links, shape (n,), kg."""
+        return np.array([joint.mass for joint in self.joints])
+
+
+def _j(
+    name: str,
+    xyz: Triple,
+    axis: Triple,
+    degrees: tuple[float, float],
+    mass: float,
+    com: Triple,
+    compliance: float,
+) -> Joint:
+    low, high = np.round(np.radians(degrees), 6)
+    return Joint(name, xyz, axis, float(low), float(high), mass, com, compliance)
+
+
+HEAVY = Arm(
+    "heavy",
+    "base_link",
+    "tool0",
+    (
+        _j("A1", (0, 0, 0.72), (0, 0, -1), (-150, 150), 340, (0.09, 0, 0.02), 0),
+        _j("A2", (0.33, 0, 0), (0, 1, 0), (-128, -8), 235, (0.47, 0, -0.09), 0.14e-6),
+        _j("A3", (1.18, 0, 0), (0, 1, 0), (-85, 125), 182, (0.16, -0.06, 0.09), 0.40e-6),
+        _j("A4", (0.61, 0, -0.05), (-1, 0, 0), (-170, 170), 44, (0.19, 0, 0.01), 2.6e-6),
+        _j("A5", (0.51, 0, 0), (0, 1, 0), (-110, 110), 18, (0.06, 0, 0), 3.2e-6),
+        _j("A6", (0.11, 0, 0), (-1, 0, 0), (-170, 170), 7.5, (0.03, 0, 0), 2.2e-6),
+    ),
+    (0.14, 0, 0),
+    (0, 1.570796, 0),
+    sigma=15e-6,
+    load=2400.0,
+    tool=0.25,
+    largest=3e-3,
+    payload=60.0,
+    spring=("A2", (-0.45, 0.0, 0.30), (0.52, 0.0, 0.16)),
+)
+
+LIGHT = Arm(
+    "light",
+    "base",
+    "flange",
+    (
+        _j("pan", (0, 0, 0.127), (0, 0, 1), (-180, 180), 7.2, (0, 0.02, 0), 0),
+        _j("lift", (0, 0.174, 0), (0, 1, 0), (-168, -12), 12.9, (0.30, 0.04, 0), 12e-6),
+        _j("elbow", (0.608, -0.128, 0), (0, 1, 0), (-140, 140), 4.4, (0.25, 0, 0), 14e-6),
+        _j("wrist_1", (0.569, 0, 0), (0, 1, 0), (-180, 180), 2.0, (0, 0.01, 0), 36e-6),
+        _j("wrist_2", (0, 0.115, 0), (0, 0, -1), (-170, 170), 2.0, (0, 0.01, 0), 40e-6),
+        _j("wrist_3", (0, 0, -0.117), (0, 1, 0), (-180, 180), 0.4, (0, 0, -0.02), 45e-6),
+    ),
+    (0, 0.094, 0),
+    (-1.570796, 0, 0),
+    sigma=12e-6,
+    load=70.0,
+    tool=0.10,
+    largest=1.5e-3,
+    payload=2.5,
+)
+
+RAIL = Arm(
+    "rail",
+    "track",
+    "tcp",
+    (
+        Joint("rail", (0, 0, 0.42), (0, 1, 0), -1.3, 1.3, 190.0, (0.05, 0, 0.1), slides=True),
+        _j("joint_1", (0.02, 0, 0.35), (0, 0, 1), (-165, 165), 95, (0.05, 0, 0.1), 0),
+        _j("joint_2", (0.18, 0, 0.31), (0, 1, 0), (-85, 95), 52, (0.02, 0.05, 0.36), 1.6e-6),
+        _j("joint_3", (0, 0, 0.78), (0, 1, 0), (-150, 55), 41, (0.12, 0, 0.08), 2.2e-6),
+        _j("joint_4", (0.36, 0, 0.13), (1, 0, 0), (-170, 170), 14, (0.2, 0, 0.02), 11e-6),
+        _j("joint_5", (0.44, 0, 0), (0, 1, 0), (-115, 115), 7, (0.04, 0, 0), 14e-6),
+        _j("joint_6", (0.09, 0, 0), (1, 0, 0), (-175, 175), 2.2, (0.01, 0, 0), 12e-6),
+    ),
+    (0.06, 0, 0),
+    (0, 1.570796, 0),
+    sigma=20e-6,
+    load=420.0,
+    tool=0.16,
+    largest=2e-3,
+    payload=12.0,
+    spring=("joint_2", (-0.22, 0.0, 0.05), (-0.06, 0.0, 0.42)),
+)
+
+ARMS = (HEAVY, LIGHT, RAIL)

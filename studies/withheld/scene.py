@@ -1,0 +1,82 @@
+"""One scene: an arm with its true parameters, what the user believes of it, and a session."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from studies.withheld.actions import Action, State
+from studies.withheld.robots import Arm, Array
+from studies.withheld.session import Session
+from studies.withheld.texts import G
+from studies.withheld.truth import Mechanism
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything but the effects.
+
+    geometry : ndarray, shape (n + 2, 6), m and rad, true displacement of each frame
+    markers, guesses : ndarray, shape (M, 3), m, true and believed, tip frame
+    compliance : ndarray, shape (n,), rad/(N m), of the joints that truly yield, all of them modelled
+    modelled : names of the joints whose compliance is in the user's model
+    known_geometry : the model has no geometry and the truth none either
+    weighs : link masses stand in the URDF, and the links have them
+    payload : kg known to the user, com : ndarray, shape (3,), m, tip frame
+    columns : which of time, temperature, approach the files show
+    knots : joint name -> ndarray, rad, as the cell gives them
+    sigma, believed : m
+    R, p : placement of the base in the instrument's frame
+    wrench : ndarray, shape (N, 6), N and N m, as the file shows it, about the tip's origin, base axes
+    """
+
+    arm: Arm
+    session: Session
+    geometry: Array
+    markers: Array
+    guesses: Array
+    compliance: Array
+    modelled: tuple[str, ...]
+    known_geometry: bool
+    weighs: bool
+    payload: float
+    com: Array
+    columns: frozenset[str]
+    knots: dict[str, Array]
+    sigma: float
+    believed: float
+    R: Array
+    p: Array
+    wrench: Array
+
+    @property
+    def count(self) -> int:
+        """Number of readings, N."""
+        return len(self.session)
+
+    def mechanism(self) -> Mechanism:
+        """The true arm in MuJoCo."""
+        return Mechanism(self.arm, self.geometry, self.markers, self.weighs)
+
+    def nothing(self) -> Action:
+        """An action of zeros to write into."""
+        return Action.none(self.arm, self.count, len(self.markers))
+
+    def known(self, state: State) -> Action:
+        """What the user's model holds as well: loads and compliances."""
+        action = self.nothing()
+        action.load[:, -1] += self.wrench
+        action.load[:, -1] += hung(state.R_link[:, -1], self.payload, self.com)
+        action.joint[:] = self.compliance * state.torque
+        return action
+
+
+def hung(R: Array, mass: float, at: Array) -> Array:
+    """Force and moment of a mass about the origin of its frame, base axes, shape (N, 6).
+
+    R : ndarray, shape (N, 3, 3); at : ndarray, shape (3,), m, in the frame
+    """
+    force = np.array([0.0, 0.0, -G * mass])
+    moment = np.cross(R @ at, force)
+    return np.concatenate([np.broadcast_to(force, moment.shape), moment], axis=-1)

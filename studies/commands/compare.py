@@ -118,8 +118,6 @@ def compare(
         raise
     except CalibError as error:
         raise InputError(cell_path, "", str(error)) from None
-    except KeyboardInterrupt:
-        raise CalibError("interrupted before the first trials were done; nothing written") from None
     fields = {**envelope("compare", inputs, seed), **comparison_fields(result)}
     texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
     if folder is not None:

@@ -75,7 +75,7 @@ class PlanStudy:
 class Comparison:
     """The result of :func:`compare`.
 
-    asked : int, trials for each plan; trials : int, trials done at the plan that has fewest
+    asked : int, trials for each plan
     """
 
     cell: Cell
@@ -84,8 +84,8 @@ class Comparison:
 
     @property
     def trials(self) -> int:
-        """Trials done at every plan."""
-        return min(study.refits.trials for study in self.plans)
+        """Trials done at the plan that has most; fewer at others after an interruption."""
+        return max(study.refits.trials for study in self.plans)
 
     @property
     def agreements(self) -> list[Agreement]:
@@ -125,32 +125,40 @@ def compare(
     executor : where the trials are computed; figures do not depend on it
     progress : called with the number of trials just done
 
+    An interruption (KeyboardInterrupt) ends the simulation: the trials done are kept, what was not
+    simulated is predicted.
+
     Raises UnknownEffect, EffectCannotAct, CalibError.
     """
     if not plans:
         raise CalibError("no plan to compare")
     targets, weights = targets_of(cell)
+    prepared = [_prepared(cell, plan, values, length, seed) for plan in plans.values()]
     studies: list[PlanStudy] = []
-    for index, (name, plan) in enumerate(plans.items()):
-        own = None if values is None else as_vector(build(cell, plan).model, values)
-        experiment = experiment_of(cell, plan, values=own, length=length, seed=seed)
-        predictions = [predict(experiment, way) for way in experiment.ways]
-        experiment = replace(experiment, truth=_visible_truth(experiment, predictions))
+    for index, (name, (experiment, predictions)) in enumerate(zip(plans, prepared, strict=True)):
+        interrupted = any(study.refits.trials < trials for study in studies)
         done = refits(
             experiment,
             predictions,
-            trials,
+            0 if interrupted else trials,
             seed=(seed, index),
             executor=executor,
             progress=progress,
         )
-        verdicts = [_verdict(experiment, p, done, targets, weights) for p in predictions]
-        studies.append(
-            PlanStudy(name, plan, experiment, tuple(verdicts), done, _changed(experiment))
-        )
-        if done.trials < trials:
-            break
+        verdicts = tuple(_verdict(experiment, p, done, targets, weights) for p in predictions)
+        changed = _changed(experiment)
+        studies.append(PlanStudy(name, plans[name], experiment, verdicts, done, changed))
     return Comparison(cell, tuple(studies), trials)
+
+
+def _prepared(
+    cell: Cell, plan: Poses, values: Mapping[str, float] | None, length: float, seed: int
+) -> tuple[Experiment, list[Prediction]]:
+    """An experiment and its predictions, before anything is simulated."""
+    own = None if values is None else as_vector(build(cell, plan).model, values)
+    experiment = experiment_of(cell, plan, values=own, length=length, seed=seed)
+    predictions = [predict(experiment, way) for way in experiment.ways]
+    return replace(experiment, truth=_visible_truth(experiment, predictions)), predictions
 
 
 def _visible_truth(experiment: Experiment, predictions: list[Prediction]) -> Array:

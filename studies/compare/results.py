@@ -50,6 +50,7 @@ def _plan(study: PlanStudy) -> dict[str, Any]:
         "plan": study.name,
         "poses": len(study.plan),
         "readings": len(study.experiment.poses),
+        "trials": study.refits.trials,
         "hidden_markers": int((~study.experiment.seen).sum()),
         "approaches": [_approach(study, verdict) for verdict in study.verdicts],
         "improvement": []

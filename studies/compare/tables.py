@@ -49,6 +49,7 @@ def _answer(result: Comparison, fields: dict[str, Any]) -> Text:
         *_best(plans, fields["targets"]),
         *_gain(plans),
         *_belief(fields),
+        *_interrupted(fields),
         *_open(plans),
     ]
     return Text("\n".join(lines))
@@ -115,8 +116,13 @@ def _belief(fields: dict[str, Any]) -> Iterator[str]:
     stuck = [e["not_converged"] for plan in fields["plans"] for e in plan["approaches"]]
     if any(stuck):
         yield f"           {sum(stuck)} fits did not settle and are left out"
-    if fields["trials"] < fields["trials_asked"]:
-        yield f"           interrupted: {fields['trials']} of {fields['trials_asked']} trials done"
+
+
+def _interrupted(fields: dict[str, Any]) -> Iterator[str]:
+    for plan in fields["plans"]:
+        if plan["trials"] < fields["trials_asked"]:
+            done = f"{plan['trials']} of {fields['trials_asked']} experiments"
+            yield f"interrupted {plan['plan']}: {done} simulated"
 
 
 def _open(plans: list[dict[str, Any]]) -> Iterator[str]:

@@ -219,14 +219,15 @@ class Model:
 
     def jacobian(self, values: Array, poses: Poses) -> tuple[Array, Array]:
         """Predicted points (..., m, M, 3) and their derivatives (..., m, M, 3, p), SI, read-only."""
-        last = self._last
-        if last.get("poses") is not poses or not np.array_equal(last["values"], values):
-            found = self._jacobian(values, poses)
-            for array in found:
-                array.flags.writeable = False
-            last.update(poses=poses, values=values.copy(), found=found)
-        points, J = last["found"]
-        return points, J
+        last = self._last.get("found")  # one read and one write: threads may share a model
+        if last is None or last[0] is not poses or not np.array_equal(last[1], values):
+            points, J = self._jacobian(values, poses)
+            points.flags.writeable = J.flags.writeable = False
+            last = self._last["found"] = (poses, values.copy(), points, J)
+        return last[2], last[3]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_last": {}}  # the memo does not travel
 
     def _jacobian(self, values: Array, poses: Poses) -> tuple[Array, Array]:
         state = self.state(values, poses)

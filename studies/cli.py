@@ -35,7 +35,9 @@ def run() -> None:
         sys.exit(main(standalone_mode=False))
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx is not None else "posecal"
-        click.echo(f"{command}: {error.format_message()}; see {command} --help", err=True)
+        click.echo(
+            f"{command}: {error.format_message().rstrip('.')}; see {command} --help", err=True
+        )
         sys.exit(2)
     except click.Abort:
         click.echo("posecal: interrupted, nothing was written", err=True)

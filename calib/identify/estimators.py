@@ -143,9 +143,12 @@ def _soft(model: Model, span: Array) -> Mask:
     return np.asarray(np.abs(span[soft]).sum(axis=0) > 0.0)
 
 
-def choose_directions(observation: Observation, values: Array) -> Identifiable:
+def choose_directions(
+    observation: Observation, values: Array, span: Array | None = None
+) -> Identifiable:
     """What the data determine at some values.
 
+    span : ndarray, shape (p, k), directions to choose from; the observation's by default
     Elastic elements are taken as a little soft at least: a load effect shows through them only.
     """
     model = observation.model
@@ -153,7 +156,7 @@ def choose_directions(observation: Observation, values: Array) -> Identifiable:
     elastic = model.where(ElasticEffect)
     probe[elastic] = np.maximum(probe[elastic], 0.1 * model.sizes[elastic])
     _, J = observation.flat(probe)
-    span = observation.span()
+    span = observation.span() if span is None else span
     ids = [p.id for p in model.parameters]
     sizes, names = [], []
     for direction in span.T:

@@ -16,6 +16,7 @@ from calib.effects.tool import Tool
 from calib.identify.solver import levenberg_marquardt
 from calib.kinematics import forward
 from calib.model import Model
+from calib.observations.shape import free_components
 from calib.poses import Measurements
 from calib.se3 import (
     Array,
@@ -38,10 +39,7 @@ def initial_values(model: Model, data: Measurements) -> Array:
     frames = forward(model.robot, data.poses.q)
     R_tip, p_tip = frames.R[:, -1], frames.o[:, -1]
     markers = model.markers.copy()
-    free = np.zeros(markers.shape, dtype=bool)  # components of the markers that are unknown
-    for effect in model.effects:
-        if isinstance(effect, Tool):
-            free[effect.marker, list(effect.components)] = True
+    free = free_components(model)
     has_base = any(isinstance(e, Base) for e in model.effects)
     if not free.any() and not has_base:
         return values

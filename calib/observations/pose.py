@@ -20,7 +20,7 @@ from calib.effects.tool import Tool
 from calib.observations.points import Points
 from calib.observations.protocol import Observation
 from calib.observations.rigid import orientable, pose_from_points, rigid_motions
-from calib.observations.shape import shape_response
+from calib.observations.shape import free_components, kept_in_place, shape_response
 from calib.se3 import Array, fit_rigid, rotate, so3_exp, so3_log, transform
 
 Weighting = Literal["full", "normalised", "plain"]
@@ -120,6 +120,7 @@ class Pose(Observation):
         response = fit @ self.scale @ L
         if self.own_shape:
             own = shape_response(T, self.shape, self.data.seen & self.usable[:, None])
+            own = kept_in_place(self.shape, free_components(self.model)) @ own
             turned = response.reshape(m, p, -1, 3) @ T[:, None, :3, :3]
             shifted = turned.reshape(m, p, -1).sum(axis=0)
             response = response + (self._tool_columns() - shifted) @ own
@@ -142,10 +143,7 @@ class Pose(Observation):
             return N
         shape = self.shape.reshape(-1, *self.shape.shape[-2:])[0]
         motions = rigid_motions(shape).reshape(*shape.shape, 6)
-        free = np.zeros(shape.shape, dtype=bool)
-        for effect in self.model.effects:
-            if isinstance(effect, Tool):
-                free[effect.marker, list(effect.components)] = True
+        free = free_components(self.model)
         # Components that the reduction dropped stay still: only motions that leave them so.
         _, singular, Vt = np.linalg.svd(np.vstack([motions[~free], np.zeros((6, 6))]))
         allowed = Vt[singular < 1e-9].T

@@ -1,7 +1,7 @@
 """The shape of the marker set, when nothing is known of it but the readings.
 
-Approach #1 needs it before it can compute a pose, and takes it from the same readings: the mean
-congruent shape (generalised Procrustes). Its error is common to all poses.
+Approach #1 needs it before it can compute a pose, and takes it from the same readings: the shape and
+the poses that fit all points best (generalised Procrustes). Its error is common to all poses.
 """
 
 from __future__ import annotations
@@ -13,32 +13,41 @@ from calib.effects.tool import Tool
 from calib.model import Model
 from calib.observations.rigid import orientable, pose_from_points, rigid_motions
 from calib.poses import Measurements
-from calib.se3 import Array, fit_rigid, inverse, rotate
+from calib.se3 import Array, fit_rigid, rotate, so3_exp
 
-_ROUNDS = 300
-_SETTLED_M = 1e-10
+_ROUNDS = 50
+_SETTLED_M = 1e-11
+
+
+def free_components(model: Model) -> NDArray[np.bool_]:
+    """Components of the markers that are parameters of the model, shape (M, 3)."""
+    free = np.zeros(model.markers.shape, dtype=bool)
+    for effect in model.effects:
+        if isinstance(effect, Tool):
+            free[effect.marker, list(effect.components)] = True
+    return free
 
 
 def with_measured_shape(model: Model, data: Measurements, values: Array) -> Array:
     """The values with marker positions whose distances are taken from the readings alone, (..., p).
 
     data : its points (..., m, M, 3) may carry leading axes
-    The shape is laid over the given markers, which are a guess.
+    The shape is laid over the given markers, which are a guess; components that are no parameters
+    stay as given.
     """
-    markers = model.marker_positions(values)
+    markers, free = model.marker_positions(values), free_components(model)
     usable = orientable(markers, data.seen)
-    points, seen = data.points[..., usable, :, :], data.seen[usable].astype(float)
-    count = seen.sum(axis=0)[:, None]
+    points, seen = data.points[..., usable, :, :], data.seen[usable]
     shape = np.broadcast_to(markers, (*points.shape[:-3], *markers.shape))
     for _ in range(_ROUNDS):
-        T = inverse(fit_rigid(points, shape[..., None, :, :], seen))
-        own = rotate(T[..., None, :3, :3], points) + T[..., None, :3, 3]
-        mean = (own * seen[..., None]).sum(axis=-3) / np.maximum(count, 1.0)
-        before, shape = shape, np.where(count > 0.0, mean, shape)
-        if np.abs(shape - before).max() < _SETTLED_M:
+        T = fit_rigid(points, shape[..., None, :, :], seen.astype(float))
+        marked = rotate(T[..., None, :3, :3], shape[..., None, :, :]) + T[..., None, :3, 3]
+        rest = ((points - marked) * seen[..., None]).reshape((*T.shape[:-2], -1))
+        step = rotate(shape_response(T, shape, seen), rest).sum(axis=-2)
+        shape = shape + step.reshape(shape.shape)
+        if np.abs(step).max(initial=0.0) < _SETTLED_M:
             break
-    T = fit_rigid(np.broadcast_to(markers, shape.shape), shape)
-    offsets = rotate(T[..., None, :3, :3], shape) + T[..., None, :3, 3] - model.markers
+    offsets = _laid(shape, markers, free) - model.markers
     placed = np.broadcast_to(values, (*offsets.shape[:-2], len(values))).copy()
     for effect, part in zip(model.effects, model.slices, strict=True):
         if isinstance(effect, Tool):
@@ -46,20 +55,49 @@ def with_measured_shape(model: Model, data: Measurements, values: Array) -> Arra
     return placed
 
 
-def shape_response(T: Array, shape: Array, seen: NDArray[np.bool_]) -> Array:
-    """How the mean shape follows the points of each pose to first order, (m, 3 M, 3 M), m/m.
+def _laid(shape: Array, markers: Array, free: NDArray[np.bool_]) -> Array:
+    """The shape moved onto the markers, and then so that what is not free coincides."""
+    T = fit_rigid(np.broadcast_to(markers, shape.shape), shape)
+    laid = rotate(T[..., None, :3, :3], shape) + T[..., None, :3, 3]
+    for _ in range(_ROUNDS if not free.all() else 0):
+        off = (laid - markers)[..., ~free]
+        if np.abs(off).max(initial=0.0) < _SETTLED_M:
+            break
+        move = rotate(_back(markers, free), off)
+        laid = rotate(so3_exp(move[..., 3:])[..., None, :, :], laid) + move[..., None, :3]
+    return laid
 
-    T : ndarray, shape (m, 4, 4), poses; shape : ndarray, shape (M, 3), m, tip axes
+
+def _back(shape: Array, free: NDArray[np.bool_]) -> Array:
+    """Smallest rigid motion that takes changes of the components that are not free back, (6, c)."""
+    return np.asarray(-np.linalg.pinv(rigid_motions(shape)[~free.reshape(-1)], rcond=1e-9))
+
+
+def shape_response(T: Array, shape: Array, seen: NDArray[np.bool_]) -> Array:
+    """How the shape follows the points of each pose to first order, (..., m, 3 M, 3 M), m/m.
+
+    T : ndarray, shape (..., m, 4, 4), poses; shape : ndarray, shape (..., M, 3), m, tip axes
     seen : ndarray of bool, shape (m, M), the markers that enter
     Rows are in tip axes, columns in the axes of the points. What a pose adds to the shape is the part
     of its points that no rigid motion explains; of the sum the rigid motions are left out.
     """
     m, M = seen.shape
-    motions = np.broadcast_to(shape, (m, M, 3))
-    L = pose_from_points(motions, np.zeros((m, 3)), seen)
-    arms = rigid_motions(shape)
+    batch = shape.shape[:-2]
+    spread = np.broadcast_to(shape[..., None, :, :], (*batch, m, M, 3))
+    L = pose_from_points(spread, np.zeros((m, 3)), seen)
     mask = np.repeat(seen, 3, axis=1).astype(float)
-    own = mask[:, :, None] * (np.eye(3 * M) - arms @ L) * mask[:, None, :]
-    response = np.linalg.pinv(own.sum(axis=0), rcond=1e-9, hermitian=True) @ own
-    turned = response.reshape(m, 3 * M, M, 3) @ np.swapaxes(T[:, None, :3, :3], -1, -2)
-    return np.asarray(turned.reshape(m, 3 * M, 3 * M))
+    own = mask[:, :, None] * (np.eye(3 * M) - rigid_motions(shape)[..., None, :, :] @ L)
+    own = own * mask[:, None, :]
+    total = np.linalg.pinv(own.sum(axis=-3), rcond=1e-9, hermitian=True)
+    response = (total[..., None, :, :] @ own).reshape((*batch, m, 3 * M, M, 3))
+    turned = response @ np.swapaxes(T[..., None, :3, :3], -1, -2)
+    return np.asarray(turned.reshape((*batch, m, 3 * M, 3 * M)))
+
+
+def kept_in_place(shape: Array, free: NDArray[np.bool_]) -> Array:
+    """What becomes of a change of the shape once components that are not free are back, (3 M, 3 M)."""
+    fixed = ~free.reshape(-1)
+    change = np.eye(3 * len(shape))
+    if fixed.any():
+        change[:, fixed] += rigid_motions(shape) @ _back(shape, free)
+    return change

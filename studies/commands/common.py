@@ -32,6 +32,7 @@ figures_option = click.option(
 )
 seed_option = click.option(
     "--seed",
+    metavar="N",
     type=click.IntRange(min=0),
     default=0,
     show_default=True,

@@ -48,10 +48,11 @@ from studies.commands.common import (
               help="A dask scheduler that computes the trials, such as tcp://host:8786.")  # fmt: skip
 @click.option(
     "--length-mm",
+    metavar="MM",
     type=click.FloatRange(min=0, min_open=True),
     default=1000.0,
     show_default=True,
-    help="Characteristic length of approach pose, plain.",
+    help="Characteristic length of approach pose, plain: about the size of the marker set.",
 )
 @click.option("--values", "values_path", metavar="RESULT", type=click.Path(path_type=Path),
               help="A result of identify: predict and simulate at its values.")  # fmt: skip
@@ -95,7 +96,11 @@ def compare(
     inputs += [values_path] if values_path is not None else []
     check_outputs([path for path in [output_file(json_path)] if path is not None], inputs)
     loaded = [calib.load_plan(cell, path) for path in plan_paths]
-    plans = dict(zip(plan_names(plan_paths), loaded, strict=True))
+    names = plan_names(plan_paths)
+    for path in plan_paths:
+        if names.count(str(path)) > 1 or plan_paths.count(path) > 1:
+            raise InputError(path, "", "is given twice", "give each plan once")
+    plans = dict(zip(names, loaded, strict=True))
     try:
         values = None
         if values_path is not None:
@@ -118,8 +123,6 @@ def compare(
         raise
     except CalibError as error:
         raise InputError(cell_path, "", str(error)) from None
-    except KeyboardInterrupt:
-        raise CalibError("interrupted before the first trials were done; nothing written") from None
     fields = {**envelope("compare", inputs, seed), **comparison_fields(result)}
     texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
     if folder is not None:

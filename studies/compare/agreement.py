@@ -16,6 +16,8 @@ from calib.se3 import Array
 _RANK = 1e-9  # eigenvalue of the correlation matrix below which a direction is fixed
 BELIEVED = 0.01
 """Probability below which the prediction counts as refuted."""
+FEWEST = 20
+"""Trials below which nothing is said of the prediction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +28,8 @@ class Agreement:
     bias : ndarray, shape (p,), SI, mean error; NaN in both where a parameter is open
     ratio : ndarray, shape (p,), simulated over predicted standard deviation
     total : float, scatter over its expectation
-    p : float, probability of so large a disagreement by chance, over all tests made (Bonferroni)
+    shift : float, length of the mean error in standard deviations, per direction
+    tests : dict, "scatter", "bias", "parameter" -> probability of as much by chance
     """
 
     trials: int
@@ -34,7 +37,13 @@ class Agreement:
     bias: Array
     ratio: Array
     total: float
-    p: float
+    shift: float
+    tests: dict[str, float]
+
+    @property
+    def p(self) -> float:
+        """Probability of so large a disagreement by chance, over all tests made (Bonferroni)."""
+        return min(1.0, len(self.tests) * min(self.tests.values()))
 
     @property
     def worst_ratio(self) -> float:
@@ -72,14 +81,19 @@ def agreement(errors: Array, covariance: Array) -> Agreement | None:
     scatter, dof = float(((whitened - mean) ** 2).sum()), (trials - 1) * k
     alone = [_two_sided((trials - 1) * v, trials - 1) for v in scaled.var(axis=0, ddof=1)]
     bias = float(chdtrc(k, trials * (mean**2).sum()))
-    smallest = min(_two_sided(scatter, dof), bias, len(alone) * min(alone))
+    tests = {
+        "scatter": _two_sided(scatter, dof),
+        "bias": bias,
+        "parameter": len(alone) * min(alone),
+    }
     return Agreement(
         trials,
         std,
         np.where(known, errors.mean(axis=0), np.nan),
         std / predicted,
         scatter / dof,
-        min(1.0, 3.0 * smallest),
+        float(np.sqrt((mean**2).sum() / k)),
+        tests,
     )
 
 

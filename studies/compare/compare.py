@@ -16,10 +16,11 @@ from calib.poses import Poses
 from calib.se3 import Array
 from calib.targets import targets_of
 from calib.threads import one_blas_thread
-from studies.compare.agreement import Agreement, agreement
+from studies.compare.agreement import FEWEST, Agreement, agreement
 from studies.compare.experiment import PLAIN, POINTS, Experiment, Way, experiment_of
 from studies.compare.montecarlo import Refits, refits
 from studies.compare.prediction import Prediction, accuracy_at, predict
+from studies.compare.refutation import Reason, reason
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +29,8 @@ class Verdict:
 
     task_rms, task_worst : float, m, predicted position error at the targets, infinite where open
     agreement : Agreement, with the trials; None without
+    reason : why simulation refutes the prediction, None where it does not
+    unsettled : int, trials whose search did not settle and that count nowhere
     simulated_rms : float, m, task RMS from the scatter of the trials, NaN without
     """
 
@@ -35,6 +38,8 @@ class Verdict:
     task_rms: float
     task_worst: float
     agreement: Agreement | None
+    reason: Reason | None
+    unsettled: int
     simulated_rms: float
 
     @property
@@ -45,18 +50,13 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class PlanStudy:
-    """One plan under every way.
-
-    changed : ndarray, shape (p,), standard deviation of approach points at the simulated truth over
-        that at the nominal model: what the prediction owes to not knowing the robot
-    """
+    """One plan under every way."""
 
     name: str
     plan: Poses
     experiment: Experiment
     verdicts: tuple[Verdict, ...]
     refits: Refits
-    changed: Array
 
     def of(self, way: Way) -> Verdict | None:
         """The verdict on a way, None where the markers do not allow it."""
@@ -64,18 +64,23 @@ class PlanStudy:
 
     @property
     def improvement(self) -> Array | None:
-        """Plain approach #1 over approach #2, by parameter, as in Table I of the paper."""
+        """Plain approach #1 over approach #2, by parameter, as in Table I of the paper.
+
+        NaN where the two determine different sets: what is known then rests on different guesses.
+        """
         plain, points = self.of(PLAIN), self.of(POINTS)
         if plain is None or points is None:
             return None
-        return np.asarray(plain.prediction.std / points.prediction.std)
+        one, two = plain.prediction.std, points.prediction.std
+        same = np.array_equal(np.isnan(one), np.isnan(two))
+        return np.asarray(one / two if same else np.full_like(one, np.nan))
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """The result of :func:`compare`.
 
-    asked : int, trials for each plan; trials : int, trials done at the plan that has fewest
+    asked : int, trials for each plan
     """
 
     cell: Cell
@@ -84,8 +89,8 @@ class Comparison:
 
     @property
     def trials(self) -> int:
-        """Trials done at every plan."""
-        return min(study.refits.trials for study in self.plans)
+        """Trials done at the plan that has most; fewer at others after an interruption."""
+        return max(study.refits.trials for study in self.plans)
 
     @property
     def agreements(self) -> list[Agreement]:
@@ -101,7 +106,7 @@ class Comparison:
     @property
     def p(self) -> float | None:
         """Probability of so large a disagreement by chance, over all ways and plans."""
-        found = [own.p for own in self.agreements]
+        found = [own.p for own in self.agreements if own.trials >= FEWEST]
         return min(1.0, len(found) * min(found)) if found else None
 
 
@@ -125,32 +130,39 @@ def compare(
     executor : where the trials are computed; figures do not depend on it
     progress : called with the number of trials just done
 
+    An interruption (KeyboardInterrupt) ends the simulation: the trials done are kept, what was not
+    simulated is predicted.
+
     Raises UnknownEffect, EffectCannotAct, CalibError.
     """
     if not plans:
         raise CalibError("no plan to compare")
     targets, weights = targets_of(cell)
+    prepared = [_prepared(cell, plan, values, length, seed) for plan in plans.values()]
     studies: list[PlanStudy] = []
-    for index, (name, plan) in enumerate(plans.items()):
-        own = None if values is None else as_vector(build(cell, plan).model, values)
-        experiment = experiment_of(cell, plan, values=own, length=length, seed=seed)
-        predictions = [predict(experiment, way) for way in experiment.ways]
-        experiment = replace(experiment, truth=_visible_truth(experiment, predictions))
+    for index, (name, (experiment, predictions)) in enumerate(zip(plans, prepared, strict=True)):
+        interrupted = any(study.refits.trials < trials for study in studies)
         done = refits(
             experiment,
             predictions,
-            trials,
+            0 if interrupted else trials,
             seed=(seed, index),
             executor=executor,
             progress=progress,
         )
-        verdicts = [_verdict(experiment, p, done, targets, weights) for p in predictions]
-        studies.append(
-            PlanStudy(name, plan, experiment, tuple(verdicts), done, _changed(experiment))
-        )
-        if done.trials < trials:
-            break
+        verdicts = tuple(_verdict(experiment, p, done, targets, weights, seed) for p in predictions)
+        studies.append(PlanStudy(name, plans[name], experiment, verdicts, done))
     return Comparison(cell, tuple(studies), trials)
+
+
+def _prepared(
+    cell: Cell, plan: Poses, values: Mapping[str, float] | None, length: float, seed: int
+) -> tuple[Experiment, list[Prediction]]:
+    """An experiment and its predictions, before anything is simulated."""
+    own = None if values is None else as_vector(build(cell, plan).model, values)
+    experiment = experiment_of(cell, plan, values=own, length=length, seed=seed)
+    predictions = [predict(experiment, way) for way in experiment.ways]
+    return replace(experiment, truth=_visible_truth(experiment, predictions)), predictions
 
 
 def _visible_truth(experiment: Experiment, predictions: list[Prediction]) -> Array:
@@ -160,18 +172,21 @@ def _visible_truth(experiment: Experiment, predictions: list[Prediction]) -> Arr
 
 
 def _verdict(
-    experiment: Experiment, prediction: Prediction, done: Refits, targets: Poses, weights: Array
+    experiment: Experiment,
+    prediction: Prediction,
+    done: Refits,
+    targets: Poses,
+    weights: Array,
+    seed: int,
 ) -> Verdict:
     rms, worst = accuracy_at(experiment, prediction.covariance, targets, weights)
-    judged, simulated = None, np.nan
-    if done.trials:
-        errors = done.of(prediction.way.key)
-        judged = agreement(errors, prediction.covariance)
+    if not done.trials:
+        return Verdict(prediction, rms, worst, None, None, 0, np.nan)
+    errors = done.of(prediction.way.key)
+    judged = agreement(errors, prediction.covariance)
+    why, simulated = None, np.nan
+    if judged is not None and judged.trials >= FEWEST:
+        why = reason(experiment, prediction, errors, judged, seed)
     if judged is not None and np.isfinite(rms):
         simulated, _ = accuracy_at(experiment, errors.T @ errors / len(errors), targets, weights)
-    return Verdict(prediction, rms, worst, judged, simulated)
-
-
-def _changed(experiment: Experiment) -> Array:
-    there = replace(experiment, nominal=experiment.truth)
-    return np.asarray(predict(there, POINTS).std / predict(experiment, POINTS).std)
+    return Verdict(prediction, rms, worst, judged, why, done.trials - len(errors), simulated)

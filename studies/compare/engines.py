@@ -19,7 +19,7 @@ from calib.errors import InputError
 P = ParamSpec("P")
 T = TypeVar("T")
 
-_PATIENCE_S = 8
+_PATIENCE_S = 6
 
 
 @contextmanager

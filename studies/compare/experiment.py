@@ -11,7 +11,7 @@ from calib.api import readings
 from calib.build import build, refuse_idle_effects
 from calib.cell import Cell
 from calib.effects.base import Base
-from calib.effects.protocol import ElasticEffect
+from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
 from calib.model import Model
 from calib.noise import Noise
@@ -47,7 +47,8 @@ class Way:
 
 POINTS = Way("points", "full")
 PLAIN = Way("pose", "plain")
-WAYS = (PLAIN, Way("pose", "normalised"), Way("pose", "full"), POINTS)
+FULL = Way("pose", "full")
+WAYS = (PLAIN, Way("pose", "normalised"), FULL, POINTS)
 """Approach #1 in three weightings, and approach #2."""
 
 
@@ -99,7 +100,8 @@ def experiment_of(
 
     values : ndarray, shape (p,), SI, what predictions and simulations hold at. Without them predictions
         hold at the nominal model and simulations at one that is off by plausible errors, drawn with
-        the seed: each parameter by its usual size, or by what moves the markers a millimetre
+        the seed: each parameter by its usual size, or by what moves the markers a millimetre. A load
+        effect shows through compliances only: with one in the model, predictions hold at those drawn
 
     Raises UnknownEffect, EffectCannotAct.
     """
@@ -107,9 +109,12 @@ def experiment_of(
     model = build(cell, poses).model
     refuse_idle_effects(cell, model, poses)
     seen = np.tile(visible(scene_of(cell, plan.q)), (len(poses) // len(plan), 1))
-    nominal = np.zeros(len(model.parameters)) if values is None else values
-    weights = noise_weights(cell.noise, model, nominal, poses, seen, cell.instrument)
     truth = plausible(model, poses, seed) if values is None else values
+    nominal = np.zeros(len(model.parameters)) if values is None else values
+    if values is None and len(model.where(LoadEffect)):
+        soft = model.where(ElasticEffect)
+        nominal[soft] = truth[soft]
+    weights = noise_weights(cell.noise, model, nominal, poses, seen, cell.instrument)
     return Experiment(model, poses, seen, weights, nominal, truth, length)
 
 
@@ -129,11 +134,18 @@ def noise_weights(
 
 def plausible(model: Model, poses: Poses, seed: int) -> Array:
     """A robot that is off as robots are, shape (p,), SI; base and markers where they are thought."""
-    _, J = model.jacobian(np.zeros(len(model.parameters)), poses)
-    moved = np.linalg.norm(J, axis=-2).max(axis=(0, 1))
-    size = np.minimum(model.sizes, _PLAUSIBLE_M / np.maximum(moved, 1e-300))
+    elastic = model.where(ElasticEffect)
+    soft = np.zeros(len(model.parameters))
+    soft[elastic] = _sizes(model, soft, poses)[elastic]
+    size = _sizes(model, soft, poses)
     values: Array = size * np.random.default_rng(seed).standard_normal(len(size))
     values[model.where(Base, Tool)] = 0.0
-    elastic = model.where(ElasticEffect)
     values[elastic] = np.abs(values[elastic])
     return values
+
+
+def _sizes(model: Model, values: Array, poses: Poses) -> Array:
+    """Usual size of each parameter, or what moves the markers a millimetre, shape (p,), SI."""
+    _, J = model.jacobian(values, poses)
+    moved = np.linalg.norm(J, axis=-2).max(axis=(0, 1))
+    return np.asarray(np.minimum(model.sizes, _PLAUSIBLE_M / np.maximum(moved, 1e-300)))

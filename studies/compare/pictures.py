@@ -60,7 +60,8 @@ def _of_plan(result: Comparison, study: PlanStudy) -> Iterator[Picture]:
     }
     if simulated:
         trials = study.refits.trials
-        yield deviations.predicted_against_simulated(names, units, predicted, simulated, trials)
+        both = {key: predicted[key] for key in simulated}
+        yield deviations.predicted_against_simulated(names, units, both, simulated, trials)
     cov = _points(study).prediction.covariance
     yield _ellipses(study, correlation(cov))
     yield ellipses.correlation(names, np.where(np.diag(cov) > 0.0, correlation(cov), np.nan))
@@ -68,11 +69,13 @@ def _of_plan(result: Comparison, study: PlanStudy) -> Iterator[Picture]:
         study.experiment, _points(study).prediction, len(study.plan)
     )
     yield information.by_pose(study.plan.names, share, groups)
+    what = "task RMS, median of subsets"
     curve = by_poses(result.cell, study.experiment, len(study.plan))
-    yield accuracy.against_poses(list(curve.counts), _known(curve.rms))
-    if len(result.cell.marker_names) > 1:
-        curve = by_markers(result.cell, study.plan, study.experiment.length)
-        yield accuracy.against_markers(list(curve.counts), _known(curve.rms))
+    if len(curve.counts):
+        yield accuracy.against_poses(list(curve.counts), _known(curve.rms), what=what)
+    curve = by_markers(result.cell, study.plan, study.experiment.length)
+    if len(curve.counts) > 1:
+        yield accuracy.against_markers(list(curve.counts), _known(curve.rms), what=what)
 
 
 def _ellipses(study: PlanStudy, R: Array) -> Picture:

@@ -8,9 +8,9 @@ import numpy as np
 
 from calib.covariance import accuracy
 from calib.identify.estimators import choose_directions
-from calib.poses import Poses
+from calib.poses import IntArray, Poses
 from calib.se3 import Array
-from studies.compare.experiment import Experiment, Way
+from studies.compare.experiment import FULL, POINTS, Experiment, Way
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +33,29 @@ class Prediction:
 
 
 def predict(experiment: Experiment, way: Way) -> Prediction:
-    """First-order covariance at the nominal model, the noise as stated."""
+    """First-order covariance at the nominal model, the noise as stated.
+
+    What the plan determines is judged by the points, whatever the way: nothing can be known from poses
+    computed from them that they do not tell themselves.
+    """
     points = experiment.model.predict(experiment.nominal, experiment.poses)
+    observation, start = experiment.observe(POINTS, points)
+    kept = choose_directions(observation, start).kept
+    kept = kept[np.abs(observation.flat(start)[1][:, kept]).any(axis=0)]
+    if way.approach == "points":
+        span = np.eye(len(start))[:, kept]
+        return Prediction(way, span, observation.covariance(start, span))
     observation, start = experiment.observe(way, points)
-    choice = choose_directions(observation, start)
-    span = observation.span()[:, choice.kept]
+    span = _of_bodies(observation.span(), kept)
+    known, _ = experiment.observe(FULL, points)
+    span = span[:, choose_directions(known, start, span).kept]
     return Prediction(way, span, observation.covariance(start, span))
+
+
+def _of_bodies(span: Array, kept: IntArray) -> Array:
+    """Directions (p, k) that move nothing but parameters that are kept."""
+    lost = np.setdiff1d(np.arange(len(span)), kept)
+    return span[:, ~np.abs(span[lost]).any(axis=0)]
 
 
 def accuracy_at(

@@ -7,33 +7,50 @@ from typing import Any
 
 import numpy as np
 
-from studies.compare.agreement import BELIEVED, Agreement, band
+from calib.cell import Cell
+from calib.effects.tool import Tool
+from calib.observations import orientable
+from studies.compare.agreement import BELIEVED, FEWEST, Agreement, band
 from studies.compare.anatomy import influence
 from studies.compare.compare import Comparison, PlanStudy, Verdict
 from studies.compare.experiment import POINTS
+from studies.compare.refutation import SAYS
 
 _MM = 1e3
-_MATTERS = 1.02  # change of a standard deviation that is worth a word
+UNSETTLED = 0.01
+"""Share of fits that may fail to settle before the rest says too little."""
 
 
 def comparison_fields(result: Comparison) -> dict[str, Any]:
     """The fields of ``compare --json``, without provenance."""
+    tool = bool(len(result.plans[0].experiment.model.where(Tool)))
     ratios = sum(int(np.isfinite(found.ratio).sum()) for found in result.agreements)
     return {
         "plans": [_plan(study) for study in result.plans],
         "targets": str(result.cell.design.get("targets") or "200 Sobol poses"),
+        "task_at": "markers" if tool else "tip origin",
+        "notes": _notes(result.cell),
         "trials": result.trials,
         "trials_asked": result.asked,
         "agreement": {
             "worst_ratio": result.worst_ratio,
             "chi2_p": result.p,
             "ratio_band95": _band(result.trials, 0.95),
-            "worst_ratio_band95": _band(result.trials, 1.0 - 0.05 / max(1, ratios)),
+            "worst_ratio_band99": _band(result.trials, 1.0 - BELIEVED / max(1, ratios)),
             "ratios": ratios,
-            "believed": None if result.p is None else result.p >= BELIEVED,
+            "believed": _believed(result),
             "says": _says(result),
         },
     }
+
+
+def _notes(cell: Cell) -> list[str]:
+    if cell.noise.grows and cell.instrument is None:
+        return [
+            "the cell does not say where the instrument stands ([instrument] position_mm): its ranges "
+            "count from the robot's base"
+        ]
+    return []
 
 
 def _band(trials: int, level: float) -> list[float]:
@@ -50,7 +67,9 @@ def _plan(study: PlanStudy) -> dict[str, Any]:
         "plan": study.name,
         "poses": len(study.plan),
         "readings": len(study.experiment.poses),
+        "trials": study.refits.trials,
         "hidden_markers": int((~study.experiment.seen).sum()),
+        "readings_without_pose": _without_pose(study),
         "approaches": [_approach(study, verdict) for verdict in study.verdicts],
         "improvement": []
         if factors is None
@@ -67,13 +86,19 @@ def _plan(study: PlanStudy) -> dict[str, Any]:
     }
 
 
+def _without_pose(study: PlanStudy) -> int:
+    """Readings whose visible markers fix no orientation."""
+    experiment = study.experiment
+    markers = experiment.model.marker_positions(experiment.nominal)
+    return int((~orientable(markers, experiment.seen)).sum())
+
+
 def _approach(study: PlanStudy, verdict: Verdict) -> dict[str, Any]:
     found, way = verdict.agreement, verdict.way
     parameters = study.experiment.model.parameters
     nothing = np.full(len(parameters), np.nan)
     simulated = nothing if found is None else found.std
     bias = nothing if found is None else found.bias_share
-    settled = study.refits.settled.get(way.key)
     return {
         "approach": way.approach,
         "weighting": way.weighting,
@@ -96,46 +121,66 @@ def _approach(study: PlanStudy, verdict: Verdict) -> dict[str, Any]:
         "task_rms_mm": verdict.task_rms * _MM,
         "task_worst_mm": verdict.task_worst * _MM,
         "monte_carlo_task_rms_mm": verdict.simulated_rms * _MM,
-        "not_converged": None if settled is None else int((~settled).sum()),
+        "not_converged": verdict.unsettled,
         "agreement": None if found is None else _agreement(found),
+        "reason": verdict.reason,
     }
 
 
-def _agreement(found: Agreement) -> dict[str, float]:
+def _agreement(found: Agreement) -> dict[str, Any]:
     return {
         "worst_ratio": found.worst_ratio,
         "variance_ratio": found.total,
         "chi2_p": found.p,
+        "tests": found.tests,
     }
+
+
+def _believed(result: Comparison) -> bool | None:
+    """Whether prediction and simulation agree; None where too little was simulated to tell."""
+    verdicts = [v for study in result.plans for v in study.verdicts]
+    if result.trials < FEWEST:
+        return None
+    lost = max(v.unsettled for v in verdicts) > UNSETTLED * result.trials
+    return not lost and result.p is not None and result.p >= BELIEVED
 
 
 def _says(result: Comparison) -> str:
     """Whether to believe the prediction, and if not, why and by how much."""
-    if result.p is None or result.worst_ratio is None:
+    if not result.trials:
         return "nothing was simulated"
-    if result.p >= BELIEVED:
+    if result.trials < FEWEST:
+        return (
+            f"{result.trials} simulated experiments are too few to tell: simulate {FEWEST} or more"
+        )
+    pairs = [(study, v) for study in result.plans for v in study.verdicts]
+    study, verdict = max(pairs, key=lambda pair: pair[1].unsettled)
+    if verdict.unsettled > UNSETTLED * result.trials:
+        return (
+            f"{verdict.unsettled} of {study.refits.trials} fits of {verdict.way.key} did not settle at "
+            f"{study.name}: the plan hardly determines the model"
+        )
+    if result.p is not None and result.p >= BELIEVED:
         return "simulation and prediction agree"
-    worst = min(
-        ((s, v) for s in result.plans for v in s.verdicts if v.agreement is not None),
-        key=lambda pair: pair[1].agreement.p,  # type: ignore[union-attr]
+    study, verdict = min(
+        (pair for pair in pairs if pair[1].agreement is not None),
+        key=lambda pair: pair[1].agreement.p if pair[1].agreement is not None else 1.0,
     )
-    study, verdict = worst
+    why = SAYS[verdict.reason or "chance"]
+    return f"refuted at {study.name}, {verdict.way.key}: {_failed(study, verdict)}; {why}"
+
+
+def _failed(study: PlanStudy, verdict: Verdict) -> str:
+    """Which test failed most, and by how much."""
     found = verdict.agreement
-    assert found is not None  # noqa: S101  the ones without were left out above
+    if found is None:
+        return "no fit settled"
+    worst = min(found.tests, key=lambda name: found.tests[name])
+    if worst == "bias":
+        return f"the mean error is {found.shift:.2g} standard deviations in every direction"
+    if worst == "scatter":
+        return f"all directions together scatter {100.0 * (found.total**0.5 - 1.0):+.2g} %"
     ratio = np.where(np.isfinite(found.ratio), found.ratio, 1.0)
     where = int(np.abs(np.log(ratio)).argmax())
     name = study.experiment.model.parameters[where].id
-    scatter = 100.0 * (ratio[where] - 1.0)
-    shift = np.nan_to_num(found.bias / verdict.prediction.std)
-    moved = int(np.abs(shift).argmax())
-    changed = study.changed[np.isfinite(study.changed)]
-    text = (
-        f"simulation disagrees most at {study.name}, {verdict.way.key}: {name} scatters "
-        f"{scatter:+.0f} % from its prediction, {study.experiment.model.parameters[moved].id} is off "
-        f"by {abs(shift[moved]):.2f} standard deviations in the mean; "
-    )
-    if max(changed.max(initial=1.0), 1.0 / changed.min(initial=1.0)) > _MATTERS:
-        return text + "the robot's errors change the standard deviations: predict with --values"
-    return (
-        text + "the estimate is not linear in so large a noise: measure more poses, or closer ones"
-    )
+    return f"{name} scatters {100.0 * (ratio[where] - 1.0):+.2g} %"

@@ -29,26 +29,29 @@ def comparison_tables(result: Comparison, fields: dict[str, Any]) -> Iterator[Re
     yield _accuracy(fields)
     plans = fields["plans"]
     if len(plans) == 1:
-        yield Text("\nstandard deviations, and what plain #1 loses", style="bold")
-        yield _approaches(plans[0], fields["trials"] > 0)
+        loses = ", and what plain #1 loses" if plans[0]["improvement"] else ""
+        yield Text(f"\nstandard deviations{loses}", style="bold")
+        yield _approaches(plans[0], fields["trials"] > 1)
     else:
         yield Text("\nstandard deviations of approach #2 at each plan", style="bold")
         yield _side_by_side(plans)
+    yield from _left_out(plans)
+    for note in fields["notes"]:
+        yield Text(f"note  {note}")
 
 
 def _answer(result: Comparison, fields: dict[str, Any]) -> Text:
     plans = fields["plans"]
     p = len(plans[0]["approaches"][0]["parameters"])
+    simulated = _count(fields["trials"], "simulated experiment")
     lines = [
         f"{result.cell.name}: {p} parameters, {_count(len(plans), 'plan')}, "
-        + (
-            f"{fields['trials']} simulated experiments each"
-            if fields["trials"]
-            else "not simulated"
-        ),
-        *_best(plans, fields["targets"]),
+        + (f"{simulated}{' each' * (len(plans) > 1)}" if fields["trials"] else "not simulated"),
+        *_best(plans, f"{fields['targets']}, at the {fields['task_at']}"),
         *_gain(plans),
         *_belief(fields),
+        *_interrupted(fields),
+        *_hidden(plans),
         *_open(plans),
     ]
     return Text("\n".join(lines))
@@ -74,10 +77,12 @@ def _best(plans: list[dict[str, Any]], targets: str) -> Iterator[str]:
 
 
 def _gain(plans: list[dict[str, Any]]) -> Iterator[str]:
+    if all(_entry(plan, "pose") is None for plan in plans):
+        yield "approach   #1 (pose) needs three visible markers that are not in line; #2 does not"
+        return
     factors = [e["factor"] for plan in plans for e in plan["improvement"]]
     factors = [f for f in factors if np.isfinite(f)]
     if not factors:
-        yield "approach   #1 (pose) needs three markers that are not in line; #2 (points) does not"
         return
     yield (
         f"approach   #1 with plain weighting is {min(factors):.2f} to {max(factors):.3g} times less "
@@ -87,44 +92,81 @@ def _gain(plans: list[dict[str, Any]]) -> Iterator[str]:
     yield "           weighted by its full covariance #1 " + (
         "equals #2: the gain is in the weighting"
         if worst < _SAME
-        else f"still loses up to {100.0 * (worst - 1.0):.2g} %"
+        else f"still is up to {worst:.2f} times less certain: it computes the marker geometry first"
     )
 
 
 def _loss(plan: dict[str, Any]) -> float:
     """Largest ratio of standard deviations, fully weighted #1 over #2."""
-    full, points = _entry(plan, "pose", "full"), _entry(plan, "points")
+    full, points = _entry(plan, "pose"), _entry(plan, "points")
     if full is None:
         return 1.0
     ratios = [
         a["std"] / b["std"] for a, b in zip(full["parameters"], points["parameters"], strict=True)
     ]
-    return float(np.nanmax([1.0, *ratios]))
+    same = all(
+        np.isnan(a["std"]) == np.isnan(b["std"])
+        for a, b in zip(full["parameters"], points["parameters"], strict=True)
+    )
+    return float(np.nanmax([1.0, *ratios])) if same else 1.0
 
 
 def _belief(fields: dict[str, Any]) -> Iterator[str]:
     found = fields["agreement"]
-    if found["chi2_p"] is None:
+    if not fields["trials"]:
         return
-    low, high = found["worst_ratio_band95"]
     yield f"believe    {found['says']}"
-    yield (
-        f"           simulated / predicted is {found['worst_ratio']:.2f} where it is farthest from one "
-        f"({low:.2f} to {high:.2f} is chance among {found['ratios']}); p = {found['chi2_p']:.2g}"
-    )
-    stuck = [e["not_converged"] for plan in fields["plans"] for e in plan["approaches"]]
-    if any(stuck):
-        yield f"           {sum(stuck)} fits did not settle and are left out"
-    if fields["trials"] < fields["trials_asked"]:
-        yield f"           interrupted: {fields['trials']} of {fields['trials_asked']} trials done"
+    if found["chi2_p"] is not None:
+        low, high = found["worst_ratio_band99"]
+        p = found["chi2_p"]
+        yield (
+            f"           simulated / predicted is {found['worst_ratio']:.2f} where it is farthest from "
+            f"one ({low:.2f} to {high:.2f} is chance among {found['ratios']}); p = {p:.2g}"
+        )
+    for plan in fields["plans"]:
+        for entry in plan["approaches"]:
+            if entry["not_converged"]:
+                yield (
+                    f"           {entry['not_converged']} of {plan['trials']} fits of {_label(entry)} "
+                    f"did not settle at {plan['plan']} and are left out"
+                )
+
+
+def _interrupted(fields: dict[str, Any]) -> Iterator[str]:
+    for plan in fields["plans"]:
+        if plan["trials"] < fields["trials_asked"]:
+            done = f"{plan['trials']} of {fields['trials_asked']} experiments"
+            yield f"interrupted {plan['plan']}: {done} simulated"
+
+
+def _hidden(plans: list[dict[str, Any]]) -> Iterator[str]:
+    for plan in plans:
+        if plan["hidden_markers"]:
+            lost = plan["readings_without_pose"]
+            yield (
+                f"hidden     {plan['hidden_markers']} marker readings at {plan['plan']}"
+                + (f"; {_count(lost, 'reading')} too few for approach #1" if lost else "")
+            )
 
 
 def _open(plans: list[dict[str, Any]]) -> Iterator[str]:
     for plan in plans:
         names = [e["id"] for e in _entry(plan, "points")["parameters"] if np.isnan(e["std"])]
         if names:
-            shown = ", ".join(names[:4]) + (" .." if len(names) > 4 else "")
-            yield f"open       {plan['plan']} does not determine {shown}"
+            shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+            yield f"open       {plan['plan']} does not determine {shown}:"
+            yield "           what it says of the others, simulation too, takes these as nominal"
+
+
+def _left_out(plans: list[dict[str, Any]]) -> Iterator[RenderableType]:
+    """What the tables do not show."""
+    points = _entry(plans[0], "points")["parameters"]
+    if len(points) > _MOST_PARAMETERS and any(p["effect"] in ("base", "tool") for p in points):
+        yield Text("base and tool stand in the JSON")
+    first = [p["id"] for p in points]
+    for plan in plans[1:]:
+        if [p["id"] for p in _entry(plan, "points")["parameters"]] != first:
+            yield Text(f"{plan['plan']} has other parameters, see the JSON")
 
 
 def _entry(plan: dict[str, Any], approach: str, weighting: str = "full") -> Any:
@@ -163,13 +205,17 @@ def _accuracy(fields: dict[str, Any]) -> Table:
 
 def _approaches(plan: dict[str, Any], simulated: bool) -> Table:
     entries = plan["approaches"]
-    factors = [e["factor"] for e in plan["improvement"]]
+    factors, points = (
+        [e["factor"] for e in plan["improvement"]],
+        _entry(plan, "points")["parameters"],
+    )
     columns = {
         title: [p["std"] for p in entry["parameters"]]
         for title, entry in zip(_TITLES[-len(entries) :], entries, strict=True)
+        if entry["weighting"] != "full" or entry["approach"] == "points" or _loss(plan) > _SAME
     }
     if simulated:
-        columns["#2\nsim."] = [p["monte_carlo_std"] for p in _entry(plan, "points")["parameters"]]
+        columns["#2\nsim."] = [p["monte_carlo_std"] for p in points]
     return _parameters(plan, columns, {"plain\nover #2": factors} if factors else {})
 
 
@@ -202,10 +248,10 @@ def _parameters(
             group = p["effect"]
             table.add_row(Text(group, style="italic"))
         table.add_row(
-            f"  {p['where']} {p['name']}",
+            f"  {p['where']} {p['name'].replace('compliance@', '@')}",
             p["unit"],
             *(_std(values[i]) for values in columns.values()),
-            *(f"{values[i]:.2f}" for values in factors.values()),
+            *("-" if np.isnan(v[i]) else f"{v[i]:.2f}" for v in factors.values()),
         )
     return table
 

@@ -178,7 +178,10 @@ def _print_table_three(
             *(f"{value / p.scale:.4f}" for value in shown),
             f"{results['joint'].std[i] / p.scale:.4f}",
         )
-    console.print("Table III: base, and markers as offsets from the printed positions\n")
+    console.print(
+        "Tables III and IV identified from one simulated campaign.\n\n"
+        "Table III: base, and markers as offsets from the printed positions\n"
+    )
     console.print(table)
 
 
@@ -227,7 +230,10 @@ def _print_intervals(console: Any, cell: Cell) -> list[LoadPoint]:
                 )
             ),
         )
-    console.print("\nintervals of Table IV against the prediction, 1e-6 rad/(N m)\n")
+    console.print(
+        "\nintervals of Table IV, taken as one standard deviation, against the prediction for\n"
+        "loaded minus free readings, 1e-6 rad/(N m)\n"
+    )
     console.print(table)
     ratio = printed[KNOWN] * MICRO / ours.std[KNOWN]
     console.print(

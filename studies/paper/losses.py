@@ -99,7 +99,11 @@ def main() -> None:
             f"{full:.2g} %" if full > 1e-6 else "0 %",
             *(f"x {found[key].max():.1f}" for key in ("pose normalised", "pose plain")),
         )
-    console.print("standard deviations of approach #1 against those of #2, worst parameter\n")
+    console.print(
+        "standard deviations of approach #1 against those of #2: the worst of the 27 parameters of\n"
+        "the KR 270 (geometry, compliances) at the 15 poses of Table II, free and loaded, base too.\n"
+        "Noise: equal, 0.010 mm; by beam, a tracker 4 m away, 0.003 mm along, 0.010 mm across.\n"
+    )
     console.print(table)
     console.print("\nhidden: one marker, another each time, at half of the readings")
 

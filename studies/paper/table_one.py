@@ -42,7 +42,7 @@ SIGMA = 1e-5
 _LINKS = (("q2", 2), ("q3", 0), ("tip", 0))  # l_1 along z to joint 2, l_2 and l_3 along x
 _RADIUS = (0.05, 0.2)  # m, random marker triangles
 _LENGTHS = (0.01, 10.0)  # m, random normalisations
-_SHOWN_M = (0.02, 0.05, 0.1, 0.5, 1.0)
+_SHOWN_M = (0.02, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +190,7 @@ def _print_lengths(console: Any, setting: Setting) -> None:
     table = plain_table(
         ("length [mm]", "right"), *((f"d{name}", "right") for name in PARAMETERS)
     )  # fmt: skip
-    for length in sorted({*_SHOWN_M, setting.length}):
+    for length in sorted({*_SHOWN_M, *(share * setting.length for share in (0.25, 0.5, 1.0, 2.0))}):
         found = predictions_at(experiment_at(replace(setting, length=length)))
         factors = found[PLAIN.key].std / found[POINTS.key].std
         table.add_row(f"{1e3 * length:.4g}", *(f"{factor:.2f}" for factor in factors))

@@ -178,7 +178,7 @@ def test_an_interrupted_command_writes_what_is_done(
     assert done.exit_code == 0, done.output
     fields = json.loads(out.read_text())
     assert (fields["trials"], fields["trials_asked"]) == (2 * MOST_TRIALS, 170)
-    assert "interrupted: 100 of 170 trials done" in done.stdout
+    assert "interrupted plan.csv: 100 of 170 experiments simulated" in done.stdout
 
 
 def alive(session: int) -> list[str]:
@@ -241,7 +241,8 @@ def test_ctrl_c_ends_the_command_and_its_workers(
     assert "Traceback" not in stdout + stderr
     if out.exists():
         fields = json.loads(out.read_text())
-        assert 0 < fields["trials"] < fields["trials_asked"]
+        assert fields["trials"] < fields["trials_asked"]
+        assert "experiments simulated" in stdout
         assert process.returncode == 0
         assert not stderr
     else:

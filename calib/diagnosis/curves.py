@@ -18,7 +18,7 @@ from calib.effects.protocol import Context, Parameter, State, Strand, TwistEffec
 from calib.errors import EffectCannotAct
 from calib.se3 import Array
 
-_KNOTS = 6
+_KNOTS = 8
 _SAME = 1e-9
 
 

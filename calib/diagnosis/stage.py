@@ -21,6 +21,7 @@ from calib.se3 import Array
 
 _HUBER = 2.0  # median lengths of a pose's residual beyond which it counts less
 _ROUNDS = 4
+_MOST_ITERATIONS = 20  # a model that needs more does not describe the arm
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +71,7 @@ class Stage:
         span = self._span(model, start, weight)
         for _ in range(_ROUNDS if self.robust else 1):
             observation = self.observation(model, weight)
-            found = levenberg_marquardt(observation.flat, start, span)
+            found = levenberg_marquardt(observation.flat, start, span, _MOST_ITERATIONS)
             start = found.values
             if not self.robust:
                 break

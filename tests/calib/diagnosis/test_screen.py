@@ -1,0 +1,58 @@
+"""The score test and what a plan can see, on plain linear problems."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.power import needed, noncentrality, smallest_detectable
+from calib.diagnosis.screen import field, score
+
+RNG = np.random.default_rng(0)
+N, X = RNG.normal(size=(300, 8)), RNG.normal(size=(300, 5))
+
+
+def test_score_is_the_fall_of_the_sum_of_squares() -> None:
+    r = RNG.normal(size=300)
+    found = score(field(N, X, r), np.arange(5))
+    both = np.column_stack([N, X])
+    alone = r - N @ np.linalg.lstsq(N, r, rcond=None)[0]
+    together = r - both @ np.linalg.lstsq(both, r, rcond=None)[0]
+    assert found.fall == pytest.approx(alone @ alone - together @ together)
+    assert found.directions == 5
+
+
+def test_p_values_are_uniform_where_nothing_is_missing() -> None:
+    for sigma in (1.0, 2.0):  # with the noise as stated, and where it is refuted
+        p = []
+        for _ in range(400):
+            r = sigma * RNG.normal(size=300) + N @ RNG.normal(size=8)
+            p.append(score(field(N, X, r), np.arange(2)).p)
+        assert np.mean(np.array(p) < 0.1) == pytest.approx(0.1, abs=0.045)
+
+
+def test_an_effect_of_the_size_said_to_be_detectable_is_detected() -> None:
+    view = field(N, X, np.zeros(300))
+    size = smallest_detectable(view, 0, 1e-4)
+    assert noncentrality(view, np.array([0]), np.array([size])) == pytest.approx(needed(1, 1e-4))
+    hits = [
+        score(field(N, X, RNG.normal(size=300) + X[:, 0] * size), np.array([0])).p < 1e-4
+        for _ in range(300)
+    ]
+    assert np.mean(hits) == pytest.approx(0.9, abs=0.06)
+
+
+def test_what_the_model_contains_is_invisible() -> None:
+    inside = N @ RNG.normal(size=(8, 2))
+    view = field(N, inside, RNG.normal(size=300))
+    assert score(view, np.arange(2)).directions == 0
+    assert smallest_detectable(view, 0, 0.01) == np.inf
+
+
+def test_columns_that_are_modelled_too_leave_the_rest() -> None:
+    r = RNG.normal(size=300) + X[:, 0] * 0.5
+    one = field(N, X, r).without(np.array([0]))
+    other = field(np.column_stack([N, X[:, 0]]), X, r)
+    assert one.cost == pytest.approx(other.cost)
+    assert one.dof == other.dof
+    assert score(one, np.array([1, 2])).fall == pytest.approx(score(other, np.array([1, 2])).fall)

@@ -35,17 +35,3 @@ def smallest_detectable(field: Field, column: int, alpha: float) -> float:
     if length <= 1e-3 * field.lengths[column] or length == 0.0:
         return np.inf
     return float(np.sqrt(needed(1, alpha)) / length)
-
-
-def apart(field: Field, one: IntArray, other: IntArray) -> float:
-    """Share of a candidate's directions that another cannot imitate, 0 (look-alike) to 1.
-
-    The smallest sine between the first candidate's directions and the span of the other's.
-    """
-    U, V = field.basis(one), field.basis(other)
-    if not U.shape[1] or not V.shape[1]:
-        return 1.0
-    cosine = np.linalg.svd(V.T @ U, compute_uv=False)
-    return float(
-        np.sqrt(max(0.0, 1.0 - float(cosine[-1 if len(cosine) == U.shape[1] else 0]) ** 2))
-    )

@@ -50,16 +50,6 @@ class Field:
         tail = min(float(chdtr(self.dof, self.cost)), float(chdtrc(self.dof, self.cost)))
         return 2.0 * tail < _AGREES
 
-    def without(self, columns: IntArray) -> Field:
-        """The same with some of the columns modelled too."""
-        U = self.basis(columns)
-        return Field(
-            self.X - U @ (U.T @ self.X),
-            self.r - U @ (U.T @ self.r),
-            self.lengths,
-            self.dof - U.shape[1],
-        )
-
     def basis(self, columns: IntArray) -> Array:
         """Orthonormal directions (N, k) of some columns, those that cannot be seen left out."""
         own = self.X[:, columns]

@@ -25,7 +25,6 @@ class Named:
     """An effect that was found.
 
     members : tuple of (Candidate, probability), causes that the data cannot tell apart, best first
-    fit : Fit, with the best member in place
     """
 
     entry: Entry

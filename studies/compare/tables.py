@@ -44,9 +44,10 @@ def _answer(result: Comparison, fields: dict[str, Any]) -> Text:
     plans = fields["plans"]
     p = len(plans[0]["approaches"][0]["parameters"])
     simulated = _count(fields["trials"], "simulated experiment")
+    each = " each" if len(plans) > 1 and len({plan["trials"] for plan in plans}) == 1 else ""
     lines = [
         f"{result.cell.name}: {p} parameters, {_count(len(plans), 'plan')}, "
-        + (f"{simulated}{' each' * (len(plans) > 1)}" if fields["trials"] else "not simulated"),
+        + (f"{simulated}{each}" if fields["trials"] else "not simulated"),
         *_best(plans, f"{fields['targets']}, at the {fields['task_at']}"),
         *_gain(plans),
         *_belief(fields),

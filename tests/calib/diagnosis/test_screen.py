@@ -47,12 +47,3 @@ def test_what_the_model_contains_is_invisible() -> None:
     view = field(N, inside, RNG.normal(size=300))
     assert score(view, np.arange(2)).directions == 0
     assert smallest_detectable(view, 0, 0.01) == np.inf
-
-
-def test_columns_that_are_modelled_too_leave_the_rest() -> None:
-    r = RNG.normal(size=300) + X[:, 0] * 0.5
-    one = field(N, X, r).without(np.array([0]))
-    other = field(np.column_stack([N, X[:, 0]]), X, r)
-    assert one.cost == pytest.approx(other.cost)
-    assert one.dof == other.dof
-    assert score(one, np.array([1, 2])).fall == pytest.approx(score(other, np.array([1, 2])).fall)

@@ -58,11 +58,17 @@ class Outcome:
     scores: dict[str, Score]
 
 
-def contest(stage: Stage, suspects: Sequence[Candidate]) -> Outcome:
-    """Add, exchange and remove candidates until nothing pays."""
-    active: list[Candidate] = []
-    before = fit = stage.fit(())
-    seen: set[frozenset[str]] = {frozenset()}
+def contest(
+    stage: Stage, suspects: Sequence[Candidate], active: Sequence[Candidate] = ()
+) -> Outcome:
+    """Add, exchange and remove candidates until nothing pays.
+
+    active : candidates to begin with, as an earlier contest left them; each must defend its place
+    """
+    active = list(active)
+    before = stage.fit(())
+    fit = stage.fit([c.effect for c in active]) if active else before
+    seen: set[frozenset[str]] = {frozenset(c.key for c in active)}
     for _ in range(_MOST_ROUNDS):
         found = _better(view(stage, fit, suspects), active, suspects)
         keys = frozenset(c.key for c in found)

@@ -115,7 +115,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         if not stage.robust and np.array_equal(out, stage.dropped):
             break
         stage = replace(stage, dropped=out, robust=False)
-        outcome = contest(stage, suspects)
+        outcome = contest(stage, suspects, [entry.candidate for entry in outcome.entries])
     named, after = classes(stage, outcome)
     noise = _noise(stage, after, factor)
     left = _something_left(stage, outcome, noise)

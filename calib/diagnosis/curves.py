@@ -83,11 +83,11 @@ class Curve(TwistEffect):
     kind: ClassVar[str] = "curve"
 
     @classmethod
-    def places(cls, context: Context) -> tuple[str, ...]:  # noqa: ARG003
+    def places(cls, context: Context) -> tuple[str, ...]:
         return ()
 
     @classmethod
-    def at(cls, context: Context, where: str) -> Self:  # noqa: ARG003
+    def at(cls, context: Context, where: str) -> Self:
         raise EffectCannotAct(f"{cls.kind}:{where}", "it is no cause by name", "name another")
 
     @property

@@ -44,7 +44,7 @@ def session(rng: np.random.Generator, cell: Cell, count: int) -> calib.Poses:
 def measured(
     effect: str, values: list[float], seed: int = 0
 ) -> tuple[Cell, Measurements, Measurements]:
-    """A session of the embedded robot with one effect more than its model, and one held out."""
+    """Readings of the embedded robot with one effect more than its model, and others held out."""
     rng = np.random.default_rng(seed)
     cell = replace(with_effects(embedded_cell(), *MODEL), load=None)
     poses = session(rng, cell, CONFIGURATIONS + 10)

@@ -203,7 +203,7 @@ def wait_until(fact: Callable[[], bool], seconds: float) -> bool:
 
 @contextmanager
 def started(*options: str) -> Iterator[subprocess.Popen[str]]:
-    """A comparison with a session of its own, as a terminal would start it."""
+    """A comparison in a process group of its own, as a terminal would start it."""
     with subprocess.Popen(
         [*RUN, *options],
         stdout=subprocess.PIPE,

@@ -118,7 +118,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         outcome = contest(stage, suspects, [entry.candidate for entry in outcome.entries])
     named, after = classes(stage, outcome)
     noise = _noise(stage, after, factor)
-    left = _something_left(stage, outcome, noise)
+    left = _something_left(stage, outcome)
     floor = float(np.sqrt(3.0)) * noise.sigma
     causes = tuple(_cause(stage, outcome, n, after, noise, len(suspects), heldout) for n in named)
     return Diagnosis(
@@ -170,12 +170,17 @@ def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:
     return noise_level(cost * factor**2, dof, stage.data.take(kept), weights)
 
 
-def _something_left(stage: Stage, outcome: Outcome, noise: NoiseLevel) -> bool:
-    """Whether repeated readings say that the residual is more than noise."""
-    _, dof = replicate_spread(stage.data, stage.weights)
-    return (
-        dof >= _REPLICATES and noise.source == "residual" and outcome.last.cost > outcome.last.dof
-    )
+def _something_left(stage: Stage, outcome: Outcome) -> bool:
+    """Whether the residual exceeds the scatter of repeated readings: lack of fit, by an F test."""
+    from scipy.special import fdtrc
+
+    kept = ~stage.dropped
+    spread, repeats = replicate_spread(stage.data.take(kept), stage.weights[kept])
+    rest = outcome.last.dof - repeats
+    if repeats < _REPLICATES or rest <= 0:
+        return False
+    F = max(outcome.last.cost - spread, 0.0) / rest / (spread / repeats)
+    return bool(fdtrc(rest, repeats, F) < _DISAGREE)
 
 
 def _cause(

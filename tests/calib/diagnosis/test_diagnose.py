@@ -136,12 +136,34 @@ def test_gross_outliers_are_no_effect() -> None:
     assert list(np.flatnonzero(found.outlier)) == [7, 22]
 
 
-def test_noise_larger_than_stated_is_no_effect() -> None:
+@pytest.mark.parametrize("repeats", [0, 2], ids=["single readings", "some repeated"])
+def test_noise_larger_than_stated_is_no_effect(repeats: int) -> None:
     cell, data, held = measured("", [], seed=4)
+    data = twice(data, repeats, cell.noise.across)
     optimist = replace(cell, noise=type(cell.noise).isotropic(cell.noise.across / 1.5))
     found = calib.diagnose(optimist, data, heldout=held)
     assert found.verdict == "no_gap"
     assert found.noise.sigma == pytest.approx(cell.noise.across, rel=0.1)
+
+
+def test_a_residual_beyond_the_repeats_is_something() -> None:
+    """Every pose off at random, alike in both of its readings: no name, no curve, and no noise."""
+    cell, data, held = measured("", [], seed=6)
+    off = 5.0 * cell.noise.across * np.random.default_rng(1).normal(size=(len(data), 1, 3))
+    data = twice(replace(data, points=data.points + off), len(data), cell.noise.across)
+    found = calib.diagnose(cell, data, heldout=held)
+    assert found.verdict == "unknown"
+
+
+def twice(data: Measurements, count: int, sigma: float) -> Measurements:
+    """The first poses read again at once."""
+    index = np.sort(np.concatenate([np.arange(len(data)), np.arange(count)]))
+    both = data.take(index)
+    second = np.diff(index, prepend=-1) == 0
+    points = both.points.copy()
+    points[second] += sigma * np.random.default_rng(9).normal(size=points[second].shape)
+    names = tuple(f"r{i:03d}" for i in range(len(both)))
+    return replace(both, points=points, poses=replace(both.poses, names=names))
 
 
 def test_examples_with_known_answers(data: Path, tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ _RIVALS = 12
 class Entry:
     """A candidate that is in, judged with all others in place.
 
-    score : Score, its own; p : float; rivals : tuple of (Candidate, gain), the best in its place first
+    score : Score, its own; rivals : tuple of (Candidate, gain), the best in its place first
     """
 
     candidate: Candidate
@@ -47,7 +47,6 @@ class Outcome:
 
     fit : Fit, with all entries; before : Fit, without
     last : Field, of the candidates beside all that is modelled; where : their columns in it
-    scores : their scores
     """
 
     before: Fit
@@ -55,7 +54,6 @@ class Outcome:
     entries: tuple[Entry, ...]
     last: Field
     where: dict[str, IntArray]
-    scores: dict[str, Score]
 
 
 def contest(
@@ -78,10 +76,8 @@ def contest(
         active = found
         fit = stage.fit([c.effect for c in active])
     at_end = view(stage, fit, suspects)
-    last = at_end.beside()
-    scores = _scores(last, at_end, suspects)
     entries = tuple(_entry(at_end, member, active, suspects) for member in active)
-    return Outcome(before, fit, entries, last, at_end.where, scores)
+    return Outcome(before, fit, entries, at_end.beside(), at_end.where)
 
 
 def _better(

@@ -20,10 +20,9 @@ Linearise = Callable[[Array], tuple[Array, Array]]
 
 _DAMPING = (1e-7, 1e-12, 1e12)  # start, smallest, largest; relative to the diagonal
 _LIGHT = 1e-3  # damping up to which a short step means a minimum
-_STEP = (
-    1e-3  # converged when a step moves no combination by this share of its deviation: below, the
-)
-# cost's own rounding decides, and a last Gauss-Newton step is better than its length by far
+# Converged when a step moves no combination by this share of its deviation: below, the cost's own
+# rounding decides, and a last Gauss-Newton step is better than its length by far.
+_STEP = 1e-3
 _MAX_ITERATIONS = 60
 
 

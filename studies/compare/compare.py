@@ -63,15 +63,20 @@ class PlanStudy:
         return next((v for v in self.verdicts if v.way == way), None)
 
     @property
+    def points(self) -> Verdict:
+        """The verdict on approach #2, which any markers allow."""
+        return next(v for v in self.verdicts if v.way == POINTS)
+
+    @property
     def improvement(self) -> Array | None:
         """Plain approach #1 over approach #2, by parameter, as in Table I of the paper.
 
         NaN where the two determine different sets: what is known then rests on different guesses.
         """
-        plain, points = self.of(PLAIN), self.of(POINTS)
-        if plain is None or points is None:
+        plain = self.of(PLAIN)
+        if plain is None:
             return None
-        one, two = plain.prediction.std, points.prediction.std
+        one, two = plain.prediction.std, self.points.prediction.std
         same = np.array_equal(np.isnan(one), np.isnan(two))
         return np.asarray(one / two if same else np.full_like(one, np.nan))
 

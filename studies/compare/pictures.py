@@ -13,7 +13,6 @@ from calib.se3 import Array
 from calib.threads import one_blas_thread
 from studies.compare.anatomy import by_markers, by_poses, influence_by_effect
 from studies.compare.compare import Comparison, PlanStudy, Verdict
-from studies.compare.experiment import POINTS
 from studies.plots import accuracy, deviations, ellipses, information
 from studies.plots.style import Picture
 
@@ -42,7 +41,7 @@ def _plans(result: Comparison) -> Picture:
     return deviations.by_approach(
         _ids(result.plans[0]),
         [p.unit for p in model.parameters],
-        {study.name: _shown(study, _points(study)) for study in shared},
+        {study.name: _shown(study, study.points) for study in shared},
         name="plans",
         title="Standard deviations by plan, approach #2",
     )
@@ -62,12 +61,10 @@ def _of_plan(result: Comparison, study: PlanStudy) -> Iterator[Picture]:
         trials = study.refits.trials
         both = {key: predicted[key] for key in simulated}
         yield deviations.predicted_against_simulated(names, units, both, simulated, trials)
-    cov = _points(study).prediction.covariance
+    cov = study.points.prediction.covariance
     yield _ellipses(study, correlation(cov))
     yield ellipses.correlation(names, np.where(np.diag(cov) > 0.0, correlation(cov), np.nan))
-    share, groups = influence_by_effect(
-        study.experiment, _points(study).prediction, len(study.plan)
-    )
+    share, groups = influence_by_effect(study.experiment, study.points.prediction, len(study.plan))
     yield information.by_pose(study.plan.names, share, groups)
     what = "task RMS, median of subsets"
     curve = by_poses(result.cell, study.experiment, len(study.plan))
@@ -106,10 +103,6 @@ def _known(rms: dict[str, Array]) -> dict[str, Array]:
     """Medians over the subsets, of ways that can be had at all."""
     medians = {key: np.where(np.isfinite(v[:, 0]), v[:, 0], np.nan) for key, v in rms.items()}
     return {key: v for key, v in medians.items() if np.isfinite(v).any()}
-
-
-def _points(study: PlanStudy) -> Verdict:
-    return next(v for v in study.verdicts if v.way == POINTS)
 
 
 def _shown(study: PlanStudy, verdict: Verdict) -> Array:

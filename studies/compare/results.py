@@ -13,7 +13,6 @@ from calib.observations import orientable
 from studies.compare.agreement import BELIEVED, FEWEST, Agreement, band
 from studies.compare.anatomy import influence
 from studies.compare.compare import Comparison, PlanStudy, Verdict
-from studies.compare.experiment import POINTS
 from studies.compare.refutation import SAYS
 
 _MM = 1e3
@@ -59,10 +58,7 @@ def _band(trials: int, level: float) -> list[float]:
 
 def _plan(study: PlanStudy) -> dict[str, Any]:
     parameters, factors = study.experiment.model.parameters, study.improvement
-    points = study.of(POINTS)
-    shares = None
-    if points is not None:
-        shares = np.nansum(influence(study.experiment, points.prediction, len(study.plan)), axis=1)
+    share = influence(study.experiment, study.points.prediction, len(study.plan))
     return {
         "plan": study.name,
         "poses": len(study.plan),
@@ -78,10 +74,8 @@ def _plan(study: PlanStudy) -> dict[str, Any]:
             for p, factor in zip(parameters, factors, strict=True)
         ],
         "by_pose": [
-            {"pose": name, "parameters_worth": share}
-            for name, share in zip(
-                study.plan.names, shares if shares is not None else [], strict=False
-            )
+            {"pose": name, "parameters_worth": worth}
+            for name, worth in zip(study.plan.names, np.nansum(share, axis=1), strict=True)
         ],
     }
 

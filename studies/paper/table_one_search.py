@@ -8,10 +8,8 @@ closed form with nothing of ``calib``, so that the figures also check the projec
 
 from __future__ import annotations
 
-import json
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TypeAlias
 
 import click
@@ -54,13 +52,6 @@ class Experiment:
     q: Array
     markers: Array
     length: float
-
-
-def read_experiment(path: Path) -> Experiment:
-    """The experiment of a file like table_one.json."""
-    fields = json.loads(path.read_text(encoding="utf-8"))
-    markers = 1e-3 * np.array(list(fields["markers_mm"].values()))
-    return Experiment(np.radians(fields["configurations_deg"]), markers, 1e-3 * fields["length_mm"])
 
 
 def predicted(experiment: Experiment) -> Array:

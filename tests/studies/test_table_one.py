@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from click.testing import CliRunner
 from studies.compare.agreement import agreement
 from studies.compare.experiment import PLAIN, POINTS
 from studies.paper import table_one
-from studies.paper.table_one_search import NAMES, predicted, read_experiment
+from studies.paper.table_one_search import NAMES, Experiment, predicted
 
 PRINTED = json.loads((Path(__file__).parent.parent / "reference" / "paper.json").read_text())[
     "table_I"
@@ -42,7 +41,7 @@ def test_a_second_program_predicts_the_same() -> None:
     """Equation (21) in closed form, which shares nothing with the model."""
     setting = table_one.embedded_setting()
     found = table_one.predictions_at(table_one.experiment_at(setting))
-    theirs = predicted(read_experiment(Path(str(files("studies.paper") / "table_one.json"))))
+    theirs = predicted(Experiment(setting.q, setting.markers, setting.length))
     for own, way in zip(theirs, KEYS.values(), strict=True):
         np.testing.assert_allclose(found[way].std, own, rtol=1e-9)
 

@@ -42,9 +42,12 @@ def session(rng: np.random.Generator, cell: Cell, count: int) -> calib.Poses:
 
 
 def measured(
-    effect: str, values: list[float], seed: int = 0
+    effect: str, values: list[float], seed: int = 0, twice: int = 0
 ) -> tuple[Cell, Measurements, Measurements]:
-    """Readings of the embedded robot with one effect more than its model, and others held out."""
+    """Readings of the embedded robot with one effect more than its model, and others held out.
+
+    twice : int, of the first poses that are read two times
+    """
     rng = np.random.default_rng(seed)
     cell = replace(with_effects(embedded_cell(), *MODEL), load=None)
     poses = session(rng, cell, CONFIGURATIONS + 10)
@@ -58,8 +61,10 @@ def measured(
             truth[i] = rng.uniform(0.3, 3.0) * 1e-6
     own = [i for i, p in enumerate(model.parameters) if p.effect == effect.split(":")[0]]
     truth[own] = values
-    data = simulate(model, truth, poses, cell.noise, rng)
-    kept = np.arange(len(poses)) < 2 * CONFIGURATIONS
+    index = np.sort(np.concatenate([np.arange(len(poses)), np.arange(twice)]))
+    names = tuple(f"r{i:03d}" for i in range(len(index)))
+    data = simulate(model, truth, replace(poses.take(index), names=names), cell.noise, rng)
+    kept = index < 2 * CONFIGURATIONS
     return cell, data.take(kept), data.take(~kept)
 
 
@@ -138,8 +143,7 @@ def test_gross_outliers_are_no_effect() -> None:
 
 @pytest.mark.parametrize("repeats", [0, 2], ids=["single readings", "some repeated"])
 def test_noise_larger_than_stated_is_no_effect(repeats: int) -> None:
-    cell, data, held = measured("", [], seed=4)
-    data = twice(data, repeats, cell.noise.across)
+    cell, data, held = measured("", [], seed=4, twice=repeats)
     optimist = replace(cell, noise=type(cell.noise).isotropic(cell.noise.across / 1.5))
     found = calib.diagnose(optimist, data, heldout=held)
     assert found.verdict == "no_gap"
@@ -148,22 +152,11 @@ def test_noise_larger_than_stated_is_no_effect(repeats: int) -> None:
 
 def test_a_residual_beyond_the_repeats_is_something() -> None:
     """Every pose off at random, alike in both of its readings: no name, no curve, and no noise."""
-    cell, data, held = measured("", [], seed=6)
-    off = 5.0 * cell.noise.across * np.random.default_rng(1).normal(size=(len(data), 1, 3))
-    data = twice(replace(data, points=data.points + off), len(data), cell.noise.across)
-    found = calib.diagnose(cell, data, heldout=held)
+    cell, data, held = measured("", [], seed=6, twice=2 * CONFIGURATIONS)
+    off = 5.0 * cell.noise.across * np.random.default_rng(1).normal(size=(len(data) // 2, 1, 3))
+    points = data.points + np.repeat(off, 2, axis=0)
+    found = calib.diagnose(cell, replace(data, points=points), heldout=held)
     assert found.verdict == "unknown"
-
-
-def twice(data: Measurements, count: int, sigma: float) -> Measurements:
-    """The first poses read again at once."""
-    index = np.sort(np.concatenate([np.arange(len(data)), np.arange(count)]))
-    both = data.take(index)
-    second = np.diff(index, prepend=-1) == 0
-    points = both.points.copy()
-    points[second] += sigma * np.random.default_rng(9).normal(size=points[second].shape)
-    names = tuple(f"r{i:03d}" for i in range(len(both)))
-    return replace(both, points=points, poses=replace(both.poses, names=names))
 
 
 def test_examples_with_known_answers(data: Path, tmp_path: Path) -> None:

@@ -121,6 +121,22 @@ def test_figures_are_written_with_their_numbers(folder: Path, done: Result) -> N
     assert (folder / "figures" / "plans.png").read_bytes()[:4] == b"\x89PNG"
 
 
+def test_figures_of_a_plan_that_leaves_parameters_open(folder: Path, tmp_path: Path) -> None:
+    """What cannot be drawn is left out; the result is not lost with it."""
+    rows = (folder / "plan.csv").read_text().splitlines()
+    (folder / "few.csv").write_text("\n".join([*rows[:3], ""]))
+    done = run(
+        "compare", folder / "cell.toml", folder / "few.csv", "--monte-carlo", 20, "--workers", 1,
+        "--figures", tmp_path / "figures", "--json", tmp_path / "out.json",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "few.csv does not determine" in done.output
+    stems = {path.stem for path in (tmp_path / "figures").iterdir()}
+    assert "deviations" in stems
+    assert "accuracy_poses" not in stems
+    json.loads((tmp_path / "out.json").read_text(), parse_constant=pytest.fail)
+
+
 def test_nothing_simulated(folder: Path) -> None:
     done = run(
         "compare", folder / "cell.toml", folder / "plan.csv", "--monte-carlo", 0, "--json", "-"

@@ -23,6 +23,7 @@ from studies.compare.agreement import agreement, band
 from studies.compare.anatomy import by_markers, by_poses, influence, influence_by_effect
 from studies.compare.experiment import FULL, PLAIN, POINTS, WAYS, Experiment, experiment_of
 from studies.compare.montecarlo import refits
+from studies.compare.pictures import pictures
 from studies.compare.prediction import predict
 from studies.compare.refutation import reason
 from studies.compare.results import comparison_fields
@@ -391,6 +392,19 @@ def test_too_few_trials_and_fits_that_fail_are_no_belief(kr270: Cell, table_two:
     found = comparison_fields(worse)["agreement"]
     assert found["believed"] is False
     assert "3 of 40 fits" in found["says"]
+
+
+def test_a_way_of_which_no_fit_settled_is_left_out_of_the_figures(
+    kr270: Cell, table_two: Poses
+) -> None:
+    cell = with_effects(kr270, "joint_compliance:A3,A4")
+    result = compare(cell, {"p": table_two}, trials=20)
+    study = result.plans[0]
+    some = tuple(replace(v, agreement=None) if v.way == PLAIN else v for v in study.verdicts)
+    made = pictures(replace(result, plans=(replace(study, verdicts=some),)))
+    drawn = next(picture for picture in made if picture.name == "predicted_simulated")
+    assert not any("plain" in column for column in drawn.header)
+    assert any("points" in column for column in drawn.header)
 
 
 def test_robot_whose_errors_change_the_prediction_is_recognised(

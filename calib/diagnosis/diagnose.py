@@ -71,6 +71,8 @@ class Diagnosis:
 
     outlier : ndarray of bool, shape (m,), poses that were left out; statistic, limit : judged by
     not_asked : causes that the table's columns cannot speak of
+    before, after : Fit, of the user's model and with all that was found; stage : what they fit
+    suspects : tuple of Candidate, all that was asked; outcome : Outcome, of the contest
     """
 
     verdict: VerdictName
@@ -87,6 +89,9 @@ class Diagnosis:
     before: Fit
     after: Fit
     outcome: Outcome
+    stage: Stage
+    suspects: tuple[Candidate, ...]
+    heldout: Measurements | None
 
 
 @one_blas_thread
@@ -136,6 +141,9 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         before=outcome.before,
         after=after,
         outcome=outcome,
+        stage=stage,
+        suspects=tuple(suspects),
+        heldout=heldout,
     )
 
 

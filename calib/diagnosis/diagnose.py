@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.build import build
 from calib.cell import Cell
-from calib.covariance import covariance
+from calib.covariance import covariance, determined
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.contest import ALPHA, Outcome, contest
 from calib.diagnosis.gap import Gap, gap_of, squared_errors
@@ -34,7 +34,8 @@ _MOST_PASSES = 3  # contests, while outliers are judged anew
 class Cause:
     """An effect of the catalogue that was found.
 
-    values, std : ndarray, shape (k,), SI; p : float, over all that was asked
+    values, std : ndarray, shape (k,), SI, std NaN where the data do not determine the value
+    p : float, over all that was asked
     share : float, of the gap, NaN where there is none
     """
 
@@ -208,7 +209,8 @@ def _cause(
         stage, after, named.candidate, heldout, float(np.sqrt(3.0)) * noise.sigma, outcome
     )
     p = min(1.0, named.entry.score.p * asked)
-    return Cause(named, after.values[own], scale * np.sqrt(np.diag(cov)[own]), p, share)
+    std = np.where(determined(after.span), scale * np.sqrt(np.diag(cov)), np.nan)
+    return Cause(named, after.values[own], std[own], p, share)
 
 
 def _share(

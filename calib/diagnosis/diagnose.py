@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.build import build
 from calib.cell import Cell
+from calib.covariance import determined
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.contest import ALPHA, Outcome, contest
 from calib.diagnosis.gap import Gap, gap_of, share_of
@@ -34,7 +35,8 @@ _MOST_PASSES = 3  # contests, while outliers are judged anew
 class Cause:
     """An effect of the catalogue that was found.
 
-    values, std : ndarray, shape (k,), SI; p : float, over all that was asked
+    values, std : ndarray, shape (k,), SI, std NaN where the data do not determine the value
+    p : float, over all that was asked
     share : float, of the gap, NaN where there is none
     """
 
@@ -199,7 +201,8 @@ def _cause(
     scale = noise.factor if noise.source == "residual" else 1.0
     share = _share(stage, outcome, after, noise.sigma, effect)
     p = min(1.0, named.entry.score.p * asked)
-    return Cause(named, after.values[own], scale * np.sqrt(np.diag(cov)[own]), p, share)
+    std = np.where(determined(after.span), scale * np.sqrt(np.diag(cov)), np.nan)
+    return Cause(named, after.values[own], std[own], p, share)
 
 
 def _share(stage: Stage, outcome: Outcome, after: Fit, sigma: float, effect: Effect) -> float:

@@ -10,10 +10,13 @@ from studies.commands.common import (
     check_outputs,
     console_for,
     envelope,
+    figure_files,
+    figures_option,
     json_option,
     one_line_faults,
     output_file,
     output_texts,
+    say_written,
     seed_option,
     warn,
 )
@@ -27,11 +30,25 @@ from studies.commands.common import (
     metavar="FILE|FRACTION",
     help="Poses on which the shrinkage is proved: a table, or a share of the configurations.",
 )
+@click.option(
+    "--cell-out",
+    "cell_out",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Write the cell with the found effects in its model: the next run starts from there.",
+)
+@figures_option
 @json_option
 @seed_option
 @one_line_faults
 def diagnose(
-    cell_path: Path, data_path: Path, holdout: str | None, json_path: str | None, seed: int
+    cell_path: Path,
+    data_path: Path,
+    holdout: str | None,
+    cell_out: Path | None,
+    folder: Path | None,
+    json_path: str | None,
+    seed: int,
 ) -> None:
     """Say whether measurements show more than the cell's model and noise, where, and why.
 
@@ -54,7 +71,9 @@ def diagnose(
     data = calib.load_measurements(cell, data_path)
     inputs = [cell_path, cell.urdf, data_path]
     data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
-    check_outputs([p for p in [output_file(json_path)] if p is not None], [*inputs, *extra])
+    outputs = [path for path in (output_file(json_path), cell_out) if path is not None]
+    targets = cell.design["targets"]
+    check_outputs(outputs, [*inputs, *extra, *([targets] if targets else [])])
     warn(data.warnings + (heldout.warnings if heldout is not None and extra else ()))
     try:
         result = diagnose_data(cell, data, heldout=heldout)
@@ -69,10 +88,20 @@ def diagnose(
         "holdout": holdout,
         **diagnosis_fields(result),
     }
-    texts = output_texts(json_path, fields)
+    texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
+    notes: list[str] = []
+    if cell_out is not None:
+        from studies.diagnose.cell_out import better_cell
+
+        texts[cell_out], notes = better_cell(cell, result, cell_out)
+    if folder is not None:
+        from studies.diagnose.pictures import pictures
+
+        texts |= figure_files(pictures(result), folder)
     write_files(texts)
     console = console_for(json_path)
     for part in diagnosis_tables(cell.name, fields):
         console.print(part)
-    for path in texts:
-        click.echo(f"wrote {path}", err=json_path == "-")
+    for note in notes:
+        console.print(note)
+    say_written(texts, folder, json_path)

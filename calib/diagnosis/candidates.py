@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,10 +11,11 @@ from calib.build import context_of, place_effect
 from calib.cell import Cell
 from calib.diagnosis.curves import Curve, curves
 from calib.effects import EFFECTS, GROUPS, Effect
+from calib.effects.joint_coupling import JointCoupling
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.errors import CalibError
 from calib.model import Model
-from calib.poses import Measurements
+from calib.poses import Measurements, Poses
 from calib.se3 import Array
 
 _BY_ANGLE = (
@@ -112,3 +113,15 @@ def depends_on(effect: Effect) -> str:
     if isinstance(effect, ElasticEffect | LoadEffect):
         return "load"
     return _BY_KIND.get(effect.kind, "none")
+
+
+def as_fitted(candidate: Candidate, values: Array, poses: Poses) -> Candidate:
+    """The candidate, a coupling with the joint that drives it most.
+
+    values : ndarray, shape (k,), of its parameters
+    """
+    effect = candidate.effect
+    if not isinstance(effect, JointCoupling):
+        return candidate
+    driver = effect.others[int(np.argmax(np.abs(values) * np.ptp(effect.shares(poses), axis=0)))]
+    return replace(candidate, depends_on=f"q:{effect.robot.joints[driver]}")

@@ -127,12 +127,15 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     left = _something_left(stage, outcome)
     floor = float(np.sqrt(3.0)) * noise.sigma
     causes = tuple(_cause(stage, outcome, n, after, noise, len(suspects)) for n in named)
+    located = _located(stage, outcome, causes, after, noise.sigma)
+    by_time = any(place.depends_on in ("time", "temperature") for place in located)
+    kept = data.take(~stage.dropped)
     return Diagnosis(
         verdict=verdict(named, outcome, left),
         noise=noise,
         causes=causes,
-        located=_located(stage, outcome, causes, after, noise.sigma),
-        gap=gap_of(outcome.before, after, data.take(~stage.dropped), heldout, floor),
+        located=located,
+        gap=gap_of(outcome.before, after, kept, heldout, floor, by_time),
         hidden=_hidden(outcome, suspects),
         not_asked=tuple(missing),
         data=data,

@@ -27,11 +27,25 @@ from studies.commands.common import (
     metavar="FILE|FRACTION",
     help="Poses on which the shrinkage is proved: a table, or a share of the configurations.",
 )
+@click.option(
+    "--next",
+    "next_count",
+    metavar="N",
+    type=click.IntRange(min=0),
+    default=8,
+    show_default=True,
+    help="Poses to choose that tell rival causes apart; 0 for none.",
+)
 @json_option
 @seed_option
 @one_line_faults
 def diagnose(
-    cell_path: Path, data_path: Path, holdout: str | None, json_path: str | None, seed: int
+    cell_path: Path,
+    data_path: Path,
+    holdout: str | None,
+    next_count: int,
+    json_path: str | None,
+    seed: int,
 ) -> None:
     """Say whether measurements show more than the cell's model and noise, where, and why.
 
@@ -47,7 +61,10 @@ def diagnose(
     from calib.errors import CalibError, EffectCannotAct, InputError, UnknownEffect
     from calib.files.diagnosis import diagnosis_fields
     from calib.files.write import write_files
+    from doe.discriminate import next_poses
+    from doe.discriminate.results import next_fields
     from studies.commands.identify import held_out
+    from studies.diagnose.next_tables import next_tables
     from studies.diagnose.tables import diagnosis_tables
 
     cell = calib.load_cell(cell_path)
@@ -69,10 +86,15 @@ def diagnose(
         "holdout": holdout,
         **diagnosis_fields(result),
     }
+    if next_count:
+        chosen = next_poses(cell, result, count=next_count, seed=seed)
+        fields |= next_fields(chosen, cell.robot)
     texts = output_texts(json_path, fields)
     write_files(texts)
     console = console_for(json_path)
     for part in diagnosis_tables(cell.name, fields):
+        console.print(part)
+    for part in next_tables(fields):
         console.print(part)
     for path in texts:
         click.echo(f"wrote {path}", err=json_path == "-")

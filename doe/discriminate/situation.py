@@ -20,7 +20,7 @@ from calib.se3 import Array
 from calib.simulate import beams
 from doe.constraints import constraints_of, scene_of, visible
 from doe.discriminate.session import Hung, Session, session_of
-from doe.levels import levels_of
+from doe.levels import Levels, levels_of
 from doe.pool import drawn
 
 _DRAWN = 8192
@@ -34,6 +34,7 @@ class Situation:
     model : Model, with everything that was found and all rivals; values : ndarray, shape (p,)
     factor : float, actual over stated noise; sigma : float, m, usual standard deviation of a point
         where the data give their own, else NaN
+    levels : Levels, to which the cell's design and the data keep, or None
     silent : tuple of Effect, that readings from this station do not have
     """
 
@@ -43,6 +44,7 @@ class Situation:
     session: Session
     factor: float
     sigma: float
+    levels: Levels | None = None
     silent: tuple[Effect, ...] = ()
 
     def rows(self, q: Array, poses: Poses) -> Array:
@@ -67,9 +69,8 @@ class Situation:
 
     def feasible(self, count: int, seed: int) -> Array:
         """Up to ``count`` configurations that the cell allows, under every load, (m, dof)."""
-        levels = levels_of(self.cell, None, None)
         found: list[Array] = []
-        for chunk in drawn(self.cell, _DRAWN, levels, seed):
+        for chunk in drawn(self.cell, _DRAWN, self.levels, seed):
             for start in range(0, len(chunk), _CHUNK):
                 found.append(self.allowed(chunk[start : start + _CHUNK]))
                 if sum(map(len, found)) >= count:
@@ -109,7 +110,14 @@ def situation_of(cell: Cell, diagnosis: Diagnosis, rivals: Sequence[Effect]) -> 
         session_of(cell.robot, data.poses),
         diagnosis.noise.factor,
         float(np.median(given)) if len(given) else np.nan,
+        _kept_levels(cell, data.poses.q),
     )
+
+
+def _kept_levels(cell: Cell, q: Array) -> Levels | None:
+    """The levels of the cell's design, where the data (m, dof) stand at them."""
+    levels = levels_of(cell, None, None)
+    return levels if levels is not None and (levels.of(q) >= 0).all() else None
 
 
 def data_rows(situation: Situation, diagnosis: Diagnosis) -> tuple[Array, Array]:

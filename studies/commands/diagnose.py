@@ -87,8 +87,11 @@ def diagnose(
         **diagnosis_fields(result),
     }
     if next_count:
-        chosen = next_poses(cell, result, count=next_count, seed=seed)
-        fields |= next_fields(chosen, cell.robot)
+        try:
+            chosen = next_poses(cell, result, count=next_count, seed=seed)
+            fields |= next_fields(chosen, cell.robot)
+        except CalibError as error:  # the diagnosis stands without them
+            warn((f"no next poses: {error}",))
     texts = output_texts(json_path, fields)
     write_files(texts)
     console = console_for(json_path)

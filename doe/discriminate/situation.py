@@ -21,7 +21,7 @@ from calib.simulate import beams
 from doe.constraints import constraints_of, scene_of, visible
 from doe.discriminate.session import Hung, Session, session_of
 from doe.levels import Levels, levels_of
-from doe.pool import drawn
+from doe.pool import rounded
 
 _DRAWN = 8192
 _CHUNK = 512
@@ -69,13 +69,21 @@ class Situation:
 
     def feasible(self, count: int, seed: int) -> Array:
         """Up to ``count`` configurations that the cell allows, under every load, (m, dof)."""
+        rng = np.random.default_rng(seed)
         found: list[Array] = []
-        for chunk in drawn(self.cell, _DRAWN, self.levels, seed):
-            for start in range(0, len(chunk), _CHUNK):
-                found.append(self.allowed(chunk[start : start + _CHUNK]))
-                if sum(map(len, found)) >= count:
-                    return np.concatenate(found)[:count]
-        return np.concatenate(found)
+        for _ in range(_DRAWN // _CHUNK):
+            found.append(self.allowed(self._anywhere(rng)))
+            if sum(map(len, found)) >= count:
+                break
+        return np.concatenate(found)[:count]
+
+    def _anywhere(self, rng: np.random.Generator) -> Array:
+        """Configurations over the joint box: plain draws, as the import of Sobol's takes longer."""
+        low, high = self.cell.robot.sample_limits().T
+        q = rounded(self.cell, rng.uniform(low, high, (_CHUNK, len(low))))
+        if self.levels is not None:
+            q[:, self.levels.joint] = rng.choice(self.levels.values, _CHUNK)
+        return q
 
     def allowed(self, q: Array) -> Array:
         """The configurations of (m, dof) that the cell allows under every load."""

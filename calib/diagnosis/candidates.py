@@ -12,7 +12,7 @@ from calib.cell import Cell
 from calib.diagnosis.curves import Curve, curves
 from calib.effects import EFFECTS, GROUPS, Effect
 from calib.effects.joint_coupling import JointCoupling
-from calib.effects.protocol import ElasticEffect, LoadEffect
+from calib.effects.protocol import ARM, ElasticEffect, LoadEffect
 from calib.errors import CalibError
 from calib.model import Model
 from calib.poses import Measurements, Poses
@@ -106,11 +106,11 @@ def depends_on(effect: Effect) -> str:
     """On what an effect's displacement depends most, as named in the results."""
     if isinstance(effect, Curve):
         return effect.variable.name
-    if effect.kind in _BY_ANGLE:
+    if effect.kind in _BY_ANGLE and effect.where != ARM:
         return f"q:{effect.where}"
     if effect.kind in ("backlash",):
         return f"approach:{effect.where}"
-    if isinstance(effect, ElasticEffect | LoadEffect):
+    if isinstance(effect, ElasticEffect | LoadEffect) or effect.kind == "gravity_sag":
         return "load"
     return _BY_KIND.get(effect.kind, "none")
 

@@ -78,7 +78,7 @@ def contest(
         fit = stage.fit([c.effect for c in active])
     at_end = columns.seen_from(stage, fit)
     entries = tuple(_entry(at_end, member, active, suspects) for member in active)
-    return Outcome(before, fit, entries, at_end.beside(), at_end.where)
+    return Outcome(before, fit, entries, at_end.beside, at_end.where)
 
 
 def _better(
@@ -87,7 +87,7 @@ def _better(
     """The next set of effects; the present one where it stands."""
     for member in active:
         rest = [c for c in active if c is not member]
-        beside = seen_from.beside(without=member)
+        beside = seen_from.without(member)
         scores = _scores(beside, seen_from, suspects)
         own = scores[member.key]
         if not _pays(own, len(suspects)):
@@ -98,7 +98,7 @@ def _better(
             return [*rest, best]
     if len(active) >= _MOST_EFFECTS:
         return active
-    beside = seen_from.beside()
+    beside = seen_from.beside
     scores = _scores(beside, seen_from, suspects)
     best = _leader(scores, [c for c in suspects if c not in active])
     return [*active, best] if _pays(scores[best.key], len(suspects)) else active
@@ -127,7 +127,7 @@ def _entry(
     seen_from: View, member: Candidate, active: list[Candidate], suspects: Sequence[Candidate]
 ) -> Entry:
     rest = [c for c in active if c is not member]
-    beside = seen_from.beside(without=member)
+    beside = seen_from.without(member)
     scores = _scores(beside, seen_from, suspects)
     gains = [(c, scores[c.key].gain) for c in suspects if c not in rest]
     gains.sort(key=lambda pair: -pair[1])

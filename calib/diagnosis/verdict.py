@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -58,7 +58,7 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
         if entry.candidate not in rivals:
             rivals = [entry.candidate, *rivals]
         fits = {c.key: _with(stage, chosen, position, c) for c in rivals}
-        prices = {c.key: _price(fits[c.key]) for c in rivals}
+        prices = _prices(fits)
         rivals.sort(key=lambda c: prices[c.key])
         chosen[position] = rivals[0]
         fit = fits[rivals[0].key]
@@ -78,16 +78,18 @@ def _with(stage: Stage, chosen: Sequence[Candidate], position: int, other: Candi
     return stage.fit(effects)
 
 
-def _price(fit: Fit) -> float:
-    """-2 log likelihood and Schwarz's price of the directions; infinite where a fit failed."""
-    cost = float((fit.r**2).sum())
-    if not np.isfinite(cost):
-        return np.inf
-    rows = int(np.count_nonzero(np.abs(fit.J).sum(axis=-1)))
-    dof = max(1, rows - fit.span.shape[1])
-    # Where the residual exceeds the stated noise the likelihood is that of an unknown sigma.
-    scale = max(1.0, cost / dof)
-    return float(cost / scale + fit.span.shape[1] * np.log(max(rows, 2)))
+def _prices(fits: Mapping[str, Fit]) -> dict[str, float]:
+    """-2 log likelihood and Schwarz's price of the directions; infinite where a fit failed.
+
+    Where even the best residual exceeds the stated noise, its size is taken for the noise of all.
+    """
+    costs = {key: float((fit.r**2).sum()) for key, fit in fits.items()}
+    rows = {key: int(np.count_nonzero(np.abs(f.J).sum(axis=-1))) for key, f in fits.items()}
+    free = {key: fit.span.shape[1] for key, fit in fits.items()}
+    ratios = [cost / max(1, rows[key] - free[key]) for key, cost in costs.items()]
+    scale = max(1.0, float(np.nanmin(ratios)))
+    prices = {key: costs[key] / scale + free[key] * np.log(max(rows[key], 2)) for key in fits}
+    return {key: price if np.isfinite(price) else np.inf for key, price in prices.items()}
 
 
 def _members(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -43,22 +44,35 @@ class View:
     columns: Array
     where: dict[str, IntArray]
 
-    def beside(self, without: Candidate | None = None) -> Field:
-        """Candidates and residual with all that is modelled projected out.
-
-        without : one of the fitted effects, which then counts as a candidate like the others
-        """
-        fit = self.fit
-        r, J = fit.equations
-        span = fit.span
-        if without is not None:
-            own = fit.positions(without.effect)
-            # The residual as it would be without the effect, to first order.
-            r = r + J[:, own] @ fit.values[own]
-            span = span[:, np.abs(span[own]).sum(axis=0) == 0.0]
+    @cached_property
+    def beside(self) -> Field:
+        """Candidates and residual with all that is modelled projected out."""
+        r, J = self.fit.equations
         X = np.zeros((len(r), self.columns.shape[1]))
         X[: len(self.columns)] = self.columns
-        return field(J @ span, X, r)
+        return field(J @ self.fit.span, X, r)
+
+    def without(self, member: Candidate) -> Field:
+        """The same with one of the fitted effects out again, a candidate like the others.
+
+        What it alone explains comes back: ``U U^T X``, U the directions that it has beside the rest.
+        """
+        fit, whole = self.fit, self.beside
+        r, J = fit.equations
+        own = fit.positions(member.effect)
+        rest = fit.span[:, np.abs(fit.span[own]).sum(axis=0) == 0.0]
+        U = field(J @ rest, J[:, own], r).basis(np.arange(len(own)))
+        # The residual as it would be without the effect, to first order.
+        r = r + J[:, own] @ fit.values[own]
+        X = whole.X + U @ (U[: len(self.columns)].T @ self.columns)
+        held = 0 if member.named else len(own)  # rows of its prior, which go with it
+        return Field(
+            X,
+            whole.r + U @ (U.T @ r),
+            whole.lengths,
+            whole.rows - held,
+            whole.dof + U.shape[1] - held,
+        )
 
 
 def columns_at(stage: Stage, fit: Fit, suspects: Sequence[Candidate]) -> Columns:

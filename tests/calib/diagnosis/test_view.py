@@ -1,0 +1,39 @@
+"""Candidates as seen from a fit, one of its effects taken out again."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.build import build
+from calib.diagnosis.candidates import candidates
+from calib.diagnosis.screen import field
+from calib.diagnosis.stage import Stage
+from calib.diagnosis.view import columns_at
+from calib.identify.identify import whitening
+from calib.identify.initial import initial_values
+from tests.calib.diagnosis.test_diagnose import measured
+
+
+def test_an_effect_taken_out_is_as_if_it_had_never_been_projected_out() -> None:
+    """For a cause by name and for a curve, against a projection from scratch."""
+    cell, data, _ = measured("backlash:A3", [3e-4])
+    model = build(cell, data.poses).model
+    start = initial_values(model, data)
+    weights = whitening(cell, model, start, data)
+    stage = Stage(data, model, start, weights, np.zeros(len(data), dtype=bool))
+    suspects, _ = candidates(cell, model, data)
+    named = next(c for c in suspects if c.key == "backlash:A3")
+    curve = next(c for c in suspects if not c.named and c.depends_on == "q:A4")
+    fit = stage.fit([named.effect, curve.effect])
+    seen = columns_at(stage, fit, suspects).seen_from(stage, fit)
+    r, J = fit.equations
+    for member in (named, curve):
+        own = fit.positions(member.effect)
+        rest = fit.span[:, np.abs(fit.span[own]).sum(axis=0) == 0.0]
+        X = np.zeros((len(r), seen.columns.shape[1]))
+        X[: len(seen.columns)] = seen.columns
+        scratch = field(J @ rest, X, r + J[:, own] @ fit.values[own])
+        found = seen.without(member)
+        np.testing.assert_allclose(found.X, scratch.X, atol=1e-6 * np.abs(X).max())
+        np.testing.assert_allclose(found.r, scratch.r, atol=1e-6 * np.abs(r).max())
+        assert found.dof == scratch.dof

@@ -93,10 +93,8 @@ def _look_alikes(found: Foresight) -> list[dict[str, Any]]:
         return []
     rho, chance = found.alike.rho, found.alike.preferred(found.just)
     worst = (1.0 - found.alike.least) ** 0.5
-    pairs = [(i, j) for i in range(len(found.seen)) for j in found.rivals(i)]
-    pairs.sort(key=lambda pair: -found.times[pair])
     entries = []
-    for i, j in pairs:
+    for i, j in found.pairs:
         sight, times = found.seen[i], float(found.times[i, j])
         main = sight.parameters[sight.lead]
         entries.append(

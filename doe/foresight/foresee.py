@@ -14,6 +14,8 @@ from calib.threads import one_blas_thread
 from doe.foresight.sight import Sight, sight_of
 from doe.foresight.view import View, view_of
 
+_AT_ONCE = 1.05  # times the smallest size: who is told apart by then never looks alike
+
 
 @dataclass(frozen=True, eq=False)
 class Foresight:
@@ -45,10 +47,11 @@ class Foresight:
         groups = {tuple(np.flatnonzero(row).tolist()) for row in self.alike.twins}
         return tuple(sorted(group for group in groups if len(group) > 1))
 
-    def rivals(self, position: int) -> list[int]:
-        """Causes that one of just visible size is taken for, the hardest to tell first."""
-        row = self.times[position]
-        return sorted(map(int, np.flatnonzero(row > 1.0)), key=lambda j: -row[j])
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Causes of just visible size and what they are taken for, the hardest to tell first."""
+        found = [(int(i), int(j)) for i, j in np.argwhere(self.times > _AT_ONCE)]
+        return sorted(found, key=lambda pair: -self.times[pair])
 
     @property
     def order(self) -> list[int]:
@@ -56,8 +59,7 @@ class Foresight:
         from scipy.cluster.hierarchy import leaves_list, linkage
         from scipy.spatial.distance import squareform
 
-        alike = (self.times > 1.0).any(axis=0) | (self.times > 1.0).any(axis=1)
-        members = np.flatnonzero(alike)
+        members = np.unique(np.array(self.pairs, dtype=int))
         if len(members) < 2:
             return []
         either = np.maximum(self.times, self.times.T)[np.ix_(members, members)]

@@ -21,7 +21,8 @@ from calib.se3 import Array
 from calib.threads import one_blas_thread
 from doe.foresight.foresee import Foresight
 from doe.foresight.sight import sight_of
-from doe.foresight.view import View, linearised, usual
+from doe.foresight.view import View, linearised
+from doe.nominal import soft
 
 _WORTH = 5.0  # times its smallest size at which a cause must be told apart for a way to be named
 _PULL = 200.0  # N
@@ -71,7 +72,7 @@ def _measured(view: View, poses: Poses) -> View | None:
         model = build(view.cell, poses).model
     except CalibError:
         return None
-    values = usual(model, poses)
+    values = soft(model, poses)
     for effect, part in zip(model.effects, model.slices, strict=True):
         if isinstance(effect, Base) and effect.station > 0:
             values[part] = _ASIDE

@@ -13,18 +13,16 @@ from calib.cell import Cell
 from calib.covariance import Unidentifiable
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.screen import Field, field
-from calib.effects.protocol import ElasticEffect
 from calib.identify.estimators import choose_directions
 from calib.identify.identify import check_counts
 from calib.model import Model
 from calib.moves import with_moves
 from calib.observations import Points
-from calib.poses import IntArray, Measurements, Poses
+from calib.poses import IntArray, Measurements
 from calib.se3 import Array
 from calib.simulate import beams
 from doe.constraints import scene_of, visible
-
-_SOFTEST_M = 1e-3  # what an assumed compliance moves the markers by at most
+from doe.nominal import soft
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +78,7 @@ def view_of(cell: Cell, plan: Plan, values: Array | None = None) -> View:
     model = build(cell, data.poses).model
     check_counts(model, data)
     if values is None:
-        return linearised(cell, model, data, usual(model, data.poses), assumed=True)
+        return linearised(cell, model, data, soft(model, data.poses), assumed=True)
     return linearised(cell, model, data, values)
 
 
@@ -131,14 +129,3 @@ def readings_of(cell: Cell, plan: Plan) -> Measurements:
     poses = readings(cell, poses)
     seen = np.tile(seen, (len(poses) // len(seen), 1))
     return Measurements(poses, np.zeros((*seen.shape, 3)), seen, np.full(seen.shape, np.nan))
-
-
-def usual(model: Model, poses: Poses) -> Array:
-    """Nominal values, elastic ones of usual size or of what moves the markers a millimetre, SI."""
-    values = np.zeros(len(model.parameters))
-    _, J = model.jacobian(values, poses)
-    moved = np.linalg.norm(J, axis=-2).max(axis=(0, 1))
-    sizes = np.minimum(model.sizes, _SOFTEST_M / np.maximum(moved, 1e-300))
-    elastic = model.where(ElasticEffect)
-    values[elastic] = sizes[elastic]
-    return values

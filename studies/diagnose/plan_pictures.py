@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calib.effects.protocol import ARM
+from calib.se3 import Array
 from doe.foresight import Foresight, Sight
 from studies.plots.style import (
     FAINT,
     INK,
+    SKY,
     SOFT,
     Cell,
     Look,
@@ -32,7 +35,7 @@ _MOST = 32  # causes on the map; the others are easier to tell and stand in the 
 _HARDEST = 30.0  # times the smallest size at which the colours end
 _CELL = 0.3  # inch
 _COLUMNS = 4
-_CURVE = np.geomspace(0.1, 4.0, 160)  # times the smallest size
+_FAR = 100.0  # a usual size that is farther from what is found is not drawn
 
 
 def pictures(found: Foresight) -> list[Picture]:
@@ -61,12 +64,15 @@ def look_alikes(found: Foresight) -> Picture:
     figure = sheet(side + 4.6, side + 2.9, "compressed")
     panel = figure.subplots()
     panel.set_facecolor("white")
-    alike = np.where(times > 1.0, np.clip(times, 1.0, _HARDEST), np.nan)
+    drawn = np.zeros(found.times.shape, dtype=bool)
+    drawn[tuple(np.array(found.pairs).T)] = True
+    drawn = drawn[np.ix_(shown, shown)]
+    alike = np.where(drawn, np.clip(times, 1.0, _HARDEST), np.nan)
     image = panel.imshow(
         alike, cmap="Blues", norm=LogNorm(0.7, _HARDEST), interpolation="nearest", aspect="equal"
     )
     _frame(panel, names)
-    _write(panel, times)
+    _write(panel, np.where(drawn, times, 0.0))
     bar = figure.colorbar(image, ax=panel, shrink=min(1.0, 3.2 / side + 0.2), aspect=25)
     bar.ax.set_ylim(1.0, _HARDEST)
     log_ticks(bar.ax.yaxis, 1.0, _HARDEST)
@@ -109,10 +115,10 @@ def _frame(panel: Axes, names: Sequence[str]) -> None:
         panel.plot([i - 0.5, i + 0.5], [i - 0.5, i + 0.5], color=SOFT, linewidth=0.6)
 
 
-def _write(panel: Axes, times: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> None:
-    """Two digits in the cells, white on dark ones; ``=`` where no size would do."""
+def _write(panel: Axes, times: Array) -> None:
+    """Two digits in the cells, white on dark ones, none for zero; ``=`` where no size would do."""
     for (i, j), value in np.ndenumerate(times):
-        if i == j or value <= 1.0:
+        if value == 0.0:
             continue
         text = "=" if np.isinf(value) else f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
         color = "white" if value > 5.0 else INK
@@ -137,8 +143,7 @@ def _map_caption(found: Foresight, shown: int) -> str:
 
 def _pairs(found: Foresight) -> Iterator[tuple[Cell, ...]]:
     rho = None if found.alike is None else found.alike.rho
-    pairs = [(i, j) for i in range(len(found.seen)) for j in found.rivals(i)]
-    for i, j in sorted(pairs, key=lambda pair: -found.times[pair]):
+    for i, j in found.pairs:
         own = None if rho is None else float(rho[i, j])
         yield found.seen[i].key, found.seen[j].key, own, cell(found.times[i, j])
 
@@ -155,18 +160,19 @@ def _label(key: str) -> str:
 @styled
 def power(found: Foresight) -> Picture:
     """Probability that a cause is found against its size, one panel a kind of cause."""
-    kinds = list(dict.fromkeys(sight.candidate.effect.kind for sight in found.seen))
-    panels = {k: [s for s in found.seen if s.candidate.effect.kind == k] for k in kinds}
-    joints = found.view.model.robot.joints
-    look = looks([j for j in joints if any(s.candidate.where == j for s in found.seen)])
-    columns = min(_COLUMNS, len(kinds))
-    lines = -(-len(kinds) // columns)
+    panels: dict[tuple[str, str], list[Sight]] = {}
+    for sight in found.seen:
+        unit = sight.parameters[sight.lead].unit
+        panels.setdefault((sight.candidate.effect.kind, unit), []).append(sight)
+    look = _looks(found)
+    columns = min(_COLUMNS, len(panels))
+    lines = -(-len(panels) // columns)
     figure = sheet(3.0 * columns, 2.35 * lines + 0.5)
     axes = figure.subplots(lines, columns, squeeze=False, sharey=True)
-    for panel in axes.flat[len(kinds) :]:
+    for panel in axes.flat[len(panels) :]:
         panel.remove()
-    for (kind, own), panel in zip(panels.items(), axes.flat, strict=False):
-        _power_panel(panel, kind, own, look)
+    for own, panel in zip(panels.values(), axes.flat, strict=False):
+        _power_panel(panel, own, look)
     for row in axes:
         row[0].set_ylabel("found [%]")
     if look:
@@ -183,41 +189,46 @@ def power(found: Foresight) -> Picture:
     return Picture("detection_power", "Detection power against size", caption, figure, header, rows)
 
 
-def _power_panel(panel: Axes, kind: str, own: Sequence[Sight], look: dict[str, Look]) -> None:
+def _looks(found: Foresight) -> dict[str, Look]:
+    """Of the joints, and of the arm as a whole; what acts in one place only needs none."""
+    places = {sight.candidate.where for sight in found.seen}
+    look = looks([j for j in found.view.model.robot.joints if j in places])
+    if ARM in places:
+        look[ARM] = Look(ARM, SKY, "", (0, (3, 1, 1, 1)), "", "")  # type: ignore[arg-type]
+    return look
+
+
+def _power_panel(panel: Axes, own: Sequence[Sight], look: dict[str, Look]) -> None:
+    """All causes of one kind whose sizes have one unit."""
     tidy(panel)
     panel.set_xscale("log")
-    sizes = []
-    for sight in own:
-        main = sight.parameters[sight.lead]
-        size = sight.smallest[sight.lead] / main.scale
-        sizes.append(size)
+    first = own[0].parameters[own[0].lead]
+    sizes = np.array([sight.smallest[sight.lead] for sight in own]) / first.scale
+    usual = np.array([sight.sizes[sight.lead] for sight in own]) / first.scale
+    shown = usual[(usual > sizes.min() / _FAR) & (usual < sizes.max() * _FAR)]
+    low, high = (f([*end, *between]) for f, end, between in (
+        (min, [0.25 * sizes.min()], 0.7 * shown), (max, [2.5 * sizes.max()], 1.4 * shown),
+    ))  # fmt: skip
+    for sight, size in zip(own, sizes, strict=True):
         drawn = look.get(sight.candidate.where)
-        color = INK if drawn is None else drawn.color
-        style = "-" if drawn is None else drawn.linestyle
-        share = 100.0 * sight.found(_CURVE)
-        panel.plot(size * _CURVE, share, color=color, linestyle=style, linewidth=1.8)
-        if drawn is None:
-            panel.annotate(
-                sight.candidate.where, (size, 90.0), (-6.0, 4.0), textcoords="offset points",
-                ha="right", va="bottom", fontsize=9, color=INK,
-            )  # fmt: skip
-        usual = main.size / main.scale
-        panel.plot([usual], [0.0], marker="^", color=SOFT, markersize=6, clip_on=False, zorder=3)
+        x = np.geomspace(low, high, 240)
+        panel.plot(
+            x, 100.0 * sight.found(x / size), color=INK if drawn is None else drawn.color,
+            linestyle="-" if drawn is None else drawn.linestyle, linewidth=1.8,
+        )  # fmt: skip
+    panel.plot(
+        shown, np.zeros(len(shown)), linestyle="", marker="^", color=SOFT, markersize=6,
+        clip_on=False, zorder=3,
+    )  # fmt: skip
     panel.axhline(90.0, color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)))
-    usual = own[0].parameters[own[0].lead].size / own[0].parameters[own[0].lead].scale
-    low, high = 0.2 * min(sizes), 3.0 * max(sizes)
-    low, high = min(low, 0.7 * usual) if usual > low / 30 else low, max(high, 1.4 * usual)
     panel.set_xlim(low, high)
     panel.set_ylim(0.0, 104.0)
     panel.set_yticks([0, 50, 90])
     log_ticks(panel.xaxis, low, high)
-    panel.set_title(kind.replace("_", " "), loc="left")
-    names = {s.parameters[s.lead].name for s in own}
-    many = max(len(s.parameters) for s in own)
-    what = names.pop() if len(names) == 1 else f"best of {many}"
-    panel.set_xlabel(
-        f"{what.replace('_', ' ')} [{own[0].parameters[own[0].lead].unit}]", fontsize=9
-    )
+    panel.set_title(own[0].candidate.effect.kind.replace("_", " "), loc="left")
+    names = {sight.parameters[sight.lead].name for sight in own}
+    what = names.pop() if len(names) == 1 else "best parameter"
+    panel.set_xlabel(f"{what.replace('_', ' ')} [{first.unit}]", fontsize=9)
     panel.tick_params(labelsize=9)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
+from textwrap import wrap
 from typing import Any
 
 from rich.console import RenderableType
@@ -14,12 +15,16 @@ from studies.tables import plain_table
 
 _MOST_PAIRS = 12
 _LONG = 8  # letters of a joint's name that a column takes
+_WIDTH = 100
+_INDENT = " " * 11
 
 
 def foresight_tables(
     name: str, joints: Sequence[str], fields: dict[str, Any]
 ) -> Iterator[RenderableType]:
     """Smallest sizes by cause and place, what is hidden and why, and what looks alike."""
+    fields = _with_short_places(fields, joints)
+    joints = [_short(joint, joints) for joint in joints]
     entries = fields["could_not_see"]
     yield Text("\n".join(_head(name, fields)))
     on_joints = [e for e in entries if e["where"] in joints and _any_seen(entries, e["effect"])]
@@ -45,7 +50,7 @@ def _head(name: str, fields: dict[str, Any]) -> Iterator[str]:
     lost = f", {hidden} marker readings out of sight" if hidden else ""
     yield f"reads      {fields['readings']} readings, {fields['points']} points{lost}"
     if fields["approach_derived"]:
-        yield "approach   from the order of the poses: measure them in this order"
+        yield "approach   follows from the order of the poses"
     if fields["elastic_assumed"]:
         yield "elastic    as soft as usual: sizes of weights, springs and payload go with it"
     for entry in fields["unidentifiable"]:
@@ -76,11 +81,29 @@ def _by_joint(entries: list[dict[str, Any]], joints: Sequence[str]) -> Table:
     return table
 
 
+def _short(place: str, joints: Sequence[str]) -> str:
+    """A joint's name without the end that all joints share, such as ``_joint``; others as they are."""
+    shared = {joint.rpartition("_")[2] for joint in joints}
+    cut = len(shared) == 1 and all("_" in joint for joint in joints)
+    return place.rpartition("_")[0] if cut and place in joints else place
+
+
+def _with_short_places(fields: dict[str, Any], joints: Sequence[str]) -> dict[str, Any]:
+    """The same fields with joints named shortly; a parameter named by a joint keeps its name."""
+
+    def shortened(entry: Any) -> Any:
+        if isinstance(entry, list):
+            return [shortened(part) for part in entry]
+        if not isinstance(entry, dict):
+            return entry
+        own = {key: shortened(value) for key, value in entry.items()}
+        return own | {"where": _short(own["where"], joints)} if "where" in own else own
+
+    return {key: shortened(value) for key, value in fields.items()}
+
+
 def _labels(joints: Sequence[str]) -> list[str]:
-    """Names of joints in narrow columns: without what all share at the end, broken at underscores."""
-    tails = {j.rpartition("_")[2] for j in joints}
-    if len(tails) == 1 and all("_" in j for j in joints):
-        joints = [j.rpartition("_")[0] for j in joints]
+    """Names of joints for narrow columns, the long ones broken at underscores."""
     lines = [j.replace("_", "\n") if len(j) > _LONG else j for j in joints]
     depth = max(label.count("\n") for label in lines)
     return ["\n" * (depth - label.count("\n")) + label for label in lines]
@@ -109,8 +132,14 @@ def _hidden(entries: list[dict[str, Any]]) -> Iterator[Text]:
     for i, reason in enumerate(reasons):
         causes = [(e["effect"], e["where"]) for e in entries if e["reason"] == reason]
         counts = {e["effect"]: sum(x["effect"] == e["effect"] for x in entries) for e in entries}
-        head = "\nhidden     " if not i else "hidden     "
-        yield Text(f"{head}{', '.join(_gathered(causes, counts))}:\n           {reason}")
+        yield Text(("" if i else "\n") + _listed("hidden", _gathered(causes, counts), reason))
+
+
+def _listed(head: str, causes: Iterable[str], reason: str) -> str:
+    """Causes and what they share, wrapped below a head."""
+    text = f"{head:11}{', '.join(causes)}:"
+    lines = wrap(text, _WIDTH, subsequent_indent=_INDENT, break_on_hyphens=False)
+    return "\n".join([*lines, _INDENT + reason])
 
 
 def _gathered(causes: list[tuple[str, str]], counts: dict[str, int]) -> Iterator[str]:
@@ -127,21 +156,21 @@ def _not_asked(entries: list[dict[str, str]]) -> Iterator[Text]:
     for reason in dict.fromkeys(reason for reason, _ in why):
         causes = [effect.partition(":") for other, effect in why if other == reason]
         named = _gathered([(kind, where) for kind, _, where in causes], {})
-        yield Text(f"not asked  {', '.join(named)}:\n           {reason}")
+        yield Text(_listed("not asked", named, reason))
 
 
 def _alike(fields: dict[str, Any]) -> Iterator[RenderableType]:
     for group in fields["twins"]:
         names = " = ".join(f"{e['effect']}:{e['where']}" for e in group["members"])
         yield Text(f"\ntwins      {names}")
-        yield Text(f"           {_remedy(group['split_by'])}")
+        yield Text(f"{_INDENT}{_remedy(group['split_by'])}")
     pairs = list(_once(p for p in fields["look_alikes"] if not _are_twins(p, fields["twins"])))
     if not pairs:
         return
     yield Text("\nwhat looks alike, and from which size on it is told apart", style="bold")
     table = plain_table(
-        ("cause", "left"), ("is taken for", "left"), ("rho", "right"), ("told apart from", "right"),
-        ("unit", "left"), ("times its\nsmallest", "right"),
+        ("\ncause", "left"), ("\nis taken for", "left"), ("\nrho", "right"),
+        ("told apart\nfrom", "right"), ("\nunit", "left"), ("times its\nsmallest", "right"),
     )  # fmt: skip
     for pair in pairs[:_MOST_PAIRS]:
         times = pair["told_apart_times"]

@@ -7,7 +7,7 @@ Derivatives are velocity fields: a parameter that displaces frame k moves all be
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -40,61 +40,97 @@ def arm_columns(
     given, loads : Loads, without and with the errors of weights and wrenches
     elastic : dict, frame -> ndarray, shape (..., m, 6, 6), flexibility
     The k columns are the parameters of the twist and load effects, in their order. One that displaces
-    several frames has a column at each of them, and these are added in the end.
+    several frames gets the sum of what it does at each.
     """
-    fields: list[Array] = []
-    wrenches: list[Array] = []
-    acts_at: list[int] = []
-    owners: list[int] = []
+    at: dict[tuple[int, bool], list[tuple[slice, Array]]] = {}
+    pulls: list[tuple[slice, Array]] = []
     count = 0
     for effect in effects:
         if not isinstance(effect, TwistEffect | LoadEffect):
             continue
-        own = range(count, count + len(effect.parameters))
-        for frame, moved, wrench in _motions(robot, effect, state, given):
-            fields.append(moved)
-            wrenches.append(wrench)
-            acts_at += [frame] * len(own)
-            owners += own
-        count += len(own)
-    columns = _joined(fields)
+        own = slice(count, count + len(effect.parameters))
+        count = own.stop
+        if isinstance(effect, TwistEffect):
+            for frame, basis in effect.strands(state):
+                at.setdefault((frame, isinstance(effect, Constant)), []).append((own, basis))
+        else:
+            pulls.append((own, _wrenches(robot, effect, state, given)))
+    acts_at = [frame for frame, _ in at]
+    moves = [
+        _fields(state, frame, fixed, _joined([basis for _, basis in strands]))
+        for (frame, fixed), strands in at.items()
+    ]
+    m = len(state.poses)
+    wrench = _joined([w for _, w in pulls]) if pulls else np.zeros((m, robot.dof + 2, 6, 0))
+    pulled = np.zeros((m, 6, wrench.shape[-1]))
     if elastic:
-        columns = coupled(
-            columns,
-            np.array(acts_at),
-            _joined(wrenches),
-            elastic,
-            loads,
-            state.frames,
-            state.wrench,
+        *moves, pulled = _with_deflection(
+            moves, acts_at, pulled, wrench, elastic, loads, state, robot.tip_frame
         )
-    if len(owners) == count:
-        return columns
-    return np.asarray(columns @ np.eye(count)[owners])
+    batch = np.broadcast_shapes(*(moved.shape[:-1] for moved in (*moves, pulled)))
+    columns = np.zeros((*batch, count))
+    for moved, strands in zip((*moves, pulled), (*at.values(), pulls), strict=True):
+        begin = 0
+        for own, basis in strands:
+            end = begin + basis.shape[-1]
+            columns[..., own] += moved[..., begin:end]
+            begin = end
+    return columns
 
 
-def _motions(
-    robot: Robot, effect: Effect, state: State, given: Loads
-) -> Iterator[tuple[int, Array, Array]]:
-    """Frames on which an effect acts, with velocity fields (.., m, 6, p) and wrenches on all frames
-    (.., m, n + 2, 6, p), in their axes.
+def _fields(state: State, frame: int, fixed: bool, basis: Array) -> Array:
+    """Velocity fields (..., m, 6, p) of twists (..., m, 6, p) of one frame.
+
+    fixed : whether they act before what depends on the pose
     """
-    m, p, frames = len(state.poses), len(effect.parameters), state.frames
-    if isinstance(effect, TwistEffect):
-        stage = frames.constant if isinstance(effect, Constant) else frames.present
-        for frame, basis in effect.strands(state):
-            moved = np.swapaxes(spatial_columns(stage, frame, basis), -1, -2)
-            yield frame, moved, np.zeros((m, robot.dof + 2, 6, p))
-    elif isinstance(effect, SpringEffect):
-        yield robot.tip_frame, np.zeros((m, 6, p)), effect.wrench_basis(state.poses)
-    elif isinstance(effect, WeightEffect):
-        carriers = link_origins(robot, frames, state.poses.q)
-        changes = effect.changes(state.poses, given)
-        local = [transmitted(change, frames, carriers).local for change in changes]
-        yield robot.tip_frame, np.zeros((m, 6, p)), np.stack(local, axis=-1)
+    stage = state.frames.constant if fixed else state.frames.present
+    return np.swapaxes(spatial_columns(stage, frame, basis), -1, -2)
 
 
-def _joined(blocks: list[Array]) -> Array:
+def _wrenches(robot: Robot, effect: Effect, state: State, given: Loads) -> Array:
+    """What a load effect adds to all frames, shape (..., m, n + 2, 6, p), in their axes."""
+    if isinstance(effect, SpringEffect):
+        return effect.wrench_basis(state.poses)
+    if not isinstance(effect, WeightEffect):
+        raise TypeError(f"{effect.kind} is neither a spring nor a weight")
+    carriers = link_origins(robot, state.frames, state.poses.q)
+    changes = effect.changes(state.poses, given)
+    local = [transmitted(change, state.frames, carriers).local for change in changes]
+    return np.stack(local, axis=-1)
+
+
+def _with_deflection(
+    moves: Sequence[Array],
+    acts_at: Sequence[int],
+    pulled: Array,
+    wrench: Array,
+    elastic: Mapping[int, Array],
+    loads: Loads,
+    state: State,
+    tip: int,
+) -> list[Array]:
+    """The same fields with the deflections that they cause.
+
+    The arm answers linearly: where a frame has many columns, its answer to the six unit motions does
+    for all of them.
+    """
+    unit = np.broadcast_to(np.eye(6), (len(state.poses), 6, 6))
+    shown = [moved if moved.shape[-1] <= 6 else unit for moved in moves]
+    counts = [own.shape[-1] for own in (*shown, pulled)]
+    own = _joined([*shown, pulled])
+    none = np.zeros((*wrench.shape[:-1], own.shape[-1] - wrench.shape[-1]))
+    loaded = _joined([none, wrench])
+    frames = np.repeat([*acts_at, tip], counts)
+    answer = coupled(own, frames, loaded, elastic, loads, state.frames, state.wrench)
+    *parts, rest = np.split(answer, np.cumsum(counts)[:-1], axis=-1)
+    moved = [
+        part if first.shape[-1] <= 6 else part @ first
+        for part, first in zip(parts, moves, strict=True)
+    ]
+    return [*moved, rest]
+
+
+def _joined(blocks: Sequence[Array]) -> Array:
     """Columns side by side; leading axes that only some of them have are repeated."""
     batch = np.broadcast_shapes(*(block.shape[:-1] for block in blocks))
     return np.concatenate([np.broadcast_to(b, (*batch, b.shape[-1])) for b in blocks], axis=-1)

@@ -15,6 +15,7 @@ from calib.se3 import Array
 _UNSEEN = 0.05  # a standard deviation of twenty plausible sizes: the data say nothing
 _NUMERICAL = 1e-9  # relative to the largest column
 _NAMED = 0.1
+_OUTSIDE = 1e-6  # length of a unit vector's part outside the span
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,16 @@ def covariance(J: Array, span: Array) -> Array:
     """
     half = _half(J, span)
     return np.asarray(half @ half.T)
+
+
+def determined(span: Array) -> NDArray[np.bool_]:
+    """Whether the data speak of each value by itself, shape (p,).
+
+    span : ndarray, shape (p, k), directions that are estimated
+    Where the unit vector of a value leaves the span, its entry in the covariance tells nothing.
+    """
+    Q, _ = np.linalg.qr(span)
+    return np.asarray(1.0 - (Q**2).sum(axis=1) <= _OUTSIDE**2)
 
 
 def gain(J: Array, span: Array) -> Array:

@@ -24,6 +24,7 @@ from calib.effects.protocol import (
     Effect,
     ElasticEffect,
     LoadEffect,
+    MarkerEffect,
     Parameter,
     PoseEffect,
     ReadingEffect,
@@ -111,7 +112,7 @@ class Model:
             carriers = link_origins(self.robot, frames, poses.q)
             wrench = statics.transmitted(loads, frames, carriers).with_extra(extra)
             state = State(poses, frames, wrench)
-            points = self._tip_points(frames, values)
+            points = self._tip_points(frames, values, poses)
             if tips is not None and np.abs(points - tips).max(initial=0.0) < _EQUILIBRIUM_M:
                 break
             if not yields:
@@ -197,14 +198,20 @@ class Model:
                 p[..., here, :] = p_base[..., None, :]
         return R, p
 
-    def _tip_points(self, frames: Frames, values: Array) -> Array:
+    def _tip_points(self, frames: Frames, values: Array, poses: Poses) -> Array:
         markers = self.marker_positions(values)[..., None, :, :]
+        moved = [(e, part) for e, part in self._parts if isinstance(e, MarkerEffect)]
+        if moved:
+            markers = np.repeat(markers, len(poses), axis=-3)
+        for effect, part in moved:
+            offset = effect.offsets(poses) @ values[..., None, part, None]
+            markers[..., effect.marker(self.marker_names), :] += offset[..., 0]
         R, o = frames.R[..., -1, None, :, :], frames.o[..., -1, None, :]
         return rotate(R, markers) + o
 
     def predict(self, values: Array, poses: Poses) -> Array:
         """Readings of the markers, shape (..., m, M, 3), m, in the frames of the stations."""
-        points = self._tip_points(self.state(values, poses).frames, values)
+        points = self._tip_points(self.state(values, poses).frames, values, poses)
         return self.readings(values, poses, points)
 
     def readings(self, values: Array, poses: Poses, points: Array) -> Array:
@@ -231,7 +238,7 @@ class Model:
 
     def _jacobian(self, values: Array, poses: Poses) -> tuple[Array, Array]:
         state = self.state(values, poses)
-        points = self._tip_points(state.frames, values)
+        points = self._tip_points(state.frames, values, poses)
         R, p = self.placement(values, poses)
         J = np.zeros((*points.shape, len(self.parameters)))
         arm = self.where(TwistEffect, LoadEffect)
@@ -247,6 +254,9 @@ class Model:
             if isinstance(effect, Tool):
                 R_tip = state.frames.R[..., -1, :, :]
                 J[..., effect.marker, :, part] = R_tip[..., list(effect.components)]
+            elif isinstance(effect, MarkerEffect):
+                R_tip, marker = state.frames.R[..., -1, :, :], effect.marker(self.marker_names)
+                J[..., marker, :, part] = R_tip @ effect.offsets(poses)
         if values[..., self.where(Base)].any():
             J = R[..., None, :, :] @ J
         for effect, part in self._parts:

@@ -116,8 +116,9 @@ def likeness(field: Field, columns: Sequence[IntArray], sizes: Sequence[Array]) 
         left[e] = 1.0 - np.add.reduceat(imitated, starts[:-1], axis=0)
     shared = np.add.reduceat(np.add.reduceat(crossed**2, starts[:-1], axis=0), starts[:-1], axis=1)
     worst = np.array([[np.linalg.norm(crossed[a, b], 2) for b in parts] for a in parts])
-    rows = int(np.count_nonzero(np.abs(field.X).sum(axis=1)))
-    return Likeness(rows, k, np.clip(left, 0.0, 1.0), np.clip(1.0 - worst**2, 0.0, 1.0), shared)
+    return Likeness(
+        field.rows, k, np.clip(left, 0.0, 1.0), np.clip(1.0 - worst**2, 0.0, 1.0), shared
+    )
 
 
 def _normal(count: int) -> Array:

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from calib.build import context_of, place_effect
 from calib.cell import Cell
 from calib.diagnosis.curves import Curve, curves
 from calib.effects import EFFECTS, GROUPS, Effect
-from calib.effects.protocol import ElasticEffect, LoadEffect, State
+from calib.effects.joint_coupling import JointCoupling
+from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.errors import CalibError
 from calib.model import Model
+from calib.poses import Measurements, Poses
+from calib.se3 import Array
 
 _BY_ANGLE = (
     "transmission_harmonic", "transmission_scale", "joint_coupling", "gravity_compensator",
@@ -42,9 +47,16 @@ class Candidate:
 
     @property
     def key(self) -> str:
-        """``effect:where``, for a curve with its variable."""
-        tail = "" if self.named else f" by {self.depends_on}"
-        return f"{self.effect.kind}:{self.where}{tail}"
+        """``effect:where``, for a curve with its variable and what it moves."""
+        if not isinstance(self.effect, Curve):
+            return f"{self.effect.kind}:{self.where}"
+        moved = type(self.effect).__name__
+        return f"{moved}:{self.where} by {self.depends_on} ({len(self.effect.parameters)})"
+
+    @property
+    def spread(self) -> Array | None:
+        """Covariance of a curve's coefficients a priori; None for a cause by name."""
+        return self.effect.spread if isinstance(self.effect, Curve) else None
 
 
 @dataclass(frozen=True)
@@ -55,12 +67,11 @@ class NotAsked:
     reason: str
 
 
-def candidates(cell: Cell, model: Model, state: State) -> tuple[list[Candidate], list[NotAsked]]:
-    """Inactive effects at every place where they can act, and curves; and what cannot be asked.
-
-    state : State of the data under the present fit, for what the curves depend on
-    """
-    context = context_of(cell, state.poses)
+def candidates(
+    cell: Cell, model: Model, data: Measurements
+) -> tuple[list[Candidate], list[NotAsked]]:
+    """Inactive effects at every place where they can act, and curves; and what cannot be asked."""
+    context = context_of(cell, data.poses)
     found, missing = [], []
     for kind in EFFECTS:
         if kind in GROUPS:
@@ -74,7 +85,8 @@ def candidates(cell: Cell, model: Model, state: State) -> tuple[list[Candidate],
                 missing.append(NotAsked(f"{kind}:{where}", str(error)))
                 continue
             found.append(Candidate(effect, True, depends_on(effect)))
-    unnamed = [Candidate(c, False, c.variable.name) for c in curves(context, state)]
+    ranges = np.linalg.norm(data.points[data.seen], axis=-1)
+    unnamed = [Candidate(c, False, c.variable.name) for c in curves(context, data.poses, ranges)]
     return found + unnamed, missing
 
 
@@ -101,3 +113,15 @@ def depends_on(effect: Effect) -> str:
     if isinstance(effect, ElasticEffect | LoadEffect):
         return "load"
     return _BY_KIND.get(effect.kind, "none")
+
+
+def as_fitted(candidate: Candidate, values: Array, poses: Poses) -> Candidate:
+    """The candidate, a coupling with the joint that drives it most.
+
+    values : ndarray, shape (k,), of its parameters
+    """
+    effect = candidate.effect
+    if not isinstance(effect, JointCoupling):
+        return candidate
+    driver = effect.others[int(np.argmax(np.abs(values) * np.ptp(effect.shares(poses), axis=0)))]
+    return replace(candidate, depends_on=f"q:{effect.robot.joints[driver]}")

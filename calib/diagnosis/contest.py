@@ -16,12 +16,12 @@ import numpy as np
 
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.screen import Field, Score, score
-from calib.diagnosis.stage import Fit, Stage, View, view
+from calib.diagnosis.stage import Fit, Stage
+from calib.diagnosis.view import View, columns_at
 from calib.poses import IntArray
 
 ALPHA = 0.01
 """Probability of a false entry, over all candidates together."""
-_CURVE_PENALTY = float(2.0 * np.log(10.0))
 _CHALLENGE = 1.0  # gain by which a rival must lead to take a place
 _NAMED_SHARE = 0.9  # of the leader's evidence at which a cause by name is preferred to a curve
 _MOST_EFFECTS = 5
@@ -67,15 +67,16 @@ def contest(
     before = stage.fit(())
     fit = stage.fit([c.effect for c in active]) if active else before
     seen: set[frozenset[str]] = {frozenset(c.key for c in active)}
+    columns = columns_at(stage, fit, suspects)
     for _ in range(_MOST_ROUNDS):
-        found = _better(view(stage, fit, suspects), active, suspects)
+        found = _better(columns.seen_from(stage, fit), active, suspects)
         keys = frozenset(c.key for c in found)
         if keys in seen:
             break
         seen.add(keys)
         active = found
         fit = stage.fit([c.effect for c in active])
-    at_end = view(stage, fit, suspects)
+    at_end = columns.seen_from(stage, fit)
     entries = tuple(_entry(at_end, member, active, suspects) for member in active)
     return Outcome(before, fit, entries, at_end.beside(), at_end.where)
 
@@ -89,43 +90,35 @@ def _better(
         beside = seen_from.beside(without=member)
         scores = _scores(beside, seen_from, suspects)
         own = scores[member.key]
-        if not _pays(own, beside, len(suspects), member):
+        if not _pays(own, len(suspects)):
             return rest
-        best = _leader(scores, beside, [c for c in suspects if c not in rest])
-        if best is not member and (
-            gain(scores[best.key], beside, best) > gain(own, beside, member) + _CHALLENGE
-        ):
+        best = _leader(scores, [c for c in suspects if c not in rest])
+        named = best.named and not member.named
+        if best is not member and (named or scores[best.key].gain > own.gain + _CHALLENGE):
             return [*rest, best]
     if len(active) >= _MOST_EFFECTS:
         return active
     beside = seen_from.beside()
     scores = _scores(beside, seen_from, suspects)
-    best = _leader(scores, beside, [c for c in suspects if c not in active])
-    return [*active, best] if _pays(scores[best.key], beside, len(suspects), best) else active
+    best = _leader(scores, [c for c in suspects if c not in active])
+    return [*active, best] if _pays(scores[best.key], len(suspects)) else active
 
 
 def _scores(beside: Field, seen_from: View, suspects: Sequence[Candidate]) -> dict[str, Score]:
-    return {c.key: score(beside, seen_from.where[c.key]) for c in suspects}
+    return {c.key: score(beside, seen_from.where[c.key], c.spread) for c in suspects}
 
 
-def gain(found: Score, beside: Field, candidate: Candidate) -> float:
-    """Evidence less the price of its directions (Schwarz), and of having no name."""
-    price = found.directions * float(np.log(len(beside.r)))
-    return found.evidence - price - (0.0 if candidate.named else _CURVE_PENALTY)
+def _pays(found: Score, asked: int) -> bool:
+    return bool(found.gain > 2.0 * np.log(asked) and found.p * asked < ALPHA)
 
 
-def _pays(found: Score, beside: Field, asked: int, candidate: Candidate) -> bool:
-    enough = gain(found, beside, candidate) > 2.0 * np.log(asked)
-    return bool(enough and found.p * asked < ALPHA)
-
-
-def _leader(scores: dict[str, Score], beside: Field, eligible: Sequence[Candidate]) -> Candidate:
+def _leader(scores: dict[str, Score], eligible: Sequence[Candidate]) -> Candidate:
     """The best candidate; a cause by name where it explains nearly as much as the best curve."""
-    best = max(eligible, key=lambda c: gain(scores[c.key], beside, c))
+    best = max(eligible, key=lambda c: scores[c.key].gain)
     named = [c for c in eligible if c.named]
     if best.named or not named:
         return best
-    first = max(named, key=lambda c: gain(scores[c.key], beside, c))
+    first = max(named, key=lambda c: scores[c.key].gain)
     enough = scores[first.key].fall >= _NAMED_SHARE * scores[best.key].fall
     return first if enough else best
 
@@ -136,6 +129,6 @@ def _entry(
     rest = [c for c in active if c is not member]
     beside = seen_from.beside(without=member)
     scores = _scores(beside, seen_from, suspects)
-    gains = [(c, gain(scores[c.key], beside, c)) for c in suspects if c not in rest]
+    gains = [(c, scores[c.key].gain) for c in suspects if c not in rest]
     gains.sort(key=lambda pair: -pair[1])
     return Entry(member, scores[member.key], tuple(gains[:_RIVALS]))

@@ -1,85 +1,57 @@
 """Causes without a name: a place that is off by an unknown function of one variable.
 
-The function is a sum of hats over the variable's range. In the contest beside the catalogue such a
-block locates what the catalogue cannot explain, and its coefficients are the curve of the error.
+In the contest beside the catalogue such a curve locates what the catalogue cannot explain, and its
+coefficients show how the error runs.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.diagnosis.functions import Function, neighbours, polyline
+from calib.diagnosis.variables import (
+    Angle,
+    Covariate,
+    PoseVariable,
+    Posture,
+    Pull,
+    Statics,
+    Torque,
+    Variable,
+)
 from calib.effects.drive import along_axis, error_unit
-from calib.effects.protocol import Context, Parameter, State, Strand, TwistEffect, joint_index
+from calib.effects.protocol import (
+    Context,
+    Effect,
+    MarkerEffect,
+    Parameter,
+    PoseEffect,
+    ReadingEffect,
+    Strand,
+)
 from calib.errors import EffectCannotAct
+from calib.poses import Poses
 from calib.se3 import Array
 
-_KNOTS = 8
-_SAME = 1e-9
-
-
-class Variable(ABC):
-    """What an error may depend on; ``name`` as in the results: ``q:A3``, ``time``, .."""
-
-    name: str
-
-    @abstractmethod
-    def at(self, state: State) -> Array:
-        """Value at each pose, shape (..., m)."""
-
-
-@dataclass(frozen=True)
-class Angle(Variable):
-    """The value of a joint as read, rad or m."""
-
-    joint: int
-    name: str
-
-    def at(self, state: State) -> Array:
-        return state.poses.q[:, self.joint]
+_KNOTS = 12
+_KNOTS_EACH = 8  # where several directions share the evidence
+_SIZE = 1e-3  # rad or m, a plausible coefficient
 
 
 @dataclass(frozen=True, eq=False)
-class Covariate(Variable):
-    """A column of the table: time [s], temperature [degC], approach, size of the move before."""
+class Curve(Effect):
+    """An unknown function of a variable; coefficients direction by direction.
 
-    field: str
-    joint: int | None
-    name: str
-
-    def at(self, state: State) -> Array:
-        values = getattr(state.poses, self.field)
-        return np.asarray(values if self.joint is None else values[:, self.joint])
-
-
-@dataclass(frozen=True, eq=False)
-class Torque(Variable):
-    """What a frame transmits along some of its axes: N or N m."""
-
-    frame: int
-    axis: Array
-    name: str = "load"
-
-    def at(self, state: State) -> Array:
-        return np.asarray(state.wrench.local[..., self.frame, :] @ self.axis)
-
-
-@dataclass(frozen=True, eq=False)
-class Curve(TwistEffect):
-    """Displacement of a frame along given directions by an unknown function of a variable.
-
-    frame : int; directions : ndarray, shape (6, c)
-    knots : ndarray, shape (K,), ascending, of the variable
+    variable : Variable; function : Function
     """
 
-    frame: int
-    directions: Array
     variable: Variable
-    knots: Array
+    function: Function
     kind: ClassVar[str] = "curve"
 
     @classmethod
@@ -91,75 +63,132 @@ class Curve(TwistEffect):
         raise EffectCannotAct(f"{cls.kind}:{where}", "it is no cause by name", "name another")
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        found = []
-        for c in range(self.directions.shape[1]):
-            unit = error_unit(bool(self.directions[:3, c].any()))
-            for knot in self.knots:
-                name = f"{self.variable.name}_{c}@{knot:.4g}"
-                found.append(Parameter(self.kind, self.where, name, unit, 1e-6, 1e-3))
-        return tuple(found)
+    @abstractmethod
+    def units(self) -> tuple[str, ...]:
+        """Unit of the error in each direction."""
 
-    def strands(self, state: State) -> tuple[Strand, ...]:
-        hats = hat_functions(self.variable.at(state), self.knots)
-        basis = self.directions[:, :, None] * hats[..., None, None, :]
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(
+            Parameter(self.kind, self.where, f"{self.variable.name}_{c}@{at}", unit, 1e-6, _SIZE)
+            for c, unit in enumerate(self.units)
+            for at in self.function.labels
+        )
+
+    @property
+    def spread(self) -> Array:
+        """Covariance of the coefficients a priori, shape (p, p), of unit amplitude."""
+        return np.asarray(np.kron(np.eye(len(self.units)), self.function.spread))
+
+
+@dataclass(frozen=True, eq=False)
+class PoseCurve(Curve):
+    """A curve over what is known of the pose."""
+
+    variable: PoseVariable
+
+    def basis(self, poses: Poses) -> Array:
+        """Values of the basis functions at poses, shape (m, K)."""
+        return self.function.at(self.variable.at(poses))
+
+
+@dataclass(frozen=True, eq=False)
+class TwistCurve(PoseCurve, PoseEffect):
+    """Displacement of a frame along given directions.
+
+    frame : int; directions : ndarray, shape (6, c)
+    """
+
+    frame: int
+    directions: Array
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        return tuple(error_unit(bool(d[:3].any())) for d in self.directions.T)
+
+    def twists(self, poses: Poses) -> tuple[Strand, ...]:
+        basis = self.directions[:, :, None] * self.basis(poses)[:, None, None, :]
         return ((self.frame, basis.reshape((*basis.shape[:-2], -1))),)
 
 
-def hat_functions(values: Array, knots: Array) -> Array:
-    """Weights of linear interpolation between knots, shape (..., K); constant beyond the ends."""
-    inside = np.clip(values, knots[0], knots[-1])
-    upper = np.clip(np.searchsorted(knots, inside, side="left"), 1, len(knots) - 1)
-    span = knots[upper] - knots[upper - 1]
-    share = (inside - knots[upper - 1]) / span
-    weights = np.zeros((*values.shape, len(knots)))
-    np.put_along_axis(weights, (upper - 1)[..., None], (1.0 - share)[..., None], axis=-1)
-    np.put_along_axis(weights, upper[..., None], share[..., None], axis=-1)
-    return weights
+@dataclass(frozen=True, eq=False)
+class MarkerCurve(PoseCurve, MarkerEffect):
+    """Displacement of one marker in the tip frame."""
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        return ("um", "um", "um")
+
+    def offsets(self, poses: Poses) -> Array:
+        return np.asarray(np.kron(np.eye(3), self.basis(poses)[:, None, :]))
 
 
-def knots_of(values: Array) -> Array | None:
-    """Knots over what a variable takes, None where it does not vary."""
-    distinct = np.unique(np.round(values / max(np.abs(values).max(initial=0.0), _SAME), 9))
-    if len(distinct) < 2:
-        return None
-    low, high = float(values.min()), float(values.max())
-    if len(distinct) <= 3:
-        return np.unique(values)[[0, -1]] if len(distinct) == 2 else np.linspace(low, high, 3)
-    return np.linspace(low, high, min(_KNOTS, len(distinct)))
+@dataclass(frozen=True, eq=False)
+class RangeCurve(Curve, ReadingEffect):
+    """Distances from the station that are read wrong."""
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        return ("um",)
+
+    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
+        del poses  # the point says it all
+        away = np.linalg.norm(points, axis=-1)
+        along = points / np.maximum(away, 1e-9)[..., None]
+        own = along[..., None] * self.function.at(away)[..., None, :]
+        read = points + (own @ values[..., None, None, :, None])[..., 0]
+        # Its slope is the error over the range, parts in a million: none for the search.
+        return read, np.broadcast_to(np.eye(3), (*points.shape, 3)), own
 
 
-def curves(context: Context, state: State) -> Iterator[Curve]:
-    """Every place with every variable that varies in the data."""
-    robot, poses = context.robot, state.poses
-    shared = [Angle(k, f"q:{joint}") for k, joint in enumerate(robot.joints)]
-    common: list[Variable] = []
+def curves(context: Context, poses: Poses, ranges: Array) -> Iterator[Curve]:
+    """Every place with every variable that varies in the data.
+
+    ranges : ndarray, m, distances of the points from their stations
+    """
+    robot, statics = context.robot, Statics(context.robot, context.payload, context.gravity)
+    angles = [Angle(f"q:{joint}", k) for k, joint in enumerate(robot.joints)]
+    common: list[PoseVariable] = []
     if poses.time is not None:
-        common.append(Covariate("time", None, "time"))
+        common.append(Covariate("time", "time"))
     if poses.temperature is not None:
-        common.append(Covariate("temperature", None, "temperature"))
-    for joint in robot.joints:
-        k = joint_index(context, joint)
+        common.append(Covariate("temperature", "temperature"))
+    deviation = np.std(poses.q, axis=0)
+    spread = tuple(np.where(deviation > 0.0, deviation, 1.0).tolist())
+    for k, joint in enumerate(robot.joints):
         axis = along_axis(robot, k)
-        variables = [*shared, *common, Torque(k + 1, axis), *_moves(poses, k, joint)]
-        yield from _placed(joint, k + 1, axis[:, None], variables, state)
+        moved: list[PoseVariable] = [*angles, *common, Torque("load", statics, k + 1, axis)]
+        moved += _moves(poses, k, joint)
+        yield from _twists(joint, k + 1, axis[:, None], moved, poses, _KNOTS)
+        posture = Posture(f"q:{joint}", spread)
+        around = neighbours(posture.at(poses))
+        if len(around.centres) > _KNOTS:
+            yield TwistCurve(joint, posture, around, k + 1, axis[:, None])
         across = _across(axis)
         if across is not None:
-            loads: list[Variable] = [Torque(k + 1, column) for column in across.T]
-            yield from _placed(joint, k + 1, across, [shared[k], *loads], state)
+            loads = [Torque("load", statics, k + 1, column) for column in across.T]
+            yield from _twists(joint, k + 1, across, [*angles, *loads], poses, _KNOTS_EACH)
     rigid = np.eye(6)
-    overturning: list[Variable] = [Torque(0, rigid[:, c]) for c in (3, 4)]
-    yield from _placed("base", 0, rigid, [*common, *overturning], state)
-    pulls: list[Variable] = [Torque(robot.tip_frame, rigid[:, c]) for c in range(6)]
-    yield from _placed("tool", robot.tip_frame, rigid, [*common, *pulls], state)
+    overturning = [Torque("load", statics, 0, rigid[:, c]) for c in (3, 4)]
+    yield from _twists("base", 0, rigid, [*common, *overturning], poses, _KNOTS_EACH)
+    pulls = [Torque("load", statics, robot.tip_frame, rigid[:, c]) for c in range(6)]
+    yield from _twists("tool", robot.tip_frame, rigid, [*common, *pulls], poses, _KNOTS_EACH)
+    for name in context.marker_names:
+        for variable in (*common, Pull("load", statics)):
+            line = polyline(variable.at(poses), _KNOTS_EACH)
+            if line is not None:
+                yield MarkerCurve(f"marker:{name}", variable, line)
+    line = polyline(ranges, _KNOTS)
+    if line is not None:
+        yield RangeCurve("instrument", Variable("range"), line)
 
 
-def _moves(poses: object, k: int, joint: str) -> list[Variable]:
-    found: list[Variable] = []
-    if getattr(poses, "approach", None) is not None:
-        found.append(Covariate("approach", k, f"approach:{joint}"))
-    if getattr(poses, "motion", None) is not None:
-        found.append(Covariate("motion", k, f"motion:{joint}"))
+def _moves(poses: Poses, k: int, joint: str) -> list[PoseVariable]:
+    found: list[PoseVariable] = []
+    if poses.approach is not None:
+        found.append(Covariate(f"approach:{joint}", "approach", k))
+    if poses.motion is not None:
+        found.append(Covariate(f"motion:{joint}", "motion", k))
     return found
 
 
@@ -171,10 +200,15 @@ def _across(axis: Array) -> Array | None:
     return np.concatenate([np.zeros((3, 2)), Vt[1:].T])
 
 
-def _placed(
-    where: str, frame: int, directions: Array, variables: list[Variable], state: State
-) -> Iterator[Curve]:
+def _twists(
+    where: str,
+    frame: int,
+    directions: Array,
+    variables: Sequence[PoseVariable],
+    poses: Poses,
+    most: int,
+) -> Iterator[TwistCurve]:
     for variable in variables:
-        knots = knots_of(variable.at(state))
-        if knots is not None:
-            yield Curve(where, frame, directions, variable, knots)
+        line = polyline(variable.at(poses), most)
+        if line is not None:
+            yield TwistCurve(where, variable, line, frame, directions)

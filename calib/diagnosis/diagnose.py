@@ -8,18 +8,19 @@ import numpy as np
 
 from calib.build import build
 from calib.cell import Cell
-from calib.covariance import covariance
+from calib.covariance import determined
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.contest import ALPHA, Outcome, contest
-from calib.diagnosis.gap import Gap, gap_of, squared_errors
+from calib.diagnosis.gap import Gap, gap_of, share_of
 from calib.diagnosis.power import smallest_detectable
-from calib.diagnosis.stage import Fit, Stage, positions
+from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, VerdictName, classes, verdict
+from calib.effects.protocol import Effect
 from calib.identify.estimators import Mask
 from calib.identify.identify import check_counts, whitening
 from calib.identify.initial import initial_values
 from calib.identify.noise_level import NoiseLevel, noise_level, replicate_spread
-from calib.identify.outliers import judge, pose_statistics, threshold
+from calib.identify.outliers import judge, threshold
 from calib.moves import in_one_session
 from calib.poses import Measurements
 from calib.se3 import Array
@@ -34,7 +35,8 @@ _MOST_PASSES = 3  # contests, while outliers are judged anew
 class Cause:
     """An effect of the catalogue that was found.
 
-    values, std : ndarray, shape (k,), SI; p : float, over all that was asked
+    values, std : ndarray, shape (k,), SI, std NaN where the data do not determine the value
+    p : float, over all that was asked
     share : float, of the gap, NaN where there is none
     """
 
@@ -111,8 +113,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     factor = _replicate_factor(data, weights)
     none = np.zeros(len(data), dtype=bool)
     stage = Stage(data, model, start, weights / factor, none)
-    state = model.state(stage.fit(()).values, data.poses)
-    suspects, missing = candidates(cell, model, state)
+    suspects, missing = candidates(cell, model, data)
     outcome = contest(stage, suspects)
     statistic, limit = np.zeros(len(data)), np.inf
     for _ in range(_MOST_PASSES):
@@ -125,13 +126,16 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     noise = _noise(stage, after, factor)
     left = _something_left(stage, outcome)
     floor = float(np.sqrt(3.0)) * noise.sigma
-    causes = tuple(_cause(stage, outcome, n, after, noise, len(suspects), heldout) for n in named)
+    causes = tuple(_cause(stage, outcome, n, after, noise, len(suspects)) for n in named)
+    located = _located(stage, outcome, causes, after, noise.sigma)
+    by_time = any(place.depends_on in ("time", "temperature") for place in located)
+    kept = data.take(~stage.dropped)
     return Diagnosis(
         verdict=verdict(named, outcome, left),
         noise=noise,
         causes=causes,
-        located=_located(stage, outcome, causes, after, heldout, floor),
-        gap=gap_of(outcome.before, after, data.take(~stage.dropped), heldout, floor),
+        located=located,
+        gap=gap_of(outcome.before, after, kept, heldout, floor, by_time),
         hidden=_hidden(outcome, suspects),
         not_asked=tuple(missing),
         data=data,
@@ -160,12 +164,8 @@ def _replicate_factor(data: Measurements, weights: Array) -> float:
 
 def _outliers(stage: Stage, outcome: Outcome) -> tuple[Mask, Array, float]:
     """Poses that the model with all its effects does not explain."""
-    whole = np.ones(len(stage.data))
-    fit = outcome.fit
-    everything = replace(stage, dropped=np.zeros(len(whole), dtype=bool))
-    r, J = everything.observation(fit.model, whole).linearise(fit.values)
-    statistic, _ = pose_statistics(r, J, ~stage.dropped, fit.span)
-    limit = threshold(statistic, r.shape[-1])
+    statistic = stage.statistics(outcome.fit)
+    limit = threshold(statistic, outcome.fit.r.shape[-1])
     return judge(statistic, limit), statistic, limit
 
 
@@ -198,51 +198,30 @@ def _cause(
     after: Fit,
     noise: NoiseLevel,
     asked: int,
-    heldout: Measurements | None,
 ) -> Cause:
     effect = named.candidate.effect
-    own = positions(after.model, effect)
-    cov = covariance(after.J.reshape(-1, after.J.shape[-1]), after.span)
+    own, cov = after.positions(effect), after.covariance
     scale = noise.factor if noise.source == "residual" else 1.0
-    share = _share(
-        stage, after, named.candidate, heldout, float(np.sqrt(3.0)) * noise.sigma, outcome
-    )
+    share = _share(stage, outcome, after, noise.sigma, effect)
     p = min(1.0, named.entry.score.p * asked)
-    return Cause(named, after.values[own], scale * np.sqrt(np.diag(cov)[own]), p, share)
+    std = np.where(determined(after.span), scale * np.sqrt(np.diag(cov)), np.nan)
+    return Cause(named, after.values[own], std[own], p, share)
 
 
-def _share(
-    stage: Stage,
-    after: Fit,
-    candidate: Candidate,
-    heldout: Measurements | None,
-    floor: float,
-    outcome: Outcome,
-) -> float:
-    """Rise of the squared error when one effect is taken out again, over the gap."""
-    data = stage.data.take(~stage.dropped) if heldout is None else heldout
-    rest = [e for e in after.model.effects[len(stage.model.effects) :] if e is not candidate.effect]
-    without = squared_errors(stage.fit(rest), data)
-    with_it, before = squared_errors(after, data), squared_errors(outcome.before, data)
-    whole = float(np.nanmean(before)) - floor**2
-    return (
-        (float(np.nanmean(without)) - float(np.nanmean(with_it))) / whole if whole > 0 else np.nan
-    )
+def _share(stage: Stage, outcome: Outcome, after: Fit, sigma: float, effect: Effect) -> float:
+    rest = [e for e in after.model.effects[len(stage.model.effects) :] if e is not effect]
+    without = stage.fit(rest) if rest else outcome.before
+    return share_of(without, after, outcome.before, stage.data.take(~stage.dropped), sigma)
 
 
 def _located(
-    stage: Stage,
-    outcome: Outcome,
-    causes: tuple[Cause, ...],
-    after: Fit,
-    heldout: Measurements | None,
-    floor: float,
+    stage: Stage, outcome: Outcome, causes: tuple[Cause, ...], after: Fit, sigma: float
 ) -> tuple[Place, ...]:
     """Places of all that was found, largest share first."""
     found = [Place(c.named.candidate.where, c.named.candidate.depends_on, c.share) for c in causes]
     for entry in outcome.entries:
         if not entry.candidate.named:
-            share = _share(stage, after, entry.candidate, heldout, floor, outcome)
+            share = _share(stage, outcome, after, sigma, entry.candidate.effect)
             found.append(Place(entry.candidate.where, entry.candidate.depends_on, share))
     return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.diagnosis.stage import Fit
-from calib.poses import Measurements
+from calib.poses import IntArray, Measurements, Poses
 from calib.se3 import Array
 
 _DRAWS = 2000
@@ -18,7 +18,7 @@ class Gap:
     """3-D root mean squares per point, m; None where nothing was held out.
 
     closed : share of the gap that is gone on held-out poses, None where there was none
-    closed_ci95 : bootstrap over configurations
+    closed_ci95 : bootstrap over configurations, or over blocks of time where effects of time were found
     """
 
     floor: float
@@ -41,16 +41,39 @@ def rms(squared: Array) -> float:
     return float(np.sqrt(np.nanmean(squared)))
 
 
+def share_of(without: Fit, after: Fit, before: Fit, data: Measurements, sigma: float) -> float:
+    """Rise of the mean squared error when a cause is taken out, over the gap; NaN where there is none.
+
+    On the fitted poses, where nothing rises by chance; the floor there is what the noise leaves beside
+    the estimated parameters.
+    """
+    with_it, taken, first = (
+        float(np.nansum(squared_errors(f, data))) for f in (after, without, before)
+    )
+    left = 3 * int(data.seen.sum()) - after.span.shape[1]
+    whole = first - max(left, 0) * sigma**2
+    return (taken - with_it) / whole if whole > 0.0 else np.nan
+
+
 def gap_of(
-    before: Fit, after: Fit, data: Measurements, heldout: Measurements | None, floor: float
+    before: Fit,
+    after: Fit,
+    data: Measurements,
+    heldout: Measurements | None,
+    floor: float,
+    by_time: bool = False,
 ) -> Gap:
-    """Both models on both sets; the choice of effects never saw the held-out points."""
+    """Both models on both sets; the choice of effects never saw the held-out points.
+
+    by_time : whether readings close in time err together, so that the interval rests on blocks of time
+    """
     fitted = rms(squared_errors(before, data)), rms(squared_errors(after, data))
     if heldout is None:
         return Gap(floor, *fitted, None, None, None, None)
     first, second = (squared_errors(fit, heldout) for fit in (before, after))
     closed = share_closed(first, second, floor)
-    interval = None if closed is None else _interval(first, second, floor, heldout)
+    group = _blocks(heldout.poses) if by_time else heldout.poses.configuration
+    interval = None if closed is None else _interval(first, second, floor, group)
     return Gap(floor, *fitted, rms(first), rms(second), closed, interval)
 
 
@@ -60,11 +83,19 @@ def share_closed(before: Array, after: Array, floor: float) -> float | None:
     return (first - second) / (first - floor**2) if first > floor**2 else None
 
 
+def _blocks(poses: Poses) -> IntArray:
+    """Numbers (m,) of about sqrt(m) blocks of consecutive readings, equal in size."""
+    order = np.argsort(poses.elapsed, kind="stable")
+    count = max(2, round(len(poses) ** 0.5))
+    block = np.empty(len(poses), dtype=int)
+    block[order] = np.arange(len(poses)) * count // len(poses)
+    return block
+
+
 def _interval(
-    before: Array, after: Array, floor: float, heldout: Measurements
+    before: Array, after: Array, floor: float, group: IntArray
 ) -> tuple[float, float] | None:
-    """95 % interval, configurations drawn whole and alike for both models."""
-    group = heldout.poses.configuration
+    """95 % interval, groups of poses drawn whole and alike for both models."""
     count = int(group.max()) + 1
     points = np.bincount(group, np.isfinite(before).sum(axis=1), count)
     first, second = (np.bincount(group, np.nansum(s, axis=1), count) for s in (before, after))

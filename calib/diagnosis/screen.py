@@ -17,7 +17,10 @@ from calib.se3 import Array
 
 VISIBLE = 1e-3
 """Share of a column's length that must be left beside the modelled ones for it to count."""
+CURVE_PRICE = float(2.0 * np.log(10.0))
+"""Of having no name."""
 _DEPENDENT = 1e-8
+_AMPLITUDES = 24
 _AGREES = 0.01  # probability below which the residual refutes the stated noise
 
 
@@ -27,12 +30,13 @@ class Field:
 
     X : ndarray, shape (N, K); r : ndarray, shape (N,), in standard deviations
     lengths : ndarray, shape (K,), of the columns before the projection
-    dof : int, degrees of freedom of r
+    rows : int, that count; dof : int, degrees of freedom of r
     """
 
     X: Array
     r: Array
     lengths: Array
+    rows: int
     dof: int
 
     @property
@@ -76,40 +80,82 @@ def field(N: Array, X: Array, r: Array) -> Field:
     # Twice is enough: what is left after one projection carries the rounding of the first.
     X, r = X - Q @ (Q.T @ X), r - Q @ (Q.T @ r)
     X, r = X - Q @ (Q.T @ X), r - Q @ (Q.T @ r)
-    return Field(X, r, lengths, rows - Q.shape[1])
+    return Field(X, r, lengths, rows, rows - Q.shape[1])
 
 
 @dataclass(frozen=True)
 class Score:
     """What one candidate would explain.
 
-    fall : float, by which the sum of squares would fall; directions : int
-    evidence : float, fall of -2 log likelihood: ``fall`` where the noise is believed, else
-        ``dof log(cost / (cost - fall))``
+    fall : float, by which the sum of squares would fall
+    evidence : float, fall of -2 log likelihood; for a curve of the marginal one
+    price : float, of its free directions (Schwarz 1978); a curve has paid for them in the evidence
     p : float, probability of as much by chance
     """
 
     fall: float
-    directions: int
     evidence: float
+    price: float
     p: float
 
+    @property
+    def gain(self) -> float:
+        """Evidence less its price."""
+        return self.evidence - self.price
 
-NOTHING = Score(0.0, 0, 0.0, 1.0)
+
+NOTHING = Score(0.0, 0.0, 0.0, 1.0)
 
 
-def score(field: Field, columns: IntArray) -> Score:
-    """Score of a candidate with these columns."""
+def score(field: Field, columns: IntArray, spread: Array | None = None) -> Score:
+    """Score of a candidate with these columns.
+
+    spread : ndarray, shape (k, k), covariance of a curve's coefficients a priori
+    """
+    return _named(field, columns) if spread is None else _curve(field, columns, spread)
+
+
+def _named(field: Field, columns: IntArray) -> Score:
+    """Score test: chi-square where the noise is believed, F where the residual refutes it."""
     from scipy.special import chdtrc, fdtrc
 
     U = field.basis(columns)
     k = U.shape[1]
     if k == 0:
         return NOTHING
+    price = k * float(np.log(field.rows))
     fall = float(((U.T @ field.r) ** 2).sum())
     left = field.dof - k
     if not field.noise_refuted or left <= 0:
-        return Score(fall, k, fall, float(chdtrc(k, fall)))
+        return Score(fall, fall, price, float(chdtrc(k, fall)))
     rest = max(field.cost - fall, 1e-300)
     evidence = field.dof * float(np.log(field.cost / rest))
-    return Score(fall, k, evidence, float(fdtrc(k, left, fall / k / (rest / left))))
+    return Score(fall, evidence, price, float(fdtrc(k, left, fall / k / (rest / left))))
+
+
+def _curve(field: Field, columns: IntArray, spread: Array) -> Score:
+    """Marginal likelihood of normal coefficients, at the amplitude that the data prefer.
+
+    With the eigenvalues d of ``X C X^T``, z the residual along its vectors and t the squared amplitude,
+    -2 log likelihood falls by ``sum(w z^2) - sum(log(1 + t d))``, ``w = t d / (1 + t d)``. Being a
+    ratio of likelihoods, e comes by chance at most once in ``exp(e / 2)`` times (Markov).
+    """
+    half = np.linalg.cholesky(spread + 1e-9 * np.eye(len(spread)))
+    X = field.X[:, columns] @ half
+    d, vectors = np.linalg.eigh(X.T @ X)
+    seen = d > VISIBLE**2 * float((field.lengths[columns] ** 2).max(initial=0.0))
+    if not seen.any():
+        return NOTHING
+    d, vectors = d[seen], vectors[:, seen]
+    z = (vectors.T @ (X.T @ field.r)) / np.sqrt(d)
+    t = np.geomspace(0.1, 1e6, _AMPLITUDES)[:, None] / d.max()
+    falls = (z**2 * t * d / (1.0 + t * d)).sum(axis=1)
+    price = np.log1p(t * d).sum(axis=1)
+    evidence = falls - price
+    if field.noise_refuted:
+        evidence = field.dof * np.log(field.cost / np.maximum(field.cost - falls, 1e-300)) - price
+    best = int(np.argmax(evidence))
+    e = float(evidence[best])
+    if e <= 0.0:
+        return NOTHING
+    return Score(float(falls[best]), e, CURVE_PRICE, float(np.exp(-0.5 * e)))

@@ -1,18 +1,18 @@
-"""Fits of the model with effects added, and the view of all candidates from a fit."""
+"""Fits of the model with effects added."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.screen import Field, field
+from calib.covariance import covariance
+from calib.diagnosis.prior import curves_in, prior_rows, updated, weak
 from calib.effects.protocol import Effect
 from calib.identify.estimators import choose_directions
-from calib.identify.outliers import pose_statistics
+from calib.identify.outliers import fit_statistics
 from calib.identify.solver import levenberg_marquardt
 from calib.model import Model
 from calib.observations import Points
@@ -21,6 +21,7 @@ from calib.se3 import Array
 
 _HUBER = 2.0  # median lengths of a pose's residual beyond which it counts less
 _ROUNDS = 4
+_SETTLED = 1e-2
 _MOST_ITERATIONS = 20  # a model that needs more does not describe the arm
 
 
@@ -30,6 +31,7 @@ class Fit:
 
     model : Model; values : ndarray, shape (p,); span : ndarray, shape (p, k)
     weight : ndarray, shape (m,), of each pose, one where it counts in full
+    amplitudes : tuple of float, of the curves' coefficients a priori
     r : ndarray, shape (m, rows), J : ndarray, shape (m, rows, p), whitened and weighted
     """
 
@@ -37,9 +39,26 @@ class Fit:
     values: Array
     span: Array
     weight: Array
+    amplitudes: tuple[float, ...]
     r: Array
     J: Array
     converged: bool
+
+    @property
+    def equations(self) -> tuple[Array, Array]:
+        """Residuals (N,) and derivatives (N, p), the rows of the curves' prior last."""
+        prior = prior_rows(self.model, self.amplitudes)
+        J = np.concatenate([self.J.reshape(-1, self.J.shape[-1]), prior])
+        return np.concatenate([self.r.ravel(), -prior @ self.values]), J
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the values, shape (p, p), the noise as stated."""
+        return covariance(self.equations[1], self.span)
+
+    def positions(self, effect: Effect) -> IntArray:
+        """Where an effect's parameters stand in the values."""
+        return positions(self.model, effect)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,77 +83,70 @@ class Stage:
         return Points(model, self.data, weights)
 
     def fit(self, effects: Sequence[Effect]) -> Fit:
-        """Fit from the nominal values: a fit without the effects may have wandered."""
-        model = self.model.with_effects((*self.model.effects, *effects))
-        start = np.concatenate([self.start, np.zeros(len(model.parameters) - len(self.start))])
-        weight = np.ones(len(self.data))
-        span = self._span(model, start, weight)
-        for _ in range(_ROUNDS if self.robust else 1):
-            observation = self.observation(model, weight)
-            found = levenberg_marquardt(observation.flat, start, span, _MOST_ITERATIONS)
-            start = found.values
-            if not self.robust:
-                break
-            fresh = self._robust_weight(model, found.values, span)
-            if np.abs(fresh - weight).max() < 1e-2:
-                break
-            weight = fresh
-        r, J = self.observation(model, weight).linearise(found.values)
-        return Fit(model, found.values, span, weight, r, J, bool(found.converged))
+        """Fit from the nominal values: a fit without the effects may have wandered.
 
-    def _span(self, model: Model, start: Array, weight: Array) -> Array:
-        observation = self.observation(model, weight)
-        return np.eye(len(start))[:, choose_directions(observation, start).kept]
-
-    def _robust_weight(self, model: Model, values: Array, span: Array) -> Array:
-        r, J = self.observation(model, np.ones(len(self.data))).linearise(values)
-        statistic, _ = pose_statistics(r, J, ~self.dropped, span)
-        length = np.sqrt(statistic)
-        typical = float(np.median(length[~self.dropped]))
-        return np.asarray(np.minimum(1.0, _HUBER * typical / np.maximum(length, 1e-12)))
-
-
-@dataclass(frozen=True, eq=False)
-class View:
-    """All candidates as seen from a fit.
-
-    fit : Fit; columns : ndarray, shape (rows, K), whitened derivatives of every candidate
-    where : dict, candidate -> ndarray of int, its columns
-    """
-
-    fit: Fit
-    columns: Array
-    where: dict[str, IntArray]
-
-    def beside(self, without: Candidate | None = None) -> Field:
-        """Candidates and residual with all that is modelled projected out.
-
-        without : one of the fitted effects, which then counts as a candidate like the others
+        Weights of poses and amplitudes of curves follow from the fit, and it from them.
         """
-        fit = self.fit
-        N, r = fit.J.reshape(-1, fit.J.shape[-1]) @ fit.span, fit.r.ravel()
-        if without is not None:
-            own = positions(fit.model, without.effect)
-            # The residual as it would be without the effect, to first order.
-            r = r + fit.J.reshape(len(r), -1)[:, own] @ fit.values[own]
-            N = N[:, np.abs(fit.span[own]).sum(axis=0) == 0.0]
-        return field(N, self.columns, r)
+        model = self.model.with_effects((*self.model.effects, *effects))
+        values = np.concatenate([self.start, np.zeros(len(model.parameters) - len(self.start))])
+        weight = np.ones(len(self.data))
+        span = self._span(self.observation(model, weight), values)
+        fit = self._fitted(model, values, span, weight, weak(model))
+        for _ in range(_ROUNDS):
+            fresh = self._robust_weight(fit), _amplitudes_of(fit)
+            if _same(fresh[0], fit.weight) and _same(fresh[1], fit.amplitudes):
+                break
+            fit = self._fitted(model, fit.values, span, *fresh)
+        return fit
+
+    def _fitted(
+        self, model: Model, start: Array, span: Array, weight: Array, amplitudes: tuple[float, ...]
+    ) -> Fit:
+        observation, prior = self.observation(model, weight), prior_rows(model, amplitudes)
+
+        def linearise(values: Array) -> tuple[Array, Array]:
+            r, J = observation.flat(values)
+            return np.concatenate([r, -prior @ values]), np.concatenate([J, prior])
+
+        found = levenberg_marquardt(linearise, start, span, _MOST_ITERATIONS)
+        r, J = observation.linearise(found.values)
+        return Fit(
+            model, found.values, span, weight, amplitudes, r, J, bool(found.converged)
+        )  # fmt: skip
+
+    def _span(self, observation: Points, start: Array) -> Array:
+        """What the data determine, and all coefficients of curves: their prior determines them."""
+        curved = np.zeros(len(start), dtype=bool)
+        for _, part in curves_in(observation.model):
+            curved[part] = True
+        plain = np.eye(len(start))[:, ~curved]
+        kept = choose_directions(observation, start, plain).kept
+        return np.concatenate([plain[:, kept], np.eye(len(start))[:, curved]], axis=1)
+
+    def statistics(self, fit: Fit) -> Array:
+        """Mean square of every pose's residual over its predicted variance, in full weight, (m,)."""
+        everything = replace(self, dropped=np.zeros(len(self.data), dtype=bool))
+        r, J = everything.observation(fit.model, np.ones(len(self.data))).linearise(fit.values)
+        full = replace(fit, r=r[~self.dropped], J=J[~self.dropped])
+        return fit_statistics(r, J, ~self.dropped, full.covariance)[0]
+
+    def _robust_weight(self, fit: Fit) -> Array:
+        full = np.ones(len(self.data))
+        if not self.robust:
+            return full
+        length = np.sqrt(self.statistics(fit))
+        typical = float(np.median(length[~self.dropped]))
+        return np.asarray(np.minimum(full, _HUBER * typical / np.maximum(length, 1e-12)))
 
 
-def view(stage: Stage, fit: Fit, suspects: Sequence[Candidate]) -> View:
-    """Linearise every candidate at a fit; those that are in it stand where they are."""
-    model = fit.model
-    fitted = {id(e) for e in model.effects}
-    extra = [c.effect for c in suspects if id(c.effect) not in fitted]
-    whole = model.with_effects((*model.effects, *extra))
-    values = np.concatenate([fit.values, np.zeros(len(whole.parameters) - len(fit.values))])
-    _, J = whole.jacobian(values, stage.data.poses)
-    rows = stage.observation(whole, fit.weight).rows(J)
-    columns = rows.reshape(-1, rows.shape[-1])
-    at = [positions(whole, c.effect) for c in suspects]
-    ends = np.cumsum([0, *map(len, at)])
-    where = {c.key: np.arange(a, b) for c, a, b in zip(suspects, ends, ends[1:], strict=False)}
-    return View(fit, columns[:, np.concatenate(at)], where)
+def _amplitudes_of(fit: Fit) -> tuple[float, ...]:
+    if not fit.amplitudes:
+        return ()
+    return updated(fit.model, fit.amplitudes, fit.values, fit.covariance)
+
+
+def _same(a: Array | tuple[float, ...], b: Array | tuple[float, ...]) -> bool:
+    return np.allclose(a, b, rtol=_SETTLED, atol=0.0)
 
 
 def positions(model: Model, effect: Effect) -> IntArray:

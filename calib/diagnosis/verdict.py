@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.candidates import Candidate, as_fitted
 from calib.diagnosis.contest import Entry, Outcome
 from calib.diagnosis.stage import Fit, Stage
+from calib.poses import Poses
 
 VerdictName = Literal["no_gap", "explained", "ambiguous", "unknown"]
 
@@ -62,7 +63,13 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
         chosen[position] = rivals[0]
         fit = fits[rivals[0].key]
         found.append(Named(entry, _members(rivals, prices)))
-    return tuple(found), fit
+    return tuple(_as_fitted(named, fit, stage.data.poses) for named in found), fit
+
+
+def _as_fitted(named: Named, fit: Fit, poses: Poses) -> Named:
+    first, probability = named.members[0]
+    first = as_fitted(first, fit.values[fit.positions(first.effect)], poses)
+    return replace(named, members=((first, probability), *named.members[1:]))
 
 
 def _with(stage: Stage, chosen: Sequence[Candidate], position: int, other: Candidate) -> Fit:

@@ -1,6 +1,6 @@
 """What an effect is: anything that moves a marker, linear in its parameters where it acts.
 
-An effect acts in one of five ways on the paper's product ``T_base T_robot T_tool`` (equation 6):
+An effect acts in one of six ways on the paper's product ``T_base T_robot T_tool`` (equation 6):
 
 - :class:`TwistEffect`: displaces frames of the arm by ``xi = basis @ parameters``. A
   :class:`Constant` one does so alike at every pose, a :class:`PoseEffect` by what is known of the pose
@@ -9,6 +9,7 @@ An effect acts in one of five ways on the paper's product ``T_base T_robot T_too
   transmits, ``xi = K(parameters) w`` (equation 2 with the terms of k_theta it stands for);
 - :class:`LoadEffect`: adds to the wrench that frames transmit, and so moves what is elastic: a
   :class:`SpringEffect` beside a joint, or a :class:`WeightEffect` by what hangs on the arm;
+- :class:`MarkerEffect`: displaces one marker in the tip frame;
 - :class:`~calib.effects.base.Base` and :class:`~calib.effects.tool.Tool`: the outer factors;
 - :class:`ReadingEffect`: the instrument reads a point elsewhere than it is.
 
@@ -19,7 +20,7 @@ A new cause of error is one file with one such class and one entry in ``calib.ef
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Self, TypeAlias
 
@@ -233,6 +234,19 @@ class WeightEffect(LoadEffect):
     @abstractmethod
     def changes(self, poses: Poses, loads: Loads) -> tuple[Loads, ...]:
         """D loads / d parameter, one each, from the loads as given."""
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerEffect(Effect):
+    """Displaces one marker, ``where``, by what is known of the pose."""
+
+    @abstractmethod
+    def offsets(self, poses: Poses) -> Array:
+        """D position / d parameter in the tip frame, shape (m, 3, p)."""
+
+    def marker(self, names: Sequence[str]) -> int:
+        """Position of the marker among those of the cell."""
+        return list(names).index(self.where.removeprefix("marker:"))
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ def diagnosis_fields(result: Diagnosis) -> dict[str, Any]:
             {
                 "where": place.where,
                 "depends_on": place.depends_on,
-                "share_of_gap": place.share,
+                "share_of_gap": _known(place.share),
             }
             for place in result.located
         ],
@@ -60,20 +60,28 @@ def _cause(cause: Cause) -> dict[str, Any]:
     return {
         "effect": candidate.effect.kind,
         "where": candidate.where,
-        "probability": cause.named.probability,
+        "probability": _known(cause.named.probability),
         "p_value": cause.p,
         "class": [
-            {"effect": member.effect.kind, "where": member.where, "probability": probability}
+            {
+                "effect": member.effect.kind,
+                "where": member.where,
+                "probability": _known(probability),
+            }
             for member, probability in cause.named.members
         ],
         "parameters": [
-            {"name": p.name, "value": value / p.scale, "std": std / p.scale, "unit": p.unit}
+            {"name": p.name, "value": value / p.scale, "std": _known(std / p.scale), "unit": p.unit}
             for p, value, std in zip(
                 candidate.effect.parameters, cause.values, cause.std, strict=True
             )
         ],
-        "share_of_gap": cause.share,
+        "share_of_gap": _known(cause.share),
     }
+
+
+def _known(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
 
 
 def _hidden(entry: Hidden) -> dict[str, Any]:

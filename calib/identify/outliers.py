@@ -33,7 +33,11 @@ def pose_statistics(
     kept : ndarray of bool, shape (m,), the poses that were fitted
     span : ndarray, shape (p, k), the directions that were estimated
     """
-    cov = covariance(J[kept].reshape(-1, J.shape[-1]), span)
+    return fit_statistics(r, J, kept, covariance(J[kept].reshape(-1, J.shape[-1]), span))
+
+
+def fit_statistics(r: Array, J: Array, kept: NDArray[np.bool_], cov: Array) -> tuple[Array, Array]:
+    """The same for a fit of the kept rows, and whatever else held it, with covariance (p, p)."""
     return _mean_squares(r, J, cov, np.where(kept, -1.0, 1.0))
 
 

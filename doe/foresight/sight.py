@@ -80,7 +80,7 @@ def sight_of(view: View, position: int) -> Sight:
     if not k:
         reason = _why_hidden(view, position)
         return Sight(candidate, 0, share, nowhere, nowhere, np.inf, np.inf, reason)
-    limit = entry_limit(k, view.rows, view.asked, ALPHA)
+    limit = entry_limit(k, view.field.rows, view.asked, ALPHA)
     needed = needed_beyond(limit, k)
     in_view = share > VISIBLE
     smallest = np.divide(np.sqrt(needed), lengths, out=nowhere.copy(), where=in_view)

@@ -58,11 +58,6 @@ class View:
     moved: Array
     assumed: bool
 
-    @property
-    def rows(self) -> int:
-        """Coordinates that are read."""
-        return 3 * int(self.data.seen.sum())
-
 
 def view_of(cell: Cell, plan: Plan, values: Array | None = None) -> View:
     """Linearise the model and every cause that it lacks at the readings of a plan.
@@ -90,7 +85,7 @@ def linearised(
     data = replace(data, points=points)
     along = beams(model, values, data.poses, points, cell.instrument)
     weights = cell.noise.whitening(along, data.sigma) * data.seen[..., None, None]
-    everything, missing = candidates(cell, model, model.state(values, data.poses))
+    everything, missing = candidates(cell, model, data)
     suspects = tuple(c for c in everything if c.named)
     whole = model.with_effects((*model.effects, *(c.effect for c in suspects)))
     start = np.concatenate([values, np.zeros(len(whole.parameters) - len(values))])

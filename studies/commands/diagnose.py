@@ -39,6 +39,13 @@ if TYPE_CHECKING:
     is_flag=True,
     help="DATA is a plan: say what could be found at its poses, before anything is measured.",
 )
+@click.option(
+    "--cell-out",
+    "cell_out",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Write the cell with the found effects in its model: the next run starts from there.",
+)
 @figures_option
 @json_option
 @seed_option
@@ -48,6 +55,7 @@ def diagnose(
     data_path: Path,
     holdout: str | None,
     plan_only: bool,
+    cell_out: Path | None,
     folder: Path | None,
     json_path: str | None,
     seed: int,
@@ -72,14 +80,17 @@ def diagnose(
 
     cell = calib.load_cell(cell_path)
     if plan_only:
-        if holdout is not None:
-            raise InputError("--holdout", "", "does not go with --plan-only", "give one of them")
+        for name, value in (("--holdout", holdout), ("--cell-out", cell_out)):
+            if value is not None:
+                raise InputError(name, "", "does not go with --plan-only", "give one of them")
         _foresee(cell, cell_path, data_path, folder, json_path, seed)
         return
     data = calib.load_measurements(cell, data_path)
     inputs = [cell_path, cell.urdf, data_path]
     data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
-    check_outputs([p for p in [output_file(json_path)] if p is not None], [*inputs, *extra])
+    outputs = [path for path in (output_file(json_path), cell_out) if path is not None]
+    targets = cell.design["targets"]
+    check_outputs(outputs, [*inputs, *extra, *([targets] if targets else [])])
     warn(data.warnings + (heldout.warnings if heldout is not None and extra else ()))
     try:
         result = diagnose_data(cell, data, heldout=heldout)
@@ -94,13 +105,23 @@ def diagnose(
         "holdout": holdout,
         **diagnosis_fields(result),
     }
-    texts = output_texts(json_path, fields)
+    texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
+    notes: list[str] = []
+    if cell_out is not None:
+        from studies.diagnose.cell_out import better_cell
+
+        texts[cell_out], notes = better_cell(cell, result, cell_out)
+    if folder is not None:
+        from studies.diagnose.pictures import pictures
+
+        texts |= figure_files(pictures(result), folder)
     write_files(texts)
     console = console_for(json_path)
     for part in diagnosis_tables(cell.name, fields):
         console.print(part)
-    for path in texts:
-        click.echo(f"wrote {path}", err=json_path == "-")
+    for note in notes:
+        console.print(note)
+    say_written(texts, folder, json_path)
 
 
 def _foresee(

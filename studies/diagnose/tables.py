@@ -2,91 +2,187 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from studies.diagnose.hidden import hidden_table
 from studies.tables import number, plain_table
 
-_WORDS = {
-    "no_gap": "no gap beyond noise",
-    "explained": "the gap is explained",
-    "ambiguous": "the gap is explained by one of several causes that these data cannot tell apart",
-    "unknown": "there is a gap whose cause is not in the catalogue",
+_MOST_PARAMETERS = 8  # of one cause; sag of a whole arm has fifty
+_MOST_OUTLIERS = 3  # that are worth a line each
+
+_SOURCES = {
+    "cell": "as the cell states",
+    "replicates": "from repeated readings; the cell states {:.4f}",
+    "residual": "from what is left; the cell states {:.4f}",
 }
-_MOST_HIDDEN = 12
 
 
 def diagnosis_tables(name: str, fields: dict[str, Any]) -> Iterator[RenderableType]:
-    """The verdict, the causes, the errors before and after, and what could not be seen."""
+    """The verdict, the errors before and after, the causes, the places, and what stayed unseen."""
     noise = fields["noise"]
-    yield Text(
-        f"{name}: {_WORDS[fields['verdict']]}\n"
-        f"noise      {noise['sigma_mm']:.4f} mm in each coordinate (stated "
-        f"{noise['believed_sigma_mm']:.4f}, from {noise['source']})"
-    )
-    if fields["effects"]:
-        yield Text("")
-        yield _causes(fields["effects"])
+    yield Text(f"{name}: {verdict_sentence(fields)}", style="bold")
+    source = _SOURCES[noise["source"]].format(noise["believed_sigma_mm"])
+    yield Text(f"noise {noise['sigma_mm']:.4f} mm in each coordinate, {source}\n")
+    yield _gap(fields["gap"])
+    for effect in fields["effects"]:
+        yield from _cause(effect)
     if fields["located"]:
         yield Text("")
-        yield _located(fields["located"])
-    yield Text("")
-    yield _gap(fields["gap"])
-    for entry in fields["outliers"]:
-        yield Text(f"outlier  {entry['pose']}: {entry['reason']}")
-    for entry in fields["not_asked"]:
-        yield Text(f"not asked  {entry['reason']}")
-    yield from _hidden(fields["could_not_see"])
+        yield _located(fields["located"], fields["effects"])
+    yield from _notes(fields)
+    yield from hidden_table(fields["could_not_see"])
 
 
-def _causes(effects: list[dict[str, Any]]) -> Table:
-    table = plain_table(
-        ("\ncause", "left"), ("\nparameter", "left"), ("\nvalue", "right"),
-        ("standard\ndeviation", "right"), ("\nunit", "left"), ("\nprobability", "right"),
-    )  # fmt: skip
-    for effect in effects:
-        head = f"{effect['effect']}:{effect['where']}"
-        shown = f"{effect['probability']:.2f}"
-        for p in effect["parameters"]:
-            table.add_row(head, p["name"], number(p["value"]), number(p["std"]), p["unit"], shown)
-            head = shown = ""
-        for other in effect["class"][1:]:
-            alike = f"  or {other['effect']}:{other['where']}"
-            table.add_row(alike, "", "", "", "", f"{other['probability']:.2f}")
-    return table
+def verdict_sentence(fields: dict[str, Any]) -> str:
+    """The verdict in words: what it is, or where it sits."""
+    causes = _listed([" or ".join(map(_name, e["class"] or [e])) for e in fields["effects"]])
+    verdict, places = fields["verdict"], fields["located"]
+    if verdict == "no_gap":
+        return "no gap beyond noise"
+    if verdict == "explained":
+        return f"the gap is explained by {causes}"
+    if verdict == "ambiguous":
+        return f"the gap is explained by {causes}; these data cannot tell which"
+    if fields["effects"]:
+        return f"the gap is more than {causes}; the rest has no cause in the catalogue"
+    if not places:
+        return "more is left than noise, and neither its place nor its cause was found"
+    first = places[0]
+    return (
+        f"a gap at {first['where']} that depends on {first['depends_on']}; "
+        "no cause in the catalogue does the same"
+    )
 
 
-def _located(places: list[dict[str, Any]]) -> Table:
-    table = plain_table(("where", "left"), ("depends on", "left"), ("share of the gap", "right"))
-    for place in places:
-        share = place["share_of_gap"]
-        table.add_row(
-            place["where"], place["depends_on"], "-" if share != share else f"{100.0 * share:.0f} %"
-        )
-    return table
+def _listed(parts: list[str]) -> str:
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+
+
+def _name(effect: dict[str, Any]) -> str:
+    return f"{effect['effect']}:{effect['where']}"
+
+
+def percent(share: float | None) -> str:
+    """A share as text, a dash where there is none."""
+    return "-" if share is None else f"{100.0 * share:.0f} %"
 
 
 def _gap(gap: dict[str, Any]) -> Table:
     table = plain_table(
-        ("RMS [mm]", "left"), ("before", "right"), ("after", "right"), ("floor", "right")
-    )
+        ("RMS [mm]", "left"), ("before", "right"), ("after", "right"), ("floor", "right"),
+        ("gap closed (95 % interval)", "left"),
+    )  # fmt: skip
     for label, key in (("fitted", "fit"), ("held out", "heldout")):
         before, after = gap[f"{key}_before_mm"], gap[f"{key}_after_mm"]
-        if before is not None:
-            table.add_row(label, f"{before:.4f}", f"{after:.4f}", f"{gap['floor_mm']:.4f}")
-    if gap["closed"] is not None and gap["closed_ci95"] is not None:
-        low, high = gap["closed_ci95"]
-        table.add_row(f"closed {100 * gap['closed']:.0f} % ({100 * low:.0f} to {100 * high:.0f})")
+        if before is None:
+            continue
+        closed = _closed(gap) if key == "heldout" else ""
+        table.add_row(label, *(f"{x:.4f}" for x in (before, after, gap["floor_mm"])), closed)
     return table
 
 
-def _hidden(entries: list[dict[str, Any]]) -> Iterator[RenderableType]:
-    unseen = [f"{e['effect']}:{e['where']}" for e in entries if e["minimum_detectable"] is None]
-    if unseen:
-        more = f" and {len(unseen) - _MOST_HIDDEN} more" if len(unseen) > _MOST_HIDDEN else ""
-        yield Text(f"\nnot visible at these poses: {', '.join(unseen[:_MOST_HIDDEN])}{more}")
-    yield Text("smallest sizes that would have been found: JSON, could_not_see")
+def _closed(gap: dict[str, Any]) -> str:
+    if gap["closed"] is None:
+        return "none was above the floor"
+    if gap["closed_ci95"] is None or gap["heldout_before_mm"] == gap["heldout_after_mm"]:
+        return percent(gap["closed"])
+    low, high = gap["closed_ci95"]
+    return f"{percent(gap['closed'])} ({100.0 * low:.0f} to {100.0 * high:.0f})"
+
+
+def _cause(effect: dict[str, Any]) -> Iterator[RenderableType]:
+    """A line of its own for the name, which may be long, and the parameters below it."""
+    yield Text(
+        f"\n{_name(effect)}, probability {_two_digits(effect['probability'])}, "
+        f"{percent(effect['share_of_gap'])} of the gap"
+    )
+    for other in effect["class"][1:]:
+        yield Text(f"  or {_name(other)}, probability {_two_digits(other['probability'])}")
+    known = [p for p in effect["parameters"] if p["std"] is not None]
+    unknown = [p["name"] for p in effect["parameters"] if p["std"] is None]
+    largest = sorted(known, key=lambda p: -_significance(p))[:_MOST_PARAMETERS]
+    table = plain_table(
+        ("  parameter", "left"), ("value", "right"), ("standard deviation", "right"), ("unit", "left")
+    )  # fmt: skip
+    for p in known:
+        if p in largest:
+            table.add_row(f"  {p['name']}", number(p["value"]), number(p["std"]), p["unit"])
+    if len(unknown) <= 2:
+        for name in unknown:
+            table.add_row(f"  {name}", "-", "not identified", "")
+    yield table
+    if len(known) > len(largest):
+        yield Text(f"  and {len(known) - len(largest)} that differ less from zero (JSON)")
+    if len(unknown) > 2:
+        yield Text(f"  not identified at these poses: {shortened(unknown, 4)}")
+
+
+def _two_digits(probability: float | None) -> str:
+    return "-" if probability is None else f"{probability:.2f}"
+
+
+def _significance(parameter: dict[str, Any]) -> float:
+    return abs(float(parameter["value"])) / float(parameter["std"] or np.inf)
+
+
+def shortened(names: Sequence[str], most: int) -> str:
+    """Names in a row, the last ones counted where they are many.
+
+    >>> shortened(["a", "b", "c"], 2), shortened(["a", "b"], 2)
+    ('a, b and 1 more', 'a, b')
+    """
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
+def _located(places: list[dict[str, Any]], effects: list[dict[str, Any]]) -> Table:
+    table = plain_table(
+        ("where", "left"), ("depends on", "left"), ("share of the gap", "right"), ("cause", "left")
+    )
+    for column in table.columns:
+        column.overflow = "fold"
+    left = list(effects)
+    for place in places:
+        own = next((e for e in left if _same_place(e, place)), None)
+        if own is not None:
+            left.remove(own)
+        table.add_row(
+            place["where"],
+            place["depends_on"],
+            percent(place["share_of_gap"]),
+            "unknown" if own is None else own["effect"],
+        )
+    return table
+
+
+def _same_place(effect: dict[str, Any], place: dict[str, Any]) -> bool:
+    return bool(
+        effect["where"] == place["where"] and effect["share_of_gap"] == place["share_of_gap"]
+    )
+
+
+def _notes(fields: dict[str, Any]) -> Iterator[Text]:
+    """Poses left out, and causes that the table has no columns for."""
+    outliers = fields["outliers"]
+    if outliers:
+        yield Text("")
+    if len(outliers) <= _MOST_OUTLIERS:
+        for entry in outliers:
+            yield Text(f"outlier {entry['pose']}: {entry['reason']}")
+    else:
+        poses = shortened([entry["pose"] for entry in outliers], 8)
+        yield Text(f"{len(outliers)} outliers left out: {poses}")
+    reasons: dict[str, list[str]] = {}
+    for entry in fields["not_asked"]:
+        reason = entry["reason"].removeprefix(f"{entry['effect']} cannot act: ")
+        reasons.setdefault(reason, []).append(entry["effect"].split(":")[0])
+    if reasons:
+        yield Text("")
+    for reason, kinds in reasons.items():
+        yield Text(f"not asked: {', '.join(dict.fromkeys(kinds))}; {reason}")

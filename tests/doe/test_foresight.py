@@ -147,7 +147,7 @@ def test_markers_out_of_sight_tell_nothing(cell: Cell, found: Foresight) -> None
     seen = found.view.data.seen.copy()
     seen[:, 1] = False
     part = foresee(cell, replace(found.view.data, seen=seen))
-    assert part.view.rows == 2 * found.view.rows // 3
+    assert part.view.field.rows == 2 * found.view.field.rows // 3
     whole = {s.key: s.smallest[s.lead] for s in found.seen}
     for sight in part.seen:
         assert sight.smallest[sight.lead] > 0.98 * whole[sight.key]

@@ -64,6 +64,7 @@ def test_measurements_are_read_without_their_points(data: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
+        ((DEMO / "plan.csv", "--cell-out", "x.toml"), "--cell-out: does not go with --plan-only"),
         ((DEMO / "plan.csv", "--holdout", "0.3"), "--holdout: does not go with --plan-only"),
         (("none.csv",), "none.csv: cannot be read"),
     ],

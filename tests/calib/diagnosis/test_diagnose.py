@@ -13,7 +13,6 @@ from click.testing import CliRunner
 import calib
 from calib import Cell, Measurements
 from calib.build import build
-from calib.diagnosis.curves import hat_functions
 from calib.moves import with_moves
 from calib.poses import poses_at
 from calib.simulate import simulate
@@ -181,14 +180,6 @@ def test_examples_with_known_answers(data: Path, tmp_path: Path) -> None:
             assert abs(p["value"] - 120.0) < 3.0 * p["std"]
             assert fields["located"][0]["depends_on"] == "approach:a5"
             assert fields["gap"]["heldout_after_mm"] < 1.1 * fields["gap"]["floor_mm"]
-
-
-def test_hat_functions_interpolate() -> None:
-    knots = np.array([-1.0, 0.0, 2.0])
-    values = np.array([-3.0, -0.5, 0.0, 1.0, 5.0])
-    hats = hat_functions(values, knots)
-    np.testing.assert_allclose(hats.sum(axis=1), 1.0)
-    np.testing.assert_allclose(hats @ knots, np.clip(values, -1.0, 2.0))
 
 
 def test_faults_end_in_one_line(tmp_path: Path) -> None:

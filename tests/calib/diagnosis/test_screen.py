@@ -19,7 +19,28 @@ def test_score_is_the_fall_of_the_sum_of_squares() -> None:
     alone = r - N @ np.linalg.lstsq(N, r, rcond=None)[0]
     together = r - both @ np.linalg.lstsq(both, r, rcond=None)[0]
     assert found.fall == pytest.approx(alone @ alone - together @ together)
-    assert found.directions == 5
+    assert found.price == pytest.approx(5 * np.log(300))
+
+
+def test_evidence_of_a_curve_is_a_ratio_of_marginal_likelihoods() -> None:
+    """Against the dense normal density of the projected residual, over a fine grid of amplitudes."""
+    spread = np.exp(-np.abs(np.subtract.outer(np.arange(5), np.arange(5))) / 2.0)
+    r = RNG.normal(size=300) + X @ (0.2 * np.linalg.cholesky(spread) @ RNG.normal(size=5))
+    view = field(N, X, r)
+    best = 0.0
+    for t in np.geomspace(1e-4, 10.0, 400):
+        cov = np.eye(300) + t * view.X @ spread @ view.X.T
+        _, logdet = np.linalg.slogdet(cov)
+        best = max(best, view.r @ view.r - view.r @ np.linalg.solve(cov, view.r) - logdet)
+    assert score(view, np.arange(5), spread).evidence == pytest.approx(best, rel=0.01)
+
+
+def test_a_curve_comes_by_chance_no_more_often_than_it_says() -> None:
+    spread = np.eye(5)
+    for sigma in (1.0, 2.0):
+        draws = (field(N, X, sigma * RNG.normal(size=300)) for _ in range(400))
+        p = np.array([score(view, np.arange(5), spread).p for view in draws])
+        assert np.mean(p < 0.2) <= 0.25
 
 
 def test_p_values_are_uniform_where_nothing_is_missing() -> None:
@@ -45,5 +66,6 @@ def test_an_effect_of_the_size_said_to_be_detectable_is_detected() -> None:
 def test_what_the_model_contains_is_invisible() -> None:
     inside = N @ RNG.normal(size=(8, 2))
     view = field(N, inside, RNG.normal(size=300))
-    assert score(view, np.arange(2)).directions == 0
+    assert score(view, np.arange(2)).fall == 0.0
+    assert score(view, np.arange(2), np.eye(2)).fall == 0.0
     assert smallest_detectable(view, 0, 0.01) == np.inf

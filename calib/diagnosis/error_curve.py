@@ -1,0 +1,286 @@
+"""The error of a place as a curve: by how much it is off, over what that depends on.
+
+A line through a few knots is fitted in place of the effect that was found, without a penalty. Where
+both agree, the effect has the right shape. Part of a line may be known to nobody: a constant error of a
+joint is an error of geometry as well. What the other modelled effects can absorb is taken out of the
+line and of the effect alike, each coefficient weighed as the data see it; what is left is compared.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple, Self
+
+import numpy as np
+
+from calib.covariance import covariance
+from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.diagnose import Diagnosis
+from calib.diagnosis.places import (
+    directions_of,
+    displacement_of,
+    frame_of,
+    load_of,
+    variable_of,
+)
+from calib.diagnosis.screen import field
+from calib.diagnosis.stage import positions
+from calib.effects.drive import error_unit
+from calib.effects.protocol import Context, Parameter, PoseEffect, Strand
+from calib.errors import EffectCannotAct
+from calib.identify.estimators import Mask, choose_directions
+from calib.identify.solver import levenberg_marquardt
+from calib.model import Model
+from calib.poses import Poses
+from calib.se3 import Array
+
+_KNOTS = 8
+_ABSORBED = (
+    0.03  # share of a coefficient's length that the other effects leave, below which it goes
+)
+_STEPS = 10  # of the grid between two knots
+_FUNCTION = 0.05  # scatter, over size, of what still counts as a function of the variable
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorCurve:
+    """The error of a place in c directions, SI, less what the other effects absorb.
+
+    candidate : Candidate, that was found
+    directions : ndarray, shape (6, c), in the axes of the place's frame
+    load : ndarray, shape (6,), component of the wrench where that is the variable, else None
+    poses : Poses, the m of the data; variable : ndarray, shape (m,)
+    knots : ndarray, shape (K,); grid : ndarray, shape (g,), of the variable
+    value, std : ndarray, shape (g, c), the curve and its standard deviation on the grid
+    at_poses, std_at_poses : ndarray, shape (m, c), the same at the poses
+    single : ndarray, shape (m, c), what each pose says by itself (partial residuals); NaN where a pose
+        was left out or has too few points
+    effect : ndarray, shape (m, c), the effect that was found, at each pose
+    function : tuple of bool, for each direction, whether that depends on the variable alone
+    absorbed : int, combinations of coefficients that were taken out
+    converged : bool, whether the fit of the curve reached its minimum
+    """
+
+    candidate: Candidate
+    directions: Array
+    load: Array | None
+    poses: Poses
+    variable: Array
+    knots: Array
+    grid: Array
+    value: Array
+    std: Array
+    at_poses: Array
+    std_at_poses: Array
+    single: Array
+    effect: Array
+    function: tuple[bool, ...]
+    absorbed: int
+    converged: bool
+
+
+def error_curve(result: Diagnosis, candidate: Candidate) -> ErrorCurve | None:
+    """The curve of one candidate that was found.
+
+    None where its place is no single frame (the arm as a whole, the instrument), or where it depends on
+    nothing that varies.
+    """
+    after, poses = result.after, result.data.poses
+    robot = after.model.robot
+    frame = frame_of(candidate.where, robot)
+    if frame is None:
+        return None
+    state = after.model.state(after.values, poses)
+    values = after.values[positions(after.model, candidate.effect)]
+    moved = displacement_of(candidate, values, frame, state)
+    directions = directions_of(candidate.where, moved, frame, robot, state)
+    load = load_of(moved, directions, frame, state)
+    variable = variable_of(candidate.depends_on, load, frame, robot, state)
+    knots = None if variable is None else _knots(variable)
+    if variable is None or knots is None:
+        return None
+    line = _Line(candidate.where, frame, directions, _hats(variable, knots))
+    effect = _alike(result, candidate, line) if moved is None else moved @ directions
+    h = np.asarray(np.linalg.lstsq(line.hats, effect, rcond=None)[0].T.ravel(), dtype=np.float64)
+    fit = _fitted(result, candidate, line, h)
+    g, cov = fit.values[-len(h) :], fit.covariance[-len(h) :, -len(h) :]
+    grid = _grid(knots)
+    value, std = _evaluated(_hats(grid, knots), g, cov)
+    at_poses, std_at_poses = _evaluated(line.hats, g, cov)
+    lost: Array = h - fit.projection @ h
+    absorbed, _ = _evaluated(line.hats, lost, cov)
+    return ErrorCurve(
+        candidate=candidate,
+        directions=directions,
+        load=load if candidate.depends_on == "load" else None,
+        poses=poses,
+        variable=variable,
+        knots=knots,
+        grid=grid,
+        value=value,
+        std=std,
+        at_poses=at_poses,
+        std_at_poses=std_at_poses,
+        single=at_poses + _by_itself(result, fit, line),
+        effect=effect - absorbed,
+        function=tuple(_is_function(variable, column) for column in effect.T),
+        absorbed=fit.absorbed,
+        converged=fit.converged,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Line(PoseEffect):
+    """A displacement along some directions, given by its values at knots; of the poses in hand only.
+
+    frame : int; directions : ndarray, shape (6, c); hats : ndarray, shape (m, K)
+    """
+
+    frame: int
+    directions: Array
+    hats: Array
+    kind: ClassVar[str] = "line"
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return ()
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        raise EffectCannotAct(f"{cls.kind}:{where}", "it is no cause by name", "name another")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(
+            Parameter(self.kind, self.where, f"{c}@{k}", error_unit(slides), 1e-6, 1e-3)
+            for c, slides in enumerate(np.any(self.directions[:3], axis=0))
+            for k in range(self.hats.shape[1])
+        )
+
+    def twists(self, poses: Poses) -> tuple[Strand, ...]:
+        basis = self.directions[:, :, None] * self.hats[:, None, None, :]
+        return ((self.frame, basis.reshape((*basis.shape[:-2], -1))),)
+
+
+class _Fit(NamedTuple):
+    """A model whose last effect is a line, fitted.
+
+    projection : ndarray, shape (K, K), of its coefficients onto what only they explain
+    absorbed : int, the projection's deficit
+    """
+
+    model: Model
+    values: Array
+    covariance: Array
+    projection: Array
+    absorbed: int
+    converged: bool
+
+
+def _fitted(result: Diagnosis, candidate: Candidate, line: _Line, h: Array) -> _Fit:
+    """Fit a line in place of an effect, from where the effect was.
+
+    h : ndarray, shape (K,), coefficients with which the line is about the effect
+    The rest of the model keeps all directions that it can have without either; the line gets those that
+    are left, so that none of its coefficients is arbitrary.
+    """
+    after, stage = result.after, result.stage
+    others = tuple(e for e in after.model.effects if e is not candidate.effect)
+    rest = np.delete(after.values, positions(after.model, candidate.effect))
+    alone = stage.observation(after.model.with_effects(others), after.weight)
+    seen = choose_directions(alone, rest, np.eye(len(rest))).kept
+    model = after.model.with_effects((*others, line))
+    observation = stage.observation(model, after.weight)
+    _, J = observation.flat(np.append(rest, h))
+    view = field(J[:, seen], J[:, len(rest) :], np.zeros(len(J)))
+    lengths = np.where(view.lengths > 0.0, view.lengths, 1.0)
+    eigenvalues, V = np.linalg.eigh((view.X / lengths).T @ (view.X / lengths))
+    V = V[:, eigenvalues > _ABSORBED**2]
+    span = np.zeros((len(rest) + len(h), len(seen) + V.shape[1]))
+    span[seen, range(len(seen))] = 1.0
+    span[len(rest) :, len(seen) :] = V / lengths[:, None]
+    projection = (V @ V.T) * lengths / lengths[:, None]
+    found = levenberg_marquardt(observation.flat, np.append(rest, projection @ h), span)
+    _, J = observation.flat(found.values)
+    noise = result.noise.factor if result.noise.source == "residual" else 1.0
+    cov = noise**2 * covariance(J, span)
+    absorbed = len(h) - V.shape[1]
+    return _Fit(model, found.values, cov, projection, absorbed, bool(found.converged))
+
+
+def _alike(result: Diagnosis, candidate: Candidate, line: _Line) -> Array:
+    """The displacement of a line's frame that moves the markers most as an effect does, (m, c)."""
+    after, poses = result.after, result.data.poses
+    without = after.values.copy()
+    without[positions(after.model, candidate.effect)] = 0.0
+    shift = after.model.predict(after.values, poses) - after.model.predict(without, poses)
+    model = after.model.with_effects((*after.model.effects, line))
+    values = np.append(after.values, np.zeros(len(line.parameters)))
+    return _as_error(model, values, line, poses, shift, np.ones(shift.shape[:2], dtype=bool))
+
+
+def _by_itself(result: Diagnosis, fit: _Fit, line: _Line) -> Array:
+    """What each pose's residual says of the line there, shape (m, c), NaN where it says nothing."""
+    data = result.data
+    residual = data.points - fit.model.predict(fit.values, data.poses)
+    seen: Mask = np.logical_and(data.seen, ~result.outlier[:, None])
+    found = _as_error(fit.model, fit.values, line, data.poses, residual, seen)
+    return np.where(np.any(seen, axis=1)[:, None], found, np.nan)
+
+
+def _as_error(
+    model: Model, values: Array, line: _Line, poses: Poses, moved: Array, seen: Mask
+) -> Array:
+    """Least-squares displacement of a line's frame that moves the markers so, shape (m, c).
+
+    model : Model, whose last effect is the line
+    moved : ndarray, shape (m, M, 3), m; seen : ndarray of bool, shape (m, M)
+    NaN at poses with fewer coordinates than directions.
+    """
+    c = line.directions.shape[1]
+    _, J = model.jacobian(values, poses)
+    # The hats add up to one: so do the columns to a displacement of the frame alone.
+    D = J[..., -len(line.parameters) :].reshape((*J.shape[:-1], c, -1)).sum(axis=-1)
+    D = np.where(seen[..., None, None], D, 0.0).reshape(len(poses), -1, c)
+    rows = np.where(seen[..., None], moved, 0.0).reshape(len(poses), -1, 1)
+    found = (np.linalg.pinv(D) @ rows)[..., 0]
+    return np.where((3 * seen.sum(axis=1) >= c)[:, None], found, np.nan)
+
+
+def _knots(values: Array) -> Array | None:
+    """Even knots over what a variable takes; None where it does not vary."""
+    distinct = np.unique(np.round(values, 9))
+    if len(distinct) < 2:
+        return None
+    return np.linspace(values.min(), values.max(), min(_KNOTS, len(distinct)))
+
+
+def _hats(values: Array, knots: Array) -> Array:
+    """Weights of linear interpolation between knots, shape (.., K)."""
+    return np.stack([np.interp(values, knots, row) for row in np.eye(len(knots))], axis=-1)
+
+
+def _grid(knots: Array) -> Array:
+    """Knots, and points between them."""
+    parts = [np.linspace(a, b, _STEPS, endpoint=False) for a, b in itertools.pairwise(knots)]
+    return np.append(np.concatenate(parts), knots[-1])
+
+
+def _evaluated(hats: Array, g: Array, cov: Array) -> tuple[Array, Array]:
+    """Value and standard deviation, each shape (.., c), of a line with coefficients g."""
+    K = hats.shape[1]
+    c = len(g) // K
+    blocks = [cov[i * K : (i + 1) * K, i * K : (i + 1) * K] for i in range(c)]
+    variance = np.stack([np.einsum("ik,kl,il->i", hats, block, hats) for block in blocks], axis=-1)
+    return hats @ g.reshape(c, K).T, np.sqrt(np.maximum(variance, 0.0))
+
+
+def _is_function(variable: Array, error: Array) -> bool:
+    """Whether an error (m,) follows from the variable alone: neighbours predict what lies between."""
+    distinct, group = np.unique(np.round(variable, 9), return_inverse=True)
+    means = np.bincount(group, error) / np.bincount(group)
+    within = np.abs(error - means[group])
+    between = np.abs(np.interp(distinct[1:-1:2], distinct[::2], means[::2]) - means[1:-1:2])
+    scatter = max(float(within.max()), float(np.quantile(between, 0.8)) if len(between) else 0.0)
+    return scatter <= _FUNCTION * float(np.ptp(error))

@@ -1,0 +1,155 @@
+"""Write a cell with more effects in its model: the user's own file, all else as it stands."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calib.build import build, parse_effect
+from calib.cell import Cell
+from calib.diagnosis.candidates import PARTS
+from calib.effects import Effect
+from calib.effects.protocol import ARM
+from calib.effects.stiffness_vs_angle import StiffnessVsAngle
+from calib.errors import CalibError, InputError
+from calib.poses import Poses
+
+if TYPE_CHECKING:
+    from tomlkit import TOMLDocument
+
+
+@dataclass(frozen=True)
+class Extended:
+    """A cell file with effects added.
+
+    text : str, TOML
+    added : tuple of str, ``name:where``
+    replaced : tuple of str, entries of the model that gave way to an effect that contains them
+    refused : tuple of (str, str), an effect that the model cannot hold, and why
+    """
+
+    text: str
+    added: tuple[str, ...]
+    replaced: tuple[str, ...]
+    refused: tuple[tuple[str, str], ...]
+
+
+def extended_cell(cell: Cell, effects: Sequence[Effect], poses: Poses, target: Path) -> Extended:
+    """The text of a cell file whose model has these effects too.
+
+    Comments, order and layout stay. Files that the cell names are named as seen from the target. The
+    knots of ``stiffness_vs_angle`` are written down: another table would put them elsewhere.
+
+    effects : as found, the most important first; one that is part of another is left out
+    poses : Poses, at which the effects were found; every addition is tried out on them
+    target : Path, where the text is to be written
+
+    Raises InputError where the cell file cannot be read any more.
+    """
+    import tomlkit
+
+    document = tomlkit.parse(_text(cell.path))
+    entries: list[str | None] = [*cell.effects]
+    added: list[Effect] = []
+    refused: list[tuple[str, str]] = []
+    for effect in effects:
+        if any(contains(other, effect.kind, effect.where) for other in effects):
+            continue
+        extended = [*(e and _without(e, effect, cell) for e in entries), _name(effect)]
+        tried = replace(
+            cell, effects=tuple(e for e in extended if e), knots=_knots(cell, [*added, effect])
+        )
+        try:
+            build(tried, poses)
+        except CalibError as error:
+            refused.append((_name(effect), str(error)))
+            continue
+        entries = extended
+        added.append(effect)
+    _write_effects(document, entries)
+    _write_knots(document, cell, added)
+    _write_paths(document, cell.path.parent, target.parent)
+    changed = tuple(old for old, new in zip(cell.effects, entries, strict=False) if new != old)
+    return Extended(document.as_string(), tuple(map(_name, added)), changed, tuple(refused))
+
+
+def contains(effect: Effect, kind: str, where: str) -> bool:
+    """Whether another effect is part of this one, so that a model needs it no more."""
+    if kind in PARTS.get(effect.kind, ()):
+        return where == effect.where
+    whole = kind == effect.kind == "gravity_sag" and effect.where == ARM
+    return whole and where != ARM
+
+
+def _name(effect: Effect) -> str:
+    return f"{effect.kind}:{effect.where}"
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(path, "", f"cannot be read again ({error})", "check the path") from None
+
+
+def _without(entry: str, effect: Effect, cell: Cell) -> str | None:
+    """An entry of the model without what is part of the effect; None where nothing is left."""
+    name, given = parse_effect(entry)
+    places = cell.robot.joints if given is None else given
+    left = [place for place in places if not contains(effect, name, place)]
+    if len(left) == len(places):
+        return entry
+    return f"{name}:{','.join(left)}" if left else None
+
+
+def _knots(cell: Cell, added: Sequence[Effect]) -> dict[str, Any]:
+    found = {e.where: e.knots for e in added if isinstance(e, StiffnessVsAngle)}
+    return found | dict(cell.knots)
+
+
+def _write_effects(document: TOMLDocument, entries: list[str | None]) -> None:
+    """Change what differs and append what is new: comments between the entries stay."""
+    array: Any = document["model"]["effects"]
+    count = len(array)
+    for place in reversed(range(count)):
+        if entries[place] is None:
+            del array[place]
+        elif entries[place] != array[place]:
+            array[place] = entries[place]
+    for entry in entries[count:]:
+        array.append(entry)
+
+
+def _write_knots(document: TOMLDocument, cell: Cell, added: Sequence[Effect]) -> None:
+    import tomlkit
+    from tomlkit.items import InlineTable
+
+    fresh = {
+        joint: np.round(np.degrees(knots), 6).tolist()
+        for joint, knots in _knots(cell, added).items()
+        if joint not in cell.knots
+    }
+    if not fresh:
+        return
+    model: Any = document["model"]
+    if "knots_deg" not in model:
+        inline = isinstance(model, InlineTable)
+        model["knots_deg"] = tomlkit.inline_table() if inline else tomlkit.table()
+    for joint, angles in fresh.items():
+        model["knots_deg"][joint] = angles
+
+
+def _write_paths(document: TOMLDocument, source: Path, target: Path) -> None:
+    """Name files relative to the new folder; absolute names hold anywhere."""
+    for table, key in (("robot", "urdf"), ("design", "targets")):
+        given: Any = document.get(table, {}).get(key)
+        if given is None or Path(given).is_absolute() or source.resolve() == target.resolve():
+            continue
+        file = source / given
+        seen = os.path.relpath(file.parent.resolve() / file.name, target.resolve())
+        document[table][key] = Path(seen).as_posix()

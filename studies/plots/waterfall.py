@@ -1,0 +1,145 @@
+"""How the error falls, effect by effect, from the model as it was to what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calib.se3 import Array
+from studies.plots.style import (
+    BLUE,
+    INK,
+    SOFT,
+    VERMILLION,
+    Cell,
+    Picture,
+    legend_below,
+    sheet,
+    short,
+    styled,
+    tidy,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_MM = 1e3
+_HEIGHT = 0.62
+_TEXT = 0.16  # width of a number, over the longest bar
+
+
+@styled
+def waterfall(
+    names: Sequence[str],
+    rms: Array,
+    floor: float,
+    *,
+    of: str = "held-out poses",
+    name: str = "waterfall",
+    title: str = "From the gap to the floor",
+) -> Picture:
+    """RMS before, what each effect takes off it when it is added to those above, and what is left.
+
+    names : of the n effects, in the order in which they are added
+    rms : ndarray, shape (n + 1,), m, before and after each
+    floor : RMS of the noise alone [m]
+    """
+    values: Array = np.asarray(rms, dtype=np.float64) * _MM
+    n, low = len(names), floor * _MM
+    labels = ["model as given", *names, *(["what is left"] if n else [])]
+    figure = sheet(7.2, 1.5 + 0.44 * len(labels))
+    panel = figure.subplots()
+    tidy(panel, "x")
+    most = max(float(values.max()), low)
+    digits = max(0, 2 - int(np.floor(np.log10(most))))
+    _bar(panel, 0, 0.0, values[0], {"color": "0.72"})
+    ends = [(values[0], f"{values[0]:.{digits}f}")]
+    for i in range(n):
+        start, end = values[i], values[i + 1]
+        worse = end > start
+        look: Any = {"color": VERMILLION if worse else BLUE, "hatch": "//" if worse else ""}
+        _bar(panel, i + 1, start, end, look)
+        sign = "+" if worse else "\N{MINUS SIGN}"
+        ends.append((max(start, end), f"{sign}{abs(end - start):.{digits}f}"))
+        _step(panel, i, start)
+    if n:
+        _step(panel, n, values[n])
+        _bar(panel, n + 1, 0.0, values[n], {"color": "0.45"})
+        ends.append((values[n], f"{values[n]:.{digits}f}"))
+    for at, (end, text) in enumerate(ends):
+        _number(panel, at, low if end <= low < end + _TEXT * most else end, text)
+    line = panel.axvline(
+        low,
+        color=INK,
+        linewidth=1.4,
+        linestyle=(0, (4, 2)),
+        label=f"floor: noise alone, {short(low)} mm",
+    )
+    panel.set_yticks(range(len(labels)), labels)
+    panel.tick_params(axis="y", length=0)
+    panel.set(xlim=(0.0, (1.0 + _TEXT) * most), ylim=(len(labels) - 0.4, -0.6))
+    panel.set_xlabel(f"RMS distance measured \N{MINUS SIGN} predicted, {of} [mm]")
+    legend_below(figure, [line, *_key(values)])
+    caption = f"3-D root mean square error of the {of}. " + (
+        "Each effect is added to those above it and the whole model fitted again, so that a bar is "
+        "what the effect still takes off; where effects overlap the order matters. "
+        if n
+        else "No effect was found that would take anything off. "
+    )
+    caption += (
+        f"What is left is {values[-1] / low:.2f} times the floor, which noise alone would leave."
+    )
+    header = ("step", "RMS [mm]", "change [mm]", "floor [mm]")
+    rows: list[tuple[Cell, ...]] = [(labels[0], float(values[0]), None, low)]
+    for label, value, change in zip(names, values[1:], np.diff(values), strict=True):
+        rows.append((label, float(value), float(change), low))
+    if n:
+        rows.append((labels[-1], float(values[n]), None, low))
+    return Picture(name, title, caption, figure, header, tuple(rows))
+
+
+def _bar(panel: Axes, at: int, start: float, end: float, look: Any) -> None:
+    panel.barh(
+        at,
+        abs(end - start),
+        _HEIGHT,
+        left=min(start, end),
+        edgecolor="white",
+        linewidth=0.0,
+        **look,
+    )
+
+
+def _step(panel: Axes, above: int, at: float) -> None:
+    """The line that leads from one bar to the next."""
+    ends = [above - _HEIGHT / 2, above + 1 + _HEIGHT / 2]
+    panel.plot([at, at], ends, color=SOFT, linewidth=0.8)
+
+
+def _number(panel: Axes, at: int, end: float, text: str) -> None:
+    panel.annotate(
+        text, (end, at), (5.0, -0.5), textcoords="offset points", va="center", ha="left", color=INK
+    )
+
+
+def _key(values: Array) -> list[Any]:
+    """Entries for what the bars mean, those that occur."""
+    from matplotlib.patches import Patch
+
+    change = np.diff(values)
+    found = []
+    if (change <= 0.0).any():
+        found.append(Patch(facecolor=BLUE, label="taken off by an effect"))
+    if (change > 0.0).any():
+        found.append(
+            Patch(
+                facecolor=VERMILLION,
+                hatch="//",
+                edgecolor="white",
+                linewidth=0.0,
+                label="added by an effect",
+            )
+        )
+    return found

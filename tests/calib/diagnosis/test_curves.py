@@ -1,0 +1,93 @@
+"""Curves without a name: their functions, their derivatives, and how they are held near zero."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib import Cell, Measurements
+from calib.build import build
+from calib.diagnosis.candidates import candidates
+from calib.diagnosis.curves import Curve
+from calib.diagnosis.functions import Polyline, neighbours, polyline
+from calib.diagnosis.stage import Fit, Stage
+from calib.model import Model
+from calib.poses import IntArray
+from tests.calib.diagnosis.test_diagnose import measured
+
+RNG = np.random.default_rng(3)
+
+
+def test_a_polyline_interpolates() -> None:
+    knots = np.array([-1.0, 0.0, 2.0])
+    values = np.array([-3.0, -1.0, -0.25, 1.0, 2.0, 5.0])
+    curve = np.array([5.0, -1.0, 3.0])
+    found = Polyline(knots).at(values) @ curve
+    np.testing.assert_allclose(found, np.interp(values, knots, curve))
+    assert not Polyline(knots).at(np.array([np.nan])).any()
+
+
+def test_neighbours_are_the_expectation_of_a_normal_field() -> None:
+    """At the centres the coefficients themselves, elsewhere ordinary kriging with the same kernel."""
+    points = RNG.normal(size=(20, 3))
+    field = neighbours(points)
+    values = RNG.normal(size=len(field.centres))
+    np.testing.assert_allclose(field.at(field.centres) @ values, values, atol=1e-9)
+    new = RNG.normal(size=(4, 3))
+    apart = np.linalg.norm(new[:, None] - field.centres, axis=-1)
+    kriged = np.exp(-apart / 2.0) @ np.linalg.solve(field.spread, values)
+    np.testing.assert_allclose(field.at(new) @ values, kriged, atol=1e-9)
+
+
+def test_what_does_not_vary_has_no_curve() -> None:
+    assert polyline(np.full(10, 3.0), 8) is None
+    two = polyline(np.array([1.0, 5.0, 5.0, 1.0]), 8)
+    assert two is not None
+    np.testing.assert_allclose(two.knots, [1.0, 5.0])
+
+
+@pytest.mark.parametrize("kind", ["TwistCurve", "MarkerCurve", "RangeCurve"])
+def test_derivatives(kind: str) -> None:
+    """Against central differences of the prediction."""
+    cell, data, _ = measured("", [])
+    base = build(cell, data.poses).model
+    suspects, _ = candidates(cell, base, data)
+    chosen = [c.effect for c in suspects if type(c.effect).__name__ == kind]
+    model = base.with_effects((*base.effects, chosen[len(chosen) // 2]))
+    values = 1e-4 * RNG.normal(size=len(model.parameters))
+    _, J = model.jacobian(values, data.poses)
+    for p in range(len(base.parameters), len(values)):
+        step = np.zeros(len(values))
+        step[p] = 1e-5
+        ends = [model.predict(values + s * step, data.poses) for s in (0.5, -0.5)]
+        np.testing.assert_allclose(J[..., p], (ends[0] - ends[1]) / 1e-5, atol=1e-6)
+
+
+def test_a_curve_is_shrunk_by_as_much_as_the_data_leave_open() -> None:
+    """A fit of pure noise keeps a curve far below what least squares would make of it."""
+    cell, data, _ = measured("", [])
+    stage, curve = _stage_with_curve(cell, data)
+    fit = stage.fit([curve])
+    own = fit.positions(curve)
+    moved = np.linalg.norm(fit.J[..., own] @ fit.values[own])
+    assert moved < 0.6 * _unheld(fit, own)
+
+
+def _stage_with_curve(cell: Cell, data: Measurements) -> tuple[Stage, Curve]:
+    from calib.identify.identify import whitening
+    from calib.identify.initial import initial_values
+
+    model: Model = build(cell, data.poses).model
+    start = initial_values(model, data)
+    weights = whitening(cell, model, start, data)
+    stage = Stage(data, model, start, weights, np.zeros(len(data), dtype=bool), robust=False)
+    suspects, _ = candidates(cell, model, data)
+    curves = [c.effect for c in suspects if isinstance(c.effect, Curve)]
+    return stage, next(c for c in curves if c.variable.name.startswith("q:"))
+
+
+def _unheld(fit: Fit, own: IntArray) -> float:
+    """Length of what the same columns do where nothing holds them back."""
+    J = fit.J.reshape(-1, fit.J.shape[-1])
+    free = np.linalg.lstsq(J, fit.r.ravel() + J @ fit.values, rcond=1e-9)[0]
+    return float(np.linalg.norm(J[:, own] @ free[own]))

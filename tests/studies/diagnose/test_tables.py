@@ -1,0 +1,143 @@
+"""The tables of a diagnosis: the verdict first, nothing undefined, nothing too wide."""
+
+from __future__ import annotations
+
+import io
+import json
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from calib.files.write import json_text
+from studies.diagnose.tables import diagnosis_tables, verdict_sentence
+
+
+def effect(name: str, where: str, parameters: list[dict[str, Any]], **more: Any) -> dict[str, Any]:
+    own = {"effect": name, "where": where, "probability": 0.9}
+    return {**own, "class": [own], "parameters": parameters, "share_of_gap": 0.5, **more}
+
+
+def parameter(name: str, value: float, std: float | None) -> dict[str, Any]:
+    return {"name": name, "value": value, "std": std, "unit": "urad/h"}
+
+
+def fields(**changed: Any) -> dict[str, Any]:
+    return {
+        "verdict": "explained",
+        "noise": {"sigma_mm": 0.01, "believed_sigma_mm": 0.005, "source": "residual"},
+        "effects": [effect("backlash", "A3", [parameter("half_width", 41.0, 1.2)])],
+        "located": [{"where": "A3", "depends_on": "approach:A3", "share_of_gap": 0.5}],
+        "gap": {
+            "floor_mm": 0.02, "fit_before_mm": 0.05, "fit_after_mm": 0.021,
+            "heldout_before_mm": 0.052, "heldout_after_mm": 0.022, "closed": 0.97,
+            "closed_ci95": [0.94, 0.99],
+        },
+        "could_not_see": [],
+        "outliers": [],
+        "not_asked": [],
+        **changed,
+    }  # fmt: skip
+
+
+def shown(of: dict[str, Any], width: int = 80) -> list[str]:
+    out = io.StringIO()
+    console = Console(file=out, width=width, highlight=False, soft_wrap=True)
+    for part in diagnosis_tables("cell", of):
+        console.print(part)
+    return [line.rstrip() for line in out.getvalue().splitlines()]
+
+
+def test_the_verdict_comes_first_and_the_error_next() -> None:
+    lines = shown(fields())
+    assert lines[0] == "cell: the gap is explained by backlash:A3"
+    assert lines[1].endswith("from what is left; the cell states 0.0050")
+    (held,) = (line.split() for line in lines if line.startswith("held out"))
+    assert held[2:] == ["0.0520", "0.0220", "0.0200", "97", "%", "(94", "to", "99)"]
+    (place,) = (line.split() for line in lines if line.startswith("A3 "))
+    assert place == ["A3", "approach:A3", "50", "%", "backlash"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"verdict": "no_gap", "effects": []}, "no gap beyond noise"),
+        ({"verdict": "unknown", "effects": []}, "a gap at A3 that depends on approach:A3"),
+        ({"verdict": "unknown", "effects": [], "located": []}, "neither its place nor its cause"),
+        ({"verdict": "unknown"}, "more than backlash:A3; the rest has no cause"),
+        (
+            {
+                "verdict": "ambiguous",
+                "effects": [
+                    effect("backlash", "A3", []),
+                    effect("x", "A1", [], **{"class": [{"effect": "x", "where": "A1"},
+                                                        {"effect": "y", "where": "A2"}]}),
+                ],
+            },
+            "explained by backlash:A3 and x:A1 or y:A2; these data cannot tell which",
+        ),
+    ],
+)  # fmt: skip
+def test_every_verdict_is_a_sentence(changed: dict[str, Any], words: str) -> None:
+    assert words in verdict_sentence(fields(**changed))
+
+
+def test_what_is_undefined_is_said_and_null_in_the_json() -> None:
+    drift = [parameter("x", 3.0, 0.1), parameter("y", 0.0, None)]
+    of = fields(
+        effects=[effect("base_drift", "base", drift, probability=None, share_of_gap=None)],
+        located=[{"where": "base", "depends_on": "time", "share_of_gap": None}],
+    )
+    lines = shown(of)
+    assert "base_drift:base, probability -, - of the gap" in lines
+    (row,) = (line for line in lines if line.split()[:1] == ["y"])
+    assert row.split() == ["y", "-", "not", "identified"]
+    assert "nan" not in "\n".join(lines)
+    text = json_text(of | {"worst": float("nan")})
+    again = json.loads(text, parse_constant=pytest.fail)
+    assert again["effects"][0]["parameters"][1]["std"] is None
+    assert again["worst"] is None
+
+
+def test_many_parameters_outliers_and_effects_are_summed_up() -> None:
+    many = [parameter(f"p{i}", float(i), 1.0) for i in range(30)]
+    many += [parameter(f"u{i}", 0.0, None) for i in range(9)]
+    hidden = [
+        {"effect": "backlash", "where": f"A{i}", "minimum_detectable": 10.0 * i, "unit": "urad"}
+        for i in range(1, 6)
+    ]
+    hidden += [
+        {"effect": kind, "where": "A6", "minimum_detectable": None, "unit": "urad"}
+        for kind in ("backlash", "tracker_scale")
+    ]
+    of = fields(
+        effects=[effect("gravity_sag", "arm", many)],
+        outliers=[{"pose": f"p{i:03d}", "reason": "far off"} for i in range(20)],
+        not_asked=[
+            {"effect": f"thermal_expansion:A{i}",
+             "reason": f"thermal_expansion:A{i} cannot act: no temperature; add a column"}
+            for i in range(6)
+        ],
+        could_not_see=hidden,
+    )  # fmt: skip
+    lines = shown(of)
+    assert "  and 22 that differ less from zero (JSON)" in lines
+    assert "  not identified at these poses: u0, u1, u2, u3 and 5 more" in lines
+    assert any(line.startswith("20 outliers left out: p000, p001") for line in lines)
+    assert "not asked: thermal_expansion; no temperature; add a column" in lines
+    (sizes,) = (line.split() for line in lines if line.startswith("backlash"))
+    assert sizes == ["backlash", "10", "(A1)", "50", "(A5)", "urad", "A6"]
+    assert lines[-1] == "not visible at these poses, wherever it acts: tracker_scale"
+    assert len(lines) < 45
+
+
+@pytest.mark.parametrize("width", [80, 100])
+def test_tables_fit_the_terminal(width: int) -> None:
+    place = "shoulder_lift_joint"
+    of = fields(
+        effects=[effect("transmission_harmonic", place, [parameter("cos_1", 1.0, 0.1)])],
+        located=[{"where": place, "depends_on": f"q:{place}", "share_of_gap": 0.5}],
+    )
+    lines = shown(of, width)
+    assert max(map(len, lines)) <= width
+    assert "…" not in "\n".join(lines)

@@ -5,7 +5,8 @@ plan.poses, plan.efficiency
 """
 
 from doe.design import design
+from doe.discriminate import NextPoses, next_poses
 from doe.plan import Design
 from doe.refusals import CannotIdentify
 
-__all__ = ["CannotIdentify", "Design", "design"]
+__all__ = ["CannotIdentify", "Design", "NextPoses", "design", "next_poses"]

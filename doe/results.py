@@ -52,7 +52,7 @@ def design_fields(design: Design) -> dict[str, Any]:
         "poses": [
             {
                 "pose": name,
-                **_joints(robot, q),
+                **joint_fields(robot, q),
                 "level": None if math.isnan(own) else own,
             }
             for name, q, own in zip(design.poses.names, design.poses.q, level, strict=True)
@@ -116,7 +116,8 @@ def shown_levels(design: Design) -> list[float]:
     return [float(value) for value in np.round(shown, 6) + 0.0]
 
 
-def _joints(robot: Robot, q: Array) -> dict[str, dict[str, float]]:
+def joint_fields(robot: Robot, q: Array) -> dict[str, dict[str, float]]:
+    """Joint values by name: ``joints_deg``, and ``joints_mm`` where some slide."""
     found: dict[str, dict[str, float]] = {"joints_deg": {}}
     for joint, slides, value in zip(robot.joints, robot.prismatic, q, strict=True):
         key, shown = ("joints_mm", value * _MM) if slides else ("joints_deg", math.degrees(value))

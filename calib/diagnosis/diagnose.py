@@ -13,6 +13,7 @@ from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.contest import ALPHA, Outcome, contest
 from calib.diagnosis.gap import Gap, gap_of, share_of
 from calib.diagnosis.power import smallest_detectable
+from calib.diagnosis.shape import Doubt, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, VerdictName, classes, verdict
 from calib.effects.protocol import Effect
@@ -28,6 +29,8 @@ from calib.threads import one_blas_thread
 
 _REPLICATES = 10  # degrees of freedom of repeated readings worth believing
 _DISAGREE = 0.01
+SHAPE_ALPHA = 0.05
+"""Probability of doubting a right shape: only what was found is asked, so no more strictly."""
 _MOST_PASSES = 3  # contests, while outliers are judged anew
 
 
@@ -41,10 +44,16 @@ class Cause:
     """
 
     named: Named
+    doubt: Doubt
     values: Array
     std: Array
     p: float
     share: float
+
+    @property
+    def misshapen(self) -> bool:
+        """Whether the cause is there in another form than the catalogue's."""
+        return self.doubt.p < SHAPE_ALPHA
 
 
 @dataclass(frozen=True)
@@ -131,7 +140,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     by_time = any(place.depends_on in ("time", "temperature") for place in located)
     kept = data.take(~stage.dropped)
     return Diagnosis(
-        verdict=verdict(named, outcome, left),
+        verdict=verdict(named, outcome, left or any(c.misshapen for c in causes)),
         noise=noise,
         causes=causes,
         located=located,
@@ -205,7 +214,8 @@ def _cause(
     share = _share(stage, outcome, after, noise.sigma, effect)
     p = min(1.0, named.entry.score.p * asked)
     std = np.where(determined(after.span), scale * np.sqrt(np.diag(cov)), np.nan)
-    return Cause(named, after.values[own], std[own], p, share)
+    doubt = shape_doubt(after.model.robot, stage.data.poses, after, effect)
+    return Cause(named, doubt, after.values[own], std[own], p, share)
 
 
 def _share(stage: Stage, outcome: Outcome, after: Fit, sigma: float, effect: Effect) -> float:
@@ -219,6 +229,10 @@ def _located(
 ) -> tuple[Place, ...]:
     """Places of all that was found, largest share first."""
     found = [Place(c.named.candidate.where, c.named.candidate.depends_on, c.share) for c in causes]
+    for c in causes:
+        if c.misshapen:
+            part = min(1.0, c.doubt.fall / max(c.named.entry.score.fall, 1e-9))
+            found.append(Place(c.named.candidate.where, f"q:{c.doubt.joint}", part * c.share))
     for entry in outcome.entries:
         if not entry.candidate.named:
             share = _share(stage, outcome, after, sigma, entry.candidate.effect)

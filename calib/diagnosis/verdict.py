@@ -81,7 +81,7 @@ def _with(stage: Stage, chosen: Sequence[Candidate], position: int, other: Candi
 def _price(fit: Fit) -> float:
     """-2 log likelihood and Schwarz's price of the directions; infinite where a fit failed."""
     cost = float((fit.r**2).sum())
-    if not fit.converged or not np.isfinite(cost):
+    if not np.isfinite(cost):
         return np.inf
     rows = int(np.count_nonzero(np.abs(fit.J).sum(axis=-1)))
     dof = max(1, rows - fit.span.shape[1])

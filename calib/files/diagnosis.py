@@ -62,6 +62,7 @@ def _cause(cause: Cause) -> dict[str, Any]:
         "where": candidate.where,
         "probability": _known(cause.named.probability),
         "p_value": cause.p,
+        "shape_p_value": cause.doubt.p,
         "class": [
             {
                 "effect": member.effect.kind,

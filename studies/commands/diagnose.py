@@ -46,6 +46,15 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path),
     help="Write the cell with the found effects in its model: the next run starts from there.",
 )
+@click.option(
+    "--next",
+    "next_count",
+    metavar="N",
+    type=click.IntRange(min=0),
+    default=8,
+    show_default=True,
+    help="Poses to choose that tell rival causes apart; 0 for none.",
+)
 @figures_option
 @json_option
 @seed_option
@@ -57,6 +66,7 @@ def diagnose(
     plan_only: bool,
     cell_out: Path | None,
     folder: Path | None,
+    next_count: int,
     json_path: str | None,
     seed: int,
 ) -> None:
@@ -75,7 +85,10 @@ def diagnose(
     from calib.errors import CalibError, EffectCannotAct, InputError, UnknownEffect
     from calib.files.diagnosis import diagnosis_fields
     from calib.files.write import write_files
+    from doe.discriminate import next_poses
+    from doe.discriminate.results import next_fields
     from studies.commands.identify import held_out
+    from studies.diagnose.next_tables import next_tables
     from studies.diagnose.tables import diagnosis_tables
 
     cell = calib.load_cell(cell_path)
@@ -105,6 +118,12 @@ def diagnose(
         "holdout": holdout,
         **diagnosis_fields(result),
     }
+    if next_count:
+        try:
+            chosen = next_poses(cell, result, count=next_count, seed=seed)
+            fields |= next_fields(chosen, cell.robot)
+        except CalibError as error:  # the diagnosis stands without them
+            warn((f"no next poses: {error}",))
     texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
     notes: list[str] = []
     if cell_out is not None:
@@ -118,6 +137,8 @@ def diagnose(
     write_files(texts)
     console = console_for(json_path)
     for part in diagnosis_tables(cell.name, fields):
+        console.print(part)
+    for part in next_tables(fields):
         console.print(part)
     for note in notes:
         console.print(note)

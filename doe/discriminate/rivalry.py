@@ -1,0 +1,68 @@
+"""Which causes are rivals still: what the poses to come are to decide."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from calib.diagnosis import Diagnosis
+from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.contest import Entry
+
+_REACH = 25.0
+"""Gain by which a rival may trail and still be in reach: at a predicted probability of 0.95 two
+standard deviations above the mean."""
+_NEAREST = 3  # rivals of a cause that stands alone
+_MOST = 5  # rivals in one place: ten pairs
+
+
+@dataclass(frozen=True, eq=False)
+class Rivalry:
+    """Causes that compete for one place among the effects found; the others stay as they are.
+
+    members : tuple of Candidate
+    declared : whether the diagnosis itself could not tell them apart
+    """
+
+    members: tuple[Candidate, ...]
+    declared: bool
+
+    @property
+    def pairs(self) -> tuple[tuple[int, int], ...]:
+        """Positions of all two that compete; where nothing is in doubt, the first and each other."""
+        count = len(self.members)
+        first = range(count) if self.declared else range(1)
+        return tuple((i, j) for i in first for j in range(i + 1, count))
+
+
+def rivalries(diagnosis: Diagnosis) -> tuple[Rivalry, ...]:
+    """The places in doubt: classes of several members, else causes with a rival in reach.
+
+    A cause without a name competes with the nearest others, whatever the classes are.
+    """
+    chosen = _chosen(diagnosis)
+    ambiguous = any(len(cause.named.members) > 1 for cause in diagnosis.causes)
+    classes = {id(c.named.entry): [m for m, _ in c.named.members] for c in diagnosis.causes}
+    found = []
+    for position, entry in enumerate(diagnosis.outcome.entries):
+        members = classes.get(id(entry), [entry.candidate])
+        declared = len(members) > 1
+        if not declared and (not ambiguous or not entry.candidate.named):
+            members = [chosen[position], *_near(entry, chosen)]
+        if len(members) > 1:
+            found.append(Rivalry(tuple(members[:_MOST]), declared))
+    return tuple(found)
+
+
+def _chosen(diagnosis: Diagnosis) -> list[Candidate]:
+    """What stands in each place of the final fit."""
+    named = {id(cause.named.entry): cause.named.candidate for cause in diagnosis.causes}
+    return [named.get(id(entry), entry.candidate) for entry in diagnosis.outcome.entries]
+
+
+def _near(entry: Entry, chosen: Sequence[Candidate]) -> list[Candidate]:
+    """Rivals whose gain comes close; for a cause by name, others by name."""
+    taken = {c.key for c in chosen}
+    top = entry.rivals[0][1]
+    near = [c for c, gain in entry.rivals if gain > top - _REACH and c.key not in taken]
+    return [c for c in near if c.named or not entry.candidate.named][:_NEAREST]

@@ -28,7 +28,7 @@ def parameters(cell: Cell, plan: Plan | None = None) -> list[str]:
         the poses
     Raises UnknownEffect, EffectCannotAct.
     """
-    poses = None if plan is None else _poses(cell, plan)
+    poses = None if plan is None else poses_of(cell, plan)
     return [p.id for p in build(cell, poses).model.parameters]
 
 
@@ -50,7 +50,7 @@ def observation(
 
     Raises CalibError where approach pose has no three markers out of line.
     """
-    poses = _poses(cell, plan)
+    poses = poses_of(cell, plan)
     m = len(poses)
     if not m:
         raise CalibError("the plan has no poses")
@@ -77,7 +77,7 @@ def predict(cell: Cell, measurements: Plan, values: Sequence[float] | Mapping[st
     values : ndarray, shape (p,), SI, in the order of ``parameters(cell)``, or a mapping from names to
         values, the others zero
     """
-    poses = _poses(cell, measurements)
+    poses = poses_of(cell, measurements)
     model = build(cell, poses).model
     points = model.predict(as_vector(model, values), poses)
     if not np.isfinite(points).all():
@@ -111,7 +111,8 @@ def as_vector(model: Model, values: Sequence[float] | Mapping[str, float] | None
     return vector
 
 
-def _poses(cell: Cell, plan: Plan) -> Poses:
+def poses_of(cell: Cell, plan: Plan) -> Poses:
+    """The poses of whatever says which they are. Raises InputError, CalibError."""
     if isinstance(plan, Measurements):
         return plan.poses
     if isinstance(plan, Poses):

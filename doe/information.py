@@ -17,14 +17,16 @@ from calib.simulate import beams
 
 @dataclass(frozen=True, eq=False)
 class Regressor:
-    """Linearisation of a cell's model at nominal values, in the coordinates of the criteria.
+    """Linearisation of a cell's model before anything is known, in the coordinates of the criteria.
 
+    values : ndarray, shape (p,), SI, where it is linearised
     T : ndarray, shape (p, p), ``theta = T y``
     silent : whether readings free of load carry nothing, and are left out
     """
 
     cell: Cell
     model: Model
+    values: Array
     T: Array
     silent: bool = False
 
@@ -49,11 +51,10 @@ class Regressor:
     def _weighted(self, poses: Poses, visible: NDArray[np.bool_] | None) -> Array:
         # A model of its own: the last linearisation that a model remembers is no use to others.
         model = replace(self.model)
-        zero = np.zeros(len(model.parameters))
-        points, J = model.jacobian(zero, poses)
+        points, J = model.jacobian(self.values, poses)
         noise = self.cell.noise
         if noise.grows:
-            along = beams(model, zero, poses, points, self.cell.instrument)
+            along = beams(model, self.values, poses, points, self.cell.instrument)
             J = noise.whitening(along, np.full(points.shape[:-1], np.nan)) @ J
         else:
             J = J / noise.along

@@ -80,6 +80,12 @@ def check_identifiable(cell: Cell, model: Model, rows: Array, wish: Wish) -> Non
     if found.unidentifiable:
         lost = [name for entry in found.unidentifiable for name in entry.names]
         reason = found.unidentifiable[0].reason
+        rivals = wish.rivals or ()
+        if lost and all(name.startswith(tuple(f"{r}." for r in rivals)) for name in lost):
+            raise CannotIdentify(
+                tuple(lost),
+                f"no plan tells {' from '.join(rivals)}: {reason} ({', '.join(lost)}); name others",
+            )
         raise CannotIdentify(
             tuple(lost),
             f"no plan determines {', '.join(lost)}: {reason}; {_help(cell, model, lost)}",

@@ -21,6 +21,7 @@ from doe.blocks import Blocks
 from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.criteria import CRITERIA, Criterion, Question
 from doe.information import Regressor
+from doe.nominal import nominal
 from doe.pool import Pool, drawn, rounded
 from doe.probe import PROBE, check_identifiable, is_silent, probe_of
 from doe.refusals import CannotIdentify, check_targets
@@ -106,7 +107,7 @@ def target_rows(regressor: Regressor, targets: Poses, at_markers: bool) -> Array
     model = replace(regressor.model)
     if not at_markers:
         model = replace(model, marker_names=("tip",), markers=np.zeros((1, 3)))
-    _, J = model.jacobian(np.zeros(len(model.parameters)), targets)
+    _, J = model.jacobian(regressor.values, targets)
     rows = J.reshape(len(targets), -1, J.shape[-1]) @ regressor.T
     return np.asarray(rows / np.sqrt(len(model.markers)))
 
@@ -120,8 +121,9 @@ def problem_of(cell: Cell, wish: Wish, seed: int = 0) -> Problem:
     if wish.rivals is not None:
         cell = with_rivals(cell, wish.rivals)
     constraints = constraints_of(cell)
-    model = build(cell, _angles(cell, wish, seed)).model
-    regressor = Regressor(cell, model, np.diag(model.sizes))
+    angles = readings(cell, _angles(cell, wish, seed))
+    model = build(cell, angles).model
+    regressor = Regressor(cell, model, nominal(model, angles), np.diag(model.sizes))
     probe, seen = probe_of(regressor, constraints, wish, seed)
     try:
         refuse_idle_effects(cell, model, readings(cell, poses_at(probe)))

@@ -8,6 +8,8 @@ import numpy as np
 
 from calib.build import parse_effect
 from calib.cell import Cell
+from calib.diagnosis.candidates import PARTS
+from calib.effects import EFFECTS
 from calib.errors import CalibError
 from calib.model import Model
 from calib.poses import IntArray, Poses
@@ -52,9 +54,25 @@ def with_rivals(cell: Cell, rivals: tuple[str, str]) -> Cell:
         name, places = parse_effect(text)
         if places is None or len(places) != 1:
             raise CalibError(f"rival {text!r} needs one place, as in joint_compliance:A2")
+        _check_rival(text, name, places[0], everywhere, present)
         if name not in everywhere and (name, places[0]) not in present:
             added.append(text)
     return replace(cell, effects=(*cell.effects, *added))
+
+
+def _check_rival(
+    text: str, name: str, place: str, everywhere: set[str], present: set[tuple[str, str]]
+) -> None:
+    """Refuse what no choice of poses settles, and a part of what the model has."""
+    if EFFECTS[name].uses:
+        known = " and ".join(EFFECTS[name].uses)
+        raise CalibError(
+            f"rival {text!r} depends on {known}, which no choice of poses settles; "
+            "judge a plan in its order with posecal diagnose --plan-only"
+        )
+    for whole, parts in PARTS.items():
+        if name in parts and (whole in everywhere or (whole, place) in present):
+            raise CalibError(f"rival {text!r} is a part of {whole}, which the model has already")
 
 
 def rival_rows(model: Model, rivals: tuple[str, str]) -> tuple[IntArray, IntArray]:

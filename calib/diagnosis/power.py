@@ -13,14 +13,38 @@ from calib.se3 import Array
 POWER = 0.9
 
 
-@lru_cache(maxsize=256)
 def needed(directions: int, alpha: float, power: float = POWER) -> float:
     """Noncentrality at which a chi-square test of level alpha detects with this probability."""
-    from scipy.optimize import brentq
-    from scipy.special import chdtri, chndtr
+    from scipy.special import chdtri
 
-    limit = float(chdtri(directions, alpha))
-    return float(brentq(lambda x: 1.0 - chndtr(limit, directions, x) - power, 1e-6, 1e6))
+    return needed_beyond(float(chdtri(directions, alpha)), directions, power)
+
+
+@lru_cache(maxsize=256)
+def needed_beyond(limit: float, directions: int, power: float = POWER) -> float:
+    """Noncentrality at which a score in so many directions exceeds a limit with this probability."""
+    from scipy.optimize import brentq
+
+    return float(brentq(lambda x: float(detection(limit, directions, x)) - power, 1e-6, 1e6))
+
+
+def detection(limit: float, directions: int, noncentrality: Array | float) -> Array:
+    """Probability that a score exceeds a limit: the upper tail of noncentral chi-square."""
+    from scipy.special import chndtr
+
+    return np.asarray(1.0 - chndtr(limit, directions, noncentrality))
+
+
+def entry_limit(directions: int, rows: int, asked: int, alpha: float) -> float:
+    """Score beyond which a cause is believed, of so many asked at readings with so many rows.
+
+    The stricter of a chi-square test at level alpha over all that are asked (Bonferroni), and of
+    Schwarz's price of the directions with twice the logarithm of the choice.
+    """
+    from scipy.special import chdtri
+
+    price = directions * np.log(rows) + 2.0 * np.log(asked)
+    return max(float(chdtri(directions, alpha / asked)), float(price))
 
 
 def noncentrality(field: Field, columns: IntArray, values: Array) -> float:

@@ -154,6 +154,15 @@ def load_plan(cell: Cell, path: str | Path) -> Poses:
     return with_moves(poses)
 
 
+def holds_points(path: str | Path) -> bool:
+    """Whether a table has a column of markers: it is of measurements, not a plan."""
+    try:
+        with Path(path).open(encoding="utf-8-sig") as file:
+            return "marker" in [name.strip() for name in file.readline().split(",")]
+    except (OSError, UnicodeDecodeError):
+        return False  # whoever reads the table says what is wrong with it
+
+
 def load_targets(cell: Cell, path: str | Path) -> tuple[Poses, Array]:
     """Read target poses and their weights, shape (targets,). Raises InputError.
 

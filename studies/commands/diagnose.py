@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -21,6 +22,9 @@ from studies.commands.common import (
     warn,
 )
 
+if TYPE_CHECKING:
+    from calib import Cell
+
 
 @click.command()
 @click.argument("cell_path", metavar="CELL", type=click.Path(path_type=Path))
@@ -29,6 +33,11 @@ from studies.commands.common import (
     "--holdout",
     metavar="FILE|FRACTION",
     help="Poses on which the shrinkage is proved: a table, or a share of the configurations.",
+)
+@click.option(
+    "--plan-only",
+    is_flag=True,
+    help="DATA is a plan: say what could be found at its poses, before anything is measured.",
 )
 @click.option(
     "--cell-out",
@@ -54,6 +63,7 @@ def diagnose(
     cell_path: Path,
     data_path: Path,
     holdout: str | None,
+    plan_only: bool,
     cell_out: Path | None,
     folder: Path | None,
     next_count: int,
@@ -68,6 +78,7 @@ def diagnose(
     \b
     Example:
       posecal diagnose cell.toml measurements.csv --holdout 0.3 --json diagnosis.json
+      posecal diagnose cell.toml plan.csv --plan-only
     """
     import calib
     from calib.diagnosis import diagnose as diagnose_data
@@ -81,6 +92,12 @@ def diagnose(
     from studies.diagnose.tables import diagnosis_tables
 
     cell = calib.load_cell(cell_path)
+    if plan_only:
+        for name, value in (("--holdout", holdout), ("--cell-out", cell_out)):
+            if value is not None:
+                raise InputError(name, "", "does not go with --plan-only", "give one of them")
+        _foresee(cell, cell_path, data_path, folder, json_path, seed)
+        return
     data = calib.load_measurements(cell, data_path)
     inputs = [cell_path, cell.urdf, data_path]
     data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
@@ -125,4 +142,43 @@ def diagnose(
         console.print(part)
     for note in notes:
         console.print(note)
+    say_written(texts, folder, json_path)
+
+
+def _foresee(
+    cell: Cell,
+    cell_path: Path,
+    plan_path: Path,
+    folder: Path | None,
+    json_path: str | None,
+    seed: int,
+) -> None:
+    """What a plan, or the readings of a table without their points, could show."""
+    import calib
+    from calib.errors import CalibError, EffectCannotAct, InputError, UnknownEffect
+    from calib.files.tables import holds_points
+    from calib.files.write import write_files
+    from doe.foresight import foresee, foresight_fields
+    from studies.diagnose.plan_tables import foresight_tables
+
+    inputs = [cell_path, cell.urdf, plan_path]
+    check_outputs([p for p in [output_file(json_path)] if p is not None], inputs)
+    load = calib.load_measurements if holds_points(plan_path) else calib.load_plan
+    plan = load(cell, plan_path)
+    try:
+        found = foresee(cell, plan)
+    except (UnknownEffect, EffectCannotAct) as error:
+        raise InputError(cell_path, "model.effects", str(error)) from None
+    except CalibError as error:
+        raise InputError(plan_path, "", str(error)) from None
+    fields = {**envelope("diagnose", inputs, seed), **foresight_fields(found)}
+    texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
+    if folder is not None:
+        from studies.diagnose.plan_pictures import pictures
+
+        texts |= figure_files(pictures(found), folder)
+    write_files(texts)
+    console = console_for(json_path)
+    for part in foresight_tables(cell.name, cell.robot.joints, fields):
+        console.print(part)
     say_written(texts, folder, json_path)

@@ -259,6 +259,35 @@ def test_discriminating_two_effects(kr270: Cell) -> None:
     assert plan.value > precision.min()
 
 
+@pytest.mark.parametrize(
+    "rivals",
+    [
+        ("payload:payload", "link_weight:A3"),
+        ("gravity_compensator:A3", "transmission_scale:A3"),
+        ("transmission_harmonic:A4", "bearing_compliance:A3"),
+    ],
+)
+def test_discriminating_any_two_of_the_catalogue(kr270: Cell, rivals: tuple[str, str]) -> None:
+    """Rivals outside the model, of several parameters, and such as act through compliances only."""
+    cell = replace(kr270, effects=("base", "joint_compliance:A3,A4"), design={})
+    plan = doe.design(cell, poses=8, discriminate=rivals, candidates=300, fresh=False)
+    both = replace(cell, effects=(*cell.effects, *rivals))
+    model = build(both, readings(both, plan.poses)).model
+    soft = plan.problem.regressor.values
+    rows = observation(both, plan.poses, values=soft) / cell.noise.along
+    rows = rows.reshape(-1, len(model.parameters))
+    left = []
+    for text in rivals:
+        own = [i for i, p in enumerate(model.parameters) if p.id.startswith(f"{text}.")]
+        signal = (rows[:, own] * model.sizes[own]).sum(axis=1) / np.sqrt(len(own))
+        rest = np.delete(rows, own, axis=1)
+        scaled = rest / np.linalg.norm(rest, axis=0)
+        fitted = scaled @ np.linalg.lstsq(scaled, signal, rcond=None)[0]
+        left.append(((signal - fitted) ** 2).sum())
+    # Every parameter at its plausible size, the whole of length one.
+    assert plan.value == pytest.approx(min(left), rel=1e-4)
+
+
 def test_obstacles_sight_and_load_are_kept(elastic: Cell) -> None:
     capsules = {
         "A2": (Capsule((0, 0, 0), (1.25, 0, 0), 0.2),),
@@ -414,6 +443,21 @@ REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
     ),
     "no candidates": (lambda c: c, {"poses": 15, "candidates": 0}, "too few"),
     "fewer candidates than poses": (lambda c: c, {"poses": 15, "candidates": 9}, "for 15 poses"),
+    "a rival by approach": (
+        lambda c: c,
+        {"poses": 15, "discriminate": ("backlash:A3", "transmission_scale:A3")},
+        "no choice of poses settles",
+    ),
+    "a rival that is in the model": (
+        lambda c: replace(c, effects=("base", "tool", "geometry")),
+        {"poses": 15, "discriminate": ("joint_offset:A3", "transmission_scale:A3")},
+        "a part of geometry",
+    ),
+    "a rival within the other": (
+        lambda c: replace(c, effects=("base", "joint_compliance:A3"), design={}),
+        {"poses": 15, "discriminate": ("joint_compliance:A5", "stiffness_vs_angle:A5")},
+        "no plan tells joint_compliance:A5 from stiffness_vs_angle:A5",
+    ),
     "rivals that are alike": (
         lambda c: replace(c, effects=("base", "tool", "geometry"), load=None, design={}),
         {"poses": 15, "discriminate": ("joint_offset:A3", "joint_offset:A4")},

@@ -1,0 +1,117 @@
+"""What a plan can tell, in the units of the file formats."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from calib.diagnosis.alike import SURE
+from calib.diagnosis.contest import ALPHA
+from calib.diagnosis.power import POWER
+from calib.effects.protocol import LoadEffect
+from doe.foresight.foresee import Foresight
+from doe.foresight.sight import Sight
+from doe.foresight.splits import splits
+
+_UM = 1e6
+
+
+def foresight_fields(found: Foresight) -> dict[str, Any]:
+    """The fields of ``diagnose --plan-only --json``, without provenance.
+
+    ``could_not_see`` : every cause with the ``minimum_detectable`` size of one ``parameter``, the best
+    seen, null with a ``reason`` where no size would be found; ``rms_um`` is how far that size moves the
+    markers, ``plausible`` a usual size, ``parameters`` all of them, each taken alone, with the part of
+    their signal that is ``left`` beside the model.
+    ``look_alikes`` : causes and what each is taken for (``like``) at its smallest size: correlation
+    ``rho`` over plausible parameters and in the worst direction, the probability of preferring the
+    right one at the smallest size, and the size from which on that is ``sure``, of the same parameter
+    and as a multiple; null where no size would do.
+    ``twins`` : groups that stand for each other at these poses at any size, and what would split them.
+    """
+    view = found.view
+    sights = {sight.key: sight for sight in (*found.seen, *found.hidden)}
+    return {
+        "plan_only": True,
+        "readings": len(view.data),
+        "points": int(view.data.seen.sum()),
+        "hidden_markers": int((~view.data.seen).sum()),
+        "asked": view.asked,
+        "alpha": ALPHA,
+        "power": POWER,
+        "sure": SURE,
+        "approach_derived": view.data.poses.approach_derived,
+        "elastic_assumed": _assumed(found),
+        "unidentifiable": [{"names": list(u.names), "reason": u.reason} for u in view.lost],
+        "could_not_see": [_sight(sights[c.key]) for c in view.suspects],
+        "look_alikes": _look_alikes(found),
+        "twins": [
+            {"members": [_named(found.seen[i]) for i in group], "split_by": list(remedies)}
+            for group, remedies in zip(found.twins, splits(found), strict=True)
+        ],
+        "not_asked": [{"effect": n.effect, "reason": n.reason} for n in view.missing],
+    }
+
+
+def _assumed(found: Foresight) -> bool:
+    """Whether sizes hold for compliances that nobody has identified yet."""
+    through = any(isinstance(sight.candidate.effect, LoadEffect) for sight in found.seen)
+    return found.view.assumed and through
+
+
+def _named(sight: Sight) -> dict[str, Any]:
+    return {"effect": sight.candidate.effect.kind, "where": sight.candidate.where}
+
+
+def _sight(sight: Sight) -> dict[str, Any]:
+    lead, parameters = sight.lead, sight.parameters
+    main = parameters[lead]
+    return {
+        **_named(sight),
+        "parameter": main.name,
+        "minimum_detectable": _finite(sight.smallest[lead] / main.scale),
+        "unit": main.unit,
+        "plausible": main.size / main.scale,
+        "rms_um": _finite(sight.moved[lead] * _UM),
+        "noncentrality": _finite(sight.needed),
+        "directions": sight.directions,
+        "reason": sight.reason or None,
+        "parameters": [
+            {
+                "name": p.name,
+                "minimum_detectable": _finite(size / p.scale),
+                "unit": p.unit,
+                "left": share,
+            }
+            for p, size, share in zip(parameters, sight.smallest, sight.share, strict=True)
+        ],
+    }
+
+
+def _look_alikes(found: Foresight) -> list[dict[str, Any]]:
+    if found.alike is None:
+        return []
+    rho, chance = found.alike.rho, found.alike.preferred(found.just)
+    worst = (1.0 - found.alike.least) ** 0.5
+    entries = []
+    for i, j in found.pairs:
+        sight, times = found.seen[i], float(found.times[i, j])
+        main = sight.parameters[sight.lead]
+        entries.append(
+            {
+                **_named(sight),
+                "like": _named(found.seen[j]),
+                "rho": float(rho[i, j]),
+                "rho_worst": float(worst[i, j]),
+                "probability_at_minimum": float(chance[i, j]),
+                "told_apart_times": _finite(times),
+                "told_apart_from": _finite(times * sight.smallest[sight.lead] / main.scale),
+                "parameter": main.name,
+                "unit": main.unit,
+            }
+        )
+    return entries
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

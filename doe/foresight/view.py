@@ -1,0 +1,126 @@
+"""A plan as the diagnosis will see it: every cause beside everything modelled, and no residual yet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from calib.api import Plan, poses_of, readings
+from calib.build import build
+from calib.cell import Cell
+from calib.covariance import Unidentifiable
+from calib.diagnosis.candidates import Candidate, NotAsked, candidates
+from calib.diagnosis.screen import Field, field
+from calib.identify.estimators import choose_directions
+from calib.identify.identify import check_counts
+from calib.model import Model
+from calib.moves import with_moves
+from calib.observations import Points
+from calib.poses import IntArray, Measurements
+from calib.se3 import Array
+from calib.simulate import beams
+from doe.constraints import scene_of, visible
+from doe.nominal import soft
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """The causes of the catalogue that a model lacks, as a plan shows them.
+
+    cell : Cell
+    model : Model; values : ndarray, shape (p,), SI, where it is linearised
+    data : Measurements, the readings to come: which markers are seen; its points are predictions
+    suspects : tuple of Candidate, by name; missing : tuple of NotAsked
+    asked : int, all that the diagnosis will ask, curves included
+    N : ndarray, shape (rows, k), whitened derivatives of what is modelled; kinds : tuple of str, the
+        kind of effect of each column; lost : what the plan leaves open of the model
+    X : ndarray, shape (rows, K), whitened derivatives of the suspects
+    field : Field, of the suspects; columns : tuple of ndarray of int, of each suspect in it
+    moved : ndarray, shape (columns,), m per SI unit, RMS displacement of the markers
+    assumed : bool, whether compliances are taken as usual, for nobody gave them
+    """
+
+    cell: Cell
+    model: Model
+    values: Array
+    data: Measurements
+    suspects: tuple[Candidate, ...]
+    missing: tuple[NotAsked, ...]
+    asked: int
+    N: Array
+    kinds: tuple[str, ...]
+    lost: tuple[Unidentifiable, ...]
+    X: Array
+    field: Field
+    columns: tuple[IntArray, ...]
+    moved: Array
+    assumed: bool
+
+
+def view_of(cell: Cell, plan: Plan, values: Array | None = None) -> View:
+    """Linearise the model and every cause that it lacks at the readings of a plan.
+
+    plan : a plan, whose poses are read free and loaded where the cell has a [load], with the markers
+        that are in sight; or measurements, which are taken as they are but for their points
+    values : ndarray, shape (p,), SI. Without them all is nominal, but what is elastic is as soft as
+        usual: weights and springs show through compliances only
+
+    Raises UnknownEffect, EffectCannotAct, TooFewPoses, CalibError.
+    """
+    data = readings_of(cell, plan)
+    model = build(cell, data.poses).model
+    check_counts(model, data)
+    if values is None:
+        return linearised(cell, model, data, soft(model, data.poses), assumed=True)
+    return linearised(cell, model, data, values)
+
+
+def linearised(
+    cell: Cell, model: Model, data: Measurements, values: Array, *, assumed: bool = False
+) -> View:
+    """The view of given readings, their points ignored; at values that are known or assumed."""
+    points = model.predict(values, data.poses)
+    data = replace(data, points=points)
+    along = beams(model, values, data.poses, points, cell.instrument)
+    weights = cell.noise.whitening(along, data.sigma) * data.seen[..., None, None]
+    everything, missing = candidates(cell, model, data)
+    suspects = tuple(c for c in everything if c.named)
+    whole = model.with_effects((*model.effects, *(c.effect for c in suspects)))
+    start = np.concatenate([values, np.zeros(len(whole.parameters) - len(values))])
+    _, J = whole.jacobian(start, data.poses)
+    rows = Points(whole, data, weights).rows(J).reshape(-1, J.shape[-1])
+    choice = choose_directions(Points(model, data, weights), values)
+    N, X = rows[:, choice.kept], rows[:, len(values) :]
+    ends = np.cumsum([0, *(len(c.effect.parameters) for c in suspects)])
+    return View(
+        cell,
+        model,
+        values,
+        data,
+        suspects,
+        tuple(missing),
+        len(everything),
+        N,
+        tuple(model.parameters[i].effect for i in choice.kept),
+        choice.unidentifiable,
+        X,
+        field(N, X, np.zeros(len(X))),
+        tuple(np.arange(a, b) for a, b in pairwise(ends)),
+        np.sqrt((J[data.seen][..., len(values) :] ** 2).sum(axis=1).mean(axis=0)),
+        assumed,
+    )
+
+
+def readings_of(cell: Cell, plan: Plan) -> Measurements:
+    """The readings that a plan brings, their points still unknown."""
+    if isinstance(plan, Measurements):
+        return plan
+    poses = poses_of(cell, plan)
+    if poses.approach is None:
+        poses = with_moves(poses)
+    seen = visible(scene_of(cell, poses.q))
+    poses = readings(cell, poses)
+    seen = np.tile(seen, (len(poses) // len(seen), 1))
+    return Measurements(poses, np.zeros((*seen.shape, 3)), seen, np.full(seen.shape, np.nan))

@@ -1,0 +1,76 @@
+"""``posecal diagnose --plan-only`` as a user sees it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from studies.cli import main
+from studies.demo import __file__ as demo_file
+
+DEMO = Path(demo_file).parent
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, ["diagnose", *map(str, arguments)])
+
+
+def test_a_plan_is_judged_before_anything_is_measured(tmp_path: Path) -> None:
+    out, figures = tmp_path / "plan.json", tmp_path / "figures"
+    done = run(
+        DEMO / "cell.toml", DEMO / "plan.csv", "--plan-only", "--json", out, "--figures", figures
+    )
+    assert done.exit_code == 0, done.output
+    assert max(map(len, done.output.splitlines()[:-1])) <= 110
+    fields = json.loads(out.read_text(), parse_constant=pytest.fail)
+    assert fields["command"] == "diagnose"
+    assert fields["plan_only"] is True
+    assert fields["readings"] == 30
+    entries = {(e["effect"], e["where"]): e for e in fields["could_not_see"]}
+    assert entries["tracker_scale", "instrument"]["minimum_detectable"] is None
+    assert "geometry" in entries["tracker_scale", "instrument"]["reason"]
+    backlash = entries["backlash", "A2"]
+    assert backlash["unit"] == "urad"
+    assert backlash["reason"] is None
+    assert 1.0 < backlash["minimum_detectable"] < 100.0
+    assert any("time_s" in e["reason"] for e in fields["not_asked"])
+    for pair in fields["look_alikes"]:
+        own = entries[pair["effect"], pair["where"]]
+        times = pair["told_apart_times"]
+        assert times is None or times > 1.0
+        assert pair["probability_at_minimum"] < fields["sure"]
+        if times is not None:
+            expected = times * own["minimum_detectable"]
+            assert pair["told_apart_from"] == pytest.approx(expected)
+    for name in ("look_alikes", "detection_power"):
+        for suffix in ("svg", "png", "csv"):
+            assert (figures / f"{name}.{suffix}").stat().st_size > 0
+    header, *rows = (figures / "detection_power.csv").read_text().splitlines()
+    assert header.startswith("cause,parameter,unit")
+    assert len(rows) == sum(e["reason"] is None for e in fields["could_not_see"])
+
+
+def test_measurements_are_read_without_their_points(data: Path) -> None:
+    folder = data / "examples" / "one_effect"
+    done = run(folder / "cell.toml", folder / "measurements.csv", "--plan-only")
+    assert done.exit_code == 0, done.output
+    assert "base_drift:base = tracker_drift:instrument" in done.output
+    assert "second station" in done.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((DEMO / "plan.csv", "--cell-out", "x.toml"), "--cell-out: does not go with --plan-only"),
+        ((DEMO / "plan.csv", "--holdout", "0.3"), "--holdout: does not go with --plan-only"),
+        (("none.csv",), "none.csv: cannot be read"),
+    ],
+)
+def test_faults_end_in_one_line(arguments: tuple[object, ...], said: str) -> None:
+    done = run(DEMO / "cell.toml", *arguments, "--plan-only")
+    assert done.exit_code == 2
+    assert len(done.output.strip().splitlines()) == 1
+    assert said in done.output

@@ -108,7 +108,8 @@ def test_nulls_hold_nothing(tmp_path: Path) -> None:
         data = calib.load_measurements(cell, tmp_path / str(seed) / "measurements.csv")
         result = calib.identify(cell, data)
         squares = np.sum(result.distances["fitted_all"] ** 2)
-        fitted.append(np.sqrt(squares / result.dof) / case.scene.sigma)
+        truth = case.scene.noise.rms(case.clean, case.seen & ~case.scene.session.held[:, None])
+        fitted.append(np.sqrt(3.0 * squares / result.dof) / truth)
     np.testing.assert_allclose(fitted, 1.0, atol=0.12)
 
 
@@ -142,7 +143,7 @@ def test_what_is_modelled_is_invisible() -> None:
             at_rest(scene, mechanism, [Cause(effect, where, {name: size})]).readings
             - still.readings
         )
-        share = np.linalg.norm(projector.left(moved)) * scene.sigma / np.linalg.norm(moved)
+        share = np.linalg.norm(projector.left(moved)) * scene.noise.sigma / np.linalg.norm(moved)
         assert (share > 0.1) == (effect == "backlash"), effect
 
 

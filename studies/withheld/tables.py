@@ -188,8 +188,8 @@ def _bar(bar: tuple[float, float] | None) -> str:
         return ""
     low, high = (f"{100 * end:.0f}" for end in bar)
     if bar[0] == 0.0:
-        return f"at most {high}"
-    return f"at least {low}" if bar[1] == 1.0 else f"{low} to {high}"
+        return f"max {high}"
+    return f"min {low}" if bar[1] == 1.0 else f"{low} to {high}"
 
 
 def _interval(interval: tuple[float, float] | None) -> str:

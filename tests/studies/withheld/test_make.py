@@ -25,7 +25,7 @@ from studies.withheld.draw import NONCENTRALITY, SHARES, draw_case, families
 from studies.withheld.keys import key_of
 from studies.withheld.make import make
 from studies.withheld.robots import ARMS
-from studies.withheld.run import run
+from studies.withheld.run import RIVALS, run
 from studies.withheld.score import score
 from studies.withheld.seal import (
     BrokenSeal,
@@ -226,8 +226,12 @@ def test_programs_side_by_side(answered: Path) -> None:
         write_json(own / f"{key['case']}.json", perfect(key))
     runs = {key["case"]: {"status": "answered", "seconds": 1.0} for key in keys}
     commit_answers(answered, runs, ["by hand"], "wizard")
+    for name in RIVALS:  # as many columns as there will be
+        shutil.copytree(own, answered / "answers" / name)
+        commit_answers(answered, runs, ["by hand"], name)
     result = score(answered)
-    assert (result["program"], list(result["rivals"])) == ("diagnosis", ["wizard"])
+    assert (result["program"], set(result["rivals"])) == ("diagnosis", {*RIVALS, "wizard"})
+    del result["rivals"]["aic"]  # an own program in its place, of a longer name
     wizard = result["rivals"]["wizard"]
     assert (result["failed"], wizard["failed"]) == (1, 0)
     exact = {row["family"]: row for row in wizard["rates"] if row["figure"] == "named exactly"}

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -18,7 +19,6 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.screen import Field, Score, score
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.view import View, columns_at
-from calib.poses import IntArray
 
 ALPHA = 0.01
 """Probability of a false entry, over all candidates together."""
@@ -45,15 +45,25 @@ class Entry:
 class Outcome:
     """Where the contest ended.
 
-    fit : Fit, with all entries; before : Fit, without
-    last : Field, of the candidates beside all that is modelled; where : their columns in it
+    before, fit : Fit, without and with all that entered; active : tuple of Candidate, what entered
+    view : View, of all suspects from the fit
     """
 
     before: Fit
     fit: Fit
-    entries: tuple[Entry, ...]
-    last: Field
-    where: dict[str, IntArray]
+    active: tuple[Candidate, ...]
+    view: View
+    suspects: Sequence[Candidate]
+
+    @property
+    def last(self) -> Field:
+        """The candidates beside all that is modelled."""
+        return self.view.beside
+
+    @cached_property
+    def entries(self) -> tuple[Entry, ...]:
+        """Every candidate that entered, with its rivals."""
+        return tuple(_entry(self.view, c, list(self.active), self.suspects) for c in self.active)
 
 
 def contest(
@@ -66,19 +76,19 @@ def contest(
     active = list(active)
     before = stage.fit(())
     fit = stage.fit([c.effect for c in active]) if active else before
-    seen: set[frozenset[str]] = {frozenset(c.key for c in active)}
+    tried: set[frozenset[str]] = {frozenset(c.key for c in active)}
     columns = columns_at(stage, fit, suspects)
+    seen = columns.seen_from(stage, fit)
     for _ in range(_MOST_ROUNDS):
-        found = _better(columns.seen_from(stage, fit), active, suspects)
+        found = _better(seen, active, suspects)
         keys = frozenset(c.key for c in found)
-        if keys in seen:
+        if keys in tried:
             break
-        seen.add(keys)
+        tried.add(keys)
         active = found
         fit = stage.fit([c.effect for c in active])
-    at_end = columns.seen_from(stage, fit)
-    entries = tuple(_entry(at_end, member, active, suspects) for member in active)
-    return Outcome(before, fit, entries, at_end.beside, at_end.where)
+        seen = columns.seen_from(stage, fit)
+    return Outcome(before, fit, tuple(active), seen, suspects)
 
 
 def _better(

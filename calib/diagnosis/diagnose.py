@@ -10,13 +10,13 @@ from calib.build import build
 from calib.cell import Cell
 from calib.covariance import determined
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
-from calib.diagnosis.contest import ALPHA, Outcome, contest
-from calib.diagnosis.gap import Gap, gap_of, share_of
+from calib.diagnosis.contest import ALPHA, Entry, Outcome, contest
+from calib.diagnosis.gap import Gap, gap_of
 from calib.diagnosis.power import smallest_detectable
+from calib.diagnosis.range_noise import Growth, growth
 from calib.diagnosis.shape import Doubt, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, VerdictName, classes, verdict
-from calib.effects.protocol import Effect
 from calib.identify.estimators import Mask
 from calib.identify.identify import check_counts, whitening
 from calib.identify.initial import initial_values
@@ -29,6 +29,7 @@ from calib.threads import one_blas_thread
 
 _REPLICATES = 10  # degrees of freedom of repeated readings worth believing
 _DISAGREE = 0.01
+_LEFT_OVER = 0.001  # the scatter of a few repeats is a weak witness
 SHAPE_ALPHA = 0.05
 """Probability of doubting a right shape: only what was found is asked, so no more strictly."""
 _MOST_PASSES = 3  # contests, while outliers are judged anew
@@ -84,6 +85,7 @@ class Diagnosis:
     not_asked : causes that the table's columns cannot speak of
     before, after : Fit, of the user's model and with all that was found; stage : what they fit
     suspects : tuple of Candidate, all that was asked; outcome : Outcome, of the contest
+    growth : Growth, of the noise with range, None where the residual shows none
     """
 
     verdict: VerdictName
@@ -103,6 +105,7 @@ class Diagnosis:
     stage: Stage
     suspects: tuple[Candidate, ...]
     heldout: Measurements | None
+    growth: Growth | None
 
 
 @one_blas_thread
@@ -125,18 +128,25 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     suspects, missing = candidates(cell, model, data)
     outcome = contest(stage, suspects)
     statistic, limit = np.zeros(len(data)), np.inf
+    grows = growth(data, outcome.fit.r)
+    if grows is not None:
+        weights = weights / grows.relative[..., None, None]
+        factor = _replicate_factor(data, weights)
+        stage = replace(stage, weights=weights / factor)
+        outcome = contest(stage, suspects)
     for _ in range(_MOST_PASSES):
         out, statistic, limit = _outliers(stage, outcome)
         if not stage.robust and np.array_equal(out, stage.dropped):
             break
         stage = replace(stage, dropped=out, robust=False)
-        outcome = contest(stage, suspects, [entry.candidate for entry in outcome.entries])
+        outcome = contest(stage, suspects, outcome.active)
     named, after = classes(stage, outcome)
     noise = _noise(stage, after, factor)
+    scale = noise.factor / factor if noise.source == "residual" else 1.0
     left = _something_left(stage, outcome)
     floor = float(np.sqrt(3.0)) * noise.sigma
-    causes = tuple(_cause(stage, outcome, n, after, noise, len(suspects)) for n in named)
-    located = _located(stage, outcome, causes, after, noise.sigma)
+    causes = tuple(_cause(stage, outcome, n, after, scale, len(suspects)) for n in named)
+    located = _located(outcome, causes, scale)
     by_time = any(place.depends_on in ("time", "temperature") for place in located)
     kept = data.take(~stage.dropped)
     return Diagnosis(
@@ -157,6 +167,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         stage=stage,
         suspects=tuple(suspects),
         heldout=heldout,
+        growth=grows,
     )
 
 
@@ -197,7 +208,7 @@ def _something_left(stage: Stage, outcome: Outcome) -> bool:
     if repeats < _REPLICATES or rest <= 0:
         return False
     F = max(outcome.last.cost - spread, 0.0) / rest / (spread / repeats)
-    return bool(fdtrc(rest, repeats, F) < _DISAGREE)
+    return bool(fdtrc(rest, repeats, F) < _LEFT_OVER)
 
 
 def _cause(
@@ -205,28 +216,30 @@ def _cause(
     outcome: Outcome,
     named: Named,
     after: Fit,
-    noise: NoiseLevel,
+    scale: float,
     asked: int,
 ) -> Cause:
     effect = named.candidate.effect
     own, cov = after.positions(effect), after.covariance
-    scale = noise.factor if noise.source == "residual" else 1.0
-    share = _share(stage, outcome, after, noise.sigma, effect)
+    share = _share(outcome, named.entry, scale)
     p = min(1.0, named.entry.score.p * asked)
     std = np.where(determined(after.span), scale * np.sqrt(np.diag(cov)), np.nan)
     doubt = shape_doubt(after.model.robot, stage.data.poses, after, effect)
     return Cause(named, doubt, after.values[own], std[own], p, share)
 
 
-def _share(stage: Stage, outcome: Outcome, after: Fit, sigma: float, effect: Effect) -> float:
-    rest = [e for e in after.model.effects[len(stage.model.effects) :] if e is not effect]
-    without = stage.fit(rest) if rest else outcome.before
-    return share_of(without, after, outcome.before, stage.data.take(~stage.dropped), sigma)
+def _share(outcome: Outcome, entry: Entry, scale: float) -> float:
+    """By how much the sum of squares would rise without it, over its excess before; NaN without one.
+
+    scale : float, actual over stated standard deviation
+    """
+    cost = float((outcome.before.r**2).sum())
+    rows = int(np.count_nonzero(np.abs(outcome.before.J).sum(axis=-1)))
+    excess = cost - (rows - outcome.before.span.shape[1]) * scale**2
+    return entry.score.fall / excess if excess > 0.0 else np.nan
 
 
-def _located(
-    stage: Stage, outcome: Outcome, causes: tuple[Cause, ...], after: Fit, sigma: float
-) -> tuple[Place, ...]:
+def _located(outcome: Outcome, causes: tuple[Cause, ...], scale: float) -> tuple[Place, ...]:
     """Places of all that was found, largest share first."""
     found = [Place(c.named.candidate.where, c.named.candidate.depends_on, c.share) for c in causes]
     for c in causes:
@@ -235,7 +248,7 @@ def _located(
             found.append(Place(c.named.candidate.where, f"q:{c.doubt.joint}", part * c.share))
     for entry in outcome.entries:
         if not entry.candidate.named:
-            share = _share(stage, outcome, after, sigma, entry.candidate.effect)
+            share = _share(outcome, entry, scale)
             found.append(Place(entry.candidate.where, entry.candidate.depends_on, share))
     return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
 
@@ -249,7 +262,9 @@ def _hidden(outcome: Outcome, suspects: list[Candidate]) -> tuple[Hidden, ...]:
             continue
         sizes = [
             (smallest_detectable(outcome.last, int(c), ALPHA / len(suspects)), p)
-            for c, p in zip(outcome.where[candidate.key], candidate.effect.parameters, strict=True)
+            for c, p in zip(
+                outcome.view.where[candidate.key], candidate.effect.parameters, strict=True
+            )
         ]
         size, parameter = min(sizes, key=lambda pair: pair[0] / pair[1].size)
         effect = candidate.effect

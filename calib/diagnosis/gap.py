@@ -41,20 +41,6 @@ def rms(squared: Array) -> float:
     return float(np.sqrt(np.nanmean(squared)))
 
 
-def share_of(without: Fit, after: Fit, before: Fit, data: Measurements, sigma: float) -> float:
-    """Rise of the mean squared error when a cause is taken out, over the gap; NaN where there is none.
-
-    On the fitted poses, where nothing rises by chance; the floor there is what the noise leaves beside
-    the estimated parameters.
-    """
-    with_it, taken, first = (
-        float(np.nansum(squared_errors(f, data))) for f in (after, without, before)
-    )
-    left = 3 * int(data.seen.sum()) - after.span.shape[1]
-    whole = first - max(left, 0) * sigma**2
-    return (taken - with_it) / whole if whole > 0.0 else np.nan
-
-
 def gap_of(
     before: Fit,
     after: Fit,

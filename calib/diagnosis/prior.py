@@ -12,6 +12,8 @@ from calib.se3 import Array
 
 _LEAST_FREE = 0.5  # coefficients that the data determine
 _LEAST = 1e-9  # rad or m
+_ROUNDS = 30
+_SETTLED = 0.02
 
 
 def curves_in(model: Model) -> Iterator[tuple[Curve, slice]]:
@@ -36,17 +38,31 @@ def prior_rows(model: Model, amplitudes: Sequence[float]) -> Array:
     return np.concatenate(rows)
 
 
-def updated(
-    model: Model, amplitudes: Sequence[float], values: Array, cov: Array
+def fitted_amplitudes(
+    model: Model, amplitudes: Sequence[float], J: Array, r: Array, span: Array
 ) -> tuple[float, ...]:
     """Amplitudes that the coefficients show (MacKay, Neural Computation 4(3), 1992, fixed point).
 
-    values : ndarray, shape (p,); cov : ndarray, shape (p, p), of the fit at the present amplitudes
+    J : ndarray, shape (N, p), r : ndarray, shape (N,), whitened data as a linear problem ``r = J v``
+    span : ndarray, shape (p, k), directions that are estimated
     """
-    found = []
-    for (effect, part), amplitude in zip(curves_in(model), amplitudes, strict=True):
-        inverse = np.linalg.inv(effect.spread)
-        determined = len(inverse) - float(np.trace(inverse @ cov[part, part])) / amplitude**2
-        squared = float(values[part] @ inverse @ values[part]) / max(determined, _LEAST_FREE)
-        found.append(max(float(np.sqrt(squared)), _LEAST))
-    return tuple(found)
+    found = np.array(amplitudes)
+    if not len(found):
+        return ()
+    A, g = span.T @ (J.T @ J) @ span, span.T @ (J.T @ r)
+    inverses = [np.linalg.inv(effect.spread) for effect, _ in curves_in(model)]
+    parts = [part for _, part in curves_in(model)]
+    for _ in range(_ROUNDS):
+        held = prior_rows(model, found.tolist()) @ span
+        half = span @ np.linalg.pinv(A + held.T @ held, hermitian=True)
+        cov, values = half @ span.T, half @ g
+        fresh = []
+        for inverse, part, amplitude in zip(inverses, parts, found, strict=True):
+            free = len(inverse) - float(np.trace(inverse @ cov[part, part])) / amplitude**2
+            squared = float(values[part] @ inverse @ values[part]) / max(free, _LEAST_FREE)
+            fresh.append(max(float(np.sqrt(squared)), _LEAST))
+        settled = np.allclose(fresh, found, rtol=_SETTLED)
+        found = np.array(fresh)
+        if settled:
+            break
+    return tuple(found.tolist())

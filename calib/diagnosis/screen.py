@@ -77,11 +77,7 @@ def field(N: Array, X: Array, r: Array) -> Field:
     Q = Q[:, pivots > _DEPENDENT * pivots.max(initial=0.0)]
     rows = int(np.count_nonzero(np.abs(N).sum(axis=1) + np.abs(X).sum(axis=1)))
     lengths = np.linalg.norm(X, axis=0)
-    # Twice is enough: what is left after one projection carries the rounding of the first.
-    X, r = X.copy(), r.copy()
-    for _ in range(2):
-        X -= Q @ (Q.T @ X)
-        r -= Q @ (Q.T @ r)
+    X, r = X - Q @ (Q.T @ X), r - Q @ (Q.T @ r)
     return Field(X, r, lengths, rows, rows - Q.shape[1])
 
 

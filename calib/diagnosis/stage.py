@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.covariance import covariance
-from calib.diagnosis.prior import curves_in, prior_rows, updated, weak
+from calib.diagnosis.prior import curves_in, fitted_amplitudes, prior_rows, weak
 from calib.effects.protocol import Effect
 from calib.identify.estimators import choose_directions
 from calib.identify.outliers import fit_statistics
@@ -21,7 +21,7 @@ from calib.se3 import Array
 
 _HUBER = 2.0  # median lengths of a pose's residual beyond which it counts less
 _ROUNDS = 4
-_SETTLED = 1e-2
+_SETTLED = 0.05
 _MOST_ITERATIONS = 20  # a model that needs more does not describe the arm
 
 
@@ -94,7 +94,8 @@ class Stage:
         fit = self._fitted(model, values, span, weight, weak(model))
         for _ in range(_ROUNDS):
             fresh = self._robust_weight(fit), _amplitudes_of(fit)
-            if _same(fresh[0], fit.weight) and _same(fresh[1], fit.amplitudes):
+            same_weights = np.allclose(fresh[0], fit.weight, atol=_SETTLED)
+            if same_weights and np.allclose(fresh[1], fit.amplitudes, rtol=_SETTLED):
                 break
             fit = self._fitted(model, fit.values, span, *fresh)
         return fit
@@ -140,13 +141,9 @@ class Stage:
 
 
 def _amplitudes_of(fit: Fit) -> tuple[float, ...]:
-    if not fit.amplitudes:
-        return ()
-    return updated(fit.model, fit.amplitudes, fit.values, fit.covariance)
-
-
-def _same(a: Array | tuple[float, ...], b: Array | tuple[float, ...]) -> bool:
-    return np.allclose(a, b, rtol=_SETTLED, atol=0.0)
+    J = fit.J.reshape(-1, fit.J.shape[-1])
+    r = fit.r.ravel() + J @ fit.values
+    return fitted_amplitudes(fit.model, fit.amplitudes, J, r, fit.span)
 
 
 def positions(model: Model, effect: Effect) -> IntArray:

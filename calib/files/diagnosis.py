@@ -20,6 +20,9 @@ def diagnosis_fields(result: Diagnosis) -> dict[str, Any]:
             "sigma_mm": noise.sigma * _MM,
             "believed_sigma_mm": noise.believed * _MM,
             "source": noise.source,
+            "grows_with_range": None
+            if result.growth is None
+            else {"nearest": result.growth.nearest, "farthest": result.growth.farthest},
         },
         "effects": [_cause(cause) for cause in result.causes],
         "located": [

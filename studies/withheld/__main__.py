@@ -1,7 +1,8 @@
 """Sealed cases for the diagnosis: make them, let it answer, score the answers.
 
 ``python -m studies.withheld make 600 --seed 1 FOLDER``, then ``run FOLDER --workers 2``, then
-``score FOLDER --json score.json``.
+``score FOLDER --json score.json``. ``run FOLDER --answers aic`` lets a rival answer the same cases
+(``bic`` and ``black-box`` are the others); ``score`` sets all that answered side by side.
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from studies.withheld.run import DIAGNOSE
-from studies.withheld.seal import BrokenSeal, write_json
+from studies.withheld.run import COMMANDS
+from studies.withheld.seal import DIAGNOSIS, BrokenSeal, write_json
 
 _FOLDER = click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
 
@@ -42,15 +43,31 @@ def make(count: int, folder: Path, seed: int) -> None:
 @_FOLDER
 @click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True)
 @click.option("--limit", type=float, default=120.0, show_default=True, help="Seconds for one case.")
-@click.option("--command", default=DIAGNOSE, help="With {cell} {data} {heldout} {answer}.")
-def run(folder: Path, workers: int, limit: float, command: str) -> None:
-    """Let the diagnosis answer every case, and commit the answers."""
+@click.option(
+    "--answers",
+    "program",
+    default=DIAGNOSIS,
+    show_default=True,
+    help=f"Who answers: {', '.join(COMMANDS)}, or any other name with a --command.",
+)
+@click.option("--command", help="Own program, with {cell} {data} {heldout} {answer}.")
+def run(folder: Path, workers: int, limit: float, program: str, command: str | None) -> None:
+    """Let the diagnosis, or a rival, answer every case, and commit the answers."""
     from studies.withheld.run import run as run_cases
-    from studies.withheld.seal import case_names
+    from studies.withheld.seal import COMMITMENT, answers_folder, case_names
 
+    if command is None and program not in COMMANDS:
+        raise click.UsageError(
+            f"--answers {program}: nobody of that name; choose {', '.join(COMMANDS)}, or give --command"
+        )
+    if not program.replace("-", "").replace("_", "").isalnum():
+        raise click.UsageError(f"--answers {program}: use letters, digits, - and _")
+    if not (folder / COMMITMENT).exists():
+        raise click.ClickException(f"{folder}: holds no sealed cases; make them first")
     with click.progressbar(length=len(case_names(folder)), label="answers") as bar:
         runs = run_cases(
             folder,
+            program=program,
             command=command,
             workers=workers,
             limit=limit,
@@ -59,7 +76,9 @@ def run(folder: Path, workers: int, limit: float, command: str) -> None:
     failed = [name for name, one in runs.items() if one["status"] != "answered"]
     click.echo(f"{len(runs) - len(failed)} answered, {len(failed)} without an answer")
     for name in failed:
-        click.echo(f"  {name}: {runs[name]['status']}, see {folder / 'answers' / name}.log")
+        click.echo(
+            f"  {name}: {runs[name]['status']}, see {answers_folder(folder, program) / name}.log"
+        )
 
 
 @main.command()

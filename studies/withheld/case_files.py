@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.withheld.draw import Case
+from studies.withheld.noise import Noise
 from studies.withheld.scene import Scene
 from studies.withheld.texts import urdf
 
@@ -51,7 +52,7 @@ def cell_text(name: str, scene: Scene) -> str:
         ]
     lines += ["", "[markers_mm]"]
     lines += [f"m{i} = {_mm(guess)}" for i, guess in enumerate(scene.guesses, 1)]
-    lines += ["", "[instrument]", f"sigma_mm = {scene.believed * 1e3:.4g}"]
+    lines += ["", "[instrument]", f"sigma_mm = {_noise(scene.believed)}"]
     if scene.payload:
         lines += ["", "[payload]", f"mass_kg = {scene.payload!r}", f"com_mm = {_mm(scene.com)}"]
     quoted = ", ".join(f'"{effect}"' for effect in effects)
@@ -90,6 +91,15 @@ def table_text(case: Case, poses: NDArray[np.int_]) -> str:
             angles = [f"{v:.6f}" for v in shown[i]]
             writer.writerow([session.names[i], f"m{marker + 1}", *angles, *point, *state])
     return stream.getvalue()
+
+
+def _noise(believed: Noise) -> str:
+    if not believed.grows:
+        return f"{believed.sigma * 1e3:.4g}"
+    names = ("range_mm", "transverse_mm", "transverse_mm_per_m")
+    values = (believed.along, believed.across, believed.across_per_m)
+    shown = [f"{name} = {value * 1e3:.4f}" for name, value in zip(names, values, strict=True)]
+    return f"{{ {', '.join(shown)} }}"
 
 
 def _mm(values: object) -> str:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from studies.withheld.actions import State
 from studies.withheld.causes import Cause, draw_cause, draw_outside, with_wrong_shape
+from studies.withheld.noise import Noise, growing
 from studies.withheld.robots import ARMS, Arm, Array
 from studies.withheld.scene import Scene
 from studies.withheld.session import Session, draw_session
@@ -30,7 +31,10 @@ class NoSuchCase(Exception):
 
 @dataclass(frozen=True)
 class Conditions:
-    """What makes a case hard, apart from its cause."""
+    """What makes a case hard, apart from its cause.
+
+    range_noise : None, or whether the cell says that the noise grows with range: "said", "unsaid"
+    """
 
     wrong_sigma: bool
     outliers: bool
@@ -40,6 +44,7 @@ class Conditions:
     weighs: bool
     payload: bool
     missing: str | None
+    range_noise: str | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +103,7 @@ def _conditions(rng: np.random.Generator) -> Conditions:
         weighs=rng.random() > 0.08,
         payload=rng.random() < 0.35,
         missing=missing if rng.random() < 0.15 else None,
+        range_noise=(None, "said", "unsaid")[int(rng.choice(3, p=[0.85, 0.075, 0.075]))],
     )
 
 
@@ -125,7 +131,7 @@ def draw_scene(rng: np.random.Generator, arm: Arm, conditions: Conditions) -> Sc
             for joint in arm.joints
             if not joint.slides
         }
-    sigma = arm.sigma * (1.5 if conditions.wrong_sigma else 1.0)
+    stated = growing(rng, arm.sigma) if conditions.range_noise else Noise.uniform(arm.sigma)
     R = Rotation.random(rng=rng).as_matrix()
     away = rng.normal(size=3)
     return Scene(
@@ -142,8 +148,8 @@ def draw_scene(rng: np.random.Generator, arm: Arm, conditions: Conditions) -> Sc
         com=com,
         columns=frozenset({"time", "temperature", "approach"} - {conditions.missing or ""}),
         knots=knots,
-        sigma=sigma,
-        believed=arm.sigma,
+        noise=stated.times(1.5) if conditions.wrong_sigma else stated,
+        believed=Noise.uniform(arm.sigma) if conditions.range_noise == "unsaid" else stated,
         R=R,
         p=float(rng.uniform(3.0, 6.0)) * away / np.linalg.norm(away),
         wrench=_wrench(arm, session),
@@ -286,14 +292,14 @@ def _noise(
     rng: np.random.Generator, conditions: Conditions, scene: Scene, clean: Array
 ) -> tuple[Array, tuple[str, ...]]:
     """Normal noise, and gross errors in 3 % of the fitted poses: one reflector, or all alike."""
-    noisy = clean + rng.normal(size=clean.shape) * scene.sigma
+    noisy = clean + scene.noise.coloured(rng.normal(size=clean.shape), clean)
     if not conditions.outliers:
         return noisy, ()
     fitted = np.flatnonzero(~scene.session.held)
     chosen = np.sort(rng.choice(fitted, max(1, round(0.03 * len(fitted))), replace=False))
     for pose in chosen:
         jump = rng.normal(size=3)
-        jump *= rng.uniform(20.0, 100.0) * scene.sigma / np.linalg.norm(jump)
+        jump *= rng.uniform(20.0, 100.0) * scene.noise.sigma / np.linalg.norm(jump)
         which = slice(None) if rng.random() < 0.5 else int(rng.integers(clean.shape[1]))
         noisy[pose, which] += jump
     return noisy, tuple(scene.session.names[i] for i in chosen)

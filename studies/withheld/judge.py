@@ -31,8 +31,10 @@ class Judgement:
     explained : it says that nothing is left to explain
     further : it names effects that are not there
     statements : probability and truth of each named effect
-    intervals : whether each 95 % interval of a rightly named effect's parameter holds the truth
+    covered : effect, and whether the 95 % interval of a parameter holds the truth, of each parameter
+        of a rightly named effect
     over_floor : held-out RMS after, over the true floor; infinite without an answer
+    before_over_floor : the same before anything is added to the user's model
     """
 
     case: str
@@ -56,8 +58,14 @@ class Judgement:
     explained: bool
     further: bool
     statements: tuple[tuple[float, bool], ...]
-    intervals: tuple[bool, ...]
+    covered: tuple[tuple[str, bool], ...]
     over_floor: float
+    before_over_floor: float
+
+    @property
+    def intervals(self) -> tuple[bool, ...]:
+        """Whether each interval holds the truth."""
+        return tuple(held for _, held in self.covered)
 
 
 def judge(key: dict[str, Any], answer: dict[str, Any] | None) -> Judgement:
@@ -100,8 +108,9 @@ def judge(key: dict[str, Any], answer: dict[str, Any] | None) -> Judgement:
             for e in effects
             if e.get("probability") is not None
         ),
-        intervals=_intervals(key, effects) if key["family"] in ("single", "pair") else (),
+        covered=_covered(key, effects) if key["family"] in ("single", "pair") else (),
         over_floor=_over_floor(key, given),
+        before_over_floor=_ratio(key, (given.get("gap") or {}).get("heldout_before_mm")),
     )
 
 
@@ -120,7 +129,7 @@ def _depends_right(causes: list[dict[str, Any]], answer: dict[str, Any]) -> bool
     return any(first in cause["depends_on"] for cause in causes)
 
 
-def _intervals(key: dict[str, Any], effects: list[dict[str, Any]]) -> tuple[bool, ...]:
+def _covered(key: dict[str, Any], effects: list[dict[str, Any]]) -> tuple[tuple[str, bool], ...]:
     """Parameters given with a standard deviation; others make no claim, unknown units a false one."""
     held = []
     for truth in key["effects"]:
@@ -134,7 +143,7 @@ def _intervals(key: dict[str, Any], effects: list[dict[str, Any]]) -> tuple[bool
                     continue
                 scale = SI.get(answer.get("unit"), math.nan) / SI[parameter["unit"]]
                 off = abs(answer["value"] * scale - parameter["value"])
-                held.append(off <= _Z * answer["std"] * scale)
+                held.append((str(truth["effect"]), off <= _Z * answer["std"] * scale))
     return tuple(held)
 
 
@@ -143,4 +152,8 @@ def _over_floor(key: dict[str, Any], answer: dict[str, Any]) -> float:
     after = gap.get("heldout_after_mm")
     if after is None and answer.get("verdict") == "no_gap":
         after = gap.get("heldout_before_mm")  # nothing was added, so before is after
-    return math.inf if after is None else float(after) / float(key["floor_mm"])
+    return _ratio(key, after)
+
+
+def _ratio(key: dict[str, Any], rms_mm: float | None) -> float:
+    return math.inf if rms_mm is None else float(rms_mm) / float(key["floor_mm"])

@@ -39,9 +39,10 @@ def key_of(case: Case, name: str, index: int, salt: str) -> dict[str, Any]:
         "outside": None,
         "noncentrality": case.together,
         "displacement_rms_mm": case.moved * 1e3,
-        "sigma_mm": scene.sigma * 1e3,
-        "believed_sigma_mm": scene.believed * 1e3,
-        "floor_mm": float(np.sqrt(3.0)) * scene.sigma * 1e3,
+        "sigma_mm": scene.noise.sigma * 1e3,
+        "believed_sigma_mm": scene.believed.sigma * 1e3,
+        "noise_mm": {name: value * 1e3 for name, value in asdict(scene.noise).items()},
+        "floor_mm": scene.noise.rms(case.clean[held], case.seen[held]) * 1e3,
         "heldout_noise_rms_mm": float(np.sqrt(np.mean(np.sum(noise**2, axis=-1)))) * 1e3,
         "outliers": list(case.outliers),
         "truth": {

@@ -13,7 +13,14 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from studies.withheld.seal import ANSWERS, case_names, commit_answers, read_json
+from studies.withheld.seal import (
+    DIAGNOSIS,
+    answers_folder,
+    case_names,
+    commit_answers,
+    commitment_of,
+    read_json,
+)
 
 DIAGNOSE = shlex.join(
     [
@@ -22,50 +29,65 @@ DIAGNOSE = shlex.join(
     ]
 )
 """``posecal diagnose CELL DATA --holdout HELDOUT --json ANSWER`` of the package that runs this."""
+RIVALS = {
+    name: shlex.join(
+        [
+            *(sys.executable, "-m", "studies.rivals", name),
+            *("{cell}", "{data}", "{heldout}", "{answer}"),
+        ]
+    )
+    for name in ("aic", "bic", "black-box")
+}
+"""Simple programs for the same cases, by the names of their answers."""
+COMMANDS = {DIAGNOSIS: DIAGNOSE, **RIVALS}
 
 
 def run(
     folder: Path,
     *,
-    command: str = DIAGNOSE,
+    program: str = DIAGNOSIS,
+    command: str | None = None,
     workers: int = 1,
     limit: float = 120.0,
     progress: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
-    """Answer every case anew and commit the answers.
+    """Let one program answer every case anew and commit its answers; those of others stay.
 
-    command : template with {cell}, {data}, {heldout} and {answer}, which are absolute paths
+    program : name of the answers, which lie in a folder of that name
+    command : template with {cell}, {data}, {heldout} and {answer}, which are absolute paths; by
+        default that of ``COMMANDS``
     limit : s, for one case
     Returns what became of each case: "answered", "failed" or "too slow", and its seconds.
     """
     names = case_names(folder)
-    parts = shlex.split(command)
-    (folder / ANSWERS).unlink(missing_ok=True)
-    shutil.rmtree(folder / "answers", ignore_errors=True)
-    (folder / "answers").mkdir()
+    parts = shlex.split(COMMANDS[program] if command is None else command)
+    answers = answers_folder(folder, program).resolve()
+    commitment_of(folder, program).unlink(missing_ok=True)
+    shutil.rmtree(answers, ignore_errors=True)
+    answers.mkdir(parents=True)
 
     def one(name: str) -> dict[str, Any]:
-        found = _answer(folder, name, parts, limit)
+        found = _answer(folder / "cases" / name, answers, parts, limit)
         progress()
         return found
 
     with ThreadPoolExecutor(workers) as pool:
         runs = dict(zip(names, pool.map(one, names), strict=True))
-    commit_answers(folder, runs, parts)
+    commit_answers(folder, runs, parts, program)
     return runs
 
 
-def _answer(folder: Path, name: str, parts: list[str], limit: float) -> dict[str, Any]:
-    case, answers = (folder / "cases" / name).resolve(), (folder / "answers").resolve()
+def _answer(case: Path, answers: Path, parts: list[str], limit: float) -> dict[str, Any]:
+    case = case.resolve()
     paths = {
         "cell": case / "cell.toml",
         "data": case / "measurements.csv",
         "heldout": case / "heldout.csv",
-        "answer": answers / f"{name}.json",
+        "answer": answers / f"{case.name}.json",
     }
     command = [part.format(**paths) for part in parts]
     begun = time.perf_counter()
-    with (answers / f"{name}.log").open("wb") as log:
+    with (answers / f"{case.name}.log").open("wb") as log:
         try:
             done = subprocess.run(  # noqa: S603
                 command,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from studies.withheld.actions import Action, State
+from studies.withheld.noise import Noise
 from studies.withheld.robots import Arm, Array
 from studies.withheld.session import Session
 from studies.withheld.texts import G
@@ -26,7 +27,7 @@ class Scene:
     payload : kg known to the user, com : ndarray, shape (3,), m, tip frame
     columns : which of time, temperature, approach the files show
     knots : joint name -> ndarray, rad, as the cell gives them
-    sigma, believed : m
+    noise, believed : of the instrument, true and as the cell says it
     R, p : placement of the base in the instrument's frame
     wrench : ndarray, shape (N, 6), N and N m, as the file shows it, about the tip's origin, base axes
     """
@@ -44,8 +45,8 @@ class Scene:
     com: Array
     columns: frozenset[str]
     knots: dict[str, Array]
-    sigma: float
-    believed: float
+    noise: Noise
+    believed: Noise
     R: Array
     p: Array
     wrench: Array

@@ -1,8 +1,9 @@
-"""The score of many answers: rates by family with Wilson intervals, calibration, coverage, floors."""
+"""The score of many answers: rates with Wilson intervals, calibration, coverage, held-out errors."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -12,7 +13,7 @@ from typing import Any
 from scipy.stats import binom
 
 from studies.withheld.judge import Judgement, judge
-from studies.withheld.seal import opened, read_json
+from studies.withheld.seal import Answered, opened
 
 BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 _Z = 1.959964
@@ -76,6 +77,7 @@ _FIGURES: tuple[tuple[str, bool | None, str, Test, tuple[float, float] | None], 
         None,
     ),
     ("single", True, "within its class", lambda j: j.found, (0.93, 1.0)),
+    ("single", True, "the same, and nothing else", lambda j: j.found and not j.further, None),
     ("single", True, "located", lambda j: j.located, (0.93, 1.0)),
     ("single", True, "further effects named", lambda j: j.further, None),
     ("single", True, "confidently misnamed", lambda j: j.misnamed, None),
@@ -96,7 +98,9 @@ _FIGURES: tuple[tuple[str, bool | None, str, Test, tuple[float, float] | None], 
     ("shape", True, "called explained", lambda j: j.explained, (0.0, 0.10)),
 )
 _HARD: dict[str, Test] = {
-    "plain": lambda j: not any(j.conditions[c] for c in ("wrong_sigma", "outliers", "hidden")),
+    "plain": lambda j: (
+        not any(j.conditions[c] for c in ("wrong_sigma", "outliers", "hidden", "range_noise"))
+    ),
     "sigma wrong": lambda j: bool(j.conditions["wrong_sigma"]),
     "outliers": lambda j: bool(j.conditions["outliers"]),
     "hidden markers": lambda j: bool(j.conditions["hidden"]),
@@ -104,26 +108,57 @@ _HARD: dict[str, Test] = {
     "columns missing": lambda j: j.conditions["missing"] is not None,
     "rigid joints": lambda j: bool(j.conditions["rigid"]),
     "geometry known": lambda j: bool(j.conditions["known_geometry"]),
+    "range noise, said": lambda j: j.conditions["range_noise"] == "said",
+    "range noise, unsaid": lambda j: j.conditions["range_noise"] == "unsaid",
 }
+# The figures that are asked again of every robot and under every condition.
+_AGAIN = (
+    ("null", "false alarms"),
+    ("single, visible", "named exactly"),
+    ("single, visible", "within its class"),
+    ("single, visible", "located"),
+    ("pair, visible", "both found"),
+    ("outside, visible", "unknown and located"),
+    ("shape, visible", "right cause listed"),
+)
+MANY = 40  # configurations of a plan from which held-out errors are held against the floor
 
 
 def score(folder: Path) -> dict[str, Any]:
-    """The whole score of a folder, as written to JSON. Raises BrokenSeal."""
-    keys, answers = opened(folder)
-    runs = read_json(folder / "answers.json")["runs"]
-    judged = [judged_or_failed(keys[name], answers[name]) for name in keys]
+    """The whole score of a folder, as written to JSON. Raises BrokenSeal.
+
+    At the top that of the first program, the diagnosis where it answered; the others as ``rivals``.
+    """
+    keys, answered = opened(folder)
+    first, *others = answered
     return {
         "schema": 1,
         "command": "withheld score",
+        "program": first,
+        **score_of(keys, answered[first]),
+        "rivals": {name: score_of(keys, answered[name]) for name in others},
+    }
+
+
+def score_of(keys: dict[str, Any], answered: Answered) -> dict[str, Any]:
+    """The score of one program."""
+    judged = [judged_or_failed(key, answered.answers[name]) for name, key in keys.items()]
+    return {
         "cases": len(judged),
+        "families": Counter(j.family for j in judged),
         "failed": sum(not j.answered for j in judged),
-        "seconds": _quantiles([run["seconds"] for run in runs.values()]),
+        "names": any(j.named for j in judged),
+        "seconds": _quantiles([run["seconds"] for run in answered.runs.values()]),
         "rates": [rate.as_dict() for rate in rates(judged)],
+        "robots": [rate.as_dict() for rate in by_robot(judged)],
         "conditions": [rate.as_dict() for rate in by_condition(judged)],
         "causes": [rate.as_dict() for rate in by_cause(judged)],
         "reliability": reliability(judged),
         "coverage": coverage(judged).as_dict(),
+        "coverage_by_effect": [rate.as_dict() for rate in coverage_by_effect(judged)],
         "heldout_over_floor": floors(judged),
+        "heldout_by_family": floors_by_family(judged),
+        "heldout_by_robot": floors_by_robot(judged),
         "answers": [_short(j) for j in judged],
     }
 
@@ -147,16 +182,23 @@ def rates(judged: Sequence[Judgement]) -> list[Rate]:
 
 
 def by_condition(judged: Sequence[Judgement]) -> list[Rate]:
-    """The first figures again under each of the conditions that make a case hard."""
-    found = []
-    for name, holds in _HARD.items():
-        nulls = [j for j in judged if j.family == "null" and holds(j)]
-        single = [j for j in judged if j.family == "single" and j.visible and holds(j)]
-        alarms = sum(j.verdict != "no_gap" for j in nulls)
-        found.append(Rate(name, "false alarms", alarms, len(nulls)))
-        found.append(Rate(name, "named exactly", sum(j.exact for j in single), len(single)))
-        found.append(Rate(name, "within its class", sum(j.found for j in single), len(single)))
-    return found
+    """The main figures again under each of the conditions that make a case hard."""
+    return [r for name, holds in _HARD.items() for r in _again(name, filter(holds, judged))]
+
+
+def by_robot(judged: Sequence[Judgement]) -> list[Rate]:
+    """The main figures again for each robot."""
+    robots = sorted({j.robot for j in judged})
+    return [r for name in robots for r in _again(name, (j for j in judged if j.robot == name))]
+
+
+def _again(name: str, some: Iterable[Judgement]) -> list[Rate]:
+    found = {(rate.family, rate.figure): rate for rate in rates(list(some))}
+    return [Rate(name, figure, *_count(found[family, figure])) for family, figure in _AGAIN]
+
+
+def _count(rate: Rate) -> tuple[int, int]:
+    return rate.hits, rate.n
 
 
 def by_cause(judged: Sequence[Judgement]) -> list[Rate]:
@@ -189,17 +231,42 @@ def coverage(judged: Iterable[Judgement]) -> Rate:
     return Rate("parameters", "truth within 1.96 std", sum(held), len(held), (0.93, 0.97))
 
 
+def coverage_by_effect(judged: Iterable[Judgement]) -> list[Rate]:
+    """The same, effect by effect."""
+    held = [one for j in judged for one in j.covered]
+    own = {effect: [h for e, h in held if e == effect] for effect in sorted({e for e, _ in held})}
+    return [Rate("parameters", effect, sum(h), len(h)) for effect, h in own.items()]
+
+
 def floors(judged: Iterable[Judgement]) -> dict[str, Any]:
     """Held-out RMS after over the true floor: single visible effects, at least 40 configurations."""
-    own = [
-        j.over_floor
-        for j in judged
-        if j.family == "single" and j.visible and j.conditions["configurations"] >= 40
-    ]
-    found = _quantiles(own)
+    found = _floors(j for j in judged if j.family == "single" and j.visible)
     median, ninth = found["median_ci95"], found["p90_ci95"]
-    found["met"] = None if not own else _reaches(median, 1.05) and _reaches(ninth, 1.2)
+    found["met"] = None if not found["n"] else _reaches(median, 1.05) and _reaches(ninth, 1.2)
     return found
+
+
+def floors_by_family(judged: Sequence[Judgement]) -> list[dict[str, Any]]:
+    """The same family by family, with what the user's model alone leaves."""
+    found = []
+    for family in dict.fromkeys(family for family, *_ in _FIGURES):
+        own = [j for j in judged if j.family == family and (j.visible or family == "null")]
+        found.append({"family": family, **_floors(own)})
+    return found
+
+
+def floors_by_robot(judged: Sequence[Judgement]) -> list[dict[str, Any]]:
+    """The same robot by robot, single visible effects."""
+    own = [j for j in judged if j.family == "single" and j.visible]
+    robots = sorted({j.robot for j in judged})
+    return [{"robot": name, **_floors(j for j in own if j.robot == name)} for name in robots]
+
+
+def _floors(judged: Iterable[Judgement]) -> dict[str, Any]:
+    own = [j for j in judged if j.conditions["configurations"] >= MANY]
+    before = _quantiles([j.before_over_floor for j in own])
+    found = {"before_median": before["median"], "before_p90": before["p90"]}
+    return {**_quantiles([j.over_floor for j in own]), **found}
 
 
 def _reaches(interval: list[float | None] | None, bar: float) -> bool:
@@ -228,4 +295,6 @@ def _finite(value: float) -> float | None:
 def _short(j: Judgement) -> dict[str, Any]:
     names = ["case", "family", "robot", "truth", "noncentrality", "visible", "verdict", "named"]
     names += ["exact", "found", "located", "misnamed"]
-    return {**{name: getattr(j, name) for name in names}, "over_floor": _finite(j.over_floor)}
+    shown = {name: getattr(j, name) for name in names}
+    ends = {name: _finite(getattr(j, name)) for name in ("before_over_floor", "over_floor")}
+    return {**shown, **ends}

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 COMMITMENT = "commitment.json"
-ANSWERS = "answers.json"
+DIAGNOSIS = "diagnosis"
+"""Name of the answers that are judged against the bars; rivals have names of their own."""
 
 
 class BrokenSeal(Exception):
@@ -48,33 +50,54 @@ def commit_keys(folder: Path) -> None:
     write_json(folder / COMMITMENT, {"schema": 1, "keys": keys, "files": files})
 
 
-def commit_answers(folder: Path, runs: dict[str, Any], command: list[str]) -> None:
-    """Hash every answer; a run that failed has none.
+def answers_folder(folder: Path, program: str) -> Path:
+    """Where the answers of one program lie, one file a case; their commitment beside it."""
+    return folder / "answers" / program
+
+
+def commitment_of(folder: Path, program: str) -> Path:
+    """File that commits the answers of one program."""
+    return folder / "answers" / f"{program}.json"
+
+
+def programs(folder: Path) -> list[str]:
+    """Names of the programs whose answers are committed, the diagnosis first."""
+    found = sorted(path.stem for path in (folder / "answers").glob("*.json"))
+    return sorted(found, key=lambda name: name != DIAGNOSIS)
+
+
+def commit_answers(
+    folder: Path, runs: dict[str, Any], command: list[str], program: str = DIAGNOSIS
+) -> None:
+    """Hash every answer of a program; a run that failed has none.
 
     The commitment to the keys is hashed too, so that answers belong to one set of keys.
     """
     for name, run in runs.items():
-        path = folder / "answers" / f"{name}.json"
+        path = answers_folder(folder, program) / f"{name}.json"
         run["sha256"] = digest(path) if path.exists() else None
     content = {"schema": 1, "command": command, "keys": digest(folder / COMMITMENT), "runs": runs}
-    write_json(folder / ANSWERS, content)
+    write_json(commitment_of(folder, program), content)
 
 
-def opened(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Keys and answers by case, None for a run that failed; answers are checked before any key is read.
+@dataclass(frozen=True)
+class Answered:
+    """What one program said and did: answer by case, None for a run that failed, and its runs."""
+
+    answers: dict[str, Any]
+    runs: dict[str, Any]
+
+
+def opened(folder: Path) -> tuple[dict[str, Any], dict[str, Answered]]:
+    """Keys by case, and what each program answered; all answers are checked before any key is read.
 
     Raises BrokenSeal where answers were not committed, or anything differs from what was.
     """
-    if not (folder / ANSWERS).exists():
-        raise BrokenSeal(f"{folder / ANSWERS}: answers are not committed; run the diagnosis first")
-    committed = read_json(folder / ANSWERS)
-    if committed["keys"] != digest(folder / COMMITMENT):
-        raise BrokenSeal(f"{folder / COMMITMENT}: changed after the answers were committed")
-    answers: dict[str, Any] = {}
-    for name, run in committed["runs"].items():
-        path = folder / "answers" / f"{name}.json"
-        _same(path, run["sha256"])
-        answers[name] = read_json(path) if run["sha256"] else None
+    if not (folder / COMMITMENT).exists():
+        raise BrokenSeal(f"{folder}: holds no sealed cases; make them first")
+    found = {program: _committed(folder, program) for program in programs(folder)}
+    if not found:
+        raise BrokenSeal(f"{folder}: answers are not committed; run the diagnosis first")
     commitment = read_json(folder / COMMITMENT)
     for name, known in commitment["files"].items():
         _same(folder / "cases" / name, known)
@@ -83,7 +106,20 @@ def opened(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         path = folder / "keys" / f"{name}.json"
         _same(path, known)
         keys[name] = read_json(path)
-    return keys, {name: answers.get(name) for name in keys}
+    return keys, found
+
+
+def _committed(folder: Path, program: str) -> Answered:
+    """The answers of one program, as they were committed."""
+    committed = read_json(commitment_of(folder, program))
+    if committed["keys"] != digest(folder / COMMITMENT):
+        raise BrokenSeal(f"{folder / COMMITMENT}: changed after the answers were committed")
+    answers: dict[str, Any] = dict.fromkeys(case_names(folder))
+    for name, run in committed["runs"].items():
+        path = answers_folder(folder, program) / f"{name}.json"
+        _same(path, run["sha256"])
+        answers[name] = read_json(path) if run["sha256"] else None
+    return Answered(answers, committed["runs"])
 
 
 def _same(path: Path, known: str | None) -> None:

@@ -1,62 +1,208 @@
-"""The score in print."""
+"""The score in print: the figures against their bars, rivals beside them, then where they come from."""
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
+from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from studies.withheld.score import BINS
+
+Row = dict[str, Any]
+Scores = dict[str, dict[str, Any]]
+"""Score of each program by its name, the first one judged against the bars."""
+
+_BY_ANYONE = ("false alarms", "something found")  # figures of programs that name nothing, too
+_NONE = "-"
+
 
 def show(console: Console, result: dict[str, Any]) -> None:
-    """Print all tables of a score."""
-    seconds = result["seconds"]
-    console.print(
-        f"{result['cases']} cases, {result['failed']} without an answer; seconds a case: median "
-        f"{_number(seconds['median'])}, ninth decile {_number(seconds['p90'])}"
-    )
-    console.print(_rates("By family", result["rates"]))
-    console.print(_rates("Under each condition", result["conditions"]))
-    console.print(_rates("By cause, visible: in class, or unknown and located", result["causes"]))
-    console.print(_rates("Parameters", [result["coverage"]]))
-    console.print(_reliability(result["reliability"]))
-    floor = result["heldout_over_floor"]
-    console.print(
-        f"held-out RMS after over the true floor ({floor['n']} single visible effects, at least 40 "
-        f"configurations): median {_number(floor['median'])} {_range(floor['median_ci95'])}, bar 1.05; "
-        f"ninth decile {_number(floor['p90'])} {_range(floor['p90_ci95'])}, bar 1.2"
-    )
+    """Print all tables of a score, each with what a reader must know of it."""
+    scores = {result["program"]: result, **result["rivals"]}
+    families = ", ".join(f"{n} {family}" for family, n in sorted(result["families"].items()))
+    console.print(f"{result['cases']} sealed cases: {families}")
+    for name, one in scores.items():
+        median, ninth = (_ratio(one["seconds"][quantile]) for quantile in ("median", "p90"))
+        console.print(
+            f"  {name}: {one['failed']} without an answer; {median} s a case, ninth decile {ninth} s"
+        )
+    for table, note in (
+        _figures(scores),
+        _heldout(scores),
+        _reliability(scores),
+        _groups("Robot by robot", result["robots"]),
+        _groups("Under each condition", result["conditions"]),
+        _effects(result),
+        _outside(result),
+    ):
+        console.print()
+        console.print(table)
+        for line in note:
+            console.print(f"  {line}")
 
 
-def _rates(title: str, rows: list[dict[str, Any]]) -> Table:
-    table = Table("family", "figure", "hits", "of", "rate", "95 %", "bar", "met", title=title)
-    for row in rows:
-        bar = f"{row['bar'][0]:.0%} to {row['bar'][1]:.0%}" if row["bar"] else ""
-        met = {None: "", True: "yes", False: "no"}[row["met"]]
-        cells = [row["family"], row["figure"], str(row["hits"]), str(row["n"])]
-        table.add_row(*cells, _share(row["rate"]), _shares(row["ci95"]), bar, met)
+Part = tuple[Table, tuple[str, ...]]
+
+
+def _table(title: str, *columns: str, words: int = 1) -> Table:
+    """An empty table; ``words`` columns stand left, figures right."""
+    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", padding=(0, 1, 0, 0))
+    for index, column in enumerate(columns):
+        table.add_column(column, justify="left" if index < words else "right", no_wrap=True)
     return table
 
 
-def _reliability(rows: list[dict[str, Any]]) -> Table:
-    table = Table("stated", "mean", "right", "of", "rate", "95 %", title="Named effects")
-    for row in rows:
-        cells = [row["family"], _share(row["stated"]), str(row["hits"]), str(row["n"])]
-        table.add_row(*cells, _share(row["rate"]), _shares(row["ci95"]))
-    return table
+def _figures(scores: Scores) -> Part:
+    """Every figure of the first program with interval and bar, and the rate of each rival."""
+    first, *rivals = scores
+    columns = ("cases", "figure", "of", "bar", first, "95 %", "met", *rivals)
+    table = _table("The same cases, program by program (rates in %)", *columns, words=2)
+    before = None
+    for rows in zip(*map(_rated, scores.values()), strict=True):
+        own, family = rows[0], rows[0]["family"]
+        if family != before:
+            table.add_section()
+        values = [_rate_of(score, row) for score, row in zip(scores.values(), rows, strict=True)]
+        cells = [family if family != before else "", own["figure"], str(own["n"]), _bar(own["bar"])]
+        table.add_row(*cells, values[0], _interval(own["ci95"]), _met(own["met"]), *values[1:])
+        before = family
+    return table, (
+        "visible: noncentrality above 60 beside all that is modelled; faint: below.",
+        "met: the 95 % interval reaches the bar. twin: another effect moves every marker alike.",
+        f"{_NONE}: no such case, or the program names nothing. Intervals: of what each names rightly.",
+    )
 
 
-def _share(value: float | None) -> str:
-    return "" if value is None else f"{value:.3f}"
+def _rated(score: dict[str, Any]) -> list[Row]:
+    """Rates by family, and the coverage in the same form."""
+    return [*score["rates"], {**score["coverage"], "figure": "95 % interval holds truth"}]
 
 
-def _shares(interval: tuple[float, float] | None) -> str:
-    return "" if interval is None else f"{interval[0]:.3f} to {interval[1]:.3f}"
+def _rate_of(score: dict[str, Any], row: Row) -> str:
+    if row["rate"] is None or not (score["names"] or row["figure"] in _BY_ANYONE):
+        return _NONE
+    return f"{100 * row['rate']:.1f}"
 
 
-def _number(value: float | None) -> str:
-    return "infinite" if value is None else f"{value:.3f}"
+def _heldout(scores: Scores) -> Part:
+    """Median and ninth decile of held-out RMS over the floor, family by family and by robot."""
+    first = next(iter(scores.values()))
+    title = "Held-out RMS over the true floor, plans of at least 40 configurations"
+    table = _table(title, "cases", "of", "model alone", *scores)
+    for index, row in enumerate(first["heldout_by_family"]):
+        name = row["family"] if row["family"] == "null" else f"{row['family']}, visible"
+        rows = [score["heldout_by_family"][index] for score in scores.values()]
+        table.add_row(name, str(row["n"]), _two(row, "before_"), *map(_two, rows))
+    table.add_section()
+    for index, row in enumerate(first["heldout_by_robot"]):
+        rows = [score["heldout_by_robot"][index] for score in scores.values()]
+        name = f"single, visible, {row['robot']}"
+        table.add_row(name, str(row["n"]), _two(row, "before_"), *map(_two, rows))
+    floor = first["heldout_over_floor"]
+    note = "Median, and ninth decile after the stroke. 1 is the noise itself; a failed run is infinite."
+    return table, (note, *(_floor_bars(floor) if floor["n"] else ()))
 
 
-def _range(interval: list[float | None] | None) -> str:
-    return "" if interval is None else f"({' to '.join(_number(v) for v in interval)})"
+def _floor_bars(floor: Row) -> tuple[str, ...]:
+    return (
+        f"Bars, single visible: median at most 1.05, is {_ratio(floor['median'])} "
+        f"({_range(floor['median_ci95'])}); ninth decile at most 1.2, is",
+        f"{_ratio(floor['p90'])} ({_range(floor['p90_ci95'])}); met: {_met(floor['met'])}.",
+    )
+
+
+def _two(row: Row, prefix: str = "") -> str:
+    if not row["n"]:
+        return _NONE
+    return f"{_ratio(row[f'{prefix}median'])} / {_ratio(row[f'{prefix}p90'])}"
+
+
+def _reliability(scores: Scores) -> Part:
+    """Of effects named with some probability, how many are there."""
+    naming = {name: score for name, score in scores.items() if score["names"]}
+    columns = [column for name in naming for column in (name, "95 %")]
+    table = _table("Are stated probabilities right? (in %)", "stated", *columns)
+    for index, (low, high) in enumerate(pairwise(BINS)):
+        cells = []
+        for score in naming.values():
+            row = score["reliability"][index]
+            cells += [_counted(row), _interval(row["ci95"])]
+        table.add_row(f"{100 * low:g} to {100 * high:g}", *cells)
+    return table, ("Right, of all effects that were named with such a probability.",)
+
+
+_HEADS = {
+    "false alarms": "null:\nfalse alarms",
+    "named exactly": "single:\nexactly",
+    "within its class": "single:\nin class",
+    "located": "single:\nlocated",
+    "both found": "pair:\nboth found",
+    "unknown and located": "outside:\nunknown and\nlocated",
+    "right cause listed": "shape:\nright cause\nlisted",
+}
+
+
+def _groups(title: str, rows: list[Row]) -> Part:
+    """One line a group, one column a figure."""
+    table = _table(f"{title} (in %; visible causes)", "", *_HEADS.values())
+    for name in dict.fromkeys(row["family"] for row in rows):
+        own = {row["figure"]: row for row in rows if row["family"] == name}
+        table.add_row(name, *(_counted(own[figure]) for figure in _HEADS))
+    return table, ()
+
+
+def _effects(result: dict[str, Any]) -> Part:
+    """Effect by effect: named within the class, and intervals that hold the truth."""
+    columns = ("effect", "in class", "95 %", "intervals hold", "95 %")
+    table = _table("Effect by effect (in %)", *columns)
+    named = {row["figure"]: row for row in result["causes"] if row["family"] == "single"}
+    held = {row["figure"]: row for row in result["coverage_by_effect"]}
+    for effect in sorted({*named, *held}):
+        table.add_row(effect, *_both(named.get(effect)), *_both(held.get(effect)))
+    return table, ("In class: single, visible. Intervals: of all rightly named, pairs included.",)
+
+
+def _outside(result: dict[str, Any]) -> Part:
+    table = _table(
+        "Causes outside the catalogue (in %; visible)", "cause", "unknown, located", "95 %"
+    )
+    for row in result["causes"]:
+        if row["family"] == "outside":
+            table.add_row(row["figure"], *_both(row))
+    return table, ()
+
+
+def _both(row: Row | None) -> tuple[str, str]:
+    return (_NONE, "") if row is None else (_counted(row), _interval(row["ci95"]))
+
+
+def _counted(row: Row) -> str:
+    return _NONE if row["rate"] is None else f"{100 * row['rate']:.1f} of {row['n']}"
+
+
+def _bar(bar: tuple[float, float] | None) -> str:
+    if bar is None:
+        return ""
+    low, high = (f"{100 * end:.0f}" for end in bar)
+    if bar[0] == 0.0:
+        return f"max {high}"
+    return f"min {low}" if bar[1] == 1.0 else f"{low} to {high}"
+
+
+def _interval(interval: tuple[float, float] | None) -> str:
+    return "" if interval is None else f"{100 * interval[0]:.1f} to {100 * interval[1]:.1f}"
+
+
+def _met(met: bool | None) -> str:
+    return {None: "", True: "yes", False: "no"}[met]
+
+
+def _ratio(value: float | None) -> str:
+    return "infinite" if value is None else f"{value:.2f}"
+
+
+def _range(interval: list[float | None]) -> str:
+    return " to ".join(_ratio(value) for value in interval)

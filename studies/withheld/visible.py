@@ -64,10 +64,11 @@ class Projector:
 
     def __init__(self, scene: Scene, state: State, seen: NDArray[np.bool_]) -> None:
         self._seen = seen
-        self._sigma = scene.sigma
+        self._noise, self._points = scene.noise, state.readings[seen]
         # Columns stand in base axes, displacements in the instrument's.
-        self._R = scene.R
-        J = modelled_columns(scene, state)[seen].reshape(-1, J_width(scene))
+        columns = np.swapaxes(modelled_columns(scene, state)[seen], -1, -2) @ scene.R.T
+        J = np.swapaxes(self._noise.whitened(columns, self._points[:, None]), -1, -2)
+        J = J.reshape(-1, J_width(scene))
         J = J / np.maximum(np.linalg.norm(J, axis=0), 1e-300)
         Q, R, _ = qr(J, mode="economic", pivoting=True)
         diagonal = np.abs(np.diag(R))
@@ -75,7 +76,7 @@ class Projector:
 
     def left(self, moved: Array) -> Array:
         """What is left of readings moved by (N, M, 3), m, whitened, shape (3 * points,)."""
-        r = (moved @ self._R)[self._seen].ravel() / self._sigma
+        r = self._noise.whitened(moved[self._seen], self._points).ravel()
         rest: Array = r - self._Q @ (self._Q.T @ r)
         return rest
 

@@ -25,6 +25,7 @@ PLAIN = Conditions(
     weighs=True,
     payload=True,
     missing=None,
+    range_noise=None,
 )
 
 

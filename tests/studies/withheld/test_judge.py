@@ -11,8 +11,11 @@ from studies.withheld.judge import judge
 from studies.withheld.score import (
     Rate,
     by_condition,
+    by_robot,
     coverage,
+    coverage_by_effect,
     floors,
+    floors_by_family,
     judged_or_failed,
     rates,
     reliability,
@@ -27,6 +30,7 @@ CONDITIONS = {
     "missing": None,
     "rigid": [],
     "known_geometry": False,
+    "range_noise": None,
 }
 
 
@@ -56,7 +60,7 @@ def answer(verdict: str, *effects: dict[str, Any], located: tuple[str, ...] = ()
         "verdict": verdict,
         "effects": list(effects),
         "located": [{"where": where, "depends_on": "time"} for where in located],
-        "gap": {"heldout_after_mm": 0.021},
+        "gap": {"heldout_before_mm": 0.03, "heldout_after_mm": 0.021},
     }
 
 
@@ -186,3 +190,12 @@ def test_whole_score() -> None:
     assert floors([right, right, failed])["median"] == pytest.approx(1.05)
     assert floors([right, failed, failed])["median"] is None
     assert by_condition([right])[1].hits == 1
+    assert [(r.figure, r.hits, r.n) for r in coverage_by_effect([right, failed])] == [
+        ("backlash", 1, 1)
+    ]
+    assert [(r.family, r.hits) for r in by_robot([right]) if r.n] == [("heavy", 1)] * 3
+    single = next(row for row in floors_by_family([right, failed]) if row["family"] == "single")
+    assert (single["n"], single["median"], single["p90"]) == (2, pytest.approx(1.05), None)
+    assert single["before_median"] == pytest.approx(1.5)
+    few = right.__class__(**{**right.__dict__, "conditions": {**CONDITIONS, "configurations": 15}})
+    assert floors([few])["n"] == 0

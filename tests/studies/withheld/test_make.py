@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
 import sys
@@ -11,19 +12,30 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
+from rich.console import Console
 
 pytest.importorskip("mujoco")
 
 import calib
+from studies.withheld.__main__ import main
 from studies.withheld.case_files import write_case
 from studies.withheld.causes import Cause, places
 from studies.withheld.draw import NONCENTRALITY, SHARES, draw_case, families
 from studies.withheld.keys import key_of
 from studies.withheld.make import make
 from studies.withheld.robots import ARMS
-from studies.withheld.run import run
+from studies.withheld.run import RIVALS, run
 from studies.withheld.score import score
-from studies.withheld.seal import BrokenSeal, commit_answers, opened, read_json, write_json
+from studies.withheld.seal import (
+    BrokenSeal,
+    commit_answers,
+    opened,
+    programs,
+    read_json,
+    write_json,
+)
+from studies.withheld.tables import show
 from studies.withheld.visible import Projector, at_rest
 from tests.studies.withheld.scenes import scene_of
 
@@ -108,7 +120,8 @@ def test_nulls_hold_nothing(tmp_path: Path) -> None:
         data = calib.load_measurements(cell, tmp_path / str(seed) / "measurements.csv")
         result = calib.identify(cell, data)
         squares = np.sum(result.distances["fitted_all"] ** 2)
-        fitted.append(np.sqrt(squares / result.dof) / case.scene.sigma)
+        truth = case.scene.noise.rms(case.clean, case.seen & ~case.scene.session.held[:, None])
+        fitted.append(np.sqrt(3.0 * squares / result.dof) / truth)
     np.testing.assert_allclose(fitted, 1.0, atol=0.12)
 
 
@@ -142,7 +155,7 @@ def test_what_is_modelled_is_invisible() -> None:
             at_rest(scene, mechanism, [Cause(effect, where, {name: size})]).readings
             - still.readings
         )
-        share = np.linalg.norm(projector.left(moved)) * scene.sigma / np.linalg.norm(moved)
+        share = np.linalg.norm(projector.left(moved)) * scene.noise.sigma / np.linalg.norm(moved)
         assert (share > 0.1) == (effect == "backlash"), effect
 
 
@@ -191,7 +204,7 @@ def perfect(key: dict[str, Any]) -> dict[str, Any]:
 def test_who_knows_the_keys_scores_fully(answered: Path) -> None:
     runs = {}
     for path in (answered / "keys").glob("case_*.json"):
-        write_json(answered / "answers" / path.name, perfect(read_json(path)))
+        write_json(answered / "answers" / "diagnosis" / path.name, perfect(read_json(path)))
         runs[path.stem] = {"status": "answered", "seconds": 1.0}
     commit_answers(answered, runs, ["by hand"])
     result = score(answered)
@@ -204,6 +217,78 @@ def test_who_knows_the_keys_scores_fully(answered: Path) -> None:
     assert 0.8 < result["heldout_over_floor"]["median"] < 1.2
 
 
+def test_programs_side_by_side(answered: Path) -> None:
+    """A rival who knows the keys beside a program that sees no gap: each its own score, one print."""
+    own = answered / "answers" / "wizard"
+    own.mkdir()
+    keys = [read_json(path) for path in sorted((answered / "keys").glob("case_*.json"))]
+    for key in keys:
+        write_json(own / f"{key['case']}.json", perfect(key))
+    runs = {key["case"]: {"status": "answered", "seconds": 1.0} for key in keys}
+    commit_answers(answered, runs, ["by hand"], "wizard")
+    for name in RIVALS:  # as many columns as there will be
+        shutil.copytree(own, answered / "answers" / name)
+        commit_answers(answered, runs, ["by hand"], name)
+    result = score(answered)
+    assert (result["program"], set(result["rivals"])) == ("diagnosis", {*RIVALS, "wizard"})
+    del result["rivals"]["aic"]  # an own program in its place, of a longer name
+    wizard = result["rivals"]["wizard"]
+    assert (result["failed"], wizard["failed"]) == (1, 0)
+    exact = {row["family"]: row for row in wizard["rates"] if row["figure"] == "named exactly"}
+    assert all(row["hits"] == row["n"] for row in exact.values())
+    assert sum(row["n"] for row in wizard["coverage_by_effect"]) == wizard["coverage"]["n"] > 0
+    alarms = [row for row in wizard["robots"] if row["figure"] == "false alarms"]
+    assert sum(row["n"] for row in alarms) == sum(key["family"] == "null" for key in keys)
+    json.dumps(result, allow_nan=False)
+    console = Console(width=120, record=True, file=io.StringIO())
+    show(console, result)
+    printed = console.export_text()
+    assert "…" not in printed
+    assert max(map(len, printed.splitlines())) <= 120
+    line = next(x for x in printed.splitlines() if "false alarms" in x)
+    assert line.split()[-1] == "0.0"
+    runs.pop("case_0000")
+    (own / "case_0003.json").unlink()
+    with pytest.raises(BrokenSeal, match="case_0003"):
+        opened(answered)
+
+
+def test_rivals_answer_in_folders_of_their_own(answered: Path, tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM)
+    before = (answered / "answers" / "diagnosis.json").read_bytes()
+    command = f"{sys.executable} {program} {{cell}} {{data}} {{heldout}} {{answer}}"
+    run(answered, program="other", command=command)
+    assert (answered / "answers" / "diagnosis.json").read_bytes() == before
+    assert programs(answered) == ["diagnosis", "other"]
+    found = score(answered)
+    assert found["rivals"]["other"]["rates"] == found["rates"]
+
+
+def test_stepwise_rival_through_the_command(tmp_path: Path) -> None:
+    make(tmp_path / "one", 1, 5)
+    runs = run(tmp_path / "one", program="bic")
+    assert runs["case_0000"]["status"] == "answered"
+    assert score(tmp_path / "one")["heldout_by_family"][0]["n"] <= 1
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["run", "nowhere"], "no sealed cases"),
+        (["run", "nowhere", "--answers", "aicc"], "nobody of that name"),
+        (["run", "nowhere", "--answers", "a/b", "--command", "true"], "use letters"),
+        (["score", "nowhere"], "no sealed cases"),
+    ],
+)
+def test_faults_in_one_line(options: list[str], said: str, tmp_path: Path) -> None:
+    options[1] = str(tmp_path / options[1])
+    done = CliRunner().invoke(main, options)
+    assert done.exit_code in (1, 2)
+    assert said in done.output
+    assert "Traceback" not in done.output
+
+
 def test_no_score_before_answers(folder: Path) -> None:
     with pytest.raises(BrokenSeal, match="not committed"):
         opened(folder)
@@ -213,7 +298,7 @@ def test_no_score_before_answers(folder: Path) -> None:
     "name",
     [
         "keys/case_0000.json",
-        "answers/case_0000.json",
+        "answers/diagnosis/case_0000.json",
         "cases/case_0000/heldout.csv",
         "commitment.json",
     ],
@@ -226,7 +311,7 @@ def test_tampering_is_seen(answered: Path, name: str) -> None:
 
 
 def test_late_answer_is_refused(answered: Path) -> None:
-    path = answered / "answers" / "case_0001.json"
+    path = answered / "answers" / "diagnosis" / "case_0001.json"
     path.write_text(json.dumps({"verdict": "no_gap"}))
     with pytest.raises(BrokenSeal, match="case_0001"):
         opened(answered)
@@ -237,4 +322,4 @@ def test_slow_program_counts_as_no_answer(folder: Path, tmp_path: Path) -> None:
     command = f'{sys.executable} -c "import time; time.sleep(20)"'
     runs = run(tmp_path / "one", command=command, limit=0.2)
     assert runs["case_0000"]["status"] == "too slow"
-    assert opened(tmp_path / "one")[1] == {"case_0000": None}
+    assert opened(tmp_path / "one")[1]["diagnosis"].answers == {"case_0000": None}

@@ -55,7 +55,8 @@ class View:
     def without(self, member: Candidate) -> Field:
         """The same with one of the fitted effects out again, a candidate like the others.
 
-        What it alone explains comes back: ``U U^T X``, U the directions that it has beside the rest.
+        What it alone explains comes back, as rows of their own: lengths and products are those of
+        ``X + U U^T X``, U the directions that it has beside the rest.
         """
         fit, whole = self.fit, self.beside
         r, J = fit.equations
@@ -64,11 +65,10 @@ class View:
         U = field(J @ rest, J[:, own], r).basis(np.arange(len(own)))
         # The residual as it would be without the effect, to first order.
         r = r + J[:, own] @ fit.values[own]
-        X = whole.X + U @ (U[: len(self.columns)].T @ self.columns)
         held = 0 if member.named else len(own)  # rows of its prior, which go with it
         return Field(
-            X,
-            whole.r + U @ (U.T @ r),
+            np.concatenate([whole.X, U[: len(self.columns)].T @ self.columns]),
+            np.concatenate([whole.r, U.T @ r]),
             whole.lengths,
             whole.rows - held,
             whole.dof + U.shape[1] - held,

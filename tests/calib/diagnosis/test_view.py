@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from calib.build import build
 from calib.diagnosis.candidates import candidates
@@ -34,6 +35,13 @@ def test_an_effect_taken_out_is_as_if_it_had_never_been_projected_out() -> None:
         X[: len(seen.columns)] = seen.columns
         scratch = field(J @ rest, X, r + J[:, own] @ fit.values[own])
         found = seen.without(member)
-        np.testing.assert_allclose(found.X, scratch.X, atol=1e-6 * np.abs(X).max())
-        np.testing.assert_allclose(found.r, scratch.r, atol=1e-6 * np.abs(r).max())
+        for name, columns in seen.where.items():
+            ours, theirs = found.X[:, columns], scratch.X[:, columns]
+            scale = max(float((theirs**2).max()), 1e-9) * len(r)
+            np.testing.assert_allclose(
+                ours.T @ ours, theirs.T @ theirs, atol=1e-6 * scale, err_msg=name
+            )
+            scale = np.sqrt(scale * scratch.cost)
+            np.testing.assert_allclose(ours.T @ found.r, theirs.T @ scratch.r, atol=1e-6 * scale)
+        assert found.cost == pytest.approx(scratch.cost)
         assert found.dof == scratch.dof

@@ -30,8 +30,8 @@ from calib.threads import one_blas_thread
 _REPLICATES = 10  # degrees of freedom of repeated readings worth believing
 _DISAGREE = 0.01
 _LEFT_OVER = 0.001  # the scatter of a few repeats is a weak witness
-SHAPE_ALPHA = 0.05
-"""Probability of doubting a right shape: only what was found is asked, so no more strictly."""
+SHAPE_ALPHA = 0.1
+"""Probability of doubting a right shape: to call a wrong one explained is the worse mistake."""
 _MOST_PASSES = 3  # contests, while outliers are judged anew
 
 

@@ -18,6 +18,8 @@ from calib.poses import Poses
 from calib.robot import Robot
 from calib.se3 import Array
 
+_OWN = 0.8
+
 
 @dataclass(frozen=True)
 class Doubt:
@@ -33,7 +35,7 @@ class Doubt:
 
 
 def shape_doubt(robot: Robot, poses: Poses, fit: Fit, effect: Effect) -> Doubt:
-    """The strongest doubt; half of the chance of a false one goes to the effect's own joint."""
+    """The strongest doubt; most of the chance of a false one goes to the effect's own joint."""
     own = fit.positions(effect)
     done = fit.J[..., own] @ fit.values[own]
     r, J = fit.equations
@@ -51,7 +53,7 @@ def _tests(robot: Robot, effect: Effect, joint: str) -> float:
     """By how much a p value counts for less, as one of all the joints that are asked."""
     if effect.where not in robot.joints:
         return float(robot.dof)
-    return 2.0 if joint == effect.where else 2.0 * (robot.dof - 1)
+    return 1.0 / _OWN if joint == effect.where else (robot.dof - 1) / (1.0 - _OWN)
 
 
 def _harmonics(robot: Robot, poses: Poses, k: int) -> Array:

@@ -81,6 +81,8 @@ def contest(
     seen = columns.seen_from(stage, fit)
     for _ in range(_MOST_ROUNDS):
         found = _better(seen, active, suspects)
+        if found == active:
+            return Outcome(before, fit, tuple(active), seen, suspects)
         keys = frozenset(c.key for c in found)
         if keys in tried:
             break
@@ -88,7 +90,21 @@ def contest(
         active = found
         fit = stage.fit([c.effect for c in active])
         seen = columns.seen_from(stage, fit)
+    # A contest that goes in circles is left with what pays where it stood.
+    while (idle := _idle(seen, active, suspects)) is not None:
+        active.remove(idle)
+        fit = stage.fit([c.effect for c in active])
+        seen = columns.seen_from(stage, fit)
     return Outcome(before, fit, tuple(active), seen, suspects)
+
+
+def _idle(
+    seen_from: View, active: Sequence[Candidate], suspects: Sequence[Candidate]
+) -> Candidate | None:
+    """The member that pays least of those that do not pay."""
+    scores = {c: score(seen_from.without(c), seen_from.where[c.key], c.spread) for c in active}
+    idle = [c for c in active if not _pays(scores[c], len(suspects))]
+    return min(idle, key=lambda c: scores[c].gain) if idle else None
 
 
 def _better(

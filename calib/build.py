@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.cell import Cell
-from calib.effects import EFFECTS, GROUPS, Context, Effect
+from calib.effects import GROUPS, Context, Effect, catalogue
 from calib.effects.protocol import (
     ARM,
     ElasticEffect,
@@ -66,9 +66,9 @@ def parse_effect(text: str) -> tuple[str, tuple[str, ...] | None]:
             "cross_compliance: off-diagonal terms of the compliance matrix are not modelled; use "
             "bearing_compliance, base_compliance or tool_compliance for elasticity across a joint"
         )
-    if name not in EFFECTS:
-        close = difflib.get_close_matches(name, EFFECTS, n=1)
-        hint = f"did you mean {close[0]!r}?" if close else f"known are: {', '.join(EFFECTS)}"
+    if name not in catalogue():
+        close = difflib.get_close_matches(name, catalogue(), n=1)
+        hint = f"did you mean {close[0]!r}?" if close else f"known are: {', '.join(catalogue())}"
         raise UnknownEffect(f"unknown effect {name!r} in [model] effects; {hint}")
     places = tuple(place.strip() for place in rest.split(",")) if colon else None
     return name, places
@@ -80,7 +80,7 @@ def place_effect(name: str, where: str, context: Context) -> Effect:
     Raises UnknownEffect where the robot has no such place, EffectCannotAct where something that the
     effect needs is missing.
     """
-    kind = EFFECTS[name]
+    kind = catalogue()[name]
     robot = context.robot
     places = kind.places(context)
     on_joints = not places or any(place in robot.joints for place in places)
@@ -161,7 +161,7 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
             raise UnknownEffect(f"{name!r} is a group and takes no places, found {text!r}")
         # The arm as a whole is what its links are one by one.
         taken = {ARM} | {e.where for e in effects if _same_unknown(e.kind, name)}
-        for where in places or [w for w in EFFECTS[name].places(context) if w not in taken]:
+        for where in places or [w for w in catalogue()[name].places(context) if w not in taken]:
             if any(e.kind == name and e.where == where for e in effects):
                 raise UnknownEffect(f"{name}:{where} stands twice in [model] effects")
             effects.append(place_effect(name, where, context))
@@ -193,7 +193,7 @@ def _placed(cell: Cell, context: Context) -> set[tuple[str, str]]:
     """(effect, where) of all effects that the cell names with a place, or that have only one."""
     found = set()
     for name, places in map(parse_effect, cell.effects):
-        own = EFFECTS[name].places(context)
+        own = catalogue()[name].places(context)
         single = own if len(own) == 1 and name not in GROUPS else ()
         found |= {(name, where) for where in places or single}
     return found

@@ -9,7 +9,7 @@ import numpy as np
 from calib.build import parse_effect
 from calib.cell import Cell
 from calib.diagnosis.candidates import PARTS
-from calib.effects import EFFECTS
+from calib.effects import catalogue
 from calib.errors import CalibError
 from calib.model import Model
 from calib.poses import IntArray, Poses
@@ -64,8 +64,8 @@ def _check_rival(
     text: str, name: str, place: str, everywhere: set[str], present: set[tuple[str, str]]
 ) -> None:
     """Refuse what no choice of poses settles, and a part of what the model has."""
-    if EFFECTS[name].uses:
-        known = " and ".join(EFFECTS[name].uses)
+    if catalogue()[name].uses:
+        known = " and ".join(catalogue()[name].uses)
         raise CalibError(
             f"rival {text!r} depends on {known}, which no choice of poses settles; "
             "judge a plan in its order with posecal diagnose --plan-only"

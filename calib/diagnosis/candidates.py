@@ -10,24 +10,15 @@ import numpy as np
 from calib.build import context_of, place_effect
 from calib.cell import Cell
 from calib.diagnosis.curves import Curve, curves
-from calib.effects import EFFECTS, GROUPS, Effect
+from calib.effects import GROUPS, Effect, catalogue
 from calib.effects.joint_coupling import JointCoupling
-from calib.effects.protocol import ARM, ElasticEffect, LoadEffect
+from calib.effects.protocol import ARM, ElasticEffect, LoadEffect, PoseEffect, ReadingEffect
 from calib.errors import CalibError
 from calib.model import Model
 from calib.poses import Measurements, Poses
 from calib.se3 import Array
 
-_BY_ANGLE = (
-    "transmission_harmonic", "transmission_scale", "joint_coupling", "gravity_compensator",
-    "gravity_sag", "stiffness_vs_angle",
-)  # fmt: skip
-_BY_KIND = {
-    "base_drift": "time",
-    "tracker_drift": "time",
-    "tracker_scale": "range",
-    "thermal_expansion": "temperature",
-}
+_BY_ANGLE = ("gravity_compensator", "stiffness_vs_angle")  # beside all that is known of the pose
 PARTS = {"geometry": ("joint_offset", "link_geometry"), "stiffness_vs_angle": ("joint_compliance",)}
 """What an active effect contains already."""
 
@@ -73,10 +64,10 @@ def candidates(
     """Inactive effects at every place where they can act, and curves; and what cannot be asked."""
     context = context_of(cell, data.poses)
     found, missing = [], []
-    for kind in EFFECTS:
+    for kind, effect_type in catalogue().items():
         if kind in GROUPS:
             continue
-        for where in EFFECTS[kind].places(context):
+        for where in effect_type.places(context):
             if _contained(model.effects, kind, where):
                 continue
             try:
@@ -106,13 +97,14 @@ def depends_on(effect: Effect) -> str:
     """On what an effect's displacement depends most, as named in the results."""
     if isinstance(effect, Curve):
         return effect.variable.name
-    if effect.kind in _BY_ANGLE and effect.where != ARM:
-        return f"q:{effect.where}"
-    if effect.kind in ("backlash",):
-        return f"approach:{effect.where}"
-    if isinstance(effect, ElasticEffect | LoadEffect) or effect.kind == "gravity_sag":
-        return "load"
-    return _BY_KIND.get(effect.kind, "none")
+    if effect.uses:
+        first = effect.uses[0]
+        return f"{first}:{effect.where}" if first in ("approach", "motion") else first
+    if isinstance(effect, ReadingEffect):
+        return "range"
+    if isinstance(effect, PoseEffect) or effect.kind in _BY_ANGLE:
+        return "load" if effect.where == ARM else f"q:{effect.where}"
+    return "load" if isinstance(effect, ElasticEffect | LoadEffect) else "none"
 
 
 def as_fitted(candidate: Candidate, values: Array, poses: Poses) -> Candidate:

@@ -146,7 +146,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     left = _something_left(stage, outcome)
     floor = float(np.sqrt(3.0)) * noise.sigma
     causes = tuple(_cause(stage, outcome, n, after, scale, len(suspects)) for n in named)
-    located = _located(outcome, causes, scale)
+    located = _located(outcome, after, causes, scale)
     by_time = any(place.depends_on in ("time", "temperature") for place in located)
     kept = data.take(~stage.dropped)
     return Diagnosis(
@@ -221,25 +221,28 @@ def _cause(
 ) -> Cause:
     effect = named.candidate.effect
     own, cov = after.positions(effect), after.covariance
-    share = _share(outcome, named.entry, scale)
+    share = _share(outcome, after, named.entry, scale)
     p = min(1.0, named.entry.score.p * asked)
     std = np.where(determined(after.span), scale * np.sqrt(np.diag(cov)), np.nan)
     doubt = shape_doubt(after.model.robot, stage.data.poses, after, effect)
     return Cause(named, doubt, after.values[own], std[own], p, share)
 
 
-def _share(outcome: Outcome, entry: Entry, scale: float) -> float:
+def _share(outcome: Outcome, after: Fit, entry: Entry, scale: float) -> float:
     """By how much the sum of squares would rise without it, over its excess before; NaN without one.
 
-    scale : float, actual over stated standard deviation
+    scale : float, actual over stated standard deviation; the noise left beside the estimated parameters
+        is what it says, or less where less is left
     """
-    cost = float((outcome.before.r**2).sum())
-    rows = int(np.count_nonzero(np.abs(outcome.before.J).sum(axis=-1)))
-    excess = cost - (rows - outcome.before.span.shape[1]) * scale**2
+    before, left = (float((fit.r**2).sum()) for fit in (outcome.before, after))
+    rows = int(np.count_nonzero(np.abs(after.J).sum(axis=-1)))
+    excess = before - min(left, (rows - after.span.shape[1]) * scale**2)
     return entry.score.fall / excess if excess > 0.0 else np.nan
 
 
-def _located(outcome: Outcome, causes: tuple[Cause, ...], scale: float) -> tuple[Place, ...]:
+def _located(
+    outcome: Outcome, after: Fit, causes: tuple[Cause, ...], scale: float
+) -> tuple[Place, ...]:
     """Places of all that was found, largest share first."""
     found = [Place(c.named.candidate.where, c.named.candidate.depends_on, c.share) for c in causes]
     for c in causes:
@@ -248,7 +251,7 @@ def _located(outcome: Outcome, causes: tuple[Cause, ...], scale: float) -> tuple
             found.append(Place(c.named.candidate.where, f"q:{c.doubt.joint}", part * c.share))
     for entry in outcome.entries:
         if not entry.candidate.named:
-            share = _share(outcome, entry, scale)
+            share = _share(outcome, after, entry, scale)
             found.append(Place(entry.candidate.where, entry.candidate.depends_on, share))
     return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -51,23 +51,32 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
 
     A linear screen can let a wrong geometry imitate an effect; only whole fits are compared.
     """
-    chosen = [entry.candidate for entry in outcome.entries]
+    chosen = {id(entry): entry.candidate for entry in outcome.entries}
     found: list[Named] = []
     fit = outcome.fit
-    for position, entry in enumerate(outcome.entries):
+    for entry in outcome.entries:
         if not entry.candidate.named:
             continue
-        top = entry.rivals[0][1]
-        rivals = [c for c, gain in entry.rivals if c.named and gain > top - _CLOSE][:_TRIED]
-        if entry.candidate not in rivals:
-            rivals = [entry.candidate, *rivals]
-        fits = {c.key: _with(stage, chosen, position, c) for c in rivals}
-        prices = _prices(fits)
-        rivals.sort(key=lambda c: prices[c.key])
-        chosen[position] = rivals[0]
-        fit = fits[rivals[0].key]
-        found.append(Named(entry, _members(rivals, prices)))
+        rest = [c for key, c in chosen.items() if key != id(entry)]
+        fits = {c: stage.fit([*(o.effect for o in rest), c.effect]) for c in _close(entry)}
+        without = stage.fit([c.effect for c in rest]) if rest else outcome.before
+        prices, nothing = _prices([*fits.values(), without])
+        if min(prices) >= nothing:
+            del chosen[id(entry)]  # linear evidence that no whole fit bears out
+            fit = without
+            continue
+        ordered = sorted(zip(fits, prices, strict=True), key=lambda pair: pair[1])
+        chosen[id(entry)] = ordered[0][0]
+        fit = fits[ordered[0][0]]
+        found.append(Named(entry, _members(ordered)))
     return tuple(_as_fitted(named, fit, stage.data.poses) for named in found), fit
+
+
+def _close(entry: Entry) -> list[Candidate]:
+    """The entry, and what explains nearly as much in its place."""
+    least = max(0.0, entry.rivals[0][1] - _CLOSE)
+    rivals = [c for c, gain in entry.rivals if c.named and gain > least][:_TRIED]
+    return rivals if entry.candidate in rivals else [entry.candidate, *rivals]
 
 
 def _as_fitted(named: Named, fit: Fit, poses: Poses) -> Named:
@@ -76,43 +85,38 @@ def _as_fitted(named: Named, fit: Fit, poses: Poses) -> Named:
     return replace(named, members=((first, probability), *named.members[1:]))
 
 
-def _with(stage: Stage, chosen: Sequence[Candidate], position: int, other: Candidate) -> Fit:
-    effects = [c.effect for c in chosen]
-    effects[position] = other.effect
-    return stage.fit(effects)
+def _prices(fits: Sequence[Fit]) -> tuple[list[float], float]:
+    """-2 log likelihood and Schwarz's price of the directions, that of the last fit apart.
 
-
-def _prices(fits: Mapping[str, Fit]) -> dict[str, float]:
-    """-2 log likelihood and Schwarz's price of the directions; infinite where a fit failed.
-
-    Where even the best residual exceeds the stated noise, its size is taken for the noise of all.
+    Infinite where a fit failed. Where even the best residual exceeds the stated noise, its size is
+    taken for the noise of all.
     """
-    costs = {key: float((fit.r**2).sum()) for key, fit in fits.items()}
-    rows = {key: int(np.count_nonzero(np.abs(f.J).sum(axis=-1))) for key, f in fits.items()}
-    free = {key: fit.span.shape[1] for key, fit in fits.items()}
-    ratios = [cost / max(1, rows[key] - free[key]) for key, cost in costs.items()]
-    scale = max(1.0, float(np.nanmin(ratios)))
-    prices = {key: costs[key] / scale + free[key] * np.log(max(rows[key], 2)) for key in fits}
-    return {key: price if np.isfinite(price) else np.inf for key, price in prices.items()}
+    costs = np.array([float((fit.r**2).sum()) for fit in fits])
+    rows = np.array([max(2, np.count_nonzero(np.abs(fit.J).sum(axis=-1))) for fit in fits])
+    free = np.array([fit.span.shape[1] for fit in fits])
+    scale = max(1.0, float(np.nanmin(costs / np.maximum(1, rows - free))))
+    prices = costs / scale + free * np.log(rows)
+    *own, last = np.where(np.isfinite(prices), prices, np.inf).tolist()
+    return own, last
 
 
-def _members(
-    rivals: Sequence[Candidate], prices: dict[str, float]
-) -> tuple[tuple[Candidate, float], ...]:
-    """Rivals that the data cannot tell from the best, with calibrated probabilities."""
-    behind = np.array([min(prices[c.key] - prices[rivals[0].key], 700.0) for c in rivals])
+def _members(rivals: Sequence[tuple[Candidate, float]]) -> tuple[tuple[Candidate, float], ...]:
+    """Rivals (candidate, price) that the data cannot tell from the first; calibrated probabilities."""
+    behind = np.array([min(price - rivals[0][1], 700.0) for _, price in rivals])
     mass = np.cumsum(np.exp(-0.5 * behind)) / np.exp(-0.5 * behind).sum()
     enough = 1 + int(np.argmax(mass >= _MASS))
     count = max(enough, int(np.count_nonzero(behind <= _SAME)))
     weights = np.exp(-0.5 * _TEMPER * behind[:count])
     shares = _IN_CLASS * weights / weights.sum()
-    return tuple(zip(rivals[:count], shares.tolist(), strict=True))
+    members = [candidate for candidate, _ in rivals[:count]]
+    return tuple(zip(members, shares.tolist(), strict=True))
 
 
 def verdict(named: Sequence[Named], outcome: Outcome, something_left: bool) -> VerdictName:
     """The word for it."""
-    if not outcome.entries:
+    curves = [entry for entry in outcome.entries if not entry.candidate.named]
+    if not named and not curves:
         return "unknown" if something_left else "no_gap"
-    if something_left or any(not entry.candidate.named for entry in outcome.entries):
+    if something_left or curves:
         return "unknown"
     return "explained" if all(len(n.members) == 1 for n in named) else "ambiguous"

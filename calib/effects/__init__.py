@@ -1,6 +1,13 @@
-"""The causes of error that posecal knows: one file each, and one entry here."""
+"""The causes of error that posecal knows: one file each, and one entry here.
+
+A user's own effect is the same small class in an installed package of theirs, announced in its
+``pyproject.toml`` under ``[project.entry-points."posecal.effects"]`` by the name that a cell gives it.
+"""
 
 from __future__ import annotations
+
+from functools import lru_cache
+from importlib.metadata import entry_points
 
 from calib.effects.backlash import Backlash
 from calib.effects.base import Base
@@ -25,6 +32,7 @@ from calib.effects.tracker_drift import TrackerDrift
 from calib.effects.tracker_scale import TrackerScale
 from calib.effects.transmission_harmonic import TransmissionHarmonic
 from calib.effects.transmission_scale import TransmissionScale
+from calib.errors import CalibError
 
 EFFECTS: dict[str, type[Effect]] = {
     "base": Base,
@@ -54,4 +62,29 @@ EFFECTS: dict[str, type[Effect]] = {
 GROUPS = ("base", "tool", "geometry")
 """Effects that a user's model may contain as a whole, and that have no places of their own."""
 
-__all__ = ["EFFECTS", "GROUPS", "Context", "Effect", "Parameter", "State"]
+
+@lru_cache(maxsize=1)
+def catalogue() -> dict[str, type[Effect]]:
+    """All effects by name, ours and those of installed packages.
+
+    Raises CalibError where a package announces something that is no effect.
+    """
+    found = dict(EFFECTS)
+    for entry in entry_points(group="posecal.effects"):
+        if entry.name in EFFECTS:
+            raise CalibError(
+                f"effect {entry.name!r} of {entry.value} is one of posecal's own names"
+            )
+        try:
+            own = entry.load()
+        except Exception as error:
+            raise CalibError(
+                f"effect {entry.name!r}: {entry.value} fails to load: {error}"
+            ) from None
+        if not (isinstance(own, type) and issubclass(own, Effect)):
+            raise CalibError(f"effect {entry.name!r}: {entry.value} is no subclass of Effect")
+        found[entry.name] = own
+    return found
+
+
+__all__ = ["EFFECTS", "GROUPS", "Context", "Effect", "Parameter", "State", "catalogue"]

@@ -29,6 +29,7 @@ from calib.threads import one_blas_thread
 
 _REPLICATES = 10  # degrees of freedom of repeated readings worth believing
 _DISAGREE = 0.01
+_GROSS = 10.0  # times the mean square of a typical group
 _LEFT_OVER = 0.001  # the scatter of a few repeats is a weak witness
 SHAPE_ALPHA = 0.1
 """Probability of doubting a right shape: to call a wrong one explained is the worse mistake."""
@@ -172,10 +173,23 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
 
 
 def _replicate_factor(data: Measurements, weights: Array) -> float:
-    """Actual over stated noise by repeated readings, one where they agree or are too few."""
+    """Actual over stated noise by repeated readings, one where they agree or are too few.
+
+    Groups with a gross error do not count: whatever is no noise stands out among the others.
+    """
     from scipy.special import chdtr, chdtrc
 
-    spread, dof = replicate_spread(data, weights)
+    group = data.poses.repeated
+    repeated = [group == g for g in np.flatnonzero(np.bincount(group) > 1)]
+    spreads = np.array(
+        [replicate_spread(data.take(g), weights[g]) for g in repeated] or np.zeros((0, 2))
+    )
+    spreads = spreads[spreads[:, 1] > 0]
+    if not len(spreads):
+        return 1.0
+    squares = spreads[:, 0] / spreads[:, 1]
+    typical = np.quantile(squares, 0.25, method="lower")
+    spread, dof = spreads[squares <= _GROSS * typical].sum(axis=0)
     if dof < _REPLICATES:
         return 1.0
     tail = 2.0 * min(float(chdtr(dof, spread)), float(chdtrc(dof, spread)))

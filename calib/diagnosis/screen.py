@@ -47,12 +47,7 @@ class Field:
     @property
     def noise_refuted(self) -> bool:
         """Whether the residual's size contradicts the stated noise, in either direction."""
-        from scipy.special import chdtr, chdtrc
-
-        if self.dof <= 0:
-            return False
-        tail = min(float(chdtr(self.dof, self.cost)), float(chdtrc(self.dof, self.cost)))
-        return 2.0 * tail < _AGREES
+        return refuted(self.cost, self.dof)
 
     def basis(self, columns: IntArray) -> Array:
         """Orthonormal directions (N, k) of some columns, those that cannot be seen left out."""
@@ -61,6 +56,15 @@ class Field:
         values, vectors = np.linalg.eigh((own / lengths).T @ (own / lengths))
         seen = values > VISIBLE**2
         return np.asarray((own / lengths) @ vectors[:, seen] / np.sqrt(values[seen]))
+
+
+def refuted(cost: float, dof: int) -> bool:
+    """Whether a sum of squares of so many degrees of freedom is no chi-square."""
+    from scipy.special import chdtr, chdtrc
+
+    if dof <= 0:
+        return False
+    return 2.0 * min(float(chdtr(dof, cost)), float(chdtrc(dof, cost))) < _AGREES
 
 
 def field(N: Array, X: Array, r: Array) -> Field:

@@ -10,6 +10,7 @@ import numpy as np
 
 from calib.diagnosis.candidates import Candidate, as_fitted
 from calib.diagnosis.contest import Entry, Outcome
+from calib.diagnosis.screen import refuted
 from calib.diagnosis.stage import Fit, Stage
 from calib.poses import Poses
 
@@ -88,13 +89,15 @@ def _as_fitted(named: Named, fit: Fit, poses: Poses) -> Named:
 def _prices(fits: Sequence[Fit]) -> tuple[list[float], float]:
     """-2 log likelihood and Schwarz's price of the directions, that of the last fit apart.
 
-    Infinite where a fit failed. Where even the best residual exceeds the stated noise, its size is
-    taken for the noise of all.
+    Infinite where a fit failed. Where the best residual refutes the stated noise, its size is taken for
+    the noise of all.
     """
     costs = np.array([float((fit.r**2).sum()) for fit in fits])
     rows = np.array([max(2, np.count_nonzero(np.abs(fit.J).sum(axis=-1))) for fit in fits])
     free = np.array([fit.span.shape[1] for fit in fits])
-    scale = max(1.0, float(np.nanmin(costs / np.maximum(1, rows - free))))
+    best = int(np.nanargmin(costs / np.maximum(1, rows - free)))
+    dof = max(1, int(rows[best] - free[best]))
+    scale = costs[best] / dof if refuted(float(costs[best]), dof) else 1.0
     prices = costs / scale + free * np.log(rows)
     *own, last = np.where(np.isfinite(prices), prices, np.inf).tolist()
     return own, last

@@ -66,3 +66,19 @@ def fitted_amplitudes(
         if settled:
             break
     return tuple(found.tolist())
+
+
+def curves_price(
+    model: Model, amplitudes: Sequence[float], values: Array, cov: Array
+) -> tuple[float, int]:
+    """What curves add to -2 log marginal likelihood beside the sum of squares, and their coefficients.
+
+    values : ndarray, shape (p,); cov : ndarray, shape (p, p), of the fit at these amplitudes
+    """
+    price, count = 0.0, 0
+    for (effect, part), amplitude in zip(curves_in(model), amplitudes, strict=True):
+        precision = np.linalg.inv(effect.spread) / amplitude**2
+        price += float(values[part] @ precision @ values[part])
+        price -= float(np.linalg.slogdet(cov[part, part] @ precision)[1])
+        count += len(precision)
+    return price, count

@@ -10,6 +10,7 @@ import numpy as np
 
 from calib.diagnosis.candidates import Candidate, as_fitted
 from calib.diagnosis.contest import Entry, Outcome
+from calib.diagnosis.prior import curves_price
 from calib.diagnosis.screen import refuted
 from calib.diagnosis.stage import Fit, Stage
 from calib.poses import Poses
@@ -55,7 +56,7 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
     chosen = {id(entry): entry.candidate for entry in outcome.entries}
     found: list[Named] = []
     fit = outcome.fit
-    for entry in outcome.entries:
+    for entry in sorted(outcome.entries, key=lambda e: e.score.gain):
         if not entry.candidate.named:
             continue
         rest = [c for key, c in chosen.items() if key != id(entry)]
@@ -70,6 +71,7 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
         chosen[id(entry)] = ordered[0][0]
         fit = fits[ordered[0][0]]
         found.append(Named(entry, _members(ordered)))
+    found.sort(key=lambda named: -named.entry.score.gain)
     return tuple(_as_fitted(named, fit, stage.data.poses) for named in found), fit
 
 
@@ -87,7 +89,7 @@ def _as_fitted(named: Named, fit: Fit, poses: Poses) -> Named:
 
 
 def _prices(fits: Sequence[Fit]) -> tuple[list[float], float]:
-    """-2 log likelihood and Schwarz's price of the directions, that of the last fit apart.
+    """-2 log likelihood (of curves the marginal one) and Schwarz's price, that of the last fit apart.
 
     Infinite where a fit failed. Where the best residual refutes the stated noise, its size is taken for
     the noise of all.
@@ -98,7 +100,12 @@ def _prices(fits: Sequence[Fit]) -> tuple[list[float], float]:
     best = int(np.nanargmin(costs / np.maximum(1, rows - free)))
     dof = max(1, int(rows[best] - free[best]))
     scale = costs[best] / dof if refuted(float(costs[best]), dof) else 1.0
-    prices = costs / scale + free * np.log(rows)
+    curved = [
+        curves_price(f.model, f.amplitudes, f.values, f.covariance if f.amplitudes else np.eye(0))
+        for f in fits
+    ]
+    smooth, coefficients = (np.array(part) for part in zip(*curved, strict=True))
+    prices = costs / scale + smooth + (free - coefficients) * np.log(rows)
     *own, last = np.where(np.isfinite(prices), prices, np.inf).tolist()
     return own, last
 

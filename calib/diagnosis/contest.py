@@ -18,7 +18,7 @@ import numpy as np
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.screen import Field, Score, score
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.view import View, columns_at
+from calib.diagnosis.view import Columns, View
 
 ALPHA = 0.01
 """Probability of a false entry, over all candidates together."""
@@ -67,17 +67,20 @@ class Outcome:
 
 
 def contest(
-    stage: Stage, suspects: Sequence[Candidate], active: Sequence[Candidate] = ()
+    stage: Stage,
+    suspects: Sequence[Candidate],
+    columns: Columns,
+    active: Sequence[Candidate] = (),
 ) -> Outcome:
     """Add, exchange and remove candidates until nothing pays.
 
+    columns : Columns, of the suspects
     active : candidates to begin with, as an earlier contest left them; each must defend its place
     """
     active = list(active)
     before = stage.fit(())
     fit = stage.fit([c.effect for c in active]) if active else before
     tried: set[frozenset[str]] = {frozenset(c.key for c in active)}
-    columns = columns_at(stage, fit, suspects)
     seen = columns.seen_from(stage, fit)
     for _ in range(_MOST_ROUNDS):
         found = _better(seen, active, suspects)

@@ -11,12 +11,13 @@ from calib.cell import Cell
 from calib.covariance import determined
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.contest import ALPHA, Entry, Outcome, contest
-from calib.diagnosis.gap import Gap, gap_of
+from calib.diagnosis.gap import Gap, gap_of, over_time
 from calib.diagnosis.power import smallest_detectable
 from calib.diagnosis.range_noise import Growth, growth
 from calib.diagnosis.shape import Doubt, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, VerdictName, classes, verdict
+from calib.diagnosis.view import columns_at
 from calib.identify.estimators import Mask
 from calib.identify.identify import check_counts, whitening
 from calib.identify.initial import initial_values
@@ -127,20 +128,21 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     none = np.zeros(len(data), dtype=bool)
     stage = Stage(data, model, start, weights / factor, none)
     suspects, missing = candidates(cell, model, data)
-    outcome = contest(stage, suspects)
+    columns = columns_at(stage, stage.fit(()), suspects)
+    outcome = contest(stage, suspects, columns)
     statistic, limit = np.zeros(len(data)), np.inf
     grows = growth(data, outcome.fit.r)
     if grows is not None:
         weights = weights / grows.relative[..., None, None]
         factor = _replicate_factor(data, weights)
         stage = replace(stage, weights=weights / factor)
-        outcome = contest(stage, suspects)
+        outcome = contest(stage, suspects, columns)
     for _ in range(_MOST_PASSES):
         out, statistic, limit = _outliers(stage, outcome)
         if not stage.robust and np.array_equal(out, stage.dropped):
             break
         stage = replace(stage, dropped=out, robust=False)
-        outcome = contest(stage, suspects, outcome.active)
+        outcome = contest(stage, suspects, columns, outcome.active)
     named, after = classes(stage, outcome)
     noise = _noise(stage, after, factor)
     scale = noise.factor / factor if noise.source == "residual" else 1.0
@@ -149,13 +151,16 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     causes = tuple(_cause(stage, outcome, n, after, scale, len(suspects)) for n in named)
     located = _located(outcome, after, causes, scale)
     by_time = any(place.depends_on in ("time", "temperature") for place in located)
-    kept = data.take(~stage.dropped)
+    gap = gap_of(outcome.before, after, data.take(~stage.dropped), heldout, floor, by_time)
+    if by_time:
+        added = after.model.effects[len(model.effects) :]
+        gap = replace(gap, over_time=over_time(stage, added))
     return Diagnosis(
         verdict=verdict(named, outcome, left or any(c.misshapen for c in causes)),
         noise=noise,
         causes=causes,
         located=located,
-        gap=gap_of(outcome.before, after, kept, heldout, floor, by_time),
+        gap=gap,
         hidden=_hidden(outcome, suspects),
         not_asked=tuple(missing),
         data=data,

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.diagnosis.stage import Fit
+from calib.diagnosis.stage import Fit, Stage
+from calib.effects.protocol import Effect
 from calib.poses import IntArray, Measurements, Poses
 from calib.se3 import Array
 
 _DRAWS = 2000
+_QUARTERS = 4
 
 
 @dataclass(frozen=True)
@@ -19,6 +22,7 @@ class Gap:
 
     closed : share of the gap that is gone on held-out poses, None where there was none
     closed_ci95 : bootstrap over configurations, or over blocks of time where effects of time were found
+    over_time : (before, after) at blocks of time that the parameters never saw, where such were found
     """
 
     floor: float
@@ -28,6 +32,7 @@ class Gap:
     heldout_after: float | None
     closed: float | None
     closed_ci95: tuple[float, float] | None
+    over_time: tuple[float, float] | None = None
 
 
 def squared_errors(fit: Fit, data: Measurements) -> Array:
@@ -58,9 +63,24 @@ def gap_of(
         return Gap(floor, *fitted, None, None, None, None)
     first, second = (squared_errors(fit, heldout) for fit in (before, after))
     closed = share_closed(first, second, floor)
-    group = _blocks(heldout.poses) if by_time else heldout.poses.configuration
+    poses = heldout.poses
+    group = _blocks(poses, max(2, round(len(poses) ** 0.5))) if by_time else poses.configuration
     interval = None if closed is None else _interval(first, second, floor, group)
     return Gap(floor, *fitted, rms(first), rms(second), closed, interval)
+
+
+def over_time(stage: Stage, effects: Sequence[Effect]) -> tuple[float, float]:
+    """Error without and with the effects, m, each quarter of the session predicted from the others."""
+    data, block = stage.data, _blocks(stage.data.poses, _QUARTERS)
+    errors: tuple[list[Array], list[Array]] = ([], [])
+    for b in range(_QUARTERS):
+        left_out = block == b
+        rest = replace(stage, dropped=stage.dropped | left_out)
+        part = data.take(left_out & ~stage.dropped)
+        for found, chosen in zip(errors, ((), effects), strict=True):
+            found.append(squared_errors(rest.fit(chosen), part))
+    before, after = (rms(np.concatenate(found)) for found in errors)
+    return before, after
 
 
 def share_closed(before: Array, after: Array, floor: float) -> float | None:
@@ -69,10 +89,9 @@ def share_closed(before: Array, after: Array, floor: float) -> float | None:
     return (first - second) / (first - floor**2) if first > floor**2 else None
 
 
-def _blocks(poses: Poses) -> IntArray:
-    """Numbers (m,) of about sqrt(m) blocks of consecutive readings, equal in size."""
+def _blocks(poses: Poses, count: int) -> IntArray:
+    """Numbers (m,) of blocks of consecutive readings, equal in size."""
     order = np.argsort(poses.elapsed, kind="stable")
-    count = max(2, round(len(poses) ** 0.5))
     block = np.empty(len(poses), dtype=int)
     block[order] = np.arange(len(poses)) * count // len(poses)
     return block

@@ -39,6 +39,8 @@ def diagnosis_fields(result: Diagnosis) -> dict[str, Any]:
             "fit_after_mm": gap.fit_after * _MM,
             "heldout_before_mm": None if gap.heldout_before is None else gap.heldout_before * _MM,
             "heldout_after_mm": None if gap.heldout_after is None else gap.heldout_after * _MM,
+            "over_time_before_mm": None if gap.over_time is None else gap.over_time[0] * _MM,
+            "over_time_after_mm": None if gap.over_time is None else gap.over_time[1] * _MM,
             "closed": gap.closed,
             "closed_ci95": None if gap.closed_ci95 is None else list(gap.closed_ci95),
         },

@@ -78,7 +78,8 @@ def _gap(gap: dict[str, Any]) -> Table:
         ("RMS [mm]", "left"), ("before", "right"), ("after", "right"), ("floor", "right"),
         ("gap closed (95 % interval)", "left"),
     )  # fmt: skip
-    for label, key in (("fitted", "fit"), ("held out", "heldout")):
+    rows = (("fitted", "fit"), ("held out", "heldout"), ("quarters of the session", "over_time"))
+    for label, key in rows:
         before, after = gap[f"{key}_before_mm"], gap[f"{key}_after_mm"]
         if before is None:
             continue

@@ -37,6 +37,10 @@ def test_shuffled_columns_explain_nothing(effect: str, values: list[float]) -> N
     cell, data, held = measured(effect, values, seed=8)
     found = calib.diagnose(cell, data, heldout=held)
     assert effect in [f"{c.effect.kind}:{c.where}" for c, _ in found.causes[0].named.members]
+    if effect != "backlash:A3":  # predicted from the rest of the session, in order of time
+        assert found.gap.over_time is not None
+        before, after = found.gap.over_time
+        assert after < 0.8 * before
     control = calib.diagnose(cell, _shuffled(data, 1), heldout=_shuffled(held, 2))
     assert not [p for p in control.located if p.depends_on.split(":")[0] in OF_THE_COLUMNS]
 

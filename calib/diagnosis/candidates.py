@@ -10,6 +10,7 @@ import numpy as np
 from calib.build import context_of, place_effect
 from calib.cell import Cell
 from calib.diagnosis.curves import Curve, curves
+from calib.diagnosis.variables import Torque
 from calib.effects import GROUPS, Effect, catalogue
 from calib.effects.joint_coupling import JointCoupling
 from calib.effects.protocol import ARM, ElasticEffect, LoadEffect, PoseEffect, ReadingEffect
@@ -25,7 +26,11 @@ PARTS = {"geometry": ("joint_offset", "link_geometry"), "stiffness_vs_angle": ("
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One suspect. named : it has a cause by name, in the catalogue."""
+    """One suspect.
+
+    effect : Effect, a curve where it has no name; named : whether it has one, in the catalogue
+    depends_on : str, on what it depends most, as in the results
+    """
 
     effect: Effect
     named: bool
@@ -41,8 +46,9 @@ class Candidate:
         """``effect:where``, for a curve with its variable and what it moves."""
         if not isinstance(self.effect, Curve):
             return f"{self.effect.kind}:{self.where}"
-        moved = type(self.effect).__name__
-        return f"{moved}:{self.where} by {self.depends_on} ({len(self.effect.parameters)})"
+        variable, count = self.effect.variable, len(self.effect.parameters)
+        about = f" along {np.round(variable.axis, 3)}" if isinstance(variable, Torque) else ""
+        return f"{type(self.effect).__name__}:{self.where} by {self.depends_on}{about} ({count})"
 
     @property
     def spread(self) -> Array | None:

@@ -121,7 +121,7 @@ def _better(
         own = scores[member.key]
         if not _pays(own, len(suspects)):
             return rest
-        best = _leader(scores, [c for c in suspects if c not in rest])
+        best = _leader(scores, [c for c in suspects if c not in rest], len(suspects))
         named = best.named and not member.named
         if best is not member and (named or scores[best.key].gain > own.gain + _CHALLENGE):
             return [*rest, best]
@@ -129,7 +129,7 @@ def _better(
         return active
     beside = seen_from.beside
     scores = _scores(beside, seen_from, suspects)
-    best = _leader(scores, [c for c in suspects if c not in active])
+    best = _leader(scores, [c for c in suspects if c not in active], len(suspects))
     return [*active, best] if _pays(scores[best.key], len(suspects)) else active
 
 
@@ -141,15 +141,15 @@ def _pays(found: Score, asked: int) -> bool:
     return bool(found.gain > 2.0 * np.log(asked) and found.p * asked < ALPHA)
 
 
-def _leader(scores: dict[str, Score], eligible: Sequence[Candidate]) -> Candidate:
-    """The best candidate; a cause by name where it explains nearly as much as the best curve."""
+def _leader(scores: dict[str, Score], eligible: Sequence[Candidate], asked: int) -> Candidate:
+    """The best candidate; a cause by name where that pays and explains nearly as much as a curve."""
     best = max(eligible, key=lambda c: scores[c.key].gain)
     named = [c for c in eligible if c.named]
     if best.named or not named:
         return best
     first = max(named, key=lambda c: scores[c.key].gain)
     enough = scores[first.key].fall >= _NAMED_SHARE * scores[best.key].fall
-    return first if enough else best
+    return first if enough and _pays(scores[first.key], asked) else best
 
 
 def _entry(

@@ -40,6 +40,7 @@ from calib.se3 import Array
 
 _KNOTS = 12
 _KNOTS_EACH = 8  # where several directions share the evidence
+_LOCKED = 1e-3  # rad or m: a joint that scatters less stands still
 _SIZE = 1e-3  # rad or m, a plausible coefficient
 
 
@@ -154,7 +155,7 @@ def curves(context: Context, poses: Poses, ranges: Array) -> Iterator[Curve]:
     if poses.temperature is not None:
         common.append(Covariate("temperature", "temperature"))
     deviation = np.std(poses.q, axis=0)
-    spread = tuple(np.where(deviation > 0.0, deviation, 1.0).tolist())
+    spread = tuple(np.where(deviation > _LOCKED, deviation, np.inf).tolist())
     for k, joint in enumerate(robot.joints):
         axis = along_axis(robot, k)
         moved: list[PoseVariable] = [*angles, *common, Torque("load", statics, k + 1, axis)]

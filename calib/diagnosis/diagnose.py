@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,8 +13,9 @@ from calib.covariance import determined
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.contest import ALPHA, Entry, Outcome, contest
 from calib.diagnosis.gap import Gap, gap_of, over_time
-from calib.diagnosis.power import smallest_detectable
+from calib.diagnosis.power import smallest_sizes
 from calib.diagnosis.range_noise import Growth, growth
+from calib.diagnosis.screen import refuted
 from calib.diagnosis.shape import Doubt, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, VerdictName, classes, verdict
@@ -29,7 +31,6 @@ from calib.se3 import Array
 from calib.threads import one_blas_thread
 
 _REPLICATES = 10  # degrees of freedom of repeated readings worth believing
-_DISAGREE = 0.01
 _GROSS = 10.0  # times the mean square of a typical group
 _LEFT_OVER = 0.001  # the scatter of a few repeats is a weak witness
 SHAPE_ALPHA = 0.1
@@ -88,6 +89,7 @@ class Diagnosis:
     before, after : Fit, of the user's model and with all that was found; stage : what they fit
     suspects : tuple of Candidate, all that was asked; outcome : Outcome, of the contest
     growth : Growth, of the noise with range, None where the residual shows none
+    scale : float, actual over the standard deviation that the stage weighs by
     """
 
     verdict: VerdictName
@@ -108,6 +110,7 @@ class Diagnosis:
     suspects: tuple[Candidate, ...]
     heldout: Measurements | None
     growth: Growth | None
+    scale: float
 
 
 @one_blas_thread
@@ -161,7 +164,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         causes=causes,
         located=located,
         gap=gap,
-        hidden=_hidden(outcome, suspects),
+        hidden=_hidden(outcome, causes, suspects),
         not_asked=tuple(missing),
         data=data,
         outlier=stage.dropped,
@@ -174,6 +177,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         suspects=tuple(suspects),
         heldout=heldout,
         growth=grows,
+        scale=scale,
     )
 
 
@@ -182,8 +186,6 @@ def _replicate_factor(data: Measurements, weights: Array) -> float:
 
     Groups with a gross error do not count: whatever is no noise stands out among the others.
     """
-    from scipy.special import chdtr, chdtrc
-
     group = data.poses.repeated
     repeated = [group == g for g in np.flatnonzero(np.bincount(group) > 1)]
     spreads = np.array(
@@ -197,8 +199,7 @@ def _replicate_factor(data: Measurements, weights: Array) -> float:
     spread, dof = spreads[squares <= _GROSS * typical].sum(axis=0)
     if dof < _REPLICATES:
         return 1.0
-    tail = 2.0 * min(float(chdtr(dof, spread)), float(chdtrc(dof, spread)))
-    return float(np.sqrt(spread / dof)) if tail < _DISAGREE else 1.0
+    return float(np.sqrt(spread / dof)) if refuted(float(spread), int(dof)) else 1.0
 
 
 def _outliers(stage: Stage, outcome: Outcome) -> tuple[Mask, Array, float]:
@@ -275,20 +276,20 @@ def _located(
     return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
 
 
-def _hidden(outcome: Outcome, suspects: list[Candidate]) -> tuple[Hidden, ...]:
+def _hidden(
+    outcome: Outcome, causes: Sequence[Cause], suspects: list[Candidate]
+) -> tuple[Hidden, ...]:
     """What every inactive cause would have to be to be found, nine times in ten."""
     found = []
-    entered = {entry.candidate.key for entry in outcome.entries}
+    entered = {cause.named.candidate.key for cause in causes}
     for candidate in suspects:
         if not candidate.named or candidate.key in entered:
             continue
-        sizes = [
-            (smallest_detectable(outcome.last, int(c), ALPHA / len(suspects)), p)
-            for c, p in zip(
-                outcome.view.where[candidate.key], candidate.effect.parameters, strict=True
-            )
-        ]
-        size, parameter = min(sizes, key=lambda pair: pair[0] / pair[1].size)
+        columns, parameters = outcome.view.where[candidate.key], candidate.effect.parameters
+        sizes = smallest_sizes(outcome.last, columns, len(suspects), ALPHA).tolist()
+        size, parameter = min(
+            zip(sizes, parameters, strict=True), key=lambda pair: pair[0] / pair[1].size
+        )
         effect = candidate.effect
         found.append(Hidden(effect.kind, effect.where, size, parameter.unit, parameter.scale))
     return tuple(found)

@@ -24,12 +24,13 @@ from calib.diagnosis.places import (
     load_of,
     variable_of,
 )
+from calib.diagnosis.prior import curves_in, prior_rows
 from calib.diagnosis.screen import field
-from calib.diagnosis.stage import positions
+from calib.diagnosis.stage import determined_by, positions
 from calib.effects.drive import error_unit
 from calib.effects.protocol import Context, Parameter, PoseEffect, Strand
 from calib.errors import EffectCannotAct
-from calib.identify.estimators import Mask, choose_directions
+from calib.identify.estimators import Mask
 from calib.identify.solver import levenberg_marquardt
 from calib.model import Model
 from calib.poses import Poses
@@ -185,26 +186,35 @@ def _fitted(result: Diagnosis, candidate: Candidate, line: _Line, h: Array) -> _
     The rest of the model keeps all directions that it can have without either; the line gets those that
     are left, so that none of its coefficients is arbitrary.
     """
+    from scipy.linalg import block_diag
+
     after, stage = result.after, result.stage
     others = tuple(e for e in after.model.effects if e is not candidate.effect)
     rest = np.delete(after.values, positions(after.model, candidate.effect))
     alone = stage.observation(after.model.with_effects(others), after.weight)
-    seen = choose_directions(alone, rest, np.eye(len(rest))).kept
+    seen = determined_by(alone, rest)
+    amplitudes = [
+        a
+        for a, (e, _) in zip(after.amplitudes, curves_in(after.model), strict=True)
+        if e is not candidate.effect
+    ]
+    held = np.pad(prior_rows(alone.model, amplitudes), ((0, 0), (0, len(h))))
     model = after.model.with_effects((*others, line))
     observation = stage.observation(model, after.weight)
-    _, J = observation.flat(np.append(rest, h))
-    view = field(J[:, seen], J[:, len(rest) :], np.zeros(len(J)))
+
+    def linearise(values: Array) -> tuple[Array, Array]:
+        r, J = observation.flat(values)
+        return np.append(r, -held @ values), np.concatenate([J, held])
+
+    _, J = linearise(np.append(rest, h))
+    view = field(J[:, : len(rest)] @ seen, J[:, len(rest) :], np.zeros(len(J)))
     lengths = np.where(view.lengths > 0.0, view.lengths, 1.0)
     eigenvalues, V = np.linalg.eigh((view.X / lengths).T @ (view.X / lengths))
     V = V[:, eigenvalues > _ABSORBED**2]
-    span = np.zeros((len(rest) + len(h), len(seen) + V.shape[1]))
-    span[seen, range(len(seen))] = 1.0
-    span[len(rest) :, len(seen) :] = V / lengths[:, None]
+    span = block_diag(seen, V / lengths[:, None])
     projection = (V @ V.T) * lengths / lengths[:, None]
-    found = levenberg_marquardt(observation.flat, np.append(rest, projection @ h), span)
-    _, J = observation.flat(found.values)
-    noise = result.noise.factor if result.noise.source == "residual" else 1.0
-    cov = noise**2 * covariance(J, span)
+    found = levenberg_marquardt(linearise, np.append(rest, projection @ h), span)
+    cov = result.scale**2 * covariance(linearise(found.values)[1], span)
     absorbed = len(h) - V.shape[1]
     return _Fit(model, found.values, cov, projection, absorbed, bool(found.converged))
 

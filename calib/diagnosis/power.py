@@ -1,4 +1,4 @@
-"""What a plan can see: detectable sizes and look-alikes, before anything is measured."""
+"""Sizes that are found, and with what probability."""
 
 from __future__ import annotations
 
@@ -6,18 +6,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from calib.diagnosis.screen import Field
+from calib.diagnosis.screen import VISIBLE, Field
 from calib.poses import IntArray
 from calib.se3 import Array
 
 POWER = 0.9
-
-
-def needed(directions: int, alpha: float, power: float = POWER) -> float:
-    """Noncentrality at which a chi-square test of level alpha detects with this probability."""
-    from scipy.special import chdtri
-
-    return needed_beyond(float(chdtri(directions, alpha)), directions, power)
 
 
 @lru_cache(maxsize=256)
@@ -47,15 +40,18 @@ def entry_limit(directions: int, rows: int, asked: int, alpha: float) -> float:
     return max(float(chdtri(directions, alpha / asked)), float(price))
 
 
-def noncentrality(field: Field, columns: IntArray, values: Array) -> float:
-    """Squared length, in standard deviations, of an effect once all modelled is projected out."""
-    moved = field.X[:, columns] @ values
-    return float(moved @ moved)
+def smallest_sizes(field: Field, columns: IntArray, asked: int, alpha: float) -> Array:
+    """Size (SI) of each parameter alone at which its cause is found with probability ``POWER``, (k,).
 
-
-def smallest_detectable(field: Field, column: int, alpha: float) -> float:
-    """Size (SI) of one parameter that is found with probability ``POWER``; infinite if invisible."""
-    length = float(np.linalg.norm(field.X[:, column]))
-    if length <= 1e-3 * field.lengths[column] or length == 0.0:
-        return np.inf
-    return float(np.sqrt(needed(1, alpha)) / length)
+    Infinite where nothing of it is left beside what is modelled.
+    """
+    directions = field.basis(columns).shape[1]
+    left = np.linalg.norm(field.X[:, columns], axis=0)
+    visible = left > VISIBLE * field.lengths[columns]
+    if not directions:
+        return np.full(len(columns), np.inf)
+    length = np.sqrt(needed_beyond(entry_limit(directions, field.rows, asked, alpha), directions))
+    sizes: Array = np.full(len(columns), np.inf)
+    seen = visible & (left > 0.0)
+    sizes[seen] = length / left[seen]
+    return sizes

@@ -75,10 +75,12 @@ def curves_price(
 
     values : ndarray, shape (p,); cov : ndarray, shape (p, p), of the fit at these amplitudes
     """
-    price, count = 0.0, 0
-    for (effect, part), amplitude in zip(curves_in(model), amplitudes, strict=True):
-        precision = np.linalg.inv(effect.spread) / amplitude**2
-        price += float(values[part] @ precision @ values[part])
-        price -= float(np.linalg.slogdet(cov[part, part] @ precision)[1])
-        count += len(precision)
-    return price, count
+    held, at = prior_rows(model, amplitudes), np.zeros(len(values), dtype=bool)
+    for _, part in curves_in(model):
+        at[part] = True
+    if not at.any():
+        return 0.0, 0
+    precision = (held.T @ held)[np.ix_(at, at)]
+    price = float(values[at] @ precision @ values[at])
+    price -= float(np.linalg.slogdet(cov[np.ix_(at, at)] @ precision)[1])
+    return price, int(at.sum())

@@ -90,7 +90,7 @@ class Stage:
         model = self.model.with_effects((*self.model.effects, *effects))
         values = np.concatenate([self.start, np.zeros(len(model.parameters) - len(self.start))])
         weight = np.ones(len(self.data))
-        span = self._span(self.observation(model, weight), values)
+        span = determined_by(self.observation(model, weight), values)
         fit = self._fitted(model, values, span, weight, weak(model))
         for _ in range(_ROUNDS):
             fresh = self._robust_weight(fit), _amplitudes_of(fit)
@@ -115,15 +115,6 @@ class Stage:
             model, found.values, span, weight, amplitudes, r, J, bool(found.converged)
         )  # fmt: skip
 
-    def _span(self, observation: Points, start: Array) -> Array:
-        """What the data determine, and all coefficients of curves: their prior determines them."""
-        curved = np.zeros(len(start), dtype=bool)
-        for _, part in curves_in(observation.model):
-            curved[part] = True
-        plain = np.eye(len(start))[:, ~curved]
-        kept = choose_directions(observation, start, plain).kept
-        return np.concatenate([plain[:, kept], np.eye(len(start))[:, curved]], axis=1)
-
     def statistics(self, fit: Fit) -> Array:
         """Mean square of every pose's residual over its predicted variance, in full weight, (m,)."""
         everything = replace(self, dropped=np.zeros(len(self.data), dtype=bool))
@@ -138,6 +129,16 @@ class Stage:
         length = np.sqrt(self.statistics(fit))
         typical = float(np.median(length[~self.dropped]))
         return np.asarray(np.minimum(full, _HUBER * typical / np.maximum(length, 1e-12)))
+
+
+def determined_by(observation: Points, start: Array) -> Array:
+    """Directions (p, k) that the data determine, and all coefficients of curves: their prior does."""
+    curved = np.zeros(len(start), dtype=bool)
+    for _, part in curves_in(observation.model):
+        curved[part] = True
+    plain = np.eye(len(start))[:, ~curved]
+    kept = choose_directions(observation, start, plain).kept
+    return np.concatenate([plain[:, kept], np.eye(len(start))[:, curved]], axis=1)
 
 
 def _amplitudes_of(fit: Fit) -> tuple[float, ...]:

@@ -60,7 +60,8 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
         if not entry.candidate.named:
             continue
         rest = [c for key, c in chosen.items() if key != id(entry)]
-        fits = {c: stage.fit([*(o.effect for o in rest), c.effect]) for c in _close(entry)}
+        rivals = [c for c in _close(entry) if c not in rest]
+        fits = {c: stage.fit([*(o.effect for o in rest), c.effect]) for c in rivals}
         without = stage.fit([c.effect for c in rest]) if rest else outcome.before
         prices, nothing = _prices([*fits.values(), without])
         if min(prices) >= nothing:
@@ -97,7 +98,7 @@ def _prices(fits: Sequence[Fit]) -> tuple[list[float], float]:
     costs = np.array([float((fit.r**2).sum()) for fit in fits])
     rows = np.array([max(2, np.count_nonzero(np.abs(fit.J).sum(axis=-1))) for fit in fits])
     free = np.array([fit.span.shape[1] for fit in fits])
-    best = int(np.nanargmin(costs / np.maximum(1, rows - free)))
+    best = int(np.argmin(np.nan_to_num(costs, nan=np.inf) / np.maximum(1, rows - free)))
     dof = max(1, int(rows[best] - free[best]))
     scale = costs[best] / dof if refuted(float(costs[best]), dof) else 1.0
     curved = [

@@ -71,10 +71,8 @@ def catalogue() -> dict[str, type[Effect]]:
     """
     found = dict(EFFECTS)
     for entry in entry_points(group="posecal.effects"):
-        if entry.name in EFFECTS:
-            raise CalibError(
-                f"effect {entry.name!r} of {entry.value} is one of posecal's own names"
-            )
+        if entry.name in found:
+            raise CalibError(f"effect {entry.name!r} of {entry.value}: the name is taken")
         try:
             own = entry.load()
         except Exception as error:
@@ -83,6 +81,8 @@ def catalogue() -> dict[str, type[Effect]]:
             ) from None
         if not (isinstance(own, type) and issubclass(own, Effect)):
             raise CalibError(f"effect {entry.name!r}: {entry.value} is no subclass of Effect")
+        if own.kind != entry.name:
+            raise CalibError(f"effect {entry.name!r}: {entry.value} calls itself {own.kind!r}")
         found[entry.name] = own
     return found
 

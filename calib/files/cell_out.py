@@ -29,7 +29,7 @@ class Extended:
 
     text : str, TOML
     added : tuple of str, ``name:where``
-    replaced : tuple of str, entries of the model that gave way to an effect that contains them
+    replaced : tuple of str, ``effect:where`` of what gave way to an effect that contains it
     refused : tuple of (str, str), an effect that the model cannot hold, and why
     """
 
@@ -74,8 +74,8 @@ def extended_cell(cell: Cell, effects: Sequence[Effect], poses: Poses, target: P
     _write_effects(document, entries)
     _write_knots(document, cell, added)
     _write_paths(document, cell.path.parent, target.parent)
-    changed = tuple(old for old, new in zip(cell.effects, entries, strict=False) if new != old)
-    return Extended(document.as_string(), tuple(map(_name, added)), changed, tuple(refused))
+    parts = tuple(part for entry in cell.effects for part in _parts(entry, added, cell))
+    return Extended(document.as_string(), tuple(map(_name, added)), parts, tuple(refused))
 
 
 def contains(effect: Effect, kind: str, where: str) -> bool:
@@ -95,6 +95,13 @@ def _text(path: Path) -> str:
         return path.read_bytes().decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(path, "", f"cannot be read again ({error})", "check the path") from None
+
+
+def _parts(entry: str, added: Sequence[Effect], cell: Cell) -> list[str]:
+    """What of an entry of the model is now part of something added."""
+    name, given = parse_effect(entry)
+    places = cell.robot.joints if given is None else given
+    return [f"{name}:{p}" for p in places if any(contains(effect, name, p) for effect in added)]
 
 
 def _without(entry: str, effect: Effect, cell: Cell) -> str | None:

@@ -122,8 +122,7 @@ def _link_masses(situation: Situation) -> Iterator[Intervention]:
     model = situation.model
     robot = model.robot
     ahead = translations(robot)[1:]
-    load = next((h for h in reversed(situation.session.loads) if not h.free), _light(situation))
-    mass = _mass(situation, load)
+    mass = _LIGHT * float(robot.masses.sum()) or _UNKNOWN_ARM
     longest = np.argsort(-np.linalg.norm(ahead, axis=1))[:2]
     for link in np.sort(longest):
         # In the axes of the frame that moves with the joint.

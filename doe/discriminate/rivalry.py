@@ -38,31 +38,30 @@ class Rivalry:
 def rivalries(diagnosis: Diagnosis) -> tuple[Rivalry, ...]:
     """The places in doubt: classes of several members, else causes with a rival in reach.
 
-    A cause without a name competes with the nearest others, whatever the classes are.
+    Causes by name only: a curve bends to whatever is there, so that no pose tells it from its rivals.
     """
     chosen = _chosen(diagnosis)
     ambiguous = any(len(cause.named.members) > 1 for cause in diagnosis.causes)
-    classes = {id(c.named.entry): [m for m, _ in c.named.members] for c in diagnosis.causes}
     found = []
-    for position, entry in enumerate(diagnosis.outcome.entries):
-        members = classes.get(id(entry), [entry.candidate])
+    for cause in diagnosis.causes:
+        members = [member for member, _ in cause.named.members]
         declared = len(members) > 1
-        if not declared and (not ambiguous or not entry.candidate.named):
-            members = [chosen[position], *_near(entry, chosen)]
+        if not declared and not ambiguous:
+            members = [cause.named.candidate, *_near(cause.named.entry, chosen)]
         if len(members) > 1:
             found.append(Rivalry(tuple(members[:_MOST]), declared))
     return tuple(found)
 
 
 def _chosen(diagnosis: Diagnosis) -> list[Candidate]:
-    """What stands in each place of the final fit."""
-    named = {id(cause.named.entry): cause.named.candidate for cause in diagnosis.causes}
-    return [named.get(id(entry), entry.candidate) for entry in diagnosis.outcome.entries]
+    """What was found, by name or without."""
+    curves = [c for c in diagnosis.outcome.active if not c.named]
+    return [*(cause.named.candidate for cause in diagnosis.causes), *curves]
 
 
 def _near(entry: Entry, chosen: Sequence[Candidate]) -> list[Candidate]:
-    """Rivals whose gain comes close; for a cause by name, others by name."""
+    """Rivals by name whose gain comes close."""
     taken = {c.key for c in chosen}
     top = entry.rivals[0][1]
     near = [c for c, gain in entry.rivals if gain > top - _REACH and c.key not in taken]
-    return [c for c in near if c.named or not entry.candidate.named][:_NEAREST]
+    return [c for c in near if c.named][:_NEAREST]

@@ -50,9 +50,6 @@ class Hung:
         return replace(self, lever=self.lever + by, com=self.com + by)
 
 
-NOTHING = Hung(np.zeros(3), np.zeros(3), np.zeros(3), 0.0, np.zeros(3))
-
-
 @dataclass(frozen=True, eq=False)
 class Session:
     """Conditions of further readings.

@@ -12,7 +12,6 @@ from calib.cell import Cell, Load
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.candidates import depends_on
 from calib.effects.protocol import Effect
-from calib.identify.identify import whitening
 from calib.model import Model
 from calib.observations import Points
 from calib.poses import Poses
@@ -132,8 +131,7 @@ def data_rows(situation: Situation, diagnosis: Diagnosis) -> tuple[Array, Array]
     """Residual (N,) and rows (N, p) of the data, whitened and as the final fit weighs them."""
     data, after = diagnosis.data, diagnosis.after
     stage = diagnosis.stage
-    W = whitening(situation.cell, stage.model, stage.start, data) / situation.factor
-    W = W * (after.weight * ~stage.dropped)[:, None, None, None]
+    W = stage.weights / diagnosis.scale * (after.weight * ~stage.dropped)[:, None, None, None]
     predicted, J = situation.model.jacobian(situation.values, data.poses)
     points = Points(situation.model, data, W)
     rows = points.rows(J)

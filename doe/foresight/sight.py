@@ -60,11 +60,6 @@ class Sight:
         """Position of the parameter whose smallest size is least beside what is plausible."""
         return int(np.argmin(self.smallest / self.sizes))
 
-    @property
-    def unusual(self) -> bool:
-        """Whether a cause of plausible size would not be found."""
-        return bool(self.smallest[self.lead] > self.sizes[self.lead])
-
     def found(self, times: Array) -> Array:
         """Probability that the cause is found at multiples of its smallest size."""
         return detection(self.limit, self.directions, self.needed * np.asarray(times) ** 2)

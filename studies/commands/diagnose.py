@@ -169,6 +169,8 @@ def _foresee(
         found = foresee(cell, plan)
     except (UnknownEffect, EffectCannotAct) as error:
         raise InputError(cell_path, "model.effects", str(error)) from None
+    except InputError:
+        raise
     except CalibError as error:
         raise InputError(plan_path, "", str(error)) from None
     fields = {**envelope("diagnose", inputs, seed), **foresight_fields(found)}

@@ -66,9 +66,10 @@ def test_it_is_identified_and_diagnosed_by_its_name() -> None:
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("backlash", f"{__name__}:WarmEncoder", "own names"),
+        ("backlash", f"{__name__}:WarmEncoder", "is taken"),
         ("warm", f"{__name__}:nothing", "fails to load"),
         ("warm", "pathlib:Path", "no subclass"),
+        ("warm", f"{__name__}:WarmEncoder", "calls itself"),
     ],
 )
 def test_what_is_no_effect_is_refused(

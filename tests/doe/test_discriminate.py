@@ -257,8 +257,9 @@ def test_poses_keep_to_the_cell(alike: tuple[Cell, Diagnosis]) -> None:
 def test_nothing_is_asked_where_nothing_is_in_doubt(alike: tuple[Cell, Diagnosis]) -> None:
     cell, found = alike
     first = found.causes[0]
-    alone = replace(first, named=Named(first.named.entry, first.named.members[:1]))
-    sure = replace(found, causes=(alone,), outcome=replace(found.outcome, entries=()))
+    entry = replace(first.named.entry, rivals=first.named.entry.rivals[:1])
+    alone = replace(first, named=Named(entry, first.named.members[:1]))
+    sure = replace(found, causes=(alone,))
     result = doe.next_poses(cell, sure)
     assert not len(result.poses)
     assert result.predictions == ()

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from calib.build import context_of
 from calib.effects import EFFECTS
+from calib.poses import poses_at
 from studies.cli import main
+from studies.demo import embedded_cell
 
 README = (Path(__file__).parent.parent.parent / "README.md").read_text()
 
@@ -22,13 +27,24 @@ def beside_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_python_example(beside_the_demo: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (block,) = re.findall(r"```python\n(.*?)```", README, flags=re.S)
+    block, _ = re.findall(r"```python\n(.*?)```", README, flags=re.S)
     exec(compile(block, "README.md", "exec"), {})
     *parameters, design = capsys.readouterr().out.splitlines()
     assert len(parameters) == 42
     efficiency, _, shape = design.partition(" ")
     assert 0.9 < float(efficiency) <= 1.0
     assert shape == "(15, 6)"
+
+
+def test_an_effect_of_ones_own() -> None:
+    _, block = re.findall(r"```python\n(.*?)```", README, flags=re.S)
+    names: dict[str, Any] = {}
+    exec(compile(block, "README.md", "exec"), names)
+    context = context_of(embedded_cell(), None)
+    effect = names["WarmEncoder"].at(context, "A3")
+    assert [p.id for p in effect.parameters] == ["warm_encoder:A3.slope"]
+    warm = poses_at(np.zeros((2, 6)), temperature=np.array([20.0, 25.0]))
+    np.testing.assert_allclose(effect.shares(warm), [[0.0], [5.0]])
 
 
 def test_commands_and_their_output(beside_the_demo: Path) -> None:

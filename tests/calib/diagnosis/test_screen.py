@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.diagnosis.power import needed, noncentrality, smallest_detectable
+from calib.diagnosis.power import entry_limit, smallest_sizes
 from calib.diagnosis.screen import field, score
 
 RNG = np.random.default_rng(0)
@@ -52,12 +52,13 @@ def test_p_values_are_uniform_where_nothing_is_missing() -> None:
         assert np.mean(np.array(p) < 0.1) == pytest.approx(0.1, abs=0.045)
 
 
-def test_an_effect_of_the_size_said_to_be_detectable_is_detected() -> None:
-    view = field(N, X, np.zeros(300))
-    size = smallest_detectable(view, 0, 1e-4)
-    assert noncentrality(view, np.array([0]), np.array([size])) == pytest.approx(needed(1, 1e-4))
+@pytest.mark.parametrize("k", [1, 4])
+def test_an_effect_of_the_size_said_to_be_detectable_is_detected(k: int) -> None:
+    view, asked = field(N, X, np.zeros(300)), 200
+    size = smallest_sizes(view, np.arange(k), asked, 0.01)[0]
     hits = [
-        score(field(N, X, RNG.normal(size=300) + X[:, 0] * size), np.array([0])).p < 1e-4
+        score(field(N, X, RNG.normal(size=300) + X[:, 0] * size), np.arange(k)).fall
+        > entry_limit(k, 300, asked, 0.01)
         for _ in range(300)
     ]
     assert np.mean(hits) == pytest.approx(0.9, abs=0.06)
@@ -68,4 +69,4 @@ def test_what_the_model_contains_is_invisible() -> None:
     view = field(N, inside, RNG.normal(size=300))
     assert score(view, np.arange(2)).fall == 0.0
     assert score(view, np.arange(2), np.eye(2)).fall == 0.0
-    assert smallest_detectable(view, 0, 0.01) == np.inf
+    assert np.isinf(smallest_sizes(view, np.arange(2), 10, 0.01)).all()

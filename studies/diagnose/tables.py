@@ -80,7 +80,7 @@ def _gap(gap: dict[str, Any]) -> Table:
     )  # fmt: skip
     rows = (("fitted", "fit"), ("held out", "heldout"), ("quarters of the session", "over_time"))
     for label, key in rows:
-        before, after = gap[f"{key}_before_mm"], gap[f"{key}_after_mm"]
+        before, after = gap.get(f"{key}_before_mm"), gap.get(f"{key}_after_mm")
         if before is None:
             continue
         closed = _closed(gap) if key == "heldout" else ""

@@ -85,6 +85,8 @@ class Diagnosis:
     """Result of :func:`diagnose`.
 
     outlier : ndarray of bool, shape (m,), poses that were left out; statistic, limit : judged by
+    waiting : ndarray of bool, shape (m,), poses from before the first move, left out where approaches
+        follow from the order: the arm came there from a side that nothing tells
     not_asked : causes that the table's columns cannot speak of
     before, after : Fit, of the user's model and with all that was found; stage : what they fit
     suspects : tuple of Candidate, all that was asked; outcome : Outcome, of the contest
@@ -101,6 +103,7 @@ class Diagnosis:
     not_asked: tuple[NotAsked, ...]
     data: Measurements
     outlier: Mask
+    waiting: Mask
     statistic: Array
     limit: float
     before: Fit
@@ -128,8 +131,8 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     start = initial_values(model, data)
     weights = whitening(cell, model, start, data)
     factor = _replicate_factor(data, weights)
-    none = np.zeros(len(data), dtype=bool)
-    stage = Stage(data, model, start, weights / factor, none)
+    waiting = _before_the_first_move(data)
+    stage = Stage(data, model, start, weights / factor, waiting)
     suspects, missing = candidates(cell, model, data)
     columns = columns_at(stage, stage.fit(()), suspects)
     outcome = contest(stage, suspects, columns)
@@ -142,6 +145,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         outcome = contest(stage, suspects, columns)
     for _ in range(_MOST_PASSES):
         out, statistic, limit = _outliers(stage, outcome)
+        out |= waiting
         if not stage.robust and np.array_equal(out, stage.dropped):
             break
         stage = replace(stage, dropped=out, robust=False)
@@ -151,7 +155,9 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     scale = noise.factor / factor if noise.source == "residual" else 1.0
     left = _something_left(stage, outcome)
     floor = float(np.sqrt(3.0)) * noise.sigma
-    causes = tuple(_cause(stage, outcome, n, after, scale, len(suspects)) for n in named)
+    causes = tuple(
+        _cause(stage, outcome, n, after, scale, len(suspects), len(named)) for n in named
+    )
     located = _located(outcome, after, causes, scale)
     by_time = any(place.depends_on in ("time", "temperature") for place in located)
     gap = gap_of(outcome.before, after, data.take(~stage.dropped), heldout, floor, by_time)
@@ -159,7 +165,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         added = after.model.effects[len(model.effects) :]
         gap = replace(gap, over_time=over_time(stage, added))
     return Diagnosis(
-        verdict=verdict(named, outcome, left or any(c.misshapen for c in causes)),
+        verdict=verdict(named, outcome, left or gap.open or any(c.misshapen for c in causes)),
         noise=noise,
         causes=causes,
         located=located,
@@ -167,7 +173,8 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         hidden=_hidden(outcome, causes, suspects),
         not_asked=tuple(missing),
         data=data,
-        outlier=stage.dropped,
+        outlier=stage.dropped & ~waiting,
+        waiting=waiting,
         statistic=statistic,
         limit=limit,
         before=outcome.before,
@@ -179,6 +186,14 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         growth=grows,
         scale=scale,
     )
+
+
+def _before_the_first_move(data: Measurements) -> Mask:
+    """Readings whose approach should follow from the order and does not."""
+    poses = data.poses
+    if poses.approach is None or not poses.approach_derived:
+        return np.zeros(len(data), dtype=bool)
+    return np.asarray(np.logical_not(poses.approach.any(axis=1)))
 
 
 def _replicate_factor(data: Measurements, weights: Array) -> float:
@@ -238,13 +253,14 @@ def _cause(
     after: Fit,
     scale: float,
     asked: int,
+    causes: int,
 ) -> Cause:
     effect = named.candidate.effect
     own, cov = after.positions(effect), after.covariance
     share = _share(outcome, after, named.entry, scale)
     p = min(1.0, named.entry.score.p * asked)
     std = np.where(determined(after.span), scale * np.sqrt(np.diag(cov)), np.nan)
-    doubt = shape_doubt(after.model.robot, stage.data.poses, after, effect)
+    doubt = shape_doubt(after.model.robot, stage.data.poses, after, effect, causes)
     return Cause(named, doubt, after.values[own], std[own], p, share)
 
 
@@ -268,7 +284,9 @@ def _located(
     for c in causes:
         if c.misshapen:
             part = min(1.0, c.doubt.fall / max(c.named.entry.score.fall, 1e-9))
-            found.append(Place(c.named.candidate.where, f"q:{c.doubt.joint}", part * c.share))
+            place = Place(c.named.candidate.where, f"q:{c.doubt.joint}", part * c.share)
+            if (place.where, place.depends_on) not in {(p.where, p.depends_on) for p in found}:
+                found.append(place)
     for entry in outcome.entries:
         if not entry.candidate.named:
             share = _share(outcome, after, entry, scale)

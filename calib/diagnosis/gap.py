@@ -14,6 +14,8 @@ from calib.se3 import Array
 
 _DRAWS = 2000
 _QUARTERS = 4
+_FEWEST = 3  # groups to draw from
+_CLOSED = 1.25  # times the floor: parameters estimated from few poses add to the noise
 
 
 @dataclass(frozen=True)
@@ -22,6 +24,7 @@ class Gap:
 
     closed : share of the gap that is gone on held-out poses, None where there was none
     closed_ci95 : bootstrap over configurations, or over blocks of time where effects of time were found
+    open : whether the held-out error after stays above the floor beyond chance, by a quarter and more
     over_time : (before, after) at blocks of time that the parameters never saw, where such were found
     """
 
@@ -32,6 +35,7 @@ class Gap:
     heldout_after: float | None
     closed: float | None
     closed_ci95: tuple[float, float] | None
+    open: bool = False
     over_time: tuple[float, float] | None = None
 
 
@@ -66,7 +70,8 @@ def gap_of(
     poses = heldout.poses
     group = _blocks(poses, max(2, round(len(poses) ** 0.5))) if by_time else poses.configuration
     interval = None if closed is None else _interval(first, second, floor, group)
-    return Gap(floor, *fitted, rms(first), rms(second), closed, interval)
+    still_open = _lower(second, group) > (_CLOSED * floor) ** 2
+    return Gap(floor, *fitted, rms(first), rms(second), closed, interval, still_open)
 
 
 def over_time(stage: Stage, effects: Sequence[Effect]) -> tuple[float, float]:
@@ -97,11 +102,24 @@ def _blocks(poses: Poses, count: int) -> IntArray:
     return block
 
 
+def _lower(squared: Array, group: IntArray) -> float:
+    """Below which the mean square lies once in forty, groups drawn whole; zero for too few of them."""
+    count = int(group.max()) + 1
+    if count < _FEWEST:
+        return 0.0
+    points = np.bincount(group, np.isfinite(squared).sum(axis=1), count)
+    sums = np.bincount(group, np.nansum(squared, axis=1), count)
+    drawn = np.random.default_rng(0).integers(0, count, (_DRAWS, count))
+    return float(np.quantile(sums[drawn].sum(axis=1) / points[drawn].sum(axis=1), 0.025))
+
+
 def _interval(
     before: Array, after: Array, floor: float, group: IntArray
 ) -> tuple[float, float] | None:
     """95 % interval, groups of poses drawn whole and alike for both models."""
     count = int(group.max()) + 1
+    if count < _FEWEST:
+        return None
     points = np.bincount(group, np.isfinite(before).sum(axis=1), count)
     first, second = (np.bincount(group, np.nansum(s, axis=1), count) for s in (before, after))
     drawn = np.random.default_rng(0).integers(0, count, (_DRAWS, count))

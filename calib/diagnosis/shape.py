@@ -34,8 +34,11 @@ class Doubt:
     fall: float
 
 
-def shape_doubt(robot: Robot, poses: Poses, fit: Fit, effect: Effect) -> Doubt:
-    """The strongest doubt; most of the chance of a false one goes to the effect's own joint."""
+def shape_doubt(robot: Robot, poses: Poses, fit: Fit, effect: Effect, causes: int = 1) -> Doubt:
+    """The strongest doubt; most of the chance of a false one goes to the effect's own joint.
+
+    causes : int, among which the chance is shared
+    """
     own = fit.positions(effect)
     done = fit.J[..., own] @ fit.values[own]
     r, J = fit.equations
@@ -46,7 +49,7 @@ def shape_doubt(robot: Robot, poses: Poses, fit: Fit, effect: Effect) -> Doubt:
         beside = score(field(J @ fit.span, X, r), np.arange(4))
         found.append((beside.p * _tests(robot, effect, joint), joint, beside.fall))
     p, joint, fall = min(found)
-    return Doubt(min(1.0, p), joint, fall)
+    return Doubt(min(1.0, causes * p), joint, fall)
 
 
 def _tests(robot: Robot, effect: Effect, joint: str) -> float:

@@ -13,7 +13,7 @@ _MM = 1e3
 
 def diagnosis_fields(result: Diagnosis) -> dict[str, Any]:
     """The fields of ``diagnose --json``, without provenance."""
-    noise, gap = result.noise, result.gap
+    noise, gap, tip = result.noise, result.gap, result.after.model.robot.tip
     return {
         "verdict": result.verdict,
         "noise": {
@@ -24,10 +24,10 @@ def diagnosis_fields(result: Diagnosis) -> dict[str, Any]:
             if result.growth is None
             else {"nearest": result.growth.nearest, "farthest": result.growth.farthest},
         },
-        "effects": [_cause(cause) for cause in result.causes],
+        "effects": [_cause(cause, tip) for cause in result.causes],
         "located": [
             {
-                "where": place.where,
+                "where": _where(place.where, tip),
                 "depends_on": place.depends_on,
                 "share_of_gap": _known(place.share),
             }
@@ -44,8 +44,16 @@ def diagnosis_fields(result: Diagnosis) -> dict[str, Any]:
             "closed": gap.closed,
             "closed_ci95": None if gap.closed_ci95 is None else list(gap.closed_ci95),
         },
-        "could_not_see": [_hidden(entry) for entry in result.hidden],
+        "could_not_see": [_hidden(entry, tip) for entry in result.hidden],
         "not_asked": [{"effect": n.effect, "reason": n.reason} for n in result.not_asked],
+        "approach_derived": bool(
+            result.data.poses.approach is not None and result.data.poses.approach_derived
+        ),
+        "not_fitted": [
+            name
+            for name, waits in zip(result.data.poses.names, result.waiting, strict=True)
+            if waits
+        ],
         "outliers": [
             {
                 "pose": name,
@@ -60,18 +68,23 @@ def diagnosis_fields(result: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _cause(cause: Cause) -> dict[str, Any]:
+def _where(where: str, tip: str) -> str:
+    """The place in the words of the results: what ends at the tip belongs to the tool."""
+    return "tool" if where == tip else where
+
+
+def _cause(cause: Cause, tip: str) -> dict[str, Any]:
     candidate = cause.named.candidate
     return {
         "effect": candidate.effect.kind,
-        "where": candidate.where,
+        "where": _where(candidate.where, tip),
         "probability": _known(cause.named.probability),
         "p_value": cause.p,
         "shape_p_value": cause.doubt.p,
         "class": [
             {
                 "effect": member.effect.kind,
-                "where": member.where,
+                "where": _where(member.where, tip),
                 "probability": _known(probability),
             }
             for member, probability in cause.named.members
@@ -90,11 +103,11 @@ def _known(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _hidden(entry: Hidden) -> dict[str, Any]:
+def _hidden(entry: Hidden, tip: str) -> dict[str, Any]:
     seen = math.isfinite(entry.smallest)
     return {
         "effect": entry.effect,
-        "where": entry.where,
+        "where": _where(entry.where, tip),
         "minimum_detectable": entry.smallest / entry.scale if seen else None,
         "unit": entry.unit,
     }

@@ -179,6 +179,10 @@ def _notes(fields: dict[str, Any]) -> Iterator[Text]:
     else:
         poses = shortened([entry["pose"] for entry in outliers], 8)
         yield Text(f"{len(outliers)} outliers left out: {poses}")
+    if fields.get("approach_derived"):
+        first = shortened(fields["not_fitted"], 3)
+        unknown = f"; {first}, where it is unknown, took no part" if first else ""
+        yield Text(f"\napproach: derived from the order of the poses{unknown}")
     reasons: dict[str, list[str]] = {}
     for entry in fields["not_asked"]:
         reason = entry["reason"].removeprefix(f"{entry['effect']} cannot act: ")

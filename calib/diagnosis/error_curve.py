@@ -98,7 +98,7 @@ def error_curve(result: Diagnosis, candidate: Candidate) -> ErrorCurve | None:
     directions = directions_of(candidate.where, moved, frame, robot, state)
     load = load_of(moved, directions, frame, state)
     variable = variable_of(candidate.depends_on, load, frame, robot, state)
-    knots = None if variable is None else _knots(variable)
+    knots = None if variable is None else _knots(variable[~result.waiting])
     if variable is None or knots is None:
         return None
     line = _Line(candidate.where, frame, directions, _hats(variable, knots))

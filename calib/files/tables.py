@@ -25,6 +25,8 @@ from calib.poses import IntArray, Measurements, Poses, hung, poses_at
 from calib.robot import Robot
 from calib.se3 import Array
 
+_FARTHEST = 1e4  # m: no instrument of this trade reads as far
+
 
 def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True) -> Measurements:
     """Read measured points, one row a point, into arrays with a mask for hidden markers.
@@ -66,6 +68,10 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
         seen[i, j] = True
     columns = point_columns(path, table.columns)
     xyz = np.column_stack([table.numbers(name) * scale for name, scale in columns])
+    if (far := np.abs(xyz) > _FARTHEST).any():
+        row, column = (int(i[0]) for i in np.nonzero(far))
+        what = f"{table.rows[row][table.columns.index(columns[column][0])]} is farther than 10 km"
+        raise table.fault(row, columns[column][0], what, "check the reading and its unit")
     points[pose_of_row, marker_of_row] = xyz
     if "sigma_mm" in table.columns:
         own = table.numbers("sigma_mm") * 1e-3

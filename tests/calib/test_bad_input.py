@@ -122,6 +122,10 @@ TABLE = {
     "too few poses": (only_lines(10), "too few poses: .* measure at least 7 poses"),
     "empty file": (lambda _: "", "is empty; the first line must name the columns"),
     "only a header": (only_lines(1), "has a header and no rows"),
+    "point beyond the horizon": (
+        field(4, "x_mm", "1e9"),
+        "line 4, column x_mm: 1e9 is farther than 10 km; check the reading and its unit",
+    ),
     "open quote": (row(4, lambda r: '"' + r), "is no CSV"),
     "binary": (lambda _: "\0\1\2garbage", "line 1: is no line of a CSV table"),
 }

@@ -33,7 +33,7 @@ from tests.calib.diagnosis.test_diagnose import measured
 from tests.helpers import random_poses, random_robot
 
 RIVALS = ([8, 9], [10, 11, 12], [13])
-SCALE = 10.4e-6
+SCALE = 9e-6
 PAIRS = ((0, 1), (0, 2), (1, 2))
 
 

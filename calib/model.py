@@ -9,7 +9,7 @@ the wrench that the displaced arm transmits, found by fixed-point iteration. Der
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -89,6 +89,16 @@ class Model:
     def with_effects(self, effects: tuple[Effect, ...]) -> Model:
         """The same robot under other effects."""
         return replace(self, effects=effects)
+
+    def extended(self, values: Array, effects: Iterable[Effect]) -> tuple[Model, Array]:
+        """The model with those of the effects that it lacks, and its values with zeros for theirs.
+
+        values : ndarray, shape (p,), SI
+        """
+        present = {id(effect) for effect in self.effects}
+        extra = tuple(e for e in dict.fromkeys(effects) if id(e) not in present)
+        model = self.with_effects((*self.effects, *extra))
+        return model, np.pad(values, (0, len(model.parameters) - len(values)))
 
     @cached_property
     def sizes(self) -> Array:

@@ -225,8 +225,7 @@ def _alike(result: Diagnosis, candidate: Candidate, line: _Line) -> Array:
     without = after.values.copy()
     without[positions(after.model, candidate.effect)] = 0.0
     shift = after.model.predict(after.values, poses) - after.model.predict(without, poses)
-    model = after.model.with_effects((*after.model.effects, line))
-    values = np.append(after.values, np.zeros(len(line.parameters)))
+    model, values = after.model.extended(after.values, [line])
     return _as_error(model, values, line, poses, shift, np.ones(shift.shape[:2], dtype=bool))
 
 

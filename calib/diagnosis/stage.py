@@ -87,8 +87,7 @@ class Stage:
 
         Weights of poses and amplitudes of curves follow from the fit, and it from them.
         """
-        model = self.model.with_effects((*self.model.effects, *effects))
-        values = np.concatenate([self.start, np.zeros(len(model.parameters) - len(self.start))])
+        model, values = self.model.extended(self.start, effects)
         weight = np.ones(len(self.data))
         span = determined_by(self.observation(model, weight), values)
         fit = self._fitted(model, values, span, weight, weak(model))

@@ -77,11 +77,7 @@ class View:
 
 def columns_at(stage: Stage, fit: Fit, suspects: Sequence[Candidate]) -> Columns:
     """Linearise every candidate at a fit; those that are in it stand where they are."""
-    model = fit.model
-    fitted = {id(e) for e in model.effects}
-    extra = [c.effect for c in suspects if id(c.effect) not in fitted]
-    whole = model.with_effects((*model.effects, *extra))
-    values = np.concatenate([fit.values, np.zeros(len(whole.parameters) - len(fit.values))])
+    whole, values = fit.model.extended(fit.values, [c.effect for c in suspects])
     _, J = whole.jacobian(values, stage.data.poses)
     at = [positions(whole, c.effect) for c in suspects]
     ends = np.cumsum([0, *map(len, at)])

@@ -105,10 +105,7 @@ class Situation:
 def situation_of(cell: Cell, diagnosis: Diagnosis, rivals: Sequence[Effect]) -> Situation:
     """The data's own situation, linearised at the final fit; ``rivals`` beyond it at zero."""
     after, data = diagnosis.after, diagnosis.data
-    present = {id(effect) for effect in after.model.effects}
-    extra = tuple(e for e in dict.fromkeys(rivals) if id(e) not in present)
-    model = after.model.with_effects((*after.model.effects, *extra))
-    values = np.concatenate([after.values, np.zeros(len(model.parameters) - len(after.values))])
+    model, values = after.model.extended(after.values, rivals)
     given = data.sigma[np.isfinite(data.sigma) & data.seen]
     return Situation(
         cell,

@@ -87,8 +87,7 @@ def linearised(
     weights = cell.noise.whitening(along, data.sigma) * data.seen[..., None, None]
     everything, missing = candidates(cell, model, data)
     suspects = tuple(c for c in everything if c.named)
-    whole = model.with_effects((*model.effects, *(c.effect for c in suspects)))
-    start = np.concatenate([values, np.zeros(len(whole.parameters) - len(values))])
+    whole, start = model.extended(values, [c.effect for c in suspects])
     _, J = whole.jacobian(start, data.poses)
     rows = Points(whole, data, weights).rows(J).reshape(-1, J.shape[-1])
     choice = choose_directions(Points(model, data, weights), values)

@@ -124,9 +124,8 @@ def linearised(
     """All suspects at the identified values, over the poses that the fit kept."""
     from scipy.linalg import qr
 
-    whole = fit.model.with_effects((*fit.model.effects, *suspects))
+    whole, values = fit.model.extended(fit.values, suspects)
     p = len(fit.values)
-    values = np.concatenate([fit.values, np.zeros(len(whole.parameters) - p)])
     weights = whitening(cell, fit.model, fit.values, data)
     weights = weights * ~fit.fit.outlier[:, None, None, None]
     r, J = Points(whole, data, weights).flat(values)

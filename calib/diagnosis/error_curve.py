@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 
 from calib.covariance import covariance
 from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.curves import TwistCurve
 from calib.diagnosis.diagnose import Diagnosis
+from calib.diagnosis.functions import polyline
 from calib.diagnosis.places import (
     directions_of,
     displacement_of,
@@ -27,9 +29,7 @@ from calib.diagnosis.places import (
 from calib.diagnosis.prior import curves_in, prior_rows
 from calib.diagnosis.screen import field
 from calib.diagnosis.stage import determined_by, positions
-from calib.effects.drive import error_unit
-from calib.effects.protocol import Context, Parameter, PoseEffect, Strand
-from calib.errors import EffectCannotAct
+from calib.diagnosis.variables import PoseVariable
 from calib.identify.estimators import Mask
 from calib.identify.solver import levenberg_marquardt
 from calib.model import Model
@@ -98,19 +98,21 @@ def error_curve(result: Diagnosis, candidate: Candidate) -> ErrorCurve | None:
     directions = directions_of(candidate.where, moved, frame, robot, state)
     load = load_of(moved, directions, frame, state)
     variable = variable_of(candidate.depends_on, load, frame, robot, state)
-    knots = None if variable is None else _knots(variable[~result.waiting])
-    if variable is None or knots is None:
+    function = None if variable is None else polyline(variable[~result.waiting], _KNOTS)
+    if variable is None or function is None:
         return None
-    line = _Line(candidate.where, frame, directions, _hats(variable, knots))
+    given = _Given(candidate.depends_on, variable)
+    line = TwistCurve(candidate.where, given, function, frame, directions)
+    hats, knots = line.basis(poses), function.knots
     effect = _alike(result, candidate, line) if moved is None else moved @ directions
-    h = np.asarray(np.linalg.lstsq(line.hats, effect, rcond=None)[0].T.ravel(), dtype=np.float64)
+    h = np.asarray(np.linalg.lstsq(hats, effect, rcond=None)[0].T.ravel(), dtype=np.float64)
     fit = _fitted(result, candidate, line, h)
     g, cov = fit.values[-len(h) :], fit.covariance[-len(h) :, -len(h) :]
     grid = _grid(knots)
-    value, std = _evaluated(_hats(grid, knots), g, cov)
-    at_poses, std_at_poses = _evaluated(line.hats, g, cov)
+    value, std = _evaluated(function.at(grid), g, cov)
+    at_poses, std_at_poses = _evaluated(hats, g, cov)
     lost: Array = h - fit.projection @ h
-    absorbed, _ = _evaluated(line.hats, lost, cov)
+    absorbed, _ = _evaluated(hats, lost, cov)
     return ErrorCurve(
         candidate=candidate,
         directions=directions,
@@ -132,36 +134,13 @@ def error_curve(result: Diagnosis, candidate: Candidate) -> ErrorCurve | None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Line(PoseEffect):
-    """A displacement along some directions, given by its values at knots; of the poses in hand only.
+class _Given(PoseVariable):
+    """A variable by its values, shape (m,), at the poses in hand."""
 
-    frame : int; directions : ndarray, shape (6, c); hats : ndarray, shape (m, K)
-    """
+    values: Array
 
-    frame: int
-    directions: Array
-    hats: Array
-    kind: ClassVar[str] = "line"
-
-    @classmethod
-    def places(cls, context: Context) -> tuple[str, ...]:
-        return ()
-
-    @classmethod
-    def at(cls, context: Context, where: str) -> Self:
-        raise EffectCannotAct(f"{cls.kind}:{where}", "it is no cause by name", "name another")
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter(self.kind, self.where, f"{c}@{k}", error_unit(slides), 1e-6, 1e-3)
-            for c, slides in enumerate(np.any(self.directions[:3], axis=0))
-            for k in range(self.hats.shape[1])
-        )
-
-    def twists(self, poses: Poses) -> tuple[Strand, ...]:
-        basis = self.directions[:, :, None] * self.hats[:, None, None, :]
-        return ((self.frame, basis.reshape((*basis.shape[:-2], -1))),)
+    def at(self, poses: Poses) -> Array:
+        return self.values
 
 
 class _Fit(NamedTuple):
@@ -179,7 +158,7 @@ class _Fit(NamedTuple):
     converged: bool
 
 
-def _fitted(result: Diagnosis, candidate: Candidate, line: _Line, h: Array) -> _Fit:
+def _fitted(result: Diagnosis, candidate: Candidate, line: TwistCurve, h: Array) -> _Fit:
     """Fit a line in place of an effect, from where the effect was.
 
     h : ndarray, shape (K,), coefficients with which the line is about the effect
@@ -219,7 +198,7 @@ def _fitted(result: Diagnosis, candidate: Candidate, line: _Line, h: Array) -> _
     return _Fit(model, found.values, cov, projection, absorbed, bool(found.converged))
 
 
-def _alike(result: Diagnosis, candidate: Candidate, line: _Line) -> Array:
+def _alike(result: Diagnosis, candidate: Candidate, line: TwistCurve) -> Array:
     """The displacement of a line's frame that moves the markers most as an effect does, (m, c)."""
     after, poses = result.after, result.data.poses
     without = after.values.copy()
@@ -229,7 +208,7 @@ def _alike(result: Diagnosis, candidate: Candidate, line: _Line) -> Array:
     return _as_error(model, values, line, poses, shift, np.ones(shift.shape[:2], dtype=bool))
 
 
-def _by_itself(result: Diagnosis, fit: _Fit, line: _Line) -> Array:
+def _by_itself(result: Diagnosis, fit: _Fit, line: TwistCurve) -> Array:
     """What each pose's residual says of the line there, shape (m, c), NaN where it says nothing."""
     data = result.data
     residual = data.points - fit.model.predict(fit.values, data.poses)
@@ -239,7 +218,7 @@ def _by_itself(result: Diagnosis, fit: _Fit, line: _Line) -> Array:
 
 
 def _as_error(
-    model: Model, values: Array, line: _Line, poses: Poses, moved: Array, seen: Mask
+    model: Model, values: Array, line: TwistCurve, poses: Poses, moved: Array, seen: Mask
 ) -> Array:
     """Least-squares displacement of a line's frame that moves the markers so, shape (m, c).
 
@@ -255,19 +234,6 @@ def _as_error(
     rows = np.where(seen[..., None], moved, 0.0).reshape(len(poses), -1, 1)
     found = (np.linalg.pinv(D) @ rows)[..., 0]
     return np.where((3 * seen.sum(axis=1) >= c)[:, None], found, np.nan)
-
-
-def _knots(values: Array) -> Array | None:
-    """Even knots over what a variable takes; None where it does not vary."""
-    distinct = np.unique(np.round(values, 9))
-    if len(distinct) < 2:
-        return None
-    return np.linspace(values.min(), values.max(), min(_KNOTS, len(distinct)))
-
-
-def _hats(values: Array, knots: Array) -> Array:
-    """Weights of linear interpolation between knots, shape (.., K)."""
-    return np.stack([np.interp(values, knots, row) for row in np.eye(len(knots))], axis=-1)
 
 
 def _grid(knots: Array) -> Array:

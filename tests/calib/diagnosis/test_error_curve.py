@@ -10,7 +10,9 @@ import pytest
 
 import calib
 from calib.diagnosis import Diagnosis, error_curve
+from calib.diagnosis.curves import TwistCurve
 from calib.diagnosis.error_curve import ErrorCurve
+from calib.diagnosis.functions import Polyline
 from calib.diagnosis.places import frame_of
 from tests.calib.diagnosis.test_diagnose import measured
 
@@ -88,8 +90,8 @@ def test_the_markers_tell_the_same_as_the_frame() -> None:
     """What a load moves is found from the markers: tried on an effect whose twist is known."""
     result, curve = found("backlash:A3", (HALF,))
     joint = result.after.model.robot.joints.index("A3")
-    hats = error_curve._hats(curve.variable, curve.knots)
-    line = error_curve._Line("A3", joint + 1, curve.directions, hats)
+    given = error_curve._Given("approach:A3", curve.variable)
+    line = TwistCurve("A3", given, Polyline(curve.knots), joint + 1, curve.directions)
     alike = error_curve._alike(result, curve.candidate, line)[:, 0]
     expected = result.causes[0].values[0] * result.data.poses.approach[:, joint]  # type: ignore[index]
     np.testing.assert_allclose(alike, expected, rtol=1e-3)

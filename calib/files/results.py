@@ -7,6 +7,10 @@ from typing import Any
 import numpy as np
 
 from calib.identify import ADVICE, Identification, Residuals
+from calib.kinematics import forward
+from calib.poses import Poses
+from calib.robot import Robot
+from calib.se3 import Array
 
 _MM = 1e3
 _RMS_KEYS = ("nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed")
@@ -17,7 +21,6 @@ def identification_fields(result: Identification) -> dict[str, Any]:
     noise = result.noise
     interval = result.interval()
     optimism = result.optimism
-    names = result.model.marker_names
     return {
         "status": result.status,
         "advice": ADVICE[result.status],
@@ -78,8 +81,8 @@ def identification_fields(result: Identification) -> dict[str, Any]:
         "base": _bases(result),
         "markers_mm": _markers(result),
         "correlation": np.round(result.correlation, 4),
-        "residuals": _residuals(result.fit, names, False)
-        + ([] if result.heldout is None else _residuals(result.heldout, names, True)),
+        "residuals": _residuals(result, result.fit, False)
+        + ([] if result.heldout is None else _residuals(result, result.heldout, True)),
     }
 
 
@@ -132,18 +135,31 @@ def _markers(result: Identification) -> dict[str, list[float]]:
     return {n: list(p * _MM) for n, p in zip(names, result.marker_positions, strict=True)}
 
 
-def _residuals(residuals: Residuals, names: tuple[str, ...], heldout: bool) -> list[dict[str, Any]]:
-    out = []
-    for i, j in np.argwhere(residuals.data.seen):
-        x, y, z = (float(v) for v in residuals.vectors[i, j] * _MM)
-        out.append(
-            {
-                "pose": residuals.data.poses.names[i],
-                "marker": names[j],
-                "x_mm": x,
-                "y_mm": y,
-                "z_mm": z,
-                "heldout": heldout,
-            }
-        )
-    return out
+def _residuals(result: Identification, part: Residuals, heldout: bool) -> list[dict[str, Any]]:
+    """Measured minus predicted, by the identified and by the nominal model (``nominal_mm``)."""
+    names, poses = result.model.marker_names, part.data.poses
+    nominal = part.data.points - result.model.predict(result.nominal, poses)
+    return [
+        {
+            "pose": poses.names[i],
+            "marker": names[j],
+            **dict(
+                zip(("x_mm", "y_mm", "z_mm"), map(float, part.vectors[i, j] * _MM), strict=True)
+            ),
+            "nominal_mm": nominal[i, j] * _MM,
+            "heldout": heldout,
+        }
+        for i, j in np.argwhere(part.data.seen)
+    ]
+
+
+def at_targets(robot: Robot, targets: Poses, errors: Array) -> list[dict[str, float]]:
+    """Where each target puts the tip (nominal model, base frame), and the error expected there.
+
+    errors : ndarray, shape (m,), m
+    """
+    tips = forward(robot, targets.q).o[:, -1] * _MM
+    return [
+        {"tip_x_mm": x, "tip_y_mm": y, "tip_z_mm": z, "expected_mm": error * _MM}
+        for (x, y, z), error in zip(tips.tolist(), errors.tolist(), strict=True)
+    ]

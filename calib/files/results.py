@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from calib.identify import ADVICE, Identification, Residuals
+from calib.identify.pairs import pair_errors
 from calib.kinematics import forward
 from calib.poses import Poses
 from calib.robot import Robot
@@ -77,6 +78,7 @@ def identification_fields(result: Identification) -> dict[str, Any]:
         "rms_mm": _summary(result, lambda d: float(np.sqrt(np.mean(d**2)))),
         "max_mm": _summary(result, lambda d: float(d.max())),
         "p95_mm": _summary(result, lambda d: float(np.quantile(d, 0.95))),
+        "pair_distances_mm": _pair_distances(result),
         "rms_of_residuals_mm": float(np.sqrt(np.mean(result.fit.lengths() ** 2))) * _MM,
         "base": _bases(result),
         "markers_mm": _markers(result),
@@ -91,6 +93,29 @@ def _summary(result: Identification, figure: Any) -> dict[str, float | None]:
     return {
         key: figure(found[key]) * _MM if key in found and len(found[key]) else None
         for key in _RMS_KEYS
+    }
+
+
+def _pair_distances(result: Identification) -> dict[str, Any]:
+    """Errors of distances between points of two poses: RMS, 95th percentile, largest, their number."""
+    found = {
+        "nominal": pair_errors(
+            result.fit.data, result.model.predict(result.nominal, result.fit.data.poses)
+        ),
+        "fitted": pair_errors(result.fit.data, result.fit.data.points - result.fit.vectors),
+    }
+    if result.heldout is not None:
+        held = result.heldout
+        found["heldout"] = pair_errors(held.data, held.data.points - held.vectors)
+    return {
+        key: {
+            "rms": float(np.sqrt(np.mean(errors**2))) * _MM,
+            "p95": float(np.quantile(np.abs(errors), 0.95)) * _MM,
+            "max": float(np.abs(errors).max()) * _MM,
+            "pairs": len(errors),
+        }
+        for key, errors in found.items()
+        if len(errors)
     }
 
 

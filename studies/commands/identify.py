@@ -152,7 +152,7 @@ def identify(
     if folder is not None:
         from studies.identify.pictures import pictures
 
-        texts |= figure_files(pictures(result), folder)
+        texts |= figure_files(pictures(fields), folder)
     write_files(texts)
     _show(cell, result, fields, json_path)
     say_written(texts, folder, json_path)

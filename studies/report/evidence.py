@@ -53,12 +53,14 @@ class Evidence:
     cell : Cell of the first result, None where its file is gone or changed
     data : dict, result file -> its measurements, where they are unchanged
     notes : tuple of str, what had to be left out, and why
+    lit : dict, pose -> the name under which it is lit with the others of its joints
     """
 
     results: tuple[Result, ...]
     cell: Cell | None
     data: dict[Path, Measurements]
     notes: tuple[str, ...]
+    lit: dict[str, str]
 
     def of(self, kind: str) -> list[Result]:
         """The results of a kind."""
@@ -84,7 +86,11 @@ def load_evidence(paths: Sequence[Path]) -> Evidence:
                 notes.append(f"{source.file} is {source.state}: figures that need it are left out")
             else:
                 data[result.path] = _measurements(cell, result)
-    return Evidence(results, cell, data, tuple(dict.fromkeys(notes)))
+    lit = {}
+    if cell is not None:
+        plans = [plan_poses(cell, result) for result in results if result.kind == "design"]
+        lit = shared_names([*(found.poses for found in data.values()), *plans])
+    return Evidence(results, cell, data, tuple(dict.fromkeys(notes)), lit)
 
 
 def _result(path: Path) -> Result:

@@ -28,15 +28,16 @@ _THEMED = {
 """Greys of the figures, by what they are on the page."""
 
 
-def inline_svg(picture: Picture, names: Mapping[str, str]) -> Markup:
+def inline_svg(picture: Picture, key: str, names: Mapping[str, str]) -> Markup:
     """The figure as an element of the page, labelled by its title and caption.
 
+    key : str, begins the identifiers in it; one of its own for each figure of a page
     names : pose -> the name under which it is lit
     """
     ET.register_namespace("", _SVG)
     ET.register_namespace("xlink", _XLINK)
     root = ET.fromstring(svg_text(picture))  # noqa: S314
-    _clean(root, picture.name, names)
+    _clean(root, key, names)
     width, height = (float(root.attrib.pop(key).removesuffix("pt")) for key in ("width", "height"))
     root.set("class", "plot")
     root.set("role", "img")
@@ -48,16 +49,16 @@ def inline_svg(picture: Picture, names: Mapping[str, str]) -> Markup:
     return Markup(text)  # noqa: S704 - drawn by matplotlib, which escapes what it writes
 
 
-def _clean(root: ET.Element, name: str, names: Mapping[str, str]) -> None:
+def _clean(root: ET.Element, key: str, names: Mapping[str, str]) -> None:
     """Names of elements that are unique on the page, none that nobody refers to, no metadata."""
     for tag in ("metadata", "title", "desc"):
         for element in root.findall(f"{{{_SVG}}}{tag}"):
             root.remove(element)
     referred = set()
     for element in root.iter():
-        for key, value in element.attrib.items():
+        for attribute, value in element.attrib.items():
             referred |= set(_REFERS.findall(value))
-            if key.endswith("href") and value.startswith("#"):
+            if attribute.endswith("href") and value.startswith("#"):
                 referred.add(value[1:])
     for element in root.iter():
         own = element.attrib.pop("id", None)
@@ -65,9 +66,9 @@ def _clean(root: ET.Element, name: str, names: Mapping[str, str]) -> None:
             pose = own.removeprefix(POSE)
             element.set("data-pose", names.get(pose, pose))
         elif own in referred:
-            element.set("id", f"{name}-{own}")
-        for key, value in element.attrib.items():
-            value = _REFERS.sub(rf"url(#{name}-\1)", value)
-            if key.endswith("href") and value.startswith("#"):
-                value = f"#{name}-{value[1:]}"
-            element.set(key, value)
+            element.set("id", f"{key}-{own}")
+        for attribute, value in element.attrib.items():
+            value = _REFERS.sub(rf"url(#{key}-\1)", value)
+            if attribute.endswith("href") and value.startswith("#"):
+                value = f"#{key}-{value[1:]}"
+            element.set(attribute, value)

@@ -6,7 +6,14 @@ from pathlib import Path
 
 import click
 
-from studies.commands.common import check_outputs, envelope, json_option, one_line_faults, output_file
+from studies.commands.common import (
+    check_outputs,
+    envelope,
+    json_option,
+    one_line_faults,
+    output_file,
+    output_texts,
+)
 
 
 @click.command()
@@ -60,5 +67,10 @@ def report(
             results[0] if len(results) == 1 else "results", "", f"a result is not complete ({error!r})",
             "write it anew with this version",
         ) from None  # fmt: skip
-    write_files({page_path: text})
-    click.echo(f"wrote {page_path}")
+    fields = {
+        **envelope("report", list(results), 0),
+        "page": str(page_path),
+        "notes": evidence.notes,
+    }
+    write_files({page_path: text, **output_texts(json_path, fields)})
+    click.echo(f"wrote {page_path}", err=json_path == "-")

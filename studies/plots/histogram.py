@@ -73,8 +73,8 @@ def histogram(
          Line2D([], [], label="95 % of the noise", **_FLOOR)],
     )  # fmt: skip
     caption = (
-        "Distances in space, on a log axis. Left of the dashed line is where noise alone puts 95 % of them "
-        f" ({short(_NOISE * sigma * _MM)} mm at sigma {short(sigma * _MM)} mm)."
+        "Distances in space, on a log axis. Noise alone would put 95 % of them left of the dashed line "
+        f"({short(_NOISE * sigma * _MM)} mm at sigma {short(sigma * _MM)} mm)."
     )
     header = (
         "model",

@@ -67,8 +67,8 @@ def workspace(
     worst = int(np.argmax(np.where(np.isfinite(expected), expected, np.inf)))
     caption = (
         "The error that the uncertainty of the parameters leaves at each target pose, where the pose "
-        f"puts the tip; + is the robot's base. Smallest {short(low)} mm, largest {short(high)} mm. What "
-        "the model lacks comes on top."
+        f"puts the tip; + is the robot's base. Smallest {short(low)} mm, largest {short(high)} mm. "
+        "What the model lacks comes on top."
     )
     header = ("", "expected [mm]", "x [m]", "y [m]", "z [m]")
     ranks = np.argsort(expected)

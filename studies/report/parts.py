@@ -19,7 +19,7 @@ _FOLDED = 16  # rows from which on a table is folded
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph; kind "" for plain text, "good", "warn" or "note" for a box."""
+    """A paragraph; kind "" for plain text; "good", "warn", "note" or "next" for a box."""
 
     text: str
     kind: str = ""
@@ -40,8 +40,8 @@ class Table:
 
     @property
     def shown(self) -> list[list[str]]:
-        """The cells as text."""
-        return [[shown(cell) for cell in row] for row in self.rows]
+        """The cells as text, numbers with a true minus sign."""
+        return [[_signed(shown(cell)) for cell in row] for row in self.rows]
 
     @property
     def numeric(self) -> list[bool]:
@@ -92,6 +92,10 @@ def shown(value: Cell) -> str:
     if isinstance(value, int):
         return str(value)
     return f"{value:.4g}" if math.isfinite(value) else ""
+
+
+def _signed(text: str) -> str:
+    return text.replace("-", "\N{MINUS SIGN}") if _NUMBER.match(text) else text
 
 
 def folded(name: str, rows: Sequence[Sequence[Cell]]) -> str | None:

@@ -41,11 +41,11 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
     ]  # fmt: skip
     yield Table(
         (
-            "plan", "poses", "approach", "expected RMS [mm]", "at worst [mm]", "simulated RMS [mm]",
-            "chance of this scatter, p",
+            "plan", "poses", "approach", "expected RMS [mm]", "at worst [mm]", "simulated [mm]", "p",
         ),
         rows,
-        f"Error expected at {fields['targets']}, and in {fields['trials']} simulated experiments",
+        f"Error expected at {fields['targets']}, and in {fields['trials']} simulated "
+        "experiments; p is the chance of a scatter as far from the prediction",
     )  # fmt: skip
     said = fields["agreement"]["says"]
     yield Text(
@@ -62,13 +62,12 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
                 title="Standard deviations by plan, approach #2",
             )
         )
-    for number, plan in enumerate(fields["plans"][:1]):
-        yield from _of_plan(plan, number)
+    yield from _of_plan(fields["plans"][0])
     for note in fields["notes"]:
         yield Text(note, "note")
 
 
-def _of_plan(plan: dict[str, Any], number: int) -> Iterator[Part]:
+def _of_plan(plan: dict[str, Any]) -> Iterator[Part]:
     names, units = _named(plan)
     ways = {_key(own): own for own in plan["approaches"]}
     predicted = {key: _std(own) for key, own in ways.items()}
@@ -108,4 +107,4 @@ def _key(own: dict[str, Any]) -> str:
 
 
 def _name(own: dict[str, Any]) -> str:
-    return _NAMES.get((own["approach"], own["weighting"] or "full"), own["approach"])
+    return _NAMES.get((own["approach"], own["weighting"] or "full"), str(own["approach"]))

@@ -24,7 +24,9 @@ def arm(evidence: Evidence) -> Section | None:
         if design is None:
             return None
         shown = plan_poses(evidence.cell, design)
-        level = next(iter(design.fields.get("levels_deg", design.fields.get("levels_mm", {}))), None)
+        level = next(
+            iter(design.fields.get("levels_deg", design.fields.get("levels_mm", {}))), None
+        )
     drawn = scene(evidence.cell, _once(evidence, shown), level_joint=level)
     return Section("arm", "The arm at each pose", (Raw(figure_html(drawn)),))
 
@@ -35,4 +37,8 @@ def _once(evidence: Evidence, shown: Poses | Measurements) -> Poses | Measuremen
     names = [evidence.lit.get(name, name) for name in poses.names]
     first = [names.index(name) for name in dict.fromkeys(names)]
     poses = replace(poses.take(np.array(first)), names=tuple(names[i] for i in first))
-    return replace(shown.take(np.array(first)), poses=poses) if isinstance(shown, Measurements) else poses
+    return (
+        replace(shown.take(np.array(first)), poses=poses)
+        if isinstance(shown, Measurements)
+        else poses
+    )

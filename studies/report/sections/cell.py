@@ -20,7 +20,7 @@ def cell(evidence: Evidence) -> Section | None:
     units = np.where(own.robot.prismatic, "mm", "deg")
     scale = np.where(own.robot.prismatic, 1e3, 180.0 / np.pi)
     joints = Table(
-        ("joint", "moves", "from", "to", "unit", "mass beyond it [kg]"),
+        ("joint", "moves", "from", "to", "unit", "mass of its link [kg]"),
         [
             (name, "slides" if slides else "turns", *_range(limits * factor), unit, mass or None)
             for name, slides, limits, factor, unit, mass in zip(

@@ -26,10 +26,10 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
         "residual": "from what the fit leaves",
     }[fields["noise"]["source"]]
     yield Text(
-        f"Approach {fields['approach']}, method {fields['method']}. The standard deviations rest on a noise "
-        f"of {fields['noise']['sigma_mm']:.4f} mm in each coordinate, {source}; base and tool are estimated "
-        "with the rest and their uncertainty is counted. 95 of 100 such intervals hold the true value, "
-        "if the model is right."
+        f"Approach {fields['approach']}, method {fields['method']}. The standard deviations rest on a "
+        f"noise of {fields['noise']['sigma_mm']:.4f} mm in each coordinate, {source}; base and tool "
+        "are estimated with the rest and their uncertainty is counted. 95 of 100 such intervals hold "
+        "the true value, if the model is right."
     )
     groups = ("base", "tool")
     own = [p for p in fields["parameters"] if p["effect"] not in groups]

@@ -39,8 +39,8 @@ def certificate(fields: dict[str, Any]) -> str:
     share = math.floor(fields["efficiency"] * 1e3) / 10.0
     fresh = fields["proof"]["efficiency_fresh"]
     return (
-        f"This plan reaches at least {share:.1f} %{squared} of what the best plan of the same size from "
-        f"{fields['candidates']['feasible']} candidates could"
+        f"This plan reaches at least {share:.1f} %{squared} of what the best plan of the same size "
+        f"from {fields['candidates']['feasible']} candidates could"
         + (
             ""
             if fresh is None

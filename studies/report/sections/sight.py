@@ -38,26 +38,28 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
     )
     blind = [e for e in fields["could_not_see"] if e["minimum_detectable"] is None]
     if blind:
-        rows = [(e["effect"], e["where"], e["reason"]) for e in blind]
-        yield Table(("cause", "where", "why"), rows, fold=f"Not visible at any size ({len(blind)})")
+        reasons = [(e["effect"], e["where"], e["reason"]) for e in blind]
+        yield Table(
+            ("cause", "where", "why"), reasons, fold=f"Not visible at any size ({len(blind)})"
+        )
     if fields["twins"]:
-        rows = [
+        groups = [
             (
                 " and ".join(_name(member) for member in group["members"]),
                 "; ".join(group["split_by"]) or "nothing that was tried",
             )
             for group in fields["twins"]
         ]
-        yield Table(("stand for each other at any size", "told apart by"), rows)
+        yield Table(("stand for each other at any size", "told apart by"), groups)
     if fields["look_alikes"]:
-        rows = [
+        pairs = [
             (_name(e), _name(e["like"]), e["rho"], e["told_apart_from"], e["unit"])
             for e in fields["look_alikes"]
         ]
         yield Table(
             ("cause", "is taken for", "correlation", "told apart from", "unit"),
-            rows,
-            fold=f"Causes that look alike when they are small ({len(rows)})",
+            pairs,
+            fold=f"Causes that look alike when they are small ({len(pairs)})",
         )
 
 

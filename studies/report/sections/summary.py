@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from studies.diagnose.tables import verdict_sentence
-from studies.report.evidence import Evidence
-from studies.report.parts import Section, Text, listed, shown
 from studies.report.bars import Bar, bars
-
-_FAR = 1.5  # times the noise from which on an error is more than noise
+from studies.report.evidence import Evidence
+from studies.report.parts import Section, Text, listed
 
 
 def summary(evidence: Evidence) -> Section:
-    """Headlines of every kind of result there is, and how the error fell."""
-    parts: list[Any] = []
-    lines: list[Text] = []
-    for result in evidence.results:
-        lines += _SAYS[result.kind](result.fields)
-    shown_bars = list(_bars(evidence))
-    if shown_bars:
-        parts.append(bars(shown_bars, "RMS distance between measured and predicted points [mm]"))
-    return Section("summary", "In one look", (*lines, *parts))
+    """A headline of each result, how the error fell, and what to do next."""
+    said = [
+        line
+        for kind, says in _SAYS.items()
+        for result in evidence.of(kind)
+        for line in says(result.fields)
+    ]
+    drawn = list(_bars(evidence))
+    fall = (
+        [bars(drawn, "Distance between measured and predicted points, RMS [mm]")] if drawn else []
+    )
+    return Section("summary", "In one look", (*said, *fall, *_next(evidence)))
 
 
 def _bars(evidence: Evidence) -> Iterator[Bar]:
@@ -32,45 +33,74 @@ def _bars(evidence: Evidence) -> Iterator[Bar]:
     if identified is not None:
         rms = identified.fields["rms_mm"]
         yield Bar("nominal model", rms["nominal"], "bad")
-        yield Bar("identified model, poses it was fitted to", rms["fitted_all"], "good")
+        yield Bar("identified model", rms["fitted_all"], "good")
         if rms["heldout"] is not None:
-            yield Bar("identified model, poses it never saw", rms["heldout"], "good")
-        noise = identified.fields["noise"]["sigma_mm"] * 3.0**0.5
+            yield Bar("identified model, at poses it never saw", rms["heldout"], "good")
+        noise = 3.0**0.5 * identified.fields["noise"]["believed_sigma_mm"]
     if diagnosed is not None and diagnosed.fields["effects"]:
         gap = diagnosed.fields["gap"]
-        held = gap["heldout_after_mm"] is not None
-        value = gap["heldout_after_mm"] if held else gap["fit_after_mm"]
-        yield Bar(
-            f"with the diagnosed effects{', poses never seen' if held else ''}", value, "good"
-        )
+        held = gap["heldout_after_mm"]
+        label = "with what the diagnosis found"
+        yield Bar(label, gap["fit_after_mm"], "good")
+        if held is not None:
+            yield Bar(f"{label}, at poses it never saw", held, "good")
         noise = gap["floor_mm"]
     if noise is not None:
-        yield Bar("instrument's noise alone", noise, "floor")
+        yield Bar("the instrument's noise alone", noise, "floor")
 
 
-def _identify(fields: dict[str, Any]) -> Iterator[Text]:
-    rms, noise = fields["rms_mm"], fields["noise"]["sigma_mm"]
-    factor = rms["nominal"] / rms["fitted_all"] if rms["fitted_all"] else None
-    yield Text(
-        f"The robot was off by {shown(rms['nominal'])} mm and is now predicted to "
-        f"{shown(rms['fitted_all'])} mm"
-        + (f", {factor:.0f} times better" if factor and factor >= 2.0 else "")
-        + f": {fields['rank']} of {len(fields['parameters'])} parameters identified from "
-        f"{fields['poses']} readings, {fields['points']} points.",
-        "good" if fields["status"] == "converged" else "warn",
-    )
-    if fields["status"] != "converged":
-        yield Text(f"{fields['status'].replace('_', ' ')}: {fields['advice']}.", "warn")
-    yield Text(
-        f"At any pose expect {shown(fields['task_rms_mm'])} mm RMS and {shown(fields['task_worst_mm'])} "
-        f"mm at worst from the uncertainty of the parameters ({fields['targets']}); what the model "
-        "lacks comes on top."
-    )
-    if fields["noise"]["source"] == "residual":
+def _next(evidence: Evidence) -> Iterator[Text]:
+    """What a reader should do with this."""
+    identified, diagnosed = evidence.first("identify"), evidence.first("diagnose")
+    if diagnosed is not None:
+        yield Text(f"What to do next: {_AFTER[diagnosed.fields['verdict']]}", "next")
+    elif identified is not None and identified.fields["noise"]["source"] == "residual":
+        yield Text("What to do next: posecal diagnose says what the model lacks.", "next")
+    elif identified is not None:
         yield Text(
-            f"The points scatter by {shown(noise)} mm in each coordinate where the cell states "
-            f"{shown(fields['noise']['believed_sigma_mm'])} mm: the model lacks something, or the noise "
-            "is not as stated. posecal diagnose asks which.",
+            "What to do next: posecal compensate turns targets into corrected commands; "
+            "posecal diagnose says whether anything is left.",
+            "next",
+        )
+    elif evidence.first("design") is not None:
+        yield Text(
+            "What to do next: measure the poses in their order, then posecal identify.", "next"
+        )
+
+
+_AFTER = {
+    "no_gap": "nothing is missing that these data could show; posecal compensate uses the model.",
+    "explained": "put the found effects into the model (posecal diagnose --cell-out) and identify "
+    "again; posecal compensate then uses them.",
+    "ambiguous": "measure the poses listed below, which tell the causes apart.",
+    "unknown": "look at the places listed below: the cause is there, and in no catalogue.",
+}
+
+
+def _identify(fields: Mapping[str, Any]) -> Iterator[Text]:
+    rms = fields["rms_mm"]
+    factor = rms["nominal"] / rms["fitted_all"] if rms["fitted_all"] else 0.0
+    better = f", {factor:.0f} times better" if factor >= 2.0 else ""
+    good = fields["status"] == "converged"
+    yield Text(
+        f"The robot was off by {rms['nominal']:.3f} mm and is now predicted to "
+        f"{rms['fitted_all']:.3f} mm{better}: {fields['rank']} of {len(fields['parameters'])} "
+        f"parameters identified from {fields['poses']} readings, {fields['points']} points.",
+        "good" if good else "warn",
+    )
+    if not good:
+        status, advice = fields["status"].replace("_", " "), fields["advice"]
+        yield Text(f"{status[0].upper()}{status[1:]}: {advice}.", "warn")
+    yield Text(
+        f"At other poses expect {fields['task_rms_mm']:.3f} mm, {fields['task_worst_mm']:.3f} mm at "
+        "worst, from the uncertainty of the parameters; what the model lacks comes on top."
+    )
+    noise = fields["noise"]
+    if noise["source"] == "residual":
+        yield Text(
+            f"The points scatter by {noise['sigma_mm']:.4f} mm in each coordinate where the instrument "
+            f"should by {noise['believed_sigma_mm']:.4f} mm: the model lacks something, or the noise "
+            "is not as stated.",
             "warn",
         )
     if fields["outliers"]:
@@ -78,75 +108,64 @@ def _identify(fields: dict[str, Any]) -> Iterator[Text]:
         yield Text(f"Left out of the fit as outliers: {listed(names)}.", "warn")
 
 
-def _design(fields: dict[str, Any]) -> Iterator[Text]:
-    proved = fields["proof"]["proved_optimal"]
+def _diagnose(fields: Mapping[str, Any]) -> Iterator[Text]:
+    sentence, closed = verdict_sentence(dict(fields)), fields["gap"]["closed"]
+    good = fields["verdict"] in ("no_gap", "explained")
+    proof = ""
+    if closed and fields["effects"]:
+        proof = f" At poses that the choice never saw, {100.0 * closed:.0f} % of the gap is gone."
+    yield Text(f"{sentence[0].upper()}{sentence[1:]}.{proof}", "good" if good else "warn")
+
+
+def _design(fields: Mapping[str, Any]) -> Iterator[Text]:
     share = 100.0 * fields["efficiency"]
+    proof = (
+        "no plan from the candidates is better"
+        if fields["proof"]["proved_optimal"]
+        else f"proved to reach at least {share:.0f} % of what any plan of this size could"
+    )
     yield Text(
-        f"{len(fields['poses'])} poses are planned for {len(fields['predicted_std'])} parameters: "
-        + (
-            "no better plan exists"
-            if proved
-            else f"no plan can be more than {100 - share:.1f} % better"
-        )
-        + f" by criterion {fields['criterion']}, among {fields['candidates']['feasible']} candidates. "
-        f"Expected after measuring: {shown(fields['task_rms_mm'])} mm RMS.",
+        f"The plan has {len(fields['poses'])} poses for {len(fields['predicted_std'])} parameters: "
+        f"{proof} (criterion {fields['criterion']}). Expected after measuring: "
+        f"{_mm(fields['task_rms_mm'])}.",
         "good",
     )
 
 
-def _compare(fields: dict[str, Any]) -> Iterator[Text]:
-    agreement = fields["agreement"]
-    plans = [(plan, _points(plan)) for plan in fields["plans"]]
-    plan, best = min(plans, key=lambda pair: pair[1]["task_rms_mm"] or float("inf"))
+def _plan(fields: Mapping[str, Any]) -> Iterator[Text]:
+    entries = fields["could_not_see"]
+    seen = [entry for entry in entries if entry["minimum_detectable"] is not None]
+    twins = len(fields["twins"])
     yield Text(
-        f"Best of {len(plans)} plan{'s' * (len(plans) > 1)}: {plan['plan']}, {shown(best['task_rms_mm'])} mm RMS "
-        f"expected with approach #2. Checked with {fields['trials']} simulated experiments: "
+        f"Of {len(entries)} causes that a gap may have, the plan could find {len(seen)}"
+        + (f"; {twins} groups of them would stand for each other at any size." if twins else ".")
+    )
+
+
+def _compare(fields: Mapping[str, Any]) -> Iterator[Text]:
+    best = {
+        plan["plan"]: next(a for a in plan["approaches"] if a["approach"] == "points")[
+            "task_rms_mm"
+        ]
+        for plan in fields["plans"]
+    }
+    said = "; ".join(f"{name} {_mm(rms)}" for name, rms in best.items())
+    agreement = fields["agreement"]
+    yield Text(
+        f"Expected with approach #2: {said}. Checked with {fields['trials']} simulated experiments: "
         f"{agreement['says']}.",
         "warn" if agreement["believed"] is False else "good",
     )
 
 
-def _points(plan: dict[str, Any]) -> dict[str, Any]:
-    return next(a for a in plan["approaches"] if a["approach"] == "points")
-
-
-def _diagnose(fields: dict[str, Any]) -> Iterator[Text]:
-    sentence = verdict_sentence(fields)
-    kind = "good" if fields["verdict"] in ("no_gap", "explained") else "warn"
-    closed = fields["gap"]["closed"]
-    yield Text(
-        f"{sentence[0].upper()}{sentence[1:]}."
-        + (
-            f" {100.0 * closed:.0f} % of the gap is closed on poses that the choice never saw."
-            if closed and fields["effects"]
-            else ""
-        ),
-        kind,
-    )
-
-
-def _plan(fields: dict[str, Any]) -> Iterator[Text]:
-    seen = [e for e in fields["could_not_see"] if e["minimum_detectable"] is not None]
-    yield Text(
-        f"Of {len(fields['could_not_see'])} causes that a gap may have, this plan could find "
-        f"{len(seen)}; {len(fields['twins'])} groups would stand for each other at any size."
-    )
-
-
-def _compensate(fields: dict[str, Any]) -> Iterator[Text]:
-    yield Text("Corrected joint commands were computed; see below.")
-
-
-def _enough(fields: dict[str, Any]) -> Iterator[Text]:
-    yield Text("What further poses would still bring stands below.")
+def _mm(value: float | None) -> str:
+    return "open" if value is None else f"{value:.4f} mm RMS"
 
 
 _SAYS = {
     "identify": _identify,
-    "design": _design,
-    "compare": _compare,
     "diagnose": _diagnose,
+    "design": _design,
     "plan": _plan,
-    "compensate": _compensate,
-    "enough": _enough,
+    "compare": _compare,
 }

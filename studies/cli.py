@@ -11,6 +11,7 @@ from studies.commands.demo import demo
 from studies.commands.design import design
 from studies.commands.diagnose import diagnose
 from studies.commands.identify import identify
+from studies.commands.import_ import import_
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -26,6 +27,7 @@ main.add_command(identify)
 main.add_command(design)
 main.add_command(compare)
 main.add_command(diagnose)
+main.add_command(import_)
 main.add_command(demo)
 
 

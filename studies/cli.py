@@ -12,6 +12,7 @@ from studies.commands.design import design
 from studies.commands.diagnose import diagnose
 from studies.commands.identify import identify
 from studies.commands.import_ import import_
+from studies.commands.program import program
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -28,6 +29,7 @@ main.add_command(design)
 main.add_command(compare)
 main.add_command(diagnose)
 main.add_command(import_)
+main.add_command(program)
 main.add_command(demo)
 
 

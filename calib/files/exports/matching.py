@@ -63,13 +63,19 @@ def matched(
     chosen = [text for text in usual if tried[text] == best]
     if best and len(chosen) == 1:
         return replace(found[chosen[0]], tried=tried)
-    total = sum(len(own.points) for own in lists)
-    said = ", ".join(f"{text} {count}" for text, count in tried.items())
-    fault = "several patterns of names fit" if best else "no usual pattern of names finds poses"
+    if best:
+        fault = f"names can be read as {' and as '.join(chosen)} alike"
+    else:
+        first = _whole_name(lists[0].points[0])
+        fault = f"names such as {first[:80]!r} tell no pose of {joints.path}"
+        if by_order:
+            fault += f" of {len(joints.rows)} rows"
+        elif joints.named:
+            fault += f", such as {joints.rows[0].pose[:80]!r}"
     raise InputError(
         lists[0].path,
         "",
-        f"{fault} (of {total} points: {said})",
+        fault,
         "say how pose and marker stand in the names, as in --names '{pose}_{marker}'",
     )
 

@@ -123,7 +123,8 @@ def _joint_names(
     named = []
     for joint, own in parted:
         chosen = own or unit
-        if chosen is None or (not own and (chosen in LENGTHS) != slides.get(joint, False)):
+        misfit = joint in slides and not own and (unit in LENGTHS) != slides[joint]
+        if chosen is None or misfit:
             wanted = f"{joint}_mm" if slides.get(joint) else f"{joint}_deg"
             raise InputError(
                 path,

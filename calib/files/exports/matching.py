@@ -8,7 +8,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.files.exports.joints import JointTable
-from calib.files.exports.names import USUAL, NamePattern, name_pattern, rounds_of
+from calib.files.exports.names import BY_FILE, USUAL, NamePattern, name_pattern, rounds_of
 from calib.files.exports.points import MeasuredPoint, PointList
 
 
@@ -56,13 +56,17 @@ def matched(
         pattern = name_pattern(names)
         _check_fields(pattern, marker, by_order)
         return _read(lists, pattern, marker, markers, {})
-    usual = USUAL if marker is None else ("{pose}",)
-    found = {text: _read(lists, name_pattern(text), marker, markers, {}) for text in usual}
-    tried = {text: _poses_found(own, joints, by_order) for text, own in found.items()}
-    best = max(tried.values())
-    chosen = [text for text in usual if tried[text] == best]
-    if best and len(chosen) == 1:
-        return replace(found[chosen[0]], tried=tried)
+    tried: dict[str, int] = {}
+    chosen: list[str] = []
+    for usual in (USUAL, BY_FILE) if marker is None else (("{pose}",),):
+        found = {text: _read(lists, name_pattern(text), marker, markers, {}) for text in usual}
+        tried |= {text: _poses_found(own, joints, by_order) for text, own in found.items()}
+        best = max(tried.values())
+        chosen = [text for text in usual if tried[text] == best]
+        if best and len(chosen) == 1:
+            return replace(found[chosen[0]], tried=tried)
+        if best:
+            break
     if best:
         fault = f"names can be read as {' and as '.join(chosen)} alike"
     else:

@@ -22,9 +22,9 @@ USUAL = (
     "{pose}-{marker}",
     "{pose}.{marker}",
     "{marker}_{pose}",
-    "{pose}/{marker}",
-    "{marker}/{pose}",
 )
+BY_FILE = ("{pose}/{marker}", "{marker}/{pose}")
+"""Tried where the points' own names tell nothing."""
 
 _LONGEST_NAME = 200
 _PART = re.compile(r"\{pose\}|\{marker\}|\*")

@@ -110,20 +110,19 @@ def _titles(sheet: Sheet, columns: Sequence[str] | None) -> tuple[str, ...]:
 def _by_position(sheet: Sheet) -> tuple[str, ...]:
     """SpatialAnalyzer's orders of names and coordinates, as far as the fields decide on one."""
     width = len(sheet.rows[0])
-    numeric = [sheet.holds_numbers(column) for column in range(width)]
-    plain = ("point", *_XYZ, "group")
-    if width == 5 and numeric[1:] == [True, True, True, False]:
-        return plain
+    first = [sheet.is_number(0, column) for column in range(width)]
+    if width == 5 and first[1:] == [True, True, True, False]:
+        return ("point", *_XYZ, "group")
     titles = _BY_WIDTH.get(width)
     names = width - 3
-    if titles is None or not all(numeric[names:]) or (names > 1 and all(numeric)):
+    if titles is None or not all(first[names:]) or (names > 1 and all(first)):
         raise InputError(
             sheet.path,
             "",
             f"has {width} columns without a header, and their order does not show",
             "name them, as in --columns collection,group,point,x,y,z,ux,uy,uz (- leaves one out)",
         )
-    if numeric[0] and any(re.search(r"\D", row[0]) for row in sheet.rows):
+    if names == 1 and first[0] and re.search(r"\D", sheet.rows[0][0]):
         raise InputError(
             sheet.path, "", "its first column holds no names", "name the columns with --columns"
         )

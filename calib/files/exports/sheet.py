@@ -56,7 +56,10 @@ class Sheet:
 
     def holds_numbers(self, column: int) -> bool:
         """Whether every field of a column is a number."""
-        return all(self._pointed(row[column]) is not None for row in self.rows)
+        return all(self.is_number(row, column) for row in range(len(self.rows)))
+
+    def is_number(self, row: int, column: int) -> bool:
+        return self._pointed(self.rows[row][column]) is not None
 
     def split(self, text: str) -> tuple[str, ...]:
         """The fields of a line that is none of the rows, a comment say."""

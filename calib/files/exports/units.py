@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 from decimal import Decimal
 
-TO_MM = {"mm": Decimal(1), "m": Decimal(1000), "in": Decimal("25.4")}
+_TO_MM = {"mm": Decimal(1), "m": Decimal("1E3"), "in": Decimal("25.4")}
 
 _NAMES = {
     "mm": ("mm", "millimeter", "millimeters", "millimetre", "millimetres"),
@@ -42,4 +42,4 @@ def in_mm(number: str, unit: str) -> str:
     """
     if unit == "mm":
         return number
-    return format((Decimal(number) * TO_MM[unit]), "f")
+    return format(Decimal(number) * _TO_MM[unit], "f")

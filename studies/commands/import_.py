@@ -115,7 +115,7 @@ def import_(
         markers=None if cell is None else cell.marker_names,
     )
     table = csv_text(joined.columns, joined.rows)
-    warnings = () if cell is None else _read_back(cell, table, table_path)
+    warnings = () if cell is None else _read_back(cell, table, table_path, not partial)
     fields = {**envelope("import", inputs, 0), **_fields(lists, joints, joined, warnings)}
     texts = {table_path: table, **output_texts(json_path, fields)}
     write_files(texts)
@@ -140,7 +140,7 @@ def _columns(text: str | None) -> list[str] | None:
     return roles
 
 
-def _read_back(cell: Any, table: str, target: Path) -> tuple[str, ...]:
+def _read_back(cell: Any, table: str, target: Path, every_marker: bool) -> tuple[str, ...]:
     """Warnings of the table as ``load_measurements`` reads it. Raises InputError naming the target."""
     import tempfile
 
@@ -151,7 +151,7 @@ def _read_back(cell: Any, table: str, target: Path) -> tuple[str, ...]:
         path = Path(folder) / "table.csv"
         path.write_text(table, encoding="utf-8", newline="")
         try:
-            read = calib.load_measurements(cell, path)
+            read = calib.load_measurements(cell, path, every_marker=every_marker)
         except InputError as error:
             where = f"as joined, {error.where}" if error.where else "as joined"
             raise InputError(target, where, error.what, error.remedy) from None

@@ -55,11 +55,11 @@ def matched(
     if names is not None:
         pattern = name_pattern(names)
         _check_fields(pattern, marker, by_order)
-        return _read(lists, pattern, marker, markers, {})
+        return _read(lists, pattern, marker, markers)
     tried: dict[str, int] = {}
     chosen: list[str] = []
     for usual in (USUAL, BY_FILE) if marker is None else (("{pose}",),):
-        found = {text: _read(lists, name_pattern(text), marker, markers, {}) for text in usual}
+        found = {text: _read(lists, name_pattern(text), marker, markers) for text in usual}
         tried |= {text: _poses_found(own, joints, by_order) for text, own in found.items()}
         best = max(tried.values())
         chosen = [text for text in usual if tried[text] == best]
@@ -67,16 +67,19 @@ def matched(
             return replace(found[chosen[0]], tried=tried)
         if best:
             break
-    if best:
-        fault = f"names can be read as {' and as '.join(chosen)} alike"
+    raise _undecided(lists, joints, chosen if best else [], by_order)
+
+
+def _undecided(
+    lists: Sequence[PointList], joints: JointTable, alike: Sequence[str], by_order: bool
+) -> InputError:
+    if alike:
+        fault = f"names can be read as {' and as '.join(alike)} alike"
     else:
-        first = _whole_name(lists[0].points[0])
-        fault = f"names such as {first[:80]!r} tell no pose of {joints.path}"
-        if by_order:
-            fault += f" of {len(joints.rows)} rows"
-        elif joints.named:
-            fault += f", such as {joints.rows[0].pose[:80]!r}"
-    raise InputError(
+        fault = f"names such as {_whole_name(lists[0].points[0])[:80]!r} tell no pose"
+        fault += f" of {joints.path}"
+        fault += "" if by_order else f", where the first is {joints.rows[0].pose[:80]!r}"
+    return InputError(
         lists[0].path,
         "",
         fault,
@@ -107,7 +110,6 @@ def _read(
     pattern: NamePattern,
     marker: str | None,
     markers: Sequence[str] | None,
-    tried: dict[str, int],
 ) -> Matching:
     points: list[NamedPoint] = []
     strays: list[NamedPoint] = []
@@ -120,7 +122,7 @@ def _read(
             (points if read is not None and known else strays).append(named)
     if not pattern.names_pose:
         points = _in_rounds(points)
-    return Matching(pattern.text, points, strays, tried)
+    return Matching(pattern.text, points, strays, {})
 
 
 def _whole_name(point: MeasuredPoint) -> str:

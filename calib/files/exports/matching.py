@@ -59,12 +59,13 @@ def matched(
     tried: dict[str, int] = {}
     chosen: list[str] = []
     for usual in (USUAL, BY_FILE) if marker is None else (("{pose}",),):
-        found = {text: _read(lists, name_pattern(text), marker, markers) for text in usual}
-        tried |= {text: _poses_found(own, joints, by_order) for text, own in found.items()}
-        best = max(tried.values())
+        for text in usual:
+            own = _read(lists, name_pattern(text), marker, markers)
+            tried[text] = _poses_found(own, joints, by_order)
+        best = max(tried[text] for text in usual)
         chosen = [text for text in usual if tried[text] == best]
         if best and len(chosen) == 1:
-            return replace(found[chosen[0]], tried=tried)
+            return replace(_read(lists, name_pattern(chosen[0]), marker, markers), tried=tried)
         if best:
             break
     raise _undecided(lists, joints, chosen if best else [], by_order)
@@ -75,10 +76,15 @@ def _undecided(
 ) -> InputError:
     if alike:
         fault = f"names can be read as {' and as '.join(alike)} alike"
+    elif by_order:
+        fault = (
+            f"no usual way to read the names gives the {len(joints.rows)} poses of {joints.path}"
+        )
     else:
-        fault = f"names such as {_whole_name(lists[0].points[0])[:80]!r} tell no pose"
-        fault += f" of {joints.path}"
-        fault += "" if by_order else f", where the first is {joints.rows[0].pose[:80]!r}"
+        first, pose = _whole_name(lists[0].points[0])[:80], joints.rows[0].pose[:80]
+        fault = (
+            f"names such as {first!r} tell no pose of {joints.path}, where the first is {pose!r}"
+        )
     return InputError(
         lists[0].path,
         "",

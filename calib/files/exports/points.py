@@ -34,6 +34,7 @@ _BY_WIDTH = {
     5: ("group", "point", *_XYZ),
     6: ("collection", "group", "point", *_XYZ),
 }
+_ROUND = re.compile(r"\b(?:cylindric|spheric|polar)(?:al)?\b", re.IGNORECASE)
 _WITH_UNIT = re.compile(r"(.*?)\s*(?:[\[(]\s*([A-Za-z]+)\s*[\])]|[_ ](mm|m|in|s))")
 
 
@@ -77,6 +78,7 @@ def read_points(
     Raises InputError, with the line, for what is missing, contradictory or no number.
     """
     sheet = read_sheet(path)
+    _check_cartesian(sheet)
     titles = _titles(sheet, columns)
     roles, units = _roles(titles)
     index = _index(sheet, roles)
@@ -84,6 +86,17 @@ def read_points(
     points = [_point(sheet, row, index, unit) for row in range(len(sheet.rows))]
     ignored = tuple(t for t, role in zip(titles, roles, strict=True) if not role and t != "-")
     return PointList(path, points, tuple(role for role in roles if role), unit, unit_from, ignored)
+
+
+def _check_cartesian(sheet: Sheet) -> None:
+    for line in sheet.comments:
+        if found := _ROUND.search(line):
+            raise InputError(
+                sheet.path,
+                "header",
+                f"holds {found[0].lower()} coordinates",
+                "export Cartesian ones",
+            )
 
 
 def _titles(sheet: Sheet, columns: Sequence[str] | None) -> tuple[str, ...]:

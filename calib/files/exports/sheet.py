@@ -15,7 +15,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 
-_LARGEST_FILE = 50_000_000  # bytes, some 800 000 points
+_LARGEST_FILE = 20_000_000  # bytes, some 300 000 points; they take half a gigabyte
 _LONGEST_LINE = 65_536  # characters
 _COMMENTS = ("//", "#", "'")
 _SAMPLE = 50  # lines that decide on the separator

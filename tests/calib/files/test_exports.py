@@ -221,6 +221,7 @@ POINT_FAULTS = {
     "two x": ("Point,X,x,Y,Z\nP,1,1,2,3\n", "mm", "two columns are the x"),
     "half of U": ("Point,X,Y,Z,Ux\nP,1,2,3,0.1\n", "mm", "has not all of Ux, Uy and Uz"),
     "zero U": ("Point,X,Y,Z,Ux,Uy,Uz\nP,1,2,3,0,0,0\n", "mm", "uncertainty is not above zero"),
+    "polar": ("// Polar\nP_m,1.5,2.5,3.5\n", "mm", "holds polar coordinates; export Cartesian"),
     "no name": ("Point,X,Y,Z\n,1,2,3\n", "mm", "line 2: the point has no name"),
     "empty": ("// nothing\n\n", "mm", "holds no data"),
     "header only": ("Point,X,Y,Z\n", "mm", "has a header and no rows"),

@@ -11,6 +11,7 @@ from calib.errors import InputError
 from calib.files.exports.joints import JointRow, JointTable
 from calib.files.exports.matching import Matching, NamedPoint, matched
 from calib.files.exports.points import PointList
+from calib.files.exports.sheet import NUMBER
 
 _SHOWN = 5  # names in one line
 
@@ -150,22 +151,21 @@ def _check_once(points: Sequence[NamedPoint]) -> None:
 def _times(points: Sequence[NamedPoint], joints: JointTable) -> tuple[dict[str, str], list[str]]:
     """Time of each pose in seconds, that of its first point, and what is said about it."""
     if not all(own.point.time for own in points):
-        return {}, []
+        some_timed = any(own.point.time for own in points)
+        return {}, ["times left out: not every point has one"] * some_timed
     if "time_s" in joints.carried:
         return {}, ["time_s is that of the joint file, not that of the points"]
     first: dict[str, str] = {}
     for own in points:
         first.setdefault(own.pose, own.point.time)
-    try:
-        return {pose: f"{float(text):.15g}" for pose, text in first.items()}, []
-    except ValueError:
-        pass
+    if all(NUMBER.fullmatch(text) for text in first.values()):
+        return first, []
     try:
         stamps = {pose: datetime.fromisoformat(text) for pose, text in first.items()}
         start = min(stamps.values())
     except (ValueError, TypeError):
         shown = points[0].point.time[:40]
-        return {}, [f"times such as {shown!r} are left out: neither seconds nor ISO 8601"]
+        return {}, [f"times such as {shown!r} left out: neither seconds nor ISO 8601"]
     seconds = {pose: (stamp - start).total_seconds() for pose, stamp in stamps.items()}
     return {pose: f"{value:.15g}" for pose, value in seconds.items()}, []
 

@@ -21,7 +21,7 @@ _COMMENTS = ("//", "#", "'")
 _SAMPLE = 50  # lines that decide on the separator
 _LARGEST_NUMBER = 1e12  # in any unit
 
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?", re.ASCII)
+NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?", re.ASCII)
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d{1,3})?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+", re.ASCII)
 
@@ -71,7 +71,7 @@ class Sheet:
     def _pointed(self, text: str) -> str | None:
         if self.decimal == ",":
             text = "" if "." in text else text.replace(",", ".")
-        return text if _NUMBER.fullmatch(text) else None
+        return text if NUMBER.fullmatch(text) else None
 
 
 def read_sheet(path: Path) -> Sheet:

@@ -130,6 +130,17 @@ def test_time_of_a_pose_is_that_of_its_first_point(tmp_path: Path) -> None:
     assert [row[-1] for row in joined.rows] == ["0", "0", "60", "60"]
 
 
+@pytest.mark.parametrize("times", [("1.5", "nan"), ("1.5", ""), ("noon", "noon")])
+def test_times_that_cannot_be_used_are_left_out_and_said(
+    tmp_path: Path, times: tuple[str, str]
+) -> None:
+    text = "Point,X [mm],Y [mm],Z [mm],Time\nP1_m1,1,2,3,{}\nP2_m1,1,2,3,{}\n".format(*times)
+    points = read_points(written(tmp_path, "p.csv", text))
+    joined = join([points], read_joints(joint_file(tmp_path, ("P1", "P2"))))
+    assert "time_s" not in joined.columns
+    assert "left out" in joined.notes[0]
+
+
 def test_poses_by_order_and_by_rounds(tmp_path: Path) -> None:
     joints = read_joints(written(tmp_path, "j.csv", "A1 [deg];E1 [mm]\n1,5;700,25\n2,5;800,5\n"))
     assert joints.joints == ("A1_deg", "E1_mm")

@@ -62,8 +62,11 @@ class Sheet:
         return self._pointed(self.rows[row][column]) is not None
 
     def split(self, text: str) -> tuple[str, ...]:
-        """The fields of a line that is none of the rows, a comment say."""
-        return tuple(_fields(text, self.separator))
+        """The fields of a comment, none where it cannot be split."""
+        try:
+            return tuple(_fields(text, self.separator))
+        except csv.Error:
+            return ()
 
     def fault(self, row: int, what: str, remedy: str = "") -> InputError:
         return InputError(self.path, f"line {self.lines[row]}", what, remedy)

@@ -26,7 +26,9 @@ def commas(text: str) -> str:
 
 STYLES: dict[str, bytes] = {
     "spatialanalyzer": (
-        HEAD + "".join(f"A,  {g},  {p},  {x},  {y},  {z}\n" for g, p, x, y, z in ROWS)
+        '// "open\n//\n'
+        + HEAD
+        + "".join(f"A,  {g},  {p},  {x},  {y},  {z}\n" for g, p, x, y, z in ROWS)
     ).encode(),
     "byte order mark, CRLF": b"\xef\xbb\xbf"
     + "".join(f"{g}, {p}, {x}, {y}, {z}\r\n" for g, p, x, y, z in ROWS).encode(),

@@ -28,7 +28,7 @@ def arm(evidence: Evidence) -> Section | None:
             iter(design.fields.get("levels_deg", design.fields.get("levels_mm", {}))), None
         )
     drawn = scene(evidence.cell, _once(evidence, shown), level_joint=level)
-    return Section("arm", "The arm at each pose", (Raw(figure_html(drawn)),))
+    return Section("arm", "The arm at each pose", (Raw(figure_html(drawn, "arm-view")),))
 
 
 def _once(evidence: Evidence, shown: Poses | Measurements) -> Poses | Measurements:

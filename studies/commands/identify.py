@@ -111,7 +111,7 @@ def identify(
     cell = calib.load_cell(cell_path)
     targets = cell.design["targets"]
     data = calib.load_measurements(cell, data_path)
-    inputs = [cell_path, cell.urdf, data_path, *([targets] if targets else [])]
+    inputs = [cell_path, *cell.robot_files, data_path, *([targets] if targets else [])]
     data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
     outputs = [urdf_path] if urdf_path is not None else []
     outputs += [Path(json_path)] if json_path not in (None, "-") else []
@@ -217,7 +217,7 @@ def _corrected(cell: Cell, result: Identification) -> str:
 
     names = result.model.marker_names
     return corrected_urdf(
-        cell.urdf,
+        cell.robot_files[0],
         cell.robot,
         result.model.constant_displacements(result.values),
         dict(zip(names, result.marker_positions, strict=True)),

@@ -212,7 +212,9 @@ def _joint(path: Path, body: Element, model: Any, j: int) -> MjcfJoint:
         raise InputError(
             path, label(body), "has a joint without a name", "name it as the columns of the data do"
         )
-    low, high = map(float, model.jnt_range[j]) if model.jnt_limited[j] else (-np.inf, np.inf)
+    low, high = map(float, model.jnt_range[j])
+    if low > high:  # MuJoCo takes it as no limit
+        raise InputError(path, f"joint {name!r}", f"range {low:g} .. {high:g} is reversed")
     # The weaker direction counts where both differ; 0 says nothing, as in a URDF.
     effort = float(np.abs(model.jnt_actfrcrange[j]).min()) if model.jnt_actfrclimited[j] else 0.0
     return MjcfJoint(
@@ -221,7 +223,7 @@ def _joint(path: Path, body: Element, model: Any, j: int) -> MjcfJoint:
         anchor=model.jnt_pos[j].copy(),
         axis=model.jnt_axis[j].copy(),
         ref=float(model.qpos0[model.jnt_qposadr[j]]),
-        limits=(low, high),
+        limits=(low, high) if model.jnt_limited[j] else (-np.inf, np.inf),
         effort=effort or np.nan,
     )
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from calib.errors import InputError
+from calib.files.in_mujoco import mujoco_for
 from calib.files.mjcf_mesh import mesh_files
 from calib.files.mjcf_strip import strip
 from calib.files.mjcf_tree import Chain, chain_of, label, read_mjcf
@@ -137,7 +137,10 @@ def compiled(path: Path, root: Element, base: str, tip: str) -> MjcfChain:
     original = dict(zip(part.iter(), root.iter(), strict=True))
     stripped = chain_of(path, part, base, tip)
     frames = strip(path, stripped)
-    model = _compile(path, part, mesh_files(path, root, stripped))
+    meshes = mesh_files(path, root, stripped)
+    with mujoco_for(path) as mujoco:
+        text = ElementTree.tostring(part, encoding="unicode")
+        model = mujoco.MjModel.from_xml_string(text, meshes)
     own = [model.body(element.get("name")).id for element in stripped.bodies]
     carriers = _carriers(model, own)
     site = None if tree.site is None else model.site(tip)
@@ -168,26 +171,6 @@ def compiled(path: Path, root: Element, base: str, tip: str) -> MjcfChain:
     if not any(body.joints for body in found.bodies):
         raise InputError(path, "", "the chain has no moving joint", "check [robot] base and tip")
     return found
-
-
-def _compile(path: Path, root: Element, meshes: dict[str, bytes]) -> Any:
-    """The MjModel."""
-    try:
-        import mujoco
-    except ImportError:
-        raise InputError(
-            path, "", "is an MJCF, and MuJoCo is not installed", "pip install 'posecal[sim]'"
-        ) from None
-    text = ElementTree.tostring(root, encoding="unicode")
-    mujoco.set_mju_user_warning(lambda _: None)  # its own handler writes MUJOCO_LOG.TXT
-    try:
-        return mujoco.MjModel.from_xml_string(text, meshes)
-    except (ValueError, mujoco.FatalError) as error:
-        said = re.sub(r"(, id \d+)?, line \d+", "", str(error))
-        said = "; ".join(line.strip() for line in said.splitlines() if line.strip())
-        raise InputError(path, "", f"is refused by MuJoCo: {said}") from None
-    finally:
-        mujoco.set_mju_user_warning(None)
 
 
 def _carriers(model: Any, own: list[int]) -> dict[int, tuple[int, Array]]:

@@ -14,6 +14,8 @@ def text(values: Array) -> str:
 def random_mjcf(rng: np.random.Generator, dof: int, tip: str = "site") -> str:
     """A chain from body ``base`` to ``tip`` with joints j1 .. jn, branches and a scene around it.
 
+    The tip is a site, a body without joints, or the last link.
+
     Several joints a body or none, off its origin; frames, defaults, every way to write an angle;
     masses from inertials and from shapes, and of bodies fixed to the links.
     """
@@ -39,6 +41,7 @@ def random_mjcf(rng: np.random.Generator, dof: int, tip: str = "site") -> str:
             lines.append(f"<frame {pose(rng, unit)}>")
             closing.append("</frame>")
         name = f'name="body_{joint}_{len(closing)}"' if rng.integers(2) else ""
+        name = 'name="tip"' if tip == "link" and joint + here == dof else name
         lines.append(f"<body {name} {pose(rng, unit)}>")
         closing.append("</body>")
         for _ in range(here):
@@ -57,7 +60,7 @@ def random_mjcf(rng: np.random.Generator, dof: int, tip: str = "site") -> str:
             )
     if tip == "site":
         lines.append(f'<frame {pose(rng, unit)}><site name="tip" {pose(rng, unit)}/></frame>')
-    else:
+    elif tip == "body":
         lines.append(f'<body name="tip" {pose(rng, unit)}>')
         closing.append("</body>")
     lines.append('<body name="finger"><joint name="finger" type="slide"/><geom/></body>')

@@ -21,7 +21,7 @@ from calib.statics import Payload, loads_of, transmitted
 from tests.calib.mjcf_arms import random_mjcf
 from tests.helpers import GRAVITY
 
-CASES = [(dof, tip) for dof in range(1, 10) for tip in ("site", "body")]
+CASES = [(dof, tip) for dof in range(1, 10) for tip in ("site", "body", "link")]
 
 
 def in_mujoco(text: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -287,7 +287,9 @@ def test_without_mujoco_one_line_says_what_to_install(
 ) -> None:
     (tmp_path / "arm.xml").write_text(GOOD)
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(InputError, match=r"MuJoCo is not installed; pip install 'posecal\[sim\]'$"):
+    with pytest.raises(
+        InputError, match=r"needs MuJoCo, which is not installed; pip install 'posecal\[sim\]'$"
+    ):
         load_mjcf(tmp_path / "arm.xml", "base", "tip")
 
 

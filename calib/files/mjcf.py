@@ -90,22 +90,23 @@ def load_mjcf(path: str | Path, base: str, tip: str) -> Robot:
     joints = [joint for body in chain.bodies for joint in body.joints]
     n = len(joints)
     origins, masses, moments = np.empty((n + 1, 4, 4)), np.zeros(n), np.zeros((n, 3))
-    C, T_link, k = (
-        np.eye(4),
-        np.eye(4),
-        -1,
-    )  # since the last joint; the body in the last joint frame
-    for body in chain.bodies:
-        C, T_link = C @ body.T, T_link @ body.T
-        for joint in body.joints:
-            k += 1
-            origins[k] = C @ joint.origin
-            C = T_link = _shift(-joint.anchor)
-        for mass, com in body.masses if k >= 0 else []:
-            masses[k] += mass
-            moments[k] += mass * (rotate(T_link[:3, :3], com) + T_link[:3, 3])
-    origins[n] = C @ chain.T_tip
-    robot = Robot(
+    C, k = np.eye(4), -1  # from the last joint, once moved, to the body
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
+        for body in chain.bodies:
+            C = C @ body.T
+            for joint in body.joints:
+                k += 1
+                origins[k] = C @ joint.origin
+                C = _shift(-joint.anchor)
+            for mass, com in body.masses if k >= 0 else []:
+                masses[k] += mass
+                moments[k] += mass * (rotate(C[:3, :3], com) + C[:3, 3])
+        origins[n] = C @ chain.T_tip
+    if not all(np.isfinite(a).all() for a in (origins, masses, moments)):
+        raise InputError(
+            path, "", "holds numbers that are not finite", "check what leads to the tip"
+        )
+    return Robot(
         name=root.get("model", path.stem),
         base=base,
         tip=tip,
@@ -118,11 +119,6 @@ def load_mjcf(path: str | Path, base: str, tip: str) -> Robot:
         masses=masses,
         coms=moments / np.where(masses == 0, 1.0, masses)[:, None],
     )
-    if not all(np.isfinite(a).all() for a in (origins, robot.axes, masses, moments)):
-        raise InputError(
-            path, "", "holds numbers that are not finite", "check what leads to the tip"
-        )
-    return robot
 
 
 def mjcf_files(path: Path) -> tuple[Path, ...]:

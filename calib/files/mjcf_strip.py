@@ -11,12 +11,8 @@ from calib.files.mjcf_tree import JOINTS, Chain, compiler_settings, inside, join
 _SECTIONS = ("compiler", "default", "asset", "worldbody")
 _DEFAULTS = ("default", "joint", "geom", "site", "mesh")
 _CONTENT = (*JOINTS, "inertial", "geom", "site")
-_BY_RULE = (
-    "attach",
-    "replicate",
-    "composite",
-    "flexcomp",
-)  # make bodies that the file does not list
+# These make bodies that the file does not list.
+_BY_RULE = ("attach", "replicate", "composite", "flexcomp")
 _ENDS = {f"{tag}{n}": tag for tag in ("joint", "body", "site") for n in (1, 2)}
 _NOT_USED = ("settotalmass", "discardvisual", "strippath", "meshdir", "texturedir", "assetdir")
 
@@ -58,7 +54,8 @@ def strip(path: Path, chain: Chain) -> dict[Element, str]:
     chain.root.insert(0, Element("compiler", used | {"fusestatic": "false"}))
     for number, body in enumerate(chain.bodies, 1):
         body.set("name", body.get("name") or f"body {number} of the chain")
-    frames = {frame: f"frame {n} of the chain" for n, frame in enumerate(chain.root.iter("frame"))}
+    found = [f for world in chain.root.findall("worldbody") for f in world.iter("frame")]
+    frames = {frame: f"frame {number} of the chain" for number, frame in enumerate(found, 1)}
     for frame, name in frames.items():
         SubElement(frame, "site", name=name)
     return frames

@@ -138,4 +138,12 @@ def chain_of(path: Path, root: Element, base: str, tip: str) -> Chain:
             f"no chain of bodies leads from {base!r} to it",
             "check [robot] base and tip",
         )
+    for element in on_path - {root, site, *worlds}:
+        if element.tag not in ("frame", "body"):
+            raise InputError(
+                path,
+                f"tip {tip!r}",
+                f"stands in <{element.tag}>, which is not supported",
+                "write its bodies down, as MuJoCo does when it saves the model",
+            )
     return Chain(root, chain[::-1], site, on_path)

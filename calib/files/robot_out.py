@@ -19,6 +19,12 @@ from calib.se3 import Array
 
 Form = Literal["urdf", "mjcf"]
 
+LACKS = {
+    ("urdf", "mjcf"): "without shapes",
+    ("mjcf", "urdf"): "the bare chain, without shapes and moments of inertia",
+}
+"""What a robot has not in the second form that it may have in the first."""
+
 
 def corrected_robot(
     cell: Cell, form: Form, corrections: Array, markers: dict[str, Array], target: Path

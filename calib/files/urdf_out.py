@@ -72,4 +72,4 @@ def write_origin(element: ElementTree.Element, T: Array) -> None:
 
 def words(values: Array) -> str:
     """Numbers to 15 digits, as URDF attributes hold them."""
-    return " ".join(f"{value:.15g}" for value in values)
+    return " ".join(f"{value + 0.0:.15g}" for value in values)  # no -0

@@ -165,7 +165,7 @@ def identify(
     write_files(texts)
     _show(cell, result, fields, json_path)
     say_written(texts, folder, json_path)
-    _say_left_out(result, robots, json_path)
+    _say_left_out(cell, result, robots, json_path)
 
 
 def held_out(
@@ -237,10 +237,18 @@ def _corrected(
 
 
 def _say_left_out(
-    result: Identification, robots: dict[Form, Path | None], json_path: str | None
+    cell: Cell, result: Identification, robots: dict[Form, Path | None], json_path: str | None
 ) -> None:
-    """Name what of the model a rigid robot cannot hold, if one was written."""
-    from calib.files.robot_out import not_rigid
+    """Say what the robots that were written do not hold."""
+    from calib.files.robot_out import LACKS, not_rigid
+
+    for form, path in robots.items():
+        if path is not None and form != cell.robot_form:
+            lack = LACKS[cell.robot_form, form]
+            click.echo(
+                f"{path} is made anew from the {cell.robot_form.upper()}: {lack}",
+                err=json_path == "-",
+            )
 
     names = not_rigid(result.model)
     if names and any(robots.values()):

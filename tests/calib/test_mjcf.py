@@ -207,6 +207,12 @@ BAD = {
         swap("<site", '<replicate count="1000000000"><body/></replicate><site'),
         "body 'hand': holds <replicate>, which is not supported",
     ),
+    "chain by rule": (
+        lambda t: t.replace('<body name="hand"', '<replicate count="2"><body name="hand"').replace(
+            "</body></body></body>", "</body></replicate></body></body>"
+        ),
+        "tip 'tip': stands in <replicate>, which is not supported",
+    ),
     "coupled joints": (
         equality('<joint joint1="j1" joint2="j2"/>'),
         "equality <joint>: constrains joint 'j1' and joint 'j2'; closed loops and coupled",
@@ -233,7 +239,7 @@ BAD = {
     "limits reversed": (swap("-1 1", "1 -1"), "joint 'j1': range 1 .. -1 is reversed"),
     "massless": (
         swap('range="-1 1"/><geom size="0.1"/>', "/>"),
-        "refused by MuJoCo: .*mass .*'link'",
+        "refused by MuJoCo: .*mass and inertia of moving bodies",
     ),
     "orientation twice": (swap('pos="0 0 1"', 'euler="0 0 1" zaxis="0 0 1"'), "refused by MuJoCo"),
 }

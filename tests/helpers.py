@@ -119,7 +119,8 @@ def cell_of(robot: Robot, markers: Array, effects: Sequence[str], sigma: float =
     return Cell(
         name="test",
         path=Path("cell.toml"),
-        urdf=Path("robot.urdf"),
+        robot_form="urdf",
+        robot_files=(Path("robot.urdf"),),
         robot=robot,
         marker_names=tuple(f"m{j + 1}" for j in range(count)),
         markers=np.asarray(markers, dtype=float),

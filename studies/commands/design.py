@@ -118,7 +118,7 @@ def design(
     cell = calib.load_cell(cell_path)
     source = _source(candidates)
     targets = cell.design.get("targets")
-    inputs = [cell_path, cell.urdf, *([targets] if targets else []), *against]
+    inputs = [cell_path, *cell.robot_files, *([targets] if targets else []), *against]
     inputs += [extend_path] if extend_path is not None else []
     inputs += [source] if isinstance(source, Path) else []
     check_outputs(

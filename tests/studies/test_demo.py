@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from studies.cli import main
-from studies.demo import embedded_cell, embedded_plan, simulated
+from studies.demo import embedded_cell, embedded_plan, session
 
 
 def run(*arguments: object) -> Result:
@@ -49,10 +49,9 @@ def test_the_withheld_effect_is_found(demo_folder: Path) -> None:
 
 def test_another_seed_hides_another_effect() -> None:
     cell = embedded_cell()
-    days = [simulated(cell, embedded_plan(cell), seed) for seed in range(6)]
+    days = [session(cell, embedded_plan(cell), seed) for seed in range(6)]
     assert len({day.withheld for day in days}) > 1
     assert all(day.withheld for day in days)
-    assert simulated(cell, embedded_plan(cell), 0, withhold=False).withheld == ""
 
 
 @pytest.mark.parametrize("name", ["cell.toml", "measurements.csv", "identify.json"])

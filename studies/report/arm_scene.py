@@ -76,9 +76,11 @@ class ArmScene:
         ]
         lost = {j: why for j in range(len(self.markers)) if (why := self.hidden.get((pose, j)))}
         seen = [name for j, name in enumerate(self.markers) if j not in lost]
-        words = f"{', '.join(seen) or 'no marker'} {self.seen}".rstrip()
+        words = f"markers {', '.join(seen)}" if seen else "no marker"
         hidden = [f"{self.markers[j]} {why}" for j, why in lost.items()]
-        return " \N{MIDDLE DOT} ".join(joints), "; ".join([words, *hidden])
+        return " \N{MIDDLE DOT} ".join(joints), "; ".join(
+            [f"{words} {self.seen}".rstrip(), *hidden]
+        )
 
 
 def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = None) -> ArmScene:

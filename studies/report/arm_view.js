@@ -86,7 +86,8 @@
         return `${joint} ${value}${data.units[k] === "deg" ? "\u00b0" : " mm"}${k === data.level ? " (level)" : ""}`;
       }).join(" \u00b7 ");
       const lost = (j) => this.why.get(pose * data.markers.length + j);
-      const seen = data.markers.filter((_, j) => lost(j) === undefined).join(", ") || "no marker";
+      const names = data.markers.filter((_, j) => lost(j) === undefined).join(", ");
+      const seen = names ? `markers ${names}` : "no marker";
       const hidden = data.markers.flatMap((marker, j) => (lost(j) === undefined ? [] : [`${marker} ${lost(j)}`]));
       markers.textContent = [`${seen} ${data.seen}`.trim(), ...hidden].join("; ");
       this.draw();

@@ -60,11 +60,10 @@
   // Numbers first, then words; what is empty or a dash comes last either way.
   const rank = (key) => (typeof key === "number" ? 0 : /^[-\u2013\u2014]?$/.test(key) ? 2 : 1);
   const compare = (a, b, sign) => {
-    const apart = rank(a) - rank(b);
-    if (apart) return rank(a) === 2 || rank(b) === 2 ? apart : sign * apart;
+    if (rank(a) === 2 || rank(b) === 2) return rank(a) - rank(b);
+    if (rank(a) !== rank(b)) return sign * (rank(a) - rank(b));
     return sign * (typeof a === "number" ? a - b : a.localeCompare(b, undefined, { numeric: true }));
   };
-
   const lastRow = (table) => table.tHead?.rows[table.tHead.rows.length - 1];
 
   function sort(table, column) {

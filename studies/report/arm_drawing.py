@@ -21,7 +21,7 @@ START = View(-52.0, 20.0)
 MARKER = 4.5  # px, radius
 _JOINT = 4.0  # px, radius
 _LETTERED = 20.0  # px; a shorter axis has no letter
-_WIDE, _HIGH, _MARGIN = 720.0, 480.0, 28.0  # px
+_WIDE, _HIGH, _MARGIN = 720.0, 480.0, 32.0  # px
 
 
 def drawing(scene: ArmScene, key: str) -> Markup:
@@ -86,7 +86,9 @@ def _stage(scene: ArmScene, sheet: Sheet) -> Iterator[Markup]:
         yield path(kind, sheet.lines(outline.lines))
         if outline.radius:
             yield dot("arm-solid", sheet.at(outline.centre), outline.radius * sheet.scale)
-        yield _text("arm-label arm-middle", sheet.at(outline.centre), outline.name)
+        place = sheet.at(outline.centre)
+        if ((place >= 0.0) & (place <= [_WIDE, _HIGH])).all():
+            yield _text("arm-label arm-middle", place, outline.name)
 
 
 def _scale(scene: ArmScene, sheet: Sheet) -> Iterator[Markup]:
@@ -96,7 +98,7 @@ def _scale(scene: ArmScene, sheet: Sheet) -> Iterator[Markup]:
     corner = max(corners, key=lambda c: float(sheet.at(c)[1]))
     inward = np.where(corner == low, 1, -1) * scene.around.step
     sides = [corner + np.eye(3, dtype=int)[i] * inward for i in (0, 1)]
-    side = max(sides, key=lambda s: float(np.linalg.norm(sheet.at(s) - sheet.at(corner))))
+    side = max(sides, key=lambda s: abs(float(sheet.at(s)[0] - sheet.at(corner)[0])))
     yield path("arm-scale", sheet.line([corner, side]))
     place = sheet.at((corner + side) / 2.0) + np.array([0.0, 15.0])
     yield _text("arm-label arm-middle", place, f"{scene.around.step} mm")
@@ -178,7 +180,8 @@ def _sight(scene: ArmScene, sheet: Sheet, pose: int) -> Iterator[Markup]:
     x, y = place = sheet.at(scene.around.instrument)
     yield dot("arm-instrument", place, 7.0)
     yield path("arm-instrument", f"M{x - 11:.1f} {y:.1f}h22M{x:.1f} {y - 11:.1f}v22")
-    yield _text("arm-label arm-middle", place - [0.0, 17.0], "instrument")
+    above = np.array([np.clip(x, _MARGIN, _WIDE - _MARGIN), y - 17.0])
+    yield _text("arm-label arm-middle", above, "instrument")
 
 
 def _seen_from(scene: ArmScene, point: IntArray) -> Array:

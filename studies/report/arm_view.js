@@ -3,7 +3,7 @@
 (() => {
   "use strict";
   const SVG = "http://www.w3.org/2000/svg";
-  const MARGIN = 28, JOINT = 4, MARKER = 4.5, LETTERED = 20, REACH = 14; // px
+  const MARGIN = 32, JOINT = 4, MARKER = 4.5, LETTERED = 20, REACH = 14; // px
   const VIEWS = { Front: [0, 0], Side: [-90, 0], Top: [-90, 90] };
 
   function element(tag, attributes, text) {
@@ -192,7 +192,8 @@
       for (const solid of solids) {
         yield path(solid.plane ? "arm-plane" : "arm-solid", this.lines(solid.lines));
         if (solid.radius) yield dot("arm-solid", this.at(solid.centre), solid.radius * this.drawnScale);
-        yield label("arm-label", this.at(solid.centre), solid.name);
+        const place = this.at(solid.centre);
+        if (place.every((v, k) => v >= 0 && v <= this.size[k])) yield label("arm-label", place, solid.name);
       }
     }
 
@@ -202,7 +203,7 @@
       const [low, high] = [Math.min, Math.max].map((f) => [0, 1].map((k) => f(...ends.map((p) => p[k]))));
       const corners = [low[0], high[0]].flatMap((x) => [low[1], high[1]].map((y) => [x, y, 0]));
       const corner = corners.reduce((a, b) => (this.at(b)[1] > this.at(a)[1] ? b : a));
-      const long = (side) => length(plus(this.at(side), this.at(corner), -1));
+      const long = (side) => Math.abs(this.at(side)[0] - this.at(corner)[0]);
       const sides = [0, 1].map((k) => corner.map((v, i) => v + (i === k ? (v === low[k] ? step : -step) : 0)));
       const side = sides.reduce((a, b) => (long(b) > long(a) ? b : a));
       yield path("arm-scale", this.line([corner, side]));
@@ -281,7 +282,7 @@
       yield path("arm-drop", this.line([instrument, flat(instrument)]));
       yield dot("arm-instrument", [x, y], 7);
       yield path("arm-instrument", `M${(x - 11).toFixed(1)} ${y.toFixed(1)}h22M${x.toFixed(1)} ${(y - 11).toFixed(1)}v22`);
-      yield label("arm-label", [x, y - 17], "instrument");
+      yield label("arm-label", [Math.max(MARGIN, Math.min(this.size[0] - MARGIN, x)), y - 17], "instrument");
     }
 
     *marks(pose) {

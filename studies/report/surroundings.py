@@ -70,15 +70,15 @@ def surroundings(cell: Cell, arms: IntArray, length: float) -> Surroundings:
     def near(points: IntArray) -> bool:
         return bool((np.linalg.norm(points - middle, axis=-1) <= _NEAR * length).all())
 
-    solids = [o for o in outlines if o is not None]
-    shown = [line for o in solids if not o.plane for line in o.lines if near(line)]
+    solids = tuple(o for o in outlines if o is not None)
+    shown = [points for o in solids if near(points := np.concatenate(o.lines))]
     if instrument is not None and near(instrument):
         shown.append(np.stack([instrument, instrument * [1, 1, 0]]))
     return Surroundings(
         floor=floor,
         step=step,
         foot=_ring(_FOOT * length),
-        outlines=tuple(solids),
+        outlines=solids,
         instrument=instrument,
         far=instrument is not None and not near(instrument),
         frame=_corners(np.concatenate([frame, *shown])),

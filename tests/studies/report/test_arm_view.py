@@ -220,15 +220,14 @@ def numbers(element: ElementTree.Element) -> list[tuple[float, float]]:
     return [(float(x), float(y)) for x, y in pairs]
 
 
-def test_all_arms_are_within_the_drawing(drawn: ArmScene) -> None:
+def test_the_picture_fills_the_drawing(drawn: ArmScene) -> None:
     svg = parsed(drawn)
-    at = np.array(
-        [p for name in ("arm-all", "arm-floor") for e in of_class(svg, name) for p in numbers(e)]
-    )
-    assert (at >= 27.9).all()
-    assert (at <= np.array([720, 480]) - 27.9).all()
-    room = (at.max(axis=0) - at.min(axis=0)) / (np.array([720, 480]) - 56)
-    assert room.max() > 0.8, "and fill it"
+    shown = ("arm-all", "arm-floor", "arm-solid", "arm-plane", "arm-drop")
+    at = np.array([p for name in shown for e in of_class(svg, name) for p in numbers(e)])
+    assert (at >= 31.9).all()
+    assert (at <= np.array([720, 480]) - 31.9).all()
+    room = (at.max(axis=0) - at.min(axis=0)) / (np.array([720, 480]) - 64)
+    assert room.max() == pytest.approx(1.0, abs=1e-3)
 
 
 def test_nearer_bodies_are_drawn_over_farther_ones(drawn: ArmScene) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 
@@ -76,7 +76,7 @@ class ArmScene:
         ]
         lost = {j: why for j in range(len(self.markers)) if (why := self.hidden.get((pose, j)))}
         seen = [name for j, name in enumerate(self.markers) if j not in lost]
-        words = f"markers {', '.join(seen)}" if seen else "no marker"
+        words = f"marker{'s'[: len(seen) > 1]} {', '.join(seen)}" if seen else "no marker"
         hidden = [f"{self.markers[j]} {why}" for j, why in lost.items()]
         return " \N{MIDDLE DOT} ".join(joints), "; ".join(
             [f"{words} {self.seen}".rstrip(), *hidden]
@@ -105,9 +105,9 @@ def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = N
     ends = [end for capsule in placed.capsules for end in (capsule.start, capsule.end)]
     columns = [*placed.origins.swapaxes(0, 1), *markers.swapaxes(0, 1), *ends]
     points, number, still = _shared(whole_mm(np.stack(columns, axis=1)))
-    joints = tuple(dict.fromkeys(number[: robot.dof + 2]))
+    chain = tuple(point for point, _ in groupby(number[: robot.dof + 2]))
     tail = number[robot.dof + 2 :]
-    arms = points[:, joints]
+    arms = points[:, chain]
     length = float(np.linalg.norm(arms - arms[:, :1], axis=-1).max())
     values = np.where(robot.prismatic, poses.q * 1e3, np.degrees(poses.q))
     return ArmScene(
@@ -119,13 +119,13 @@ def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = N
         level=None if level_joint is None else robot.joints.index(level_joint),
         points=points,
         still=still,
-        chain=joints,
+        chain=chain,
         tip_axes=np.rint(placed.frames.R[:, -1, :, :2].swapaxes(1, 2) * 100.0).astype(int),
         markers=cell.marker_names,
         marker_points=tuple(tail[: len(cell.markers)]),
         hidden=hidden,
         seen=seen,
-        bodies=_capsules(placed, tail[len(cell.markers) :]) or _links(joints, _SLIM * length),
+        bodies=_capsules(placed, tail[len(cell.markers) :]) or _links(chain, _SLIM * length),
         shaped=bool(placed.capsules),
         around=surroundings(cell, arms.reshape(-1, 3), length),
     )

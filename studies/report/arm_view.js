@@ -18,6 +18,7 @@
     element("circle", { class: kind, cx: x.toFixed(1), cy: y.toFixed(1), r: r.toFixed(1) });
   const label = (kind, [x, y], text) =>
     element("text", { class: kind + " arm-middle", x: x.toFixed(1), y: y.toFixed(1) }, text);
+  const track = (places) => "M" + places.map(([x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`).join("L");
   const plus = (a, b, s = 1) => a.map((v, i) => v + s * b[i]);
   const dotted = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
   const last = (list) => list[list.length - 1];
@@ -86,8 +87,8 @@
         return `${joint} ${value}${data.units[k] === "deg" ? "\u00b0" : " mm"}${k === data.level ? " (level)" : ""}`;
       }).join(" \u00b7 ");
       const lost = (j) => this.why.get(pose * data.markers.length + j);
-      const names = data.markers.filter((_, j) => lost(j) === undefined).join(", ");
-      const seen = names ? `markers ${names}` : "no marker";
+      const names = data.markers.filter((_, j) => lost(j) === undefined);
+      const seen = names.length ? `marker${names.length > 1 ? "s" : ""} ${names.join(", ")}` : "no marker";
       const hidden = data.markers.flatMap((marker, j) => (lost(j) === undefined ? [] : [`${marker} ${lost(j)}`]));
       markers.textContent = [`${seen} ${data.seen}`.trim(), ...hidden].join("; ");
       this.draw();
@@ -152,7 +153,7 @@
       return [this.shift[0] + u * s, this.shift[1] - v * s];
     }
 
-    line(points) { return "M" + points.map((p) => { const [x, y] = this.at(p); return `${x.toFixed(1)} ${y.toFixed(1)}`; }).join("L"); }
+    line(points) { return track(points.map((p) => this.at(p))); }
 
     lines(several) { return several.map((points) => this.line(points)).join(""); }
 
@@ -226,7 +227,7 @@
       this.tips = poses.map((_, i) => {
         const points = moving.map((c) => this.at(this.point(i, c)));
         const [x, y] = last(points);
-        arms += "M" + points.map(([u, v]) => `${u.toFixed(1)} ${v.toFixed(1)}`).join("L");
+        arms += track(points);
         dots += `M${x.toFixed(1)} ${y.toFixed(1)}h0`;
         return [x, y];
       });

@@ -302,6 +302,19 @@ def test_one_pose_that_does_not_move(kr270: Cell) -> None:
     assert of_class(svg, "arm-tips")[0].get("d", "").count("M") == 1
 
 
+def test_a_chain_that_comes_back_to_a_point(kr270: Cell) -> None:
+    """One pose, the second link folded onto the first: the chain goes there and back."""
+    robot = kr270.robot
+    origins = np.tile(np.eye(4), (7, 1, 1))
+    origins[[1, 2], 0, 3] = 1.0
+    cell = replace(
+        kr270, robot=replace(robot, origins=origins, axes=np.tile([0.0, 0.0, 1.0], (6, 1)))
+    )
+    found = scene(cell, poses_at(np.array([[0.0, np.pi, 0.0, 0.0, 0.0, 0.0]])))
+    at = found.points[0, found.chain].tolist()
+    assert at == [[0, 0, 0], [1000, 0, 0], [0, 0, 0]]
+
+
 def test_refusals(kr270: Cell, table_two: Poses) -> None:
     with pytest.raises(CalibError, match="no pose to draw"):
         scene(kr270, table_two.take([]))

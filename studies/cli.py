@@ -10,6 +10,7 @@ from studies.commands.compare import compare
 from studies.commands.demo import demo
 from studies.commands.design import design
 from studies.commands.diagnose import diagnose
+from studies.commands.enough import enough
 from studies.commands.identify import identify
 
 
@@ -26,6 +27,7 @@ main.add_command(identify)
 main.add_command(design)
 main.add_command(compare)
 main.add_command(diagnose)
+main.add_command(enough)
 main.add_command(demo)
 
 

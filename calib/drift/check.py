@@ -89,15 +89,16 @@ class _Part:
 
 
 def drift_of(data: Measurements, weights: Array) -> Drift | None:
-    """Judge the readings that were repeated after the arm had been elsewhere; None without any.
+    """Judge the readings that were repeated after the arm had been elsewhere; None without any
+    that share a marker.
 
     weights : ndarray, shape (m, M, 3, 3), 1/m, whitening matrices of the points, zero where hidden
     """
     series = series_of(data, weights)
-    if not series:
-        return None
     parts = [_moved_and_rest(one) for one in series]
     moved = _Part(sum(m.sum for m, _ in parts), sum(m.dof for m, _ in parts))
+    if not moved.dof:
+        return None
     rest = _Part(sum(r.sum for _, r in parts), sum(r.dof for _, r in parts))
     noise = rest if rest.p(None) < _SURE else None
     trends = {

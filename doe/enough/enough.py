@@ -69,6 +69,7 @@ def enough(
     refuse_idle_effects(cell, model, day.poses)
     values = _values(model, day.poses, found)
     factor = 1.0 if found is None else found.noise.factor
+    day = _foreseen(day, model.predict(values, day.poses), len(data))
     weights = whitening(cell, model, values, day)
     counted = weights * _kept(day, found)[:, None, None, None]
     _, J = Points(model, day, counted).linearise(values)
@@ -102,6 +103,11 @@ def _values(model: Model, poses: Poses, found: Identification | None) -> Array:
     values = nominal(model, poses)
     known = {} if found is None else dict(zip(_ids(found.model), found.values, strict=True))
     return np.array([known.get(i, v) for i, v in zip(_ids(model), values, strict=True)])
+
+
+def _foreseen(day: Measurements, predicted: Array, measured: int) -> Measurements:
+    """The day with points where they are expected after those that are measured: noise has a range."""
+    return replace(day, points=np.concatenate([day.points[:measured], predicted[measured:]]))
 
 
 def _ids(model: Model) -> tuple[str, ...]:
@@ -138,14 +144,14 @@ def _in_best_order(
     criterion: Criterion, known: Array, coming: Array, plan: Poses, left: IntArray
 ) -> Iterator[tuple[str, int, Array]]:
     """The poses of which readings are still to come, with those readings' rows."""
-    of = left % len(plan) if len(plan) else left
-    own = [coming[of == i].reshape(-1, coming.shape[-1]) for i in np.unique(of)]
-    if not own:
+    if not len(left):
         return
-    blocks = Blocks(pack(np.stack([rows.T @ rows for rows in own])), known.T @ known, len(own[0]))
+    poses, of, counts = np.unique(left % len(plan), return_inverse=True, return_counts=True)
+    own = [coming[of == k].reshape(-1, coming.shape[-1]) for k in range(len(poses))]
+    packed = pack(np.stack([rows.T @ rows for rows in own]))
+    blocks = Blocks(packed, known.T @ known, max(map(len, own)))
     for k in best_next(criterion, blocks, len(own)):
-        name = plan.names[int(np.unique(of)[k])]
-        yield name, int((of == np.unique(of)[k]).sum()), own[k]
+        yield plan.names[poses[k]], int(counts[k]), own[k]
 
 
 def _fresh(

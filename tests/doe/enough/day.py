@@ -39,7 +39,8 @@ def whole_day(cell: Cell, plan: Poses, seed: int = 1, louder: float = 1.0) -> Me
     values = np.zeros(len(model.parameters))
     values[model.where(ElasticEffect)] = 1e-6
     values[:6] = [2.0, -1.0, 0.5, 0.1, -0.2, 0.7]
-    noise = Noise.isotropic(cell.noise.along * louder)
+    n = cell.noise
+    noise = Noise(*(louder * s for s in (n.along, n.across, n.along_per_m, n.across_per_m)))
     return simulate(model, values, poses, noise, np.random.default_rng(seed))
 
 

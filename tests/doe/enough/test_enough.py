@@ -10,6 +10,7 @@ import pytest
 
 from calib import Cell, Identification, Measurements, Poses, identify
 from calib.covariance import accuracy
+from calib.noise import Noise
 from calib.targets import targets_of
 from doe.enough import Enough, enough
 from tests.doe.enough.day import RIGID, cell_of_day, of_poses, whole_day
@@ -106,6 +107,15 @@ def test_the_noise_is_that_of_the_data(cell: Cell, table_two: Poses, answer: Eno
     ratio = loud.sigma / answer.sigma
     assert ratio == pytest.approx(3.0, rel=0.25)
     assert loud.steps[-1].task_rms == pytest.approx(ratio * answer.steps[-1].task_rms, rel=0.02)
+
+
+def test_noise_that_grows_with_range_is_foreseen(cell: Cell, table_two: Poses) -> None:
+    far = replace(cell, noise=Noise(5e-6, 5e-6, 0.0, 2e-5))
+    full = whole_day(far, table_two)
+    found = identify(far, full)
+    assert found.noise.source == "cell"
+    answer = enough(far, of_poses(full, SO_FAR, 15), table_two)
+    np.testing.assert_allclose(answer.steps[-1].std, found.std, rtol=0.02)
 
 
 def test_an_outlier_counts_nothing(cell: Cell, full: Measurements, table_two: Poses) -> None:

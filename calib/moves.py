@@ -37,7 +37,7 @@ def with_moves(poses: Poses) -> Poses:
 
     An approach that the poses already have is kept.
     """
-    order = _order(poses)
+    order = in_order(poses)
     approach, motion = np.empty_like(poses.q), np.empty_like(poses.q)
     approach[order], motion[order] = moves(poses.q[order])
     derived = poses.approach is None or poses.approach_derived
@@ -72,7 +72,7 @@ def _within(own: Measurements, session: Poses) -> Measurements:
     return replace(own, poses=poses)
 
 
-def _order(poses: Poses) -> IntArray:
+def in_order(poses: Poses) -> IntArray:
     """Positions of the poses in the order of measurement."""
     if poses.time is None:
         return np.arange(len(poses))

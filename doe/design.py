@@ -24,6 +24,7 @@ from doe.order import travel, visiting_order
 from doe.plan import Candidates, Design, Rival, level_values, named
 from doe.pool import Pool, chunked, drawn, pool_of
 from doe.problem import Problem, problem_of
+from doe.reference import spacing, with_reference
 from doe.refusals import at_level, no_candidate
 from doe.solve import Clock, Effort, check_count, choose, finish
 from doe.wish import Wish
@@ -50,6 +51,7 @@ def design(
     refine: bool | None = None,
     fresh: bool = True,
     curve: bool = False,
+    reference_every: int | None = None,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Design:
@@ -70,6 +72,8 @@ def design(
     refine : polish the joint angles; by default unless the candidates come from a table
     fresh : a second bound over as many fresh candidates
     curve : also the best plans of fewer and of more poses
+    reference_every : one of the poses is measured again at the start, after every so many poses, and at
+        the end, to show drift; 0 for none; the cell's [design] otherwise
     progress : called with a line for each step
 
     Raises CalibError where no such plan can be: the text says why and what would help.
@@ -90,7 +94,8 @@ def design(
         raise CalibError(f"{source} candidates are too few; ask for a thousand or more")
     renewed = source if fresh and isinstance(source, int) else 0
     polished = isinstance(source, int) if refine is None else refine
-    effort = Effort(polished, renewed, robust, curve, seed, progress)
+    every = spacing(cell, reference_every)
+    effort = Effort(polished, renewed, robust, curve, every, seed, progress)
     return _designed(cell, wish, source, effort, against or {}, Clock())
 
 
@@ -152,10 +157,13 @@ def _designed(
             return replace(there, notes=(note, *there.notes))
         levels = settled
     q, certificate, landscape, live = finish(problem, pool, chosen, effort, clock)
-    q = q[visiting_order(q)]
+    poses, reference = named(q[visiting_order(q)]), None
+    if effort.reference_every:
+        poses, reference = with_reference(problem, poses, effort.reference_every)
+    q = poses.q
     result = Design(
         problem=problem,
-        poses=named(q),
+        poses=poses,
         level=level_values(levels, q),
         levels=levels,
         assessment=assess(problem, q),
@@ -166,6 +174,7 @@ def _designed(
         rivals=_judged(problem, against, certificate.bound),
         curve=accuracy_curve(problem, pool, effort) if effort.curve else (),
         seconds=clock.laps,
+        reference=reference,
     )
     clock.lap("judgement")
     return replace(result, notes=notes_of(result))

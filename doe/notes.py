@@ -43,7 +43,7 @@ def _unmoved(design: Design) -> Iterator[str]:
     """E can be bounded by a direction that is the same at every pose: poses by chance do as well."""
     problem = design.problem
     # The mean information of the pool is the identity.
-    by_chance = problem.fixed + len(design.poses) * np.eye(len(problem.fixed))
+    by_chance = problem.fixed + problem.wish.poses * np.eye(len(problem.fixed))
     alike = problem.criterion.value(by_chance) > 0.999 * design.certificate.value
     if design.criterion == "E" and alike:
         yield (
@@ -92,4 +92,15 @@ def _knots(design: Design) -> Iterator[str]:
             )
 
 
-_NOTES = (_no_targets, _weak, _outside, _unmoved, _unguarded, _exempt, _hidden, _knots)
+def _reference(design: Design) -> Iterator[str]:
+    reference = design.reference
+    if reference is not None:
+        first, last = reference.repeats[0], reference.repeats[-1]
+        yield (
+            f"reference: {first} .. {last} repeat {reference.pose}; come to it from the same side each "
+            "time, and posecal identify says whether anything drifted"
+        )
+        yield "what is expected counts the repeats; value, bound and proof do not"
+
+
+_NOTES = (_reference, _no_targets, _weak, _outside, _unmoved, _unguarded, _exempt, _hidden, _knots)

@@ -12,6 +12,7 @@ from calib.se3 import Array
 from doe.assess import Assessment
 from doe.levels import Levels
 from doe.problem import Problem
+from doe.reference import Reference
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +129,7 @@ class Design:
     """The result of :func:`doe.design`.
 
     problem : Problem
-    poses : Poses, in the order of measuring
+    poses : Poses, in the order of measuring, repeats of the reference included
     level : ndarray, shape (N,), rad or m, NaN without levels; levels : Levels, settled, or None
     assessment : Assessment; certificate : Certificate; candidates : Candidates
     landscape : Landscape
@@ -137,6 +138,7 @@ class Design:
     curve : tuple of Step, plans of fewer and more poses, empty unless asked for
     notes : tuple of str, what a reader should know
     seconds : dict, part -> time
+    reference : Reference or None
     """
 
     problem: Problem
@@ -152,6 +154,7 @@ class Design:
     curve: tuple[Step, ...] = ()
     notes: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
+    reference: Reference | None = None
 
     @property
     def criterion(self) -> str:

@@ -80,7 +80,7 @@ def design_fields(design: Design) -> dict[str, Any]:
                 else design.poses.names[int(judged.without_pose.argmax())],
                 "task_rms_mm": _finite(judged.without_pose.max(initial=0.0) * _MM),
                 "criterion": _finite(criterion.shown(proof.left)) if proof.left > 0.0 else None,
-                "efficiency": proof.kept(len(design.poses), problem.wish.fixed is None),
+                "efficiency": proof.kept(problem.wish.poses, problem.wish.fixed is None),
             },
             "loss_of_marker": {
                 name: _finite(rms * _MM) for name, rms in judged.without_marker.items()
@@ -92,6 +92,7 @@ def design_fields(design: Design) -> dict[str, Any]:
             "removed_by": design.candidates.removed_by,
         },
         "joint_travel_deg": math.degrees(design.travel),
+        "reference": _reference(design),
         "extends": None if problem.wish.fixed is None else len(problem.wish.fixed),
         "against": {
             name: {
@@ -125,6 +126,19 @@ def joint_fields(robot: Robot, q: Array) -> dict[str, dict[str, float]]:
         key, shown = ("joints_mm", value * _MM) if slides else ("joints_deg", math.degrees(value))
         found.setdefault(key, {})[joint] = round(float(shown), 6) + 0.0
     return found
+
+
+def _reference(design: Design) -> dict[str, Any] | None:
+    found = design.reference
+    if found is None:
+        return None
+    robot, at = design.problem.cell.robot, design.poses.names.index(found.pose)
+    return {
+        "pose": found.pose,
+        **joint_fields(robot, design.poses.q[at]),
+        "poses": list(found.repeats),
+        "every": found.every,
+    }
 
 
 def _accuracy(judged: Assessment) -> dict[str, Any]:

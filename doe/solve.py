@@ -42,6 +42,7 @@ class Effort:
     refine : polish the joint angles; fresh : number of fresh candidates for a second bound, 0 for none
     robust : prefer the plan that is best after the loss of any one pose
     curve : also the best plans of other numbers of poses
+    reference_every : poses between two readings of a reference pose, 0 for none
     seed : int; progress : called with a line for each step
     """
 
@@ -49,6 +50,7 @@ class Effort:
     fresh: int = 0
     robust: bool = False
     curve: bool = False
+    reference_every: int = 0
     seed: int = 0
     progress: Callable[[str], None] = lambda _: None
 

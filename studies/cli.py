@@ -10,13 +10,23 @@ from studies.commands.compare import compare
 from studies.commands.demo import demo
 from studies.commands.design import design
 from studies.commands.diagnose import diagnose
+from studies.commands.enough import enough
 from studies.commands.identify import identify
 from studies.commands.import_ import import_
 from studies.commands.program import program
 from studies.commands.report import report
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+class _InOrder(click.Group):
+    """Commands in the order of a day of measurement."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        return list(self.commands)
+
+
+@click.group(
+    cls=_InOrder, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
+)
 @click.version_option(package_name="posecal", prog_name="posecal")
 def main() -> None:
     """Plan robot calibration experiments, identify the robot, say how accurate the result is.
@@ -28,10 +38,11 @@ def main() -> None:
 COMMANDS = (
     demo,
     design,
+    compare,
     program,
     import_,
+    enough,
     identify,
-    compare,
     diagnose,
     report,
 )

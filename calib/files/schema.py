@@ -178,6 +178,7 @@ class DesignTable(Table):
     levels: dict[str, LevelsTable] = {}
     targets: str | None = None
     repeats: Annotated[bool, Strict()] = False
+    reference_every: Count | None = None
     obstacle: list[Annotated[Box | Sphere | HalfSpace, Field(discriminator="type")]] = []
 
 

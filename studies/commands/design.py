@@ -67,6 +67,12 @@ from studies.commands.common import (
 @click.option(
     "--robust", is_flag=True, help="The plan that best survives the loss of any one pose."
 )
+@click.option(
+    "--reference-every",
+    metavar="K",
+    type=click.IntRange(min=0),
+    help="Repeat one of the poses at the start, after every K poses and at the end, to see drift.",
+)
 @click.option("--repeats/--no-repeats", default=None, help="Whether a pose may be used twice.")
 @click.option(
     "--polish/--no-polish",
@@ -90,6 +96,7 @@ def design(
     against: tuple[Path, ...],
     curve: bool,
     robust: bool,
+    reference_every: int | None,
     repeats: bool | None,
     polish: bool | None,
     folder: Path | None,
@@ -141,6 +148,7 @@ def design(
             robust=robust,
             refine=polish,
             curve=curve,
+            reference_every=reference_every,
             seed=seed,
             progress=_progress(),
         )

@@ -121,6 +121,7 @@ def identify(
     targets = cell.design["targets"]
     data = calib.load_measurements(cell, data_path)
     inputs = [cell_path, *cell.robot_files, data_path, *([targets] if targets else [])]
+    whole = data
     data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
     robots: dict[Form, Path | None] = {"urdf": urdf_path, "mjcf": mjcf_path}
     outputs = [path for path in robots.values() if path is not None]
@@ -154,6 +155,7 @@ def identify(
         "holdout": holdout,
         **identification_fields(result),
         **_expected_accuracy(cell, result),
+        "drift": _drift(cell, whole, result),
     }
     warn(result.warnings)
     texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
@@ -225,6 +227,15 @@ def _expected_accuracy(cell: Cell, result: Identification) -> dict[str, Any]:
     }
 
 
+def _drift(cell: Cell, whole: Measurements, result: Identification) -> dict[str, Any] | None:
+    """What the repeated readings say, held-out ones included; the fit only places the instrument."""
+    from calib.drift import drift_of
+    from calib.files.drift import drift_fields
+    from calib.identify.identify import whitening
+
+    return drift_fields(drift_of(whole, whitening(cell, result.model, result.values, whole)))
+
+
 def _corrected(
     cell: Cell, result: Identification, robots: dict[Form, Path | None]
 ) -> dict[Path, str]:
@@ -261,8 +272,11 @@ def _say_left_out(
 def _show(
     cell: Cell, result: Identification, fields: dict[str, Any], json_path: str | None
 ) -> None:
+    from studies.identify.drift_table import drift_tables
     from studies.identify.tables import identification_tables
 
     console = console_for(json_path)
     for part in identification_tables(cell, result, fields):
+        console.print(part)
+    for part in drift_tables(result.model, fields["drift"]):
         console.print(part)

@@ -42,8 +42,10 @@ def _summary(design: Design, fields: dict[str, Any]) -> Text:
     beyond = "no plan is above" if fields["larger_is_better"] else "no plan is below"
     removed = ", ".join(f"{name} {n}" for name, n in candidates["removed_by"].items() if n)
     extra = "" if fields["extends"] is None else f" beside {fields['extends']} already measured"
+    reference = fields["reference"]
+    repeats = "" if reference is None else f" and {len(reference['poses'])} repeats of one"
     lines = [
-        f"{design.problem.cell.name}: {len(design.poses)} poses{extra} for "
+        f"{design.problem.cell.name}: {design.problem.wish.poses} poses{repeats}{extra} for "
         f"{len(fields['predicted_std'])} parameters",
         _line(
             fields["criterion"],

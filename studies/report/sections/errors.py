@@ -63,6 +63,8 @@ def _parts(evidence: Evidence, result: Result) -> Iterator[Part]:
     yield from _outliers(fields)
     for picture in others:
         yield Figure(picture)
+    if fields.get("drift") is not None:
+        yield from _drift(fields["drift"])
     data = evidence.data.get(result.path)
     if evidence.cell is not None and data is not None:
         yield from _against(evidence.cell, data, found, sigma)
@@ -96,6 +98,28 @@ def _outliers(fields: dict[str, Any]) -> Iterator[Part]:
         )  # fmt: skip
     else:
         yield Text("No pose was rejected.", "good")
+
+
+def _drift(drift: dict[str, Any]) -> Iterator[Part]:
+    """How far the poses that were measured again had moved."""
+    verdicts = {
+        "steady": "The poses measured again did not move beyond their noise",
+        "drift": "The poses measured again moved steadily through the day",
+        "moved": "The poses measured again moved beyond their noise, but not steadily",
+    }
+    kind = "good" if drift["verdict"] == "steady" else "warn"
+    yield Text(f"{verdicts[drift['verdict']]} (p {drift['p_value']:.2g}).", kind)
+    rows = [
+        (motion["pose"], one["pose"], motion["hours"], motion["length_um"], motion["p_value"])
+        for one in drift["references"]
+        for motion in one["moved"]
+    ]
+    yield Table(
+        ("measured again", "first", "hours later", "moved [um]", "p"),
+        rows,
+        of_poses=True,
+        fold=folded("Poses measured again", rows),
+    )
 
 
 def _against(cell: Cell, data: Measurements, found: PointErrors, sigma: float) -> Iterator[Part]:

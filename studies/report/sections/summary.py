@@ -162,10 +162,29 @@ def _mm(value: float | None) -> str:
     return "open" if value is None else f"{value:.4f} mm RMS"
 
 
+def _enough(fields: Mapping[str, Any]) -> Iterator[Text]:
+    plan = fields["plan"]
+    yield Text(
+        f"{plan['measured']} of {plan['poses']} planned poses are measured; expected now "
+        f"{_mm(fields['now']['task_rms_mm'])}, at the end {_mm(fields['end']['task_rms_mm'])}."
+    )
+
+
+def _compensate(fields: Mapping[str, Any]) -> Iterator[Text]:
+    rms = fields["rms_mm"]
+    yield Text(
+        f"Nominal commands miss {len(fields['targets'])} targets by {_mm(rms['before'])}; corrected ones "
+        f"are expected to miss them by {_mm(rms['expected'])}.",
+        "good",
+    )
+
+
 _SAYS = {
     "identify": _identify,
     "diagnose": _diagnose,
     "design": _design,
     "plan": _plan,
     "compare": _compare,
+    "enough": _enough,
+    "compensate": _compensate,
 }

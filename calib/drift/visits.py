@@ -1,0 +1,31 @@
+"""Which readings repeat each other, and between which the arm was elsewhere."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.moves import in_order
+from calib.poses import IntArray, Poses
+
+
+def visits(poses: Poses) -> IntArray:
+    """Number of the stay to which each reading belongs, shape (m,), in the order of measurement.
+
+    A stay lasts until the arm goes to other joints, or the instrument to another station.
+    """
+    order = in_order(poses)
+    where = np.column_stack([poses.configuration, poses.station])[order]
+    left = np.diff(where, axis=0, prepend=where[:1]).any(axis=1)
+    found = np.empty(len(poses), dtype=int)
+    found[order] = np.cumsum(left)
+    return found
+
+
+def alike(poses: Poses) -> IntArray:
+    """Number of the state of each reading, shape (m,): equal joints, loads and station.
+
+    Unlike ``Poses.repeated`` it does not ask from which side the joints came.
+    """
+    keys = [poses.configuration, poses.station, poses.load_mass, *poses.wrench.T]
+    _, group = np.unique(np.column_stack(keys), axis=0, return_inverse=True)
+    return group.reshape(-1)

@@ -1,0 +1,59 @@
+"""A reference pose, measured again and again through the day: what shows that something drifts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.cell import Cell
+from calib.errors import CalibError
+from calib.poses import Poses
+from calib.se3 import Array
+from doe.constraints import scene_of, visible
+from doe.problem import Problem
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A pose of the plan and its repeats.
+
+    pose : str, the plan's own; every : int, poses between two repeats
+    repeats : tuple of str, ref1, ref2 .., each a pose of the plan with the same joints
+    """
+
+    pose: str
+    every: int
+    repeats: tuple[str, ...]
+
+
+def spacing(cell: Cell, every: int | None) -> int:
+    """Poses between two readings of the reference, 0 for no reference; the cell's if None.
+
+    Raises CalibError.
+    """
+    found = cell.design.get("reference_every") if every is None else every
+    if found is not None and found < 0:
+        raise CalibError(f"a reference every {found} poses cannot be; ask for 1 or more, or 0")
+    return int(found or 0)
+
+
+def with_reference(problem: Problem, poses: Poses, every: int) -> tuple[Poses, Reference]:
+    """The poses with a reference at the start, after every so many, and at the end."""
+    m = len(poses)
+    before = np.append(np.arange(0, m, every), m)
+    repeats = tuple(f"ref{k + 1}" for k in range(len(before)))
+    chosen = reference_pose(problem, poses.q, len(repeats))
+    order = np.insert(np.arange(m), before, chosen)
+    names = np.insert(np.array(poses.names, dtype=object), before, repeats)
+    reference = Reference(poses.names[chosen], every, repeats)
+    return replace(poses.take(order), names=tuple(names)), reference
+
+
+def reference_pose(problem: Problem, q: Array, repeats: int) -> int:
+    """Of the poses (m, dof) that show the most markers, the one whose repeats add most."""
+    blocks = problem.information(q)
+    M = problem.fixed + blocks.sum(axis=0)
+    value = problem.criterion.plain.value(M + repeats * blocks)
+    seen = visible(scene_of(problem.cell, q)).sum(axis=1)
+    return int(np.where(seen == seen.max(), value, -np.inf).argmax())

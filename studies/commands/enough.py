@@ -1,0 +1,87 @@
+"""``posecal enough``: whether the poses measured so far will do, and which to measure next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from studies.commands.common import (
+    check_outputs,
+    console_for,
+    envelope,
+    json_option,
+    one_line_faults,
+    output_file,
+    output_texts,
+    say_written,
+    seed_option,
+    warn,
+)
+
+
+@click.command()
+@click.argument("cell_path", metavar="CELL", type=click.Path(path_type=Path))
+@click.argument("data_path", metavar="DATA", type=click.Path(path_type=Path))
+@click.option("--plan", "plan_path", metavar="PLAN", type=click.Path(path_type=Path),
+              help="The plan that is being measured; what DATA hold of it is recognised.")  # fmt: skip
+@click.option(
+    "--goal-mm",
+    metavar="X",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Expected RMS error at the targets that is wanted.",
+)
+@json_option
+@seed_option
+@one_line_faults
+def enough(
+    cell_path: Path,
+    data_path: Path,
+    plan_path: Path | None,
+    goal_mm: float | None,
+    json_path: str | None,
+    seed: int,
+) -> None:
+    """Say whether the poses measured so far are enough, and in which order to measure the rest.
+
+    CELL is the description of the measurement cell (cell.toml), DATA the table of points measured so
+    far. With the noise that the data show, it says what accuracy to expect now, after each further pose
+    of the plan in the best order, and after how many the goal is met.
+
+    \b
+    Example:
+      posecal enough cell.toml measurements.csv --plan plan.csv --goal-mm 0.05
+    """
+    import calib
+    from calib.errors import CalibError, InputError
+    from calib.files.write import write_files
+    from doe.enough import enough as judge
+    from doe.enough.results import enough_fields
+    from studies.enough.tables import enough_tables
+
+    cell = calib.load_cell(cell_path)
+    targets = cell.design.get("targets")
+    inputs = [cell_path, *cell.robot_files, data_path, *([targets] if targets else [])]
+    inputs += [plan_path] if plan_path is not None else []
+    check_outputs([path for path in [output_file(json_path)] if path is not None], inputs)
+    data = calib.load_measurements(cell, data_path)
+    plan = None if plan_path is None else calib.load_plan(cell, plan_path)
+    try:
+        goal = None if goal_mm is None else goal_mm / 1e3
+        answer = judge(cell, data, plan, goal=goal, seed=seed)
+    except InputError:
+        raise
+    except CalibError as error:
+        raise InputError(cell_path, "", str(error)) from None
+    fields = {
+        **envelope("enough", inputs, seed),
+        "targets": str(targets or "200 Sobol poses within the limits"),
+        **enough_fields(answer, 0 if plan is None else len(plan)),
+    }
+    warn((*data.warnings, *answer.match.warnings))
+    texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
+    write_files(texts)
+    console = console_for(json_path)
+    for part in enough_tables(fields):
+        console.print(part)
+    say_written(texts, None, json_path)

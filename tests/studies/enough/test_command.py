@@ -1,0 +1,90 @@
+"""``posecal enough`` as a user sees it at two in the afternoon."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+import calib
+from calib.files.write_tables import measurements_csv
+from studies.cli import main
+from studies.demo import INPUTS, embedded_text
+from tests.doe.enough.day import MODEL, of_poses, whole_day
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("half")
+    for name in INPUTS:
+        (path / name).write_text(embedded_text(name))
+    effects = f"effects = {json.dumps(MODEL)}"
+    lines = (path / "cell.toml").read_text().splitlines()
+    (path / "cell.toml").write_text(
+        "\n".join(effects if line.startswith("effects = ") else line for line in lines)
+    )
+    cell = calib.load_cell(path / "cell.toml")
+    plan = calib.load_plan(cell, path / "table2.csv")
+    data = of_poses(whole_day(cell, plan), [2, 5, 8, 11, 14, 1], 15)
+    (path / "half.csv").write_text(measurements_csv(cell, data))
+    return path
+
+
+def asked(folder: Path, *more: object) -> tuple[dict[str, Any], str]:
+    out = folder / "out.json"
+    done = run("enough", folder / "cell.toml", folder / "half.csv", *more, "--json", out)
+    assert done.exit_code == 0, done.output
+    assert max(len(line) for line in done.output.splitlines() if "wrote" not in line) <= 110
+    return json.loads(out.read_text(), parse_constant=pytest.fail), done.output
+
+
+def test_it_names_the_poses_that_the_goal_needs(folder: Path) -> None:
+    plan = ("--plan", folder / "table2.csv")
+    fields, _ = asked(folder, *plan)
+    assert fields["plan"] == {"poses": 15, "measured": 6, "to_measure": 9}
+    goal = fields["order"][2]["task_rms_mm"] * 1.0001
+    fields, said = asked(folder, *plan, "--goal-mm", goal)
+    names = ", ".join(step["pose"] for step in fields["order"][:3])
+    assert fields["poses_to_goal"] == 3
+    assert f"after 3 more: {names}" in said
+    assert {Path(entry["file"]).name for entry in fields["inputs"]} == {
+        "cell.toml", "kr270.urdf", "half.csv", "table2.csv",
+    }  # fmt: skip
+    assert all(p["std"] > 0.0 for p in fields["end"]["parameters"])
+    _, said = asked(folder, *plan, "--goal-mm", 5)
+    assert "you may stop now" in said
+
+
+def test_it_says_how_many_more_than_the_plan(folder: Path) -> None:
+    plan = ("--plan", folder / "table2.csv")
+    fields, _ = asked(folder, *plan)
+    goal = 0.97 * fields["end"]["task_rms_mm"]
+    fields, said = asked(folder, *plan, "--goal-mm", goal)
+    assert fields["poses_to_goal"] is None
+    assert f"--poses {fields['fresh_poses_to_goal']}" in said
+
+
+def test_without_a_plan(folder: Path) -> None:
+    fields, said = asked(folder)
+    assert fields["order"] == []
+    assert "no plan" in said
+
+
+def test_faults_are_one_line(folder: Path) -> None:
+    failed = run("enough", folder / "cell.toml", folder / "half.csv", "--plan", folder / "no.csv")
+    assert failed.exit_code == 2
+    assert len(failed.stderr.strip().splitlines()) == 1
+    over = run("enough", folder / "cell.toml", folder / "half.csv", "--json", folder / "half.csv")
+    assert over.exit_code == 2
+    assert "already an input" in over.stderr
+
+
+def test_help_has_an_example() -> None:
+    assert "posecal enough cell.toml" in run("enough", "--help").output

@@ -1,0 +1,128 @@
+"""What ``posecal identify`` says of a reference that was measured again and again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from calib import load_cell, load_plan, readings
+from calib.build import build
+from calib.files.write_tables import measurements_csv, wrench_with_load
+from calib.moves import with_moves
+from calib.simulate import simulate
+from studies.cli import main
+from studies.demo import INPUTS, embedded_text
+
+RATES = np.array([40.0, -60.0, 20.0, 20.0, 0.0, -30.0])  # um/h and urad/h
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The paper's plan with its first pose again at the start, in the middle and at the end."""
+    path = tmp_path_factory.mktemp("day")
+    for name in INPUTS:
+        (path / name).write_text(embedded_text(name))
+    header, *rows = (path / "table2.csv").read_text().splitlines()
+    again = [rows[0].replace("p01", f"ref{k}", 1) for k in (1, 2, 3, 4)]
+    assert all(row.startswith("ref") for row in again)
+    plan = [again[0], *rows[1:6], again[1], *rows[6:11], again[2], *rows[11:], again[3]]
+    (path / "table2.csv").write_text("\n".join([header, *plan]) + "\n")
+    text = (path / "cell.toml").read_text()
+    effects = 'effects = ["base", "tool", "joint_compliance:A2,A3,A4,A5,A6"]'
+    lines = [effects if line.startswith("effects = ") else line for line in text.splitlines()]
+    (path / "cell.toml").write_text("\n".join(lines))
+    return path
+
+
+def measured(folder: Path, rates: np.ndarray, timed: bool = True) -> Path:
+    cell = load_cell(folder / "cell.toml")
+    poses = readings(cell, load_plan(cell, folder / "table2.csv"))
+    poses = replace(
+        poses,
+        wrench=wrench_with_load(cell, poses),
+        load_mass=np.zeros(len(poses)),
+        time=300.0 * np.arange(len(poses)),
+    )
+    model = build(replace(cell, effects=(*cell.effects, "base_drift")), with_moves(poses)).model
+    values = np.zeros(len(model.parameters))
+    values[-6:] = rates * 1e-6 / 3600.0
+    values[model.where(type(model.effects[4]))] = 1e-6
+    data = simulate(model, values, poses, cell.noise, np.random.default_rng(0))
+    data = replace(data, poses=replace(data.poses, approach=None))
+    if not timed:
+        data = replace(data, poses=replace(data.poses, time=None))
+    path = folder / "measured.csv"
+    path.write_text(measurements_csv(cell, data))
+    return path
+
+
+def run(*arguments: object) -> Result:
+    done = CliRunner().invoke(main, [str(a) for a in arguments])
+    assert done.exit_code == 0, done.output
+    return done
+
+
+def identified(folder: Path, data: Path, *more: object) -> tuple[dict[str, Any], str]:
+    out = folder / "result.json"
+    done = run("identify", folder / "cell.toml", data, "--json", out, *more)
+    return json.loads(out.read_text(), parse_constant=pytest.fail)["drift"], done.output
+
+
+def test_a_still_day(folder: Path) -> None:
+    drift, said = identified(folder, measured(folder, 0.0 * RATES))
+    assert drift["verdict"] == "steady"
+    assert len(drift["references"]) == 2  # free and loaded
+    assert "none seen" in said
+    assert "base_drift" not in said
+
+
+@pytest.mark.parametrize("holdout", [(), ("--holdout", "0.3")])
+def test_a_drifting_day(folder: Path, holdout: tuple[str, ...]) -> None:
+    drift, said = identified(folder, measured(folder, RATES), *holdout)
+    assert drift["verdict"] == "drift"
+    first = drift["references"][0]
+    assert (first["pose"], first["last"], first["largest"]) == ("ref1_free", *2 * ("ref4_free",))
+    (rate,) = drift["rates"]
+    np.testing.assert_array_less(0.0, rate["translation_std_um_per_h"])
+    assert first["moved"][-1]["hours"] == pytest.approx(300 * 17 / 3600, rel=1e-6)
+    assert "add base_drift" in said
+    own = said[said.index("read again") :].splitlines()[:-1]
+    assert max(map(len, own)) <= 110
+
+
+def test_without_time_there_is_no_rate(folder: Path) -> None:
+    drift, said = identified(folder, measured(folder, RATES, timed=False))
+    assert drift["verdict"] == "drift"
+    assert drift["rates"] == []
+    assert drift["references"][0]["moved"][0]["hours"] is None
+    assert "time_s" in said
+
+
+def test_the_models_own_drift_is_named(folder: Path) -> None:
+    data = measured(folder, RATES)
+    cell = folder / "cell.toml"
+    before = cell.read_text()
+    cell.write_text(before.replace('effects = ["base"', 'effects = ["base_drift", "base"'))
+    drift, said = identified(folder, data)
+    cell.write_text(before)
+    assert drift["verdict"] == "drift"
+    assert "base_drift is in the model" in said
+
+
+def test_nothing_repeated_says_nothing(folder: Path) -> None:
+    data = measured(folder, RATES)
+    kept = [
+        line
+        for line in data.read_text().splitlines()
+        if not line.startswith(("ref2", "ref3", "ref4"))
+    ]
+    data.write_text("\n".join(kept))
+    drift, said = identified(folder, data)
+    assert drift is None
+    assert "drift" not in said

@@ -36,11 +36,11 @@ def newton_weights(
     w: Array = (target / sums.sum(axis=1))[group]
     # Strictly inside even where a level has just as many candidates as it needs.
     upper = np.maximum(top, w * (1.0 + 1e-9)) + 1e-12
+    slack = upper - w  # followed by itself: the difference loses its digits where w meets the bound
     y = np.zeros(len(present))
     lower_dual = upper_dual = np.full(q, len(blocks.fixed) / (2.0 * q))
     for _ in range(_MOST_STEPS):
         _, slope, rows = criterion.curvature(blocks.total(np.arange(q), w), columns)
-        slack = upper - w
         gap = float(w @ lower_dual + slack @ upper_dual)
         residual = slope + sums.T @ y - lower_dual + upper_dual
         loose = (
@@ -60,7 +60,7 @@ def newton_weights(
         d_upper = (centre + upper_dual * dw) / slack - upper_dual
         step = min(_longest(w, dw), _longest(slack, -dw))
         dual_step = min(_longest(lower_dual, d_lower), _longest(upper_dual, d_upper))
-        w = w + step * dw
+        w, slack = w + step * dw, slack - step * dw
         y = y + dual_step * dy
         lower_dual, upper_dual = lower_dual + dual_step * d_lower, upper_dual + dual_step * d_upper
     return np.asarray(w)

@@ -24,9 +24,10 @@ class _InOrder(click.Group):
         return list(self.commands)
 
 
-@click.group(
-    cls=_InOrder, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
-)
+_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+
+@click.group(cls=_InOrder, context_settings=_SETTINGS)
 @click.version_option(package_name="posecal", prog_name="posecal")
 def main() -> None:
     """Plan robot calibration experiments, identify the robot, say how accurate the result is.

@@ -111,3 +111,20 @@ def next_outlier(
         return None
     F = drop[worst] / k / max((cost - drop[worst]) / left, 1e-300)
     return worst if float(fdtrc(k, left, F)) < _ALPHA / m else None
+
+
+def wrongly_out(
+    statistics: Array, rows: Array, kept: NDArray[np.bool_], cost: float, dof: int
+) -> int | None:
+    """The pose of a small set that was left out and agrees best with the fit without it, else None.
+
+    The test of :func:`next_outlier`, the other way round; arguments as there.
+    """
+    from scipy.special import fdtrc
+
+    if kept.all() or dof <= 0:
+        return None
+    best = int(np.where(kept | (rows == 0), np.inf, statistics).argmin())
+    F = statistics[best] / max(cost / dof, 1e-300)
+    agrees = float(fdtrc(max(int(rows[best]), 1), dof, F)) >= _ALPHA / len(kept)
+    return best if agrees and not kept[best] else None

@@ -9,7 +9,14 @@ import numpy as np
 from calib.covariance import Identifiable
 from calib.errors import CalibError
 from calib.identify.estimators import Estimator, Mask, choose_directions, rigid_directions
-from calib.identify.outliers import judge, next_outlier, pose_statistics, small_set, threshold
+from calib.identify.outliers import (
+    judge,
+    next_outlier,
+    pose_statistics,
+    small_set,
+    threshold,
+    wrongly_out,
+)
 from calib.identify.solver import Minimum
 from calib.observations import Observation
 from calib.se3 import Array
@@ -41,7 +48,7 @@ def search(estimator: Estimator, observation: Observation, start: Array) -> Foun
     """Fit without the outliers, each round judged by the fit before.
 
     With something elastic in the model, gross outliers are first looked for under the rigid part
-    alone: a bent arm can follow a wrong point a long way.
+    alone: a bent arm can follow a wrong point a long way. What only bent is taken back after.
 
     Raises CalibError where the estimator lacks the readings that it needs.
     """
@@ -83,12 +90,13 @@ def _judged(
     statistics, rows = pose_statistics(judged.r, judged.J, kept, judged.span)
     if small_set(len(kept)):
         cost = float((judged.r[kept] ** 2).sum())
-        worst = next_outlier(
-            statistics, rows, kept, cost, estimator.dof(observation.only(kept), span)
-        )
+        dof = estimator.dof(observation.only(kept), span)
         fresh = kept.copy()
-        if worst is not None:
-            fresh[worst] = False
+        back = wrongly_out(statistics, rows, kept, cost, dof)
+        worst = next_outlier(statistics, rows, kept, cost, dof) if back is None else None
+        for pose, belongs in ((back, True), (worst, False)):
+            if pose is not None:
+                fresh[pose] = belongs
         limit = float(statistics[fresh].max(initial=0.0))
         return fresh, statistics, limit
     limit = threshold(statistics, judged.r.shape[-1])

@@ -536,3 +536,13 @@ def test_loaded_and_free_readings_both_count(elastic: Cell) -> None:
     np.testing.assert_allclose(M, information(elastic, plan.poses.q), rtol=1e-9)
     loaded = hung(plan.poses, 250.0, (0.3, 0.0, 0.15))
     assert len(both) == 2 * len(loaded)
+
+
+def test_weights_that_meet_their_bound_are_followed(kr270: Cell) -> None:
+    """Seven poses for nine parameters: some weights end at one to the last digit."""
+    cell = replace(
+        with_effects(kr270, "stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6"),
+        design={"targets": None},
+    )
+    found = doe.design(cell, poses=7, criterion="A", candidates=300, refine=False)
+    assert 0.9 < found.efficiency <= 1.0

@@ -173,8 +173,8 @@ def _enough(fields: Mapping[str, Any]) -> Iterator[Text]:
 def _compensate(fields: Mapping[str, Any]) -> Iterator[Text]:
     rms = fields["rms_mm"]
     yield Text(
-        f"Nominal commands miss {len(fields['targets'])} targets by {_mm(rms['before'])}; corrected ones "
-        f"are expected to miss them by {_mm(rms['expected'])}.",
+        f"Nominal commands miss {len(fields['targets'])} targets by {_mm(rms['before'])}; corrected "
+        f"ones are expected to miss them by {_mm(rms['expected'])}.",
         "good",
     )
 

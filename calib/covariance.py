@@ -136,14 +136,29 @@ def accuracy(
 ) -> tuple[float, float]:
     """Expected position error at targets from the estimate's uncertainty: RMS and worst, m.
 
-    3-D per point, in the instrument's frame, at the markers, or at the tip's origin where the
-    markers are not part of the model (``rho_0`` of the test-pose criterion, Wu et al. 2012).
+    ``rho_0`` of the test-pose criterion (Wu et al. 2012), over the points of :func:`working_points`.
     """
-    if not any(isinstance(e, Tool) for e in model.effects):
-        model = replace(model, marker_names=("tip",), markers=np.zeros((1, 3)))
-    _, J = model.jacobian(values, targets)
-    squared = np.einsum("mjip,pq,mjiq->m", J, cov, J, optimize=True) / len(model.markers)
+    squared = predicted_square(working_points(model), values, cov, targets)
     return (
         float(np.sqrt(weights @ squared / weights.sum())),
         float(np.sqrt(squared[weights > 0].max())),
     )
+
+
+def working_points(model: Model) -> Model:
+    """The model at the points where its accuracy counts: the markers, or the tip's origin where the
+    markers are not part of the model.
+    """
+    if any(isinstance(e, Tool) for e in model.effects):
+        return model
+    return replace(model, marker_names=("tip",), markers=np.zeros((1, 3)))
+
+
+def predicted_square(model: Model, values: Array, cov: Array, poses: Poses) -> Array:
+    """Mean square over the markers of the predicted points' error, shape (m,), m^2.
+
+    3-D per point, in the instrument's frame.
+    """
+    _, J = model.jacobian(values, poses)
+    squared = np.einsum("mjip,pq,mjiq->m", J, cov, J, optimize=True)
+    return np.asarray(squared / len(model.markers))

@@ -7,6 +7,7 @@ import sys
 import click
 
 from studies.commands.compare import compare
+from studies.commands.compensate import compensate
 from studies.commands.demo import demo
 from studies.commands.design import design
 from studies.commands.diagnose import diagnose
@@ -26,6 +27,7 @@ main.add_command(identify)
 main.add_command(design)
 main.add_command(compare)
 main.add_command(diagnose)
+main.add_command(compensate)
 main.add_command(demo)
 
 

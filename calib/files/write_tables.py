@@ -27,7 +27,8 @@ def _joint_text(robot: Robot, q: Array) -> list[str]:
     return [f"{value:.9g}" for value in shown]
 
 
-def _text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table as text, a line for each row."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(header)
@@ -54,7 +55,7 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
         row += [f"{value:.6f}" for value in wrench[i]] if loaded else []
         row += [texts[i] for texts in session.values()]
         rows.append(row)
-    return _text(header, rows)
+    return csv_text(header, rows)
 
 
 def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:
@@ -83,7 +84,7 @@ def plan_csv(cell: Cell, poses: Poses, level: Array) -> str:
     for name, q, own in zip(poses.names, poses.q, level, strict=True):
         row = [name, *_joint_text(cell.robot, q)]
         rows.append([*row, f"{own:.9g}"] if with_level else row)
-    return _text(header, rows)
+    return csv_text(header, rows)
 
 
 def wrench_with_load(cell: Cell, poses: Poses) -> Array:

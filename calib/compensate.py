@@ -35,7 +35,7 @@ from calib.effects.tool import Tool
 from calib.errors import CalibError
 from calib.estimate import Estimate, Unexplained, estimate_of
 from calib.identify.identification import Identification
-from calib.inverse import Reached, reach, tip_of
+from calib.inverse import Goal, Reached, reach, tip_of
 from calib.kinematics import forward
 from calib.model import Model
 from calib.moves import moves, with_moves
@@ -184,7 +184,7 @@ def _block(estimate: Estimate, poses: Poses) -> tuple[Array, ...]:
     points = working_points(model).marker_positions(values)
     nominal, now = forward(model.robot, poses.q), tip_of(model, values, poses)
     R, o = nominal.R[:, -1], nominal.o[:, -1]
-    found = reach(model, values, poses, R, o, points.mean(axis=0))
+    found = reach(model, values, poses, Goal(R, o, points))
     before, turn_before = _distance(R, o, now.R[:, -1], now.o[:, -1], points)
     left, turn_left = _distance(R, o, found.R, found.o, points)
     spread = _spread(estimate, replace(poses, q=found.q))
@@ -250,7 +250,7 @@ def _notes(estimate: Estimate, poses: Poses, q: Array) -> Iterable[str]:
         i, j = (int(k) for k in np.unravel_index(share.argmax(), share.shape))
         yield (
             f"target {poses.names[i]} is corrected by {_shown(model, j, q[i, j] - poses.q[i, j])} at "
-            f"{model.robot.joints[j]}, more than calibration errors are: it is near a singular pose, or "
+            f"{model.robot.joints[j]}, more than such errors are: it is near a singular pose, or "
             "cell and result do not belong together"
         )
 

@@ -65,7 +65,10 @@ def _identified(result: Identification) -> Estimate:
     notes = []
     if result.status == "not_converged":
         notes.append("the identification did not converge")
-    sigma = result.noise.believed * (result.noise.replicate_factor or 1.0)
+    noise = result.noise
+    sigma = noise.sigma
+    if noise.source == "residual":  # that is what is to be explained
+        sigma = noise.believed * (noise.replicate_factor or 1.0)
     if result.heldout is None:
         rest = _left_in_fit(model, values, cov, fitted, sigma, result.rank)
     else:

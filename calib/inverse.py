@@ -15,15 +15,19 @@ from calib.poses import IntArray, Poses
 from calib.robot import Robot
 from calib.se3 import Array, cross, rotate, so3_log
 
-_ROUNDS = 40
-_SETTLED = 1e-12  # rad or m, largest step of a joint
-_SMALLEST = 1e-3  # of the strongest direction: what is weaker is none
+_ROUNDS = 25
+_SETTLED = 1e-10  # rad or m, largest step of a joint
+_STILL = 1e-8  # the same where other targets take longer
 _SWINGS = (
+    0.4,
+    0.2,
     0.1,
-    0.03,
-    0.01,
-)  # rad, or share of the reach: a first step's most, less where it went astray
-_FARTHEST = 0.2  # the same of the whole way
+    0.05,
+    0.02,
+)  # rad, or share of the reach: a step's most, less where it went astray
+_WEAKEST = 2e-3  # over the swing: lever, in lengths of the tool, below which a direction is none
+_TOOL = 0.1  # of the reach: length of a tool of which only the tip's origin is known
+_POSITION_FIRST = 1e-3  # weight of orientation where the joints are too few for both
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +38,7 @@ class Reached:
     R, o : ndarray, shapes (m, 3, 3) and (m, 3), m, tip frame in base axes
     held : ndarray of bool, shape (m, n), joints that stopped at a limit
     lost : ndarray of int, shape (m,), directions given up because the arm hardly moves along them
-    settled : ndarray of bool, shape (m,)
+    settled : ndarray of bool, shape (m,); where it is false, q is the command as given
     """
 
     q: Array
@@ -50,6 +54,34 @@ class Reached:
         return self.q, self.R, self.o, self.held, self.lost, self.settled
 
 
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """Wanted tip frames in base axes and the points that are to be in place.
+
+    R, o : ndarray, shapes (m, 3, 3) and (m, 3), m
+    points : ndarray, shape (k, 3), m, tip frame
+    """
+
+    R: Array
+    o: Array
+    points: Array
+
+    @property
+    def centre(self) -> Array:
+        """Mean of the points, shape (3,), m, tip frame."""
+        return np.asarray(self.points.mean(axis=0))
+
+    def length(self, robot: Robot) -> float:
+        """What a radian weighs beside a metre: how far the points lie from their mean, RMS, m."""
+        spread = float(np.sqrt(((self.points - self.centre) ** 2).sum(axis=1).mean()))
+        tool = spread if spread > 0.0 else _TOOL * robot.reach
+        return tool if robot.dof >= 6 else _POSITION_FIRST * tool
+
+    def take(self, index: IntArray) -> Goal:
+        """The goals of some targets."""
+        return Goal(self.R[index], self.o[index], self.points)
+
+
 def tip_of(model: Model, values: Array, poses: Poses) -> Frames:
     """Frames of the arm at rest under its loads. Raises CalibError where it finds no rest."""
     frames = model.state(values, poses).frames
@@ -58,116 +90,108 @@ def tip_of(model: Model, values: Array, poses: Poses) -> Frames:
     return frames
 
 
-def reach(model: Model, values: Array, poses: Poses, R: Array, o: Array, point: Array) -> Reached:
-    """Move every pose until its tip frame is at (R, o), by Newton steps on the arm at rest.
+def reach(model: Model, values: Array, poses: Poses, goal: Goal) -> Reached:
+    """Move every pose until its tip frame is the goal's, by Gauss-Newton steps on the arm at rest.
 
-    R, o : ndarray, shapes (m, 3, 3) and (m, 3), m, wanted tip frame in base axes
-    point : ndarray, shape (3,), m, tip frame: the point that is to be in place
-
-    The arm's velocities are those of its displaced frames; how the deflection changes with a step
-    is left to the next one. Position comes first and orientation takes what freedom is left (task
-    priority, Nakamura, Hanafusa and Yoshikawa 1987), so that arms of fewer than six joints put the
-    point in its place. Directions in which the joints would have to swing far are left alone, and a
-    joint that would pass its limit stays there.
+    Where the arm cannot, the square distance of the points from their places is least, orientation
+    weighed by their spread; an arm of fewer than six joints puts their mean in place first.
+    Directions in which the joints would have to swing far are left alone, and a joint that would pass
+    its limit stays there. The arm's velocities are those of its displaced frames: how the deflection
+    follows a step is left to the next one.
 
     Raises CalibError where the arm finds no equilibrium.
     """
-    found = _newton(model, values, poses, R, o, point, _SWINGS[0])
+    found = _descend(model, values, poses, goal, _SWINGS[0])
     for swing in _SWINGS[1:]:
-        again = np.flatnonzero(~found.settled | (_swing(model, found.q - poses.q) > _FARTHEST))
+        again = _astray(model, found, poses)
         if not len(again):
-            break
-        retried = _newton(model, values, poses.take(again), R[again], o[again], point, swing)
-        for mine, theirs in zip(found.arrays, retried.arrays, strict=True):
-            mine[again] = theirs
+            return found
+        _put(found, again, _descend(model, values, poses.take(again), goal.take(again), swing))
+    again = _astray(model, found, poses)
+    if len(again):
+        _put(found, again, _unmoved(model, values, poses.take(again)))
     return found
 
 
-def _swing(model: Model, change: Array) -> Array:
-    """Largest motion of a joint at each pose, shape (m,), rad, or its share of the reach."""
-    unit = np.where(model.robot.prismatic, model.robot.reach, 1.0)
-    return np.asarray(np.abs(change / unit).max(axis=1))
+def _unmoved(model: Model, values: Array, poses: Poses) -> Reached:
+    arm, none = tip_of(model, values, poses), np.zeros(poses.q.shape, dtype=bool)
+    never = np.zeros(len(poses), dtype=bool)
+    return Reached(poses.q, arm.R[:, -1], arm.o[:, -1], none, np.zeros(len(poses), int), never)
 
 
-def _newton(
-    model: Model, values: Array, poses: Poses, R: Array, o: Array, point: Array, swing: float
-) -> Reached:
-    robot, m = model.robot, len(poses)
-    low = np.minimum(robot.limits[:, 0], poses.q)
-    high = np.maximum(robot.limits[:, 1], poses.q)
-    goal = o + rotate(R, point)
-    q, held = poses.q, np.zeros((m, robot.dof), dtype=bool)
-    ranks: tuple[IntArray, IntArray] | None = None
+def _put(found: Reached, where: IntArray, others: Reached) -> None:
+    for mine, theirs in zip(found.arrays, others.arrays, strict=True):
+        mine[where] = theirs
+
+
+def _astray(model: Model, found: Reached, poses: Poses) -> IntArray:
+    """Targets whose search did not settle, or went far away."""
+    way = np.abs((found.q - poses.q) / _units(model.robot)).max(axis=1)
+    return np.flatnonzero(~found.settled | (way > 1.5 * _SWINGS[0]))
+
+
+def _units(robot: Robot) -> Array:
+    """Joints that slide count in units of the reach, so that both kinds weigh alike."""
+    return np.where(robot.prismatic, robot.reach, 1.0)
+
+
+def _descend(model: Model, values: Array, poses: Poses, goal: Goal, swing: float) -> Reached:
+    """From the commands as given; ``swing`` is the most that a direction may ask of the joints."""
+    robot, m, units = model.robot, len(poses), _units(model.robot)
+    limits = np.minimum(robot.limits[:, 0], poses.q), np.maximum(robot.limits[:, 1], poses.q)
+    q, held = poses.q.copy(), np.zeros(poses.q.shape, dtype=bool)
+    rank, size = np.full(m, -1), np.full(m, np.inf)
     for _ in range(_ROUNDS):
-        frames = tip_of(model, values, replace(poses, q=q))
-        R_tip, o_tip = frames.R[:, -1], frames.o[:, -1]
-        there = o_tip + rotate(R_tip, point)
-        turn = so3_log(R @ np.swapaxes(R_tip, -1, -2))
-        slide, spin, unit = _velocities(robot, frames, there)
-        free = ~held * unit
-        step, ranks = _step(
-            slide * free[:, None], spin * free[:, None], goal - there, turn, swing, ranks
-        )
-        wanted = q + step * free
-        moved = np.clip(wanted, low, high)
-        stopped = (moved != wanted) & ~held
-        size, q = np.abs(moved - q).max(axis=1, initial=0.0), moved
-        if stopped.any():
-            held, ranks = held | stopped, None
-        elif size.max(initial=0.0) < _SETTLED:
+        now = np.flatnonzero(size > _SETTLED)
+        if not len(now):
             break
-    frames = tip_of(model, values, replace(poses, q=q))
-    directions = np.minimum(6, robot.dof - held.sum(axis=1))
-    lost = directions - (0 if ranks is None else ranks[0] + ranks[1])
-    return Reached(
-        q, frames.R[:, -1].copy(), frames.o[:, -1].copy(), held, lost, size < 1e3 * _SETTLED
-    )
+        arm = tip_of(model, values, replace(poses.take(now), q=q[now]))
+        free = ~held[now] * units
+        J, error = _equations(robot, arm, goal.take(now))
+        step, rank[now] = _step(J * free[:, None], error, swing, goal.length(robot), rank[now])
+        asked = q[now] + step * free
+        moved = np.clip(asked, limits[0][now], limits[1][now])
+        size[now] = np.abs(moved - q[now]).max(axis=1)
+        stopped = (moved != asked) & ~held[now]
+        q[now], held[now] = moved, held[now] | stopped
+        renewed = now[stopped.any(axis=1)]
+        rank[renewed], size[renewed] = -1, np.inf
+    arm = tip_of(model, values, replace(poses, q=q))
+    lost = np.minimum(6, robot.dof - held.sum(axis=1)) - rank
+    return Reached(q, arm.R[:, -1].copy(), arm.o[:, -1].copy(), held, lost, size < _STILL)
 
 
-def _velocities(robot: Robot, frames: Frames, point: Array) -> tuple[Array, Array, Array]:
-    """How a point (m, 3) and the tip's axes move with each joint, (m, 3, n), and the joints' units.
+def _equations(robot: Robot, arm: Frames, goal: Goal) -> tuple[Array, Array]:
+    """How place and, times the tool's length, orientation move with the joints, and what they lack.
 
-    A joint that slides counts in units of the reach, so that both kinds weigh alike.
+    Returns J (m, 6, n) and the error (m, 6), both of the mean of the points, base axes, m.
     """
-    axes = rotate(frames.R[:, 1:-1], robot.axes)
-    turning = cross(axes, point[:, None] - frames.o[:, 1:-1])
+    length, R = goal.length(robot), arm.R[:, -1]
+    there = arm.o[:, -1] + rotate(R, goal.centre)
+    wanted = goal.o + rotate(goal.R, goal.centre)
+    turn = so3_log(goal.R @ np.swapaxes(R, -1, -2))
+    axes = rotate(arm.R[:, 1:-1], robot.axes)
+    turning = cross(axes, there[:, None] - arm.o[:, 1:-1])
     slides = robot.prismatic[:, None]
-    slide, spin = np.where(slides, axes, turning), np.where(slides, 0.0, axes)
-    unit = np.where(robot.prismatic, robot.reach, 1.0)
-    return np.swapaxes(slide, -1, -2), np.swapaxes(spin, -1, -2), unit
+    parts = np.where(slides, axes, turning), np.where(slides, 0.0, length * axes)
+    J = np.swapaxes(np.concatenate(parts, axis=-1), -1, -2)
+    return J, np.concatenate([wanted - there, length * turn], axis=1)
 
 
 def _step(
-    slide: Array,
-    spin: Array,
-    shift: Array,
-    turn: Array,
-    swing: float,
-    ranks: tuple[IntArray, IntArray] | None,
-) -> tuple[Array, tuple[IntArray, IntArray]]:
-    """Smallest joint step (m, n) that shifts the point, and of those the one that turns best.
+    J: Array, error: Array, swing: float, length: float, rank: IntArray
+) -> tuple[Array, IntArray]:
+    """Least-squares step (m, n) in the directions that count, and how many these are.
 
-    ranks : how many directions of each kind count, kept from one step to the next; None to judge them
-    """
-    known = (None, None) if ranks is None else ranks
-    step, own, first = _solved(slide, shift, swing, known[0])
-    rest = np.eye(slide.shape[-1]) - np.swapaxes(own, -1, -2) @ own
-    more, _, second = _solved(spin @ rest, turn - rotate(spin, step), swing, known[1])
-    return step + more, (first, second)
+    Directions count from the strongest to the first that asks for more than the swing.
 
-
-def _solved(
-    J: Array, error: Array, swing: float, rank: IntArray | None
-) -> tuple[Array, Array, IntArray]:
-    """Least-squares step (m, n) in the directions that count, these (m, r, n), and their number.
-
-    Directions are counted from the strongest to the first that would need more than the swing.
+    rank : ndarray of int, shape (m,), as judged at an earlier step, -1 to judge now
     """
     U, s, Vt = np.linalg.svd(J, full_matrices=False)
     along = rotate(np.swapaxes(U, -1, -2), error)
-    if rank is None:
-        least = np.maximum(np.abs(along) / swing, _SMALLEST * s[:, :1] + 1e-300)
-        rank = np.cumprod(s > least, axis=-1).sum(axis=-1)
+    least = np.maximum(np.abs(along), _WEAKEST * length) / swing
+    judged = np.cumprod(s > least, axis=-1).sum(axis=-1)
+    rank = np.where(rank < 0, judged, rank)
     kept = np.arange(s.shape[-1]) < rank[:, None]
-    own = Vt * kept[..., None]
-    return rotate(np.swapaxes(own, -1, -2), along / np.where(kept, s, 1.0)), own, rank
+    weights = np.where(kept, along / np.where(kept, s, 1.0), 0.0)
+    return rotate(np.swapaxes(Vt, -1, -2), weights), rank

@@ -202,14 +202,11 @@ def _distance(R: Array, o: Array, R_is: Array, o_is: Array, points: Array) -> tu
 
 def _spread(estimate: Estimate, poses: Poses) -> Array:
     """Standard error (m,), m, of where the tool points are; how the instrument errs is no part."""
-    kinds = [ReadingEffect]
     model = estimate.model
-    misread = model.where(*kinds)
-    own = np.setdiff1d(np.arange(len(model.parameters)), misread)
-    arm = model.with_effects(tuple(e for e in model.effects if not isinstance(e, *kinds)))
+    own = np.setdiff1d(np.arange(len(model.parameters)), model.where(ReadingEffect))
+    arm = model.with_effects(tuple(e for e in model.effects if not isinstance(e, ReadingEffect)))
     cov = estimate.covariance[np.ix_(own, own)]
-    square = predicted_square(working_points(arm), estimate.values[own], cov, poses)
-    return np.sqrt(np.maximum(square, 0.0))
+    return np.sqrt(predicted_square(working_points(arm), estimate.values[own], cov, poses))
 
 
 def _reasons(

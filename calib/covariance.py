@@ -161,4 +161,5 @@ def predicted_square(model: Model, values: Array, cov: Array, poses: Poses) -> A
     """
     _, J = model.jacobian(values, poses)
     squared = np.einsum("mjip,pq,mjiq->m", J, cov, J, optimize=True)
+    squared = np.maximum(squared, 0.0)  # rounding may leave less than nothing
     return np.asarray(squared / len(model.markers))

@@ -117,6 +117,8 @@ def compensate(
     converge, targets outside the limits, an arm without equilibrium.
     """
     estimate = _known(cell, result)
+    if not estimate.converged:
+        raise CalibError("the result did not converge; mend the identification first")
     poses, given = _targets(cell, targets)
     weights = given if weights is None else np.asarray(weights, dtype=float)
     _check(cell, poses, weights)

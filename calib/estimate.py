@@ -42,6 +42,7 @@ class Estimate:
     unexplained : Unexplained
     undetermined : tuple of str, ids of the parameters that keep their nominal values
     notes : tuple of str, what a user of the values should know
+    converged : bool
     """
 
     model: Model
@@ -51,6 +52,7 @@ class Estimate:
     unexplained: Unexplained
     undetermined: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    converged: bool = True
 
 
 def estimate_of(result: Result) -> Estimate:
@@ -62,18 +64,15 @@ def _identified(result: Identification) -> Estimate:
     model, values, cov = result.model, result.values, result.covariance
     fitted = result.fit.data.take(~result.fit.outlier)
     lost = np.diag(cov) <= 0.0
-    notes = []
-    if result.status == "not_converged":
-        notes.append("the identification did not converge")
     noise = result.noise
     sigma = noise.sigma
     if noise.source == "residual":  # that is what is to be explained
         sigma = noise.believed * (noise.replicate_factor or 1.0)
-    if result.heldout is None:
+    held = result.heldout
+    if held is None or not held.data.seen[~held.outlier].any():
         rest = _left_in_fit(model, values, cov, fitted, sigma, result.rank)
     else:
-        kept = result.heldout.data.take(~result.heldout.outlier)
-        rest = _left_held_out(model, values, cov, kept, sigma)
+        rest = _left_held_out(model, values, cov, held.data.take(~held.outlier), sigma)
     return Estimate(
         model,
         values,
@@ -81,7 +80,7 @@ def _identified(result: Identification) -> Estimate:
         fitted.poses.start,
         rest,
         _names(model, lost),
-        tuple(notes),
+        converged=result.status != "not_converged",
     )
 
 
@@ -107,12 +106,13 @@ def _diagnosed(result: Diagnosis) -> Estimate:
         result.data.poses.start,
         rest,
         _names(model, lost),
-        _doubts(result, fit),
+        _doubts(result),
+        fit.converged,
     )
 
 
-def _doubts(result: Diagnosis, fit: Fit) -> tuple[str, ...]:
-    notes = [] if fit.converged else ["the fit of the diagnosis did not converge"]
+def _doubts(result: Diagnosis) -> tuple[str, ...]:
+    notes = []
     for cause in result.causes:
         first, *others = [f"{c.effect.kind}:{c.where}" for c, _ in cause.named.members]
         if others:

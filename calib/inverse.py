@@ -18,13 +18,9 @@ from calib.se3 import Array, cross, rotate, so3_log
 _ROUNDS = 25
 _SETTLED = 1e-10  # rad or m, largest step of a joint
 _STILL = 1e-8  # the same where other targets take longer
-_SWINGS = (
-    0.4,
-    0.2,
-    0.1,
-    0.05,
-    0.02,
-)  # rad, or share of the reach: a step's most, less where it went astray
+_SWINGS = (0.4, 0.2, 0.1, 0.05, 0.02)
+"""The most a direction may ask of a joint, rad or share of the reach; less where that went astray."""
+_FARTHEST = 0.6  # the same of the whole way
 _WEAKEST = 2e-3  # over the swing: lever, in lengths of the tool, below which a direction is none
 _TOOL = 0.1  # of the reach: length of a tool of which only the tip's origin is known
 _POSITION_FIRST = 1e-3  # weight of orientation where the joints are too few for both
@@ -127,7 +123,7 @@ def _put(found: Reached, where: IntArray, others: Reached) -> None:
 def _astray(model: Model, found: Reached, poses: Poses) -> IntArray:
     """Targets whose search did not settle, or went far away."""
     way = np.abs((found.q - poses.q) / _units(model.robot)).max(axis=1)
-    return np.flatnonzero(~found.settled | (way > 1.5 * _SWINGS[0]))
+    return np.flatnonzero(~found.settled | (way > _FARTHEST))
 
 
 def _units(robot: Robot) -> Array:

@@ -44,6 +44,7 @@ def estimate_fields(estimate: Estimate) -> dict[str, Any]:
         },
         "undetermined": list(estimate.undetermined),
         "notes": list(estimate.notes),
+        "converged": estimate.converged,
     }
 
 
@@ -53,13 +54,10 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
     Effects stand in the model as the result has them, whatever the cell's [model] says now; a cell or
     URDF that changed since is a note.
 
-    Raises InputError: no such result, one that did not converge, parameters that this cell's robot
-    has not.
+    Raises InputError: no such result, or parameters that this cell's robot has not.
     """
     path = Path(path)
     result = _read(path)
-    if result.get("status") == "not_converged":
-        raise InputError(path, "status", "is not_converged", "mend the identification first")
     entry = result.get("estimate")
     if not isinstance(entry, dict):
         raise InputError(
@@ -76,6 +74,7 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
         if (np.diag(cov) < 0.0).any() or unexplained < 0.0:
             raise ValueError
         rest = Unexplained(float(unexplained) * 1e-3, str(entry["unexplained"]["source"]))
+        converged = entry["converged"] is True
         undetermined, notes = (
             tuple(map(str, entry["undetermined"])),
             tuple(map(str, entry["notes"])),
@@ -89,7 +88,7 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
             path, "estimate", f"is not of this cell: {error}", "give the cell that it was made with"
         ) from None
     notes = (*notes, *_changed(cell, path, result))
-    return Estimate(model, values, cov, float(start), rest, undetermined, notes)
+    return Estimate(model, values, cov, float(start), rest, undetermined, notes, converged)
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -64,6 +64,8 @@ def compensate(
     check_outputs([p for p in (plan_path, output_file(json_path)) if p is not None], inputs)
     table = nominal_table(cell, targets_path)
     estimate = load_estimate(cell, result_path)
+    if not estimate.converged:
+        raise InputError(result_path, "", "did not converge", "mend the identification first")
     targets, weights = calib.load_targets(cell, targets_path)
     try:
         found = calib.compensate(cell, estimate, targets, weights=weights)

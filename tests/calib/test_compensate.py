@@ -342,6 +342,12 @@ def test_unusable_calls_are_refused(kr270: Cell) -> None:
             calib.compensate(cell, known, targets, weights=weights)
 
 
+def test_result_that_did_not_converge_is_refused(kr270: Cell) -> None:
+    known = estimate(replace(kr270, effects=("base", "tool")), {})
+    with pytest.raises(CalibError, match="did not converge"):
+        calib.compensate(kr270, replace(known, converged=False), kr270_targets(kr270, 3, 0))
+
+
 def test_weights_count_in_the_mean_and_nowhere_else(kr270: Cell) -> None:
     known = drawn(replace(kr270, effects=("base", "tool", "geometry")), np.random.default_rng(0))
     q = kr270_targets(kr270, 4, 5)

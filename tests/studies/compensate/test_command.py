@@ -157,7 +157,7 @@ BAD_RESULTS = {
     "deep": (lambda text: "[" * 100_000, "is not a result"),
     "a design": (edited(lambda r: r.update(command="design")), "is not a result"),
     "old": (edited(lambda r: r.pop("estimate")), "holds no estimate"),
-    "astray": (edited(lambda r: r.update(status="not_converged")), "is not_converged"),
+    "astray": (edited(lambda r: r["estimate"].update(converged=False)), "did not converge"),
     "short": (edited(lambda r: r["estimate"]["covariance_SI"].pop()), "is damaged"),
     "text": (edited(lambda r: renamed(r, "value_SI", "x")), "is damaged"),
     "NaN": (edited(lambda r: renamed(r, "value_SI", float("nan"))), "is damaged"),

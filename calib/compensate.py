@@ -28,7 +28,7 @@ import numpy as np
 from calib.api import Plan, poses_of
 from calib.build import lacking
 from calib.cell import Cell
-from calib.covariance import predicted_square, working_points
+from calib.covariance import errors_at, working_points
 from calib.diagnosis.diagnose import Diagnosis
 from calib.effects.protocol import ReadingEffect
 from calib.effects.tool import Tool
@@ -208,7 +208,7 @@ def _spread(estimate: Estimate, poses: Poses) -> Array:
     own = np.setdiff1d(np.arange(len(model.parameters)), model.where(ReadingEffect))
     arm = model.with_effects(tuple(e for e in model.effects if not isinstance(e, ReadingEffect)))
     cov = estimate.covariance[np.ix_(own, own)]
-    return np.sqrt(predicted_square(working_points(arm), estimate.values[own], cov, poses))
+    return errors_at(arm, estimate.values[own], cov, poses)
 
 
 def _reasons(

@@ -131,20 +131,6 @@ def correlation(cov: Array) -> Array:
     return out
 
 
-def accuracy(
-    model: Model, values: Array, cov: Array, targets: Poses, weights: Array
-) -> tuple[float, float]:
-    """Expected position error at targets from the estimate's uncertainty: RMS and worst, m.
-
-    ``rho_0`` of the test-pose criterion (Wu et al. 2012), over the points of :func:`working_points`.
-    """
-    squared = predicted_square(working_points(model), values, cov, targets)
-    return (
-        float(np.sqrt(weights @ squared / weights.sum())),
-        float(np.sqrt(squared[weights > 0].max())),
-    )
-
-
 def working_points(model: Model) -> Model:
     """The model at the points where its accuracy counts: the markers, or the tip's origin where the
     markers are not part of the model.
@@ -154,12 +140,30 @@ def working_points(model: Model) -> Model:
     return replace(model, marker_names=("tip",), markers=np.zeros((1, 3)))
 
 
-def predicted_square(model: Model, values: Array, cov: Array, poses: Poses) -> Array:
-    """Mean square over the markers of the predicted points' error, shape (m,), m^2.
+def errors_at(model: Model, values: Array, cov: Array, targets: Poses) -> Array:
+    """Expected position error at each target from the estimate's uncertainty, RMS, shape (m,), m.
 
-    3-D per point, in the instrument's frame.
+    3-D per point, in the instrument's frame, at the points of :func:`working_points`.
     """
-    _, J = model.jacobian(values, poses)
-    squared = np.einsum("mjip,pq,mjiq->m", J, cov, J, optimize=True)
-    squared = np.maximum(squared, 0.0)  # rounding may leave less than nothing
-    return np.asarray(squared / len(model.markers))
+    model = working_points(model)
+    _, J = model.jacobian(values, targets)
+    squared = np.einsum("mjip,pq,mjiq->m", J, cov, J, optimize=True) / len(model.markers)
+    return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
+
+
+def task_error(errors: Array, weights: Array) -> tuple[float, float]:
+    """RMS and worst of the errors at targets, in their unit (``rho_0``, Wu et al. 2012).
+
+    errors, weights : ndarray, shape (m,)
+    """
+    return (
+        float(np.sqrt(weights @ errors**2 / weights.sum())),
+        float(errors[weights > 0].max()),
+    )
+
+
+def accuracy(
+    model: Model, values: Array, cov: Array, targets: Poses, weights: Array
+) -> tuple[float, float]:
+    """Expected position error [m] at targets, RMS and worst: ``task_error`` of ``errors_at``."""
+    return task_error(errors_at(model, values, cov, targets), weights)

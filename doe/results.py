@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.files.results import at_targets
 from calib.robot import Robot
 from calib.se3 import Array
 from doe.assess import Assessment
@@ -71,6 +72,7 @@ def design_fields(design: Design) -> dict[str, Any]:
         ],
         **_accuracy(judged),
         "targets": str(problem.cell.design.get("targets") or f"{len(problem.targets)} Sobol poses"),
+        "at_targets": at_targets(robot, problem.targets, judged.at_targets),
         "survives": {
             "loss_of_pose": {
                 "worst": None

@@ -12,6 +12,9 @@ from studies.commands.demo import demo
 from studies.commands.design import design
 from studies.commands.diagnose import diagnose
 from studies.commands.identify import identify
+from studies.commands.import_ import import_
+from studies.commands.program import program
+from studies.commands.report import report
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -23,12 +26,19 @@ def main() -> None:
     """
 
 
-main.add_command(identify)
-main.add_command(design)
-main.add_command(compare)
-main.add_command(diagnose)
-main.add_command(compensate)
-main.add_command(demo)
+COMMANDS = (
+    demo,
+    design,
+    program,
+    import_,
+    identify,
+    compare,
+    diagnose,
+    compensate,
+    report,
+)
+for command in COMMANDS:
+    main.add_command(command)
 
 
 def run() -> None:

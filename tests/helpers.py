@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,12 +11,14 @@ import numpy as np
 
 from calib import Cell
 from calib.effects import EFFECTS, Context
+from calib.files.write_tables import measurements_csv
 from calib.model import Model
 from calib.noise import Noise
 from calib.poses import Poses, poses_at
 from calib.robot import Robot
 from calib.se3 import Array, so3_exp, transform
 from calib.statics import Payload
+from studies.demo import embedded_cell, embedded_plan, embedded_text, simulated
 
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 
@@ -134,3 +137,19 @@ def cell_of(robot: Robot, markers: Array, effects: Sequence[str], sigma: float =
 def with_effects(cell: Cell, *effects: str) -> Cell:
     """The cell under another model."""
     return replace(cell, effects=effects)
+
+
+def measured_cell(folder: Path) -> Path:
+    """The embedded cell, Table II as ``plan.csv``, and what a robot that the model knows measures."""
+    cell = embedded_cell()
+    for name in ("cell.toml", "kr270.urdf"):
+        (folder / name).write_text(embedded_text(name))
+    (folder / "plan.csv").write_text(embedded_text("table2.csv"))
+    day = simulated(cell, embedded_plan(cell), 0, withhold=False)
+    (folder / "measurements.csv").write_text(measurements_csv(cell, day.plan))
+    truth = {
+        p.id: {"value": value / p.scale, "unit": p.unit}
+        for p, value in zip(day.model.parameters, day.values, strict=True)
+    }
+    (folder / "truth.json").write_text(json.dumps({"parameters": truth}))
+    return folder

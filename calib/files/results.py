@@ -7,6 +7,11 @@ from typing import Any
 import numpy as np
 
 from calib.identify import ADVICE, Identification, Residuals
+from calib.identify.pairs import pair_errors
+from calib.kinematics import forward
+from calib.poses import Poses
+from calib.robot import Robot
+from calib.se3 import Array
 
 _MM = 1e3
 _RMS_KEYS = ("nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed")
@@ -17,7 +22,6 @@ def identification_fields(result: Identification) -> dict[str, Any]:
     noise = result.noise
     interval = result.interval()
     optimism = result.optimism
-    names = result.model.marker_names
     return {
         "status": result.status,
         "advice": ADVICE[result.status],
@@ -74,12 +78,13 @@ def identification_fields(result: Identification) -> dict[str, Any]:
         "rms_mm": _summary(result, lambda d: float(np.sqrt(np.mean(d**2)))),
         "max_mm": _summary(result, lambda d: float(d.max())),
         "p95_mm": _summary(result, lambda d: float(np.quantile(d, 0.95))),
+        "pair_distances_mm": _pair_distances(result),
         "rms_of_residuals_mm": float(np.sqrt(np.mean(result.fit.lengths() ** 2))) * _MM,
         "base": _bases(result),
         "markers_mm": _markers(result),
         "correlation": np.round(result.correlation, 4),
-        "residuals": _residuals(result.fit, names, False)
-        + ([] if result.heldout is None else _residuals(result.heldout, names, True)),
+        "residuals": _residuals(result, result.fit, False)
+        + ([] if result.heldout is None else _residuals(result, result.heldout, True)),
     }
 
 
@@ -88,6 +93,29 @@ def _summary(result: Identification, figure: Any) -> dict[str, float | None]:
     return {
         key: figure(found[key]) * _MM if key in found and len(found[key]) else None
         for key in _RMS_KEYS
+    }
+
+
+def _pair_distances(result: Identification) -> dict[str, Any]:
+    """Errors of distances between points of two poses: RMS, 95th percentile, largest, their number."""
+    found = {
+        "nominal": pair_errors(
+            result.fit.data, result.model.predict(result.nominal, result.fit.data.poses)
+        ),
+        "fitted": pair_errors(result.fit.data, result.fit.data.points - result.fit.vectors),
+    }
+    if result.heldout is not None:
+        held = result.heldout
+        found["heldout"] = pair_errors(held.data, held.data.points - held.vectors)
+    return {
+        key: {
+            "rms": float(np.sqrt(np.mean(errors**2))) * _MM,
+            "p95": float(np.quantile(np.abs(errors), 0.95)) * _MM,
+            "max": float(np.abs(errors).max()) * _MM,
+            "pairs": len(errors),
+        }
+        for key, errors in found.items()
+        if len(errors)
     }
 
 
@@ -132,18 +160,31 @@ def _markers(result: Identification) -> dict[str, list[float]]:
     return {n: list(p * _MM) for n, p in zip(names, result.marker_positions, strict=True)}
 
 
-def _residuals(residuals: Residuals, names: tuple[str, ...], heldout: bool) -> list[dict[str, Any]]:
-    out = []
-    for i, j in np.argwhere(residuals.data.seen):
-        x, y, z = (float(v) for v in residuals.vectors[i, j] * _MM)
-        out.append(
-            {
-                "pose": residuals.data.poses.names[i],
-                "marker": names[j],
-                "x_mm": x,
-                "y_mm": y,
-                "z_mm": z,
-                "heldout": heldout,
-            }
-        )
-    return out
+def _residuals(result: Identification, part: Residuals, heldout: bool) -> list[dict[str, Any]]:
+    """Measured minus predicted, by the identified and by the nominal model (``nominal_mm``)."""
+    names, poses = result.model.marker_names, part.data.poses
+    nominal = part.data.points - result.model.predict(result.nominal, poses)
+    return [
+        {
+            "pose": poses.names[i],
+            "marker": names[j],
+            **dict(
+                zip(("x_mm", "y_mm", "z_mm"), map(float, part.vectors[i, j] * _MM), strict=True)
+            ),
+            "nominal_mm": nominal[i, j] * _MM,
+            "heldout": heldout,
+        }
+        for i, j in np.argwhere(part.data.seen)
+    ]
+
+
+def at_targets(robot: Robot, targets: Poses, errors: Array) -> list[dict[str, float]]:
+    """Where each target puts the tip (nominal model, base frame), and the error expected there.
+
+    errors : ndarray, shape (m,), m
+    """
+    tips = forward(robot, targets.q).o[:, -1] * _MM
+    return [
+        {"tip_x_mm": x, "tip_y_mm": y, "tip_z_mm": z, "expected_mm": error * _MM}
+        for (x, y, z), error in zip(tips.tolist(), errors.tolist(), strict=True)
+    ]

@@ -28,7 +28,7 @@ def _joint_text(robot: Robot, q: Array) -> list[str]:
 
 
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table as text, a line for each row."""
+    """The text of a CSV table."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(header)

@@ -64,6 +64,7 @@ class Identification:
     unidentifiable : tuple of Unidentifiable, what the poses do not determine
     absorbed : tuple of Dropped, constants that others stand for at any pose
     unused : tuple of str, poses whose markers are too few for approach pose
+    nominal : ndarray, shape (p,), base and markers fitted, all else as in the nominal model
     distances : dict, "nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed" -> distances
         between measured and predicted points, m
     std_by_pose : ndarray, shape (p,), standard deviations if the points of a pose err together, as
@@ -87,6 +88,7 @@ class Identification:
     unused: tuple[str, ...]
     fit: Residuals
     heldout: Residuals | None
+    nominal: Array
     distances: dict[str, Array]
     std_by_pose: Array | None
     step_two_std: Array

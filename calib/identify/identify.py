@@ -86,8 +86,9 @@ def identify(
     noise, dof = _noise(estimator, observation, found)
     stated = estimator.covariance(counted, values, found.span)
     fit = residuals(model, data, values, ~found.kept, found.statistics, found.limit)
+    nominal = _nominal(observation, start)
     distances = {
-        "nominal": residuals(model, data, _nominal(observation, start)).lengths(),
+        "nominal": residuals(model, data, nominal).lengths(),
         "fitted": fit.lengths(found.kept),
         "fitted_all": residuals(model, data, found.first.values).lengths(),
     }
@@ -112,6 +113,7 @@ def identify(
         unused=_unused(observation),
         fit=fit,
         heldout=held,
+        nominal=nominal,
         distances=distances,
         std_by_pose=_std_by_pose(counted, found) if isinstance(estimator, Readings) else None,
         step_two_std=_step_two_std(counted, values, found.span) * noise.factor,

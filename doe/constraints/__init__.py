@@ -9,10 +9,10 @@ from doe.constraints.obstacles import obstacles_of
 from doe.constraints.protocol import Constraint
 from doe.constraints.scene import Scene, moving_capsules, scene_of
 from doe.constraints.self_collision import self_collision
-from doe.constraints.sight import visible
+from doe.constraints.sight import hidden_by, visible
 from doe.constraints.torque import joint_torque
 
-__all__ = ["Constraint", "Scene", "constraints_of", "scene_of", "visible"]
+__all__ = ["Constraint", "Scene", "constraints_of", "hidden_by", "scene_of", "visible"]
 
 
 def constraints_of(cell: Cell) -> tuple[Constraint, ...]:

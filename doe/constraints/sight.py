@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from calib.se3 import Array
@@ -21,19 +23,37 @@ def visible(scene: Scene) -> BoolArray:
     its acceptance, a quarter turn where only its normal is known. All are seen where nobody said
     where the instrument stands.
     """
+    seen = np.ones((len(scene), len(scene.cell.markers)), dtype=bool)
+    for _, j, hidden in _hidings(scene):
+        seen[hidden, j] = False
+    return seen
+
+
+def hidden_by(scene: Scene) -> dict[tuple[int, int], str]:
+    """What hides a marker, by configuration and marker: ``turned away`` or ``behind A3``.
+
+    Of several causes the first one found. What is not in it, is seen (:func:`visible`).
+    """
+    return {(int(i), j): why for why, j, hidden in _hidings(scene) for i in np.flatnonzero(hidden)}
+
+
+def _hidings(scene: Scene) -> Iterator[tuple[str, int, BoolArray]]:
+    """Cause, marker, and the configurations (n,) where it is the first to hide that marker."""
     cell = scene.cell
-    seen = np.ones((len(scene), len(cell.markers)), dtype=bool)
     if cell.instrument is None:
-        return seen
+        return
     obstacles = [o for o in obstacles_of(cell) if _stands_in_the_way(o, cell.instrument)]
     for j in range(len(cell.markers)):
-        marker, free = scene.markers[:, j], seen[:, j]
-        free &= _facing(scene, j)
+        marker, free = scene.markers[:, j], _facing(scene, j)
+        yield "turned away", j, ~free
         for capsule in scene.capsules:
-            free &= ~_behind_capsule(marker, capsule, cell.instrument, free)
+            hidden = _behind_capsule(marker, capsule, cell.instrument, free)
+            free &= ~hidden
+            yield f"behind {capsule.name}", j, hidden
         for obstacle in obstacles:
-            free &= ~_behind_obstacle(marker, obstacle, cell.instrument, free)
-    return seen
+            hidden = _behind_obstacle(marker, obstacle, cell.instrument, free)
+            free &= ~hidden
+            yield f"behind {obstacle.name}", j, hidden
 
 
 def _facing(scene: Scene, j: int) -> BoolArray:

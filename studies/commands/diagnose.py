@@ -91,6 +91,7 @@ def diagnose(
     from doe.discriminate.results import next_fields
     from studies.commands.identify import held_out
     from studies.diagnose.next_tables import next_tables
+    from studies.diagnose.shown import shown_fields
     from studies.diagnose.tables import diagnosis_tables
 
     cell = calib.load_cell(cell_path)
@@ -127,6 +128,8 @@ def diagnose(
             fields |= next_fields(chosen, cell.robot)
         except CalibError as error:  # the diagnosis stands without them
             warn((f"no next poses: {error}",))
+    if json_path is not None or folder is not None:
+        fields |= shown_fields(result)
     texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
     notes: list[str] = []
     if cell_out is not None:
@@ -136,7 +139,7 @@ def diagnose(
     if folder is not None:
         from studies.diagnose.pictures import pictures
 
-        texts |= figure_files(pictures(result), folder)
+        texts |= figure_files(pictures(fields), folder)
     write_files(texts)
     console = console_for(json_path)
     for part in diagnosis_tables(cell.name, fields):

@@ -155,7 +155,7 @@ def identify(
     if folder is not None:
         from studies.identify.pictures import pictures
 
-        texts |= figure_files(pictures(result), folder)
+        texts |= figure_files(pictures(fields), folder)
     write_files(texts)
     _show(cell, result, fields, json_path)
     say_written(texts, folder, json_path)
@@ -202,16 +202,19 @@ def shared_points(data: Measurements, held: Measurements) -> tuple[str, ...]:
 
 def _expected_accuracy(cell: Cell, result: Identification) -> dict[str, Any]:
     """What the parameters' uncertainty leaves at the target poses."""
-    from calib.covariance import accuracy
+    from calib.covariance import errors_at, task_error
+    from calib.files.results import at_targets
     from calib.targets import targets_of
 
     targets, weights = targets_of(cell)
-    rms, worst = accuracy(result.model, result.values, result.knowledge, targets, weights)
+    errors = errors_at(result.model, result.values, result.knowledge, targets)
+    rms, worst = task_error(errors, weights)
     own = cell.design.get("targets")
     return {
         "task_rms_mm": rms * 1e3,
         "task_worst_mm": worst * 1e3,
         "targets": str(own) if own is not None else f"{len(targets)} Sobol poses within the limits",
+        "at_targets": at_targets(cell.robot, targets, errors),
     }
 
 

@@ -1,146 +1,40 @@
-"""The figures of a diagnosis."""
+"""The figures of a diagnosis, from the fields of its result."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
-from calib.diagnosis import Diagnosis
-from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.error_curve import ErrorCurve, error_curve
-from calib.robot import Robot
-from calib.threads import one_blas_thread
-from studies.diagnose.falls import falls
-from studies.plots.error_curve import Panel
-from studies.plots.error_curve import error_curve as draw_curve
+from calib.se3 import Array
+from studies.plots.error_curve import Panel, error_curve
 from studies.plots.style import Picture
 from studies.plots.waterfall import waterfall
 
-_LEVELS = 3  # knots up to which a variable takes a few values only
-_CLEAR = 3.0  # standard deviations by which a direction must leave zero to be shown
-_MICRO = 1e6
-_COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
+_MM = 1e3
 
 
-@one_blas_thread
-def pictures(result: Diagnosis) -> list[Picture]:
+def pictures(fields: Mapping[str, Any]) -> Iterator[Picture]:
     """How the error falls, and the error of each place that was found over what it depends on."""
-    fallen = falls(result)
-    of = "held-out poses" if fallen.heldout else "fitted poses"
-    names = [label(candidate) for candidate in fallen.added]
-    return [waterfall(names, fallen.rms, result.gap.floor, of=of), *_curves(result, fallen.added)]
+    steps = fields["steps"]
+    rms, floor = np.array(steps["rms_mm"]) / _MM, fields["gap"]["floor_mm"] / _MM
+    yield waterfall(steps["added"], rms, floor, of=steps["of"])
+    for curve in fields["curves"]:
+        arrays = {name: _array(curve[name]) for name in ("grid", "variable")}
+        panels = [_panel(panel) for panel in curve["panels"]]
+        yield error_curve(**{**curve, **arrays, "panels": panels})
 
 
-def label(candidate: Candidate) -> str:
-    """A cause by its name, a place without a name by what it depends on."""
-    if candidate.named:
-        return f"{candidate.effect.kind}:{candidate.where}"
-    return f"{candidate.where} by {candidate.depends_on}, no name"
+def _panel(fields: Mapping[str, Any]) -> Panel:
+    kept = ("label", "line")
+    given: dict[str, Any] = {
+        name: value if name in kept or value is None else _array(value)
+        for name, value in fields.items()
+    }
+    return Panel(**given)
 
 
-def _curves(result: Diagnosis, found: tuple[Candidate, ...]) -> Iterator[Picture]:
-    for number, candidate in enumerate(found, 1):
-        curve = error_curve(result, candidate)
-        if curve is not None:
-            yield _picture(curve, number, result.before.model.robot)
-
-
-def _picture(found: ErrorCurve, number: int, robot: Robot) -> Picture:
-    candidate = found.candidate
-    variable, named = candidate.depends_on, candidate.named
-    scale, variable_label = _variable(found, robot)
-    few = len(found.knots) <= _LEVELS
-    shown = np.flatnonzero(np.isin(found.grid, found.knots)) if few else slice(None)
-    panels = [
-        Panel(
-            label=_axis_label(found, c, robot),
-            value=found.value[shown, c] * _MICRO,
-            std=found.std[shown, c] * _MICRO,
-            at_poses=found.at_poses[:, c] * _MICRO,
-            std_at_poses=found.std_at_poses[:, c] * _MICRO,
-            single=found.single[:, c] * _MICRO,
-            effect=found.effect[:, c] * _MICRO if named else None,
-            line=found.function[c],
-        )
-        for c in _shown(found)
-    ]
-    plain = re.sub(r"[^A-Za-z0-9]+", "_", f"{candidate.where} by {variable}")
-    return draw_curve(
-        panels,
-        found.grid[shown] * scale,
-        found.variable * scale,
-        variable_label,
-        found.poses.names,
-        effect=label(candidate) if named else None,
-        levels=few,
-        caption=_caption(found),
-        name=f"error_{number}_{plain}",
-        title=f"Error of {candidate.where} over {variable}",
-    )
-
-
-def _shown(found: ErrorCurve) -> list[int]:
-    """Directions in which the curve leaves zero; the clearest one where none does."""
-    clear = np.max(np.abs(found.value) / np.where(found.std > 0.0, found.std, np.inf), axis=0)
-    chosen = [c for c in range(len(clear)) if clear[c] > _CLEAR]
-    return chosen or [int(np.argmax(clear))]
-
-
-def _variable(found: ErrorCurve, robot: Robot) -> tuple[float, str]:
-    """Factor from SI, and the label of the axis."""
-    kind, _, joint = found.candidate.depends_on.partition(":")
-    slides = joint in robot.joints and bool(robot.prismatic[robot.joints.index(joint)])
-    factor, unit = (1e3, "mm") if slides else (180.0 / np.pi, "deg")
-    if found.load is not None:
-        part = int(np.argmax(np.abs(found.load)))
-        axis = "" if found.candidate.where in robot.joints else f" {'xyz'[part % 3]}"
-        what, own = ("force", "N") if part < 3 else ("moment", "N m")
-        return 1.0, f"transmitted {what}{axis} [{own}]"
-    return {
-        "q": (factor, f"{joint} [{unit}]"),
-        "motion": (factor, f"last motion of {joint}, its size [{unit}]"),
-        "approach": (1.0, f"last motion of {joint}, its sign"),
-        "time": (1.0 / 3600.0, "time [h]"),
-        "temperature": (1.0, "temperature [degC]"),
-    }[kind]
-
-
-def _axis_label(found: ErrorCurve, c: int, robot: Robot) -> str:
-    where, column = found.candidate.where, found.directions[:, c]
-    unit = "um" if column[:3].any() else "urad"
-    if where not in robot.joints:
-        return f"{where} {_COMPONENTS[int(np.argmax(np.abs(column)))]} [{unit}]"
-    if found.directions.shape[1] == 1:
-        return f"error of {where} [{unit}]"
-    axis = " ".join(f"{x:.2f}" for x in column[3:] + 0.0).replace("-", "\N{MINUS SIGN}")
-    return f"tilt of {where}\nabout ({axis}) [{unit}]"
-
-
-def _caption(found: ErrorCurve) -> str:
-    candidate, name = found.candidate, label(found.candidate)
-    where, variable = candidate.where, candidate.depends_on
-    parts = [
-        f"The error of {where} over {variable}: a line through knots, fitted in place of {name}, with "
-        "its 95 % band. Grey points are what each pose says by itself."
-        if candidate.named
-        else f"The error of {where} over {variable}: a line through knots with its 95 % band. Grey "
-        "points are what each pose says by itself. No cause in the catalogue has this shape."
-    ]
-    if candidate.named and all(found.function[c] for c in _shown(found)):
-        parts.append(f"Where {name}, as fitted, keeps within the band it has the right shape.")
-    elif candidate.named:
-        parts.append(
-            f"{name} depends on more than {variable}: a cross for each pose, to be compared with the "
-            "pose's grey point."
-        )
-    if found.absorbed:
-        parts.append(
-            f"Of {len(found.knots) * found.directions.shape[1]} coefficients {found.absorbed} combined "
-            "(such as a constant part) might as well be errors of what the model contains; they are "
-            "taken out of all that is drawn."
-        )
-    if not found.converged:
-        parts.append("The fit did not converge: take it as a sketch.")
-    return " ".join(parts)
+def _array(values: Any) -> Array:
+    """Numbers of a JSON file, where null stands for what is undefined."""
+    return np.asarray(values, dtype=np.float64)

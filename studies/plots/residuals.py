@@ -16,6 +16,7 @@ from studies.plots.style import (
     Cell,
     Picture,
     cell,
+    dots,
     key_of,
     legend_below,
     looks,
@@ -70,7 +71,7 @@ def by_pose_and_axis(
             aside = 0.55 * ((place + 0.5) / len(marker_names) - 0.5)
             at: Array = np.arange(m, dtype=np.float64) + aside
             mark: Any = {"color": look[marker].color, "marker": look[marker].marker}
-            panel.plot(at, of_axis[:, place], linestyle="", markersize=_size(m), **mark)
+            dots(panel, pose_names, at, of_axis[:, place], markersize=_size(m), **mark)
             _flag(panel, at, of_axis[:, place], flagged[:, place], limit)
     pose_ticks(panels[-1], pose_names)
     panels[-1].set_xlabel("pose")

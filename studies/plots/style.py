@@ -35,6 +35,10 @@ BLACK, BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY = (
 )
 INK, SOFT, FAINT = "0.15", "0.45", "0.85"
 DPI = 200
+POSE = "pose:"
+"""How elements of an SVG begin their id that stand for a pose."""
+_LIT = 60  # poses that are elements of their own
+_VECTOR = 1500  # points; a larger cloud becomes a picture within the SVG
 _NAMED = 62  # poses whose names fit below an axis
 RC: Any = {
     "font.family": "sans-serif",
@@ -167,6 +171,21 @@ def _legend_width(lengths: Sequence[float], columns: int) -> float:
     """Width of entries set column by column, each column as wide as its widest."""
     lines = -(-len(lengths) // columns)
     return sum(max(lengths[i : i + lines]) for i in range(0, len(lengths), lines))
+
+
+def dots(panel: Axes, names: Sequence[str], x: Any, y: Any, **look: Any) -> None:
+    """Points without a line; of few poses each is an element of its own, named for a page.
+
+    names : of the poses, shape (m,)
+    """
+    look = {"linestyle": "", **look}
+    if len(names) > _LIT:
+        panel.plot(x, y, rasterized=len(names) > _VECTOR, **look)
+        return
+    for name, a, b in zip(names, x, y, strict=True):
+        if math.isfinite(b):
+            (mark,) = panel.plot([a], [b], **look)
+            mark.set_gid(f"{POSE}{name}")
 
 
 def key_of(look: Look, **changed: Any) -> Any:

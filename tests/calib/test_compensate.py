@@ -13,7 +13,7 @@ import calib
 from calib import CalibError, Cell, Poses
 from calib.build import build
 from calib.compensate import Compensation
-from calib.covariance import predicted_square
+from calib.covariance import errors_at
 from calib.estimate import Estimate, Unexplained, _ignorance, estimate_of
 from calib.inverse import tip_of
 from calib.kinematics import forward
@@ -102,7 +102,8 @@ def test_the_arm_as_identified_reaches_the_nominal_pose(dof: int, prismatic: tup
 
 def test_loaded_milling_arm_meets_its_targets_as_expected(kr270: Cell) -> None:
     """250 kg on the tool: identified from simulated readings, judged by the full nonlinear truth."""
-    data, model, truth = simulated(kr270, embedded_plan(kr270), 3)
+    day = simulated(kr270, embedded_plan(kr270), 3, withhold=False)
+    data, model, truth = day.plan, day.model, day.values
     result = calib.identify(kr270, data)
     found = calib.compensate(kr270, result, kr270_targets(kr270, 60, 1))
     known, places = estimate_of(result), wanted(estimate_of(result), found)
@@ -123,7 +124,7 @@ def test_loaded_milling_arm_meets_its_targets_as_expected(kr270: Cell) -> None:
 
 
 def test_expected_error_is_that_of_arms_drawn_from_the_covariance(kr270: Cell) -> None:
-    data, _, _ = simulated(kr270, embedded_plan(kr270), 0)
+    data = simulated(kr270, embedded_plan(kr270), 0, withhold=False).plan
     known = estimate_of(calib.identify(kr270, data))
     found = calib.compensate(kr270, known, kr270_targets(kr270, 12, 2))
     corrected, places = replace(found.targets, q=found.q), wanted(known, found)
@@ -165,7 +166,7 @@ def test_what_the_model_lacks_is_part_of_what_is_expected() -> None:
 
 
 def test_nothing_is_unexplained_where_the_residual_is_noise(kr270: Cell) -> None:
-    data, _, _ = simulated(kr270, embedded_plan(kr270), 0)
+    data = simulated(kr270, embedded_plan(kr270), 0, withhold=False).plan
     assert estimate_of(calib.identify(kr270, data)).unexplained.rms == 0.0
 
 
@@ -275,9 +276,7 @@ def test_what_was_not_identified_counts_only_where_it_shows() -> None:
     cov = _ignorance(model, values, data, lost)
     elsewhere = still.copy()
     elsewhere[:, 3:] = -1.0
-    here, there = (
-        np.sqrt(predicted_square(model, values, cov, poses_at(q))) for q in (still, elsewhere)
-    )
+    here, there = (errors_at(model, values, cov, poses_at(q)) for q in (still, elsewhere))
     assert here.max() < 1e-9
     assert there.min() > 1e-5
 

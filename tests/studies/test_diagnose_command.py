@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from studies.cli import main
+from tests.helpers import measured_cell
 
 
 def run(*arguments: object) -> Result:
@@ -16,9 +17,7 @@ def run(*arguments: object) -> Result:
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("demo")
-    assert run("demo", folder).exit_code == 0
-    return folder
+    return measured_cell(tmp_path_factory.mktemp("demo"))
 
 
 def test_figures_and_cell_are_written_together(demo: Path, tmp_path: Path) -> None:

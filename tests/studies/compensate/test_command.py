@@ -17,6 +17,7 @@ from calib.estimate import estimate_of
 from calib.files.estimate import estimate_fields, load_estimate
 from calib.files.write import json_text
 from studies.cli import main
+from tests.helpers import measured_cell
 
 TARGETS = """A1_rad,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg,weight
 0.2,-60,70,20,45,10,1
@@ -32,8 +33,12 @@ def run(*arguments: object) -> Result:
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("demo")
-    assert run("demo", folder).exit_code == 0
+    folder = measured_cell(tmp_path_factory.mktemp("demo"))
+    table = folder / "measurements.csv"
+    assert (
+        run("identify", folder / "cell.toml", table, "--json", folder / "result.json").exit_code
+        == 0
+    )
     (folder / "targets.csv").write_text(TARGETS)
     return folder
 

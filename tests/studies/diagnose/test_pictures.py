@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -9,7 +10,10 @@ import numpy as np
 import pytest
 
 from calib.diagnosis import Diagnosis
+from calib.files.diagnosis import diagnosis_fields
+from calib.files.write import json_text
 from studies.diagnose.pictures import pictures
+from studies.diagnose.shown import shown_fields
 from studies.plots.error_curve import Panel, error_curve
 from studies.plots.style import Picture, files, svg_text
 from studies.plots.waterfall import waterfall
@@ -23,7 +27,9 @@ def result() -> Diagnosis:
 
 @pytest.fixture(scope="module")
 def drawn(result: Diagnosis) -> dict[str, Picture]:
-    return {picture.name: picture for picture in pictures(result)}
+    fields = {**diagnosis_fields(result), **shown_fields(result)}
+    read_back = json.loads(json_text(fields))
+    return {picture.name: picture for picture in pictures(read_back)}
 
 
 def test_the_fall_is_that_of_the_gap(result: Diagnosis, drawn: dict[str, Picture]) -> None:

@@ -1,0 +1,202 @@
+"""Points and joints, each from its own file, as the rows of ``measurements.csv``."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from calib.errors import InputError
+from calib.files.exports.joints import JointRow, JointTable
+from calib.files.exports.matching import Matching, NamedPoint, matched
+from calib.files.exports.points import PointList
+from calib.files.exports.sheet import NUMBER
+
+_SHOWN = 5  # names in one line
+
+
+@dataclass(frozen=True)
+class Joined:
+    """The table that came of it, and what did not find its counterpart.
+
+    columns, rows : of measurements.csv, as text
+    pattern, tried : how names were read, as in Matching
+    markers : points of each
+    without_points : poses of the joint file
+    without_joints : poses of the points, with the points of each that were left out
+    strays : points whose names tell no pose and no known marker
+    """
+
+    columns: tuple[str, ...]
+    rows: list[list[str]]
+    pattern: str
+    tried: dict[str, int]
+    poses: tuple[str, ...]
+    markers: dict[str, int]
+    without_points: tuple[str, ...]
+    without_joints: dict[str, int]
+    strays: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def join(
+    lists: Sequence[PointList],
+    joints: JointTable,
+    *,
+    names: str | None = None,
+    marker: str | None = None,
+    by_order: bool = False,
+    partial: bool = False,
+    markers: Sequence[str] | None = None,
+) -> Joined:
+    """Join point lists with the joint values of their poses, in the order of the joint file.
+
+    names : pattern of :mod:`calib.files.exports.names`; None tries the usual ones
+    marker : the only marker, where names tell only the pose
+    by_order : the k-th pose of the lists stands in the k-th row of the joint file
+    partial : leave out what has no counterpart instead of refusing it
+    markers : the ones that the cell knows
+
+    Raises InputError where names do not fit, a pose has a marker twice, or counterparts are missing.
+    """
+    if not by_order and not joints.named:
+        raise InputError(
+            joints.path, "header", "names no poses", "add a column pose, or give --by-order"
+        )
+    found = matched(lists, joints, names=names, marker=marker, by_order=by_order, markers=markers)
+    at = _rows_at(found, joints, by_order)
+    poses = {own.pose for own in found.points}
+    missing = tuple(name for name in at if name not in poses)
+    orphans = Counter(own.pose for own in found.points if own.pose not in at)
+    if not partial:
+        _refuse(found, joints, missing, list(orphans), markers)
+    kept = [own for own in found.points if own.pose in at]
+    if not kept:
+        raise InputError(joints.path, "", "shares no pose with the points", "check --names")
+    _check_once(kept)
+    times, notes = _times(kept, joints)
+    return Joined(
+        _columns(joints, kept, bool(times)),
+        list(_rows(at, kept, times)),
+        found.pattern,
+        found.tried,
+        tuple(name for name in at if name in poses),
+        dict(Counter(own.marker for own in kept)),
+        missing,
+        dict(orphans),
+        tuple(own.pose for own in found.strays),
+        tuple(notes),
+    )
+
+
+def _rows_at(found: Matching, joints: JointTable, by_order: bool) -> dict[str, JointRow]:
+    if not by_order:
+        return {row.pose: row for row in joints.rows}
+    order = list(dict.fromkeys(own.pose for own in found.points))
+    if len(order) != len(joints.rows):
+        what = f"has {len(joints.rows)} rows where the points have {len(order)} poses"
+        raise InputError(
+            joints.path,
+            "",
+            f"{what} (names read as {found.pattern!r})",
+            "by order, each pose needs its row",
+        )
+    return dict(zip(order, joints.rows, strict=True))
+
+
+def _refuse(
+    found: Matching,
+    joints: JointTable,
+    missing: Sequence[str],
+    orphans: Sequence[str],
+    markers: Sequence[str] | None,
+) -> None:
+    """Raise InputError for whatever has no counterpart."""
+    read = f"(names read as {found.pattern!r})"
+    remedy = "check --names and both files, or leave it out with --partial"
+    if found.strays:
+        own = found.strays[0]
+        known = "" if markers is None else f" of {', '.join(markers)}"
+        count = f", as {len(found.strays)} points in all" if len(found.strays) > 1 else ""
+        what = f"{own.pose[:80]!r} names no pose and marker{known} {read}{count}"
+        if own.marker:
+            what = f"{own.marker[:80]!r} is not in the cell's [markers_mm] {read}{count}"
+        raise own.fault(what, remedy)
+    for names, what in ((missing, "of the joint file without points"), (orphans, "without joints")):
+        if names:
+            raise InputError(joints.path, "", f"{some(names)} {what} {read}", remedy)
+
+
+def some(names: Sequence[str]) -> str:
+    """The first few of many poses."""
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    shown = ", ".join(name[:40] for name in names[:_SHOWN])
+    return f"{len(names)} pose{'s' * (len(names) > 1)} ({shown}{more})"
+
+
+def _check_once(points: Sequence[NamedPoint]) -> None:
+    seen: dict[tuple[str, str], NamedPoint] = {}
+    for own in points:
+        first = seen.setdefault((own.pose, own.marker), own)
+        if first is not own:
+            place = "" if first.path == own.path else f" of {first.path}"
+            raise own.fault(
+                f"pose {own.pose!r} has marker {own.marker!r} in line {first.point.line}{place} "
+                "already",
+                "delete one, or name repeated readings as poses of their own",
+            )
+
+
+def _times(points: Sequence[NamedPoint], joints: JointTable) -> tuple[dict[str, str], list[str]]:
+    """Time of each pose in seconds, that of its first point, and what is said about it."""
+    if not all(own.point.time for own in points):
+        some_timed = any(own.point.time for own in points)
+        return {}, ["times left out: not every point has one"] * some_timed
+    if "time_s" in joints.carried:
+        return {}, ["time_s is that of the joint file, not that of the points"]
+    first: dict[str, str] = {}
+    for own in points:
+        first.setdefault(own.pose, own.point.time)
+    if all(NUMBER.fullmatch(text) for text in first.values()):
+        return first, []
+    try:
+        stamps = {pose: datetime.fromisoformat(text) for pose, text in first.items()}
+        start = min(stamps.values())
+    except (ValueError, TypeError):
+        shown = points[0].point.time[:40]
+        return {}, [f"times such as {shown!r} left out: neither seconds nor ISO 8601"]
+    seconds = {pose: (stamp - start).total_seconds() for pose, stamp in stamps.items()}
+    return {pose: f"{value:.15g}" for pose, value in seconds.items()}, []
+
+
+def _columns(joints: JointTable, points: Sequence[NamedPoint], timed: bool) -> tuple[str, ...]:
+    bare = [own for own in points if not own.point.sigma]
+    if bare and len(bare) < len(points):
+        what = "has no uncertainties where another list has them"
+        raise InputError(bare[0].path, "", what, "export all lists alike")
+    time, sigma = ("time_s",) * timed, ("sigma_mm",) * (not bare)
+    return (
+        "pose",
+        "marker",
+        *joints.joints,
+        *joints.carried,
+        "x_mm",
+        "y_mm",
+        "z_mm",
+        *time,
+        *sigma,
+    )
+
+
+def _rows(
+    at: dict[str, JointRow], points: Sequence[NamedPoint], times: dict[str, str]
+) -> Iterator[list[str]]:
+    by_pose: dict[str, list[NamedPoint]] = {}
+    for own in points:
+        by_pose.setdefault(own.pose, []).append(own)
+    for pose, row in at.items():
+        for own in by_pose.get(pose, ()):
+            time = [times[pose]] if times else []
+            sigma = [own.point.sigma] if own.point.sigma else []
+            yield [pose, own.marker, *row.values, *own.point.xyz, *time, *sigma]

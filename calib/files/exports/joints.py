@@ -1,0 +1,179 @@
+"""Joint values of each pose, as a controller or a spreadsheet lists them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib.errors import InputError
+from calib.files.columns import ANGLES, LENGTHS, OTHERS, WRENCH
+from calib.files.exports.krl_axes import axis_sheet
+from calib.files.exports.sheet import Sheet, read_sheet, text_lines
+from calib.robot import Robot
+
+UNITS = (*ANGLES, *LENGTHS)
+_POSE = ("pose", "name", "id")
+_CARRIED = (*WRENCH, "temperature_degC", "time_s", "station")
+_NOT_JOINTS = {*OTHERS, *(f"{axis}_{unit}" for axis in "xyz" for unit in LENGTHS)}
+_BRACKETS = re.compile(r"(.*?)\s*[\[(]\s*([A-Za-z]+|°)\s*[\])]")
+
+
+@dataclass(frozen=True)
+class JointRow:
+    """One pose: its name, "" where the file has none, and its values as text."""
+
+    line: int
+    pose: str
+    values: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class JointTable:
+    """A file of joint values: columns as ``measurements.csv`` names them, a row for each pose."""
+
+    path: Path
+    joints: tuple[str, ...]
+    carried: tuple[str, ...]
+    rows: list[JointRow]
+    ignored: tuple[str, ...]
+
+    @property
+    def named(self) -> bool:
+        return bool(self.rows[0].pose)
+
+
+def read_joints(
+    path: Path,
+    *,
+    unit: str | None = None,
+    rename: Sequence[str] | None = None,
+    robot: Robot | None = None,
+) -> JointTable:
+    """Read a table with a header, or a list ``{A1 10.0, A2 -90.0, ..}`` as KUKA controllers write.
+
+    unit : of joint columns that name none
+    rename : names for the joints in the order of their columns
+    robot : its joints are the ones looked for; else every column of numbers is taken for one
+
+    Raises InputError.
+    """
+    lines = text_lines(path)
+    sheet = axis_sheet(path, lines) or read_sheet(path)
+    if sheet.header is None:
+        raise InputError(
+            path, "line 1", "names no columns", "begin with a header, as in pose,A1_deg,A2_deg"
+        )
+    titles = [_title(text) for text in sheet.header]
+    for title in titles:
+        if titles.count(title) > 1:
+            raise InputError(path, "header", f"column {title!r} stands twice", "rename one")
+    pose = next((titles.index(t) for n in _POSE for t in titles if t.lower() == n), None)
+    carried = [i for i, t in enumerate(titles) if t in _CARRIED or t.startswith("approach_")]
+    rest = [i for i in range(len(titles)) if i != pose and i not in carried]
+    wanted = None if robot is None or rename is not None else robot.joints
+    joints = [i for i in rest if _is_joint(sheet, i, titles[i], wanted)]
+    names = _joint_names(path, [titles[i] for i in joints], unit, rename, robot)
+    rows = [_row(sheet, row, pose, joints, carried, titles) for row in range(len(sheet.rows))]
+    _check_names(path, rows)
+    ignored = tuple(titles[i] for i in rest if i not in joints and titles[i])
+    return JointTable(path, names, tuple(titles[i] for i in carried), rows, ignored)
+
+
+def _title(text: str) -> str:
+    """``A1 [deg]`` and ``A1 (deg)`` as ``A1_deg``."""
+    match = _BRACKETS.fullmatch(text)
+    if match is None:
+        return text
+    return f"{match[1]}_{'deg' if match[2] == '°' else match[2]}"
+
+
+def _parted(title: str) -> tuple[str, str]:
+    """A joint's name and its unit, "" where the title has none."""
+    name, _, unit = title.rpartition("_")
+    return (name, unit) if name and unit in UNITS else (title, "")
+
+
+def _is_joint(sheet: Sheet, column: int, title: str, wanted: Sequence[str] | None) -> bool:
+    if wanted is not None:
+        return _parted(title)[0] in wanted or title in wanted
+    return title not in _NOT_JOINTS and sheet.holds_numbers(column)
+
+
+def _joint_names(
+    path: Path,
+    titles: Sequence[str],
+    unit: str | None,
+    rename: Sequence[str] | None,
+    robot: Robot | None,
+) -> tuple[str, ...]:
+    """Names with units, renamed and checked against the robot. Raises InputError."""
+    if not titles:
+        found = "" if robot is None else f" of {', '.join(robot.joints)}"
+        remedy = "name columns as A1_deg" if robot is None else _renaming(robot)
+        raise InputError(path, "header", f"holds no joint{found}", remedy)
+    parted = [_parted(title) for title in titles]
+    if rename is not None:
+        if len(rename) != len(parted):
+            what = f"has {len(parted)} joints ({', '.join(titles)})"
+            raise InputError(path, "header", what, f"--joint-names names {len(rename)}")
+        parted = [(name, own) for name, (_, own) in zip(rename, parted, strict=True)]
+    slides = {} if robot is None else dict(zip(robot.joints, robot.prismatic, strict=True))
+    named = []
+    for joint, own in parted:
+        chosen = own or unit
+        misfit = joint in slides and not own and (unit in LENGTHS) != slides[joint]
+        if chosen is None or misfit:
+            wanted = f"{joint}_mm" if slides.get(joint) else f"{joint}_deg"
+            raise InputError(
+                path,
+                "header",
+                f"column {joint!r} has no unit",
+                f"if it is a joint, name it {wanted}" + (" or give --unit-joints" * (unit is None)),
+            )
+        named.append(f"{joint}_{chosen}")
+    if robot is not None:
+        _check_joints(path, [joint for joint, _ in parted], robot)
+    return tuple(named)
+
+
+def _check_joints(path: Path, joints: Sequence[str], robot: Robot) -> None:
+    for joint in robot.joints:
+        if joints.count(joint) != 1:
+            what = f"has {'no' if joint not in joints else 'two'} columns of joint {joint}"
+            raise InputError(path, "header", what, _renaming(robot))
+    for joint in joints:
+        if joint not in robot.joints:
+            raise InputError(path, "header", f"the robot has no joint {joint}", _renaming(robot))
+
+
+def _renaming(robot: Robot) -> str:
+    return f"rename the columns, or name them in order: --joint-names {','.join(robot.joints)}"
+
+
+def _row(
+    sheet: Sheet,
+    row: int,
+    pose: int | None,
+    joints: Sequence[int],
+    carried: Sequence[int],
+    titles: Sequence[str],
+) -> JointRow:
+    name = "" if pose is None else sheet.rows[row][pose]
+    if pose is not None and not name:
+        raise sheet.fault(row, "the pose has no name")
+    values = [sheet.number(row, i) for i in joints]
+    for i in carried:
+        text = titles[i] == "station"
+        values.append(sheet.rows[row][i] if text else sheet.number(row, i))
+    return JointRow(sheet.lines[row], name, tuple(values))
+
+
+def _check_names(path: Path, rows: Sequence[JointRow]) -> None:
+    seen: dict[str, int] = {}
+    for row in rows:
+        if row.pose and row.pose in seen:
+            what = f"pose {row.pose!r} stands in line {seen[row.pose]} already"
+            raise InputError(path, f"line {row.line}", what, "give each reading its own name")
+        seen[row.pose] = row.line

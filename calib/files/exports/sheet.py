@@ -1,0 +1,193 @@
+"""An exported text file as rows of fields, whatever separates them.
+
+Commas, semicolons, tabs or blanks between the fields; a comma as decimal mark where it cannot be
+anything else; UTF-8 or UTF-16 with a byte order mark, else UTF-8, else Windows-1252 as older
+programs write; comment lines begin with ``//``, ``#`` or ``'``.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib.errors import InputError
+
+_LARGEST_FILE = 20_000_000  # bytes, some 300 000 points; they take half a gigabyte
+_LONGEST_LINE = 65_536  # characters
+_COMMENTS = ("//", "#", "'")
+_SAMPLE = 50  # lines that decide on the separator
+_LARGEST_NUMBER = 1e12  # in any unit
+
+NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?", re.ASCII)
+_COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d{1,3})?", re.ASCII)
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Rows of text fields, all of the same length, with the line of each.
+
+    comments : lines before the first row, without their mark
+    header : names of the columns, None where the first row holds numbers already
+    separator : ``,`` ``;`` tab, or a blank for any number of them
+    decimal : ``.`` or ``,``
+    """
+
+    path: Path
+    comments: tuple[str, ...]
+    header: tuple[str, ...] | None
+    rows: list[list[str]]
+    lines: list[int]
+    separator: str
+    decimal: str
+
+    def number(self, row: int, column: int) -> str:
+        """A field as the text of a finite number with a decimal point, its digits unchanged."""
+        text = self.rows[row][column]
+        number = self._pointed(text)
+        if number is None or not abs(float(number)) < _LARGEST_NUMBER:
+            mark = " with a decimal comma, as others of this file" if self.decimal == "," else ""
+            what = f"{text[:40]!r} is no number{mark}" if text else "a number is missing"
+            raise self.fault(row, f"field {column + 1}: {what}")
+        return number
+
+    def holds_numbers(self, column: int) -> bool:
+        """Whether every field of a column is a number."""
+        return all(self.is_number(row, column) for row in range(len(self.rows)))
+
+    def is_number(self, row: int, column: int) -> bool:
+        return self._pointed(self.rows[row][column]) is not None
+
+    def split(self, text: str) -> tuple[str, ...]:
+        """The fields of a comment, none where it cannot be split."""
+        try:
+            return tuple(_fields(text, self.separator))
+        except csv.Error:
+            return ()
+
+    def fault(self, row: int, what: str, remedy: str = "") -> InputError:
+        return InputError(self.path, f"line {self.lines[row]}", what, remedy)
+
+    def _pointed(self, text: str) -> str | None:
+        if self.decimal == ",":
+            text = "" if "." in text else text.replace(",", ".")
+        return text if NUMBER.fullmatch(text) else None
+
+
+def read_sheet(path: Path) -> Sheet:
+    """The file as a sheet. Raises InputError naming the line that does not fit."""
+    comments: list[str] = []
+    numbered: list[tuple[int, str]] = []
+    for number, line in text_lines(path):
+        if line.startswith(_COMMENTS):
+            if not numbered:
+                comments.append(line.lstrip("/#'").strip())
+        else:
+            numbered.append((number, line))
+    if not numbered:
+        raise InputError(path, "", "holds no data", "export it again")
+    separator = _separator([line for _, line in numbered[:_SAMPLE]])
+    rows: list[list[str]] = []
+    for number, line in numbered:
+        try:
+            rows.append(_fields(line, separator))
+        except csv.Error as error:
+            raise InputError(path, f"line {number}", f"cannot be split ({error})") from None
+    lines = [number for number, _ in numbered]
+    return made_sheet(path, comments, rows, lines, separator)
+
+
+def made_sheet(
+    path: Path, comments: list[str], rows: list[list[str]], lines: list[int], separator: str
+) -> Sheet:
+    """Fields as a sheet: decimal mark and header found, lengths checked. Raises InputError."""
+    width = len(rows[0])
+    for number, row in zip(lines, rows, strict=True):
+        while len(row) > width and not row[-1]:
+            row.pop()
+        if len(row) != width:
+            what = f"has {len(row)} fields where line {lines[0]} has {width}"
+            raise InputError(
+                path, f"line {number}", what, "separate fields alike, quote names with blanks"
+            )
+    decimal = _decimal(path, rows, lines) if separator != "," else "."
+    sheet = Sheet(path, tuple(comments), None, rows, lines, separator, decimal)
+    if any(sheet._pointed(field) is not None for field in rows[0]):
+        return sheet
+    if len(rows) == 1:
+        raise InputError(path, "", "has a header and no rows", "export it again")
+    return Sheet(path, tuple(comments), tuple(rows[0]), rows[1:], lines[1:], separator, decimal)
+
+
+def text_lines(path: Path) -> list[tuple[int, str]]:
+    """Lines that are not empty, stripped, with their numbers from 1. Raises InputError."""
+    try:
+        if path.stat().st_size > _LARGEST_FILE:
+            raise InputError(path, "", f"is larger than {_LARGEST_FILE / 1e6:.0f} MB", "split it")
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
+    text = _decoded(path, data).replace("\r\n", "\n").replace("\r", "\n")
+    found = []
+    for number, line in enumerate(text.split("\n"), start=1):
+        if "\0" in line or len(line) > _LONGEST_LINE:
+            raise InputError(path, f"line {number}", "is no line of a text table", "export as text")
+        if line.strip():
+            found.append((number, line.strip()))
+    return found
+
+
+def _decoded(path: Path, data: bytes) -> str:
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        try:
+            return data.decode("utf-16")
+        except UnicodeDecodeError:
+            raise InputError(path, "", "is no text in UTF-16", "export it as UTF-8") from None
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")
+
+
+def _separator(sample: list[str]) -> str:
+    for mark in (";", "\t"):
+        if all(mark in line for line in sample):
+            return mark
+    if not all("," in line for line in sample) or _decimal_commas_between_blanks(sample[-1]):
+        return " "
+    return ","
+
+
+def _decimal_commas_between_blanks(line: str) -> bool:
+    """``P1 1975,57 -310,20 -257,87``: no comma stands next to a blank."""
+    words = line.split()
+    return sum(_COMMA_NUMBER.fullmatch(word) is not None for word in words) >= 3
+
+
+def _fields(line: str, separator: str) -> list[str]:
+    if separator == " ":
+        line = line.replace("\t", " ")
+    reader = csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True)
+    return [field.strip() for field in next(reader)]
+
+
+def _decimal(path: Path, rows: list[list[str]], lines: list[int]) -> str:
+    """The decimal mark. Raises InputError where commas could also group thousands."""
+    first = None
+    for number, row in zip(lines, rows, strict=True):
+        for field in row:
+            if _COMMA_NUMBER.fullmatch(field):
+                if not _THOUSANDS.fullmatch(field):
+                    return ","
+                first = first or (number, field)
+    if first is not None:
+        raise InputError(
+            path,
+            f"line {first[0]}",
+            f"the comma in {first[1]!r} may be a decimal mark or group thousands",
+            "export with decimal points, or with more decimals",
+        )
+    return "."

@@ -1,0 +1,199 @@
+"""``posecal import``: exports of the instrument and the controller, joined into one table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from studies.commands.common import (
+    check_outputs,
+    console_for,
+    envelope,
+    json_option,
+    one_line_faults,
+    output_file,
+    output_texts,
+    say_written,
+    warn,
+)
+
+if TYPE_CHECKING:
+    from calib.files.exports import Joined, JointTable, PointList
+
+
+@click.command("import")
+@click.argument("points", metavar="POINTS...", nargs=-1, required=True,
+                type=click.Path(path_type=Path))  # fmt: skip
+@click.option("--joints", "joints_path", metavar="FILE", required=True,
+              type=click.Path(path_type=Path),
+              help="Joint values of each pose: a table with a header (pose,A1_deg,..), or a list of "
+                   "KUKA axis values.")  # fmt: skip
+@click.option("-o", "--output", "table_path", metavar="TABLE", required=True,
+              type=click.Path(path_type=Path), help="Where the table goes.")  # fmt: skip
+@click.option(
+    "--names",
+    metavar="PATTERN",
+    help="How pose and marker stand in a point's name: '{pose}::{marker}' for group and point, "
+    "'{pose}_{marker}' within the point's name, '{pose}/{marker}' for the file's name; * stands for "
+    "any text. Default: the usual ones are tried.",
+)
+@click.option("--marker", metavar="NAME", help="The only marker, where names tell only the pose.")
+@click.option(
+    "--unit", type=click.Choice(("mm", "m", "in")), help="Of points whose file does not state it."
+)
+@click.option(
+    "--columns",
+    metavar="ROLE,ROLE,..",
+    help="Columns of point lists without a header: collection, group, point, x, y, z, ux, uy, uz, "
+    "time; - for one to leave out.",
+)
+@click.option(
+    "--unit-joints",
+    type=click.Choice(("deg", "rad", "mm", "m")),
+    help="Of joint columns whose title does not state it.",
+)
+@click.option(
+    "--joint-names",
+    metavar="NAME,NAME,..",
+    help="The URDF's names of the joints, in the order of the joint file's columns.",
+)
+@click.option("--by-order", is_flag=True, help="Join the poses in their order, not by their names.")
+@click.option(
+    "--partial", is_flag=True, help="Leave out what has no counterpart, instead of refusing it."
+)
+@click.option("--cell", "cell_path", metavar="CELL", type=click.Path(path_type=Path),
+              help="Check joints and markers against this cell, and read the table back.")  # fmt: skip
+@json_option
+@one_line_faults
+def import_(
+    points: tuple[Path, ...],
+    joints_path: Path,
+    table_path: Path,
+    names: str | None,
+    marker: str | None,
+    unit: str | None,
+    columns: str | None,
+    unit_joints: str | None,
+    joint_names: str | None,
+    by_order: bool,
+    partial: bool,
+    cell_path: Path | None,
+    json_path: str | None,
+) -> None:
+    """Join lists of measured points with the joint values of their poses.
+
+    POINTS are text files as SpatialAnalyzer and other tracker programs export them: collection, group
+    and point (or fewer names), X, Y, Z, with or without a header, separated by commas, semicolons,
+    tabs or blanks. Poses come in the order of the joint file, which is taken for the order measured.
+
+    \b
+    Example:
+      posecal import tracker.txt --joints joints.csv --unit mm --cell cell.toml -o measurements.csv
+    """
+    import calib
+    from calib.files.exports import join, read_joints, read_points
+    from calib.files.write import write_files
+    from calib.files.write_tables import csv_text
+
+    cell = None if cell_path is None else calib.load_cell(cell_path)
+    inputs = [*points, joints_path, *([] if cell is None else [cell.path, cell.urdf])]
+    outputs = [table_path, output_file(json_path)]
+    check_outputs([path for path in outputs if path is not None], inputs)
+    lists = [read_points(path, unit, _columns(columns)) for path in points]
+    robot = None if cell is None else cell.robot
+    rename = None if joint_names is None else [name.strip() for name in joint_names.split(",")]
+    joints = read_joints(joints_path, unit=unit_joints, rename=rename, robot=robot)
+    joined = join(
+        lists,
+        joints,
+        names=names,
+        marker=marker,
+        by_order=by_order,
+        partial=partial,
+        markers=None if cell is None else cell.marker_names,
+    )
+    table = csv_text(joined.columns, joined.rows)
+    warnings = () if cell is None else _read_back(cell, table, table_path, not partial)
+    fields = {**envelope("import", inputs, 0), **_fields(lists, joints, joined, warnings)}
+    texts = {table_path: table, **output_texts(json_path, fields)}
+    write_files(texts)
+    warn(warnings)
+    _show(lists, joints, joined, json_path)
+    say_written(texts, None, json_path)
+
+
+def _columns(text: str | None) -> list[str] | None:
+    """The roles of --columns. Raises InputError for one that is not known."""
+    from calib.errors import InputError
+    from calib.files.exports.points import ROLES
+
+    if text is None:
+        return None
+    roles = [role.strip().lower() for role in text.split(",")]
+    for role in roles:
+        if role not in (*ROLES, "-"):
+            raise InputError(
+                "--columns", "", f"{role!r} is not known", f"use {', '.join(ROLES)}, -"
+            )
+    return roles
+
+
+def _read_back(cell: Any, table: str, target: Path, every_marker: bool) -> tuple[str, ...]:
+    """Warnings of the table as ``load_measurements`` reads it. Raises InputError naming the target."""
+    import tempfile
+
+    import calib
+    from calib.errors import InputError
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "table.csv"
+        path.write_text(table, encoding="utf-8", newline="")
+        try:
+            read = calib.load_measurements(cell, path, every_marker=every_marker)
+        except InputError as error:
+            where = f"as joined, {error.where}" if error.where else "as joined"
+            raise InputError(target, where, error.what, error.remedy) from None
+        return tuple(text.replace(str(path), str(target)) for text in read.warnings)
+
+
+def _fields(
+    lists: list[PointList], joints: JointTable, joined: Joined, warnings: tuple[str, ...]
+) -> dict[str, Any]:
+    return {
+        "names": joined.pattern,
+        "names_tried": joined.tried,
+        "poses": len(joined.poses),
+        "points": len(joined.rows),
+        "markers": joined.markers,
+        "columns": list(joined.columns),
+        "lists": [
+            {
+                "file": str(own.path),
+                "points": len(own.points),
+                "columns": list(own.columns),
+                "unit": own.unit,
+                "unit_from": own.unit_from,
+                "ignored_columns": list(own.ignored),
+            }
+            for own in lists
+        ],
+        "joints": list(joints.joints),
+        "ignored_joint_columns": list(joints.ignored),
+        "poses_without_points": list(joined.without_points),
+        "poses_without_joints": joined.without_joints,
+        "points_left_out": list(joined.strays),
+        "notes": list(joined.notes),
+        "warnings": list(warnings),
+    }
+
+
+def _show(
+    lists: list[PointList], joints: JointTable, joined: Joined, json_path: str | None
+) -> None:
+    from studies.imports.tables import import_tables
+
+    console = console_for(json_path)
+    for part in import_tables(lists, joints, joined):
+        console.print(part)

@@ -1,0 +1,81 @@
+"""``posecal program``: a plan as the skeleton of a robot program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from studies.commands.common import (
+    check_outputs,
+    console_for,
+    envelope,
+    json_option,
+    one_line_faults,
+    output_file,
+    output_texts,
+    say_written,
+    sha256,
+)
+
+
+@click.command()
+@click.argument("cell_path", metavar="CELL", type=click.Path(path_type=Path))
+@click.argument("plan_path", metavar="PLAN", type=click.Path(path_type=Path))
+@click.option("-o", "--output", "program_path", metavar="FILE", required=True,
+              type=click.Path(path_type=Path),
+              help="FILE.src for KUKA (KRL), FILE.script for Universal Robots (URScript).")  # fmt: skip
+@json_option
+@one_line_faults
+def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str | None) -> None:
+    """Write a plan as a robot program that stops at every pose to be measured.
+
+    PLAN is a table of poses, from posecal design or by hand. The program is a skeleton: read the notes
+    at its head, check zero positions, senses of rotation and the way between poses, run it in T1 first.
+
+    \b
+    Example:
+      posecal program cell.toml plan.csv -o plan.src
+    """
+    import calib
+    from calib.errors import InputError
+    from calib.files.write import write_files
+    from studies.programs import LANGUAGES, plan_stops
+    from studies.programs.stops import plain_text
+
+    language = LANGUAGES.get(program_path.suffix.lower())
+    if language is None:
+        known = " or ".join(LANGUAGES)
+        raise InputError(
+            program_path,
+            "",
+            f"ends in {program_path.suffix or 'nothing'}",
+            f"let it end in {known}",
+        )
+    cell = calib.load_cell(cell_path)
+    inputs = [cell_path, cell.urdf, plan_path]
+    outputs = [program_path, output_file(json_path)]
+    check_outputs([path for path in outputs if path is not None], inputs)
+    stops = plan_stops(cell, calib.load_plan(cell, plan_path), str(plan_path))
+    fields = envelope("program", inputs, 0)
+    head = (
+        f"Written by posecal {fields['version']} from {plain_text(plan_path.name)}, "
+        f"sha256 {sha256(plan_path)[:16]}",
+        f"Cell {plain_text(cell.name)}, {len(stops)} poses",
+    )
+    made = language(program_path.stem, cell.robot, stops, head)
+    halts = sum(len(stop.tasks) for stop in stops)
+    fields |= {
+        "program": str(program_path),
+        "poses": [stop.name for stop in stops],
+        "stops": halts,
+        "notes": list(made.notes),
+    }
+    texts: dict[Path, str | bytes] = {program_path: made.text, **output_texts(json_path, fields)}
+    write_files(texts)
+    console = console_for(json_path)
+    each = "free and loaded at each" if cell.load is not None else "one at each"
+    console.print(f"{len(stops)} poses, {halts} stops to measure ({each})", markup=False)
+    for note in made.notes:
+        console.print(f"note  {note}", markup=False)
+    say_written(texts, None, json_path)

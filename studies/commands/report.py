@@ -1,0 +1,76 @@
+"""``posecal report``: one page that can be handed to a colleague."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from studies.commands.common import (
+    check_outputs,
+    envelope,
+    json_option,
+    one_line_faults,
+    output_file,
+    output_texts,
+)
+
+
+@click.command()
+@click.argument(
+    "results", metavar="RESULT...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
+@click.option("-o", "--output", "page_path", metavar="FILE", type=click.Path(path_type=Path),
+              default=Path("report.html"), show_default=True, help="The page.")  # fmt: skip
+@click.option("--title", metavar="TEXT", help="Default: the name of the cell.")
+@click.option("--instrument", metavar="TEXT", help="Model, serial number, certificate.")
+@click.option("--operator", metavar="TEXT", help="Who measured.")
+@click.option("--date", metavar="TEXT", help="When it was measured.")
+@json_option
+@one_line_faults
+def report(
+    results: tuple[Path, ...],
+    page_path: Path,
+    title: str | None,
+    instrument: str | None,
+    operator: str | None,
+    date: str | None,
+    json_path: str | None,
+) -> None:
+    """Write one self-contained HTML page from results.
+
+    RESULT are files that --json wrote: of design, compare, identify, diagnose (--plan-only too),
+    compensate, enough, in any number. What they were made from is read again where it is unchanged.
+
+    \b
+    Example:
+      posecal report identified.json diagnosis.json -o report.html --operator "A. Klimchik"
+    """
+    from calib.errors import InputError
+    from calib.files.write import write_files
+    from studies.report.evidence import load_evidence
+    from studies.report.page import page
+
+    outputs = [path for path in (page_path, output_file(json_path)) if path is not None]
+    check_outputs(outputs, list(results))
+    evidence = load_evidence(results)
+    told = {
+        label: text
+        for label, text in (("instrument", instrument), ("operator", operator), ("measured", date))
+        if text
+    }
+    heading = title or ("Calibration" if evidence.cell is None else evidence.cell.name)
+    try:
+        text = page(evidence, heading, told)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise InputError(
+            results[0] if len(results) == 1 else "results", "", f"a result is not complete ({error!r})",
+            "write it anew with this version",
+        ) from None  # fmt: skip
+    fields = {
+        **envelope("report", list(results), 0),
+        "page": str(page_path),
+        "notes": evidence.notes,
+    }
+    write_files({page_path: text, **output_texts(json_path, fields)})
+    click.echo(f"wrote {page_path}", err=json_path == "-")

@@ -1,0 +1,115 @@
+"""The picture of the README from a demonstration: ``python -m studies.demo.picture FOLDER OUT``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from calib import Cell, load_cell, load_plan
+from calib.files.write import write_files
+from calib.kinematics import forward
+from calib.se3 import Array
+from studies.identify.point_errors import point_errors
+from studies.plots import view as draw
+from studies.plots.style import (
+    BLUE,
+    FAINT,
+    GREEN,
+    INK,
+    SOFT,
+    VERMILLION,
+    Picture,
+    log_ticks,
+    sheet,
+    styled,
+    svg_text,
+    tidy,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_VIEW = draw.View(-58.0, 18.0)
+
+
+@styled
+def picture(folder: Path) -> Picture:
+    """The arm at the planned poses, and how far prediction and measurement are apart, step by step."""
+    cell = load_cell(folder / "cell.toml")
+    identified, diagnosed = (
+        json.loads((folder / f"{name}.json").read_text("utf-8"))
+        for name in ("identify", "diagnose")
+    )
+    gap, errors = diagnosed["gap"], point_errors(identified["residuals"], "nominal_mm")
+    unseen = errors.take(errors.heldout)
+    nominal = 1e3 * float(np.sqrt((unseen.before**2).sum() / unseen.seen.sum()))
+    cause = diagnosed["effects"][0]
+    steps = (
+        ("as delivered", nominal, VERMILLION),
+        ("identified", identified["rms_mm"]["heldout"], BLUE),
+        (f"{cause['effect'].replace('_', ' ')}\nfound and added", gap["heldout_after_mm"], GREEN),
+    )
+    figure = sheet(9.6, 3.7)
+    left, right = figure.subplots(1, 2, width_ratios=(1.05, 1.0))
+    _arms(left, cell, load_plan(cell, folder / "plan.csv").q)
+    _errors(right, steps, gap["floor_mm"])
+    caption = (
+        f"Left: the fifteen poses that posecal chose for {cell.name}. Right: distance between measured "
+        "and predicted points at poses that took no part, as delivered, after identification, and with "
+        "the error that the diagnosis found."
+    )
+    rows = tuple((label.replace("\n", " "), value) for label, value, _ in steps)
+    return Picture("picture", "What posecal does", caption, figure, ("step", "RMS [mm]"), rows)
+
+
+def _arms(panel: Axes, cell: Cell, q: Array) -> None:
+    draw.stage(panel)
+    origins = forward(cell.robot, q).o
+    draw.ground(panel, _VIEW, origins.reshape(-1, 3), 0.1)
+    for points in origins[1:]:
+        draw.line(panel, _VIEW, points, color=SOFT, linewidth=1.0, zorder=5.0, alpha=0.7)
+        panel.plot(*_VIEW.flat(points[-1:]).T, marker="o", markersize=4.0, color=BLUE, zorder=6.0)
+    reach = cell.robot.reach
+    for start, end in zip(origins[0][:-1], origins[0][1:], strict=True):
+        if np.linalg.norm(end - start) > 0.01 * reach:
+            draw.tube(
+                panel, _VIEW, np.array([start, end]), (0.02 * reach, 0.016 * reach), lift=30.0
+            )
+    draw.ball(panel, _VIEW, origins[0][-1], 0.013 * reach, BLUE, lift=40.0)
+    panel.set_title("which poses to measure", loc="left")
+
+
+def _errors(panel: Axes, steps: Any, floor: float) -> None:
+    tidy(panel, "y")
+    for at, (_, value, color) in enumerate(steps):
+        panel.bar(at, value, 0.56, color=color, bottom=0.0)
+        panel.annotate(
+            f"{value:.3f} mm", (at, value), (0, 4), textcoords="offset points", ha="center"
+        )
+    panel.axhline(floor, color=INK, linewidth=1.2, linestyle=(0, (4, 2)))
+    panel.annotate("noise of\nthe tracker", (0.5, floor), (0, 4), textcoords="offset points",
+                   ha="center", va="bottom", color=SOFT, fontsize=9)  # fmt: skip
+    low, high = 0.4 * floor, 2.5 * steps[0][1]
+    panel.set(yscale="log", ylim=(low, high), ylabel="RMS error at poses never seen [mm]")
+    log_ticks(panel.yaxis, low, high)
+    panel.set_xticks(range(len(steps)), [label for label, _, _ in steps])
+    panel.tick_params(axis="x", length=0)
+    panel.grid(True, axis="y", color=FAINT, linewidth=0.6)
+    panel.set_title("how far the robot is off, and why", loc="left")
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("out", type=click.Path(path_type=Path))
+def main(folder: Path, out: Path) -> None:
+    """Draw the picture of the README from the results of ``posecal demo`` in FOLDER."""
+    write_files({out: svg_text(picture(folder))})
+    click.echo(f"wrote {out}")
+
+
+if __name__ == "__main__":
+    main()

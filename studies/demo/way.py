@@ -1,0 +1,207 @@
+"""The whole way, step by step: plan, measure, identify, compare, diagnose, report."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import click
+
+from calib import load_cell, load_plan
+from calib.errors import CalibError, InputError
+from calib.files.write import json_text, write_files
+from calib.files.write_tables import measurements_csv
+from studies.commands.common import envelope, sha256
+from studies.commands.compare import compare
+from studies.commands.design import design
+from studies.commands.diagnose import diagnose
+from studies.commands.identify import identify
+from studies.commands.report import report
+from studies.demo import INPUTS, embedded_text, simulated
+
+RECORD = "demo.json"
+_CELL, _PLAN, _DATA, _CHECK = "cell.toml", "plan.csv", "measurements.csv", "check.csv"
+
+
+@dataclass
+class Way:
+    """A demonstration in a folder: what was written, and what each step said."""
+
+    folder: Path
+    seed: int
+    say: Callable[[str], None]
+    steps: list[dict[str, Any]] = field(default_factory=list)
+    files: list[str] = field(default_factory=list)
+    withheld: str = ""
+
+    def go(self) -> dict[str, Any]:
+        """All steps; returns the record, which is written as ``demo.json`` too.
+
+        Raises InputError where a file in the folder is not as a demonstration left it.
+        """
+        self._keep_what_was_edited()
+        self.write({name: embedded_text(name) for name in INPUTS})
+        for number, (title, step) in enumerate(STEPS, 1):
+            self.say(f"[{number}/{len(STEPS)}] {title}")
+            begun = time.monotonic()
+            said = step(self)
+            seconds = time.monotonic() - begun
+            self.say(f"      {said}  ({seconds:.0f} s)")
+            self.steps.append({"step": title, "says": said, "seconds": seconds})
+        record = {
+            **envelope("demo", [], self.seed),
+            "withheld": self.withheld,
+            "steps": self.steps,
+            "files": [{"file": name, "sha256": sha256(self.folder / name)} for name in self.files],
+        }
+        write_files({self.folder / RECORD: json_text(record)})
+        return record
+
+    def write(self, texts: dict[str, str]) -> None:
+        """Files of the folder, by name."""
+        write_files({self.folder / name: text for name, text in texts.items()})
+        self.files += texts
+
+    def run(self, command: click.Command, name: str, *args: str, **files: str) -> dict[str, Any]:
+        """Run a command; what it prints becomes ``name.txt``, its result ``name.json``.
+
+        args : options and, with a dot in them, names of files in the folder; files : option -> file
+        """
+        own = [str(self.folder / arg) if "." in arg and "/" not in arg else arg for arg in args]
+        for option, file in {**files, "json": f"{name}.json"}.items():
+            own += [f"--{option}", str(self.folder / file)]
+            self.files.append(file)
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            status = command.main(own, prog_name=f"posecal {command.name}", standalone_mode=False)
+        if status:
+            raise CalibError(f"step {name} of the demonstration failed, see above")
+        self.write({f"{name}.txt": printed.getvalue()})
+        fields: dict[str, Any] = json.loads((self.folder / f"{name}.json").read_text("utf-8"))
+        return fields
+
+    def _keep_what_was_edited(self) -> None:
+        try:
+            text = (self.folder / RECORD).read_text(encoding="utf-8")
+            written = {entry["file"]: entry["sha256"] for entry in json.loads(text)["files"]}
+        except (OSError, ValueError, KeyError, TypeError):
+            written = {}
+        for name in (*INPUTS, _PLAN, _DATA, _CHECK, *written):
+            path = self.folder / name
+            if path.exists() and (not path.is_file() or sha256(path) != written.get(name)):
+                raise InputError(path, "", "is no file of an earlier demo, or was edited; it is kept",
+                                 "name another folder for the demo")  # fmt: skip
+
+
+def plan(way: Way) -> str:
+    """Choose fifteen poses and prove how good they are."""
+    fields = way.run(
+        design, "design", "--candidates", "5000", "--against", "table2.csv",
+        "--seed", str(way.seed), _CELL, output=_PLAN,
+    )  # fmt: skip
+    return (
+        f"{len(fields['poses'])} poses, at least {100 * fields['efficiency']:.0f} % as good as the "
+        f"best (the paper's Table II: {100 * fields['against']['table2.csv']['efficiency']:.0f} %)"
+    )
+
+
+def measure(way: Way) -> str:
+    """Simulate a day of measurement, of the plan and of poses that check the result."""
+    cell = load_cell(way.folder / _CELL)
+    day = simulated(cell, load_plan(cell, way.folder / _PLAN), way.seed)
+    way.withheld = day.withheld
+    truth = {
+        p.id: {"value": value / p.scale, "unit": p.unit}
+        for p, value in zip(day.model.parameters, day.values, strict=True)
+    }
+    told = {"seed": way.seed, "withheld": day.withheld, "parameters": truth}
+    way.write(
+        {
+            _DATA: measurements_csv(cell, day.plan),
+            _CHECK: measurements_csv(cell, day.check),
+            "truth.json": json_text(told),
+        }
+    )
+    return (
+        f"{len(day.plan)} readings of {day.plan.seen.shape[1]} markers, and {len(day.check)} more to "
+        "check; the robot has an error that its model lacks"
+    )
+
+
+def fit(way: Way) -> str:
+    """Identify the cell's model."""
+    fields = way.run(
+        identify, "identify", "--holdout", _CHECK, "--seed", str(way.seed), _CELL, _DATA,
+        urdf="kr270_calibrated.urdf",
+    )  # fmt: skip
+    rms, noise = fields["rms_mm"], fields["noise"]
+    floor = 3.0**0.5 * noise["believed_sigma_mm"]
+    missing = ": something is missing" if noise["source"] == "residual" else ""
+    return (
+        f"off by {rms['nominal']:.2f} mm, now by {rms['fitted_all']:.3f} mm; noise alone would leave "
+        f"{floor:.3f} mm{missing}"
+    )
+
+
+def simulate_both(way: Way) -> str:
+    """Both approaches at the plan and at the paper's, predicted and simulated."""
+    fields = way.run(
+        compare, "compare", "--monte-carlo", "100", "--workers", "2", "--seed", str(way.seed),
+        _CELL, _PLAN, "table2.csv",
+    )  # fmt: skip
+    ours, theirs = (
+        {
+            own["weighting"] if own["approach"] == "pose" else "points": own["task_rms_mm"]
+            for own in plan["approaches"]
+        }
+        for plan in fields["plans"]
+    )  # fmt: skip
+    return (
+        f"#2 is {ours['plain'] / ours['points']:.1f} times more accurate than plain #1, this plan "
+        f"{theirs['points'] / ours['points']:.1f} times more than Table II; "
+        f"{fields['agreement']['says']}"
+    )
+
+
+def ask_why(way: Way) -> str:
+    """Find the error that the model lacks."""
+    from studies.diagnose.tables import verdict_sentence
+
+    way.run(diagnose, "foresight", "--plan-only", _CELL, _PLAN)
+    fields = way.run(
+        diagnose, "diagnose", "--holdout", _CHECK, "--seed", str(way.seed), "--next", "4", _CELL, _DATA,
+        **{"cell-out": "better_cell.toml"},
+    )  # fmt: skip
+    gap = fields["gap"]
+    return (
+        f"{verdict_sentence(fields)}; poses never seen: {gap['heldout_before_mm']:.3f} to "
+        f"{gap['heldout_after_mm']:.3f} mm (hidden was {way.withheld})"
+    )
+
+
+def tell(way: Way) -> str:
+    """The page for a colleague."""
+    results = [
+        f"{name}.json" for name in ("identify", "diagnose", "design", "foresight", "compare")
+    ]
+    way.run(
+        report, "report", "--instrument", "simulated tracker, 0.010 mm", *results,
+        output="report.html",
+    )  # fmt: skip
+    return f"{way.folder / 'report.html'}: open it in a browser"
+
+
+STEPS: tuple[tuple[str, Callable[[Way], str]], ...] = (
+    ("design: which fifteen poses to measure, three at each of five angles of A2", plan),
+    ("measure: simulated, free and with 250 kg on the tool", measure),
+    ("identify: base, tool, geometry and compliances", fit),
+    ("compare: both approaches of the paper, with simulated experiments", simulate_both),
+    ("diagnose: what the model lacks", ask_why),
+    ("report", tell),
+)

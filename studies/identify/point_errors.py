@@ -1,0 +1,64 @@
+"""Errors of the measured points, read back from the fields of a result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.se3 import Array
+
+_MM = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class PointErrors:
+    """Measured minus predicted points of m poses and M markers.
+
+    poses, markers : tuple of str, names in the order of the rows
+    before, after : ndarray, shape (m, M, 3), m, by the model as given and as found; zero where hidden
+    seen : ndarray of bool, shape (m, M)
+    heldout : ndarray of bool, shape (m,), poses that took no part in the fit
+    """
+
+    poses: tuple[str, ...]
+    markers: tuple[str, ...]
+    before: Array
+    after: Array
+    seen: NDArray[np.bool_]
+    heldout: NDArray[np.bool_]
+
+    def take(self, chosen: NDArray[np.bool_]) -> PointErrors:
+        """The poses of a mask, shape (m,)."""
+        return PointErrors(
+            tuple(name for name, own in zip(self.poses, chosen, strict=True) if own),
+            self.markers,
+            self.before[chosen],
+            self.after[chosen],
+            self.seen[chosen],
+            self.heldout[chosen],
+        )
+
+
+def point_errors(residuals: Sequence[Mapping[str, Any]], before: str) -> PointErrors:
+    """Arrays from the rows ``residuals`` of a result.
+
+    before : key of the errors before: "nominal_mm" of ``identify``, "before_mm" of ``diagnose``
+    """
+    held = {row["pose"]: bool(row["heldout"]) for row in residuals}
+    poses = {name: i for i, name in enumerate(held)}
+    markers = {name: j for j, name in enumerate(dict.fromkeys(r["marker"] for r in residuals))}
+    shape = len(poses), len(markers), 3
+    first, second = np.zeros(shape), np.zeros(shape)
+    seen = np.zeros(shape[:2], dtype=bool)
+    for row in residuals:
+        at = poses[row["pose"]], markers[row["marker"]]
+        first[at] = np.asarray(row[before], dtype=float) / _MM
+        second[at] = np.array([row["x_mm"], row["y_mm"], row["z_mm"]], dtype=float) / _MM
+        seen[at] = True
+    return PointErrors(
+        tuple(poses), tuple(markers), first, second, seen, np.array([*held.values()])
+    )

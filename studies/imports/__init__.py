@@ -1,0 +1,1 @@
+"""What ``posecal import`` shows of the files that it joined."""

@@ -1,0 +1,10 @@
+"""Robot programs that drive a plan: one file a language, one entry in a table."""
+
+from studies.programs.krl import krl
+from studies.programs.stops import Language, Program, Stop, plan_stops
+from studies.programs.urscript import urscript
+
+LANGUAGES: dict[str, Language] = {".src": krl, ".script": urscript}
+"""The function that writes a program, by the ending of its file."""
+
+__all__ = ["LANGUAGES", "Language", "Program", "Stop", "plan_stops"]

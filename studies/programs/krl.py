@@ -1,0 +1,90 @@
+"""KUKA Robot Language: PTP motions to axis values in degrees, mm for axes that slide."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.robot import Robot
+from studies.programs.stops import Program, Stop, head_lines
+
+_LONGEST_NAME = 24  # characters of a KRL identifier
+_PERCENT = 10  # of the axis velocities and accelerations
+_SETTLE = 2.0  # s, before anything is measured
+_MOST_AXES = 6  # of the arm, and of external ones
+_KEYWORDS = (
+    " AND ANIN ANOUT B_AND B_EXOR B_NOT B_OR BOOL BRAKE CASE CAST_FROM CAST_TO CCLOSE CHANNEL CHAR "
+    "CIRC CIRC_REL CONFIRM CONST CONTINUE COPEN CREAD CWRITE DECL DEF DEFAULT DEFDAT DEFFCT DELAY DO "
+    "ELSE END ENDDAT ENDFCT ENDFOR ENDIF ENDLOOP ENDSWITCH ENDWHILE ENUM EXIT EXOR EXT EXTFCT FALSE "
+    "FOR FRAME GLOBAL GOTO HALT IF IMPORT INT INTERRUPT IS LIN LIN_REL LOOP NOT OFF ON OR PTP PTP_REL "
+    "PUBLIC PULSE REAL REPEAT RESUME RETURN SIGNAL SPLINE SREAD STRUC SWITCH SWRITE THEN TO TRIGGER "
+    "TRUE UNTIL WAIT WHEN WHILE "
+)
+
+
+def krl(name: str, robot: Robot, stops: Sequence[Stop], head: Sequence[str]) -> Program:
+    """A ``.src`` file. Raises InputError for a chain that KRL has no axes for."""
+    module = identifier(name)
+    axes = axis_names(robot)
+    lines = [
+        "&ACCESS RVP",
+        f"DEF {module}()",
+        *(f"; {line}" for line in (*head, *head_lines(robot, axes))),
+        f"; Speed and acceleration are {_PERCENT} % of each axis; run it first in T1, step by step.",
+        "; The program waits at every HALT; start it again when what stands above it is done.",
+        ";FOLD INI",
+        "GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM()",
+        "INTERRUPT ON 3",
+        "BAS(#INITMOV,0)",
+        ";ENDFOLD (INI)",
+        f"BAS(#VEL_PTP,{_PERCENT})",
+        f"BAS(#ACC_PTP,{_PERCENT})",
+    ]
+    for number, stop in enumerate(stops, start=1):
+        shown = np.where(robot.prismatic, stop.q * 1e3, np.degrees(stop.q))
+        target = ",".join(f"{axis} {_fixed(v)}" for axis, v in zip(axes, shown, strict=True))
+        lines += ["", f"; {number} of {len(stops)}: pose {stop.name}"]
+        lines += [f"PTP {{{target}}}", f"WAIT SEC {_SETTLE:.1f}"]
+        for task in stop.tasks:
+            lines += [f"; {task}", "HALT"]
+    notes = (f"the module is {module}: name its file {module}.src",) if module != name else ()
+    return Program("\n".join([*lines, "", "END", ""]), notes)
+
+
+def identifier(text: str) -> str:
+    """A KRL name: at most 24 letters, digits and ``_``, no digit first, no keyword.
+
+    >>> identifier("plan"), identifier("2nd plan, free"), identifier("end")
+    ('plan', 'p_2nd_plan__free', 'p_end')
+    """
+    name = re.sub(r"[^A-Za-z0-9_]", "_", text)
+    if not name[:1].isalpha() or f" {name.upper()} " in _KEYWORDS:
+        name = f"p_{name}"
+    return name[:_LONGEST_NAME]
+
+
+def axis_names(robot: Robot) -> tuple[str, ...]:
+    """A1 to A6 and E1 to E6, from the joints' names where all end so, else in the chain's order.
+
+    Raises InputError where the order cannot tell which joint is which axis.
+    """
+    ends = [re.search(r"(?:^|_)([AaEe][1-6])$", joint) for joint in robot.joints]
+    named = [end[1].upper() for end in ends if end is not None]
+    if len(set(named)) == robot.dof:
+        return tuple(named)
+    if robot.dof > 2 * _MOST_AXES or robot.prismatic[:_MOST_AXES].any():
+        raise InputError(
+            "KRL",
+            f"joints {', '.join(robot.joints)}",
+            "do not tell which are the axes A1 to A6 and which the external ones E1 to E6",
+            "let the URDF's names end so, as in joint_a1 or rail_e1",
+        )
+    arm, external = min(robot.dof, _MOST_AXES), max(robot.dof - _MOST_AXES, 0)
+    return tuple([f"A{k + 1}" for k in range(arm)] + [f"E{k + 1}" for k in range(external)])
+
+
+def _fixed(value: float) -> str:
+    return f"{value + 0.0:.6f}"

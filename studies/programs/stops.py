@@ -1,0 +1,103 @@
+"""What every language drives to: the stops of a plan, and text that is safe in a program."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from calib import Cell, Poses
+from calib.errors import InputError
+from calib.robot import Robot
+from calib.se3 import Array
+
+_OUTSIDE = 1e-4  # rad or m beyond a limit: rounding of the plan
+_LONGEST_NAME = 60  # characters of a pose shown in a program
+
+
+@dataclass(frozen=True)
+class Stop:
+    """One pose of a plan.
+
+    name : of the pose, safe in comments and strings
+    q : ndarray, shape (n,), rad or m
+    tasks : what is done there, one line for each time that the program waits
+    """
+
+    name: str
+    q: Array
+    tasks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Program:
+    """The text of a program and what a reader should know of it."""
+
+    text: str
+    notes: tuple[str, ...] = ()
+
+
+Language: TypeAlias = Callable[[str, Robot, Sequence[Stop], Sequence[str]], Program]
+"""(name of the file without its ending, robot, stops, lines for the head) -> Program."""
+
+
+def plan_stops(cell: Cell, plan: Poses, source: str) -> list[Stop]:
+    """The poses of a plan in their order, each measured free and, if the cell has a load, loaded.
+
+    The load is hung and taken off at the pose: the arm never moves with it.
+
+    source : the plan's file, for messages
+
+    Raises InputError for a pose beyond the joint limits.
+    """
+    stops = []
+    for name, q in zip(plan.names, plan.q, strict=True):
+        shown = plain_text(name)
+        _check_limits(cell.robot, q, shown, source)
+        tasks = [f"measure pose {shown}" + (" free of the load" if cell.load else "")]
+        if cell.load is not None:
+            mass = f"{cell.load.mass:g} kg"
+            tasks.append(f"hang {mass}, wait until it is still, measure pose {shown}, take it off")
+        stops.append(Stop(shown, q, tuple(tasks)))
+    return stops
+
+
+def head_lines(robot: Robot, axes: Sequence[str]) -> list[str]:
+    """What a program takes for granted, to be checked by whoever runs it.
+
+    axes : the controller's name of each joint
+    """
+    pairs = ", ".join(
+        f"{axis} = {plain_text(joint)}" for axis, joint in zip(axes, robot.joints, strict=True)
+    )
+    return [
+        f"Axes: {pairs}",
+        "Taken from the URDF and to be checked: zero positions and senses of rotation of all axes.",
+        "The way from pose to pose is not checked for collisions: look at it first.",
+        "Tool and load data of the controller are not set here: select them first.",
+        "Record the joint values that the controller reads at each pose; they go into the data.",
+    ]
+
+
+def plain_text(text: str) -> str:
+    """Letters, digits and harmless signs of a name; all else becomes ``_``, and it is cut short.
+
+    >>> plain_text('p1"); halt()' + chr(10) + 'END')
+    'p1_)_ halt()_END'
+    """
+    return re.sub(r"[^A-Za-z0-9 _.:,=+()@%-]", "_", text)[:_LONGEST_NAME]
+
+
+def _check_limits(robot: Robot, q: Array, pose: str, source: str) -> None:
+    outside = (q < robot.limits[:, 0] - _OUTSIDE) | (q > robot.limits[:, 1] + _OUTSIDE)
+    for j in np.flatnonzero(outside):
+        shown = f"{q[j] * 1e3:.3f} mm" if robot.prismatic[j] else f"{np.degrees(q[j]):.3f} deg"
+        raise InputError(
+            source,
+            f"pose {pose}",
+            f"joint {robot.joints[j]} at {shown} is beyond its limits",
+            "take the pose out or mend the limits in URDF and cell",
+        )

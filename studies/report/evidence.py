@@ -1,0 +1,179 @@
+"""What a report rests on: results, and the inputs they name as long as these are unchanged."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib import Cell, Measurements, load_cell, load_measurements
+from calib.errors import CalibError, InputError
+from calib.poses import Poses, poses_at
+from studies.commands.common import sha256
+
+KINDS = ("design", "plan", "compare", "identify", "diagnose", "compensate", "enough")
+"""Results that a report can tell of; ``plan`` is ``diagnose --plan-only``."""
+
+_SAME_JOINTS = 1e-6  # rad or m
+_MOST_BYTES = 200_000_000
+
+
+@dataclass(frozen=True)
+class Input:
+    """A file that a result was made from; state: "unchanged", "changed since" or "not found"."""
+
+    file: str
+    sha256: str
+    state: str
+    path: Path | None
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A result file.
+
+    kind : one of KINDS; fields : its content; inputs : tuple of Input, the cell first
+    """
+
+    path: Path
+    kind: str
+    fields: dict[str, Any]
+    inputs: tuple[Input, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """All that a report is made of.
+
+    results : tuple of Result, in the order given
+    cell : Cell of the first result, None where its file is gone or changed
+    data : dict, result file -> its measurements, where they are unchanged
+    notes : tuple of str, what had to be left out, and why
+    lit : dict, pose -> the name under which it is lit with the others of its joints
+    """
+
+    results: tuple[Result, ...]
+    cell: Cell | None
+    data: dict[Path, Measurements]
+    notes: tuple[str, ...]
+    lit: dict[str, str]
+
+    def of(self, kind: str) -> list[Result]:
+        """The results of a kind."""
+        return [result for result in self.results if result.kind == kind]
+
+    def first(self, kind: str) -> Result | None:
+        """The first result of a kind."""
+        return next(iter(self.of(kind)), None)
+
+
+def load_evidence(paths: Sequence[Path]) -> Evidence:
+    """Read results and what they were made from.
+
+    Raises InputError where a file is no result of posecal.
+    """
+    results = tuple(_result(path) for path in paths)
+    cell, notes = _cell(results)
+    data = {}
+    for result in results if cell is not None else ():
+        if result.kind in ("identify", "diagnose") and len(result.inputs) > 2:
+            source = result.inputs[2]
+            if source.path is None:
+                notes.append(f"{source.file} is {source.state}: figures that need it are left out")
+            else:
+                data[result.path] = _measurements(cell, result)
+    lit = {}
+    if cell is not None:
+        plans = [plan_poses(cell, result) for result in results if result.kind == "design"]
+        lit = shared_names([*(found.poses for found in data.values()), *plans])
+    return Evidence(results, cell, data, tuple(dict.fromkeys(notes)), lit)
+
+
+def _result(path: Path) -> Result:
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise InputError(path, "", "is larger than any result", "name a result of posecal")
+        fields = json.loads(path.read_text(encoding="utf-8"))
+        command, inputs = fields["command"], fields["inputs"]
+        kind = "plan" if command == "diagnose" and fields.get("plan_only") else str(command)
+        found = tuple(_input(path, str(entry["file"]), str(entry["sha256"])) for entry in inputs)
+    except OSError as error:
+        raise InputError(path, "", f"cannot be read ({error.strerror})") from None
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        raise InputError(
+            path, "", "is no result of posecal", "write one with --json of a command"
+        ) from None
+    if fields.get("schema") != 1:
+        raise InputError(path, "schema", "is not 1", "write the result anew with this version")
+    if kind not in KINDS:
+        raise InputError(
+            path, "command", f"{kind[:40]!r} has no place in a report", "give results of "
+            "design, compare, identify, diagnose, compensate or enough",
+        )  # fmt: skip
+    return Result(path, kind, fields, found)
+
+
+def _input(result: Path, file: str, digest: str) -> Input:
+    """The file where it was, or beside the result."""
+    state = "not found"
+    for path in (Path(file), result.parent / Path(file).name):
+        try:
+            if not path.is_file():
+                continue
+            if sha256(path) == digest:
+                return Input(file, digest, "unchanged", path)
+        except (OSError, ValueError):
+            continue
+        state = "changed since"
+    return Input(file, digest, state, None)
+
+
+def _cell(results: tuple[Result, ...]) -> tuple[Cell | None, list[str]]:
+    source = results[0].inputs[0] if results[0].inputs else None
+    if source is None or source.path is None:
+        what = "the cell" if source is None else f"{source.file} is {source.state}: the cell"
+        return None, [f"{what}, its picture and what needs the robot are left out"]
+    notes = [
+        f"{result.path.name} was made from another cell than {results[0].path.name}"
+        for result in results[1:]
+        if result.inputs and result.inputs[0].sha256 != source.sha256
+    ]
+    try:
+        return load_cell(source.path), notes
+    except CalibError as error:
+        return None, [*notes, f"{error}: the cell is left out"]
+
+
+def _measurements(cell: Cell | None, result: Result) -> Measurements:
+    """The measurements of a result, those of a hold-out file after them."""
+    assert cell is not None  # noqa: S101
+    path = result.inputs[2].path
+    assert path is not None  # noqa: S101
+    return load_measurements(cell, path, every_marker=False)
+
+
+def plan_poses(cell: Cell, result: Result) -> Poses:
+    """The poses of a design."""
+    robot = cell.robot
+    rows = []
+    for pose in result.fields["poses"]:
+        values = {**pose["joints_deg"], **pose.get("joints_mm", {})}
+        rows.append([float(values[name]) for name in robot.joints])
+    scale = np.where(robot.prismatic, 1e-3, np.pi / 180.0)
+    names = [str(pose["pose"]) for pose in result.fields["poses"]]
+    return poses_at(np.array(rows).reshape(len(rows), robot.dof) * scale, names)
+
+
+def shared_names(sets: Sequence[Poses]) -> dict[str, str]:
+    """For each pose the name of the first with the same joints: what is lit together on the page."""
+    known: dict[tuple[int, ...], str] = {}
+    names: dict[str, str] = {}
+    for poses in sets:
+        rounded = np.round(poses.q / _SAME_JOINTS).astype(np.int64)
+        for name, q in zip(poses.names, rounded.tolist(), strict=True):
+            names.setdefault(name, known.setdefault(tuple(q), name))
+    return names

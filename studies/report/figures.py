@@ -1,0 +1,74 @@
+"""Figures within a page: SVG whose colours follow the page and whose poses can be lit."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+
+from markupsafe import Markup
+
+from studies.plots.style import POSE, Picture, svg_text
+
+_SVG = "http://www.w3.org/2000/svg"
+_XLINK = "http://www.w3.org/1999/xlink"
+_REFERS = re.compile(r"url\(#([^)]+)\)")
+_THEMED = {
+    "#000000": "var(--ink)",
+    "#262626": "var(--ink)",
+    "#333333": "var(--ink)",
+    "#737373": "var(--soft)",
+    "#8c8c8c": "var(--soft)",
+    "#999999": "var(--soft)",
+    "#b8b8b8": "var(--dim)",
+    "#d9d9d9": "var(--faint)",
+    "#ebebeb": "var(--faint)",
+    "#ffffff": "var(--paper)",
+}
+"""Greys of the figures, by what they are on the page."""
+
+
+def inline_svg(picture: Picture, key: str, names: Mapping[str, str]) -> Markup:
+    """The figure as an element of the page, labelled by its title and caption.
+
+    key : str, begins the identifiers in it; one of its own for each figure of a page
+    names : pose -> the name under which it is lit
+    """
+    ET.register_namespace("", _SVG)
+    ET.register_namespace("xlink", _XLINK)
+    root = ET.fromstring(svg_text(picture))  # noqa: S314
+    _clean(root, key, names)
+    width, height = (float(root.attrib.pop(key).removesuffix("pt")) for key in ("width", "height"))
+    root.set("class", "plot")
+    root.set("role", "img")
+    root.set("aria-label", f"{picture.title}. {picture.caption}")
+    root.set("style", f"max-width: {width / 72.0 * 96.0:.0f}px; aspect-ratio: {width / height:.4f}")
+    text = ET.tostring(root, encoding="unicode")
+    for grey, variable in _THEMED.items():
+        text = re.sub(grey, variable, text, flags=re.IGNORECASE)
+    return Markup(text)  # noqa: S704 - drawn by matplotlib, which escapes what it writes
+
+
+def _clean(root: ET.Element, key: str, names: Mapping[str, str]) -> None:
+    """Names of elements that are unique on the page, none that nobody refers to, no metadata."""
+    for tag in ("metadata", "title", "desc"):
+        for element in root.findall(f"{{{_SVG}}}{tag}"):
+            root.remove(element)
+    referred = set()
+    for element in root.iter():
+        for attribute, value in element.attrib.items():
+            referred |= set(_REFERS.findall(value))
+            if attribute.endswith("href") and value.startswith("#"):
+                referred.add(value[1:])
+    for element in root.iter():
+        own = element.attrib.pop("id", None)
+        if own is not None and own.startswith(POSE):
+            pose = own.removeprefix(POSE)
+            element.set("data-pose", names.get(pose, pose))
+        elif own in referred:
+            element.set("id", f"{key}-{own}")
+        for attribute, value in element.attrib.items():
+            value = _REFERS.sub(rf"url(#{key}-\1)", value)
+            if attribute.endswith("href") and value.startswith("#"):
+                value = f"#{key}-{value[1:]}"
+            element.set(attribute, value)

@@ -1,0 +1,99 @@
+// One pose, everywhere on the page: what carries the same data-pose lights up together (class `lit`).
+// Speaks with the figures by the event `posecal:pose` on document, detail {pose, source, pinned}.
+(() => {
+  "use strict";
+  const SOURCE = "page";
+  const of = new Map(); // pose -> its elements
+  let pinned = null, lit = null;
+
+  function light(pose) {
+    if (pose === lit) return;
+    for (const element of of.get(lit) ?? []) element.classList.remove("lit");
+    for (const element of of.get(pose) ?? []) element.classList.add("lit");
+    lit = pose;
+  }
+  const tell = (pose, isPinned) =>
+    document.dispatchEvent(new CustomEvent("posecal:pose", { detail: { pose, source: SOURCE, pinned: isPinned } }));
+  const poseAt = (target) => target?.closest?.("[data-pose]")?.dataset.pose ?? null;
+
+  function over(pose) {
+    if ((pose ?? pinned) === lit) return;
+    light(pose ?? pinned);
+    tell(pose, false);
+  }
+  function pin(pose) {
+    pinned = pose;
+    light(pose);
+    tell(pose, true);
+  }
+
+  document.addEventListener("posecal:pose", ({ detail }) => {
+    if (detail.source === SOURCE) return;
+    if (detail.pinned) pinned = detail.pose;
+    light(detail.pose ?? pinned);
+  });
+  for (const type of ["pointerover", "focusin"]) document.addEventListener(type, (event) => over(poseAt(event.target)));
+  document.addEventListener("focusout", () => over(null));
+  document.documentElement.addEventListener("pointerleave", () => over(null));
+  document.addEventListener("click", (event) => {
+    const pose = poseAt(event.target);
+    if (pose !== null && !event.target.closest("a, button, summary, select, input")) pin(pose === pinned ? null : pose);
+  });
+  document.addEventListener("keydown", (event) => {
+    if (event.key === "Escape" && pinned !== null) pin(null);
+    if ((event.key === "Enter" || event.key === " ") && event.target.matches("[data-pose]")) {
+      event.preventDefault();
+      const { pose } = event.target.dataset;
+      pin(pose === pinned ? null : pose);
+    }
+  });
+
+  // ---- tables with data-sortable: the last row of the head gets buttons that sort the body
+
+  const sortKey = (row, column) => {
+    const cell = row.cells[column];
+    const text = (cell?.dataset.sort ?? cell?.textContent ?? "").trim();
+    const number = Number.parseFloat(text.replace("\u2212", "-"));
+    return Number.isNaN(number) || !/^[-+\u2212.\d]/.test(text) ? text : number;
+  };
+  // Numbers first, then words; what is empty or a dash comes last either way.
+  const rank = (key) => (typeof key === "number" ? 0 : /^[-\u2013\u2014]?$/.test(key) ? 2 : 1);
+  const compare = (a, b, sign) => {
+    const apart = rank(a) - rank(b);
+    if (apart) return rank(a) === 2 || rank(b) === 2 ? apart : sign * apart;
+    return sign * (typeof a === "number" ? a - b : a.localeCompare(b, undefined, { numeric: true }));
+  };
+
+  function sort(table, column) {
+    const heads = [...table.tHead.rows].at(-1).cells, head = heads[column];
+    const up = head.getAttribute("aria-sort") !== "ascending";
+    for (const other of heads) other.removeAttribute("aria-sort");
+    head.setAttribute("aria-sort", up ? "ascending" : "descending");
+    const body = table.tBodies[0];
+    const keyed = [...body.rows].map((row) => [sortKey(row, column), row]);
+    keyed.sort(([a], [b]) => compare(a, b, up ? 1 : -1));
+    body.append(...keyed.map(([, row]) => row));
+  }
+
+  function makeSortable(table) {
+    for (const [column, head] of [...([...(table.tHead?.rows ?? [])].at(-1)?.cells ?? [])].entries()) {
+      if (!head.textContent.trim()) continue;
+      const button = document.createElement("button");
+      Object.assign(button, { type: "button", className: "sort" });
+      button.append(...head.childNodes);
+      button.addEventListener("click", () => sort(table, column));
+      head.append(button);
+    }
+  }
+
+  function start() {
+    for (const element of document.querySelectorAll("[data-pose]")) {
+      const { pose } = element.dataset;
+      if (!of.has(pose)) of.set(pose, []);
+      of.get(pose).push(element);
+    }
+    document.querySelectorAll("table[data-sortable]").forEach(makeSortable);
+  }
+  if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", start);
+  else start();
+})();

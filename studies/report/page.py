@@ -1,0 +1,79 @@
+"""The page: sections in a frame, styles and scripts within it, so that it needs nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.resources import files
+from typing import Any
+
+from markupsafe import Markup
+
+from studies.report.evidence import Evidence
+from studies.report.figures import inline_svg
+from studies.report.parts import Figure, Part, Raw, Section, Table, Text
+from studies.report.sections import sections
+from studies.report.sections.provenance import provenance
+
+_STYLES = ("page.css", "lit.css", "arm_view.css")
+_SCRIPTS = ("page.js", "arm_view.js")
+
+
+def page(evidence: Evidence, title: str, told: dict[str, str]) -> str:
+    """The report as HTML that names nothing outside itself.
+
+    title : str; told : what the user tells of the measurement (operator, instrument ..), by label
+
+    Raises KeyError, TypeError or ValueError where a result misses what results of its kind hold.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("studies.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.tests["text"] = lambda part: isinstance(part, Text)
+    environment.tests["table"] = lambda part: isinstance(part, Table)
+    environment.tests["figure"] = lambda part: isinstance(part, Figure)
+    environment.tests["raw"] = lambda part: isinstance(part, Raw)
+    numbered = enumerate(_figures(found := [*sections(evidence), provenance(evidence, told)]))
+    drawn = {
+        id(figure): inline_svg(figure.picture, f"f{number}", evidence.lit)
+        for number, figure in numbered
+    }
+    return environment.get_template("page.html.j2").render(
+        title=title,
+        told=told,
+        sections=found,
+        drawn=drawn,
+        key=id,
+        lit=lambda name: evidence.lit.get(name, name),
+        numbers=lambda figure: _numbers(figure),
+        styles=[_own(name) for name in _STYLES],
+        scripts=[_own(name) for name in _SCRIPTS],
+    )
+
+
+def _figures(found: list[Section]) -> Iterator[Figure]:
+    parts: Iterator[Part] = (part for section in found for part in section.parts)
+    return (part for part in parts if isinstance(part, Figure))
+
+
+def _numbers(figure: Figure) -> Table | None:
+    """The table under a figure."""
+    picture = figure.picture
+    if not figure.numbers or not picture.rows:
+        return None
+    return Table(
+        picture.header,
+        picture.rows,
+        of_poses=picture.header[0] == "pose",
+        fold=f"The numbers: {len(picture.rows)} row{'s' * (len(picture.rows) > 1)}",
+    )
+
+
+def _own(name: str) -> Any:
+    """A file of this package, which was written here and may stand in the page as it is."""
+    return Markup((files("studies.report") / name).read_text(encoding="utf-8"))  # noqa: S704

@@ -1,0 +1,49 @@
+"""The sections of a report, in the order of the page: one file each, one entry each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from studies.report.evidence import Evidence, Result
+from studies.report.parts import Section
+from studies.report.sections.approaches import approaches
+from studies.report.sections.arm import arm
+from studies.report.sections.cell import cell
+from studies.report.sections.diagnosis import diagnosis, further
+from studies.report.sections.errors import errors, workspace
+from studies.report.sections.parameters import parameters
+from studies.report.sections.plan import plan
+from studies.report.sections.sight import sight
+from studies.report.sections.summary import summary
+
+OF_THE_CELL: tuple[Callable[[Evidence], Section | None], ...] = (summary, arm, cell)
+
+OF_RESULTS: tuple[tuple[str, Callable[[Evidence, Result], Section | None]], ...] = (
+    ("design", plan),
+    ("plan", sight),
+    ("compare", approaches),
+    ("identify", errors),
+    ("identify", parameters),
+    ("identify", workspace),
+    ("diagnose", diagnosis),
+    ("diagnose", further),
+)
+"""Kind of result, and a section about it."""
+
+
+def sections(evidence: Evidence) -> Iterator[Section]:
+    """All sections that the evidence allows, but where it comes from."""
+    for about in OF_THE_CELL:
+        section = about(evidence)
+        if section is not None:
+            yield section
+    for kind, tell in OF_RESULTS:
+        several = evidence.of(kind)
+        for number, result in enumerate(several, 1):
+            section = tell(evidence, result)
+            if section is None:
+                continue
+            if len(several) > 1:
+                title = f"{section.title}: {result.path.name}"
+                section = Section(f"{section.key}-{number}", title, section.parts)
+            yield section

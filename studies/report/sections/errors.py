@@ -1,0 +1,143 @@
+"""What the fit leaves: distances, residuals by pose and by what they may depend on, pairs of points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from calib import Cell, Measurements
+from calib.se3 import Array
+from studies.identify.pictures import residual_pictures, workspace_pictures
+from studies.identify.point_errors import PointErrors, point_errors
+from studies.plots.against import against
+from studies.report.evidence import Evidence, Result
+from studies.report.parts import Figure, Part, Section, Table, Text, folded
+
+_LABELS = {
+    "nominal": "nominal model, base and markers fitted",
+    "fitted": "identified model, outliers left out",
+    "fitted_all": "identified model, every pose",
+    "heldout": "poses it never saw",
+    "heldout_trimmed": "poses it never saw, without their outliers",
+}
+
+
+def errors(evidence: Evidence, result: Result) -> Section:
+    """Errors before and after."""
+    return Section("errors", "Errors before and after", tuple(_parts(evidence, result)))
+
+
+def workspace(evidence: Evidence, result: Result) -> Section:
+    """The accuracy to expect at poses that were not measured."""
+    fields = result.fields
+    parts: list[Part] = [
+        Text(
+            "What the uncertainty of the parameters leaves at other poses: "
+            f"{fields['task_rms_mm']:.4f} mm RMS, {fields['task_worst_mm']:.4f} mm at worst "
+            f"({fields['targets']})."
+        ),
+        *(Figure(picture) for picture in workspace_pictures(fields)),
+    ]
+    return Section("workspace", "Accuracy to expect elsewhere", tuple(parts))
+
+
+def _parts(evidence: Evidence, result: Result) -> Iterator[Part]:
+    fields = result.fields
+    found = point_errors(fields["residuals"], "nominal_mm")
+    yield Table(
+        ("model", "RMS [mm]", "p95 [mm]", "max [mm]"),
+        [
+            (label, *(fields[name][key] for name in ("rms_mm", "p95_mm", "max_mm")))
+            for key, label in _LABELS.items()
+            if fields["rms_mm"][key] is not None
+        ],
+        "Distances in space between measured and predicted points. Noise alone would leave "
+        f"{3.0**0.5 * fields['noise']['sigma_mm']:.4f} mm RMS.",
+    )
+    first, *others = residual_pictures(fields)
+    yield Figure(first)
+    yield from _pairs(fields)
+    yield from _outliers(fields)
+    for picture in others:
+        yield Figure(picture)
+    data = evidence.data.get(result.path)
+    if evidence.cell is not None and data is not None:
+        yield from _against(evidence.cell, data, found, fields["noise"]["sigma_mm"] / 1e3)
+    yield _by_pose(found)
+
+
+def _pairs(fields: dict[str, Any]) -> Iterator[Part]:
+    rows = [
+        (_LABELS[key], own["pairs"], own["rms"], own["p95"], own["max"])
+        for key, own in fields["pair_distances_mm"].items()
+    ]
+    if rows:
+        yield Table(
+            ("model", "pairs", "RMS [mm]", "p95 [mm]", "max [mm]"),
+            rows,
+            "Distances between points of two poses, measured minus predicted: a check that depends on "
+            "no frame, since distances are the same wherever the instrument stands",
+        )
+
+
+def _outliers(fields: dict[str, Any]) -> Iterator[Part]:
+    rows = [
+        (entry["pose"], said, entry["reason"])
+        for key, said in (("outliers", "left out of the fit"), ("heldout_outliers", "held out"))
+        for entry in fields[key]
+    ]
+    if rows:
+        yield Table(
+            ("pose", "", "reason"), rows, "Poses that stand out", of_poses=True,
+            fold=folded("Poses that stand out", rows),
+        )  # fmt: skip
+    else:
+        yield Text("No pose was rejected.", "good")
+
+
+def _against(cell: Cell, data: Measurements, found: PointErrors, sigma: float) -> Iterator[Part]:
+    """Errors over each joint, and over load, time and temperature where they vary."""
+    place = {name: i for i, name in enumerate(data.poses.names)}
+    known = np.array([name in place for name in found.poses])
+    found = found.take(known)
+    if not found.poses:
+        return
+    poses = data.poses.take([place[name] for name in found.poses])
+    squared = np.where(found.seen, (found.after**2).sum(axis=-1), np.nan)
+    rms = np.sqrt(np.nanmean(squared, axis=1))
+    variables: dict[str, Array] = {}
+    for k, (joint, slides) in enumerate(zip(cell.robot.joints, cell.robot.prismatic, strict=True)):
+        own = poses.q[:, k]
+        variables[f"{joint} [mm]" if slides else f"{joint} [deg]"] = (
+            own * 1e3 if slides else np.degrees(own)
+        )
+    force = np.linalg.norm(poses.wrench[:, :3], axis=1)
+    if np.ptp(force) > 0.0:
+        variables["force on the tool [N]"] = force
+    if poses.time is not None:
+        variables["time [h]"] = poses.elapsed / 3600.0
+    if poses.temperature is not None:
+        variables["temperature [degC]"] = poses.temperature
+    yield Figure(against(found.poses, rms, variables, sigma, found.heldout))
+
+
+def _by_pose(found: PointErrors) -> Table:
+    def rms(part: Array) -> Array:
+        squared = np.where(found.seen, (part**2).sum(axis=-1), np.nan)
+        return np.asarray(np.sqrt(np.nanmean(squared, axis=1)) * 1e3)
+
+    rows = [
+        (name, before, after, int(seen), "held out" if held else "")
+        for name, before, after, seen, held in zip(
+            found.poses, rms(found.before).tolist(), rms(found.after).tolist(),
+            found.seen.sum(axis=1), found.heldout, strict=True,
+        )
+    ]  # fmt: skip
+    return Table(
+        ("pose", "RMS before [mm]", "RMS after [mm]", "markers seen", ""),
+        rows,
+        of_poses=True,
+        fold=f"Errors pose by pose ({len(rows)})",
+    )

@@ -1,0 +1,38 @@
+"""What the report rests on: results, inputs with their hashes, versions, who and when."""
+
+from __future__ import annotations
+
+from studies.report.evidence import Evidence
+from studies.report.parts import Part, Section, Table, Text
+
+
+def provenance(evidence: Evidence, told: dict[str, str]) -> Section:
+    """Everything needed to make the same figures again."""
+    commands = [
+        (
+            result.path.name,
+            "diagnose --plan-only" if result.kind == "plan" else result.kind,
+            str(result.fields.get("version", "")),
+            str(result.fields.get("seed", "")),
+        )
+        for result in evidence.results
+    ]
+    inputs = {
+        (entry.file, entry.sha256): entry for result in evidence.results for entry in result.inputs
+    }
+    parts: list[Part] = [
+        Table(("", ""), list(told.items())),
+        Table(("result", "command", "posecal", "seed"), commands, "Results"),
+        Table(
+            ("file", "sha256", "today"),
+            [(entry.file, entry.sha256, entry.state) for entry in inputs.values()],
+            "Inputs",
+        ),
+    ]
+    parts += [Text(note, "note") for note in evidence.notes]
+    for result in evidence.results:
+        parts += [
+            Text(f"{result.path.name}: {line}", "note")
+            for line in result.fields.get("warnings", [])
+        ]
+    return Section("provenance", "Where the figures come from", tuple(parts))

@@ -1,0 +1,171 @@
+"""The first screen: what was found, in words, for a reader who knows robots but not statistics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from studies.diagnose.tables import verdict_sentence
+from studies.report.bars import Bar, bars
+from studies.report.evidence import Evidence
+from studies.report.parts import Section, Text, listed
+
+
+def summary(evidence: Evidence) -> Section:
+    """A headline of each result, how the error fell, and what to do next."""
+    said = [
+        line
+        for kind, says in _SAYS.items()
+        for result in evidence.of(kind)
+        for line in says(result.fields)
+    ]
+    drawn = list(_bars(evidence))
+    fall = (
+        [bars(drawn, "Distance between measured and predicted points, RMS [mm]")] if drawn else []
+    )
+    return Section("summary", "In one look", (*said, *fall, *_next(evidence)))
+
+
+def _bars(evidence: Evidence) -> Iterator[Bar]:
+    """Errors from the nominal model to what the diagnosis leaves, and the noise."""
+    identified, diagnosed = evidence.first("identify"), evidence.first("diagnose")
+    noise = None
+    if identified is not None:
+        rms = identified.fields["rms_mm"]
+        yield Bar("nominal model", rms["nominal"], "bad")
+        yield Bar("identified model", rms["fitted_all"], "good")
+        if rms["heldout"] is not None:
+            yield Bar("identified model, at poses it never saw", rms["heldout"], "good")
+        noise = 3.0**0.5 * identified.fields["noise"]["believed_sigma_mm"]
+    if diagnosed is not None and diagnosed.fields["effects"]:
+        gap = diagnosed.fields["gap"]
+        held = gap["heldout_after_mm"]
+        label = "with what the diagnosis found"
+        yield Bar(label, gap["fit_after_mm"], "good")
+        if held is not None:
+            yield Bar(f"{label}, at poses it never saw", held, "good")
+        noise = gap["floor_mm"]
+    if noise is not None:
+        yield Bar("the instrument's noise alone", noise, "floor")
+
+
+def _next(evidence: Evidence) -> Iterator[Text]:
+    """What a reader should do with this."""
+    identified, diagnosed = evidence.first("identify"), evidence.first("diagnose")
+    if diagnosed is not None:
+        yield Text(f"What to do next: {_AFTER[diagnosed.fields['verdict']]}", "next")
+    elif identified is not None and identified.fields["noise"]["source"] == "residual":
+        yield Text("What to do next: posecal diagnose says what the model lacks.", "next")
+    elif identified is not None:
+        yield Text(
+            "What to do next: posecal compensate turns targets into corrected commands; "
+            "posecal diagnose says whether anything is left.",
+            "next",
+        )
+    elif evidence.first("design") is not None:
+        yield Text(
+            "What to do next: measure the poses in their order, then posecal identify.", "next"
+        )
+
+
+_AFTER = {
+    "no_gap": "nothing is missing that these data could show; posecal compensate uses the model.",
+    "explained": "put the found effects into the model (posecal diagnose --cell-out) and identify "
+    "again; posecal compensate then uses them.",
+    "ambiguous": "measure the poses listed below, which tell the causes apart.",
+    "unknown": "look at the places listed below: the cause is there, and in no catalogue.",
+}
+
+
+def _identify(fields: Mapping[str, Any]) -> Iterator[Text]:
+    rms = fields["rms_mm"]
+    factor = rms["nominal"] / rms["fitted_all"] if rms["fitted_all"] else 0.0
+    better = f", {factor:.0f} times better" if factor >= 2.0 else ""
+    good = fields["status"] == "converged"
+    yield Text(
+        f"The robot was off by {rms['nominal']:.3f} mm and is now predicted to "
+        f"{rms['fitted_all']:.3f} mm{better}: {fields['rank']} of {len(fields['parameters'])} "
+        f"parameters identified from {fields['poses']} readings, {fields['points']} points.",
+        "good" if good else "warn",
+    )
+    if not good:
+        status, advice = fields["status"].replace("_", " "), fields["advice"]
+        yield Text(f"{status[0].upper()}{status[1:]}: {advice}.", "warn")
+    yield Text(
+        f"At other poses expect {fields['task_rms_mm']:.3f} mm, {fields['task_worst_mm']:.3f} mm at "
+        "worst, from the uncertainty of the parameters; what the model lacks comes on top."
+    )
+    noise = fields["noise"]
+    if noise["source"] == "residual":
+        yield Text(
+            f"The points scatter by {noise['sigma_mm']:.4f} mm in each coordinate where the instrument "
+            f"should by {noise['believed_sigma_mm']:.4f} mm: the model lacks something, or the noise "
+            "is not as stated.",
+            "warn",
+        )
+    if fields["outliers"]:
+        names = [entry["pose"] for entry in fields["outliers"]]
+        yield Text(f"Left out of the fit as outliers: {listed(names)}.", "warn")
+
+
+def _diagnose(fields: Mapping[str, Any]) -> Iterator[Text]:
+    sentence, closed = verdict_sentence(dict(fields)), fields["gap"]["closed"]
+    good = fields["verdict"] in ("no_gap", "explained")
+    proof = ""
+    if closed and fields["effects"]:
+        proof = f" At poses that the choice never saw, {100.0 * closed:.0f} % of the gap is gone."
+    yield Text(f"{sentence[0].upper()}{sentence[1:]}.{proof}", "good" if good else "warn")
+
+
+def _design(fields: Mapping[str, Any]) -> Iterator[Text]:
+    share = 100.0 * fields["efficiency"]
+    proof = (
+        "no plan from the candidates is better"
+        if fields["proof"]["proved_optimal"]
+        else f"proved to reach at least {share:.0f} % of what any plan of this size could"
+    )
+    yield Text(
+        f"The plan has {len(fields['poses'])} poses for {len(fields['predicted_std'])} parameters: "
+        f"{proof} (criterion {fields['criterion']}). Expected after measuring: "
+        f"{_mm(fields['task_rms_mm'])}.",
+        "good",
+    )
+
+
+def _plan(fields: Mapping[str, Any]) -> Iterator[Text]:
+    entries = fields["could_not_see"]
+    seen = [entry for entry in entries if entry["minimum_detectable"] is not None]
+    twins = len(fields["twins"])
+    yield Text(
+        f"Of {len(entries)} causes that a gap may have, the plan could find {len(seen)}"
+        + (f"; {twins} groups of them would stand for each other at any size." if twins else ".")
+    )
+
+
+def _compare(fields: Mapping[str, Any]) -> Iterator[Text]:
+    best = {
+        plan["plan"]: next(a for a in plan["approaches"] if a["approach"] == "points")[
+            "task_rms_mm"
+        ]
+        for plan in fields["plans"]
+    }
+    said = "; ".join(f"{name} {_mm(rms)}" for name, rms in best.items())
+    agreement = fields["agreement"]
+    yield Text(
+        f"Expected with approach #2: {said}. Checked with {fields['trials']} simulated experiments: "
+        f"{agreement['says']}.",
+        "warn" if agreement["believed"] is False else "good",
+    )
+
+
+def _mm(value: float | None) -> str:
+    return "open" if value is None else f"{value:.4f} mm RMS"
+
+
+_SAYS = {
+    "identify": _identify,
+    "diagnose": _diagnose,
+    "design": _design,
+    "plan": _plan,
+    "compare": _compare,
+}

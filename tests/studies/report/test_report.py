@@ -1,0 +1,227 @@
+"""The page: what stands in it, what it leaves out and says so, and that nothing in it can do harm."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from studies.cli import main
+
+RESULTS = ("identify", "diagnose", "design", "foresight", "compare")
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+class Outline(HTMLParser):
+    """Elements, ids, references and text of a page."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.sections: list[str] = []
+        self.links: list[str] = []
+        self.tags: dict[str, int] = {}
+        self.poses: dict[str, int] = {}
+        self.handlers: list[str] = []
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        self.tags[tag] = self.tags.get(tag, 0) + 1
+        if given.get("id"):
+            self.ids.append(str(given["id"]))
+        if tag == "section":
+            self.sections.append(str(given["id"]))
+        for key in ("href", "src", "xlink:href"):
+            if given.get(key):
+                self.links.append(str(given[key]))
+        if given.get("data-pose"):
+            name = str(given["data-pose"])
+            self.poses[name] = self.poses.get(name, 0) + 1
+        self.handlers += [key for key, _ in attrs if key.startswith("on")]
+
+
+@pytest.fixture(scope="module")
+def html(demo_folder: Path) -> str:
+    return (demo_folder / "report.html").read_text()
+
+
+@pytest.fixture(scope="module")
+def outline(html: str) -> Outline:
+    return Outline(html)
+
+
+def test_every_section_is_there_and_in_the_contents(outline: Outline) -> None:
+    assert outline.sections == [
+        "summary", "arm", "cell", "plan", "sight", "approaches", "errors", "parameters", "workspace",
+        "diagnosis", "provenance",
+    ]  # fmt: skip
+    assert {f"#{key}" for key in outline.sections} <= set(outline.links)
+
+
+def test_it_needs_nothing_from_outside(html: str, outline: Outline) -> None:
+    assert all(link.startswith(("#", "data:")) for link in outline.links)
+    assert {link[1:] for link in outline.links if link.startswith("#")} <= set(outline.ids)
+    assert not re.findall(r"url\((?!['\"]?#|['\"]?data:)", html)
+    assert not re.findall(r"@import|fetch\(|XMLHttpRequest|WebSocket|sendBeacon|import\(", html)
+    assert "default-src 'none'" in html
+    assert outline.handlers == []
+
+
+def test_names_of_elements_are_unique(outline: Outline) -> None:
+    assert len(outline.ids) == len(set(outline.ids))
+
+
+def test_figures_are_described_and_have_their_numbers(html: str, outline: Outline) -> None:
+    drawn = re.findall(r'<svg[^>]*class="plot"[^>]*>', html)
+    assert len(drawn) >= 8
+    assert all('role="img"' in svg and "aria-label=" in svg for svg in drawn)
+    assert html.count("The numbers:") == len(drawn)
+    assert outline.tags["figcaption"] > len(drawn)  # that of the arm too
+
+
+def test_a_pose_stands_in_tables_and_figures(demo_folder: Path, outline: Outline) -> None:
+    plan = json.loads((demo_folder / "design.json").read_text())["poses"]
+    assert len(plan) == 15
+    # Free, loaded and planned are one: they share their joints.
+    assert {f"{pose['pose']}_free" for pose in plan} <= set(outline.poses)
+    assert not {pose["pose"] for pose in plan} & set(outline.poses)
+    assert min(outline.poses[f"{pose['pose']}_free"] for pose in plan) > 6
+
+
+def test_figures_of_the_results_stand_in_it(demo_folder: Path, html: str) -> None:
+    text = re.sub(r"\s+", " ", html)
+    identified = json.loads((demo_folder / "identify.json").read_text())
+    designed = json.loads((demo_folder / "design.json").read_text())
+    assert f"off by {identified['rms_mm']['nominal']:.3f} mm" in text
+    share = int(1e3 * designed["efficiency"]) / 10.0
+    assert f"at least {share:.1f} %" in text
+    for entry in identified["inputs"]:
+        assert entry["sha256"] in text
+    for p in identified["parameters"]:
+        digits = f"{abs(p['value']):.4g}"[:4].rstrip(".")
+        assert digits in text, p["id"]
+
+
+def test_who_and_when(demo_folder: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    done = run(
+        "report", demo_folder / "compare.json", "-o", page, "--title", "Cell <7>",
+        "--operator", "R. & D.", "--date", "2026-11-21", "--instrument", "tracker 0815",
+        "--json", tmp_path / "r.json",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    text = page.read_text()
+    for told in ("Cell &lt;7&gt;", "R. &amp; D.", "2026-11-21", "tracker 0815"):
+        assert told in text
+    fields = json.loads((tmp_path / "r.json").read_text())
+    assert fields["command"] == "report"
+    assert fields["inputs"][0]["file"].endswith("compare.json")
+    assert Outline(text).sections == ["summary", "cell", "approaches", "provenance"]
+
+
+@pytest.fixture
+def moved(demo_folder: Path, tmp_path: Path) -> Path:
+    """The results with their inputs in another place, where they are looked for beside them."""
+    folder = tmp_path / "moved"
+    shutil.copytree(demo_folder, folder)
+    for file in folder.glob("*.json"):
+        fields = json.loads(file.read_text())
+        for entry in fields.get("inputs", []):
+            entry["file"] = f"elsewhere/{Path(entry['file']).name}"
+        file.write_text(json.dumps(fields))
+    return folder
+
+
+def test_inputs_are_found_beside_the_result(moved: Path) -> None:
+    done = run("report", moved / "identify.json", "-o", moved / "page.html")
+    assert done.exit_code == 0, done.output
+    assert {"arm", "cell"} <= set(Outline((moved / "page.html").read_text()).sections)
+
+
+def test_changed_inputs_are_left_out_and_named(moved: Path) -> None:
+    table = moved / "measurements.csv"
+    table.write_text(table.read_text() + "\n")
+    (moved / "kr270.urdf").unlink()
+    done = run("report", moved / "identify.json", "-o", moved / "page.html")
+    assert done.exit_code == 0, done.output
+    text = re.sub(r"\s+", " ", (moved / "page.html").read_text())
+    assert "measurements.csv is changed since: figures that need it are left out" in text or (
+        "the cell is left out" in text
+    )
+    assert "not found" in text
+    assert "errors" in Outline(text).sections
+
+
+def _with(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    fields = json.loads(path.read_text())
+    change(fields)
+    path.write_text(json.dumps(fields))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{", "is no result of posecal"),
+        ("[]", "is no result of posecal"),
+        ('{"command": "identify"}', "is no result of posecal"),
+        ('{"command": "identify", "inputs": [], "schema": 2}', "schema: is not 1"),
+        ('{"command": "rm -rf", "inputs": [], "schema": 1}', "has no place in a report"),
+        ('{"command": "identify", "inputs": [], "schema": 1}', "a result is not complete"),
+        ("[" * 100_000, "is no result of posecal"),
+    ],
+)
+def test_what_is_no_result(tmp_path: Path, content: str, message: str) -> None:
+    (tmp_path / "x.json").write_text(content)
+    done = run("report", tmp_path / "x.json", "-o", tmp_path / "page.html")
+    assert done.exit_code == 2
+    assert message in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_a_result_is_never_written_over(demo_folder: Path) -> None:
+    done = run("report", demo_folder / "compare.json", "-o", demo_folder / "compare.json")
+    assert done.exit_code == 2
+    assert "is already an input" in done.stderr
+
+
+HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>'\"&"
+
+
+def test_names_cannot_do_harm(moved: Path) -> None:
+    def poison(fields: dict[str, Any]) -> None:
+        for entry in (*fields["residuals"], *fields["outliers"]):
+            entry["pose"] = f"{HOSTILE}{entry['pose']}"
+        for p in fields["parameters"]:
+            p["id"] = f"{HOSTILE}{p['id']}"
+            p["where"] = HOSTILE
+        fields["warnings"] = [HOSTILE]
+        fields["unidentifiable"] = [{"names": [HOSTILE], "reason": HOSTILE}]
+
+    _with(moved / "identify.json", poison)
+    done = run("report", moved / "identify.json", "-o", moved / "page.html", "--title", HOSTILE)
+    assert done.exit_code == 0, done.output
+    text = (moved / "page.html").read_text()
+    clean = Outline(text)
+    assert clean.handlers == []
+    assert "img" not in clean.tags
+    assert "alert(1)</script>" not in text
+    assert clean.tags["script"] == Outline((moved / "report.html").read_text()).tags["script"]
+
+
+def test_figures_within_the_page_are_well_formed(html: str) -> None:
+    for svg in re.findall(r"<svg[^>]*class=\"plot\".*?</svg>", html, flags=re.S):
+        ET.fromstring(svg)
+        assert "metadata" not in svg

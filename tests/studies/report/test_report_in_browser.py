@@ -1,0 +1,85 @@
+"""The page in headless Chromium: no error, no request, no overflow, readable by all, printable."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+PAGES = 12
+WIDTHS = (1280, 390)
+
+
+@pytest.fixture(scope="module")
+def html(demo_folder: Path) -> str:
+    return (demo_folder / "report.html").read_text()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", WIDTHS)
+def test_it_fits_and_asks_for_nothing(
+    open_page: Callable[..., Any], html: str, width: int, scheme: str
+) -> None:
+    page = open_page(html, width=width, color_scheme=scheme)  # fails on errors and requests
+    for details in page.query_selector_all("details"):
+        details.evaluate("element => element.open = true")
+    over = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+    assert page.evaluate(over) <= 0
+    cut = page.evaluate(
+        """() => [...document.querySelectorAll("h1, h2, h3, p, figcaption, summary, .box")]
+            .filter(e => e.offsetParent && e.scrollWidth > e.clientWidth + 1).map(e => e.textContent)"""
+    )
+    assert cut == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_no_serious_fault(open_page: Callable[..., Any], html: str, scheme: str) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    page = open_page(re.sub(r"<meta http-equiv[^>]*>", "", html), color_scheme=scheme)
+    for details in page.query_selector_all("details"):
+        details.evaluate("element => element.open = true")
+    found = axe.run(page).response["violations"]
+    serious = [
+        (v["id"], [node["html"][:200] for node in v["nodes"]][:3])
+        for v in found
+        if v["impact"] in ("serious", "critical")
+    ]
+    assert serious == []
+
+
+def test_it_prints_on_few_pages(open_page: Callable[..., Any], html: str) -> None:
+    pdf = open_page(html).pdf(format="A4")
+    assert 1 <= len(re.findall(rb"/Type\s*/Page[^s]", pdf)) <= PAGES
+
+
+def test_structure_seen(open_page: Callable[..., Any], html: str) -> None:
+    """What stands where: every section has a title in view and a height, figures fill their width."""
+    page = open_page(html)
+    boxes = page.evaluate(
+        """() => [...document.querySelectorAll("section")].map(s => {
+            const box = s.getBoundingClientRect();
+            const title = s.querySelector("h2").getBoundingClientRect();
+            return [s.id, box.height, title.height, title.width]; })"""
+    )
+    assert all(height > 60 and h > 15 and w > 40 for _, height, h, w in boxes)
+    plots = page.evaluate(
+        """() => [...document.querySelectorAll("svg.plot")].map(s => {
+            const box = s.getBoundingClientRect(); return [box.width, box.height]; })"""
+    )
+    assert all(width > 250 and height > 100 for width, height in plots)
+
+
+def test_a_pose_lights_up_everywhere(open_page: Callable[..., Any], html: str) -> None:
+    page = open_page(html)
+    row = page.locator("#plan tr[data-pose]").nth(3)
+    row.scroll_into_view_if_needed()
+    row.hover()
+    name = row.get_attribute("data-pose")
+    lit = page.evaluate("[...document.querySelectorAll('.lit')].map(e => e.closest('section').id)")
+    assert {"plan", "errors"} <= set(lit)
+    assert page.locator("#arm .arm-now b").inner_text() == name
+    page.mouse.move(2, 2)
+    assert page.evaluate("document.querySelectorAll('tr.lit').length") == 0

@@ -1,0 +1,75 @@
+"""The demonstration goes the whole way, and leaves files to go on from."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from studies.cli import main
+from studies.demo import embedded_cell, embedded_plan, simulated
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+def test_it_names_what_it_wrote_and_the_next_commands_run(demo_folder: Path) -> None:
+    said = (demo_folder.parent / "said").read_text()
+    named = said.split("In ", 1)[1].split("Try next")[0].replace(",", " ").replace(";", " ").split()
+    files = [name.rstrip(".") for name in named if "." in name.rstrip(".")]
+    assert len(files) >= 9
+    for name in files:
+        assert list(demo_folder.glob(f"*{name}" if name.startswith(".") else name)), name
+    steps = [line.split() for line in said.splitlines() if line.startswith("  posecal ")]
+    assert len(steps) == 3
+    for step in steps:
+        assert run(*step[1:], "--help").exit_code == 0
+        given = [word for word in step if word.startswith(str(demo_folder))]
+        assert all(Path(word).exists() for word in given[:2])
+    again = run(*steps[0][1:])
+    assert again.exit_code == 0, again.output
+
+
+def test_the_withheld_effect_is_found(demo_folder: Path) -> None:
+    truth = json.loads((demo_folder / "truth.json").read_text())
+    found = json.loads((demo_folder / "diagnose.json").read_text())
+    assert found["verdict"] == "explained"
+    assert [f"{e['effect']}:{e['where']}" for e in found["effects"]] == [truth["withheld"]]
+    for p in found["effects"][0]["parameters"]:
+        name = f"{truth['withheld']}.{p['name']}"
+        assert abs(p["value"] - truth["parameters"][name]["value"]) < 4.0 * p["std"]
+    assert truth["withheld"] not in (demo_folder / "cell.toml").read_text()
+    kind = truth["withheld"].split(":")[0]
+    assert kind in (demo_folder / "better_cell.toml").read_text()
+
+
+def test_another_seed_hides_another_effect() -> None:
+    cell = embedded_cell()
+    days = [simulated(cell, embedded_plan(cell), seed) for seed in range(6)]
+    assert len({day.withheld for day in days}) > 1
+    assert all(day.withheld for day in days)
+    assert simulated(cell, embedded_plan(cell), 0, withhold=False).withheld == ""
+
+
+@pytest.mark.parametrize("name", ["cell.toml", "measurements.csv", "identify.json"])
+def test_what_was_edited_is_kept(demo_folder: Path, tmp_path: Path, name: str) -> None:
+    folder = tmp_path / "mine"
+    shutil.copytree(demo_folder, folder)
+    file = folder / name
+    file.write_text(file.read_text() + "\n")
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    done = run("demo", folder)
+    assert done.exit_code == 2
+    assert f"{name}: is no file of an earlier demo, or was edited; it is kept" in done.stderr
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_folder_that_is_a_file(tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("")
+    done = run("demo", tmp_path / "taken")
+    assert done.exit_code == 2
+    assert "cannot be made" in done.stderr

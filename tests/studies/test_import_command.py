@@ -1,0 +1,121 @@
+"""``posecal import`` as a user and an outside check see it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import calib
+from calib.files.write_tables import measurements_csv
+from studies.cli import main
+from studies.demo import INPUTS, embedded_text, simulated
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, ["import", *(str(a) for a in arguments)])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cell, simulated measurements, and the same as an instrument and a controller write them."""
+    path = tmp_path_factory.mktemp("import")
+    for name in INPUTS:
+        (path / name).write_text(embedded_text(name))
+    cell = calib.load_cell(path / "cell.toml")
+    data, _, _ = simulated(cell, calib.load_plan(cell, path / "plan.csv"), 3)
+    text = measurements_csv(cell, data)
+    (path / "measured.csv").write_text(text)
+    header, *rows = (line.split(",") for line in text.splitlines())
+    x = header.index("x_mm")
+    points = "".join(f"A,  {r[0]},  {r[1]},  " + ",  ".join(r[x : x + 3]) + "\r\n" for r in rows)
+    (path / "points.txt").write_text("// Frame A::WORLD\n" + points, newline="")
+    joints = dict.fromkeys(";".join([r[0], *r[2:x], *r[x + 3 :]]).replace(".", ",") for r in rows)
+    titles = [h.replace("_deg", " [°]") for h in header[:x] + header[x + 3 :]]
+    titles.remove("marker")
+    (path / "joints.csv").write_text("\n".join([";".join(titles), *joints]), encoding="utf-8")
+    return path
+
+
+def test_joined_table_is_the_measured_one(folder: Path) -> None:
+    out, result = folder / "joined.csv", folder / "joined.json"
+    done = run(
+        folder / "points.txt", "--joints", folder / "joints.csv", "--unit", "mm",
+        "--cell", folder / "cell.toml", "-o", out, "--json", result,
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "30 poses, 90 points" in done.output
+    cell = calib.load_cell(folder / "cell.toml")
+    ours, truth = (calib.load_measurements(cell, p) for p in (out, folder / "measured.csv"))
+    assert ours.poses.names == truth.poses.names
+    for name in ("q", "wrench"):
+        np.testing.assert_array_equal(getattr(ours.poses, name), getattr(truth.poses, name))
+    np.testing.assert_array_equal(ours.points, truth.points)
+    np.testing.assert_array_equal(ours.seen, truth.seen)
+    fields = json.loads(result.read_text(), parse_constant=pytest.fail)
+    assert (fields["schema"], fields["command"], fields["names"]) == (
+        1,
+        "import",
+        "{pose}::{marker}",
+    )
+    assert (fields["poses"], fields["points"]) == (30, 90)
+    assert fields["markers"] == {"m1": 30, "m2": 30, "m3": 30}
+    named = {Path(entry["file"]).name: entry["sha256"] for entry in fields["inputs"]}
+    assert set(named) == {"points.txt", "joints.csv", "cell.toml", "kr270.urdf"}
+    assert named["points.txt"] == hashlib.sha256((folder / "points.txt").read_bytes()).hexdigest()
+
+
+FAULTS = {
+    "no unit": ([], "points.txt: states no unit of length"),
+    "strange column": (["--unit", "mm", "--columns", "a,b"], "--columns: 'a' is not known"),
+    "pattern": (["--unit", "mm", "--names", "P"], "--names: 'P' is no pattern"),
+    "onto an input": (["--unit", "mm", "-o", "points.txt"], "is already an input"),
+    "renamed": (["--unit", "mm", "--joint-names", "a,b"], "--joint-names names 2"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_one_line_and_writes_nothing(
+    folder: Path, fault: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    options, message = FAULTS[fault]
+    before = (folder / "points.txt").read_bytes()
+    done = run("points.txt", "--joints", "joints.csv", "-o", "none.csv", *options)
+    assert done.exit_code == 2
+    assert message in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (folder / "none.csv").exists()
+    assert (folder / "points.txt").read_bytes() == before
+
+
+def test_a_table_that_cannot_be_read_back_is_not_written(folder: Path, tmp_path: Path) -> None:
+    """A marker of the cell that no point shows is a fault of the whole table; --partial allows it."""
+    lines = (folder / "points.txt").read_text().splitlines()
+    (tmp_path / "p.txt").write_text("\n".join(line for line in lines if ",  m3," not in line))
+    options = ["--unit", "mm", "--cell", folder / "cell.toml", "-o", tmp_path / "out.csv"]
+    done = run(tmp_path / "p.txt", "--joints", folder / "joints.csv", *options)
+    assert done.exit_code == 2
+    assert "out.csv: as joined, marker m3: is in the cell's" in done.stderr
+    assert not (tmp_path / "out.csv").exists()
+    done = run(tmp_path / "p.txt", "--joints", folder / "joints.csv", "--partial", *options)
+    assert done.exit_code == 0, done.output
+    assert "60 points" in done.output
+
+
+def test_joints_of_another_robot_are_refused_with_the_way_to_rename(
+    folder: Path, tmp_path: Path
+) -> None:
+    text = (folder / "joints.csv").read_text(encoding="utf-8").replace("A", "axis")
+    (tmp_path / "j.csv").write_text(text, encoding="utf-8")
+    options = ["--unit", "mm", "--cell", folder / "cell.toml", "-o", tmp_path / "out.csv"]
+    done = run(folder / "points.txt", "--joints", tmp_path / "j.csv", *options)
+    assert done.exit_code == 2
+    assert "--joint-names A1,A2,A3,A4,A5,A6" in done.stderr
+    again = ["--joint-names", "A1,A2,A3,A4,A5,A6"]
+    done = run(folder / "points.txt", "--joints", tmp_path / "j.csv", *options, *again)
+    assert done.exit_code == 0, done.output

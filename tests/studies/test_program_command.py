@@ -1,0 +1,141 @@
+"""``posecal program``: what is written is read back and is the plan."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import calib
+from calib.errors import InputError
+from studies.cli import main
+from studies.demo import INPUTS, embedded_text
+from studies.programs import LANGUAGES, Stop
+from studies.programs.krl import axis_names, identifier
+from studies.programs.stops import plain_text
+from tests.helpers import random_robot
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, ["program", *(str(a) for a in arguments)])
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in INPUTS:
+        (tmp_path / name).write_text(embedded_text(name))
+    return tmp_path
+
+
+def krl_targets(text: str) -> list[list[float]]:
+    """Axis values in rad, A1 to A6 in this order."""
+    lists = re.findall(r"^PTP \{(.*)\}$", text, flags=re.M)
+    pairs = [re.findall(r"A(\d) (-?\d+\.\d+)", line) for line in lists]
+    assert all([axis for axis, _ in pair] == list("123456") for pair in pairs)
+    return [[np.radians(float(value)) for _, value in pair] for pair in pairs]
+
+
+def urscript_targets(text: str) -> list[list[float]]:
+    return [
+        [float(value) for value in line.split(",")]
+        for line in re.findall(r"^  movej\(\[([^]]*)\]", text, flags=re.M)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("ending", "read", "finest"),
+    [(".src", krl_targets, np.radians(1e-6)), (".script", urscript_targets, 1e-9)],
+)
+def test_program_holds_the_plan(folder: Path, ending: str, read, finest: float) -> None:  # type: ignore[no-untyped-def]
+    done = run(
+        folder / "cell.toml", folder / "plan.csv", "-o", folder / f"p{ending}",
+        "--json", folder / "p.json",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    cell = calib.load_cell(folder / "cell.toml")
+    plan = calib.load_plan(cell, folder / "plan.csv")
+    text = (folder / f"p{ending}").read_text()
+    np.testing.assert_allclose(read(text), plan.q, rtol=0, atol=0.51 * finest)
+    fields = json.loads((folder / "p.json").read_text(), parse_constant=pytest.fail)
+    assert fields["poses"] == list(plan.names)
+    waits = len(re.findall(r"^HALT$|^  popup\(", text, flags=re.M))
+    assert waits == fields["stops"] == 2 * len(plan)  # free, and with the cell's load
+    assert text.count("hang 250 kg") == len(plan)
+    assert "zero positions" in text
+    assert "not checked for collisions" in text
+
+
+def test_a_cell_without_load_has_one_stop_a_pose(folder: Path) -> None:
+    cell = folder / "cell.toml"
+    cell.write_text(re.sub(r"\[load\].*?(?=\[design\])", "", cell.read_text(), flags=re.S))
+    assert run(cell, folder / "plan.csv", "-o", folder / "p.src").exit_code == 0
+    text = (folder / "p.src").read_text()
+    assert text.count("\nHALT\n") == len(krl_targets(text)) == 15
+    assert "hang" not in text
+
+
+HOSTILE = 'p"); halt()\nHALT\r\nPTP {A1 0}\u2028; $OV_PRO=100 \\" &<>\x7f\x1b[2J'
+
+
+@pytest.mark.parametrize("ending", LANGUAGES)
+def test_a_name_cannot_become_code(folder: Path, ending: str) -> None:
+    rows = [*csv.reader((folder / "plan.csv").read_text().splitlines())]
+    texts = []
+    for name in ("plain", HOSTILE):
+        rows[1][0] = name
+        with (folder / "evil.csv").open("w", newline="") as file:
+            csv.writer(file).writerows(rows)
+        out = folder / f"p{ending}"
+        done = run(folder / "cell.toml", folder / "evil.csv", "-o", out)
+        assert done.exit_code == 0, done.output
+        code = [re.split(r"[;#]", line)[0].rstrip() for line in out.read_text().splitlines()]
+        texts.append([re.sub(r'popup\("[^"\\]*"', "popup(", line) for line in code])
+        assert out.read_text().isascii()
+    assert texts[0] == texts[1]
+
+
+def test_file_names_become_identifiers() -> None:
+    for text in ("plan", "2", "über plan", "a" * 40, "WAIT", "x();END", "../x", "_"):
+        assert re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,23}", identifier(text)), text
+    assert identifier("plan_2") == "plan_2"
+    assert plain_text("pose 1 (free), +3.5") == "pose 1 (free), +3.5"
+    assert len(plain_text("x" * 500)) == 60
+
+
+def test_external_axes_and_those_that_slide() -> None:
+    rng = np.random.default_rng(0)
+    rail = random_robot(rng, 7, prismatic=[0])
+    with pytest.raises(InputError, match="do not tell which are the axes A1 to A6"):
+        axis_names(rail)
+    named = ("rail_e1", *(f"joint_a{k}" for k in range(1, 7)))
+    rail = replace(rail, joints=named)
+    assert axis_names(rail) == ("E1", "A1", "A2", "A3", "A4", "A5", "A6")
+    stops = [Stop("p", np.array([0.25, *np.radians([1, 2, 3, 4, 5, 6])]), ("measure",))]
+    text = LANGUAGES[".src"]("plan", rail, stops, ()).text
+    assert "PTP {E1 250.000000,A1 1.000000,A2 2.000000," in text
+    with pytest.raises(InputError, match="7 joints, rail_e1 slides"):
+        LANGUAGES[".script"]("plan", rail, stops, ())
+    assert axis_names(random_robot(rng, 8))[5:] == ("A6", "E1", "E2")
+    with pytest.raises(InputError, match="do not tell"):
+        axis_names(random_robot(rng, 13))
+
+
+def test_faults_are_one_line_and_write_nothing(folder: Path) -> None:
+    rows = (folder / "plan.csv").read_text()
+    (folder / "far.csv").write_text(rows.replace("79.20,", "500.0,", 1))
+    for plan, out, message in (
+        ("plan.csv", "p.mod", "ends in .mod; let it end in .src or .script"),
+        ("far.csv", "p.src", "pose p01: joint A1 at 500.000 deg is beyond its limits"),
+        ("plan.csv", "none/p.src", "cannot be written"),
+    ):
+        done = run(folder / "cell.toml", folder / plan, "-o", folder / out)
+        assert done.exit_code == 2, done.output
+        assert message in done.stderr
+        assert done.stderr.count("\n") == 1
+        assert not (folder / out).exists()

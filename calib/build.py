@@ -249,7 +249,7 @@ def _idle(effect: Effect, model: Model, poses: Poses) -> EffectCannotAct:
         return EffectCannotAct(
             name,
             "nothing loads the arm",
-            "give wrench columns (fz_N ..), [payload], or link masses in the URDF",
+            "give wrench columns (fz_N ..), [payload], or link masses in the robot's file",
         )
     return EffectCannotAct(
         name, reason, "take it out of [model] effects, or load the arm so that it is stressed"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -39,7 +39,9 @@ class Capsule:
 class Cell:
     """Everything that a cell file says, in SI and radians.
 
-    path, urdf : Path of the cell file and of the nominal model
+    path : Path of the cell file
+    robot_form : ``urdf`` or ``mjcf``, the form of the nominal model
+    robot_files : tuple of Path, the file of the nominal model, then those that it includes
     robot : Robot, limits already narrowed by the cell
     marker_names : tuple of str
     markers : ndarray, shape (M, 3), m, tip frame
@@ -57,7 +59,8 @@ class Cell:
 
     name: str
     path: Path
-    urdf: Path
+    robot_form: Literal["urdf", "mjcf"]
+    robot_files: tuple[Path, ...]
     robot: Robot
     marker_names: tuple[str, ...]
     markers: Array

@@ -11,12 +11,12 @@ import numpy as np
 from calib.build import parse_effect
 from calib.cell import Cell
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
-from calib.errors import CalibError
+from calib.errors import CalibError, InputError
 from calib.files.tables import load_plan
 from calib.poses import Poses
 from calib.threads import one_blas_thread
 from doe.assess import assess
-from doe.criteria import CRITERIA
+from doe.criteria import UNASKED, catalogue
 from doe.curve import accuracy_curve
 from doe.levels import levels_of
 from doe.notes import notes_of
@@ -56,7 +56,7 @@ def design(
     """Choose poses that make a criterion best, with a certificate.
 
     poses : how many to choose; the cell's [design] or the levels say it otherwise
-    criterion : "task", "task-worst", "D", "Ds", "A", "c", "E" or "G"
+    criterion : "task", "task-worst", "D", "Ds", "A", "c", "E", "G" or one of an installed package
     levels : as "A2=5x3" or "A2=-140,-57,-10x3"; those of the cell's [design] otherwise
     candidates : number of Sobol candidates, or a table of candidates in the format of a plan
     extend : a plan that is measured in any case; ``poses`` come on top of it
@@ -111,10 +111,10 @@ def _criterion(name: str, discriminate: tuple[str, str] | None, of: tuple[str, .
         said = "--discriminate" if discriminate is not None else f"criterion {name}"
         raise CalibError(f"--of says nothing to {said}; it goes with Ds, A, E and c")
     if discriminate is not None:
-        return "discriminate"
-    if name not in CRITERIA or name == "discriminate":
-        known = ", ".join(n for n in CRITERIA if n != "discriminate")
-        raise CalibError(f"unknown criterion {name!r}; known are {known}")
+        return UNASKED
+    if name not in catalogue() or name == UNASKED:
+        known = ", ".join(n for n in catalogue() if n != UNASKED)
+        raise InputError("criterion", "", f"{name!r} is unknown", f"known are {known}")
     return name
 
 

@@ -19,7 +19,7 @@ from calib.targets import check_targets, targets_of
 from doe.allowed import Allowed
 from doe.blocks import Blocks
 from doe.constraints import Constraint, constraints_of, scene_of, visible
-from doe.criteria import CRITERIA, Criterion, Question
+from doe.criteria import Criterion, Question, catalogue
 from doe.information import Regressor
 from doe.nominal import nominal
 from doe.pool import Pool, drawn, rounded
@@ -146,7 +146,7 @@ def problem_of(cell: Cell, wish: Wish, seed: int = 0) -> Problem:
         regressor.information(probe[:_REGION], seen[:_REGION]),
         None if wish.rivals is None else rival_rows(model, wish.rivals),
     )
-    criterion = CRITERIA[wish.criterion].of(question)
+    criterion = catalogue()[wish.criterion].of(question)
     return Problem(cell, wish, regressor, constraints, criterion, targets, weights)
 
 

@@ -23,7 +23,7 @@ class Wish:
     """What a user asks of a plan.
 
     poses : int, how many are to be chosen
-    criterion : str, a key of ``doe.criteria.CRITERIA``
+    criterion : str, a key of ``doe.criteria.catalogue()``
     levels : Levels or None
     of : tuple of str: effects or parameters that matter, or ``name=factor`` for a combination
     rivals : two effects to be told apart, ``effect:where``, or None

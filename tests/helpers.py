@@ -18,7 +18,7 @@ from calib.poses import Poses, poses_at
 from calib.robot import Robot
 from calib.se3 import Array, so3_exp, transform
 from calib.statics import Payload
-from studies.demo import embedded_cell, embedded_plan, embedded_text, simulated
+from studies.demo import INPUTS, embedded_cell, embedded_plan, embedded_text, simulated
 
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 
@@ -119,7 +119,8 @@ def cell_of(robot: Robot, markers: Array, effects: Sequence[str], sigma: float =
     return Cell(
         name="test",
         path=Path("cell.toml"),
-        urdf=Path("robot.urdf"),
+        robot_form="urdf",
+        robot_files=(Path("robot.urdf"),),
         robot=robot,
         marker_names=tuple(f"m{j + 1}" for j in range(count)),
         markers=np.asarray(markers, dtype=float),
@@ -142,14 +143,13 @@ def with_effects(cell: Cell, *effects: str) -> Cell:
 def measured_cell(folder: Path) -> Path:
     """The embedded cell, Table II as ``plan.csv``, and what a robot that the model knows measures."""
     cell = embedded_cell()
-    for name in ("cell.toml", "kr270.urdf"):
+    for name in INPUTS:
         (folder / name).write_text(embedded_text(name))
-    (folder / "plan.csv").write_text(embedded_text("table2.csv"))
-    day = simulated(cell, embedded_plan(cell), 0, withhold=False)
-    (folder / "measurements.csv").write_text(measurements_csv(cell, day.plan))
+    data, model, values = simulated(cell, embedded_plan(cell), 0)
+    (folder / "measurements.csv").write_text(measurements_csv(cell, data))
     truth = {
         p.id: {"value": value / p.scale, "unit": p.unit}
-        for p, value in zip(day.model.parameters, day.values, strict=True)
+        for p, value in zip(model.parameters, values, strict=True)
     }
     (folder / "truth.json").write_text(json.dumps({"parameters": truth}))
     return folder

@@ -7,7 +7,6 @@ A user's own effect is the same small class in an installed package of theirs, a
 from __future__ import annotations
 
 from functools import lru_cache
-from importlib.metadata import entry_points
 
 from calib.effects.backlash import Backlash
 from calib.effects.base import Base
@@ -32,7 +31,7 @@ from calib.effects.tracker_drift import TrackerDrift
 from calib.effects.tracker_scale import TrackerScale
 from calib.effects.transmission_harmonic import TransmissionHarmonic
 from calib.effects.transmission_scale import TransmissionScale
-from calib.errors import CalibError
+from calib.plugins import with_announced
 
 EFFECTS: dict[str, type[Effect]] = {
     "base": Base,
@@ -69,22 +68,7 @@ def catalogue() -> dict[str, type[Effect]]:
 
     Raises CalibError where a package announces something that is no effect.
     """
-    found = dict(EFFECTS)
-    for entry in entry_points(group="posecal.effects"):
-        if entry.name in found:
-            raise CalibError(f"effect {entry.name!r} of {entry.value}: the name is taken")
-        try:
-            own = entry.load()
-        except Exception as error:
-            raise CalibError(
-                f"effect {entry.name!r}: {entry.value} fails to load: {error}"
-            ) from None
-        if not (isinstance(own, type) and issubclass(own, Effect)):
-            raise CalibError(f"effect {entry.name!r}: {entry.value} is no subclass of Effect")
-        if own.kind != entry.name:
-            raise CalibError(f"effect {entry.name!r}: {entry.value} calls itself {own.kind!r}")
-        found[entry.name] = own
-    return found
+    return with_announced("effects", EFFECTS, Effect, lambda kind: kind.kind)
 
 
 __all__ = ["EFFECTS", "GROUPS", "Context", "Effect", "Parameter", "State", "catalogue"]

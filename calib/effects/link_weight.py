@@ -36,7 +36,7 @@ class LinkWeight(WeightEffect):
         needs(
             mass > 0.0,
             f"{cls.kind}:{where}",
-            "the URDF gives this link no mass to correct",
+            "the robot's file gives this link no mass to correct",
             "add its <inertial>, or use gravity_sag",
         )
         x, y, z = robot.coms[joint]

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ValidationError
 from calib.build import parse_effect
 from calib.cell import Capsule, Cell, Load
 from calib.errors import InputError, UnknownEffect
+from calib.files.robot import load_robot, robot_files
 from calib.files.schema import (
     CellFile,
     DesignTable,
@@ -25,7 +26,6 @@ from calib.files.schema import (
     RobotTable,
     Sigma,
 )
-from calib.files.urdf import load_urdf
 from calib.noise import Noise
 from calib.robot import Robot
 from calib.se3 import Array
@@ -36,13 +36,14 @@ _MM = 1e-3
 
 
 def load_cell(path: str | Path) -> Cell:
-    """Read a cell file and the URDF that it names.
+    """Read a cell file and the robot's file that it names.
 
     Raises InputError naming the file, the line or key, and what to do.
     """
     path = Path(path)
     table = _validated(path, _read_toml(path))
-    robot = load_urdf(path.parent / table.robot.urdf, table.robot.base, table.robot.tip)
+    form, file = table.robot.form, path.parent / table.robot.file
+    robot = load_robot(form, file, table.robot.base, table.robot.tip)
     _check_joints(path, robot, table)
     for text in table.model.effects:
         try:
@@ -57,7 +58,8 @@ def load_cell(path: str | Path) -> Cell:
     return Cell(
         name=table.name or path.stem,
         path=path,
-        urdf=path.parent / table.robot.urdf,
+        robot_form=form,
+        robot_files=robot_files(form, file),
         robot=_narrowed(path, robot, table.robot),
         marker_names=tuple(markers),
         markers=np.array([m.position for m in markers.values()]) * _MM,
@@ -206,7 +208,9 @@ def _narrowed(path: Path, robot: Robot, table: RobotTable) -> Robot:
             limits[index] = max(limits[index, 0], low), min(limits[index, 1], high)
             if limits[index, 0] > limits[index, 1]:
                 raise InputError(
-                    path, f"robot.{key}.{joint}", "leaves nothing of the URDF's limits"
+                    path,
+                    f"robot.{key}.{joint}",
+                    f"leaves nothing of the {table.form.upper()}'s limits",
                 )
     return replace(robot, limits=limits)
 

@@ -153,7 +153,7 @@ def _write_knots(document: TOMLDocument, cell: Cell, added: Sequence[Effect]) ->
 
 def _write_paths(document: TOMLDocument, source: Path, target: Path) -> None:
     """Name files relative to the new folder; absolute names hold anywhere."""
-    for table, key in (("robot", "urdf"), ("design", "targets")):
+    for table, key in (("robot", "urdf"), ("robot", "mjcf"), ("design", "targets")):
         given: Any = document.get(table, {}).get(key)
         if given is None or Path(given).is_absolute() or source.resolve() == target.resolve():
             continue

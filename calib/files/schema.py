@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Strict, Tag
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Strict,
+    Tag,
+    model_validator,
+)
 
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0)]
@@ -47,13 +56,28 @@ class AnchorTable(Table):
 
 
 class RobotTable(Table):
-    urdf: str
+    urdf: str | None = None
+    mjcf: str | None = None
     base: str
     tip: str
     limits_deg: dict[str, Range] = {}
     limits_mm: dict[str, Range] = {}
     capsules_mm: dict[str, list[CapsuleTable]] = {}
     compensators_mm: dict[str, AnchorTable] = {}
+
+    @model_validator(mode="after")
+    def _one_file(self) -> Self:
+        if (self.urdf is None) == (self.mjcf is None):
+            raise ValueError("needs the robot's file, either urdf or mjcf, and not both")
+        return self
+
+    @property
+    def form(self) -> Literal["urdf", "mjcf"]:
+        return "mjcf" if self.urdf is None else "urdf"
+
+    @property
+    def file(self) -> str:
+        return self.urdf or self.mjcf or ""
 
 
 class MarkerTable(Table):

@@ -10,10 +10,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from calib.errors import InputError
+from calib.files.xml import read_xml
 from calib.robot import Robot
 from calib.se3 import Array, from_xyz_rpy, rotate
 
-_LARGEST_FILE = 20_000_000  # bytes; a URDF holds text, meshes lie elsewhere
 MOVING = ("revolute", "continuous", "prismatic")
 
 
@@ -30,33 +30,7 @@ class UrdfJoint:
 
 def parse(path: Path) -> ElementTree.Element:
     """The <robot> element. Raises InputError for what is no safe, well-formed URDF."""
-    from defusedxml import ElementTree as Safe
-    from defusedxml.common import DefusedXmlException
-
-    try:
-        size = path.stat().st_size
-    except OSError as error:
-        raise InputError(
-            path, "", f"cannot be read ({error.strerror})", "check [robot] urdf"
-        ) from None
-    if size > _LARGEST_FILE:
-        raise InputError(path, "", f"is {size / 1e6:.0f} MB, too large for a URDF")
-    try:
-        root: ElementTree.Element = Safe.parse(path).getroot()
-    except ElementTree.ParseError as error:
-        line = error.position[0]
-        raise InputError(
-            path, f"line {line}", f"is not well-formed XML ({error})", "export the URDF again"
-        ) from None
-    except (DefusedXmlException, ValueError) as error:
-        raise InputError(
-            path,
-            "",
-            f"uses XML that is refused for safety ({type(error).__name__})",
-            "remove the DOCTYPE and its entities",
-        ) from None
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})") from None
+    root = read_xml(path, "URDF")
     if root.tag != "robot":
         raise InputError(
             path,

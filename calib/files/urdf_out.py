@@ -11,6 +11,8 @@ from calib.files.urdf import MOVING, UrdfJoint, chain_of, origin_of, parse
 from calib.robot import Robot
 from calib.se3 import Array, displacement, rotate, rpy_from_rotation
 
+MARKER = "marker_"  # how links and sites of markers begin
+
 
 def corrected_urdf(
     source: str | Path, robot: Robot, corrections: Array, markers: dict[str, Array]
@@ -35,30 +37,39 @@ def corrected_urdf(
     if chain[-1].kind == "fixed":
         _displace(path, chain[-1], D_tip)
         D_tip = np.eye(4)
-    for element in [e for e in root if e.get("name", "").startswith("marker_")]:
-        root.remove(element)  # of an earlier correction
-    for name, position in markers.items():
-        ElementTree.SubElement(root, "link", name=f"marker_{name}")
-        joint_element = ElementTree.SubElement(
-            root, "joint", name=f"marker_{name}_mount", type="fixed"
-        )
-        T = D_tip.copy()
-        T[:3, 3] += rotate(T[:3, :3], position)
-        _write_origin(joint_element, T)
-        ElementTree.SubElement(joint_element, "parent", link=robot.tip)
-        ElementTree.SubElement(joint_element, "child", link=f"marker_{name}")
+    write_markers(root, robot.tip, D_tip, markers)
     ElementTree.indent(root)
     text: str = ElementTree.tostring(root, encoding="unicode", xml_declaration=True)
     return text + "\n"
 
 
+def write_markers(root: ElementTree.Element, tip: str, T: Array, markers: dict[str, Array]) -> None:
+    """Links ``marker_<name>`` at points given behind the transform T of the tip."""
+    for element in [e for e in root if e.get("name", "").startswith(MARKER)]:
+        root.remove(element)  # of an earlier correction
+    for name, position in markers.items():
+        ElementTree.SubElement(root, "link", name=MARKER + name)
+        joint = ElementTree.SubElement(root, "joint", name=f"{MARKER}{name}_mount", type="fixed")
+        place = T.copy()
+        place[:3, 3] += rotate(T[:3, :3], position)
+        write_origin(joint, place)
+        ElementTree.SubElement(joint, "parent", link=tip)
+        ElementTree.SubElement(joint, "child", link=MARKER + name)
+
+
 def _displace(path: Path, joint: UrdfJoint, D: Array) -> None:
-    _write_origin(joint.element, origin_of(path, f"joint {joint.name}", joint.element) @ D)
+    write_origin(joint.element, origin_of(path, f"joint {joint.name}", joint.element) @ D)
 
 
-def _write_origin(element: ElementTree.Element, T: Array) -> None:
+def write_origin(element: ElementTree.Element, T: Array) -> None:
+    """Set the <origin> of a joint or an inertial to a transform of shape (4, 4)."""
     origin = element.find("origin")
     if origin is None:
         origin = ElementTree.SubElement(element, "origin")
-    origin.set("xyz", " ".join(f"{value:.15g}" for value in T[:3, 3]))
-    origin.set("rpy", " ".join(f"{value:.15g}" for value in rpy_from_rotation(T[:3, :3])))
+    origin.set("xyz", words(T[:3, 3]))
+    origin.set("rpy", words(rpy_from_rotation(T[:3, :3])))
+
+
+def words(values: Array) -> str:
+    """Numbers to 15 digits, as URDF attributes hold them."""
+    return " ".join(f"{value + 0.0:.15g}" for value in values)  # no -0

@@ -1,7 +1,14 @@
-"""Criteria by name: one file each, and one entry here."""
+"""Criteria by name: one file each, and one entry here.
+
+A user's own criterion is the same small class in an installed package of theirs, announced under
+``[project.entry-points."posecal.criteria"]`` by its name.
+"""
 
 from __future__ import annotations
 
+from functools import lru_cache
+
+from calib.plugins import with_announced
 from doe.criteria.average import Average
 from doe.criteria.combination import Combination
 from doe.criteria.determinant import Determinant
@@ -25,4 +32,17 @@ CRITERIA: dict[str, type[Criterion]] = {
     "discriminate": Rivals,
 }
 
-__all__ = ["CRITERIA", "Conic", "Criterion", "Question"]
+UNASKED = "discriminate"
+"""Not chosen by name, but by the effects to tell apart."""
+
+
+@lru_cache(maxsize=1)
+def catalogue() -> dict[str, type[Criterion]]:
+    """All criteria by name, ours and those of installed packages.
+
+    Raises CalibError where a package announces something that is no criterion.
+    """
+    return with_announced("criteria", CRITERIA, Criterion, lambda kind: kind.name)
+
+
+__all__ = ["CRITERIA", "UNASKED", "Conic", "Criterion", "Question", "catalogue"]

@@ -92,7 +92,7 @@ def compare(
 
     cell = calib.load_cell(cell_path)
     targets = cell.design.get("targets")
-    inputs = [cell_path, cell.urdf, *plan_paths, *([targets] if targets else [])]
+    inputs = [cell_path, *cell.robot_files, *plan_paths, *([targets] if targets else [])]
     inputs += [values_path] if values_path is not None else []
     check_outputs([path for path in [output_file(json_path)] if path is not None], inputs)
     loaded = [calib.load_plan(cell, path) for path in plan_paths]

@@ -22,8 +22,6 @@ from studies.commands.common import (
     seed_option,
 )
 
-_CRITERIA = ("task", "task-worst", "D", "Ds", "A", "c", "E", "G")
-
 
 @click.command()
 @click.argument("cell_path", metavar="CELL", type=click.Path(path_type=Path))
@@ -32,12 +30,12 @@ _CRITERIA = ("task", "task-worst", "D", "Ds", "A", "c", "E", "G")
 @click.option("--poses", metavar="N", type=click.IntRange(min=1), help="How many poses to choose.")
 @click.option(
     "--criterion",
-    type=click.Choice(_CRITERIA),
+    metavar="NAME",
     default="task",
     show_default=True,
     help="Made best. task: error left at the targets (task-worst: at the worst); A: mean variance; "
     "D: volume of confidence (Ds: of some parameters); c: one combination; E: the worst combination; "
-    "G: the worst predicted pose.",
+    "G: the worst predicted pose; or one of an installed package.",
 )
 @click.option(
     "--levels",
@@ -120,7 +118,7 @@ def design(
     cell = calib.load_cell(cell_path)
     source = _source(candidates)
     targets = cell.design.get("targets")
-    inputs = [cell_path, cell.urdf, *([targets] if targets else []), *against]
+    inputs = [cell_path, *cell.robot_files, *([targets] if targets else []), *against]
     inputs += [extend_path] if extend_path is not None else []
     inputs += [source] if isinstance(source, Path) else []
     check_outputs(

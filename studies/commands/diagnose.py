@@ -102,7 +102,7 @@ def diagnose(
         _foresee(cell, cell_path, data_path, folder, json_path, seed)
         return
     data = calib.load_measurements(cell, data_path)
-    inputs = [cell_path, cell.urdf, data_path]
+    inputs = [cell_path, *cell.robot_files, data_path]
     data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
     outputs = [path for path in (output_file(json_path), cell_out) if path is not None]
     targets = cell.design["targets"]
@@ -167,7 +167,7 @@ def _foresee(
     from doe.foresight import foresee, foresight_fields
     from studies.diagnose.plan_tables import foresight_tables
 
-    inputs = [cell_path, cell.urdf, plan_path]
+    inputs = [cell_path, *cell.robot_files, plan_path]
     check_outputs([p for p in [output_file(json_path)] if p is not None], inputs)
     load = calib.load_measurements if holds_points(plan_path) else calib.load_plan
     plan = load(cell, plan_path)

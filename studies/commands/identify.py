@@ -23,6 +23,7 @@ from studies.commands.common import (
 
 if TYPE_CHECKING:
     from calib import Cell, Identification, Measurements
+    from calib.files.robot_out import Form
     from calib.identify.identification import Method
     from calib.observations import Approach, Weighting
 
@@ -74,7 +75,14 @@ if TYPE_CHECKING:
     "urdf_path",
     metavar="OUT",
     type=click.Path(path_type=Path),
-    help="Write the URDF with the identified geometry and the markers.",
+    help="Write the robot with the identified geometry and the markers as URDF.",
+)
+@click.option(
+    "--mjcf",
+    "mjcf_path",
+    metavar="OUT",
+    type=click.Path(path_type=Path),
+    help="The same as MJCF, the form of MuJoCo.",
 )
 @figures_option
 @json_option
@@ -90,6 +98,7 @@ def identify(
     length_mm: float,
     differences: bool,
     urdf_path: Path | None,
+    mjcf_path: Path | None,
     folder: Path | None,
     json_path: str | None,
     seed: int,
@@ -113,9 +122,10 @@ def identify(
     cell = calib.load_cell(cell_path)
     targets = cell.design["targets"]
     data = calib.load_measurements(cell, data_path)
-    inputs = [cell_path, cell.urdf, data_path, *([targets] if targets else [])]
+    inputs = [cell_path, *cell.robot_files, data_path, *([targets] if targets else [])]
     data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
-    outputs = [urdf_path] if urdf_path is not None else []
+    robots: dict[Form, Path | None] = {"urdf": urdf_path, "mjcf": mjcf_path}
+    outputs = [path for path in robots.values() if path is not None]
     outputs += [Path(json_path)] if json_path not in (None, "-") else []
     check_outputs(outputs, [*inputs, *extra])
     table_warnings = data.warnings + (heldout.warnings if heldout is not None and extra else ())
@@ -150,8 +160,7 @@ def identify(
     }
     warn(result.warnings)
     texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
-    if urdf_path is not None:
-        texts[urdf_path] = _corrected(cell, result)
+    texts |= _corrected(cell, result, robots)
     if folder is not None:
         from studies.identify.pictures import pictures
 
@@ -159,6 +168,7 @@ def identify(
     write_files(texts)
     _show(cell, result, fields, json_path)
     say_written(texts, folder, json_path)
+    _say_left_out(cell, result, robots, json_path)
 
 
 def held_out(
@@ -218,16 +228,37 @@ def _expected_accuracy(cell: Cell, result: Identification) -> dict[str, Any]:
     }
 
 
-def _corrected(cell: Cell, result: Identification) -> str:
-    from calib.files.urdf_out import corrected_urdf
+def _corrected(
+    cell: Cell, result: Identification, robots: dict[Form, Path | None]
+) -> dict[Path, str]:
+    from calib.files.robot_out import corrected_robot
 
-    names = result.model.marker_names
-    return corrected_urdf(
-        cell.urdf,
-        cell.robot,
-        result.model.constant_displacements(result.values),
-        dict(zip(names, result.marker_positions, strict=True)),
-    )
+    corrections = result.model.constant_displacements(result.values)
+    markers = dict(zip(result.model.marker_names, result.marker_positions, strict=True))
+    return {
+        path: corrected_robot(cell, form, corrections, markers, path)
+        for form, path in robots.items()
+        if path is not None
+    }
+
+
+def _say_left_out(
+    cell: Cell, result: Identification, robots: dict[Form, Path | None], json_path: str | None
+) -> None:
+    """Say what the robots that were written do not hold."""
+    from calib.files.robot_out import LACKS, not_rigid
+
+    for form, path in robots.items():
+        if path is not None and form != cell.robot_form:
+            lack = LACKS[cell.robot_form, form]
+            click.echo(
+                f"{path} is made anew from the {cell.robot_form.upper()}: {lack}",
+                err=json_path == "-",
+            )
+
+    names = not_rigid(result.model)
+    if names and any(robots.values()):
+        click.echo(f"the robot written is rigid, without {', '.join(names)}", err=json_path == "-")
 
 
 def _show(

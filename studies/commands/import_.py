@@ -98,7 +98,7 @@ def import_(
     from calib.files.write_tables import csv_text
 
     cell = None if cell_path is None else calib.load_cell(cell_path)
-    inputs = [*points, joints_path, *([] if cell is None else [cell.path, cell.urdf])]
+    inputs = [*points, joints_path, *([] if cell is None else [cell.path, *cell.robot_files])]
     outputs = [table_path, output_file(json_path)]
     check_outputs([path for path in outputs if path is not None], inputs)
     lists = [read_points(path, unit, _columns(columns)) for path in points]

@@ -53,7 +53,7 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
             f"let it end in {known}",
         )
     cell = calib.load_cell(cell_path)
-    inputs = [cell_path, cell.urdf, plan_path]
+    inputs = [cell_path, *cell.robot_files, plan_path]
     outputs = [program_path, output_file(json_path)]
     check_outputs([path for path in outputs if path is not None], inputs)
     stops = plan_stops(cell, calib.load_plan(cell, plan_path), str(plan_path))

@@ -20,7 +20,7 @@ from calib.se3 import Array
 from calib.simulate import simulate
 from calib.targets import sobol_poses
 
-INPUTS = ("cell.toml", "kr270.urdf", "table2.csv")
+INPUTS = ("cell.toml", "kr270.urdf", "plan.csv")
 _CHECKS = 8  # poses that take no part in the fit
 _READING_S, _WARMING_K = 90.0, 3.0
 
@@ -37,7 +37,7 @@ def embedded_cell() -> Cell:
 
 def embedded_plan(cell: Cell) -> Poses:
     """Table II of the paper: fifteen poses at five angles of A2."""
-    return load_plan(cell, Path(str(files("studies.demo") / "table2.csv")))
+    return load_plan(cell, Path(str(files("studies.demo") / "plan.csv")))
 
 
 def true_values(model: Model, rng: np.random.Generator) -> Array:
@@ -59,12 +59,26 @@ def true_values(model: Model, rng: np.random.Generator) -> Array:
     return values
 
 
+def simulated(cell: Cell, plan: Poses, seed: int) -> tuple[Measurements, Model, Array]:
+    """Measurements of the plan, free and loaded, with the model and the values behind them.
+
+    The load is written as a wrench, as a user would record it.
+    """
+    rng = np.random.default_rng(seed)
+    poses = readings(cell, plan)
+    wrench = wrench_with_load(cell, poses)
+    poses = replace(poses, wrench=wrench, load_mass=np.zeros(len(poses)))
+    model = build(cell, poses).model
+    values = true_values(model, rng)
+    return simulate(model, values, poses, cell.noise, rng), model, values
+
+
 @dataclass(frozen=True, eq=False)
 class Session:
     """A simulated day of measurement, and the truth behind it.
 
     plan, check : Measurements, of the plan, and of poses that take no part in the fit
-    model, values : with the withheld effect, named ``withheld``; empty where there is none
+    model, values : with the withheld effect, which is named ``withheld``
     """
 
     plan: Measurements
@@ -74,30 +88,27 @@ class Session:
     withheld: str
 
 
-def simulated(cell: Cell, plan: Poses, seed: int, *, withhold: bool = True) -> Session:
-    """Measurements of the plan and of eight poses more, each free and loaded.
+def session(cell: Cell, plan: Poses, seed: int) -> Session:
+    """A day with a robot that has an effect which the cell's model lacks; which one, the seed says.
 
-    withhold : whether the robot has an effect that the cell's model lacks; which one, the seed says
-    The load is written as a wrench, as a user would record it; a reading takes a minute and a half,
-    while the hall warms up.
+    Plan and eight poses more, each free, then loaded; a reading takes a minute and a half, while the
+    hall warms up.
     """
     rng = np.random.default_rng(seed)
     check = sobol_poses(cell, _CHECKS, seed + 1)
     check = replace(check, names=tuple(f"c{i:02d}" for i in range(1, _CHECKS + 1)))
     poses = _one_day(cell, plan, check)
+    hidden = _truth()["withheld"]
+    effect, given = hidden[rng.integers(len(hidden))].values()
+    kind, _, where = effect.partition(":")
     model = build(cell, poses).model
     values = true_values(model, rng)
-    effect = ""
-    if withhold:
-        hidden = _truth()["withheld"]
-        effect, given = hidden[rng.integers(len(hidden))].values()
-        kind, _, where = effect.partition(":")
-        own = place_effect(kind, where, context_of(cell, poses))
-        model, values = model.extended(values, [own])
-        sizes = [given.get(p.name, 0.0) * p.scale for p in own.parameters]
-        values[len(values) - len(sizes) :] = sizes
+    own = place_effect(kind, where, context_of(cell, poses))
+    model, values = model.extended(values, [own])
+    sizes = [given.get(p.name, 0.0) * p.scale for p in own.parameters]
+    values[len(values) - len(sizes) :] = sizes
     data = simulate(model, values, poses, cell.noise, rng)
-    of_plan = np.arange(len(data)) < len(data) - len(check) * len(readings(cell, plan)) // len(plan)
+    of_plan = np.arange(len(data)) < len(readings(cell, plan))
     return Session(data.take(of_plan), data.take(~of_plan), model, values, effect)
 
 

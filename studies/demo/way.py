@@ -23,9 +23,10 @@ from studies.commands.design import design
 from studies.commands.diagnose import diagnose
 from studies.commands.identify import identify
 from studies.commands.report import report
-from studies.demo import INPUTS, embedded_text, simulated
+from studies.demo import embedded_text, session
 
 RECORD = "demo.json"
+_GIVEN = {"cell.toml": "cell.toml", "kr270.urdf": "kr270.urdf", "table2.csv": "plan.csv"}
 _CELL, _PLAN, _DATA, _CHECK = "cell.toml", "plan.csv", "measurements.csv", "check.csv"
 
 
@@ -46,7 +47,7 @@ class Way:
         Raises InputError where a file in the folder is not as a demonstration left it.
         """
         self._keep_what_was_edited()
-        self.write({name: embedded_text(name) for name in INPUTS})
+        self.write({name: embedded_text(own) for name, own in _GIVEN.items()})
         for number, (title, step) in enumerate(STEPS, 1):
             self.say(f"[{number}/{len(STEPS)}] {title}")
             begun = time.monotonic()
@@ -92,7 +93,7 @@ class Way:
             written = {entry["file"]: entry["sha256"] for entry in json.loads(text)["files"]}
         except (OSError, ValueError, KeyError, TypeError):
             written = {}
-        for name in (*INPUTS, _PLAN, _DATA, _CHECK, *written):
+        for name in (*_GIVEN, _PLAN, _DATA, _CHECK, *written):
             path = self.folder / name
             if path.exists() and (not path.is_file() or sha256(path) != written.get(name)):
                 raise InputError(path, "", "is no file of an earlier demo, or was edited; it is kept",
@@ -114,7 +115,7 @@ def plan(way: Way) -> str:
 def measure(way: Way) -> str:
     """Simulate a day of measurement, of the plan and of poses that check the result."""
     cell = load_cell(way.folder / _CELL)
-    day = simulated(cell, load_plan(cell, way.folder / _PLAN), way.seed)
+    day = session(cell, load_plan(cell, way.folder / _PLAN), way.seed)
     way.withheld = day.withheld
     truth = {
         p.id: {"value": value / p.scale, "unit": p.unit}

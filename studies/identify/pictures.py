@@ -28,7 +28,7 @@ def pictures(fields: Mapping[str, Any]) -> Iterator[Picture]:
 def residual_pictures(fields: Mapping[str, Any]) -> Iterator[Picture]:
     """Distances before and after as a histogram; residuals by pose and axis, fitted and held out."""
     errors = point_errors(fields["residuals"], "nominal_mm")
-    sigma = fields["noise"]["sigma_mm"] / _MM
+    sigma = instrument_sigma(fields["noise"])
     fitted = errors.take(~errors.heldout)
     yield histogram(fitted.before[fitted.seen], fitted.after[fitted.seen], sigma)
     for part, key, name, title in (
@@ -42,6 +42,16 @@ def residual_pictures(fields: Mapping[str, Any]) -> Iterator[Picture]:
                 part.poses, part.after, part.seen, part.markers, sigma,
                 np.array([pose in out for pose in part.poses]), name=name, title=title,
             )  # fmt: skip
+
+
+def instrument_sigma(noise: Mapping[str, Any]) -> float:
+    """Noise of one coordinate [m] that residuals are held against.
+
+    That of repeated readings where they tell it, else the instrument's as stated: what the residuals
+    themselves say would make any of them look right.
+    """
+    key = "believed_sigma_mm" if noise["source"] == "residual" else "sigma_mm"
+    return float(noise[key]) / _MM
 
 
 def workspace_pictures(fields: Mapping[str, Any]) -> Iterator[Picture]:

@@ -39,6 +39,7 @@ POSE = "pose:"
 """How elements of an SVG begin their id that stand for a pose."""
 _LIT = 60  # poses that are elements of their own
 _VECTOR = 1500  # points; a larger cloud becomes a picture within the SVG
+_NAME, _PARAMETER = 24, 48  # letters of a name beside an axis
 _NAMED = 62  # poses whose names fit below an axis
 RC: Any = {
     "font.family": "sans-serif",
@@ -116,7 +117,8 @@ def looks(keys: Iterable[str], solid: bool = False) -> dict[str, Look]:
     free = [look for look in SERIES if look.color not in taken][solid:]
     others = [key for key in keys if key not in APPROACHES]
     return {key: APPROACHES[key] for key in known} | {
-        key: Look(key, *_parts(free[i % len(free)])) for i, key in enumerate(others)
+        key: Look(elided(key, _PARAMETER), *_parts(free[i % len(free)]))
+        for i, key in enumerate(others)
     }
 
 
@@ -211,10 +213,20 @@ def pose_ticks(panel: Axes, names: Sequence[str]) -> None:
     """Names below the axis, upright where they would meet; every k-th where even that is too tight."""
     step = -(-len(names) // _NAMED)
     shown = range(0, len(names), step)
-    upright = len(shown) * max(map(len, names)) > 40
-    labels = [names[i] for i in shown]
+    upright = len(shown) * max(len(elided(name)) for name in names) > 40
+    labels = [elided(names[i]) for i in shown]
     panel.set_xticks(list(shown), labels, rotation=90 if upright else 0, fontsize=9)
     panel.tick_params(axis="x", length=0)
+
+
+def elided(name: str, most: int = _NAME) -> str:
+    """A name that fits beside an axis: the middle of a long one is left out.
+
+    >>> elided("p01_loaded"), elided("a_very_long_name_that_somebody_gave_to_a_pose")
+    ('p01_loaded', 'a_very_long_…e_to_a_pose')
+    """
+    half = most // 2
+    return name if len(name) <= most else f"{name[:half]}\N{HORIZONTAL ELLIPSIS}{name[-half + 1 :]}"
 
 
 def short(value: float, digits: int = 3) -> str:
@@ -243,7 +255,7 @@ def brief(names: Sequence[str]) -> list[str]:
     """
     labels = [_tail(name) for name in names]
     return [
-        label if labels.count(label) == 1 else name
+        elided(label if labels.count(label) == 1 else name, _PARAMETER)
         for name, label in zip(names, labels, strict=True)
     ]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import groupby, pairwise
 
 import numpy as np
 
@@ -12,18 +13,10 @@ from calib.errors import CalibError
 from calib.identify.initial import initial_values
 from calib.poses import IntArray, Measurements, Poses
 from calib.se3 import Array, rotate
-from doe.constraints import hidden_by, scene_of
-from studies.report.surroundings import (
-    Outline,
-    floor_lines,
-    floor_step,
-    outlines_of,
-    ring,
-    whole_mm,
-)
+from doe.constraints import Scene, hidden_by, scene_of
+from studies.report.surroundings import Surroundings, surroundings, whole_mm
 
-_NEAR = 1.6  # arm lengths; what stands farther from the middle is not in the picture
-_FOOT = 0.09  # arm lengths
+_SIGNS = {"deg": "\N{DEGREE SIGN}", "mm": " mm"}
 _SLIM = 0.016  # arm lengths; radius of a link where the cell gives the arm no shape
 
 
@@ -52,12 +45,8 @@ class ArmScene:
     markers : tuple of str, names; marker_points : tuple of int
     hidden : dict, (pose, marker) -> why it is not in sight, or not measured
     seen : str, what the others are: ``in sight``, ``measured``, or empty where nobody knows
-    bodies : tuple of Body; shaped : bool, whether they are the cell's capsules or mere lines
-    instrument : ndarray of int, shape (3,), mm, or None; far : bool, too far to be in the picture
-    outlines : tuple of Outline, the obstacles
-    floor : ndarray of int, shape (l, 2, 3), lines of the plane z = 0, ``step`` mm apart
-    foot : ndarray of int, shape (k, 3), a ring on the floor around the base
-    bounds : ndarray of int, shape (2, 3), corners of the box that the picture shows
+    bodies : tuple of Body; shaped : bool, whether they are the cell's capsules or mere links
+    around : Surroundings
     """
 
     name: str
@@ -76,13 +65,22 @@ class ArmScene:
     seen: str
     bodies: tuple[Body, ...]
     shaped: bool
-    instrument: IntArray | None
-    far: bool
-    outlines: tuple[Outline, ...]
-    floor: IntArray
-    step: int
-    foot: IntArray
-    bounds: IntArray
+    around: Surroundings
+
+    def readout(self, pose: int) -> tuple[str, str]:
+        """Joint values and markers of a pose in words."""
+        row = zip(self.joints, self.units, self.values[pose], strict=True)
+        joints = [
+            f"{name} {_shown(value)}{_SIGNS[unit]}{' (level)' if k == self.level else ''}"
+            for k, (name, unit, value) in enumerate(row)
+        ]
+        lost = {j: why for j in range(len(self.markers)) if (why := self.hidden.get((pose, j)))}
+        seen = [name for j, name in enumerate(self.markers) if j not in lost]
+        words = f"marker{'s'[: len(seen) > 1]} {', '.join(seen)}" if seen else "no marker"
+        hidden = [f"{self.markers[j]} {why}" for j, why in lost.items()]
+        return " \N{MIDDLE DOT} ".join(joints), "; ".join(
+            [f"{words} {self.seen}".rstrip(), *hidden]
+        )
 
 
 def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = None) -> ArmScene:
@@ -103,58 +101,53 @@ def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = N
     if level_joint is not None and level_joint not in robot.joints:
         raise CalibError(f"no joint {level_joint!r}; there are {', '.join(robot.joints)}")
     placed = scene_of(cell, poses.q)
-    hidden, markers = hidden_by(placed), placed.markers
-    seen = "" if cell.instrument is None else "in sight"
-    if isinstance(plan, Measurements):
-        hidden, markers, seen = _unread(plan, hidden), _in_base(cell, plan, markers), "measured"
-    ends = [end for c in placed.capsules for end in (c.start, c.end)]
-    columns = [*np.moveaxis(placed.origins, 1, 0), *np.moveaxis(markers, 1, 0), *ends]
+    hidden, markers, seen = _markers(cell, plan, placed)
+    ends = [end for capsule in placed.capsules for end in (capsule.start, capsule.end)]
+    columns = [*placed.origins.swapaxes(0, 1), *markers.swapaxes(0, 1), *ends]
     points, number, still = _shared(whole_mm(np.stack(columns, axis=1)))
-    n, M = robot.dof + 2, len(cell.markers)
-    chain = tuple(dict.fromkeys(number[:n]))
-    low, high = (f(points[:, chain], axis=(0, 1)) for f in (np.min, np.max))
-    length = float(np.linalg.norm(points[:, chain] - points[:, chain[:1]], axis=-1).max())
-    radii = [whole_mm(np.array(c.radius)) for c in placed.capsules]
-    capsules = zip(number[n + M :: 2], number[n + M + 1 :: 2], radii, strict=True)
-    lines = zip(chain[:-1], chain[1:], [_SLIM * length] * (len(chain) - 1), strict=True)
-    step = floor_step(length)
-    floor = floor_lines(low, high, step)
-    instrument = None if cell.instrument is None else whole_mm(cell.instrument)
-    outlines = outlines_of(cell, low, high, step)
-    frame = np.concatenate([floor.reshape(-1, 3), [low, high]])
-    middle, near = (frame.min(axis=0) + frame.max(axis=0)) / 2.0, _NEAR * length
-    around = [] if instrument is None else [instrument[None]]
-    around += [line for outline in outlines for line in outline.lines]
-    for group in around:
-        if (np.linalg.norm(group - middle, axis=1) <= near).all():
-            frame = np.concatenate([frame, group])
+    chain = tuple(point for point, _ in groupby(number[: robot.dof + 2]))
+    tail = number[robot.dof + 2 :]
+    arms = points[:, chain]
+    length = float(np.linalg.norm(arms - arms[:, :1], axis=-1).max())
+    values = np.where(robot.prismatic, poses.q * 1e3, np.degrees(poses.q))
     return ArmScene(
         name=cell.name,
         poses=poses.names,
         joints=robot.joints,
         units=tuple("mm" if slides else "deg" for slides in robot.prismatic),
-        values=np.asarray(
-            np.where(robot.prismatic, poses.q * 1e3, np.degrees(poses.q)).round(2) + 0.0
-        ),
+        values=np.asarray(values.round(2) + 0.0),
         level=None if level_joint is None else robot.joints.index(level_joint),
         points=points,
         still=still,
         chain=chain,
         tip_axes=np.rint(placed.frames.R[:, -1, :, :2].swapaxes(1, 2) * 100.0).astype(int),
         markers=cell.marker_names,
-        marker_points=tuple(number[n : n + M]),
+        marker_points=tuple(tail[: len(cell.markers)]),
         hidden=hidden,
         seen=seen,
-        bodies=tuple(Body(a, b, max(1, int(r))) for a, b, r in (capsules if radii else lines)),
-        shaped=bool(radii),
-        instrument=instrument,
-        far=instrument is not None and bool(np.linalg.norm(instrument - middle) > near),
-        outlines=outlines,
-        floor=floor,
-        step=step,
-        foot=ring(_FOOT * length),
-        bounds=np.stack([frame.min(axis=0), frame.max(axis=0)]),
+        bodies=_capsules(placed, tail[len(cell.markers) :]) or _links(chain, _SLIM * length),
+        shaped=bool(placed.capsules),
+        around=surroundings(cell, arms.reshape(-1, 3), length),
     )
+
+
+def _markers(
+    cell: Cell, plan: Poses | Measurements, placed: Scene
+) -> tuple[dict[tuple[int, int], str], Array, str]:
+    """Why markers are not there, where they are (m, M, 3) m, and what those are that are there."""
+    hidden = hidden_by(placed)
+    if isinstance(plan, Measurements):
+        return _unread(plan, hidden), _in_base(cell, plan, placed.markers), "measured"
+    return hidden, placed.markers, "" if cell.instrument is None else "in sight"
+
+
+def _capsules(placed: Scene, number: list[int]) -> tuple[Body, ...]:
+    pairs = zip(number[::2], number[1::2], placed.capsules, strict=True)
+    return tuple(Body(a, b, max(1, round(c.radius * 1e3))) for a, b, c in pairs)
+
+
+def _links(chain: tuple[int, ...], radius: float) -> tuple[Body, ...]:
+    return tuple(Body(a, b, max(1, round(radius))) for a, b in pairwise(chain))
 
 
 def _shared(points: IntArray) -> tuple[IntArray, list[int], int]:
@@ -185,3 +178,7 @@ def _in_base(cell: Cell, data: Measurements, nominal: Array) -> Array:
     R, p = model.placement(initial_values(model, data), data.poses)
     points = rotate(R.swapaxes(-1, -2)[:, None], data.points - p[:, None])
     return np.where(data.seen[:, :, None], points, nominal)
+
+
+def _shown(value: float) -> str:
+    return f"{value:.2f}".replace("-", "\N{MINUS SIGN}")

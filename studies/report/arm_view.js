@@ -1,9 +1,9 @@
-// Turns the drawing of the arm: the same parts, order and places as arm_view.py draws.
+// Turns the drawing of the arm: the same parts, order and places as arm_drawing.py draws.
 // Figures speak with the page by the event `posecal:pose` on document, detail {pose, source, pinned}.
 (() => {
   "use strict";
   const SVG = "http://www.w3.org/2000/svg";
-  const MARGIN = 28, JOINT = 4, MARKER = 4.5, REACH = 14; // px
+  const MARGIN = 32, JOINT = 4, MARKER = 4.5, LETTERED = 20, REACH = 14; // px
   const VIEWS = { Front: [0, 0], Side: [-90, 0], Top: [-90, 90] };
 
   function element(tag, attributes, text) {
@@ -18,7 +18,10 @@
     element("circle", { class: kind, cx: x.toFixed(1), cy: y.toFixed(1), r: r.toFixed(1) });
   const label = (kind, [x, y], text) =>
     element("text", { class: kind + " arm-middle", x: x.toFixed(1), y: y.toFixed(1) }, text);
+  const track = (places) => "M" + places.map(([x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`).join("L");
   const plus = (a, b, s = 1) => a.map((v, i) => v + s * b[i]);
+  const dotted = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+  const last = (list) => list[list.length - 1];
   const length = (v) => Math.hypot(...v);
   const flat = ([x, y]) => [x, y, 0];
 
@@ -84,7 +87,8 @@
         return `${joint} ${value}${data.units[k] === "deg" ? "\u00b0" : " mm"}${k === data.level ? " (level)" : ""}`;
       }).join(" \u00b7 ");
       const lost = (j) => this.why.get(pose * data.markers.length + j);
-      const seen = data.markers.filter((_, j) => lost(j) === undefined).join(", ") || "no marker";
+      const names = data.markers.filter((_, j) => lost(j) === undefined);
+      const seen = names.length ? `marker${names.length > 1 ? "s" : ""} ${names.join(", ")}` : "no marker";
       const hidden = data.markers.flatMap((marker, j) => (lost(j) === undefined ? [] : [`${marker} ${lost(j)}`]));
       markers.textContent = [`${seen} ${data.seen}`.trim(), ...hidden].join("; ");
       this.draw();
@@ -110,19 +114,27 @@
       this.draw();
     }
 
-    // Scale and middle at which the box of the picture fills the drawing, seen from here.
+    // Scale, and the point to turn about, with which all that is to be seen fills the drawing.
     fit() {
       this.size = [this.svg.clientWidth || 720, this.svg.clientHeight || 480];
       this.svg.setAttribute("viewBox", `0 0 ${this.size[0]} ${this.size[1]}`);
       this.aim();
-      const [a, b] = this.data.bounds, low = [Infinity, Infinity], high = [-Infinity, -Infinity];
-      for (let n = 0; n < 8; n++) {
-        const corner = [0, 1, 2].map((k) => ((n >> k) & 1 ? b[k] : a[k]));
-        this.seen(corner).forEach((v, k) => { low[k] = Math.min(low[k], v); high[k] = Math.max(high[k], v); });
+      const { frame } = this.data, low = [Infinity, Infinity], high = [-Infinity, -Infinity];
+      for (let n = 0; n < frame.length; n += 3) {
+        this.seen(frame.slice(n, n + 3)).forEach((v, k) => { low[k] = Math.min(low[k], v); high[k] = Math.max(high[k], v); });
       }
       this.scale = Math.min(...this.size.map((v, k) => (v - 2 * MARGIN) / Math.max(high[k] - low[k], 1)));
-      this.middle = low.map((v, k) => (v + high[k]) / 2);
+      this.pivot = this.middleOf(frame);
+      const [u, v] = plus(low.map((w, k) => (w + high[k]) / 2), this.seen(this.pivot), -1);
+      this.pivot = plus(plus(this.pivot, this.right, u), this.up, v);
       this.draw();
+    }
+
+    middleOf(frame) {
+      return [0, 1, 2].map((k) => {
+        const held = frame.filter((_, n) => n % 3 === k);
+        return (Math.min(...held) + Math.max(...held)) / 2;
+      });
     }
 
     aim() {
@@ -133,8 +145,7 @@
     }
 
     seen(p) {
-      const { right: r, up: u } = this;
-      return [p[0] * r[0] + p[1] * r[1] + p[2] * r[2], p[0] * u[0] + p[1] * u[1] + p[2] * u[2]];
+      return [dotted(p, this.right), dotted(p, this.up)];
     }
 
     at(p) {
@@ -142,7 +153,7 @@
       return [this.shift[0] + u * s, this.shift[1] - v * s];
     }
 
-    line(points) { return "M" + points.map((p) => { const [x, y] = this.at(p); return `${x.toFixed(1)} ${y.toFixed(1)}`; }).join("L"); }
+    line(points) { return track(points.map((p) => this.at(p))); }
 
     lines(several) { return several.map((points) => this.line(points)).join(""); }
 
@@ -168,23 +179,22 @@
 
     // Zooming leaves the tip of the arm where it is in the drawing.
     place() {
-      const centre = this.size.map((v) => v / 2);
-      const tip = this.seen(this.point(this.pose, this.data.chain.at(-1)));
-      const held = [centre[0] + (tip[0] - this.middle[0]) * this.scale, centre[1] - (tip[1] - this.middle[1]) * this.scale];
+      const middle = this.seen(this.pivot), tip = this.seen(this.point(this.pose, last(this.data.chain)));
+      const rest = this.scale * (1 - this.zoom), [u, v] = tip.map((w, k) => rest * w - this.scale * middle[k]);
       this.drawnScale = this.scale * this.zoom;
-      this.shift = [held[0] - tip[0] * this.drawnScale, held[1] + tip[1] * this.drawnScale];
+      this.shift = [this.size[0] / 2 + u, this.size[1] / 2 - v];
     }
 
     *floor() {
-      const { floor, foot, step, solids } = this.data;
+      const { floor, foot, solids } = this.data;
       yield path("arm-floor", this.lines(floor));
       yield path("arm-foot", this.line(foot));
       yield* this.ruler();
-      yield* this.triad([0, 0, 0], [[step, 0, 0], [0, step, 0], [0, 0, step]], "XYZ", "arm-base-axis");
       for (const solid of solids) {
-        yield path("arm-solid", this.lines(solid.lines));
+        yield path(solid.plane ? "arm-plane" : "arm-solid", this.lines(solid.lines));
         if (solid.radius) yield dot("arm-solid", this.at(solid.centre), solid.radius * this.drawnScale);
-        yield label("arm-name", this.at(solid.centre), solid.name);
+        const place = this.at(solid.centre);
+        if (place.every((v, k) => v >= 0 && v <= this.size[k])) yield label("arm-label", place, solid.name);
       }
     }
 
@@ -194,7 +204,7 @@
       const [low, high] = [Math.min, Math.max].map((f) => [0, 1].map((k) => f(...ends.map((p) => p[k]))));
       const corners = [low[0], high[0]].flatMap((x) => [low[1], high[1]].map((y) => [x, y, 0]));
       const corner = corners.reduce((a, b) => (this.at(b)[1] > this.at(a)[1] ? b : a));
-      const long = (side) => length(plus(this.at(side), this.at(corner), -1));
+      const long = (side) => Math.abs(this.at(side)[0] - this.at(corner)[0]);
       const sides = [0, 1].map((k) => corner.map((v, i) => v + (i === k ? (v === low[k] ? step : -step) : 0)));
       const side = sides.reduce((a, b) => (long(b) > long(a) ? b : a));
       yield path("arm-scale", this.line([corner, side]));
@@ -205,39 +215,39 @@
       for (const [i, axis] of axes.entries()) {
         const end = plus(origin, axis), [from, to] = [this.at(origin), this.at(end)], away = plus(to, from, -1);
         yield path(kind, this.line([origin, end]));
-        if (length(away) > JOINT) yield label(`${kind}-name`, plus(plus(to, away, 8 / length(away)), [0, 4]), names[i]);
+        if (length(away) > LETTERED) yield label(`${kind}-name`, plus(plus(to, away, 8 / length(away)), [0, 4]), names[i]);
       }
     }
 
     // All poses in two paths; where their tips stand is kept for the pointer.
     *all() {
       const { poses, chain, still } = this.data;
-      const first = Math.max(0, chain.findLastIndex((c) => 3 * c < still.length));
-      const moving = chain.slice(first);
+      const moving = chain.slice(Math.max(0, chain.findIndex((c) => 3 * c >= still.length) - 1));
       let arms = "", dots = "";
       this.tips = poses.map((_, i) => {
         const points = moving.map((c) => this.at(this.point(i, c)));
-        const [x, y] = points.at(-1);
-        arms += "M" + points.map(([u, v]) => `${u.toFixed(1)} ${v.toFixed(1)}`).join("L");
+        const [x, y] = last(points);
+        arms += track(points);
         dots += `M${x.toFixed(1)} ${y.toFixed(1)}h0`;
         return [x, y];
       });
-      yield path("arm-all", arms);
-      yield path("arm-tips", dots);
+      for (const [kind, d] of [["arm-all", arms], ["arm-tips", dots]])
+        yield element("path", { class: kind, d, opacity: this.data.fade.toFixed(2) });
     }
 
     *arm(pose) {
       const { chain, shaped, tip: axes, step } = this.data;
-      const points = chain.map((c) => this.point(pose, c)), tip = points.at(-1);
+      const points = chain.map((c) => this.point(pose, c)), tip = last(points);
       yield path("arm-shadow", this.line(points.map(flat)));
       yield path("arm-drop", this.line([tip, flat(tip)]));
       yield this.bodies(pose);
       if (shaped) yield path("arm-chain", this.line(points));
       for (const joint of points.slice(0, -1)) yield dot("arm-joint", this.at(joint), JOINT);
+      yield* this.triad([0, 0, 0], [[step, 0, 0], [0, step, 0], [0, 0, step]], "XYZ", "arm-base-axis");
       yield* this.sight(pose);
       const [x, y] = [0, 3].map((k) => axes.slice(6 * pose + k, 6 * pose + k + 3).map((v) => v / 100));
       const z = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]];
-      yield* this.triad(tip, [x, y, z].map((axis) => axis.map((v) => v * step * 0.4)), "xyz", "arm-tip-axis");
+      yield* this.triad(tip, [x, y, z].map((axis) => axis.map((v) => v * step * 0.35)), "xyz", "arm-tip-axis");
       yield* this.marks(pose);
     }
 
@@ -261,11 +271,11 @@
       for (const [j, c] of at.entries()) {
         const point = this.point(pose, c), away = plus(instrument, point, -1);
         const end = plus(point, away, far ? (3 * step) / Math.max(length(away), 1) : 1);
-        first ??= end;
+        first = first ?? end;
         yield path(this.lost(pose, j) ? "arm-blocked" : "arm-sight", this.line([point, end]));
       }
       if (far) {
-        const away = length(plus(instrument, this.point(pose, chain.at(-1)), -1)) / 1e3;
+        const away = length(plus(instrument, this.point(pose, last(chain)), -1)) / 1e3;
         yield label("arm-label", this.at(first), `instrument ${away.toFixed(1)} m off`);
         return;
       }
@@ -273,11 +283,11 @@
       yield path("arm-drop", this.line([instrument, flat(instrument)]));
       yield dot("arm-instrument", [x, y], 7);
       yield path("arm-instrument", `M${(x - 11).toFixed(1)} ${y.toFixed(1)}h22M${x.toFixed(1)} ${(y - 11).toFixed(1)}v22`);
-      yield label("arm-label", [x, y - 17], "instrument");
+      yield label("arm-label", [Math.max(MARGIN, Math.min(this.size[0] - MARGIN, x)), y - 17], "instrument");
     }
 
     *marks(pose) {
-      const { markers, at, chain } = this.data, tip = this.point(pose, chain.at(-1));
+      const { markers, at, chain } = this.data, tip = this.point(pose, last(chain));
       for (const [j, c] of at.entries()) {
         const point = this.point(pose, c), place = this.at(point), [x, y] = place;
         yield path("arm-tool", this.line([tip, point]));
@@ -321,6 +331,7 @@
         button("+", "Zoom in", () => this.magnify(1.25)),
       );
       bar.hidden = false;
+      this.figure.classList.add("arm-live");
     }
 
     keys() {
@@ -342,27 +353,27 @@
     }
 
     pointer() {
-      let last = null, moved = 0;
+      let from = null, moved = 0;
       const { stage } = this;
       const local = (event) => { const box = this.svg.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; };
       stage.addEventListener("pointerdown", (event) => {
         if (event.button !== 0 || !event.isPrimary) return;
-        [last, moved] = [[event.clientX, event.clientY], 0];
+        [from, moved] = [[event.clientX, event.clientY], 0];
         stage.setPointerCapture(event.pointerId);
         stage.classList.add("arm-turning");
       });
       stage.addEventListener("pointermove", (event) => {
-        if (!last) { if (event.pointerType === "mouse") this.peek(this.nearest(local(event))); return; }
-        const [dx, dy] = [event.clientX - last[0], event.clientY - last[1]];
-        [last, moved] = [[event.clientX, event.clientY], moved + Math.abs(dx) + Math.abs(dy)];
+        if (!from) { if (event.pointerType === "mouse") this.peek(this.nearest(local(event))); return; }
+        const [dx, dy] = [event.clientX - from[0], event.clientY - from[1]];
+        [from, moved] = [[event.clientX, event.clientY], moved + Math.abs(dx) + Math.abs(dy)];
         this.turn(dx * 0.4, dy * 0.4);
       });
       const end = (event) => {
-        if (last && moved < 4 && event.type === "pointerup") {
+        if (from && moved < 4 && event.type === "pointerup") {
           const i = this.nearest(local(event));
           if (i !== null) this.choose(i);
         }
-        last = null;
+        from = null;
         stage.classList.remove("arm-turning");
       };
       stage.addEventListener("pointerup", end);
@@ -379,8 +390,6 @@
       return found;
     }
   }
-
-  const dotted = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 
   const start = () => document.querySelectorAll(".arm-view").forEach((figure) => new ArmView(figure));
   if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", start);

@@ -4,7 +4,7 @@
   "use strict";
   const SOURCE = "page";
   const of = new Map(); // pose -> its elements
-  let pinned = null, lit = null;
+  let pinned = null, hovered = null, lit = null;
 
   function light(pose) {
     if (pose === lit) return;
@@ -17,7 +17,8 @@
   const poseAt = (target) => target?.closest?.("[data-pose]")?.dataset.pose ?? null;
 
   function over(pose) {
-    if ((pose ?? pinned) === lit) return;
+    if (pose === hovered) return; // what a figure itself lights stays lit
+    hovered = pose;
     light(pose ?? pinned);
     tell(pose, false);
   }
@@ -59,13 +60,14 @@
   // Numbers first, then words; what is empty or a dash comes last either way.
   const rank = (key) => (typeof key === "number" ? 0 : /^[-\u2013\u2014]?$/.test(key) ? 2 : 1);
   const compare = (a, b, sign) => {
-    const apart = rank(a) - rank(b);
-    if (apart) return rank(a) === 2 || rank(b) === 2 ? apart : sign * apart;
+    if (rank(a) === 2 || rank(b) === 2) return rank(a) - rank(b);
+    if (rank(a) !== rank(b)) return sign * (rank(a) - rank(b));
     return sign * (typeof a === "number" ? a - b : a.localeCompare(b, undefined, { numeric: true }));
   };
+  const lastRow = (table) => table.tHead?.rows[table.tHead.rows.length - 1];
 
   function sort(table, column) {
-    const heads = [...table.tHead.rows].at(-1).cells, head = heads[column];
+    const heads = lastRow(table).cells, head = heads[column];
     const up = head.getAttribute("aria-sort") !== "ascending";
     for (const other of heads) other.removeAttribute("aria-sort");
     head.setAttribute("aria-sort", up ? "ascending" : "descending");
@@ -76,7 +78,7 @@
   }
 
   function makeSortable(table) {
-    for (const [column, head] of [...([...(table.tHead?.rows ?? [])].at(-1)?.cells ?? [])].entries()) {
+    for (const [column, head] of [...(lastRow(table)?.cells ?? [])].entries()) {
       if (!head.textContent.trim()) continue;
       const button = document.createElement("button");
       Object.assign(button, { type: "button", className: "sort" });

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from importlib.resources import files
-from typing import Any
 
-from markupsafe import Markup
-
+from studies.report.assets import asset
 from studies.report.evidence import Evidence
 from studies.report.figures import inline_svg
 from studies.report.parts import Figure, Part, Raw, Section, Table, Text
@@ -50,9 +47,9 @@ def page(evidence: Evidence, title: str, told: dict[str, str]) -> str:
         drawn=drawn,
         key=id,
         lit=lambda name: evidence.lit.get(name, name),
-        numbers=lambda figure: _numbers(figure),
-        styles=[_own(name) for name in _STYLES],
-        scripts=[_own(name) for name in _SCRIPTS],
+        numbers=_numbers,
+        styles=[asset(name) for name in _STYLES],
+        scripts=[asset(name) for name in _SCRIPTS],
     )
 
 
@@ -72,8 +69,3 @@ def _numbers(figure: Figure) -> Table | None:
         of_poses=picture.header[0] == "pose",
         fold=f"The numbers: {len(picture.rows)} row{'s' * (len(picture.rows) > 1)}",
     )
-
-
-def _own(name: str) -> Any:
-    """A file of this package, which was written here and may stand in the page as it is."""
-    return Markup((files("studies.report") / name).read_text(encoding="utf-8"))  # noqa: S704

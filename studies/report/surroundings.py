@@ -1,4 +1,4 @@
-"""What stands around the arm, as lines: the floor and the obstacles. Whole millimetres, base frame."""
+"""What stands around the arm, as lines: floor, obstacles, instrument. Whole millimetres, base frame."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from calib.se3 import Array, across
 from doe.constraints.obstacles import Box, HalfSpace, Obstacle, Sphere, obstacles_of
 
 _CELLS = 5  # of the floor along the arm's length, at least
+_NEAR = 1.6  # arm lengths; what stands farther from the middle is not in the picture
+_FOOT = 0.09  # arm lengths
+_TURN = np.linspace(0.0, 2.0 * np.pi, 37)
 _FACE = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]], dtype=float)
 _LEVEL = 1.0  # mm; a plane this close to z = 0 is the floor
 
@@ -23,12 +26,63 @@ class Outline:
     name : str; lines : tuple of ndarray of int, each of shape (k, 3), mm
     centre : ndarray of int, shape (3,), mm, where its name stands
     radius : int, mm, of a ball, whose outline is a circle from everywhere; else 0
+    plane : bool, whether it is a patch of something without end
     """
 
     name: str
     lines: tuple[IntArray, ...]
     centre: IntArray
     radius: int = 0
+    plane: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """All that does not move, and what the picture must show.
+
+    floor : ndarray of int, shape (l, 2, 3), lines of the plane z = 0, ``step`` mm apart
+    foot : ndarray of int, shape (k, 3), a ring on the floor around the base
+    outlines : tuple of Outline, the obstacles
+    instrument : ndarray of int, shape (3,), or None; far : bool, too far to be in the picture
+    frame : ndarray of int, shape (c, 3), corners of all that the picture must show
+    """
+
+    floor: IntArray
+    step: int
+    foot: IntArray
+    outlines: tuple[Outline, ...]
+    instrument: IntArray | None
+    far: bool
+    frame: IntArray
+
+
+def surroundings(cell: Cell, arms: IntArray, length: float) -> Surroundings:
+    """What stands around an arm of some length [mm] that reaches the points (k, 3)."""
+    step = floor_step(length)
+    low, high = arms.min(axis=0), arms.max(axis=0)
+    floor = floor_lines(low, high, step)
+    frame = np.concatenate([arms, floor.reshape(-1, 3)])
+    middle = (frame.min(axis=0) + frame.max(axis=0)) / 2.0
+    patch = (low + high) / 2.0, max(1, round(length / 2.0 / step)) * step
+    outlines = [_outline(obstacle, *patch, step) for obstacle in obstacles_of(cell)]
+    instrument = None if cell.instrument is None else whole_mm(cell.instrument)
+
+    def near(points: IntArray) -> bool:
+        return bool((np.linalg.norm(points - middle, axis=-1) <= _NEAR * length).all())
+
+    solids = tuple(o for o in outlines if o is not None)
+    shown = [points for o in solids if near(points := np.concatenate(o.lines))]
+    if instrument is not None and near(instrument):
+        shown.append(np.stack([instrument, instrument * [1, 1, 0]]))
+    return Surroundings(
+        floor=floor,
+        step=step,
+        foot=_ring(_FOOT * length),
+        outlines=solids,
+        instrument=instrument,
+        far=instrument is not None and not near(instrument),
+        frame=_corners(np.concatenate([frame, *shown])),
+    )
 
 
 def whole_mm(metres: Array) -> IntArray:
@@ -36,15 +90,12 @@ def whole_mm(metres: Array) -> IntArray:
     return np.asarray(np.rint(np.asarray(metres) * 1e3), dtype=int)
 
 
-def ring(radius: float) -> IntArray:
-    """A level circle about the origin, shape (k, 3), mm."""
-    turn = np.linspace(0.0, 2.0 * np.pi, 37)
-    circle = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
-    return np.asarray(np.rint(radius * circle), dtype=int)
-
-
 def floor_step(length: float) -> int:
-    """Side of a floor cell [mm]: 1, 2 or 5 times a power of ten, for an arm of this length [mm]."""
+    """Side of a floor cell [mm]: 1, 2 or 5 times a power of ten, for an arm of this length [mm].
+
+    >>> [floor_step(length) for length in (900.0, 1300.0, 3000.0)]
+    [100, 200, 500]
+    """
     most = max(length / _CELLS, 1.0)
     power = 10.0 ** np.floor(np.log10(most))
     return int(max(n for n in (1, 2, 5) if n * power <= most) * power)
@@ -59,45 +110,51 @@ def floor_lines(low: IntArray, high: IntArray, step: int) -> IntArray:
     return np.array(along_x + along_y, dtype=int)
 
 
-def outlines_of(cell: Cell, low: IntArray, high: IntArray, step: int) -> tuple[Outline, ...]:
-    """The obstacles of a cell; of one without end, a patch as large as the box of the arm."""
-    found = (_outline(obstacle, low, high, step) for obstacle in obstacles_of(cell))
-    return tuple(outline for outline in found if outline is not None)
+def _ring(radius: float) -> IntArray:
+    """A level circle about the origin."""
+    circle = np.stack([np.cos(_TURN), np.sin(_TURN), 0.0 * _TURN], axis=1)
+    return np.asarray(np.rint(radius * circle), dtype=int)
 
 
-def _outline(obstacle: Obstacle, low: IntArray, high: IntArray, step: int) -> Outline | None:
+def _outline(obstacle: Obstacle, middle: Array, half: float, step: int) -> Outline | None:
     if isinstance(obstacle, Box):
         return _box(obstacle)
     if isinstance(obstacle, Sphere):
-        centre = whole_mm(obstacle.centre)
-        radius = int(np.rint(obstacle.radius * 1e3))
-        return Outline(obstacle.name, (centre + ring(radius),), centre, radius)
-    return _patch(obstacle, low, high, step) if isinstance(obstacle, HalfSpace) else None
+        centre, radius = whole_mm(obstacle.centre), round(obstacle.radius * 1e3)
+        return Outline(obstacle.name, (centre + _ring(radius),), centre, radius)
+    return _patch(obstacle, middle, half, step) if isinstance(obstacle, HalfSpace) else None
 
 
 def _box(box: Box) -> Outline:
     R, centre = box.T_base_box[:3, :3], box.T_base_box[:3, 3]
-    faces = [np.column_stack([_FACE, np.full(5, z)]) for z in (-1.0, 1.0)]
-    uprights = [
-        np.stack([bottom, top]) for bottom, top in zip(faces[0][:4], faces[1][:4], strict=True)
-    ]
-    lines = tuple(whole_mm(centre + (line * box.half) @ R.T) for line in (*faces, *uprights))
-    return Outline(box.name, lines, whole_mm(centre))
+    low, high = (np.column_stack([_FACE, np.full(5, z)]) for z in (-1.0, 1.0))
+    lines = (low, high, *np.stack([low, high], axis=1)[:4])
+    placed = tuple(whole_mm(centre + (line * box.half) @ R.T) for line in lines)
+    return Outline(box.name, placed, whole_mm(centre))
 
 
-def _patch(space: HalfSpace, low: IntArray, high: IntArray, step: int) -> Outline | None:
+def _patch(space: HalfSpace, middle: Array, half: float, step: int) -> Outline | None:
     """A grid in the plane where it is nearest to the arm; None where it is the floor itself."""
     normal = space.normal / np.linalg.norm(space.normal)
-    middle, half = (low + high) / 2.0, float((high - low).max()) / 2.0
     centre = middle + normal * (normal @ (space.point * 1e3 - middle))
-    if abs(abs(normal[2]) - 1.0) < 1e-9 and abs(centre[2]) < _LEVEL:
+    if abs(normal[2]) > 1.0 - 1e-9 and abs(centre[2]) < _LEVEL:
         return None
     u, v = across(normal)
-    cells = max(1, round(half / step))
-    ticks = np.arange(-cells, cells + 1) * step
     ends = [
-        [centre + t * a - cells * step * b, centre + t * a + cells * step * b]
+        [centre + t * a - half * b, centre + t * a + half * b]
         for a, b in ((u, v), (v, u))
-        for t in ticks
+        for t in np.arange(-half, half + 1, step)
     ]
-    return Outline(space.name, tuple(np.rint(ends).astype(int)), np.rint(centre).astype(int))
+    lines = tuple(np.rint(ends).astype(int))
+    return Outline(space.name, lines, np.rint(centre).astype(int), plane=True)
+
+
+def _corners(points: IntArray) -> IntArray:
+    """Points whose hull holds all of them, shape (c, 3)."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    points = np.unique(points, axis=0)
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except QhullError:  # all in one plane
+        return points

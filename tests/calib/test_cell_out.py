@@ -57,7 +57,7 @@ def test_all_else_stays_and_the_new_cell_loads(tmp_path: Path, table_two: Poses)
     )  # fmt: skip
     np.testing.assert_allclose(again.knots["A3"], found[1].knots, atol=1e-8)  # type: ignore[attr-defined]
     np.testing.assert_allclose(again.knots["A2"], cell.knots["A2"])
-    assert again.urdf.resolve() == cell.urdf.resolve()
+    assert again.robot_files[0].resolve() == cell.robot_files[0].resolve()
     assert tomllib.loads(made.text)["robot"]["urdf"] == "../here/kr270.urdf"
     build(again, poses)
 

@@ -156,7 +156,7 @@ def test_corrected_urdf_leads_to_the_same_markers(kr270: Cell, table_two: Poses)
     data, _, _ = simulated(cell, table_two, 3)
     result = calib.identify(cell, data)
     text = corrected_urdf(
-        cell.urdf,
+        cell.robot_files[0],
         cell.robot,
         result.model.constant_displacements(result.values),
         dict(zip(cell.marker_names, result.marker_positions, strict=True)),
@@ -172,7 +172,9 @@ def test_corrected_urdf_without_tool_moves_the_tip(kr270: Cell, tmp_path: Path) 
     """With known markers the last fixed joint is corrected; the file reads back as a robot."""
     rng = np.random.default_rng(1)
     corrections = rng.normal(size=(8, 6)) * 1e-3
-    text = corrected_urdf(kr270.urdf, kr270.robot, corrections, {"m": np.array([0.1, 0.0, 0.2])})
+    text = corrected_urdf(
+        kr270.robot_files[0], kr270.robot, corrections, {"m": np.array([0.1, 0.0, 0.2])}
+    )
     path = tmp_path / "out.urdf"
     path.write_text(text)
     again = load_urdf(path, "base_link", "tool0")

@@ -10,7 +10,7 @@ from typing import ClassVar
 import pytest
 
 import calib
-from calib import effects
+from calib import effects, plugins
 from calib.effects.drive import DriveError
 from calib.effects.protocol import Parameter
 from calib.errors import CalibError
@@ -43,7 +43,7 @@ def _announce(monkeypatch: pytest.MonkeyPatch, name: str, value: str) -> None:
     def found(group: str) -> list[EntryPoint]:
         return [EntryPoint(name, value, group)]
 
-    monkeypatch.setattr(effects, "entry_points", found)
+    monkeypatch.setattr(plugins, "entry_points", found)
     effects.catalogue.cache_clear()
 
 

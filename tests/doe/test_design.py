@@ -396,7 +396,7 @@ REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
     "no such joint": (lambda c: c, {"levels": "B2=5x3"}, "no such joint"),
     "not understood": (lambda c: c, {"levels": "A2:5x3"}, "not understood"),
     "no number": (lambda c: c, {}, "how many poses"),
-    "unknown criterion": (lambda c: c, {"poses": 15, "criterion": "F"}, "unknown criterion 'F'"),
+    "unknown criterion": (lambda c: c, {"poses": 15, "criterion": "F"}, "criterion: 'F' is unknown"),
     "too few poses": (lambda c: replace(c, markers=c.markers), {"poses": 2}, "poses leave"),
     "nothing feasible": (
         lambda c: replace(

@@ -9,10 +9,12 @@ from studies.report.parts import Section
 from studies.report.sections.approaches import approaches
 from studies.report.sections.arm import arm
 from studies.report.sections.cell import cell
+from studies.report.sections.compensation import compensation
 from studies.report.sections.diagnosis import diagnosis, further
 from studies.report.sections.errors import errors, workspace
 from studies.report.sections.parameters import parameters
 from studies.report.sections.plan import plan
+from studies.report.sections.progress import progress
 from studies.report.sections.sight import sight
 from studies.report.sections.summary import summary
 
@@ -27,6 +29,8 @@ OF_RESULTS: tuple[tuple[str, Callable[[Evidence, Result], Section | None]], ...]
     ("identify", workspace),
     ("diagnose", diagnosis),
     ("diagnose", further),
+    ("enough", progress),
+    ("compensate", compensation),
 )
 """Kind of result, and a section about it."""
 

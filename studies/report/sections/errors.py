@@ -9,7 +9,7 @@ import numpy as np
 
 from calib import Cell, Measurements
 from calib.se3 import Array
-from studies.identify.pictures import residual_pictures, workspace_pictures
+from studies.identify.pictures import instrument_sigma, residual_pictures, workspace_pictures
 from studies.identify.point_errors import PointErrors, point_errors
 from studies.plots.against import against
 from studies.report.evidence import Evidence, Result
@@ -46,6 +46,7 @@ def workspace(evidence: Evidence, result: Result) -> Section:
 def _parts(evidence: Evidence, result: Result) -> Iterator[Part]:
     fields = result.fields
     found = point_errors(fields["residuals"], "nominal_mm")
+    sigma = instrument_sigma(fields["noise"])
     yield Table(
         ("model", "RMS [mm]", "p95 [mm]", "max [mm]"),
         [
@@ -54,7 +55,7 @@ def _parts(evidence: Evidence, result: Result) -> Iterator[Part]:
             if fields["rms_mm"][key] is not None
         ],
         "Distances in space between measured and predicted points. Noise alone would leave "
-        f"{3.0**0.5 * fields['noise']['sigma_mm']:.4f} mm RMS.",
+        f"{3.0**0.5 * 1e3 * sigma:.4f} mm RMS.",
     )
     first, *others = residual_pictures(fields)
     yield Figure(first)
@@ -64,7 +65,7 @@ def _parts(evidence: Evidence, result: Result) -> Iterator[Part]:
         yield Figure(picture)
     data = evidence.data.get(result.path)
     if evidence.cell is not None and data is not None:
-        yield from _against(evidence.cell, data, found, fields["noise"]["sigma_mm"] / 1e3)
+        yield from _against(evidence.cell, data, found, sigma)
     yield _by_pose(found)
 
 
@@ -90,7 +91,7 @@ def _outliers(fields: dict[str, Any]) -> Iterator[Part]:
     ]
     if rows:
         yield Table(
-            ("pose", "", "reason"), rows, "Poses that stand out", of_poses=True,
+            ("pose", "what became of it", "reason"), rows, "Poses that stand out", of_poses=True,
             fold=folded("Poses that stand out", rows),
         )  # fmt: skip
     else:
@@ -129,14 +130,14 @@ def _by_pose(found: PointErrors) -> Table:
         return np.asarray(np.sqrt(np.nanmean(squared, axis=1)) * 1e3)
 
     rows = [
-        (name, before, after, int(seen), "held out" if held else "")
+        (name, before, after, int(seen), "held out" if held else "fitted")
         for name, before, after, seen, held in zip(
             found.poses, rms(found.before).tolist(), rms(found.after).tolist(),
             found.seen.sum(axis=1), found.heldout, strict=True,
         )
     ]  # fmt: skip
     return Table(
-        ("pose", "RMS before [mm]", "RMS after [mm]", "markers seen", ""),
+        ("pose", "RMS before [mm]", "RMS after [mm]", "markers seen", "use"),
         rows,
         of_poses=True,
         fold=f"Errors pose by pose ({len(rows)})",

@@ -1,0 +1,219 @@
+"""Read an MJCF through MuJoCo itself: the serial chain from a body to a body or site."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.files.in_mujoco import mujoco_for
+from calib.files.mjcf_mesh import mesh_files
+from calib.files.mjcf_strip import strip
+from calib.files.mjcf_tree import Chain, chain_of, label, read_mjcf
+from calib.robot import Robot
+from calib.se3 import Array, rotate, so3_about, transform
+
+
+@dataclass(frozen=True, eq=False)
+class MjcfJoint:
+    """A joint as compiled: ``T = .. E(q - ref) ..``, E about or along the axis through the anchor.
+
+    anchor, axis : ndarray, shape (3,), m and unit vector, in the frame of the body
+    ref : float, rad or m, the reading at which the body stands as the file says
+    limits, effort : as in :class:`~calib.robot.Robot`
+    """
+
+    name: str
+    slides: bool
+    anchor: Array
+    axis: Array
+    ref: float
+    limits: tuple[float, float]
+    effort: float
+
+    @property
+    def origin(self) -> Array:
+        """T_body_joint, the joint frame at zero reading, shape (4, 4)."""
+        if self.slides:
+            return _shift(self.anchor - self.ref * self.axis)
+        return transform(so3_about(self.axis, np.array(-self.ref)), self.anchor)
+
+
+@dataclass(frozen=True, eq=False)
+class MjcfBody:
+    """A body of the chain as compiled.
+
+    element : Element, as it stands in the file
+    T : ndarray, shape (4, 4), T_parent_body
+    joints : list of MjcfJoint, the first one moves the others
+    masses : list of (kg, ndarray of shape (3,) in m), of the body and of what is fixed to it
+    """
+
+    element: Element
+    T: Array
+    joints: list[MjcfJoint]
+    masses: list[tuple[float, Array]]
+
+
+@dataclass(frozen=True, eq=False)
+class MjcfChain:
+    """What lies between base and tip, as compiled.
+
+    T_tip : ndarray, shape (4, 4), the tip in the frame of the last body
+    frames : dict, <frame> of the file -> ndarray, shape (4, 4), in its body
+    """
+
+    tree: Chain
+    bodies: list[MjcfBody]
+    T_tip: Array
+    frames: dict[Element, Array]
+
+
+def load_mjcf(path: str | Path, base: str, tip: str) -> Robot:
+    """Read the serial chain from body ``base``, or ``world``, to the body or site ``tip``.
+
+    Joint readings are MuJoCo's ``qpos``. Joint frames have the axes of their body. Bodies fixed to
+    a moving one give it their masses; jointed ones beyond the tip are left out.
+
+    Raises InputError for what is not well-formed, not a serial chain of hinge and slide joints, or
+    refused by MuJoCo, and where MuJoCo is not installed.
+    """
+    path = Path(path)
+    root, _ = read_mjcf(path)
+    chain = compiled(path, root, base, tip)
+    joints = [joint for body in chain.bodies for joint in body.joints]
+    n = len(joints)
+    origins, masses, moments = np.empty((n + 1, 4, 4)), np.zeros(n), np.zeros((n, 3))
+    C, k = np.eye(4), -1  # from the last joint, once moved, to the body
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
+        for body in chain.bodies:
+            C = C @ body.T
+            for joint in body.joints:
+                k += 1
+                origins[k] = C @ joint.origin
+                C = _shift(-joint.anchor)
+            for mass, com in body.masses if k >= 0 else []:
+                masses[k] += mass
+                moments[k] += mass * (rotate(C[:3, :3], com) + C[:3, 3])
+        origins[n] = C @ chain.T_tip
+    if not all(np.isfinite(a).all() for a in (origins, masses, moments)):
+        raise InputError(
+            path, "", "holds numbers that are not finite", "check what leads to the tip"
+        )
+    return Robot(
+        name=root.get("model", path.stem),
+        base=base,
+        tip=tip,
+        joints=tuple(joint.name for joint in joints),
+        prismatic=np.array([joint.slides for joint in joints]),
+        origins=origins,
+        axes=np.array([joint.axis for joint in joints]),
+        limits=np.array([joint.limits for joint in joints]),
+        efforts=np.array([joint.effort for joint in joints]),
+        masses=masses,
+        coms=moments / np.where(masses == 0, 1.0, masses)[:, None],
+    )
+
+
+def mjcf_files(path: Path) -> tuple[Path, ...]:
+    """The file and all that it includes. Raises InputError."""
+    return read_mjcf(path)[1]
+
+
+def compiled(path: Path, root: Element, base: str, tip: str) -> MjcfChain:
+    """The chain of a file, which stays as it is. Raises InputError."""
+    tree = chain_of(path, root, base, tip)
+    part = copy.deepcopy(root)
+    original = dict(zip(part.iter(), root.iter(), strict=True))
+    stripped = chain_of(path, part, base, tip)
+    frames = strip(path, stripped)
+    meshes = mesh_files(path, root, stripped)
+    with mujoco_for(path) as mujoco:
+        text = ElementTree.tostring(part, encoding="unicode")
+        model = mujoco.MjModel.from_xml_string(text, meshes)
+    own = [model.body(element.get("name")).id for element in stripped.bodies]
+    carriers = _carriers(model, own)
+    site = None if tree.site is None else model.site(tip)
+    found = MjcfChain(
+        tree,
+        [
+            MjcfBody(
+                element,
+                _pose(model.body_pos[b], model.body_quat[b]),
+                [
+                    _joint(path, element, model, int(j))
+                    for j in np.flatnonzero(model.jnt_bodyid == b)
+                ],
+                [
+                    (float(model.body_mass[i]), rotate(T[:3, :3], model.body_ipos[i]) + T[:3, 3])
+                    for i, (carrier, T) in carriers.items()
+                    if carrier == b and model.body_mass[i] > 0
+                ],
+            )
+            for element, b in zip(tree.bodies, own, strict=True)
+        ],
+        np.eye(4) if site is None else _pose(site.pos, site.quat),
+        {
+            original[f]: _pose(model.site(name).pos, model.site(name).quat)
+            for f, name in frames.items()
+        },
+    )
+    if not any(body.joints for body in found.bodies):
+        raise InputError(path, "", "the chain has no moving joint", "check [robot] base and tip")
+    return found
+
+
+def _carriers(model: Any, own: list[int]) -> dict[int, tuple[int, Array]]:
+    """For every body that the chain moves: the chain's body that carries it, and its pose there."""
+    carriers = {b: (b, np.eye(4)) for b in own}
+    for i in range(model.nbody):  # parents come first
+        parent = int(model.body_parentid[i])
+        if i not in carriers and parent in carriers:
+            carrier, T = carriers[parent]
+            carriers[i] = (carrier, T @ _pose(model.body_pos[i], model.body_quat[i]))
+    return carriers
+
+
+def _joint(path: Path, body: Element, model: Any, j: int) -> MjcfJoint:
+    from mujoco import mjtJoint
+
+    kind, name = mjtJoint(int(model.jnt_type[j])), model.joint(j).name
+    if kind not in (mjtJoint.mjJNT_HINGE, mjtJoint.mjJNT_SLIDE):
+        said = kind.name.removeprefix("mjJNT_").lower()
+        raise InputError(path, label(body), f"has a {said} joint", "use hinge and slide joints")
+    if not name:
+        raise InputError(
+            path, label(body), "has a joint without a name", "name it as the columns of the data do"
+        )
+    low, high = map(float, model.jnt_range[j])
+    if low > high:  # MuJoCo takes it as no limit
+        raise InputError(path, f"joint {name!r}", f"range {low:g} .. {high:g} is reversed")
+    # The weaker direction counts where both differ; 0 says nothing, as in a URDF.
+    effort = float(np.abs(model.jnt_actfrcrange[j]).min()) if model.jnt_actfrclimited[j] else 0.0
+    return MjcfJoint(
+        name,
+        slides=kind == mjtJoint.mjJNT_SLIDE,
+        anchor=model.jnt_pos[j].copy(),
+        axis=model.jnt_axis[j].copy(),
+        ref=float(model.qpos0[model.jnt_qposadr[j]]),
+        limits=(low, high) if model.jnt_limited[j] else (-np.inf, np.inf),
+        effort=effort or np.nan,
+    )
+
+
+def _pose(position: Array, quaternion: Array) -> Array:
+    import mujoco
+
+    R = np.empty(9)
+    mujoco.mju_quat2Mat(R, quaternion)
+    return transform(R.reshape(3, 3), position)
+
+
+def _shift(translation: Array) -> Array:
+    return transform(np.eye(3), translation)

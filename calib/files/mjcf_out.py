@@ -1,0 +1,134 @@
+"""Write an MJCF with the identified geometry: the user's own file, its chain of bodies corrected."""
+
+from __future__ import annotations
+
+import os
+import re
+from functools import reduce
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from calib.files.mjcf import MjcfBody, compiled
+from calib.files.mjcf_tree import compiler_settings, joints_of, read_mjcf
+from calib.files.urdf_out import MARKER
+from calib.robot import Robot
+from calib.se3 import Array, displacement, inverse, rotate
+
+_ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler", "fromto")
+_FOLDERS = ("meshdir", "texturedir")
+
+
+def corrected_mjcf(
+    source: str | Path, robot: Robot, corrections: Array, markers: dict[str, Array], target: Path
+) -> str:
+    """The text of an MJCF whose bodies carry the identified geometry; all else stays.
+
+    source : path of the nominal MJCF; what it includes is written in place
+    corrections : ndarray, shape (n + 2, 6), m and rad, displacement of each frame as in
+        :class:`~calib.robot.Robot`; that of the base is not part of the robot and is ignored
+    markers : dict, name -> ndarray, shape (3,), m, tip frame: written as sites ``marker_<name>``
+    target : Path, where the text is to be written; folders of meshes are named as seen from there
+
+    The tip's displacement goes into the tip where it is a site or a body without joints, else into
+    the markers.
+    """
+    path = Path(source)
+    root, _ = read_mjcf(path)
+    chain = compiled(path, root, robot.base, robot.tip)
+    parents = {child: parent for parent in root.iter() for child in parent}
+    in_frame = {e: inverse(chain.frames[p]) for e, p in parents.items() if p in chain.frames}
+    frame = 0
+    for body in chain.bodies:
+        own = corrections[frame + 1 : frame + 1 + len(body.joints)]
+        frame += len(body.joints)
+        if own.any():
+            _correct_body(body, own, in_frame)
+    last, own = chain.bodies[-1], corrections[robot.tip_frame]
+    T_tip = chain.T_tip @ displacement(own)
+    if chain.tree.site is None and not last.joints:
+        T_tip = np.eye(4)
+        if own.any():
+            _write_pose(last.element, last.T @ displacement(own), in_frame)
+    elif chain.tree.site is not None and own.any():
+        _write_pose(chain.tree.site, T_tip, in_frame)
+    _write_markers(last.element, parents, markers, T_tip)
+    _name_folders(root, path.parent, target.parent)
+    return _head(path) + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _correct_body(body: MjcfBody, own: Array, in_frame: dict[Element, Array]) -> None:
+    """Displace the joint frames of one body, ``T = B G_1 E_1 .. G_m E_m`` with G as body motions.
+
+    That is ``B' E'_1 .. E'_m`` with ``B' = B G_1 .. G_m`` and each E' seen from behind the G that
+    follow it: only the body's pose changes, and the axes of all joints but its last.
+    """
+    moves = [
+        joint.origin @ displacement(xi) @ inverse(joint.origin)
+        for joint, xi in zip(body.joints, own, strict=True)
+    ]
+    _write_pose(body.element, reduce(np.matmul, moves, body.T), in_frame)
+    elements = {e.get("name"): e for e in joints_of(body.element)}
+    H = np.eye(4)
+    for joint, G in zip(body.joints[::-1], moves[::-1], strict=True):
+        if not np.array_equal(H, np.eye(4)):
+            element = elements[joint.name]
+            seen = in_frame.get(element, np.eye(4)) @ H
+            element.set("pos", _words(rotate(seen[:3, :3], joint.anchor) + seen[:3, 3]))
+            element.set("axis", _words(rotate(seen[:3, :3], joint.axis)))
+        H = H @ inverse(G)
+
+
+def _write_pose(element: Element, T: Array, in_frame: dict[Element, Array]) -> None:
+    import mujoco
+
+    T = in_frame.get(element, np.eye(4)) @ T
+    for key in _ORIENTATIONS:
+        element.attrib.pop(key, None)
+    element.set("pos", _words(T[:3, 3]))
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, T[:3, :3].flatten())
+    element.set("quat", _words(quaternion))
+
+
+def _write_markers(
+    tip: Element, parents: dict[Element, Element], markers: dict[str, Array], T_tip: Array
+) -> None:
+    names = {MARKER + name: p for name, p in markers.items()}
+    for element, parent in parents.items():
+        if element.tag == "site" and element.get("name") in names:
+            parent.remove(element)  # of an earlier correction
+    for name, position in reversed(names.items()):
+        place = rotate(T_tip[:3, :3], position) + T_tip[:3, 3]
+        site = Element("site", name=name, pos=_words(place))
+        site.tail = tip.text
+        tip.insert(0, site)
+
+
+def _name_folders(root: Element, source: Path, target: Path) -> None:
+    """Name the folders of meshes and textures as seen from the new folder."""
+    if source.resolve() == target.resolve() or not any(e.get("file") for e in root.iter()):
+        return
+    settings = compiler_settings(root)
+    for element in root.findall("compiler"):
+        for key in (*_FOLDERS, "assetdir"):
+            element.attrib.pop(key, None)
+    seen = {}
+    for key in _FOLDERS:
+        folder = source / settings.get(key, settings.get("assetdir", ""))
+        seen[key] = Path(os.path.relpath(folder.resolve(), target.resolve())).as_posix()
+    root.insert(0, Element("compiler", seen))
+
+
+def _head(path: Path) -> str:
+    """Comments before the root, such as a licence, which an XML tree does not hold."""
+    text = path.read_bytes().decode("utf-8-sig", "replace")
+    prologue = re.match(r"(\s+|<\?.*?\?>|<!--.*?-->)*", text, re.DOTALL)
+    comments = re.findall(r"<!--.*?-->", prologue.group() if prologue else "", re.DOTALL)
+    return "".join(f"{comment}\n" for comment in comments)
+
+
+def _words(values: Array) -> str:
+    return " ".join(repr(float(value)) for value in values)

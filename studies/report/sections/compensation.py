@@ -1,0 +1,57 @@
+"""Corrected commands: what the arm would miss without them, and what is expected to remain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from studies.report.evidence import Evidence, Result
+from studies.report.parts import Part, Section, Table, Text, folded, listed
+
+_ROWS = (
+    ("with nominal commands", "before"),
+    ("with corrected commands, expected", "expected"),
+    ("of it: cannot be corrected", "left"),
+    ("of it: uncertainty of the parameters", "from_parameters"),
+    ("of it: not explained by the model", "unexplained"),
+)
+
+
+def compensation(evidence: Evidence, result: Result) -> Section:
+    """The error at the targets before and after, and the commands."""
+    return Section("compensation", "Corrected commands", tuple(_parts(result.fields)))
+
+
+def _parts(fields: dict[str, Any]) -> Iterator[Part]:
+    figures = [
+        (label, *(fields[figure].get(key) for figure in ("rms_mm", "p95_mm", "max_mm")))
+        for label, key in _ROWS
+    ]
+    yield Table(
+        ("distance from the wanted place", "RMS [mm]", "p95 [mm]", "max [mm]"),
+        figures,
+        f"Error of {len(fields['targets'])} targets, at the {fields['errors_at']}",
+    )
+    for reason, count in fields["limited"].items():
+        yield Text(f"{count} targets are not met in full: {reason}.", "warn")
+    keys = [key for key in ("joints_deg", "joints_mm") if fields["targets"][0].get(key)]
+    units = {"joints_deg": "deg", "joints_mm": "mm"}
+    joints = [(key, name) for key in keys for name in fields["targets"][0][key]]
+    rows = [
+        (
+            target["pose"],
+            *(f"{target[key][name]:.4f}" for key, name in joints),
+            *(f"{target[f'{part}_mm']:.4f}" for part in ("before", "expected")),
+        )
+        for target in fields["targets"]
+    ]
+    yield Table(
+        (
+            "target", *(f"{name} [{units[key]}]" for key, name in joints), "before [mm]",
+            "expected [mm]",
+        ),
+        rows,
+        fold=folded("Corrected commands", rows),
+    )  # fmt: skip
+    if fields["warnings"]:
+        yield Text(listed(fields["warnings"]), "note")

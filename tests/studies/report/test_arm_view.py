@@ -1,0 +1,322 @@
+"""The picture of the arm: its numbers against MuJoCo and the constraints, its drawing, its names."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+
+from calib import CalibError, Cell, Measurements, Poses
+from calib.cell import Capsule
+from calib.poses import poses_at
+from calib.se3 import Array, displacement, rotate, so3_exp
+from calib.targets import sobol_poses
+from doe.constraints import hidden_by, scene_of, visible
+from studies.demo import embedded_text, simulated
+from studies.report.arm_drawing import drawing
+from studies.report.arm_scene import ArmScene, scene
+from studies.report.arm_view import figure_html
+from tests.calib.test_mujoco import in_mujoco
+from tests.helpers import cell_of, random_robot
+from tests.studies.report.cells import HOSTILE, hostile, shaped
+
+HALF = 0.51  # mm: half of what is rounded to
+LINKS = [*(f"link_{k}" for k in range(1, 7)), "tool0"]
+
+
+def bodies(q: Array) -> tuple[Array, Array]:
+    """Origins (m, 7, 3) m of the links and axes (m, 3, 3) of the tip, from MuJoCo."""
+    model = in_mujoco(embedded_text("kr270.urdf"))
+    data = mujoco.MjData(model)
+    ids = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) for name in LINKS]
+    origins, axes = [], []
+    for row in q:
+        data.qpos[:] = row
+        mujoco.mj_kinematics(model, data)
+        origins.append(data.xpos[ids].copy())
+        axes.append(data.xmat[ids[-1]].reshape(3, 3).copy())
+    return np.array(origins), np.array(axes)
+
+
+@pytest.fixture(scope="module")
+def drawn(kr270: Cell, table_two: Poses) -> ArmScene:
+    return scene(shaped(kr270), table_two, level_joint="A2")
+
+
+def test_arm_and_markers_stand_where_mujoco_puts_them(kr270: Cell) -> None:
+    poses = sobol_poses(kr270, 40, 3)
+    origins, axes = bodies(poses.q)
+    markers = origins[:, -1:] + rotate(axes[:, None], kr270.markers)
+    found = scene(kr270, poses)
+    arm = found.points[:, found.chain]
+    # A4, A5 and A6 meet in the wrist: the chain has one point for them.
+    wanted = np.concatenate([np.zeros((40, 1, 3)), origins[:, [0, 1, 2, 3, 6]]], axis=1) * 1e3
+    np.testing.assert_allclose(arm, wanted, atol=HALF)
+    np.testing.assert_allclose(found.points[:, found.marker_points], markers * 1e3, atol=HALF)
+    np.testing.assert_allclose(found.tip_axes / 100.0, axes.swapaxes(1, 2)[:, :2], atol=0.0051)
+
+
+def test_prismatic_joints_and_capsules_by_products_of_matrices() -> None:
+    rng = np.random.default_rng(5)
+    robot = random_robot(rng, 5, prismatic=[1, 3])
+    capsule = Capsule((0.1, 0.0, 0.2), (0.4, -0.1, 0.0), 0.05)
+    cell = replace(
+        cell_of(robot, rng.uniform(-0.2, 0.2, (2, 3)), ["base"]), capsules={"j2": (capsule,)}
+    )
+    q = rng.uniform(-0.5, 0.5, (4, 5))
+    found = scene(cell, poses_at(q))
+    for i, row in enumerate(q):
+        T, origins = np.eye(4), [np.zeros(3)]
+        for k, value in enumerate(row):
+            motion = np.zeros(6)
+            motion[:3] = robot.axes[k] * value * robot.prismatic[k]
+            motion[3:] = robot.axes[k] * value * ~robot.prismatic[k]
+            T = T @ robot.origins[k] @ displacement(motion)
+            origins.append(T[:3, 3])
+            if k == 1:
+                ends = [(T @ [*end, 1.0])[:3] for end in (capsule.start, capsule.end)]
+        T = T @ robot.origins[5]
+        np.testing.assert_allclose(
+            found.points[i, found.chain], np.array([*origins, T[:3, 3]]) * 1e3, atol=HALF
+        )
+        (body,) = found.bodies
+        np.testing.assert_allclose(
+            found.points[i, [body.start, body.end]], np.array(ends) * 1e3, atol=HALF
+        )
+    assert found.shaped
+    assert found.bodies[0].radius == 50
+    assert found.units == ("deg", "mm", "deg", "mm", "deg")
+    np.testing.assert_allclose(found.values[:, 1], q[:, 1] * 1e3, atol=0.0051)
+
+
+def test_points_are_shared(drawn: ArmScene, kr270: Cell) -> None:
+    distinct = np.unique(drawn.points.swapaxes(0, 1).reshape(drawn.points.shape[1], -1), axis=0)
+    assert len(distinct) == drawn.points.shape[1]
+    moves = (drawn.points != drawn.points[:1]).any(axis=(0, 2))
+    assert not moves[: drawn.still].any()
+    assert moves[drawn.still :].all()
+    assert drawn.still == 4  # base, A1, and both ends of the base's capsule
+
+
+def test_why_a_marker_is_hidden(kr270: Cell) -> None:
+    cell = shaped(kr270)
+    normals = np.array([[np.nan] * 3, [1.0, 0.0, 0.0], [np.nan] * 3])
+    cell = replace(cell, marker_normals=normals)
+    placed = scene_of(cell, sobol_poses(cell, 300, 1).q)
+    seen, why = visible(placed), hidden_by(placed)
+    assert set(why) == {(int(i), int(j)) for i, j in np.argwhere(~seen)}
+    assert {w.split()[0] for w in why.values()} == {"turned", "behind"}
+    assert all(j == 1 for (_, j), w in why.items() if w == "turned away")
+    for cause, without in (
+        ("behind obstacle 1 (box)", replace(cell, design={})),
+        ("behind A2", replace(cell, capsules={**cell.capsules, "A2": ()})),
+    ):
+        hidden = [key for key, w in why.items() if w == cause]
+        assert hidden, cause
+        left = hidden_by(scene_of(without, placed.q))
+        assert all(left.get(key) != cause for key in hidden)
+        assert any(key not in left for key in hidden), "nothing else hides some of them"
+
+
+def test_measured_markers_come_into_the_base_frame(kr270: Cell, table_two: Poses) -> None:
+    """A stiff arm without errors, markers far from their first guesses, an instrument anywhere."""
+    cell = replace(kr270, effects=("base", "tool"))
+    shift = np.array([[0.0, 60.0, -40.0], [25.0, 0.0, 80.0], [-70.0, 10.0, 0.0]])
+    origins, axes = bodies(table_two.q)
+    true = origins[:, -1:] + rotate(axes[:, None], cell.markers + shift * 1e-3)
+    R, t = so3_exp(np.array([0.4, -2.0, 1.1])), np.array([5.0, -8.0, 2.0])
+    data = Measurements(
+        table_two, rotate(R, true) + t, np.ones((15, 3), bool), np.full((15, 3), np.nan)
+    )
+    found = scene(cell, data)
+    np.testing.assert_allclose(found.points[:, found.marker_points], true * 1e3, atol=HALF)
+    assert found.seen == "measured"
+    assert not found.hidden
+
+
+def test_a_marker_without_a_reading(kr270: Cell, table_two: Poses) -> None:
+    data, _, _ = simulated(kr270, table_two, 0)
+    seen = data.seen.copy()
+    seen[3, 1] = False
+    found = scene(kr270, replace(data, seen=seen))
+    assert found.hidden == {(3, 1): "not measured"}
+    assert found.readout(3)[1] == "markers m1, m3 measured; m2 not measured"
+    nominal = scene(kr270, data.poses)
+    np.testing.assert_array_equal(
+        found.points[3, found.marker_points[1]], nominal.points[3, nominal.marker_points[1]]
+    )
+
+
+def test_readings_in_the_base_frame_stay(kr270: Cell, table_two: Poses) -> None:
+    data, _, _ = simulated(kr270, table_two, 0)
+    found = scene(replace(kr270, effects=("joint_offset",)), data)
+    np.testing.assert_allclose(found.points[:, found.marker_points], data.points * 1e3, atol=HALF)
+
+
+def test_what_stands_around(drawn: ArmScene) -> None:
+    box, ball, wall = drawn.around.outlines  # the floor is not drawn twice
+    corners = np.unique(np.concatenate(box.lines), axis=0)
+    assert len(corners) == 8
+    half = np.linalg.norm([300, 250, 400])
+    np.testing.assert_allclose(np.linalg.norm(corners - [1900, -1500, 400], axis=1), half, atol=1)
+    np.testing.assert_allclose(
+        np.linalg.norm(ball.lines[0] - [-900, 1800, 500], axis=1), 300.0, atol=1.0
+    )
+    in_wall = (np.concatenate(wall.lines) - [-2000, 0, 0]) @ [-2, 0, 1] / np.sqrt(5.0)
+    assert np.abs(in_wall).max() < 2.0
+    floor = drawn.around.floor
+    assert drawn.around.step == 500
+    assert (floor[..., 2] == 0).all()
+    assert (floor % 500 == 0).all()
+    arms = drawn.points[:, drawn.chain].reshape(-1, 3)[:, :2]
+    assert (floor.min(axis=(0, 1))[:2] <= arms.min(axis=0)).all()
+    assert (floor.max(axis=(0, 1))[:2] >= arms.max(axis=0)).all()
+
+
+def parsed(picture: ArmScene) -> ElementTree.Element:
+    return ElementTree.fromstring(str(drawing(picture, "k")))
+
+
+def of_class(svg: ElementTree.Element, name: str) -> list[ElementTree.Element]:
+    return [e for e in svg.iter() if name in (e.get("class") or "").split()]
+
+
+def test_structure_of_the_drawing(drawn: ArmScene) -> None:
+    svg = parsed(drawn)
+    title, description, parts = svg
+    assert (title.tag, description.tag, parts.get("class")) == ("title", "desc", "arm-parts")
+    assert svg.get("role") == "img"
+    assert svg.get("aria-labelledby", "").split() == [title.get("id"), description.get("id")]
+    assert title.text == "kr270 milling cell: the arm at 15 poses"
+    assert "A2 \N{MINUS SIGN}0.01\N{DEGREE SIGN} (level)" in (description.text or "")
+    for name in ("arm-all", "arm-tips"):
+        (line,) = of_class(svg, name)
+        assert line.get("d", "").count("M") == 15
+    assert len(of_class(svg, "arm-rim")) == len(of_class(svg, "arm-body")) == len(drawn.bodies)
+    assert len(of_class(svg, "arm-joint")) == len(drawn.chain) - 1
+    hidden = sum((0, j) in drawn.hidden for j in range(3))
+    assert len(of_class(svg, "arm-blocked")) == hidden
+    assert len(of_class(svg, "arm-sight")) == 3 - hidden
+    texts = {e.text for e in svg.iter("text")}
+    assert {"X", "Y", "Z", "m1", "m2", "m3", "instrument", "500 mm"} <= texts
+    assert len(texts & {"obstacle 1 (box)", "obstacle 2 (sphere)", "obstacle 4 (halfspace)"}) == 3
+
+
+def test_a_hidden_marker_is_hollow_and_crossed(drawn: ArmScene) -> None:
+    svg = parsed(replace(drawn, hidden={(0, 1): "behind A2"}))
+    assert len(of_class(svg, "arm-blocked")) == 1
+    assert [e.tag for e in of_class(svg, "arm-hidden")] == ["circle", "path"]
+
+
+def numbers(element: ElementTree.Element) -> list[tuple[float, float]]:
+    pairs = re.findall(r"[ML](-?[\d.]+) (-?[\d.]+)", element.get("d", ""))
+    return [(float(x), float(y)) for x, y in pairs]
+
+
+def test_the_picture_fills_the_drawing(drawn: ArmScene) -> None:
+    svg = parsed(drawn)
+    shown = ("arm-all", "arm-floor", "arm-solid", "arm-plane", "arm-drop")
+    at = np.array([p for name in shown for e in of_class(svg, name) for p in numbers(e)])
+    assert (at >= 31.9).all()
+    assert (at <= np.array([720, 480]) - 31.9).all()
+    room = (at.max(axis=0) - at.min(axis=0)) / (np.array([720, 480]) - 64)
+    assert room.max() == pytest.approx(1.0, abs=1e-3)
+
+
+def test_nearer_bodies_are_drawn_over_farther_ones(drawn: ArmScene) -> None:
+    """Seen from azimuth -52 and elevation 20 degrees: towards the viewer is this direction."""
+    a, e = np.radians([-52.0, 20.0])
+    towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    middles = [(drawn.points[0, b.start] + drawn.points[0, b.end]) / 2.0 for b in drawn.bodies]
+    order = np.argsort([middle @ towards for middle in middles])
+    widths = [float(e.get("stroke-width", 0)) for e in of_class(parsed(drawn), "arm-body")]
+    radii = np.array([drawn.bodies[i].radius for i in order])
+    np.testing.assert_allclose(np.array(widths) / radii, widths[0] / radii[0], rtol=0.01)
+
+
+def test_a_far_instrument_is_a_direction(kr270: Cell, table_two: Poses) -> None:
+    cell = replace(kr270, instrument=np.array([12.0, 5.0, 1.0]))
+    found = scene(cell, table_two)
+    assert found.around.far
+    svg = parsed(found)
+    assert not of_class(svg, "arm-instrument")
+    tip = bodies(table_two.q[:1])[0][0, -1]
+    away = np.linalg.norm(cell.instrument - tip)
+    assert f"instrument {away:.1f} m off" in {e.text for e in svg.iter("text")}
+
+
+class Elements(HTMLParser):
+    """Start tags with their attributes, and the text of scripts."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag == "script":
+            self.scripts.append("")
+
+    def handle_data(self, data: str) -> None:
+        if self.tags and self.tags[-1][0] == "script" and self.scripts:
+            self.scripts[-1] += data
+
+
+def elements(html: str) -> Elements:
+    found = Elements()
+    found.feed(html)
+    found.close()
+    return found
+
+
+def test_hostile_names_are_only_text(kr270: Cell, table_two: Poses) -> None:
+    poses = replace(table_two, names=tuple(f"{n}{HOSTILE}" for n in table_two.names))
+    html = str(figure_html(scene(hostile(kr270), poses)))
+    plain = str(figure_html(scene(replace(kr270, design={}), table_two)))
+    found, expected = elements(html), elements(plain)
+    assert [tag for tag, _ in found.tags] == [tag for tag, _ in expected.tags]
+    assert [sorted(a) for _, a in found.tags] == [sorted(a) for _, a in expected.tags]
+    (data,) = found.scripts
+    assert not set("<>&") & set(data)
+    read: dict[str, Any] = json.loads(data)
+    assert read["poses"] == list(poses.names)
+    assert read["markers"] == [f"m{j}{HOSTILE}" for j in (1, 2, 3)]
+
+
+def test_seven_hundred_poses_stay_small(kr270: Cell) -> None:
+    html = str(figure_html(scene(shaped(kr270), sobol_poses(kr270, 700, 0))))
+    assert len(html.encode()) < 250_000
+
+
+def test_one_pose_that_does_not_move(kr270: Cell) -> None:
+    svg = parsed(scene(kr270, poses_at(np.zeros((1, 6)), ["only"])))
+    assert svg[0].text == "kr270 milling cell: the arm at 1 pose"
+    assert of_class(svg, "arm-tips")[0].get("d", "").count("M") == 1
+
+
+def test_a_chain_that_comes_back_to_a_point(kr270: Cell) -> None:
+    """One pose, the second link folded onto the first: the chain goes there and back."""
+    robot = kr270.robot
+    origins = np.tile(np.eye(4), (7, 1, 1))
+    origins[[1, 2], 0, 3] = 1.0
+    cell = replace(
+        kr270, robot=replace(robot, origins=origins, axes=np.tile([0.0, 0.0, 1.0], (6, 1)))
+    )
+    found = scene(cell, poses_at(np.array([[0.0, np.pi, 0.0, 0.0, 0.0, 0.0]])))
+    at = found.points[0, found.chain].tolist()
+    assert at == [[0, 0, 0], [1000, 0, 0], [0, 0, 0]]
+
+
+def test_refusals(kr270: Cell, table_two: Poses) -> None:
+    with pytest.raises(CalibError, match="no pose to draw"):
+        scene(kr270, table_two.take([]))
+    with pytest.raises(CalibError, match="no joint 'A9'"):
+        scene(kr270, table_two, level_joint="A9")

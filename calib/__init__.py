@@ -5,10 +5,12 @@ A cell file names the robot, the markers, the instrument and what the model cont
     cell = load_cell("cell.toml")
     data = load_measurements(cell, "measurements.csv")
     result = identify(cell, data)
+    commands = compensate(cell, result, "targets.csv").q
 """
 
 from calib.api import observation, parameters, predict, readings
 from calib.cell import Cell
+from calib.compensate import Compensation, compensate
 from calib.diagnosis import Diagnosis, diagnose
 from calib.errors import CalibError
 from calib.files.cell import load_cell
@@ -21,10 +23,12 @@ from calib.simulate import simulate
 __all__ = [
     "CalibError",
     "Cell",
+    "Compensation",
     "Diagnosis",
     "Identification",
     "Measurements",
     "Poses",
+    "compensate",
     "diagnose",
     "identify",
     "in_one_session",

@@ -131,14 +131,21 @@ def correlation(cov: Array) -> Array:
     return out
 
 
+def working_points(model: Model) -> Model:
+    """The model at the points where its accuracy counts: the markers, or the tip's origin where the
+    markers are not part of the model.
+    """
+    if any(isinstance(e, Tool) for e in model.effects):
+        return model
+    return replace(model, marker_names=("tip",), markers=np.zeros((1, 3)))
+
+
 def errors_at(model: Model, values: Array, cov: Array, targets: Poses) -> Array:
     """Expected position error at each target from the estimate's uncertainty, RMS, shape (m,), m.
 
-    3-D per point, in the instrument's frame, at the markers, or at the tip's origin where the
-    markers are not part of the model.
+    3-D per point, in the instrument's frame, at the points of :func:`working_points`.
     """
-    if not any(isinstance(e, Tool) for e in model.effects):
-        model = replace(model, marker_names=("tip",), markers=np.zeros((1, 3)))
+    model = working_points(model)
     _, J = model.jacobian(values, targets)
     squared = np.einsum("mjip,pq,mjiq->m", J, cov, J, optimize=True) / len(model.markers)
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)))

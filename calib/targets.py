@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from calib.cell import Cell
+from calib.errors import CalibError
 from calib.files.tables import load_targets
 from calib.poses import Poses, hung, poses_at
 from calib.se3 import Array
 
 _COUNT = 200
+_OUTSIDE = 1e-4  # rad or m: rounding of limits
 
 
 def targets_of(cell: Cell) -> tuple[Poses, Array]:
@@ -30,3 +32,16 @@ def sobol_poses(cell: Cell, count: int, seed: int) -> Poses:
     unit = sampler.random(2 ** int(np.ceil(np.log2(count))))[:count]
     low, high = cell.robot.sample_limits().T
     return poses_at(low + unit * (high - low))
+
+
+def check_targets(cell: Cell, targets: Poses) -> None:
+    """Refuse targets outside the joint limits. Raises CalibError."""
+    low, high = cell.robot.limits.T
+    outside = (targets.q < low - _OUTSIDE) | (targets.q > high + _OUTSIDE)
+    for i, j in np.argwhere(outside)[:1]:
+        slides = cell.robot.prismatic[j]
+        unit, name = (1e-3, "mm") if slides else (np.pi / 180.0, "deg")
+        raise CalibError(
+            f"target {targets.names[i]}: {cell.robot.joints[j]} at {targets.q[i, j] / unit:.2f} {name} "
+            f"is outside its limits {low[j] / unit:.2f} .. {high[j] / unit:.2f}; move it inside"
+        )

@@ -15,7 +15,7 @@ from calib.errors import CalibError
 from calib.model import Model
 from calib.poses import IntArray, Poses, poses_at
 from calib.se3 import Array
-from calib.targets import targets_of
+from calib.targets import check_targets, targets_of
 from doe.allowed import Allowed
 from doe.blocks import Blocks
 from doe.constraints import Constraint, constraints_of, scene_of, visible
@@ -24,7 +24,7 @@ from doe.information import Regressor
 from doe.nominal import nominal
 from doe.pool import Pool, drawn, rounded
 from doe.probe import PROBE, check_identifiable, is_silent, probe_of
-from doe.refusals import CannotIdentify, check_targets
+from doe.refusals import CannotIdentify
 from doe.wish import Wish, direction_of, rival_rows, subset_of, with_rivals
 
 RIDGE = 1e-10

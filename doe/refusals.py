@@ -6,10 +6,7 @@ import numpy as np
 
 from calib.cell import Cell
 from calib.errors import CalibError
-from calib.poses import Poses
 from doe.levels import Levels
-
-_OUTSIDE = 1e-4  # rad or m: rounding of limits
 
 
 class CannotIdentify(CalibError):
@@ -35,16 +32,3 @@ def at_level(cell: Cell, levels: Levels | None, level: int) -> str:
     slides = cell.robot.prismatic[joint]
     shown = f"{value * 1e3:g} mm" if slides else f"{np.degrees(value):g} deg"
     return f" at {cell.robot.joints[joint]} = {shown}"
-
-
-def check_targets(cell: Cell, targets: Poses) -> None:
-    """Refuse targets outside the joint limits. Raises CalibError."""
-    low, high = cell.robot.limits.T
-    outside = (targets.q < low - _OUTSIDE) | (targets.q > high + _OUTSIDE)
-    for i, j in np.argwhere(outside)[:1]:
-        slides = cell.robot.prismatic[j]
-        unit, name = (1e-3, "mm") if slides else (np.pi / 180.0, "deg")
-        raise CalibError(
-            f"target {targets.names[i]}: {cell.robot.joints[j]} at {targets.q[i, j] / unit:.2f} {name} "
-            f"is outside its limits {low[j] / unit:.2f} .. {high[j] / unit:.2f}; move it inside"
-        )

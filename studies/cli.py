@@ -7,6 +7,7 @@ import sys
 import click
 
 from studies.commands.compare import compare
+from studies.commands.compensate import compensate
 from studies.commands.demo import demo
 from studies.commands.design import design
 from studies.commands.diagnose import diagnose
@@ -45,6 +46,7 @@ COMMANDS = (
     enough,
     identify,
     diagnose,
+    compensate,
     report,
 )
 for command in COMMANDS:

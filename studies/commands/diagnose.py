@@ -83,7 +83,9 @@ def diagnose(
     import calib
     from calib.diagnosis import diagnose as diagnose_data
     from calib.errors import CalibError, EffectCannotAct, InputError, UnknownEffect
+    from calib.estimate import estimate_of
     from calib.files.diagnosis import diagnosis_fields
+    from calib.files.estimate import estimate_fields
     from calib.files.write import write_files
     from doe.discriminate import next_poses
     from doe.discriminate.results import next_fields
@@ -118,6 +120,7 @@ def diagnose(
         **envelope("diagnose", [*inputs, *extra], seed),
         "holdout": holdout,
         **diagnosis_fields(result),
+        "estimate": estimate_fields(estimate_of(result)),
     }
     if next_count:
         try:

@@ -114,6 +114,8 @@ def identify(
     """
     import calib
     from calib.errors import CalibError, EffectCannotAct, InputError, UnknownEffect
+    from calib.estimate import estimate_of
+    from calib.files.estimate import estimate_fields
     from calib.files.results import identification_fields
     from calib.files.write import write_files
 
@@ -156,6 +158,7 @@ def identify(
         **identification_fields(result),
         **_expected_accuracy(cell, result),
         "drift": _drift(cell, whole, result),
+        "estimate": estimate_fields(estimate_of(result)),
     }
     warn(result.warnings)
     texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}

@@ -21,7 +21,7 @@ from calib.poses import hung, poses_at
 from calib.targets import targets_of
 from doe import CannotIdentify
 from doe.constraints import constraints_of, scene_of, visible
-from tests.helpers import cell_of, random_robot
+from tests.helpers import cell_of, random_robot, with_effects
 
 ELASTIC = ("stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
 LEVELS = "A2=-140,-99.85,-56.9,-25.24,-0.01x3"

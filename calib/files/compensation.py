@@ -1,0 +1,67 @@
+"""Corrected commands as a table: that of the targets, which reads back as a plan and as targets."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from calib.cell import Cell
+from calib.compensate import Compensation
+from calib.errors import InputError
+from calib.files.columns import joint_columns
+from calib.files.csv_table import Table, read_table
+from calib.files.write_tables import csv_text
+
+_MM = 1e3
+_CHANGE = "change"
+
+
+def nominal_table(cell: Cell, path: Path) -> Table:
+    """The table of targets as text. Raises InputError, also for one that was corrected before."""
+
+    def check(columns: tuple[str, ...]) -> None:
+        for joint in cell.robot.joints:
+            if any(name.startswith(f"{_CHANGE}_{joint}_") for name in columns):
+                raise InputError(
+                    path,
+                    "line 1",
+                    "holds corrected commands already",
+                    "give the nominal targets, or take out the columns of changes",
+                )
+
+    return read_table(path, (), check)
+
+
+def compensated_csv(cell: Cell, table: Table, found: Compensation) -> str:
+    """The targets' own table with corrected joints, in its own units, and columns for what changed.
+
+    table : Table, the targets that were compensated
+    """
+    joints = {
+        name: [f"{value / scale:.9g}" for value in q]
+        for (name, scale), q in zip(
+            joint_columns(table.path, cell.robot, table.columns), found.q.T, strict=True
+        )
+    }
+    columns = {"pose": list(found.targets.names)}
+    columns |= {name: joints.get(name) or table.text(name) for name in table.columns}
+    columns |= _added(cell, found)
+    return csv_text(list(columns), zip(*columns.values(), strict=True))
+
+
+def _added(cell: Cell, found: Compensation) -> dict[str, list[str]]:
+    """Change of each joint, and errors at the target before and after."""
+    columns = {}
+    for joint, slides, change in zip(
+        cell.robot.joints, cell.robot.prismatic, found.correction.T, strict=True
+    ):
+        unit, scale = ("um", 1e-6) if slides else ("mdeg", math.pi / 180e3)
+        columns[f"{_CHANGE}_{joint}_{unit}"] = [f"{value / scale:.3f}" for value in change]
+    for name, errors in (
+        ("before", found.before),
+        ("left", found.left),
+        ("expected", found.expected),
+    ):
+        columns[f"{name}_mm"] = [f"{value * _MM:.5f}" for value in errors]
+    columns["limited_by"] = list(found.limited_by)
+    return columns

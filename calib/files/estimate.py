@@ -1,0 +1,179 @@
+"""An identified model in the JSON of a result, and read back from it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from calib.build import context_of, place_effect
+from calib.cell import Cell
+from calib.effects import catalogue
+from calib.effects.protocol import ConstantTwist, Context, Effect
+from calib.effects.tool import Tool
+from calib.errors import CalibError, InputError
+from calib.estimate import Estimate, Unexplained
+from calib.model import Model
+
+_LARGEST_FILE = 200_000_000  # bytes
+_LARGEST_VALUE = 1e9  # SI
+_KNOT = "compliance@"
+_KEY = ("effect", "where", "name")
+
+Key: TypeAlias = tuple[str, ...]
+"""Effect, where and name of a parameter."""
+
+
+def estimate_fields(estimate: Estimate) -> dict[str, Any]:
+    """The entry ``estimate`` of a result: all that the next command needs, SI."""
+    return {
+        "parameters": [
+            {"effect": p.effect, "where": p.where, "name": p.name, "value_SI": value}
+            for p, value in zip(estimate.model.parameters, estimate.values, strict=True)
+        ],
+        "covariance_SI": estimate.covariance,
+        "session_start_s": estimate.start,
+        "unexplained": {
+            "rms_mm": estimate.unexplained.rms * 1e3,
+            "source": estimate.unexplained.source,
+        },
+        "undetermined": list(estimate.undetermined),
+        "notes": list(estimate.notes),
+        "converged": estimate.converged,
+    }
+
+
+def load_estimate(cell: Cell, path: str | Path) -> Estimate:
+    """Read what ``identify --json`` or ``diagnose --json`` found.
+
+    Effects stand in the model as the result has them, whatever the cell's [model] says now; a cell or
+    URDF that changed since is a note.
+
+    Raises InputError: no such result, or parameters that this cell's robot has not.
+    """
+    path = Path(path)
+    result = _read(path)
+    entry = result.get("estimate")
+    if not isinstance(entry, dict):
+        raise InputError(
+            path,
+            "",
+            "holds no estimate",
+            "write it with identify --json or diagnose --json of this version",
+        )
+    try:
+        keys = [tuple(str(p[key]) for key in _KEY) for p in entry["parameters"]]
+        values = _numbers([p["value_SI"] for p in entry["parameters"]])
+        cov = _numbers(entry["covariance_SI"]).reshape(len(values), len(values))
+        start, unexplained = _numbers([entry["session_start_s"], entry["unexplained"]["rms_mm"]])
+        if (np.diag(cov) < 0.0).any() or unexplained < 0.0:
+            raise ValueError
+        rest = Unexplained(float(unexplained) * 1e-3, str(entry["unexplained"]["source"]))
+        converged = entry["converged"] is True
+        undetermined, notes = (
+            tuple(map(str, entry["undetermined"])),
+            tuple(map(str, entry["notes"])),
+        )
+    except (KeyError, TypeError, ValueError):
+        raise InputError(path, "estimate", "is damaged", "write the result again") from None
+    try:
+        model = _model(cell, keys)
+    except CalibError as error:
+        raise InputError(
+            path, "estimate", f"is not of this cell: {error}", "give the cell that it was made with"
+        ) from None
+    notes = (*notes, *_changed(cell, path, result))
+    return Estimate(model, values, cov, float(start), rest, undetermined, notes, converged)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > _LARGEST_FILE:
+            raise InputError(path, "", "is too large for a result of posecal")
+        result = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
+    except (ValueError, RecursionError):
+        result = None
+    if not isinstance(result, dict) or result.get("command") not in ("identify", "diagnose"):
+        raise InputError(
+            path,
+            "",
+            "is not a result of posecal identify or diagnose",
+            "write one with --json",
+        )
+    return result
+
+
+def _numbers(entries: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    values = np.array(entries, dtype=float)
+    if not (np.abs(values) < _LARGEST_VALUE).all():
+        raise ValueError
+    return values
+
+
+def _model(cell: Cell, keys: list[Key]) -> Model:
+    """The model whose parameters these are, in their order. Raises CalibError."""
+    context = _context(cell, keys)
+    effects: list[Effect] = []
+    for kind, where in dict.fromkeys((kind, where) for kind, where, _ in keys):
+        if kind not in catalogue():
+            raise CalibError(f"effect {kind!r} is not known here")
+        names = [name for k, w, name in keys if (k, w) == (kind, where)]
+        effects.append(_with_only(place_effect(kind, where, context), names))
+    model = Model(
+        cell.robot, cell.marker_names, cell.markers, tuple(effects), cell.payload, cell.gravity
+    )
+    if [(p.effect, p.where, p.name) for p in model.parameters] != keys:
+        raise CalibError("its parameters are not those of the effects here")
+    return model
+
+
+def _context(cell: Cell, keys: list[Key]) -> Context:
+    """The cell's context with the knots, stations and load of the data behind the result."""
+    knots: dict[str, list[float]] = {}
+    for kind, where, name in keys:
+        if kind == "stiffness_vs_angle":
+            slides = (
+                where in cell.robot.joints and cell.robot.prismatic[cell.robot.joints.index(where)]
+            )
+            shown = _number(name.removeprefix(_KNOT))
+            knots.setdefault(where, []).append(shown * 1e-3 if slides else math.radians(shown))
+    stations = tuple(dict.fromkeys(where for kind, where, _ in keys if kind == "base"))
+    return replace(
+        context_of(cell, None),
+        stations=stations or ("base",),
+        knots={joint: np.array(angles) for joint, angles in knots.items()},
+        measured_load=("payload", "payload", "scale") in keys,
+    )
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise CalibError(f"{text[:40]!r} is no angle of a compliance") from None
+
+
+def _with_only(effect: Effect, names: list[str]) -> Effect:
+    """The effect with some of its parameters, where it can do with fewer."""
+    if isinstance(effect, ConstantTwist | Tool):
+        own = [p.name for p in effect.parameters]
+        return effect.only(tuple(own.index(name) for name in names if name in own))
+    return effect
+
+
+def _changed(cell: Cell, path: Path, result: dict[str, Any]) -> list[str]:
+    """Notes on files of the cell that are not those that the result was made from."""
+    inputs = result.get("inputs")
+    known = {i.get("sha256") for i in inputs or () if isinstance(i, dict)} if inputs else set()
+    return [
+        f"{file} changed since {path} was written: its values hold for the cell as it was"
+        for file in (cell.path, *cell.robot_files)
+        if file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() not in known
+    ]

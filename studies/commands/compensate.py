@@ -1,0 +1,85 @@
+"""``posecal compensate``: joint commands that bring the real arm to nominal targets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from studies.commands.common import (
+    check_outputs,
+    console_for,
+    envelope,
+    json_option,
+    one_line_faults,
+    output_file,
+    output_texts,
+    say_written,
+    warn,
+)
+
+
+@click.command()
+@click.argument("cell_path", metavar="CELL", type=click.Path(path_type=Path))
+@click.argument("result_path", metavar="RESULT", type=click.Path(path_type=Path))
+@click.argument("targets_path", metavar="TARGETS", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    "plan_path",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Write the targets' table with corrected joints; it reads back as a plan.",
+)
+@json_option
+@one_line_faults
+def compensate(
+    cell_path: Path,
+    result_path: Path,
+    targets_path: Path,
+    plan_path: Path | None,
+    json_path: str | None,
+) -> None:
+    """Correct joint commands so that the real arm stands where the nominal one should.
+
+    RESULT is the JSON of identify or diagnose, TARGETS a table of nominal joint commands, with the
+    wrench at each where it bears one (else the cell's [load] hangs there). Geometry, load and whatever
+    else was identified are corrected together, and the error expected to remain is stated.
+
+    \b
+    Example:
+      posecal identify cell.toml measurements.csv --json result.json
+      posecal compensate cell.toml result.json targets.csv -o corrected.csv
+    """
+    import calib
+    from calib.errors import CalibError, InputError
+    from calib.files.compensation import compensated_csv, nominal_table
+    from calib.files.estimate import load_estimate
+    from calib.files.write import write_files
+    from studies.compensate.results import compensation_fields
+    from studies.compensate.tables import compensation_tables
+
+    cell = calib.load_cell(cell_path)
+    inputs = [cell_path, *cell.robot_files, result_path, targets_path]
+    check_outputs([p for p in (plan_path, output_file(json_path)) if p is not None], inputs)
+    table = nominal_table(cell, targets_path)
+    estimate = load_estimate(cell, result_path)
+    if not estimate.converged:
+        raise InputError(result_path, "", "did not converge", "mend the identification first")
+    targets, weights = calib.load_targets(cell, targets_path)
+    try:
+        found = calib.compensate(cell, estimate, targets, weights=weights)
+    except InputError:
+        raise
+    except CalibError as error:
+        raise InputError(targets_path, "", str(error)) from None
+    fields = {**envelope("compensate", inputs, 0), **compensation_fields(cell.robot, found)}
+    warn(found.notes)
+    texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
+    if plan_path is not None:
+        texts[plan_path] = compensated_csv(cell, table, found)
+    write_files(texts)
+    console = console_for(json_path)
+    for part in compensation_tables(cell.name, fields):
+        console.print(part)
+    say_written(texts, None, json_path)

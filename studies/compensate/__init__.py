@@ -1,0 +1,1 @@
+"""What ``posecal compensate`` says."""

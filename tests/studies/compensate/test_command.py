@@ -1,0 +1,216 @@
+"""``posecal compensate`` as a user and an outside check see it."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import calib
+from calib.estimate import estimate_of
+from calib.files.estimate import estimate_fields, load_estimate
+from calib.files.write import json_text
+from studies.cli import main
+from tests.helpers import measured_cell
+
+TARGETS = """A1_rad,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg,weight
+0.2,-60,70,20,45,10,1
+-0.5,-90,100,0,30,0,2
+0.7,-45,60,-40,60,90,1
+0,-80,90,0,0,0,1
+"""
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = measured_cell(tmp_path_factory.mktemp("demo"))
+    table = folder / "measurements.csv"
+    assert (
+        run("identify", folder / "cell.toml", table, "--json", folder / "result.json").exit_code
+        == 0
+    )
+    (folder / "targets.csv").write_text(TARGETS)
+    return folder
+
+
+def compensate(demo: Path, *more: object) -> Result:
+    return run("compensate", demo / "cell.toml", demo / "result.json", demo / "targets.csv", *more)
+
+
+def test_table_is_the_targets_with_corrected_joints(demo: Path, tmp_path: Path) -> None:
+    done = compensate(demo, "-o", tmp_path / "c.csv", "--json", tmp_path / "c.json")
+    assert done.exit_code == 0, done.output
+    fields = json.loads((tmp_path / "c.json").read_text())
+    rows = list(csv.DictReader((tmp_path / "c.csv").read_text().splitlines()))
+    assert [row["weight"] for row in rows] == ["1", "2", "1", "1"]
+    cell = calib.load_cell(demo / "cell.toml")
+    plan = calib.load_plan(cell, tmp_path / "c.csv")
+    again, weights = calib.load_targets(cell, tmp_path / "c.csv")
+    for q, target, row in zip(plan.q, fields["targets"], rows, strict=True):
+        expected = [target["joints_deg"][joint] for joint in cell.robot.joints]
+        np.testing.assert_allclose(np.degrees(q), expected, atol=2e-6)
+        change = [float(row[f"change_{joint}_mdeg"]) for joint in cell.robot.joints]
+        shown = [target["correction_joints_deg"][joint] for joint in cell.robot.joints]
+        np.testing.assert_allclose(change, np.array(shown) * 1e3, atol=2e-3)
+    np.testing.assert_array_equal(again.q, plan.q)
+    np.testing.assert_array_equal(weights, [1.0, 2.0, 1.0, 1.0])
+    assert rows[3]["limited_by"] == "singular"
+    assert "1 of 4 targets are not met in full" in done.output
+
+
+def test_json_says_before_and_after(demo: Path, tmp_path: Path) -> None:
+    compensate(demo, "--json", tmp_path / "c.json")
+    fields = json.loads((tmp_path / "c.json").read_text())
+    assert fields["command"] == "compensate"
+    assert [Path(i["file"]).name for i in fields["inputs"]] == [
+        "cell.toml", "kr270.urdf", "result.json", "targets.csv",
+    ]  # fmt: skip
+    rms = fields["rms_mm"]
+    parts = rms["left"] ** 2 + rms["from_parameters"] ** 2 + rms["unexplained"] ** 2
+    assert rms["expected"] == pytest.approx(np.sqrt(parts), rel=1e-6)
+    assert rms["before"] > 100 * rms["expected"]
+    weights = np.array([1.0, 2.0, 1.0, 1.0])
+    before = np.array([t["before_mm"] for t in fields["targets"]])
+    assert rms["before"] == pytest.approx(np.sqrt(weights @ before**2 / 5.0))
+    assert fields["errors_at"] == "markers"
+    assert fields["limited"] == {"singular": 1}
+    assert fields["warnings"] == []
+
+
+def test_command_and_library_agree(demo: Path, tmp_path: Path) -> None:
+    compensate(demo, "--json", tmp_path / "c.json")
+    fields = json.loads((tmp_path / "c.json").read_text())
+    cell = calib.load_cell(demo / "cell.toml")
+    result = calib.identify(cell, calib.load_measurements(cell, demo / "measurements.csv"))
+    found = calib.compensate(cell, result, demo / "targets.csv")
+    assert found.rms(found.expected) * 1e3 == pytest.approx(fields["rms_mm"]["expected"], rel=1e-6)
+    shown = [t["joints_deg"]["A3"] for t in fields["targets"]]
+    np.testing.assert_allclose(np.degrees(found.q[:, 2]), shown, atol=1e-6)
+
+
+def test_estimate_is_read_back_as_it_was(demo: Path, tmp_path: Path) -> None:
+    """Knots that the cell does not give, and effects of a diagnosis, come from the result alone."""
+    cell_path = tmp_path / "cell.toml"
+    text = (demo / "cell.toml").read_text().replace("[model.knots_deg]", "[skip]")
+    text = text.replace("A2 = [-140.0, -99.85, -56.9, -25.24, -0.01]", "").replace("[skip]", "")
+    (tmp_path / "kr270.urdf").write_text((demo / "kr270.urdf").read_text())
+    cell_path.write_text(text)
+    cell = calib.load_cell(cell_path)
+    assert "A2" not in cell.knots
+    data = calib.load_measurements(cell, demo / "measurements.csv")
+    for command, result in (
+        ("identify", calib.identify(cell, data)),
+        ("diagnose", calib.diagnose(cell, data)),
+    ):
+        known = estimate_of(result)
+        path = tmp_path / f"{command}.json"
+        path.write_text(json_text({"command": command, "estimate": estimate_fields(known)}))
+        read = load_estimate(cell, path)
+        assert [p.id for p in read.model.parameters] == [p.id for p in known.model.parameters]
+        np.testing.assert_array_equal(read.values, known.values)
+        np.testing.assert_array_equal(read.covariance, known.covariance)
+        assert read.start == known.start
+        assert read.unexplained == known.unexplained
+        q = calib.load_targets(cell, demo / "targets.csv")[0]
+        np.testing.assert_allclose(
+            calib.compensate(cell, read, q).q, calib.compensate(cell, known, q).q, atol=1e-9
+        )
+
+
+def test_a_cell_that_changed_is_said(demo: Path, tmp_path: Path) -> None:
+    (tmp_path / "kr270.urdf").write_text((demo / "kr270.urdf").read_text())
+    (tmp_path / "cell.toml").write_text((demo / "cell.toml").read_text() + "\n# edited\n")
+    done = run("compensate", tmp_path / "cell.toml", demo / "result.json", demo / "targets.csv")
+    assert done.exit_code == 0
+    assert f"warning: {tmp_path / 'cell.toml'} changed since" in done.output
+    assert "kr270.urdf changed" not in done.output
+
+
+def test_corrected_commands_are_not_corrected_twice(demo: Path, tmp_path: Path) -> None:
+    compensate(demo, "-o", tmp_path / "c.csv")
+    done = run("compensate", demo / "cell.toml", demo / "result.json", tmp_path / "c.csv")
+    assert done.exit_code == 2
+    assert "holds corrected commands already" in done.output
+
+
+def edited(change: Callable[[dict[str, Any]], object]) -> Callable[[str], str]:
+    def edit(text: str) -> str:
+        result = json.loads(text)
+        change(result)
+        return json.dumps(result)
+
+    return edit
+
+
+def renamed(result: dict[str, Any], key: str, value: object) -> None:
+    result["estimate"]["parameters"][-1][key] = value
+
+
+BAD_RESULTS = {
+    "no JSON": (lambda text: text[:-20], "is not a result of posecal identify or diagnose"),
+    "a list": (lambda text: "[]", "is not a result"),
+    "deep": (lambda text: "[" * 100_000, "is not a result"),
+    "a design": (edited(lambda r: r.update(command="design")), "is not a result"),
+    "old": (edited(lambda r: r.pop("estimate")), "holds no estimate"),
+    "astray": (edited(lambda r: r["estimate"].update(converged=False)), "did not converge"),
+    "short": (edited(lambda r: r["estimate"]["covariance_SI"].pop()), "is damaged"),
+    "text": (edited(lambda r: renamed(r, "value_SI", "x")), "is damaged"),
+    "NaN": (edited(lambda r: renamed(r, "value_SI", float("nan"))), "is damaged"),
+    "huge": (edited(lambda r: renamed(r, "value_SI", 1e30)), "is damaged"),
+    "joint": (edited(lambda r: renamed(r, "where", "B7")), "is not of this cell"),
+    "effect": (edited(lambda r: renamed(r, "effect", "magic")), "effect 'magic' is not known here"),
+    "name": (edited(lambda r: renamed(r, "name", "charm")), "is not of this cell"),
+    "list": (edited(lambda r: renamed(r, "effect", ["a"])), "is not of this cell"),
+    "soft": (edited(lambda r: renamed(r, "value_SI", 1.0)), "no equilibrium"),
+}
+
+
+@pytest.mark.parametrize("fault", BAD_RESULTS)
+def test_unusable_result_is_one_line(demo: Path, tmp_path: Path, fault: str) -> None:
+    edit, text = BAD_RESULTS[fault]
+    result, out = tmp_path / "result.json", tmp_path / "out.csv"
+    result.write_text(edit((demo / "result.json").read_text()))
+    done = run("compensate", demo / "cell.toml", result, demo / "targets.csv", "-o", out)
+    assert done.exit_code == 2, done.output
+    assert text in done.output
+    assert len(done.output.strip().splitlines()) == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("table", "text"),
+    [
+        (TARGETS.replace("45,10", "450,10"), "A5 at 450.00 deg is outside its limits"),
+        (TARGETS.replace("45,10", "nan,10"), "line 2, column A5_deg"),
+        (TARGETS.replace("A5_deg", "A5"), "column 'A5' has no unit"),
+        (TARGETS.replace(",1\n", ",-1\n"), "column weight"),
+        ("A1_deg\n1\n", "no column for joint A2"),
+        ("A1_deg\n", "has a header and no rows"),
+    ],
+)
+def test_unusable_targets_are_one_line(demo: Path, tmp_path: Path, table: str, text: str) -> None:
+    path = tmp_path / "targets.csv"
+    path.write_text(table)
+    done = run("compensate", demo / "cell.toml", demo / "result.json", path)
+    assert done.exit_code == 2, done.output
+    assert text in done.output
+    assert len(done.output.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", ["cell.toml", "result.json", "targets.csv"])
+def test_no_input_is_written_over(demo: Path, name: str) -> None:
+    before = (demo / name).read_bytes()
+    done = compensate(demo, "-o", demo / name)
+    assert done.exit_code == 2
+    assert "is already an input" in done.output
+    assert (demo / name).read_bytes() == before

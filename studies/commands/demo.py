@@ -55,5 +55,5 @@ printed and found in its .txt and .json; kr270_calibrated.urdf, better_cell.toml
 
 Try next:
   posecal identify {folder}/better_cell.toml {folder}/measurements.csv --holdout {folder}/check.csv
-  posecal diagnose {folder}/cell.toml {folder}/measurements.csv --figures {folder}/figures
-  posecal design {folder}/cell.toml --poses 20 --criterion D -o {folder}/twenty.csv"""
+  posecal compensate {folder}/cell.toml {folder}/diagnose.json {folder}/table2.csv -o corrected.csv
+  posecal program {folder}/cell.toml {folder}/plan.csv -o {folder}/plan.src"""

@@ -23,12 +23,20 @@ README = (Path(__file__).parent.parent.parent / "README.md").read_text()
 @pytest.fixture
 def beside_the_demo(demo_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(demo_folder, tmp_path / "posecal-demo")
+    said = (demo_folder.parent / "said").read_text()
+    (tmp_path / "said").write_text(said.replace(str(demo_folder), "posecal-demo"))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
+def blocks(*words: str) -> list[str]:
+    """The README's Python blocks that hold these words."""
+    found = re.findall(r"```python\n(.*?)```", README, flags=re.S)
+    return [block for block in found if all(word in block for word in words)]
+
+
 def test_python_example(beside_the_demo: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    block, _ = re.findall(r"```python\n(.*?)```", README, flags=re.S)
+    (block,) = blocks("load_cell")
     exec(compile(block, "README.md", "exec"), {})
     *parameters, design = capsys.readouterr().out.splitlines()
     assert len(parameters) == 42
@@ -38,7 +46,7 @@ def test_python_example(beside_the_demo: Path, capsys: pytest.CaptureFixture[str
 
 
 def test_an_effect_of_ones_own() -> None:
-    _, block = re.findall(r"```python\n(.*?)```", README, flags=re.S)
+    (block,) = blocks("DriveError")
     names: dict[str, Any] = {}
     exec(compile(block, "README.md", "exec"), names)
     context = context_of(embedded_cell(), None)
@@ -48,14 +56,37 @@ def test_an_effect_of_ones_own() -> None:
     np.testing.assert_allclose(effect.shares(warm), [[0.0], [5.0]])
 
 
-def test_commands_and_their_output(beside_the_demo: Path) -> None:
-    commands = re.findall(r"^ {4}posecal (.*)$", README, flags=re.M)
-    assert commands
-    output = "".join(CliRunner().invoke(main, command.split()).output for command in commands)
-    spaced = " ".join(output.split())
-    (shown,) = re.findall(r"```\n(kr270 .*?)```", README, flags=re.S)
-    for line in shown.splitlines():
-        assert " ".join(line.strip(" .").split()) in spaced, "the printed example is the real one"
+def test_a_criterion_of_ones_own() -> None:
+    (block,) = blocks("Trace")
+    names: dict[str, Any] = {}
+    exec(compile(block, "README.md", "exec"), names)
+    criterion = names["Relative"](np.diag([1.0, 2.0]))
+    assert criterion.variance(np.diag([1.0, 4.0])) == pytest.approx(1.0 + 4.0 / 4.0)
+
+
+def test_commands_run_and_print_what_is_shown(beside_the_demo: Path) -> None:
+    commands = re.findall(r"^ {4}posecal (.*posecal-demo.*)$", README, flags=re.M)
+    assert len(commands) >= 5
+    printed = (beside_the_demo / "said").read_text()
+    for command in commands:
+        done = CliRunner().invoke(main, command.split())
+        assert done.exit_code == 0, f"{command}: {done.output}"
+        printed += done.output
+    known = [alike(line) for line in printed.splitlines()]
+    shown = re.findall(r"```\n((?:\[1/6\]|kr270).*?)```", README, flags=re.S)
+    assert len(shown) == 2
+    for line in "".join(shown).splitlines():
+        words, numbers = alike(line)
+        if words not in ("", ".."):
+            close = [n for w, n in known if w == words and np.allclose(n, numbers, 0.25, 1e-3)]
+            assert close, f"the printed example is not the real one: {line}"
+
+
+def alike(line: str) -> tuple[str, list[float]]:
+    """The words of a line, and its numbers; other processors round otherwise."""
+    line = re.sub(r"  \(\d+ s\)$", "", line)
+    numbers = re.findall(r"(?<![\w@])-?\d+\.?\d*", line)
+    return " ".join(re.sub(r"(?<![\w@])-?\d+\.?\d*", "#", line).split()), [*map(float, numbers)]
 
 
 def test_every_effect_is_described() -> None:

@@ -52,7 +52,7 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
     """Read what ``identify --json`` or ``diagnose --json`` found.
 
     Effects stand in the model as the result has them, whatever the cell's [model] says now; a cell or
-    URDF that changed since is a note.
+    robot file that changed since is a note.
 
     Raises InputError: no such result, or parameters that this cell's robot has not.
     """
@@ -174,6 +174,6 @@ def _changed(cell: Cell, path: Path, result: dict[str, Any]) -> list[str]:
     known = {i.get("sha256") for i in inputs or () if isinstance(i, dict)} if inputs else set()
     return [
         f"{file} changed since {path} was written: its values hold for the cell as it was"
-        for file in (cell.path, cell.urdf)
+        for file in (cell.path, *cell.robot_files)
         if file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() not in known
     ]

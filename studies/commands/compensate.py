@@ -60,7 +60,7 @@ def compensate(
     from studies.compensate.tables import compensation_tables
 
     cell = calib.load_cell(cell_path)
-    inputs = [cell_path, cell.urdf, result_path, targets_path]
+    inputs = [cell_path, *cell.robot_files, result_path, targets_path]
     check_outputs([p for p in (plan_path, output_file(json_path)) if p is not None], inputs)
     table = nominal_table(cell, targets_path)
     estimate = load_estimate(cell, result_path)

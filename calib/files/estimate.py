@@ -52,7 +52,7 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
     """Read what ``identify --json`` or ``diagnose --json`` found.
 
     Effects stand in the model as the result has them, whatever the cell's [model] says now; a cell or
-    URDF that changed since is a note.
+    robot file that changed since is a note.
 
     Raises InputError: no such result, or parameters that this cell's robot has not.
     """

@@ -102,8 +102,7 @@ def test_the_arm_as_identified_reaches_the_nominal_pose(dof: int, prismatic: tup
 
 def test_loaded_milling_arm_meets_its_targets_as_expected(kr270: Cell) -> None:
     """250 kg on the tool: identified from simulated readings, judged by the full nonlinear truth."""
-    day = simulated(kr270, embedded_plan(kr270), 3, withhold=False)
-    data, model, truth = day.plan, day.model, day.values
+    data, model, truth = simulated(kr270, embedded_plan(kr270), 3)
     result = calib.identify(kr270, data)
     found = calib.compensate(kr270, result, kr270_targets(kr270, 60, 1))
     known, places = estimate_of(result), wanted(estimate_of(result), found)
@@ -124,7 +123,7 @@ def test_loaded_milling_arm_meets_its_targets_as_expected(kr270: Cell) -> None:
 
 
 def test_expected_error_is_that_of_arms_drawn_from_the_covariance(kr270: Cell) -> None:
-    data = simulated(kr270, embedded_plan(kr270), 0, withhold=False).plan
+    data, _, _ = simulated(kr270, embedded_plan(kr270), 0)
     known = estimate_of(calib.identify(kr270, data))
     found = calib.compensate(kr270, known, kr270_targets(kr270, 12, 2))
     corrected, places = replace(found.targets, q=found.q), wanted(known, found)
@@ -166,7 +165,7 @@ def test_what_the_model_lacks_is_part_of_what_is_expected() -> None:
 
 
 def test_nothing_is_unexplained_where_the_residual_is_noise(kr270: Cell) -> None:
-    data = simulated(kr270, embedded_plan(kr270), 0, withhold=False).plan
+    data, _, _ = simulated(kr270, embedded_plan(kr270), 0)
     assert estimate_of(calib.identify(kr270, data)).unexplained.rms == 0.0
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from studies.report.evidence import Evidence, Result
-from studies.report.parts import Part, Section, Table, Text, folded, listed
+from studies.report.parts import Part, Section, Table, Text, folded
 
 _ROWS = (
     ("with nominal commands", "before"),
@@ -24,7 +24,7 @@ def compensation(evidence: Evidence, result: Result) -> Section:
 
 def _parts(fields: dict[str, Any]) -> Iterator[Part]:
     figures = [
-        (label, *(fields[figure].get(key) for figure in ("rms_mm", "p95_mm", "max_mm")))
+        (label, *(_mm(fields[figure].get(key)) for figure in ("rms_mm", "p95_mm", "max_mm")))
         for label, key in _ROWS
     ]
     yield Table(
@@ -53,5 +53,7 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
         rows,
         fold=folded("Corrected commands", rows),
     )  # fmt: skip
-    if fields["warnings"]:
-        yield Text(listed(fields["warnings"]), "note")
+
+
+def _mm(value: float | None) -> str:
+    return "" if value is None else f"{value:.4f}"

@@ -4,9 +4,30 @@ from __future__ import annotations
 
 from pathlib import Path
 
+_LONGEST = 1000  # characters of a text
+
+
+def plain_line(text: str) -> str:
+    r"""The text as one line that any terminal can show.
+
+    What cannot be printed stands as its escape: a name from a hostile file must not move the cursor or
+    turn the reading direction. What is too long loses its middle.
+
+    >>> plain_line("pose\x1b[31m\n")
+    'pose\\x1b[31m\\n'
+    """
+    if not text.isprintable():
+        text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    if len(text) > _LONGEST:
+        text = f"{text[: _LONGEST // 2]} .. {text[-_LONGEST // 2 :]}"
+    return text
+
 
 class CalibError(Exception):
-    """Root of all errors that a user can mend; its text is one line."""
+    """Root of all errors that a user can mend; its text is one plain line."""
+
+    def __init__(self, text: str = "") -> None:
+        super().__init__(plain_line(text))
 
 
 class InputError(CalibError):

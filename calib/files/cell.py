@@ -16,6 +16,7 @@ from pydantic import BaseModel, ValidationError
 from calib.build import parse_effect
 from calib.cell import Capsule, Cell, Load
 from calib.errors import InputError, UnknownEffect
+from calib.files.read import read_text
 from calib.files.schema import (
     CellFile,
     DesignTable,
@@ -31,7 +32,7 @@ from calib.robot import Robot
 from calib.se3 import Array
 from calib.statics import Payload
 
-_LARGEST_FILE = 2_000_000  # bytes
+_LARGEST_FILE = 2_000_000  # bytes; the parser of the standard library is slow
 _MM = 1e-3
 
 
@@ -88,19 +89,15 @@ def load_cell(path: str | Path) -> Cell:
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
+    text = read_text(path, _LARGEST_FILE)
     try:
-        size = path.stat().st_size
-        if size > _LARGEST_FILE:
-            raise InputError(path, "", f"is {size / 1e6:.0f} MB, too large for a cell file")
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(path, "", f"is not valid TOML: {_first_line(error)}") from None
-    except UnicodeDecodeError:
-        raise InputError(path, "", "is not text in UTF-8") from None
+    except ValueError:  # an integer of thousands of digits
+        raise InputError(path, "", "holds a number with too many digits") from None
     except RecursionError:
         raise InputError(path, "", "is nested too deeply") from None
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
 
 
 def _first_line(error: Exception) -> str:
@@ -127,7 +124,7 @@ def _keys(location: tuple[int | str, ...]) -> list[str]:
     return [
         str(key)
         for before, key in zip((None, *location), location, strict=False)
-        if key not in _TAGS or before in named
+        if key != "[key]" and (key not in _TAGS or before in named)
     ]
 
 

@@ -146,9 +146,7 @@ def covariates(table: Table, robot: Robot, rows: IntArray) -> dict[str, Any]:
             raise table.fault(int(bad[0, 0]), signs[int(bad[0, 1])], "is not -1, 0 or +1")
         found["approach"] = approach[rows]
     if "station" in table.columns:
-        names = table.text("station")
-        if "" in names:
-            raise table.fault(names.index(""), "station", "is empty", "name every row's station")
+        names = table.names("station")
         stations = tuple(sorted(set(names)))
         found["stations"] = stations
         found["station"] = np.array([stations.index(names[row]) for row in rows])

@@ -10,11 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
+from calib.files.read import check_file, fault_of_name
 from calib.se3 import Array
 
 _LARGEST_FILE = 500_000_000  # bytes, some three million rows
 _LARGEST_NUMBER = 1e12  # in any unit
-_LONGEST_LINE = 65_536  # characters; a longer one is no table of numbers
+_MOST_COLUMNS = 1000
+LONGEST_LINE = 65_536
+"""Characters; a longer line is none of a table of numbers."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,15 @@ class Table:
     def text(self, column: str) -> list[str]:
         i = self.columns.index(column)
         return [row[i].strip() for row in self.rows]
+
+    def names(self, column: str) -> list[str]:
+        """A column of names that can be shown; raises InputError naming line and column."""
+        found = self.text(column)
+        faults = {name: fault for name in set(found) if (fault := fault_of_name(name))}
+        for row, name in enumerate(found if faults else ()):
+            if name in faults:
+                raise self.fault(row, column, faults[name], "name it shortly and plainly")
+        return found
 
     def numbers(self, column: str) -> Array:
         """A column of finite numbers; raises InputError naming line and column."""
@@ -61,9 +73,9 @@ class Table:
 def _bounded_lines(path: Path) -> Iterator[str]:
     with path.open(encoding="utf-8-sig", newline="") as file:
         number = 0
-        while line := file.readline(_LONGEST_LINE):
+        while line := file.readline(LONGEST_LINE):
             number += 1
-            if "\0" in line or len(line) >= _LONGEST_LINE:
+            if "\0" in line or len(line) >= LONGEST_LINE:
                 raise InputError(path, f"line {number}", "is no line of a CSV table")
             yield line
 
@@ -74,13 +86,14 @@ def read_table(
     """The whole table; the header is checked before any row is read."""
     rows: list[list[str]] = []
     lines: list[int] = []
+    check_file(path, _LARGEST_FILE)
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise InputError(path, "", f"is larger than {_LARGEST_FILE / 1e6:.0f} MB", "split it")
         reader = csv.reader(_bounded_lines(path), strict=True)
         columns = tuple(name.strip() for name in next(reader, []))
         if not any(columns):
             raise InputError(path, "", "is empty", "the first line must name the columns")
+        if len(columns) > _MOST_COLUMNS:
+            raise InputError(path, "line 1", f"names {len(columns)} columns", "keep those needed")
         for name in columns:
             if name and columns.count(name) > 1:
                 raise InputError(path, "line 1", f"column {name!r} stands twice")

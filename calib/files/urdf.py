@@ -10,10 +10,13 @@ from xml.etree import ElementTree
 import numpy as np
 
 from calib.errors import InputError
+from calib.files.read import fault_of_name, read_bytes
 from calib.robot import Robot
 from calib.se3 import Array, from_xyz_rpy, rotate
 
 _LARGEST_FILE = 20_000_000  # bytes; a URDF holds text, meshes lie elsewhere
+_LARGEST_NUMBER = 1e9  # in SI units
+_DEEPEST = 50  # levels of elements
 MOVING = ("revolute", "continuous", "prismatic")
 
 
@@ -33,30 +36,26 @@ def parse(path: Path) -> ElementTree.Element:
     from defusedxml import ElementTree as Safe
     from defusedxml.common import DefusedXmlException
 
+    content = read_bytes(path, _LARGEST_FILE, "check [robot] urdf")
     try:
-        size = path.stat().st_size
-    except OSError as error:
-        raise InputError(
-            path, "", f"cannot be read ({error.strerror})", "check [robot] urdf"
-        ) from None
-    if size > _LARGEST_FILE:
-        raise InputError(path, "", f"is {size / 1e6:.0f} MB, too large for a URDF")
-    try:
-        root: ElementTree.Element = Safe.parse(path).getroot()
+        root: ElementTree.Element = Safe.fromstring(content)
     except ElementTree.ParseError as error:
         line = error.position[0]
         raise InputError(
             path, f"line {line}", f"is not well-formed XML ({error})", "export the URDF again"
         ) from None
-    except (DefusedXmlException, ValueError) as error:
+    except DefusedXmlException as error:
         raise InputError(
             path,
             "",
             f"uses XML that is refused for safety ({type(error).__name__})",
             "remove the DOCTYPE and its entities",
         ) from None
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})") from None
+    except (LookupError, ValueError):
+        what = "names an encoding that cannot be read"
+        raise InputError(path, "line 1", what, "save it as UTF-8") from None
+    if _depth(root) > _DEEPEST:
+        raise InputError(path, "", "is nested too deeply", "export the URDF again")
     if root.tag != "robot":
         raise InputError(
             path,
@@ -67,6 +66,14 @@ def parse(path: Path) -> ElementTree.Element:
     return root
 
 
+def _depth(root: ElementTree.Element) -> int:
+    """Levels of elements, up to one more than any URDF needs."""
+    level, depth = [root], 0
+    while level and depth <= _DEEPEST:
+        level, depth = [child for element in level for child in element], depth + 1
+    return depth
+
+
 def _numbers(path: Path, where: str, text: str, count: int) -> Array:
     try:
         values = np.array([float(word) for word in text.split()])
@@ -74,6 +81,8 @@ def _numbers(path: Path, where: str, text: str, count: int) -> Array:
         raise InputError(path, where, f"{text!r} holds text in place of a number") from None
     if len(values) != count or not np.isfinite(values).all():
         raise InputError(path, where, f"{text!r} should be {count} finite numbers")
+    if (np.abs(values) > _LARGEST_NUMBER).any():
+        raise InputError(path, where, f"{text!r} holds a number of no plausible size")
     return values
 
 
@@ -92,16 +101,20 @@ def origin_of(path: Path, where: str, element: ElementTree.Element) -> Array:
 def _joints(path: Path, root: ElementTree.Element) -> dict[str, UrdfJoint]:
     """Joints by the link that they move."""
     by_child: dict[str, UrdfJoint] = {}
+    names: set[str] = set()
     for element in root.findall("joint"):
         name = element.get("name", "")
         parent, child = element.find("parent"), element.find("child")
         if not name or parent is None or child is None:
             raise InputError(path, f"joint {name!r}", "lacks a name, a parent or a child")
+        if fault := fault_of_name(name):
+            raise InputError(path, f"joint {name!r}", f"the name {fault}", "name it plainly")
         joint = UrdfJoint(
             element, name, element.get("type", ""), parent.get("link", ""), child.get("link", "")
         )
-        if any(joint.name == other.name for other in by_child.values()):
-            raise InputError(path, f"joint {joint.name}", "stands twice", "rename one of them")
+        if name in names:
+            raise InputError(path, f"joint {name}", "stands twice", "rename one of them")
+        names.add(name)
         if joint.child in by_child:
             raise InputError(
                 path,
@@ -177,18 +190,19 @@ def _carried(
     path: Path, root: ElementTree.Element, chain: list[UrdfJoint]
 ) -> list[tuple[str, str, Array]]:
     """(link on the chain, link, transform) of links that hang on the chain by fixed joints."""
-    on_chain = {joint.child for joint in chain}
-    placed = {name: (name, np.eye(4)) for name in on_chain}
-    pending = [j for j in _joints(path, root).values() if j.child not in on_chain]
-    grew = True
-    while grew:
-        grew = False
-        for joint in pending:
-            if joint.kind == "fixed" and joint.parent in placed and joint.child not in placed:
-                carrier, T = placed[joint.parent]
+    placed = {joint.child: (joint.child, np.eye(4)) for joint in chain}
+    fixed: dict[str, list[UrdfJoint]] = {}
+    for joint in _joints(path, root).values():
+        if joint.kind == "fixed":
+            fixed.setdefault(joint.parent, []).append(joint)
+    pending = list(placed)
+    for link in pending:  # grows as links are placed
+        for joint in fixed.get(link, ()):
+            if joint.child not in placed:
+                carrier, T = placed[link]
                 own = origin_of(path, f"joint {joint.name}", joint.element)
                 placed[joint.child] = (carrier, T @ own)
-                grew = True
+                pending.append(joint.child)
     return [(carrier, link, T) for link, (carrier, T) in placed.items()]
 
 

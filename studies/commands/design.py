@@ -118,7 +118,7 @@ def design(
     if discriminate is not None and given == click.core.ParameterSource.COMMANDLINE:
         raise InputError("--criterion", "", "does not go with --discriminate", "give one of them")
     cell = calib.load_cell(cell_path)
-    source = _source(candidates)
+    source = candidates_of(candidates)
     targets = cell.design.get("targets")
     inputs = [cell_path, cell.urdf, *([targets] if targets else []), *against]
     inputs += [extend_path] if extend_path is not None else []
@@ -136,7 +136,7 @@ def design(
             levels=levels,
             candidates=source,
             extend=extend_path,
-            discriminate=_two(discriminate),
+            discriminate=two_effects(discriminate),
             of=[] if of is None else [name.strip() for name in of.split(",")],
             against=plans,
             repeats=repeats,
@@ -165,7 +165,7 @@ def design(
     say_written(texts, folder, json_path)
 
 
-def _source(candidates: str) -> int | Path:
+def candidates_of(candidates: str) -> int | Path:
     """A number of candidates, or the table that holds them."""
     from calib.errors import InputError
 
@@ -180,7 +180,8 @@ def _source(candidates: str) -> int | Path:
     return int(number)
 
 
-def _two(text: str | None) -> tuple[str, str] | None:
+def two_effects(text: str | None) -> tuple[str, str] | None:
+    """Both effects of --discriminate. Raises InputError."""
     from calib.errors import InputError
 
     if text is None:

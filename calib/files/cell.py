@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -33,6 +34,7 @@ from calib.se3 import Array
 from calib.statics import Payload
 
 _LARGEST_FILE = 2_000_000  # bytes; the parser of the standard library is slow
+_DEEPEST = 50  # parts of a key
 _MM = 1e-3
 
 
@@ -90,6 +92,7 @@ def load_cell(path: str | Path) -> Cell:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     text = read_text(path, _LARGEST_FILE)
+    _refuse_long_keys(path, text)
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -98,6 +101,17 @@ def _read_toml(path: Path) -> dict[str, Any]:
         raise InputError(path, "", "holds a number with too many digits") from None
     except RecursionError:
         raise InputError(path, "", "is nested too deeply") from None
+
+
+def _refuse_long_keys(path: Path, text: str) -> None:
+    """A key of thousands of parts, ``a.a.a``, would keep the parser busy for hours."""
+    for number, line in enumerate(text.splitlines(), 1):
+        longest = max(
+            sum(bool(word.strip()) for word in piece.split("."))
+            for piece in re.split(r"[,=\[\]{}#]", line)
+        )
+        if max(longest, len(re.findall(r"[\"']\s*\.", line))) > _DEEPEST:
+            raise InputError(path, f"line {number}", "is nested too deeply")
 
 
 def _first_line(error: Exception) -> str:

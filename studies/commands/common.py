@@ -79,7 +79,10 @@ def console_for(json_path: str | None) -> Console:
     """Where tables go: standard output, or standard error when that carries the JSON."""
     from rich.console import Console
 
-    console = Console(stderr=json_path == "-", highlight=False, soft_wrap=True)
+    # Names are the user's: brackets and colons in them are no markup.
+    console = Console(
+        stderr=json_path == "-", highlight=False, soft_wrap=True, markup=False, emoji=False
+    )
     if not console.is_terminal:
         console.width = _WIDTH
     return console
@@ -91,15 +94,24 @@ def warn(messages: tuple[str, ...]) -> None:
         click.echo(f"warning: {message}", err=True)
 
 
-def check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
-    """Refuse to write over an input, or two results to one file."""
+def check_outputs(outputs: list[Path], inputs: list[Path], folder: Path | None = None) -> None:
+    """Refuse, before anything is computed, what could not be written in the end.
+
+    folder : of the figures, made where it does not exist
+
+    Raises InputError for a missing folder, an input, and two results in one file.
+    """
     from calib.errors import InputError
+    from calib.files.write import check_target
 
     taken = {path.resolve() for path in inputs}
     for path in outputs:
+        check_target(path)
         if path.resolve() in taken:
             raise InputError(path, "", "is already an input or another output", "name another file")
         taken.add(path.resolve())
+    if folder is not None and folder.exists() and not folder.is_dir():
+        raise InputError(folder, "", "cannot be made (is a file)", "name another")
 
 
 def plan_names(paths: tuple[Path, ...]) -> list[str]:

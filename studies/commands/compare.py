@@ -94,7 +94,7 @@ def compare(
     targets = cell.design.get("targets")
     inputs = [cell_path, cell.urdf, *plan_paths, *([targets] if targets else [])]
     inputs += [values_path] if values_path is not None else []
-    check_outputs([path for path in [output_file(json_path)] if path is not None], inputs)
+    check_outputs([path for path in [output_file(json_path)] if path is not None], inputs, folder)
     loaded = [calib.load_plan(cell, path) for path in plan_paths]
     names = plan_names(plan_paths)
     for path in plan_paths:

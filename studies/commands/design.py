@@ -124,7 +124,7 @@ def design(
     inputs += [extend_path] if extend_path is not None else []
     inputs += [source] if isinstance(source, Path) else []
     check_outputs(
-        [path for path in (plan_path, output_file(json_path)) if path is not None], inputs
+        [path for path in (plan_path, output_file(json_path)) if path is not None], inputs, folder
     )
     loaded = [calib.load_plan(cell, path) for path in against]
     plans = dict(zip(plan_names(against), loaded, strict=True))

@@ -115,7 +115,7 @@ def identify(
     data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
     outputs = [urdf_path] if urdf_path is not None else []
     outputs += [Path(json_path)] if json_path not in (None, "-") else []
-    check_outputs(outputs, [*inputs, *extra])
+    check_outputs(outputs, [*inputs, *extra], folder)
     table_warnings = data.warnings + (heldout.warnings if heldout is not None and extra else ())
     warn(table_warnings)
     try:

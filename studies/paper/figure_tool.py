@@ -29,8 +29,8 @@ from studies.plots.view import (
     ball,
     cylinder,
     frame,
-    label,
     stage,
+    symbol,
     tube,
 )
 
@@ -59,7 +59,7 @@ def figure_1(cell: Cell) -> Picture:
         surface = marker * (1.0 - _BALL / np.linalg.norm(marker))
         arrow(panel, view, np.zeros(3), surface, lift=0.6, color=PURPLE, linestyle="--")
         ball(panel, view, marker, _BALL, VERMILLION)
-        label(panel, view, marker, f"$p_{{tool}}^{{\\,{name[-1]}}}$", shift, fontsize=12)
+        symbol(panel, view, marker, f"$p_{{tool}}^{{\\,{name[-1]}}}$", shift, fontsize=12)
     panel.autoscale_view()
     caption = (
         "Measurement tool of the cell: flange, and three reflectors at the positions of Table III, "
@@ -87,9 +87,9 @@ def figure_4(cell: Cell) -> Picture:
         cell.marker_names, cell.markers, ((-14, -9), (0, 14), (14, -9)), strict=True
     ):
         ball(space, view, marker, _BALL, VERMILLION)
-        label(space, view, marker, name, shift)
+        symbol(space, view, marker, name, shift)
     _hook(space, view, load)
-    label(space, view, load, "load", (12, 8))
+    symbol(space, view, load, "load", (12, 8))
     space.autoscale_view()
     _plan_view(side, cell, load, (0, 2))
     _plan_view(front, cell, load, (1, 2))

@@ -209,9 +209,8 @@ def _pool(problem: Problem, source: int | Poses | None, seed: int) -> Pool:
         _check_rows(problem, source)
     if rules.chooses_levels:
         if not np.isfinite(rules.best(np.zeros(len(pool)))[0]):
-            raise CalibError(
-                no_candidate(pool.drawn, pool.removed, f" at {rules.used} levels far enough apart")
-            )
+            where = f" for each of {rules.used} levels far enough apart"
+            raise CalibError(no_candidate(pool.drawn, pool.removed, where))
         return pool
     for level, members in enumerate(rules.members):
         needed = 1 if rules.repeats else int(rules.counts[level])
@@ -233,17 +232,12 @@ def _check_rows(problem: Problem, table: Poses) -> None:
 def _too_few(problem: Problem, pool: Pool, level: int, found: int, needed: int) -> str:
     levels = problem.wish.levels
     if levels is None:
-        return (
-            f"{found} feasible candidates for {needed} poses; draw more, or allow repeats"
-            if not any(pool.removed.values())
-            else no_candidate(pool.drawn, pool.removed, f" enough ({found} for {needed} poses)")
-        )
+        return no_candidate(pool.drawn, pool.removed, "", found, needed)
     where = at_level(problem.cell, levels, level)
-    where += "" if not found else f" enough ({found} for {needed})"
     removed = {
         name: int(counts[level]) for name, counts in pool.removed_at.items() if len(counts) > level
     }
-    return no_candidate(pool.drawn // len(levels.values), removed, where)
+    return no_candidate(pool.drawn // len(levels.values), removed, where, found, needed)
 
 
 def _judged(problem: Problem, against: Mapping[str, Poses], bound: float) -> dict[str, Rival]:

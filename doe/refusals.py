@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.cell import Cell
-from calib.errors import CalibError
+from calib.errors import CalibError, InputError
 from calib.poses import Poses
 from doe.levels import Levels
 
@@ -20,11 +20,19 @@ class CannotIdentify(CalibError):
         super().__init__(text)
 
 
-def no_candidate(count: int, removed: dict[str, int], where: str = "") -> str:
-    """Why nothing is left to choose from."""
+def no_candidate(
+    count: int, removed: dict[str, int], where: str = "", found: int = 0, needed: int = 1
+) -> str:
+    """Why nothing, or too little, is left to choose from."""
+    what = f"no feasible candidate{where}"
+    if found:
+        only = f"only {found} feasible candidate{'s' if found > 1 else ''}"
+        what = f"{only}{where}, and {needed} are needed"
     causes = sorted(((n, name) for name, n in removed.items() if n), reverse=True)
-    said = ", ".join(f"{name} removed {n}" for n, name in causes) or "nothing was drawn"
-    return f"no feasible candidate{where}: of {count}, {said}; relax what removed most"
+    if not causes:
+        return f"{what}; draw more, or allow repeats"
+    said = ", ".join(f"{name} removed {n}" for n, name in causes)
+    return f"{what}: of {count}, {said}; relax what removed most"
 
 
 def at_level(cell: Cell, levels: Levels | None, level: int) -> str:
@@ -44,7 +52,11 @@ def check_targets(cell: Cell, targets: Poses) -> None:
     for i, j in np.argwhere(outside)[:1]:
         slides = cell.robot.prismatic[j]
         unit, name = (1e-3, "mm") if slides else (np.pi / 180.0, "deg")
-        raise CalibError(
-            f"target {targets.names[i]}: {cell.robot.joints[j]} at {targets.q[i, j] / unit:.2f} {name} "
-            f"is outside its limits {low[j] / unit:.2f} .. {high[j] / unit:.2f}; move it inside"
+        where = cell.design.get("targets") or cell.path
+        raise InputError(
+            where,
+            f"target {targets.names[i]}",
+            f"{cell.robot.joints[j]} at {targets.q[i, j] / unit:.2f} {name} "
+            f"is outside its limits {low[j] / unit:.2f} .. {high[j] / unit:.2f}",
+            "move it inside",
         )

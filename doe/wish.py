@@ -133,6 +133,9 @@ def direction_of(model: Model, wish: Wish) -> Array | None:
 def _known(model: Model, text: str) -> list[int]:
     rows = _matches(model, text)
     if not rows:
-        known = ", ".join(p.id for p in model.parameters)
-        raise CalibError(f"--of {text!r} is no parameter or effect of the model; there are {known}")
+        known = ", ".join(dict.fromkeys(p.effect for p in model.parameters))
+        raise CalibError(
+            f"--of {text!r} is no parameter or effect of the model; there are {known}, each with its "
+            f"places and parameters, as in {model.parameters[-1].id}"
+        )
     return rows

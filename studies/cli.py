@@ -38,7 +38,7 @@ def run() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal may know few characters
     try:
-        status = main(standalone_mode=False)
+        status = main(sys.argv[1:] or ["--help"], prog_name="posecal", standalone_mode=False)
         if sys.stdout is not None:
             sys.stdout.flush()
         sys.exit(status)

@@ -150,12 +150,16 @@ _PLAINLY = {
     "list_type": "should be a list in brackets",
     "dict_type": "should be a table of its own",
     "model_type": "should be a table of its own",
+    "union_tag_invalid": "has no known type; write box, sphere or halfspace",
+    "union_tag_not_found": "lacks its type; write box, sphere or halfspace",
     "too_short": "has no entry; at least one is needed",
 }
 
 
 def _plain(problem: Mapping[str, Any], keys: list[str]) -> str:
     kind = problem["type"]
+    if kind == "missing" and keys[-1].isdigit():
+        return "is missing: the list has too few numbers"
     if kind == "missing":
         return "is missing; add it, as in the cell that `posecal demo` writes"
     if kind == "extra_forbidden":
@@ -216,8 +220,12 @@ def _narrowed(path: Path, robot: Robot, table: RobotTable) -> Robot:
             low, high = np.array(bounds) * unit
             limits[index] = max(limits[index, 0], low), min(limits[index, 1], high)
             if limits[index, 0] > limits[index, 1]:
+                given_by_urdf = "{:g} .. {:g}".format(*(robot.limits[index] / unit))
                 raise InputError(
-                    path, f"robot.{key}.{joint}", "leaves nothing of the URDF's limits"
+                    path,
+                    f"robot.{key}.{joint}",
+                    "leaves nothing of the URDF's limits",
+                    f"those are {given_by_urdf}",
                 )
     return replace(robot, limits=limits)
 

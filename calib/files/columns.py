@@ -137,7 +137,10 @@ def covariates(table: Table, robot: Robot, rows: IntArray) -> dict[str, Any]:
     if present and len(present) < len(signs):
         missing = next(name for name in signs if name not in present)
         raise InputError(
-            table.path, "line 1", f"column {missing!r} is missing beside {present[0]!r}"
+            table.path,
+            "line 1",
+            f"column {missing!r} is missing beside {present[0]!r}",
+            "give every joint's, or none",
         )
     if present:
         approach = np.column_stack([table.numbers(name) for name in signs])

@@ -13,8 +13,9 @@ from calib.errors import InputError
 from calib.files.read import check_file, fault_of_name
 from calib.se3 import Array
 
-_LARGEST_FILE = 500_000_000  # bytes, some three million rows
+_LARGEST_FILE = 100_000_000  # bytes, some 700 000 rows, a gigabyte in memory
 _LARGEST_NUMBER = 1e12  # in any unit
+_REMEDY = "leave the row out if it was not measured"
 _MOST_COLUMNS = 1000
 LONGEST_LINE = 65_536
 """Characters; a longer line is none of a table of numbers."""
@@ -39,7 +40,7 @@ class Table:
         faults = {name: fault for name in set(found) if (fault := fault_of_name(name))}
         for row, name in enumerate(found if faults else ()):
             if name in faults:
-                raise self.fault(row, column, faults[name], "name it shortly and plainly")
+                raise self.fault(row, column, faults[name], "give it a short, plain name")
         return found
 
     def numbers(self, column: str) -> Array:
@@ -52,9 +53,8 @@ class Table:
         usable = np.abs(values) < _LARGEST_NUMBER
         if not usable.all():
             bad = int(np.flatnonzero(~usable)[0])
-            raise self.fault(
-                bad, column, f"{self.rows[bad][i]!r} is not a finite number of plausible size"
-            )
+            what = f"{self.rows[bad][i][:40]!r} is not a finite number of plausible size"
+            raise self.fault(bad, column, what, _REMEDY)
         return values
 
     def _number(self, column: int, row: int) -> float:
@@ -62,9 +62,8 @@ class Table:
         try:
             return float(cell)
         except ValueError:
-            remedy = "leave the row out if the point was not measured"
             what = f"{cell[:40]!r} is not a number" if cell.strip() else "is empty"
-            raise self.fault(row, self.columns[column], what, remedy) from None
+            raise self.fault(row, self.columns[column], what, _REMEDY) from None
 
     def fault(self, row: int, column: str, what: str, remedy: str = "") -> InputError:
         return InputError(self.path, f"line {self.lines[row]}, column {column}", what, remedy)
@@ -76,7 +75,9 @@ def _bounded_lines(path: Path) -> Iterator[str]:
         while line := file.readline(LONGEST_LINE):
             number += 1
             if "\0" in line or len(line) >= LONGEST_LINE:
-                raise InputError(path, f"line {number}", "is no line of a CSV table")
+                raise InputError(
+                    path, f"line {number}", "is no line of a CSV table", "export it as CSV"
+                )
             yield line
 
 
@@ -96,7 +97,7 @@ def read_table(
             raise InputError(path, "line 1", f"names {len(columns)} columns", "keep those needed")
         for name in columns:
             if name and columns.count(name) > 1:
-                raise InputError(path, "line 1", f"column {name!r} stands twice")
+                raise InputError(path, "line 1", f"column {name!r} stands twice", "keep one")
         for name in required:
             if name not in columns:
                 semicolons = len(columns) == 1 and ";" in columns[0]
@@ -115,15 +116,18 @@ def read_table(
                     path,
                     f"line {reader.line_num}",
                     f"has {len(row)} fields where the header names {len(columns)}",
+                    "complete the row",
                 )
             rows.append(row)
             lines.append(reader.line_num)
     except UnicodeDecodeError:
         raise InputError(path, "", "is not text in UTF-8", "export it as CSV") from None
     except csv.Error as error:
-        raise InputError(path, f"line {reader.line_num}", f"is no CSV ({error})") from None
+        raise InputError(
+            path, f"line {reader.line_num}", f"is no CSV ({error})", "check the quotation marks"
+        ) from None
     except OSError as error:
         raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
     if not rows:
-        raise InputError(path, "", "has a header and no rows")
+        raise InputError(path, "", "has a header and no rows", "add the poses")
     return Table(path, columns, rows, lines)

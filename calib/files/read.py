@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import stat
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from calib.errors import InputError
 _LONGEST_NAME = 100  # characters
 
 
-def check_file(path: Path, largest: int, remedy: str = "check the path") -> None:
+def check_file(path: Path, largest: float = math.inf, remedy: str = "check the path") -> None:
     """Refuse what is no regular file, or larger than so many bytes.
 
     A pipe or a device may never end, and its content could not be hashed for the result.
@@ -32,7 +33,7 @@ def check_file(path: Path, largest: int, remedy: str = "check the path") -> None
             path,
             "",
             f"is {found.st_size / 1e6:.0f} MB, too large (at most {largest / 1e6:.0f} MB)",
-            remedy,
+            "is it the right file?",
         )
 
 

@@ -76,7 +76,12 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     if "sigma_mm" in table.columns:
         own = table.numbers("sigma_mm") * 1e-3
         if (own <= 0).any():
-            raise table.fault(int(np.flatnonzero(own <= 0)[0]), "sigma_mm", "must be above zero")
+            raise table.fault(
+                int(np.flatnonzero(own <= 0)[0]),
+                "sigma_mm",
+                "must be above zero",
+                "leave the column out for the cell's",
+            )
         sigma[pose_of_row, marker_of_row] = own
     for j in np.flatnonzero(~seen.any(axis=0)) if every_marker else ():
         raise InputError(
@@ -101,7 +106,7 @@ def _markers(table: Table, cell: Cell) -> IntArray:
     names = table.text("marker")
     for row, name in enumerate(names):
         if name not in numbers:
-            known = ", ".join(cell.marker_names)
+            known = f"markers are {', '.join(cell.marker_names[:12])}"
             raise table.fault(row, "marker", f"{name!r} is not in the cell's [markers_mm]", known)
     return np.array([numbers[name] for name in names])
 
@@ -145,7 +150,7 @@ def _load_poses(cell: Cell, path: Path, required: Sequence[str]) -> tuple[Poses,
         known: set[str] = set()
         for row, name in enumerate(names):
             if name in known:
-                raise table.fault(row, "pose", f"{name!r} stands twice")
+                raise table.fault(row, "pose", f"{name!r} stands twice", "rename one of them")
             known.add(name)
         given["names"] = tuple(names)
     return poses_at(q, **given), table

@@ -78,7 +78,12 @@ def _numbers(path: Path, where: str, text: str, count: int) -> Array:
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError:
-        raise InputError(path, where, f"{text!r} holds text in place of a number") from None
+        raise InputError(
+            path,
+            where,
+            f"{text!r} holds text in place of a number",
+            "write numbers; expand a xacro file first",
+        ) from None
     if len(values) != count or not np.isfinite(values).all():
         raise InputError(path, where, f"{text!r} should be {count} finite numbers")
     if (np.abs(values) > _LARGEST_NUMBER).any():
@@ -106,7 +111,7 @@ def _joints(path: Path, root: ElementTree.Element) -> dict[str, UrdfJoint]:
         name = element.get("name", "")
         parent, child = element.find("parent"), element.find("child")
         if not name or parent is None or child is None:
-            raise InputError(path, f"joint {name!r}", "lacks a name, a parent or a child")
+            raise InputError(path, f"joint {name!r}", "lacks a name, a parent or a child", "add it")
         if fault := fault_of_name(name):
             raise InputError(path, f"joint {name!r}", f"the name {fault}", "name it plainly")
         joint = UrdfJoint(
@@ -216,7 +221,7 @@ def _inertials(path: Path, root: ElementTree.Element) -> dict[str, tuple[float, 
         text = _attribute(inertial.find("mass"), "value", "0")
         mass = float(_numbers(path, f"{where} mass", text, 1)[0])
         if mass < 0:
-            raise InputError(path, f"{where} mass", f"is negative ({mass} kg)")
+            raise InputError(path, f"{where} mass", f"is negative ({mass:g} kg)", "correct it")
         found[link.get("name", "")] = (mass, origin_of(path, where, inertial)[:3, 3])
     return found
 
@@ -279,7 +284,7 @@ def _axis(path: Path, joint: UrdfJoint) -> Array:
     axis = _numbers(path, f"joint {joint.name} axis", text, 3)
     length = float(np.linalg.norm(axis))
     if length < 1e-9:
-        raise InputError(path, f"joint {joint.name} axis", "has no length")
+        raise InputError(path, f"joint {joint.name} axis", "has no length", "name a direction")
     return axis / length
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import math
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
@@ -94,16 +95,31 @@ def warn(messages: tuple[str, ...]) -> None:
         click.echo(f"warning: {message}", err=True)
 
 
-def check_outputs(outputs: list[Path], inputs: list[Path], folder: Path | None = None) -> None:
-    """Refuse, before anything is computed, what could not be written in the end.
+class Finite(click.FloatRange):
+    """A number in a range, neither infinite nor NaN."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{number} is not a finite number.", param, ctx)
+        return number
+
+
+def check_files(outputs: list[Path], inputs: list[Path], folder: Path | None = None) -> None:
+    """Refuse, before anything is computed, what could not be read or written in the end.
 
     folder : of the figures, made where it does not exist
 
-    Raises InputError for a missing folder, an input, and two results in one file.
+    Raises InputError for a missing input or folder, an output over an input, and two in one file.
     """
     from calib.errors import InputError
+    from calib.files.read import check_file
     from calib.files.write import check_target
 
+    for path in inputs:
+        check_file(path)
     taken = {path.resolve() for path in inputs}
     for path in outputs:
         check_target(path)

@@ -9,7 +9,8 @@ from pathlib import Path
 import click
 
 from studies.commands.common import (
-    check_outputs,
+    Finite,
+    check_files,
     console_for,
     envelope,
     figure_files,
@@ -49,7 +50,7 @@ from studies.commands.common import (
 @click.option(
     "--length-mm",
     metavar="MM",
-    type=click.FloatRange(min=0, min_open=True),
+    type=Finite(min=0, min_open=True),
     default=1000.0,
     show_default=True,
     help="Characteristic length of approach pose, plain: about the size of the marker set.",
@@ -94,7 +95,7 @@ def compare(
     targets = cell.design.get("targets")
     inputs = [cell_path, cell.urdf, *plan_paths, *([targets] if targets else [])]
     inputs += [values_path] if values_path is not None else []
-    check_outputs([path for path in [output_file(json_path)] if path is not None], inputs, folder)
+    check_files([path for path in [output_file(json_path)] if path is not None], inputs, folder)
     loaded = [calib.load_plan(cell, path) for path in plan_paths]
     names = plan_names(plan_paths)
     for path in plan_paths:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from studies.commands.common import (
-    check_outputs,
+    Finite,
+    check_files,
     console_for,
     envelope,
     figure_files,
@@ -59,7 +60,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--length-mm",
-    type=click.FloatRange(min=0, min_open=True),
+    type=Finite(min=0, min_open=True),
     default=1000.0,
     show_default=True,
     help="Characteristic length of the plain weighting.",
@@ -115,7 +116,7 @@ def identify(
     data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
     outputs = [urdf_path] if urdf_path is not None else []
     outputs += [Path(json_path)] if json_path not in (None, "-") else []
-    check_outputs(outputs, [*inputs, *extra], folder)
+    check_files(outputs, [*inputs, *extra], folder)
     table_warnings = data.warnings + (heldout.warnings if heldout is not None and extra else ())
     warn(table_warnings)
     try:

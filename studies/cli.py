@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import signal
 import sys
 from typing import NoReturn
 
@@ -37,6 +38,7 @@ def run() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal may know few characters
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that files are cleaned up
     try:
         status = main(sys.argv[1:] or ["--help"], prog_name="posecal", standalone_mode=False)
         if sys.stdout is not None:

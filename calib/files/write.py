@@ -16,6 +16,8 @@ from calib.errors import InputError
 
 def check_target(path: Path) -> None:
     """Refuse what cannot become a file. Raises InputError."""
+    if "\0" in str(path):
+        raise InputError(path, "", "cannot be written (no name of a file)", "name another")
     try:
         if path.is_dir():
             raise InputError(path, "", "cannot be written (is a folder)", "name a file in it")
@@ -23,9 +25,10 @@ def check_target(path: Path) -> None:
             raise InputError(
                 path, "", "cannot be written (no such folder)", "make the folder first"
             )
-    except (OSError, ValueError) as error:  # a name too long, or no name at all
-        what = getattr(error, "strerror", None) or "no name of a file"
-        raise InputError(path, "", f"cannot be written ({what})", "name another") from None
+    except OSError as error:  # a name too long
+        raise InputError(
+            path, "", f"cannot be written ({error.strerror})", "name another"
+        ) from None
 
 
 def write_files(contents: Mapping[Path, str | bytes]) -> None:

@@ -16,6 +16,7 @@ from calib.se3 import Array, from_xyz_rpy, rotate
 
 _LARGEST_FILE = 20_000_000  # bytes; a URDF holds text, meshes lie elsewhere
 _LARGEST_NUMBER = 1e9  # in SI units
+_MOST_JOINTS = 100  # that move
 _DEEPEST = 50  # levels of elements
 MOVING = ("revolute", "continuous", "prismatic")
 
@@ -243,6 +244,13 @@ def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
 
     moving = [joint for joint in chain if joint.kind in MOVING]
     n = len(moving)
+    if n > _MOST_JOINTS:
+        raise InputError(
+            path,
+            "",
+            f"has {n} moving joints, at most {_MOST_JOINTS} are possible",
+            "fix the others",
+        )
     origins, axes = np.empty((n + 1, 4, 4)), np.empty((n, 3))
     limits, efforts = np.full((n, 2), [-np.inf, np.inf]), np.full(n, np.nan)
     masses, moments = np.zeros(n), np.zeros((n, 3))

@@ -15,6 +15,7 @@ import numpy as np
 import calib
 from calib.build import build, parse_effect
 from calib.files.tables import holds_points, load_plan, load_targets
+from calib.files.urdf import load_urdf
 from calib.files.urdf_out import corrected_urdf
 from calib.files.values import load_values
 from calib.files.write import json_text
@@ -52,7 +53,7 @@ def cell(folder: Path, content: bytes) -> object:
 
 def urdf(folder: Path, content: bytes) -> object:
     path = _file(folder, "arm.urdf", content)
-    robot = calib.load_cell(_file(folder, "urdf.toml", URDF_CELL)).robot
+    robot = load_urdf(path, "base_link", "tool0")
     return corrected_urdf(path, robot, np.zeros((robot.dof + 2, 6)), {"m1": np.zeros(3)})
 
 
@@ -104,8 +105,6 @@ def whole(folder: Path, content: bytes) -> object:
     own = calib.load_cell(_file(folder, "cell.toml", head))
     return calib.identify(own, calib.load_measurements(own, _file(folder, "data.csv", table)))
 
-
-URDF_CELL = embedded_text("cell.toml").replace("kr270.urdf", "arm.urdf").encode()
 
 EVERY_KEY = """\
 schema = 1

@@ -28,6 +28,7 @@ from doe.refusals import at_level, no_candidate
 from doe.solve import Clock, Effort, check_count, choose, finish
 from doe.wish import Wish
 
+_MOST_POSES = 10_000
 CANDIDATES = 20_000
 """Candidates that are drawn unless the user says otherwise."""
 
@@ -103,6 +104,8 @@ def _count(cell: Cell, poses: int | None, by_levels: int | None) -> int:
         raise CalibError(
             f"the levels make {by_levels} poses and [design] poses is {own}; change one of them"
         )
+    if found > _MOST_POSES:
+        raise CalibError(f"{found} poses are too many to choose; ask for at most {_MOST_POSES}")
     return int(found)
 
 

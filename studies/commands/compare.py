@@ -38,7 +38,7 @@ from studies.commands.common import (
     "--monte-carlo",
     "trials",
     metavar="N",
-    type=click.IntRange(min=0),
+    type=click.IntRange(min=0, max=1_000_000),
     default=200,
     show_default=True,
     help="Simulated experiments at each plan; 0 predicts only.",
@@ -50,7 +50,7 @@ from studies.commands.common import (
 @click.option(
     "--length-mm",
     metavar="MM",
-    type=Finite(min=0, min_open=True),
+    type=Finite(min=1e-3, max=1e6),
     default=1000.0,
     show_default=True,
     help="Characteristic length of approach pose, plain: about the size of the marker set.",

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     "--next",
     "next_count",
     metavar="N",
-    type=click.IntRange(min=0),
+    type=click.IntRange(min=0, max=1000),
     default=8,
     show_default=True,
     help="Poses to choose that tell rival causes apart; 0 for none.",

@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--length-mm",
-    type=Finite(min=0, min_open=True),
+    type=Finite(min=1e-3, max=1e6),
     default=1000.0,
     show_default=True,
     help="Characteristic length of the plain weighting.",

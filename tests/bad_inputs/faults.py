@@ -295,7 +295,22 @@ OTHERS = [
     Fault("a table of candidates that is not there", "design cell.toml --candidates pool.csv"),
     Fault(
         "more poses than candidates",
-        "design cell.toml --poses 1000000000 --candidates 500 --levels A2=2x500000000",
+        "design cell.toml --candidates 500 --levels A2=2x400",
+    ),
+    Fault(
+        "a million million poses, repeated",
+        "design cell.toml --levels A2=5x1000000000000 --candidates 500 --repeats",
+    ),
+    Fault(
+        "a factor of 1e308",
+        "design cell.toml --criterion c --candidates 500 --of joint_compliance:A6=1e308",
+    ),
+    Fault(
+        "a length of 1e300",
+        _IDENTIFY + " --approach pose --weighting plain --length-mm 1e300",
+    ),
+    Fault(
+        "a million million experiments", "compare cell.toml plan.csv --monte-carlo 1000000000000"
     ),
     Fault("one rival alone", "design cell.toml --discriminate joint_compliance:A2"),
     Fault("a rival misspelt", "design cell.toml --discriminate joint_complience:A1,backlash:A3"),

@@ -91,8 +91,10 @@ def console_for(json_path: str | None) -> Console:
 
 def warn(messages: tuple[str, ...]) -> None:
     """Print what a reader should know, on standard error."""
+    from calib.errors import plain_line
+
     for message in messages:
-        click.echo(f"warning: {message}", err=True)
+        click.echo(f"warning: {plain_line(message)}", err=True)
 
 
 class Finite(click.FloatRange):
@@ -107,7 +109,7 @@ class Finite(click.FloatRange):
         return number
 
 
-def check_files(outputs: list[Path], inputs: list[Path], folder: Path | None = None) -> None:
+def check_outputs(outputs: list[Path], inputs: list[Path], folder: Path | None = None) -> None:
     """Refuse, before anything is computed, what could not be read or written in the end.
 
     folder : of the figures, made where it does not exist

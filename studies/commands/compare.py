@@ -10,7 +10,7 @@ import click
 
 from studies.commands.common import (
     Finite,
-    check_files,
+    check_outputs,
     console_for,
     envelope,
     figure_files,
@@ -95,7 +95,7 @@ def compare(
     targets = cell.design.get("targets")
     inputs = [cell_path, cell.urdf, *plan_paths, *([targets] if targets else [])]
     inputs += [values_path] if values_path is not None else []
-    check_files([path for path in [output_file(json_path)] if path is not None], inputs, folder)
+    check_outputs([path for path in [output_file(json_path)] if path is not None], inputs, folder)
     loaded = [calib.load_plan(cell, path) for path in plan_paths]
     names = plan_names(plan_paths)
     for path in plan_paths:

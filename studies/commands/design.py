@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from studies.commands.common import (
-    check_files,
+    check_outputs,
     console_for,
     envelope,
     figure_files,
@@ -123,7 +123,7 @@ def design(
     inputs = [cell_path, cell.urdf, *([targets] if targets else []), *against]
     inputs += [extend_path] if extend_path is not None else []
     inputs += [source] if isinstance(source, Path) else []
-    check_files(
+    check_outputs(
         [path for path in (plan_path, output_file(json_path)) if path is not None], inputs, folder
     )
     loaded = [calib.load_plan(cell, path) for path in against]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from studies.commands.common import (
-    check_files,
+    check_outputs,
     console_for,
     envelope,
     figure_files,
@@ -103,7 +103,7 @@ def diagnose(
     data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
     outputs = [path for path in (output_file(json_path), cell_out) if path is not None]
     targets = cell.design["targets"]
-    check_files(outputs, [*inputs, *extra, *([targets] if targets else [])], folder)
+    check_outputs(outputs, [*inputs, *extra, *([targets] if targets else [])], folder)
     warn(data.warnings + (heldout.warnings if heldout is not None and extra else ()))
     try:
         result = diagnose_data(cell, data, heldout=heldout)
@@ -162,7 +162,7 @@ def _foresee(
     from studies.diagnose.plan_tables import foresight_tables
 
     inputs = [cell_path, cell.urdf, plan_path]
-    check_files([p for p in [output_file(json_path)] if p is not None], inputs, folder)
+    check_outputs([p for p in [output_file(json_path)] if p is not None], inputs, folder)
     load = calib.load_measurements if holds_points(plan_path) else calib.load_plan
     plan = load(cell, plan_path)
     try:

@@ -9,7 +9,7 @@ import click
 
 from studies.commands.common import (
     Finite,
-    check_files,
+    check_outputs,
     console_for,
     envelope,
     figure_files,
@@ -116,7 +116,7 @@ def identify(
     data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
     outputs = [urdf_path] if urdf_path is not None else []
     outputs += [Path(json_path)] if json_path not in (None, "-") else []
-    check_files(outputs, [*inputs, *extra], folder)
+    check_outputs(outputs, [*inputs, *extra], folder)
     table_warnings = data.warnings + (heldout.warnings if heldout is not None and extra else ())
     warn(table_warnings)
     try:

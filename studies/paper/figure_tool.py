@@ -29,6 +29,7 @@ from studies.plots.view import (
     ball,
     cylinder,
     frame,
+    label,
     stage,
     symbol,
     tube,
@@ -87,9 +88,9 @@ def figure_4(cell: Cell) -> Picture:
         cell.marker_names, cell.markers, ((-14, -9), (0, 14), (14, -9)), strict=True
     ):
         ball(space, view, marker, _BALL, VERMILLION)
-        symbol(space, view, marker, name, shift)
+        label(space, view, marker, name, shift)
     _hook(space, view, load)
-    symbol(space, view, load, "load", (12, 8))
+    label(space, view, load, "load", (12, 8))
     space.autoscale_view()
     _plan_view(side, cell, load, (0, 2))
     _plan_view(front, cell, load, (1, 2))

@@ -71,6 +71,12 @@ def test_names_are_printed_as_they_are_and_name_no_files(hostile: Path) -> None:
         assert not posecal("identify", "again.toml", "measurements.csv").status
 
 
+@pytest.fixture(scope="module")
+def expected(good: Path) -> str:
+    """What is printed for the table as it was."""
+    return posecal("identify", str(good / "cell.toml"), str(good / "measurements.csv")).out
+
+
 def encoded(text: str, how: str) -> bytes:
     ways = {
         "byte order mark": lambda: text.encode("utf-8-sig"),
@@ -96,16 +102,13 @@ def encoded(text: str, how: str) -> bytes:
         ("Latin-1", False),
     ],
 )
-def test_encodings(good: Path, tmp_path: Path, how: str, readable: bool) -> None:
+def test_encodings(good: Path, expected: str, tmp_path: Path, how: str, readable: bool) -> None:
     table = (good / "measurements.csv").read_text()
     (tmp_path / "data.csv").write_bytes(encoded(table, how))
     heard = posecal("identify", str(good / "cell.toml"), str(tmp_path / "data.csv"))
     if readable:
         assert not heard.status, heard.err
-        assert (
-            heard.out
-            == posecal("identify", str(good / "cell.toml"), str(good / "measurements.csv")).out
-        )
+        assert heard.out == expected
     else:
         assert heard.status == 2
         assert heard.err.endswith("data.csv: is not text in UTF-8; export it as CSV\n")
@@ -133,7 +136,7 @@ def test_a_reader_that_goes_away(good: Path) -> None:
 
 def test_a_full_standard_output(good: Path) -> None:
     with open("/dev/full", "w") as full:
-        process = command(good, *IDENTIFY, stdout=full)
+        process = command(good, "identify", "--help", stdout=full)
     said = process.communicate()[1]
     assert said == "posecal: standard output cannot be written (No space left on device)\n"
     assert process.returncode == 2

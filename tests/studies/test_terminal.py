@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -64,6 +65,8 @@ def test_names_are_printed_as_they_are_and_name_no_files(hostile: Path) -> None:
     found = json.loads((hostile / "out.json").read_text())
     assert f"tool:marker:{MARKER}.x" in {p["id"] for p in found["parameters"]}
     assert any(r["pose"].startswith("../../p0") for r in found["residuals"])
+    for picture in (hostile / "figures").glob("*.svg"):
+        ElementTree.parse(picture)
     assert {p for p in hostile.parents[1].rglob("*") if hostile not in p.parents} == outside
     again = (hostile / "cell.toml").read_text().replace("kr270.urdf", "out.urdf")
     (hostile / "again.toml").write_text(again)

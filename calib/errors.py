@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 _LONGEST = 1000  # characters of a text
 
@@ -28,6 +29,16 @@ class CalibError(Exception):
 
     def __init__(self, text: str = "") -> None:
         super().__init__(plain_line(text))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Errors come whole from another process, whatever their own arguments are."""
+        return _again, (type(self), self.args, self.__dict__)
+
+
+def _again(kind: type[CalibError], args: tuple[str, ...], facts: dict[str, Any]) -> CalibError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(facts)
+    return error
 
 
 class InputError(CalibError):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 from pathlib import Path
 
 import pytest
 
 import calib
-from calib.errors import EffectCannotAct, InputError
+from calib.errors import EffectCannotAct, InputError, TooFewPoses, UnknownEffect
 from calib.files.tables import load_plan, load_targets
 from calib.files.write_tables import measurements_csv
 from studies.demo import INPUTS, embedded_cell, embedded_plan, embedded_text, simulated
@@ -120,3 +121,16 @@ def test_plans_and_targets(folder: Path) -> None:
     targets.write_text(embedded_text("plan.csv").replace("level", "weight"))
     with pytest.raises(InputError, match="column weight: must be at least zero"):
         load_targets(cell, targets)
+
+
+def test_errors_come_whole_from_another_process() -> None:
+    for error in (
+        InputError("cell.toml", "line 3", "is odd", "mend it"),
+        EffectCannotAct("backlash:A2", "nothing moves", "move it"),
+        TooFewPoses(3, 7, 42, 21),
+        UnknownEffect("unknown"),
+    ):
+        again = pickle.loads(pickle.dumps(error))
+        assert type(again) is type(error)
+        assert str(again) == str(error)
+        assert vars(again) == vars(error)

@@ -3,10 +3,42 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
+
+_LONGEST = 1000  # characters of a text
+
+
+def plain_line(text: str) -> str:
+    r"""The text as one line that any terminal can show.
+
+    What cannot be printed stands as its escape: a name from a hostile file must not move the cursor or
+    turn the reading direction. What is too long loses its middle.
+
+    >>> plain_line("pose\x1b[31m\n")
+    'pose\\x1b[31m\\n'
+    """
+    if not text.isprintable():
+        text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    if len(text) > _LONGEST:
+        text = f"{text[: _LONGEST // 2]} .. {text[-_LONGEST // 2 :]}"
+    return text
 
 
 class CalibError(Exception):
-    """Root of all errors that a user can mend; its text is one line."""
+    """Root of all errors that a user can mend; its text is one plain line."""
+
+    def __init__(self, text: str = "") -> None:
+        super().__init__(plain_line(text))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Errors come whole from another process, whatever their own arguments are."""
+        return _again, (type(self), self.args, self.__dict__)
+
+
+def _again(kind: type[CalibError], args: tuple[str, ...], facts: dict[str, Any]) -> CalibError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(facts)
+    return error
 
 
 class InputError(CalibError):

@@ -160,7 +160,7 @@ class Measurements:
         size = max(1, round(fraction * count))
         if size >= count:
             raise CalibError(
-                f"{fraction:g} of {count} configurations leaves none to fit; hold out less"
+                f"a hold-out of {fraction:g} leaves none of {count} configurations to fit; take less"
             )
         held = rng.permutation(count)[:size]
         out = np.isin(group, held)

@@ -29,6 +29,7 @@ from doe.refusals import at_level, no_candidate
 from doe.solve import Clock, Effort, check_count, choose, finish
 from doe.wish import Wish
 
+_MOST_POSES = 10_000
 CANDIDATES = 20_000
 """Candidates that are drawn unless the user says otherwise."""
 
@@ -108,6 +109,8 @@ def _count(cell: Cell, poses: int | None, by_levels: int | None) -> int:
         raise CalibError(
             f"the levels make {by_levels} poses and [design] poses is {own}; change one of them"
         )
+    if found > _MOST_POSES:
+        raise CalibError(f"{found} poses are too many to choose; ask for at most {_MOST_POSES}")
     return int(found)
 
 
@@ -218,9 +221,8 @@ def _pool(problem: Problem, source: int | Poses | None, seed: int) -> Pool:
         _check_rows(problem, source)
     if rules.chooses_levels:
         if not np.isfinite(rules.best(np.zeros(len(pool)))[0]):
-            raise CalibError(
-                no_candidate(pool.drawn, pool.removed, f" at {rules.used} levels far enough apart")
-            )
+            where = f" for each of {rules.used} levels far enough apart"
+            raise CalibError(no_candidate(pool.drawn, pool.removed, where))
         return pool
     for level, members in enumerate(rules.members):
         needed = 1 if rules.repeats else int(rules.counts[level])
@@ -242,17 +244,12 @@ def _check_rows(problem: Problem, table: Poses) -> None:
 def _too_few(problem: Problem, pool: Pool, level: int, found: int, needed: int) -> str:
     levels = problem.wish.levels
     if levels is None:
-        return (
-            f"{found} feasible candidates for {needed} poses; draw more, or allow repeats"
-            if not any(pool.removed.values())
-            else no_candidate(pool.drawn, pool.removed, f" enough ({found} for {needed} poses)")
-        )
+        return no_candidate(pool.drawn, pool.removed, "", found, needed)
     where = at_level(problem.cell, levels, level)
-    where += "" if not found else f" enough ({found} for {needed})"
     removed = {
         name: int(counts[level]) for name, counts in pool.removed_at.items() if len(counts) > level
     }
-    return no_candidate(pool.drawn // len(levels.values), removed, where)
+    return no_candidate(pool.drawn // len(levels.values), removed, where, found, needed)
 
 
 def _judged(problem: Problem, against: Mapping[str, Poses], bound: float) -> dict[str, Rival]:

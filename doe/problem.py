@@ -11,7 +11,7 @@ from calib.api import readings
 from calib.build import build, refuse_idle_effects
 from calib.cell import Cell
 from calib.effects.tool import Tool
-from calib.errors import CalibError
+from calib.errors import CalibError, InputError
 from calib.model import Model
 from calib.poses import IntArray, Poses, poses_at
 from calib.se3 import Array
@@ -134,7 +134,11 @@ def problem_of(cell: Cell, wish: Wish, seed: int = 0) -> Problem:
     regressor = replace(regressor, silent=is_silent(cell, rows))
     regressor = regressor.whitened((np.swapaxes(rows, -1, -2) @ rows).mean(axis=0))
     targets, weights = targets_of(cell)
-    check_targets(cell, targets)
+    try:
+        check_targets(cell, targets)
+    except CalibError as error:
+        where = cell.design.get("targets") or cell.path
+        raise InputError(where, "", str(error)) from None
     weights = weights / weights.sum()
     question = Question(
         model,

@@ -17,11 +17,19 @@ class CannotIdentify(CalibError):
         super().__init__(text)
 
 
-def no_candidate(count: int, removed: dict[str, int], where: str = "") -> str:
-    """Why nothing is left to choose from."""
+def no_candidate(
+    count: int, removed: dict[str, int], where: str = "", found: int = 0, needed: int = 1
+) -> str:
+    """Why nothing, or too little, is left to choose from."""
+    what = f"no feasible candidate{where}"
+    if found:
+        only = f"only {found} feasible candidate{'s' if found > 1 else ''}"
+        what = f"{only}{where}, and {needed} are needed"
     causes = sorted(((n, name) for name, n in removed.items() if n), reverse=True)
-    said = ", ".join(f"{name} removed {n}" for n, name in causes) or "nothing was drawn"
-    return f"no feasible candidate{where}: of {count}, {said}; relax what removed most"
+    if not causes:
+        return f"{what}; draw more, or allow repeats"
+    said = ", ".join(f"{name} removed {n}" for n, name in causes)
+    return f"{what}: of {count}, {said}; relax what removed most"
 
 
 def at_level(cell: Cell, levels: Levels | None, level: int) -> str:

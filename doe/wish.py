@@ -17,6 +17,8 @@ from calib.se3 import Array
 from doe.levels import Levels
 from doe.refusals import CannotIdentify
 
+_LARGEST_FACTOR = 1e9  # of one parameter in a combination, for values in their units
+
 
 @dataclass(frozen=True, eq=False)
 class Wish:
@@ -117,10 +119,12 @@ def direction_of(model: Model, wish: Wish) -> Array | None:
         name, _, factor = text.partition("=")
         try:
             number = float(factor or 1.0)
-            if not np.isfinite(number) or number == 0.0:
+            if not 1.0 / _LARGEST_FACTOR <= abs(number) <= _LARGEST_FACTOR:
                 raise ValueError
         except ValueError:
-            raise CalibError(f"--of {text!r}: {factor!r} is no factor; write NAME=FACTOR") from None
+            raise CalibError(
+                f"--of {text!r}: {factor!r} is no factor of plausible size; write NAME=FACTOR"
+            ) from None
         rows = _known(model, name)
         if len(rows) != 1:
             raise CalibError(
@@ -133,6 +137,9 @@ def direction_of(model: Model, wish: Wish) -> Array | None:
 def _known(model: Model, text: str) -> list[int]:
     rows = _matches(model, text)
     if not rows:
-        known = ", ".join(p.id for p in model.parameters)
-        raise CalibError(f"--of {text!r} is no parameter or effect of the model; there are {known}")
+        known = ", ".join(dict.fromkeys(p.effect for p in model.parameters))
+        raise CalibError(
+            f"--of {text!r} is no parameter or effect of the model; there are {known}, each with its "
+            f"places and parameters, as in {model.parameters[-1].id}"
+        )
     return rows

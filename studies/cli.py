@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import io
+import os
+import signal
 import sys
+from typing import NoReturn
 
 import click
 
@@ -55,8 +59,15 @@ for command in COMMANDS:
 
 def run() -> None:
     """Entry point: faults in the call end with one line and status 2, as those in files do."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a terminal may know few characters
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that files are cleaned up
     try:
-        sys.exit(main(standalone_mode=False))
+        status = main(sys.argv[1:] or ["--help"], prog_name="posecal", standalone_mode=False)
+        if sys.stdout is not None:
+            sys.stdout.flush()
+        sys.exit(status)
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx is not None else "posecal"
         click.echo(
@@ -64,5 +75,22 @@ def run() -> None:
         )
         sys.exit(2)
     except click.Abort:
-        click.echo("posecal: interrupted, nothing was written", err=True)
+        click.echo("posecal: interrupted; every file is as before or complete", err=True)
         sys.exit(130)
+    except MemoryError:
+        click.echo("posecal: out of memory; take fewer candidates, poses or trials", err=True)
+        sys.exit(2)
+    except OSError as error:
+        if error.filename is not None:  # a file of ours: a fault of the installation
+            raise
+        _end_of_output(error)
+
+
+def _end_of_output(error: OSError) -> NoReturn:
+    """Standard output was closed by its reader, as by ``| head``, or is full."""
+    with open(os.devnull, "w") as nowhere:  # so that Python's own last flush says nothing
+        os.dup2(nowhere.fileno(), sys.stdout.fileno())
+    if isinstance(error, BrokenPipeError):
+        sys.exit(141)  # as a shell reports it
+    click.echo(f"posecal: standard output cannot be written ({error.strerror})", err=True)
+    sys.exit(2)

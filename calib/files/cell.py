@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -16,6 +17,7 @@ from pydantic import BaseModel, ValidationError
 from calib.build import parse_effect
 from calib.cell import Capsule, Cell, Load
 from calib.errors import InputError, UnknownEffect
+from calib.files.read import read_text
 from calib.files.robot import load_robot, robot_files
 from calib.files.schema import (
     CellFile,
@@ -31,7 +33,8 @@ from calib.robot import Robot
 from calib.se3 import Array
 from calib.statics import Payload
 
-_LARGEST_FILE = 2_000_000  # bytes
+_LARGEST_FILE = 2_000_000  # bytes; the parser of the standard library is slow
+_DEEPEST = 50  # parts of a key
 _MM = 1e-3
 
 
@@ -90,19 +93,27 @@ def load_cell(path: str | Path) -> Cell:
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
+    text = read_text(path, _LARGEST_FILE)
+    _refuse_long_keys(path, text)
     try:
-        size = path.stat().st_size
-        if size > _LARGEST_FILE:
-            raise InputError(path, "", f"is {size / 1e6:.0f} MB, too large for a cell file")
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(path, "", f"is not valid TOML: {_first_line(error)}") from None
-    except UnicodeDecodeError:
-        raise InputError(path, "", "is not text in UTF-8") from None
+    except ValueError:  # an integer of thousands of digits
+        raise InputError(path, "", "holds a number with too many digits") from None
     except RecursionError:
         raise InputError(path, "", "is nested too deeply") from None
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
+
+
+def _refuse_long_keys(path: Path, text: str) -> None:
+    """A key of thousands of parts, ``a.a.a``, would keep the parser busy for hours."""
+    for number, line in enumerate(text.splitlines(), 1):
+        longest = max(
+            sum(bool(word.strip()) for word in piece.split("."))
+            for piece in re.split(r"[,=\[\]{}#]", line)
+        )
+        if max(longest, len(re.findall(r"[\"']\s*\.", line))) > _DEEPEST:
+            raise InputError(path, f"line {number}", "is nested too deeply")
 
 
 def _first_line(error: Exception) -> str:
@@ -129,7 +140,7 @@ def _keys(location: tuple[int | str, ...]) -> list[str]:
     return [
         str(key)
         for before, key in zip((None, *location), location, strict=False)
-        if key not in _TAGS or before in named
+        if key != "[key]" and (key not in _TAGS or before in named)
     ]
 
 
@@ -141,12 +152,16 @@ _PLAINLY = {
     "list_type": "should be a list in brackets",
     "dict_type": "should be a table of its own",
     "model_type": "should be a table of its own",
+    "union_tag_invalid": "has no known type; write box, sphere or halfspace",
+    "union_tag_not_found": "lacks its type; write box, sphere or halfspace",
     "too_short": "has no entry; at least one is needed",
 }
 
 
 def _plain(problem: Mapping[str, Any], keys: list[str]) -> str:
     kind = problem["type"]
+    if kind == "missing" and keys[-1].isdigit():
+        return "is missing: the list has too few numbers"
     if kind == "missing":
         return "is missing; add it, as in the cell that `posecal demo` writes"
     if kind == "extra_forbidden":
@@ -207,10 +222,12 @@ def _narrowed(path: Path, robot: Robot, table: RobotTable) -> Robot:
             low, high = np.array(bounds) * unit
             limits[index] = max(limits[index, 0], low), min(limits[index, 1], high)
             if limits[index, 0] > limits[index, 1]:
+                known = "{:g} .. {:g}".format(*(robot.limits[index] / unit))
                 raise InputError(
                     path,
                     f"robot.{key}.{joint}",
                     f"leaves nothing of the {table.form.upper()}'s limits",
+                    f"those are {known}",
                 )
     return replace(robot, limits=limits)
 

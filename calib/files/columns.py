@@ -137,7 +137,10 @@ def covariates(table: Table, robot: Robot, rows: IntArray) -> dict[str, Any]:
     if present and len(present) < len(signs):
         missing = next(name for name in signs if name not in present)
         raise InputError(
-            table.path, "line 1", f"column {missing!r} is missing beside {present[0]!r}"
+            table.path,
+            "line 1",
+            f"column {missing!r} is missing beside {present[0]!r}",
+            "give every joint's, or none",
         )
     if present:
         approach = np.column_stack([table.numbers(name) for name in signs])
@@ -146,9 +149,7 @@ def covariates(table: Table, robot: Robot, rows: IntArray) -> dict[str, Any]:
             raise table.fault(int(bad[0, 0]), signs[int(bad[0, 1])], "is not -1, 0 or +1")
         found["approach"] = approach[rows]
     if "station" in table.columns:
-        names = table.text("station")
-        if "" in names:
-            raise table.fault(names.index(""), "station", "is empty", "name every row's station")
+        names = table.names("station")
         stations = tuple(sorted(set(names)))
         found["stations"] = stations
         found["station"] = np.array([stations.index(names[row]) for row in rows])

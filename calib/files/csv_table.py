@@ -10,11 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
+from calib.files.read import check_file, fault_of_name
 from calib.se3 import Array
 
-_LARGEST_FILE = 500_000_000  # bytes, some three million rows
+_LARGEST_FILE = 100_000_000  # bytes, some 700 000 rows, a gigabyte in memory
 _LARGEST_NUMBER = 1e12  # in any unit
-_LONGEST_LINE = 65_536  # characters; a longer one is no table of numbers
+_REMEDY = "leave the row out if it was not measured"
+_MOST_COLUMNS = 1000
+LONGEST_LINE = 65_536
+"""Characters; a longer line is none of a table of numbers."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,15 @@ class Table:
         i = self.columns.index(column)
         return [row[i].strip() for row in self.rows]
 
+    def names(self, column: str) -> list[str]:
+        """A column of names that can be shown; raises InputError naming line and column."""
+        found = self.text(column)
+        faults = {name: fault for name in set(found) if (fault := fault_of_name(name))}
+        for row, name in enumerate(found if faults else ()):
+            if name in faults:
+                raise self.fault(row, column, faults[name], "give it a short, plain name")
+        return found
+
     def numbers(self, column: str) -> Array:
         """A column of finite numbers; raises InputError naming line and column."""
         i = self.columns.index(column)
@@ -40,9 +53,8 @@ class Table:
         usable = np.abs(values) < _LARGEST_NUMBER
         if not usable.all():
             bad = int(np.flatnonzero(~usable)[0])
-            raise self.fault(
-                bad, column, f"{self.rows[bad][i]!r} is not a finite number of plausible size"
-            )
+            what = f"{self.rows[bad][i][:40]!r} is not a finite number of plausible size"
+            raise self.fault(bad, column, what, _REMEDY)
         return values
 
     def _number(self, column: int, row: int) -> float:
@@ -50,9 +62,8 @@ class Table:
         try:
             return float(cell)
         except ValueError:
-            remedy = "leave the row out if the point was not measured"
             what = f"{cell[:40]!r} is not a number" if cell.strip() else "is empty"
-            raise self.fault(row, self.columns[column], what, remedy) from None
+            raise self.fault(row, self.columns[column], what, _REMEDY) from None
 
     def fault(self, row: int, column: str, what: str, remedy: str = "") -> InputError:
         return InputError(self.path, f"line {self.lines[row]}, column {column}", what, remedy)
@@ -61,10 +72,12 @@ class Table:
 def _bounded_lines(path: Path) -> Iterator[str]:
     with path.open(encoding="utf-8-sig", newline="") as file:
         number = 0
-        while line := file.readline(_LONGEST_LINE):
+        while line := file.readline(LONGEST_LINE):
             number += 1
-            if "\0" in line or len(line) >= _LONGEST_LINE:
-                raise InputError(path, f"line {number}", "is no line of a CSV table")
+            if "\0" in line or len(line) >= LONGEST_LINE:
+                raise InputError(
+                    path, f"line {number}", "is no line of a CSV table", "export it as CSV"
+                )
             yield line
 
 
@@ -74,16 +87,17 @@ def read_table(
     """The whole table; the header is checked before any row is read."""
     rows: list[list[str]] = []
     lines: list[int] = []
+    check_file(path, _LARGEST_FILE)
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise InputError(path, "", f"is larger than {_LARGEST_FILE / 1e6:.0f} MB", "split it")
         reader = csv.reader(_bounded_lines(path), strict=True)
         columns = tuple(name.strip() for name in next(reader, []))
         if not any(columns):
             raise InputError(path, "", "is empty", "the first line must name the columns")
+        if len(columns) > _MOST_COLUMNS:
+            raise InputError(path, "line 1", f"names {len(columns)} columns", "keep those needed")
         for name in columns:
             if name and columns.count(name) > 1:
-                raise InputError(path, "line 1", f"column {name!r} stands twice")
+                raise InputError(path, "line 1", f"column {name!r} stands twice", "keep one")
         for name in required:
             if name not in columns:
                 semicolons = len(columns) == 1 and ";" in columns[0]
@@ -102,15 +116,18 @@ def read_table(
                     path,
                     f"line {reader.line_num}",
                     f"has {len(row)} fields where the header names {len(columns)}",
+                    "complete the row",
                 )
             rows.append(row)
             lines.append(reader.line_num)
     except UnicodeDecodeError:
         raise InputError(path, "", "is not text in UTF-8", "export it as CSV") from None
     except csv.Error as error:
-        raise InputError(path, f"line {reader.line_num}", f"is no CSV ({error})") from None
+        raise InputError(
+            path, f"line {reader.line_num}", f"is no CSV ({error})", "check the quotation marks"
+        ) from None
     except OSError as error:
         raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
     if not rows:
-        raise InputError(path, "", "has a header and no rows")
+        raise InputError(path, "", "has a header and no rows", "add the poses")
     return Table(path, columns, rows, lines)

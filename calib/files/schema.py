@@ -15,11 +15,38 @@ from pydantic import (
     model_validator,
 )
 
-Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
-Positive = Annotated[Number, Field(gt=0)]
+from calib.files.read import fault_of_name
+
+_LARGEST = 1e9  # in any unit
+_SMALLEST = 1e-9
+
+
+def _plausible(value: float) -> float:
+    if abs(value) > _LARGEST:
+        raise ValueError("is of no plausible size")
+    return value
+
+
+def _not_vanishing(value: float) -> float:
+    if value < _SMALLEST:
+        raise ValueError("is too small to mean anything")
+    return value
+
+
+Number = Annotated[float, Strict(), Field(allow_inf_nan=False), AfterValidator(_plausible)]
+Positive = Annotated[Number, Field(gt=0), AfterValidator(_not_vanishing)]
 NotNegative = Annotated[Number, Field(ge=0)]
-Count = Annotated[int, Strict(), Field(ge=1)]
+Count = Annotated[int, Strict(), Field(ge=1, le=1_000_000)]
 Vector = tuple[Number, Number, Number]
+
+
+def _plain(name: str) -> str:
+    if fault := fault_of_name(name):
+        raise ValueError(f"the name {fault}")
+    return name
+
+
+Name = Annotated[str, AfterValidator(_plain)]
 
 
 def _ordered(limits: tuple[float, float]) -> tuple[float, float]:
@@ -29,7 +56,7 @@ def _ordered(limits: tuple[float, float]) -> tuple[float, float]:
 
 
 def _direction(vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    if not any(vector):
+    if max(map(abs, vector)) < _SMALLEST:
         raise ValueError("a direction must not be zero")
     return vector
 
@@ -191,9 +218,9 @@ class CellFile(Table):
     """The whole file."""
 
     format: Literal[1] = Field(alias="schema")
-    name: str = ""
+    name: Name | None = None
     robot: RobotTable
-    markers_mm: Annotated[dict[str, Marker], Field(min_length=1)]
+    markers_mm: Annotated[dict[Name, Marker], Field(min_length=1)]
     instrument: InstrumentTable
     gravity: GravityTable = GravityTable()
     payload: PayloadTable = PayloadTable()

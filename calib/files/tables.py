@@ -19,7 +19,7 @@ from calib.files.columns import (
     joint_warnings,
     point_columns,
 )
-from calib.files.csv_table import Table, read_table
+from calib.files.csv_table import LONGEST_LINE, Table, read_table
 from calib.moves import with_moves
 from calib.poses import IntArray, Measurements, Poses, hung, poses_at
 from calib.robot import Robot
@@ -48,7 +48,7 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     table = read_table(path, ("pose", "marker"), check)
     q_rows = joint_values(table, cell.robot)
     warnings.extend(joint_warnings(table, cell.robot, q_rows))
-    pose_names, pose_of_row = _number_in_order(table.text("pose"))
+    pose_names, pose_of_row = _number_in_order(table.names("pose"))
     marker_of_row = _markers(table, cell)
     _, first = np.unique(pose_of_row, return_index=True)
     given = covariates(table, cell.robot, first)
@@ -76,7 +76,12 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     if "sigma_mm" in table.columns:
         own = table.numbers("sigma_mm") * 1e-3
         if (own <= 0).any():
-            raise table.fault(int(np.flatnonzero(own <= 0)[0]), "sigma_mm", "must be above zero")
+            raise table.fault(
+                int(np.flatnonzero(own <= 0)[0]),
+                "sigma_mm",
+                "must be above zero",
+                "leave the column out for the cell's",
+            )
         sigma[pose_of_row, marker_of_row] = own
     for j in np.flatnonzero(~seen.any(axis=0)) if every_marker else ():
         raise InputError(
@@ -101,7 +106,7 @@ def _markers(table: Table, cell: Cell) -> IntArray:
     names = table.text("marker")
     for row, name in enumerate(names):
         if name not in numbers:
-            known = ", ".join(cell.marker_names)
+            known = f"markers are {', '.join(cell.marker_names[:12])}"
             raise table.fault(row, "marker", f"{name!r} is not in the cell's [markers_mm]", known)
     return np.array([numbers[name] for name in names])
 
@@ -141,11 +146,11 @@ def _load_poses(cell: Cell, path: Path, required: Sequence[str]) -> tuple[Poses,
     q = joint_values(table, cell.robot)
     given = covariates(table, cell.robot, np.arange(len(q)))
     if "pose" in table.columns:
-        names = table.text("pose")
+        names = table.names("pose")
         known: set[str] = set()
         for row, name in enumerate(names):
             if name in known:
-                raise table.fault(row, "pose", f"{name!r} stands twice")
+                raise table.fault(row, "pose", f"{name!r} stands twice", "rename one of them")
             known.add(name)
         given["names"] = tuple(names)
     return poses_at(q, **given), table
@@ -164,9 +169,10 @@ def holds_points(path: str | Path) -> bool:
     """Whether a table has a column of markers: it is of measurements, not a plan."""
     try:
         with Path(path).open(encoding="utf-8-sig") as file:
-            return "marker" in [name.strip() for name in file.readline().split(",")]
-    except (OSError, UnicodeDecodeError):
+            first = file.readline(LONGEST_LINE)
+    except (OSError, ValueError):
         return False  # whoever reads the table says what is wrong with it
+    return "marker" in [name.strip() for name in first.split(",")]
 
 
 def load_targets(cell: Cell, path: str | Path) -> tuple[Poses, Array]:

@@ -10,10 +10,13 @@ from xml.etree import ElementTree
 import numpy as np
 
 from calib.errors import InputError
+from calib.files.read import fault_of_name
 from calib.files.xml import read_xml
 from calib.robot import Robot
 from calib.se3 import Array, from_xyz_rpy, rotate
 
+_LARGEST_NUMBER = 1e9  # in SI units
+_MOST_JOINTS = 100  # that move
 MOVING = ("revolute", "continuous", "prismatic")
 
 
@@ -45,9 +48,16 @@ def _numbers(path: Path, where: str, text: str, count: int) -> Array:
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError:
-        raise InputError(path, where, f"{text!r} holds text in place of a number") from None
+        raise InputError(
+            path,
+            where,
+            f"{text!r} holds text in place of a number",
+            "write numbers; expand a xacro file first",
+        ) from None
     if len(values) != count or not np.isfinite(values).all():
         raise InputError(path, where, f"{text!r} should be {count} finite numbers")
+    if (np.abs(values) > _LARGEST_NUMBER).any():
+        raise InputError(path, where, f"{text!r} holds a number of no plausible size")
     return values
 
 
@@ -66,16 +76,20 @@ def origin_of(path: Path, where: str, element: ElementTree.Element) -> Array:
 def _joints(path: Path, root: ElementTree.Element) -> dict[str, UrdfJoint]:
     """Joints by the link that they move."""
     by_child: dict[str, UrdfJoint] = {}
+    names: set[str] = set()
     for element in root.findall("joint"):
         name = element.get("name", "")
         parent, child = element.find("parent"), element.find("child")
         if not name or parent is None or child is None:
-            raise InputError(path, f"joint {name!r}", "lacks a name, a parent or a child")
+            raise InputError(path, f"joint {name!r}", "lacks a name, a parent or a child", "add it")
+        if fault := fault_of_name(name):
+            raise InputError(path, f"joint {name!r}", f"the name {fault}", "name it plainly")
         joint = UrdfJoint(
             element, name, element.get("type", ""), parent.get("link", ""), child.get("link", "")
         )
-        if any(joint.name == other.name for other in by_child.values()):
-            raise InputError(path, f"joint {joint.name}", "stands twice", "rename one of them")
+        if name in names:
+            raise InputError(path, f"joint {name}", "stands twice", "rename one of them")
+        names.add(name)
         if joint.child in by_child:
             raise InputError(
                 path,
@@ -151,18 +165,19 @@ def _carried(
     path: Path, root: ElementTree.Element, chain: list[UrdfJoint]
 ) -> list[tuple[str, str, Array]]:
     """(link on the chain, link, transform) of links that hang on the chain by fixed joints."""
-    on_chain = {joint.child for joint in chain}
-    placed = {name: (name, np.eye(4)) for name in on_chain}
-    pending = [j for j in _joints(path, root).values() if j.child not in on_chain]
-    grew = True
-    while grew:
-        grew = False
-        for joint in pending:
-            if joint.kind == "fixed" and joint.parent in placed and joint.child not in placed:
-                carrier, T = placed[joint.parent]
+    placed = {joint.child: (joint.child, np.eye(4)) for joint in chain}
+    fixed: dict[str, list[UrdfJoint]] = {}
+    for joint in _joints(path, root).values():
+        if joint.kind == "fixed":
+            fixed.setdefault(joint.parent, []).append(joint)
+    pending = list(placed)
+    for link in pending:  # grows as links are placed
+        for joint in fixed.get(link, ()):
+            if joint.child not in placed:
+                carrier, T = placed[link]
                 own = origin_of(path, f"joint {joint.name}", joint.element)
                 placed[joint.child] = (carrier, T @ own)
-                grew = True
+                pending.append(joint.child)
     return [(carrier, link, T) for link, (carrier, T) in placed.items()]
 
 
@@ -176,7 +191,7 @@ def _inertials(path: Path, root: ElementTree.Element) -> dict[str, tuple[float, 
         text = _attribute(inertial.find("mass"), "value", "0")
         mass = float(_numbers(path, f"{where} mass", text, 1)[0])
         if mass < 0:
-            raise InputError(path, f"{where} mass", f"is negative ({mass} kg)")
+            raise InputError(path, f"{where} mass", f"is negative ({mass:g} kg)", "correct it")
         found[link.get("name", "")] = (mass, origin_of(path, where, inertial)[:3, 3])
     return found
 
@@ -198,6 +213,13 @@ def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
 
     moving = [joint for joint in chain if joint.kind in MOVING]
     n = len(moving)
+    if n > _MOST_JOINTS:
+        raise InputError(
+            path,
+            "",
+            f"has {n} moving joints, at most {_MOST_JOINTS} are possible",
+            "fix the others",
+        )
     origins, axes = np.empty((n + 1, 4, 4)), np.empty((n, 3))
     limits, efforts = np.full((n, 2), [-np.inf, np.inf]), np.full(n, np.nan)
     masses, moments = np.zeros(n), np.zeros((n, 3))
@@ -239,7 +261,7 @@ def _axis(path: Path, joint: UrdfJoint) -> Array:
     axis = _numbers(path, f"joint {joint.name} axis", text, 3)
     length = float(np.linalg.norm(axis))
     if length < 1e-9:
-        raise InputError(path, f"joint {joint.name} axis", "has no length")
+        raise InputError(path, f"joint {joint.name} axis", "has no length", "name a direction")
     return axis / length
 
 

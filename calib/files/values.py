@@ -8,6 +8,10 @@ from pathlib import Path
 
 from calib.effects.protocol import Parameter
 from calib.errors import InputError
+from calib.files.read import read_text
+
+_LARGEST_FILE = 200_000_000  # bytes; residuals of every point stand in it
+_LARGEST_NUMBER = 1e12  # in any unit
 
 
 def load_values(path: Path, parameters: Sequence[Parameter]) -> dict[str, float]:
@@ -17,19 +21,18 @@ def load_values(path: Path, parameters: Sequence[Parameter]) -> dict[str, float]
 
     Raises InputError.
     """
+    text = read_text(path, _LARGEST_FILE)
     try:
-        result = json.loads(path.read_text(encoding="utf-8"))
+        result = json.loads(text)
         found = {entry["id"]: (entry["value"], entry["unit"]) for entry in result["parameters"]}
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})") from None
-    except (ValueError, TypeError, KeyError):
+    except (ValueError, TypeError, KeyError, RecursionError):
         raise InputError(
             path, "", "is not a result of posecal identify", "write one with identify --json"
         ) from None
     values = {}
     for p in parameters:
         value, unit = found.get(p.id, (None, None))
-        if not isinstance(value, int | float) or unit != p.unit:
+        if type(value) not in (int, float) or not abs(value) < _LARGEST_NUMBER or unit != p.unit:
             raise InputError(
                 path,
                 f"parameter {p.id}",

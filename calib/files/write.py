@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import stat
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,28 +14,50 @@ from typing import Any
 from calib.errors import InputError
 
 
+def check_target(path: Path) -> None:
+    """Refuse what cannot become a file. Raises InputError."""
+    if "\0" in str(path):
+        raise InputError(path, "", "cannot be written (no name of a file)", "name another")
+    try:
+        if path.is_dir():
+            raise InputError(path, "", "cannot be written (is a folder)", "name a file in it")
+        if not path.parent.is_dir():
+            raise InputError(
+                path, "", "cannot be written (no such folder)", "make the folder first"
+            )
+    except OSError as error:  # a name too long
+        raise InputError(
+            path, "", f"cannot be written ({error.strerror})", "name another"
+        ) from None
+
+
 def write_files(contents: Mapping[Path, str | bytes]) -> None:
     """Write several files, all or none: every content is on disk before the first is renamed.
 
     Text is written as UTF-8 with its line ends as they are, bytes unchanged.
 
+    A link is followed: the file that it names is replaced.
+
     Raises InputError where a folder is missing, read-only or full; existing files stay whole.
     """
     prepared: list[tuple[str, Path]] = []
     path = Path()
+    for path in contents:
+        check_target(path)
     try:
         for path, content in contents.items():
             data = content if isinstance(content, bytes) else content.encode("utf-8")
-            if path.exists() and not path.is_file() and not path.is_dir():
+            if path.exists() and not path.is_file():
                 path.write_bytes(data)  # a device or a pipe is written in place
                 continue
-            handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-            prepared.append((name, path))
+            target = path.resolve()
+            handle, name = tempfile.mkstemp(prefix=".posecal-", dir=target.parent)
+            prepared.append((name, target))
             with os.fdopen(handle, "wb") as file:
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
-            os.chmod(name, 0o644)
+            os.chmod(name, _mode(target))
         for name, path in prepared:
             os.replace(name, path)
     except OSError as error:
@@ -45,6 +68,15 @@ def write_files(contents: Mapping[Path, str | bytes]) -> None:
         for name, _ in prepared:
             if os.path.exists(name):
                 os.unlink(name)
+
+
+def _mode(path: Path) -> int:
+    """Permissions of the file that is replaced, else those of any new file."""
+    if path.exists():
+        return stat.S_IMODE(path.stat().st_mode)
+    umask = os.umask(0o077)
+    os.umask(umask)
+    return 0o666 & ~umask
 
 
 def json_text(result: Any) -> str:

@@ -72,12 +72,12 @@ def sight_of(view: View, position: int) -> Sight:
     lengths, whole = np.linalg.norm(view.field.X[:, columns], axis=0), view.field.lengths[columns]
     share = lengths / np.where(whole > 0.0, whole, 1.0)
     nowhere = np.full(len(columns), np.inf)
-    if not k:
+    in_view = share > VISIBLE
+    if not k or not in_view.any():  # what is left of a combination alone is rounding
         reason = _why_hidden(view, position)
         return Sight(candidate, 0, share, nowhere, nowhere, np.inf, np.inf, reason)
     limit = entry_limit(k, view.field.rows, view.asked, ALPHA)
     needed = needed_beyond(limit, k)
-    in_view = share > VISIBLE
     smallest = np.divide(np.sqrt(needed), lengths, out=nowhere.copy(), where=in_view)
     moved = np.multiply(smallest, view.moved[columns], out=nowhere.copy(), where=in_view)
     return Sight(candidate, k, share, smallest, moved, limit, needed, "")

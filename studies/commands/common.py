@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import math
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
@@ -79,7 +80,10 @@ def console_for(json_path: str | None) -> Console:
     """Where tables go: standard output, or standard error when that carries the JSON."""
     from rich.console import Console
 
-    console = Console(stderr=json_path == "-", highlight=False, soft_wrap=True)
+    # Names are the user's: brackets and colons in them are no markup.
+    console = Console(
+        stderr=json_path == "-", highlight=False, soft_wrap=True, markup=False, emoji=False
+    )
     if not console.is_terminal:
         console.width = _WIDTH
     return console
@@ -87,19 +91,45 @@ def console_for(json_path: str | None) -> Console:
 
 def warn(messages: tuple[str, ...]) -> None:
     """Print what a reader should know, on standard error."""
+    from calib.errors import plain_line
+
     for message in messages:
-        click.echo(f"warning: {message}", err=True)
+        click.echo(f"warning: {plain_line(message)}", err=True)
 
 
-def check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
-    """Refuse to write over an input, or two results to one file."""
+class Finite(click.FloatRange):
+    """A number in a range, neither infinite nor NaN."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{number} is not a finite number.", param, ctx)
+        return number
+
+
+def check_outputs(outputs: list[Path], inputs: list[Path], folder: Path | None = None) -> None:
+    """Refuse, before anything is computed, what could not be read or written in the end.
+
+    folder : of the figures, made where it does not exist
+
+    Raises InputError for a missing input or folder, an output over an input, and two in one file.
+    """
     from calib.errors import InputError
+    from calib.files.read import check_file
+    from calib.files.write import check_target
 
+    for path in inputs:
+        check_file(path)
     taken = {path.resolve() for path in inputs}
     for path in outputs:
+        check_target(path)
         if path.resolve() in taken:
             raise InputError(path, "", "is already an input or another output", "name another file")
         taken.add(path.resolve())
+    if folder is not None and folder.exists() and not folder.is_dir():
+        raise InputError(folder, "", "cannot be made (is a file)", "name another")
 
 
 def plan_names(paths: tuple[Path, ...]) -> list[str]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from studies.commands.common import (
+    Finite,
     check_outputs,
     console_for,
     envelope,
@@ -37,7 +38,7 @@ from studies.commands.common import (
     "--monte-carlo",
     "trials",
     metavar="N",
-    type=click.IntRange(min=0),
+    type=click.IntRange(min=0, max=1_000_000),
     default=200,
     show_default=True,
     help="Simulated experiments at each plan; 0 predicts only.",
@@ -49,7 +50,7 @@ from studies.commands.common import (
 @click.option(
     "--length-mm",
     metavar="MM",
-    type=click.FloatRange(min=0, min_open=True),
+    type=Finite(min=1e-3, max=1e6),
     default=1000.0,
     show_default=True,
     help="Characteristic length of approach pose, plain: about the size of the marker set.",
@@ -94,7 +95,7 @@ def compare(
     targets = cell.design.get("targets")
     inputs = [cell_path, *cell.robot_files, *plan_paths, *([targets] if targets else [])]
     inputs += [values_path] if values_path is not None else []
-    check_outputs([path for path in [output_file(json_path)] if path is not None], inputs)
+    check_outputs([path for path in [output_file(json_path)] if path is not None], inputs, folder)
     loaded = [calib.load_plan(cell, path) for path in plan_paths]
     names = plan_names(plan_paths)
     for path in plan_paths:

@@ -123,13 +123,13 @@ def design(
     if discriminate is not None and given == click.core.ParameterSource.COMMANDLINE:
         raise InputError("--criterion", "", "does not go with --discriminate", "give one of them")
     cell = calib.load_cell(cell_path)
-    source = _source(candidates)
+    source = candidates_of(candidates)
     targets = cell.design.get("targets")
     inputs = [cell_path, *cell.robot_files, *([targets] if targets else []), *against]
     inputs += [extend_path] if extend_path is not None else []
     inputs += [source] if isinstance(source, Path) else []
     check_outputs(
-        [path for path in (plan_path, output_file(json_path)) if path is not None], inputs
+        [path for path in (plan_path, output_file(json_path)) if path is not None], inputs, folder
     )
     loaded = [calib.load_plan(cell, path) for path in against]
     plans = dict(zip(plan_names(against), loaded, strict=True))
@@ -141,7 +141,7 @@ def design(
             levels=levels,
             candidates=source,
             extend=extend_path,
-            discriminate=_two(discriminate),
+            discriminate=two_effects(discriminate),
             of=[] if of is None else [name.strip() for name in of.split(",")],
             against=plans,
             repeats=repeats,
@@ -171,7 +171,7 @@ def design(
     say_written(texts, folder, json_path)
 
 
-def _source(candidates: str) -> int | Path:
+def candidates_of(candidates: str) -> int | Path:
     """A number of candidates, or the table that holds them."""
     from calib.errors import InputError
 
@@ -186,7 +186,8 @@ def _source(candidates: str) -> int | Path:
     return int(number)
 
 
-def _two(text: str | None) -> tuple[str, str] | None:
+def two_effects(text: str | None) -> tuple[str, str] | None:
+    """Both effects of --discriminate. Raises InputError."""
     from calib.errors import InputError
 
     if text is None:

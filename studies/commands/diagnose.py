@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     "--next",
     "next_count",
     metavar="N",
-    type=click.IntRange(min=0),
+    type=click.IntRange(min=0, max=1000),
     default=8,
     show_default=True,
     help="Poses to choose that tell rival causes apart; 0 for none.",
@@ -106,7 +106,7 @@ def diagnose(
     data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
     outputs = [path for path in (output_file(json_path), cell_out) if path is not None]
     targets = cell.design["targets"]
-    check_outputs(outputs, [*inputs, *extra, *([targets] if targets else [])])
+    check_outputs(outputs, [*inputs, *extra, *([targets] if targets else [])], folder)
     warn(data.warnings + (heldout.warnings if heldout is not None and extra else ()))
     try:
         result = diagnose_data(cell, data, heldout=heldout)
@@ -168,7 +168,7 @@ def _foresee(
     from studies.diagnose.plan_tables import foresight_tables
 
     inputs = [cell_path, *cell.robot_files, plan_path]
-    check_outputs([p for p in [output_file(json_path)] if p is not None], inputs)
+    check_outputs([p for p in [output_file(json_path)] if p is not None], inputs, folder)
     load = calib.load_measurements if holds_points(plan_path) else calib.load_plan
     plan = load(cell, plan_path)
     try:

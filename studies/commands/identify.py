@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from studies.commands.common import (
+    Finite,
     check_outputs,
     console_for,
     envelope,
@@ -60,7 +61,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--length-mm",
-    type=click.FloatRange(min=0, min_open=True),
+    type=Finite(min=1e-3, max=1e6),
     default=1000.0,
     show_default=True,
     help="Characteristic length of the plain weighting.",
@@ -128,7 +129,7 @@ def identify(
     robots: dict[Form, Path | None] = {"urdf": urdf_path, "mjcf": mjcf_path}
     outputs = [path for path in robots.values() if path is not None]
     outputs += [Path(json_path)] if json_path not in (None, "-") else []
-    check_outputs(outputs, [*inputs, *extra])
+    check_outputs(outputs, [*inputs, *extra], folder)
     table_warnings = data.warnings + (heldout.warnings if heldout is not None and extra else ())
     warn(table_warnings)
     try:

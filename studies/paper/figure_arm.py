@@ -19,10 +19,10 @@ from studies.plots.view import (
     cylinder,
     frame,
     ground,
-    label,
     line,
     plate,
     stage,
+    symbol,
     tube,
 )
 
@@ -103,7 +103,7 @@ def _draw_arm(panel: Axes, view: View, q: Array, origins: Array, points: Array) 
         (shoulder, elbow, "$l_2$", (-13, 6)),
         (elbow, tip, "$l_3$", (-8, -14)),
     ):
-        label(panel, view, 0.5 * (a + b), text, shift, fontsize=12)
+        symbol(panel, view, 0.5 * (a + b), text, shift, fontsize=12)
     dashed: dict[str, Any] = {"color": SOFT, "linestyle": (0, (4, 3)), "lift": 0.5}
     line(panel, view, np.array([shoulder, shoulder + 0.42 * radial]), **dashed)
     reach = (elbow - shoulder) / np.linalg.norm(elbow - shoulder)
@@ -112,11 +112,11 @@ def _draw_arm(panel: Axes, view: View, q: Array, origins: Array, points: Array) 
     axis = -across
     front = np.array([np.cos(-2.2), np.sin(-2.2), 0.0])
     middle = arc(panel, view, base + 0.62 * up, 0.16 * front, up, 2.4, **turn)
-    label(panel, view, middle, "$q_1$", (16, -9), fontsize=12, color=BLUE)
+    symbol(panel, view, middle, "$q_1$", (16, -9), fontsize=12, color=BLUE)
     middle = arc(panel, view, shoulder, 0.30 * radial, axis, q[1], **turn)
-    label(panel, view, middle, "$q_2$", (9, 5), fontsize=12, color=BLUE)
+    symbol(panel, view, middle, "$q_2$", (9, 5), fontsize=12, color=BLUE)
     middle = arc(panel, view, elbow, 0.27 * reach, axis, q[2], **turn)
-    label(panel, view, middle, "$q_3$", (11, 8), fontsize=12, color=BLUE)
+    symbol(panel, view, middle, "$q_3$", (11, 8), fontsize=12, color=BLUE)
     panel.autoscale_view()
 
 
@@ -126,12 +126,12 @@ def _draw_pose(panel: Axes, view: View, tip: Array, points: Array) -> None:
     for j, point in enumerate(points):
         line(panel, view, np.array([tip[:3, 3], point]), lift=0.2, color=SOFT, linestyle=":")
         ball(panel, view, point, 0.010, FAINT)
-        label(
+        symbol(
             panel, view, point, f"$p_{j + 1}$", _outward(view, tip, point), fontsize=11, color=SOFT
         )
     frame(panel, view, tip, 0.075)
-    label(panel, view, tip[:3, 3], r"$p_0,\ \varphi_0$", (-38, 8), fontsize=12)
-    panel.set_title(r"#1: pose $(p_0, \varphi_0)$ computed, 6 numbers a pose")
+    symbol(panel, view, tip[:3, 3], r"$p_0,\ \varphi_0$", (-38, 8), fontsize=12)
+    panel.set_title(r"#1: pose $(p_0, \varphi_0)$ computed, 6 numbers a pose", parse_math=True)
 
 
 def _draw_points(panel: Axes, view: View, tip: Array, points: Array) -> None:
@@ -139,8 +139,8 @@ def _draw_points(panel: Axes, view: View, tip: Array, points: Array) -> None:
     plate(panel, view, points, facecolor=LIGHT, edgecolor=SOFT, linewidth=0.6)
     for j, point in enumerate(points):
         ball(panel, view, point, 0.010, VERMILLION)
-        label(panel, view, point, f"$p_{j + 1}$", _outward(view, tip, point), fontsize=12)
-    panel.set_title("#2: points $(p_1, p_2, p_3)$ as measured, 9 numbers a pose")
+        symbol(panel, view, point, f"$p_{j + 1}$", _outward(view, tip, point), fontsize=12)
+    panel.set_title("#2: points $(p_1, p_2, p_3)$ as measured, 9 numbers a pose", parse_math=True)
 
 
 def _outward(view: View, tip: Array, point: Array) -> tuple[float, float]:

@@ -31,6 +31,7 @@ from studies.plots.view import (
     frame,
     label,
     stage,
+    symbol,
     tube,
 )
 
@@ -59,7 +60,7 @@ def figure_1(cell: Cell) -> Picture:
         surface = marker * (1.0 - _BALL / np.linalg.norm(marker))
         arrow(panel, view, np.zeros(3), surface, lift=0.6, color=PURPLE, linestyle="--")
         ball(panel, view, marker, _BALL, VERMILLION)
-        label(panel, view, marker, f"$p_{{tool}}^{{\\,{name[-1]}}}$", shift, fontsize=12)
+        symbol(panel, view, marker, f"$p_{{tool}}^{{\\,{name[-1]}}}$", shift, fontsize=12)
     panel.autoscale_view()
     caption = (
         "Measurement tool of the cell: flange, and three reflectors at the positions of Table III, "

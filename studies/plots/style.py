@@ -50,6 +50,7 @@ RC: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "posecal",
     "hatch.linewidth": 0.6,
+    "text.parse_math": False,  # a dollar in a name is a dollar
 }
 
 

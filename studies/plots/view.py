@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -91,6 +91,10 @@ def label(
         annotation_clip=False,
         **(look | style),
     )
+
+
+symbol = partial(label, parse_math=True)
+"""A label of ours in mathematical type; names of the user's are never read as mathematics."""
 
 
 def frame(

@@ -442,7 +442,7 @@ REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
         lambda c: c, {"poses": 15, "candidates": 10**9}, "ask for at most"
     ),
     "no candidates": (lambda c: c, {"poses": 15, "candidates": 0}, "too few"),
-    "fewer candidates than poses": (lambda c: c, {"poses": 15, "candidates": 9}, "for 15 poses"),
+    "fewer candidates than poses": (lambda c: c, {"poses": 15, "candidates": 9}, "and 15 are needed"),
     "a rival by approach": (
         lambda c: c,
         {"poses": 15, "discriminate": ("backlash:A3", "transmission_scale:A3")},

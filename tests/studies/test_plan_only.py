@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
 
+from calib import Cell, Poses
+from doe.foresight import foresee, foresight_fields
 from studies.cli import main
 from studies.demo import __file__ as demo_file
 
@@ -74,3 +77,13 @@ def test_faults_end_in_one_line(arguments: tuple[object, ...], said: str) -> Non
     assert done.exit_code == 2
     assert len(done.output.strip().splitlines()) == 1
     assert said in done.output
+
+
+def test_what_no_parameter_shows_alone_is_hidden(kr270: Cell, table_two: Poses) -> None:
+    """A rigid model: of the tip's own frame beside the markers nothing but rounding is left."""
+    effects = ("base", "tool", "stiffness_vs_angle:A2", "joint_compliance:A3,A4")
+    found = foresee(replace(kr270, effects=effects), table_two)
+    entries = foresight_fields(found)["could_not_see"]
+    assert all((e["minimum_detectable"] is None) == bool(e["reason"]) for e in entries)
+    tip = next(e for e in entries if (e["effect"], e["where"]) == ("link_geometry", "tool0"))
+    assert tip["reason"].endswith("move the markers in the same way")

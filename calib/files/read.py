@@ -1,0 +1,65 @@
+"""Open what a user names: a regular file of bearable size, read whole."""
+
+from __future__ import annotations
+
+import math
+import stat
+from pathlib import Path
+
+from calib.errors import InputError
+
+_LONGEST_NAME = 100  # characters
+
+
+def check_file(path: Path, largest: float = math.inf, remedy: str = "check the path") -> None:
+    """Refuse what is no regular file, or larger than so many bytes.
+
+    A pipe or a device may never end, and its content could not be hashed for the result.
+
+    Raises InputError.
+    """
+    try:
+        found = path.stat()
+    except OSError as error:
+        raise InputError(path, "", f"cannot be read ({error.strerror})", remedy) from None
+    except ValueError:  # a NUL, or half a character
+        raise InputError(path, "", "is no name of a file", remedy) from None
+    if stat.S_ISDIR(found.st_mode):
+        raise InputError(path, "", "cannot be read (is a folder)", remedy)
+    if not stat.S_ISREG(found.st_mode):
+        raise InputError(path, "", "is a pipe or a device", "write its content to a file first")
+    if found.st_size > largest:
+        raise InputError(
+            path,
+            "",
+            f"is {found.st_size / 1e6:.0f} MB, too large (at most {largest / 1e6:.0f} MB)",
+            "is it the right file?",
+        )
+
+
+def read_bytes(path: Path, largest: int, remedy: str = "check the path") -> bytes:
+    """The content of a file. Raises InputError."""
+    check_file(path, largest, remedy)
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(path, "", f"cannot be read ({error.strerror})", remedy) from None
+
+
+def read_text(path: Path, largest: int, remedy: str = "check the path") -> str:
+    """The content of a file in UTF-8, without a mark of byte order. Raises InputError."""
+    try:
+        return read_bytes(path, largest, remedy).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(path, "", "is not text in UTF-8", "save it as UTF-8") from None
+
+
+def fault_of_name(name: str) -> str:
+    """What is wrong with the name of a marker, joint, pose or station; empty if nothing is."""
+    if not name:
+        return "is empty"
+    if not name.isprintable():
+        return "holds a character that cannot be printed"
+    if len(name) > _LONGEST_NAME:
+        return f"is longer than {_LONGEST_NAME} characters"
+    return ""

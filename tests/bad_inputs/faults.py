@@ -1,0 +1,354 @@
+"""What users do wrong; what ``posecal`` says to each stands in ``messages.md``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tests.bad_inputs.edits import (
+    Edit,
+    added,
+    column,
+    effects,
+    field,
+    header,
+    line,
+    lines,
+    no_rows_with,
+    swap,
+    whole,
+    without,
+)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A call that must fail, on the files of the demonstration.
+
+    did : what the user did
+    call : words after ``posecal``; file, edit : what was changed before, if anything
+    """
+
+    did: str
+    call: str
+    file: str = ""
+    edit: Edit = str
+
+
+_IDENTIFY = "identify cell.toml measurements.csv"
+
+
+def _in(file: str, call: str, cases: dict[str, Edit]) -> list[Fault]:
+    return [Fault(did, call, file, edit) for did, edit in cases.items()]
+
+
+MEASUREMENTS = _in(
+    "measurements.csv",
+    _IDENTIFY,
+    {
+        "a joint's column is missing": without("A3_deg"),
+        "a joint's column without unit": header("A3_deg", "A3"),
+        "a column of a joint that is not there": header("fx_N", "A7_deg"),
+        "a joint in two units": header("fx_N", "A3_rad"),
+        "approach of one joint alone": column("approach_A1", "1"),
+        "approach of a joint that is not there": column("approach_B1", "1"),
+        "an approach that is no sign": lambda t: field(4, "approach_A2", "2")(_all_approaches(t)),
+        "a point without unit": header("x_mm", "x"),
+        "a point's column is missing": without("z_mm"),
+        "a wrench without unit": header("fz_N", "fz"),
+        "temperature in another unit": column("temperature_K", "293"),
+        "a column misspelt": column("temprature_degC", "20"),
+        "a column twice": header("fx_N", "fy_N"),
+        "no column of poses": header("pose", "point"),
+        "semicolons in place of commas": lambda t: t.replace(",", ";"),
+        "a decimal comma": field(5, "x_mm", '"1,5"'),
+        "a word for a number": field(5, "x_mm", "abc"),
+        "a number of another base": field(5, "x_mm", "0x1F"),
+        "an empty field": field(5, "x_mm", ""),
+        "NaN": field(7, "A2_deg", "nan"),
+        "infinite": field(7, "y_mm", "1e999"),
+        "a point beyond the horizon": field(4, "x_mm", "1e9"),
+        "an angle of 1e300 degrees": field(4, "A1_deg", "1e300"),
+        "a row twice": lambda t: t + t.split("\n")[1] + "\n",
+        "a marker that the cell does not have": field(3, "marker", "m9"),
+        "a marker never measured": no_rows_with(",m3,"),
+        "two joint values in one pose": field(3, "A1_deg", "1.0"),
+        "two temperatures in one pose": lambda t: field(3, "temperature_degC", "21")(
+            column("temperature_degC", "20")(t)
+        ),
+        "a pose without a name": field(3, "pose", ""),
+        "a name with an escape sequence": field(3, "pose", "p\x1b[2J"),
+        "a name of a thousand characters": field(3, "pose", "p" * 1000),
+        "a standard deviation of zero": column("sigma_mm", "0"),
+        "a station without a name": column("station", ""),
+        "fields missing in a row": line(4, lambda r: r.rsplit(",", 1)[0]),
+        "too few poses": lines(10),
+        "an empty file": whole(""),
+        "only a header": lines(1),
+        "an open quote": line(4, lambda r: '"' + r),
+        "a binary file": whole("\0\1\2garbage"),
+        "a table of 5000 columns": whole("pose," + ",".join(map(str, range(5000)))),
+        "a JSON in place of the table": whole('{"a": 1}\n'),
+    },
+)
+
+CELL = _in(
+    "cell.toml",
+    _IDENTIFY,
+    {
+        "malformed TOML": swap("[robot]", "[robot"),
+        "a key twice": swap("schema = 1", "schema = 1\nschema = 1"),
+        "an empty cell": whole(""),
+        "a negative sigma": swap("0.010", "-0.010"),
+        "a sigma of 1e-300": swap("0.010", "1e-300"),
+        "sigma in words": swap("0.010", '"small"'),
+        "a number in quotes": swap("0.010", '"0.01"'),
+        "sigma is NaN": swap("0.010", "nan"),
+        "a maximum permissible error without divisor": swap("0.010", "{ mpe_mm = 0.03 }"),
+        "a unit misspelt": swap("sigma_mm", "sigma_m"),
+        "a table misspelt": swap("[instrument]", "[instrumental]"),
+        "a table in place of a number": swap("mass_kg = 250.0", "mass_kg = { kg = 250 }"),
+        "no instrument": lambda t: t.replace("[instrument]\nsigma_mm = 0.010", "[payload]\n"),
+        "no markers": lambda t: "\n".join(
+            r for r in t.split("\n") if r[:4] not in ("m1 =", "m2 =", "m3 =")
+        ),
+        "a marker of two numbers": swap("[279.2, -16.4, -91.9]", "[279.2, -16.4]"),
+        "a marker beyond reason": swap("[279.2, -16.4, -91.9]", "[1e300, 0, 0]"),
+        "a marker named with a bell": swap("m1 =", '"m\\u0007" ='),
+        "a normal without length": swap(
+            "[279.2, -16.4, -91.9]", "{ position = [1, 2, 3], normal = [0, 0, 0] }"
+        ),
+        "an acceptance of 400 degrees": swap(
+            "[279.2, -16.4, -91.9]", "{ position = [1, 2, 3], acceptance_deg = 400 }"
+        ),
+        "limits reversed": swap("[-140.0, -0.01]", "[0.0, -140.0]"),
+        "limits of no joint": swap("A2 = [-140.0, -0.01]", "B2 = [-1, 1]"),
+        "limits outside the URDF's": swap("[-140.0, -0.01]", "[10, 20]"),
+        "millimetres for a joint that turns": swap("[robot.limits_deg]", "[robot.limits_mm]"),
+        "a negative load": swap("250.0", "-250.0"),
+        "a load that may tilt by 120 degrees": swap(
+            "mass_kg = 250.0", "mass_kg = 250.0\nmax_tilt_deg = 120"
+        ),
+        "another schema": swap("schema = 1", "schema = 2"),
+        "knots of no joint": swap("A2 = [-140.0, -99.85", "B2 = [-140.0, -99.85"),
+        "a knot twice": swap("A2 = [-140.0, -99.85", "A2 = [-140.0, -140.0"),
+        "both count and values of levels": swap(
+            "poses_per_level = 3 }", "poses_per_level = 3, count = 5 }"
+        ),
+        "no pose at a level": swap("poses_per_level = 3 }", "poses_per_level = 0 }"),
+        "an obstacle of no known shape": added('\n[[design.obstacle]]\ntype = "cone"\n'),
+        "a box without size": added('\n[[design.obstacle]]\ntype = "box"\ncenter_mm = [0, 0, 0]\n'),
+        "no effects": effects(),
+        "an unknown effect": effects("base", "backlsh:A2"),
+        "a misspelt effect": effects("joint_complience:A2"),
+        "an effect at no place": effects("joint_compliance:B7"),
+        "an effect twice": effects("joint_compliance:A2,A2"),
+        "a group with a place": effects("geometry:A2"),
+        "an effect that cannot act": effects("base", "tool", "joint_compliance:A1"),
+        "an effect of the base at a joint": effects("base", "base_compliance:A2"),
+        "a link that the tip alone ends": effects("base", "thermal_expansion:A4"),
+        "temperature not measured": effects("base", "thermal_expansion:arm"),
+        "time not measured": effects("base", "base_drift"),
+        "an error of the load of a rigid arm": effects("base", "payload"),
+        "a scale beside free lengths": effects("base", "tool", "geometry", "tracker_scale"),
+        "an off-diagonal compliance": effects("joint_compliance:A2*A3"),
+        "an off-diagonal compliance by name": effects("cross_compliance"),
+        "a URDF that is not there": swap("kr270.urdf", "other.urdf"),
+        "a folder for the URDF": swap('"kr270.urdf"', '"."'),
+        "a device for the URDF": swap('"kr270.urdf"', '"/dev/zero"'),
+        "a name with a NUL": swap("kr270.urdf", "kr\\u0000270.urdf"),
+        "no such link": swap('tip = "tool0"', 'tip = "tool1"'),
+        "the base beyond the tip": swap('base = "base_link"', 'base = "link_6"\n#'),
+        "brackets by the thousand": added("\nx = " + "[" * 3000),
+        "a key of thousands of parts": added("\n" + "a." * 3000 + "a = 1"),
+        "an integer of ten thousand digits": swap("0.010", "1" * 10_000),
+    },
+)
+
+_BOMB = (
+    '<?xml version="1.0"?><!DOCTYPE r [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;">]>'
+    "<robot name='&b;'><link name='base_link'/></robot>"
+)
+_OUTSIDE = (
+    '<?xml version="1.0"?><!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/passwd">]>'
+    "<robot name='arm'><link name='base_link'>&a;</link></robot>"
+)
+_A2 = '<origin xyz="0.35 0 0" rpy="0 0 0"/>'
+
+
+def _joint(name: str, kind: str, parent: str, child: str) -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/></joint>'
+        "</robot>"
+    )
+
+
+URDF = _in(
+    "kr270.urdf",
+    _IDENTIFY,
+    {
+        "not XML": swap("</robot>", "</robo>"),
+        "an entity bomb": whole(_BOMB),
+        "an entity from outside": whole(_OUTSIDE),
+        "a model of another kind": whole("<mujoco/>"),
+        "a xacro": swap("0.35 0 0", "${x} 0 0"),
+        "an empty URDF": whole(""),
+        "an unknown encoding": whole('<?xml version="1.0" encoding="ebcdic-9"?><robot/>'),
+        "elements nested by the hundred": whole(
+            "<robot>" + "<a>" * 300 + "</a>" * 300 + "</robot>"
+        ),
+        "a word in place of a number": swap("0.35 0 0", "0.35 zero 0"),
+        "two numbers in place of three": swap("0.35 0 0", "0.35 0"),
+        "NaN in an origin": swap("0.35 0 0", "0.35 nan 0"),
+        "an origin beyond reason": swap("0.35 0 0", "1e300 0 0"),
+        "an axis without length": swap('xyz="0 0 -1"', 'xyz="0 0 0"'),
+        "a joint that is not supported": swap('type="revolute"', 'type="planar"'),
+        "a joint without a name": swap('<joint name="A1"', "<joint"),
+        "a joint twice": swap('<joint name="A2"', '<joint name="A1"'),
+        "a joint that mimics": swap(_A2, _A2 + '<mimic joint="A1"/>'),
+        "limits of a joint reversed": swap('lower="-2.548181"', 'lower="2.5"'),
+        "a negative mass": swap('value="232"', 'value="-232"'),
+        "a closed loop": swap("</robot>", _joint("bar", "fixed", "base_link", "link_3")),
+        "a branch that moves": swap(
+            "</robot>", '<link name="arm_2"/>' + _joint("B1", "revolute", "link_2", "arm_2")
+        ),
+        "a chain interrupted": swap('<child link="link_4"/>', '<child link="link_9"/>'),
+    },
+)
+
+OTHERS = [
+    Fault("a plan with a pose twice", "compare cell.toml plan.csv", "plan.csv", swap("p02", "p01")),
+    Fault("a plan in place of a cell", "identify plan.csv measurements.csv"),
+    Fault("a plan in place of measurements", "identify cell.toml plan.csv"),
+    Fault("a plan in place of a result", "compare cell.toml plan.csv --values plan.csv"),
+    Fault(
+        "a result of another model",
+        "compare cell.toml plan.csv --values result.json",
+        "cell.toml",
+        swap("joint_compliance:A3,A4,A5,A6", "joint_compliance"),
+    ),
+    Fault(
+        "a result nested by the thousand",
+        "compare cell.toml plan.csv --values result.json",
+        "result.json",
+        whole("[" * 100_000),
+    ),
+    Fault(
+        "a result with NaN",
+        "compare cell.toml plan.csv --values result.json",
+        "result.json",
+        lambda t: t.replace('"value": ', '"value": NaN, "was": ', 1),
+    ),
+    Fault(
+        "targets that are not there",
+        _IDENTIFY,
+        "cell.toml",
+        swap('# targets = "targets.csv"', 'targets = "targets.csv"'),
+    ),
+    Fault(
+        "targets without weight",
+        "design cell.toml --candidates 500",
+        "targets.csv",
+        whole("A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg,weight\n0,-90,90,0,45,0,0\n"),
+    ),
+    Fault(
+        "targets outside the limits",
+        "design cell.toml --candidates 500",
+        "targets.csv",
+        whole("A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg\n0,90,90,0,45,0\n"),
+    ),
+    Fault("a command that is not there", "identfy cell.toml measurements.csv"),
+    Fault("data forgotten", "identify cell.toml"),
+    Fault("an option that is not there", _IDENTIFY + " --hold-out 0.3"),
+    Fault("an option without its value", _IDENTIFY + " --json"),
+    Fault("a cell that is not there", "identify nowhere.toml measurements.csv"),
+    Fault("data that are not there", "identify cell.toml nowhere.csv"),
+    Fault("a folder for the data", "identify cell.toml ."),
+    Fault("a device for the data", "identify cell.toml /dev/null"),
+    Fault("an unknown approach", _IDENTIFY + " --approach poses"),
+    Fault("a hold-out of 150 %", _IDENTIFY + " --holdout 1.5"),
+    Fault("a hold-out of NaN", _IDENTIFY + " --holdout nan"),
+    Fault("a hold-out that is not there", _IDENTIFY + " --holdout held.csv"),
+    Fault("the data as their own hold-out", _IDENTIFY + " --holdout measurements.csv"),
+    Fault("nearly all held out", _IDENTIFY + " --holdout 0.99"),
+    Fault("a negative length", _IDENTIFY + " --approach pose --weighting plain --length-mm -1"),
+    Fault("a length of NaN", _IDENTIFY + " --approach pose --weighting plain --length-mm nan"),
+    Fault("a negative seed", _IDENTIFY + " --seed -1"),
+    Fault("the result over the data", _IDENTIFY + " --json measurements.csv"),
+    Fault("two results in one file", _IDENTIFY + " --json x --urdf x"),
+    Fault("the result into a missing folder", _IDENTIFY + " --json no/folder/result.json"),
+    Fault("the result in place of a folder", _IDENTIFY + " --json figures"),
+    Fault("figures in place of a file", _IDENTIFY + " --figures plan.csv"),
+    Fault("the result onto a full device", _IDENTIFY + " --json /dev/full"),
+    Fault("a plan twice", "compare cell.toml plan.csv plan.csv"),
+    Fault("a negative number of experiments", "compare cell.toml plan.csv --monte-carlo -1"),
+    Fault("no worker", "compare cell.toml plan.csv --workers 0"),
+    Fault("levels not understood", "design cell.toml --levels A2=5"),
+    Fault("levels of no joint", "design cell.toml --levels B2=5x3"),
+    Fault("a level outside the limits", "design cell.toml --levels A2=-140,-57,10x3"),
+    Fault("levels and poses that contradict", "design cell.toml --levels A2=5x3 --poses 16"),
+    Fault("more levels than poses", "design cell.toml --levels A2=5x3 --poses 4"),
+    Fault("too many levels", "design cell.toml --levels A2=999x1"),
+    Fault("an unknown criterion", "design cell.toml --criterion F"),
+    Fault("candidates that are no count", "design cell.toml --candidates -5"),
+    Fault("too few candidates", "design cell.toml --candidates 3"),
+    Fault("candidates beyond the memory", "design cell.toml --candidates 1e11"),
+    Fault("a table of candidates that is not there", "design cell.toml --candidates pool.csv"),
+    Fault(
+        "more poses than candidates",
+        "design cell.toml --candidates 500 --levels A2=2x400",
+    ),
+    Fault(
+        "a million million poses, repeated",
+        "design cell.toml --levels A2=5x1000000000000 --candidates 500 --repeats",
+    ),
+    Fault(
+        "a factor of 1e308",
+        "design cell.toml --criterion c --candidates 500 --of joint_compliance:A6=1e308",
+    ),
+    Fault(
+        "a length of 1e300",
+        _IDENTIFY + " --approach pose --weighting plain --length-mm 1e300",
+    ),
+    Fault(
+        "a million million experiments", "compare cell.toml plan.csv --monte-carlo 1000000000000"
+    ),
+    Fault("one rival alone", "design cell.toml --discriminate joint_compliance:A2"),
+    Fault("a rival misspelt", "design cell.toml --discriminate joint_complience:A1,backlash:A3"),
+    Fault(
+        "a rival that the model contains",
+        "design cell.toml --discriminate joint_compliance:A2,bearing_compliance:A3",
+    ),
+    Fault("a criterion and rivals", "design cell.toml --criterion D --discriminate a:b,c:d"),
+    Fault(
+        "a factor that is none",
+        "design cell.toml --criterion c --candidates 500 --of joint_compliance:A3=x",
+    ),
+    Fault(
+        "a subset for a criterion that takes none",
+        "design cell.toml --candidates 500 --of joint_compliance:A6",
+    ),
+    Fault(
+        "a parameter that is not there",
+        "design cell.toml --criterion Ds --candidates 500 --of backlash:A1",
+    ),
+    Fault("the plan over the cell", "design cell.toml -o cell.toml"),
+    Fault("a hold-out for a plan", "diagnose cell.toml plan.csv --plan-only --holdout 0.3"),
+    Fault("measurements without points diagnosed", "diagnose cell.toml plan.csv"),
+    Fault("a negative number of next poses", "diagnose cell.toml measurements.csv --next -1"),
+    Fault("the demonstration over edited files", "demo .", "cell.toml", added("# mine\n")),
+    Fault("the demonstration in place of a file", "demo plan.csv"),
+]
+
+
+def _all_approaches(table: str) -> str:
+    for k in range(1, 7):
+        table = column(f"approach_A{k}", "1")(table)
+    return table
+
+
+FAULTS = {
+    "measurements.csv": MEASUREMENTS,
+    "cell.toml": CELL,
+    "the URDF": URDF,
+    "other files, and the call": OTHERS,
+}

@@ -1,0 +1,98 @@
+"""Do what a user did wrong, and hear what is said."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import shutil
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from unittest import mock
+
+from studies.cli import run
+from tests.bad_inputs.faults import FAULTS, Fault
+
+
+@dataclass(frozen=True)
+class Heard:
+    """How a call ended: its status, and what it wrote where."""
+
+    status: object
+    out: str
+    err: str
+
+
+def posecal(*words: str) -> Heard:
+    """The command line in this process."""
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        mock.patch.object(sys, "argv", ["posecal", *words]),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        try:
+            run()
+            status: object = None
+        except SystemExit as end:
+            status = end.code
+    return Heard(status, out.getvalue(), err.getvalue())
+
+
+def prepare(folder: Path) -> None:
+    """The files of the demonstration with its results, and an empty folder."""
+    heard = posecal("demo", str(folder))
+    assert not heard.status, heard.err
+    (folder / "figures").mkdir()
+
+
+def committed(fault: Fault, good: Path, folder: Path) -> Heard:
+    """The call of a fault, in a fresh copy of good files."""
+    shutil.copytree(good, folder)
+    if fault.file:
+        path = folder / fault.file
+        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        path.write_text(fault.edit(text), encoding="utf-8")
+        if fault.file == "targets.csv":
+            cell = folder / "cell.toml"
+            cell.write_text(cell.read_text().replace('# targets = "', 'targets = "'))
+    with contextlib.chdir(folder):
+        return posecal(*fault.call.split())
+
+
+def listed() -> str:
+    """Every fault with the line that the user sees, as Markdown tables."""
+    text = f"""# Bad inputs
+
+{sum(map(len, FAULTS.values()))} things that users do wrong on the files of `posecal demo`, and the line
+that `posecal` says to each before it ends with status 2. Made by `python -m tests.bad_inputs`.
+"""
+    with tempfile.TemporaryDirectory() as folder:
+        good = Path(folder) / "good"
+        prepare(good)
+        for section, faults in FAULTS.items():
+            text += f"\n## {section}\n\n| wrong | call | said |\n|---|---|---|\n"
+            for fault in faults:
+                with tempfile.TemporaryDirectory(dir=folder) as own:
+                    heard = committed(fault, good, Path(own) / "cell")
+                text += row(fault, heard.err.strip())
+    return text
+
+
+def row(fault: Fault, said: str) -> str:
+    """A line of the list, without the words of other libraries, which change with their versions."""
+    for words, ours in _FOREIGN:
+        said = re.sub(words, ours, said)
+    cells = (fault.did, f"`posecal {fault.call}`", f"`{said}`")
+    return f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |\n"
+
+
+_FOREIGN = (
+    (r"(is not valid TOML: ).*", r"\1..."),
+    (r"(is not well-formed XML \().*(\); export)", r"\1...\2"),
+    (r"(is no CSV \().*(\); check)", r"\1...\2"),
+    (r"(Invalid value for '[\w-]+'): .*(; see)", r"\1: ...\2"),
+    (r"(No such (?:option|command)).*(; see)", r"\1 ...\2"),
+)

@@ -1,0 +1,244 @@
+"""Every reader with small inputs that it accepts. A new reader is a function and one entry.
+
+A reader takes a folder with the files of the demonstration and the bytes under test.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+import calib
+from calib.build import build, parse_effect
+from calib.files.tables import holds_points, load_plan, load_targets
+from calib.files.urdf import load_urdf
+from calib.files.urdf_out import corrected_urdf
+from calib.files.values import load_values
+from calib.files.write import json_text
+from calib.files.write_tables import measurements_csv
+from doe.levels import levels_of
+from doe.wish import Wish, direction_of, subset_of, with_rivals
+from studies.commands.design import candidates_of, two_effects
+from studies.commands.identify import held_out
+from studies.demo import embedded_cell, embedded_plan, embedded_text, simulated
+
+Read = Callable[[Path, bytes], object]
+
+CELL = embedded_cell()
+DATA = simulated(CELL, embedded_plan(CELL), 0)[0]
+MODEL = build(CELL, DATA.poses).model
+
+
+@dataclass(frozen=True)
+class Reader:
+    """What reads the bytes, and inputs to start from."""
+
+    read: Read
+    seeds: tuple[str, ...]
+
+
+def _file(folder: Path, name: str, content: bytes) -> Path:
+    path = folder / name
+    path.write_bytes(content)
+    return path
+
+
+def cell(folder: Path, content: bytes) -> object:
+    return calib.load_cell(_file(folder, "cell.toml", content))
+
+
+def urdf(folder: Path, content: bytes) -> object:
+    path = _file(folder, "arm.urdf", content)
+    robot = load_urdf(path, "base_link", "tool0")
+    return corrected_urdf(path, robot, np.zeros((robot.dof + 2, 6)), {"m1": np.zeros(3)})
+
+
+def measurements(folder: Path, content: bytes) -> object:
+    return calib.load_measurements(CELL, _file(folder, "data.csv", content))
+
+
+def holdout(folder: Path, content: bytes) -> object:
+    path = _file(folder, "held.csv", content)
+    return held_out(CELL, DATA, str(path), 0, folder / "data.csv")
+
+
+def plan(folder: Path, content: bytes) -> object:
+    path = _file(folder, "plan.csv", content)
+    return holds_points(path), load_plan(CELL, path)
+
+
+def targets(folder: Path, content: bytes) -> object:
+    return load_targets(CELL, _file(folder, "targets.csv", content))
+
+
+def values(folder: Path, content: bytes) -> object:
+    return load_values(_file(folder, "result.json", content), MODEL.parameters)
+
+
+def options(folder: Path, content: bytes) -> object:
+    """``option=text`` as it stands on the command line; the operating system knows no NUL there."""
+    option, _, text = content.decode("utf-8", "surrogateescape").replace("\0", "").partition("=")
+    if option == "levels":
+        return levels_of(CELL, text, None)
+    if option == "discriminate":
+        pair = two_effects(text)
+        return pair and with_rivals(CELL, pair)
+    if option == "candidates":
+        return candidates_of(text)
+    if option == "holdout":
+        return held_out(CELL, DATA, text, 0, folder / "data.csv")
+    if option == "effect":
+        return build(replace(CELL, effects=(text,)), DATA.poses), parse_effect(text)
+    of = tuple(name.strip() for name in text.split(","))
+    if option == "sum":
+        return direction_of(MODEL, Wish(15, "c", of=of))
+    return subset_of(MODEL, Wish(15, "Ds", of=of))
+
+
+def whole(folder: Path, content: bytes) -> object:
+    """Cell and data in one input: what loads must also identify, or say why not."""
+    head, _, table = content.partition(b"\n#----\n")
+    own = calib.load_cell(_file(folder, "cell.toml", head))
+    return calib.identify(own, calib.load_measurements(own, _file(folder, "data.csv", table)))
+
+
+EVERY_KEY = """\
+schema = 1
+name = "every key"
+
+[robot]
+urdf = "kr270.urdf"
+base = "base_link"
+tip = "tool0"
+limits_deg = { A2 = [-140.0, -0.01], A1 = [-90, 90] }
+capsules_mm = { A2 = [{ from = [0, 0, 0], to = [1250, 0, 0], radius = 220 }], tool = [] }
+compensators_mm = { A2 = { before = [-686, 0, 123], after = [185, 0, 0] } }
+
+[markers_mm]
+m1 = [279.2, -16.4, -91.9]
+m2 = { position = [279.2, -25.2, 96.1], normal = [1, 0, 0], acceptance_deg = 30 }
+m3 = [281.8, 130.5, 5.6]
+
+[instrument]
+sigma_mm = { range_mm = 0.003, transverse_mm = 0.004, transverse_mm_per_m = 0.0015 }
+position_mm = [4000, 0, 1500]
+
+[gravity]
+m_s2 = [0, 0, -9.81]
+
+[payload]
+mass_kg = 12.5
+com_mm = [80, 0, 0]
+
+[load]
+mass_kg = 250.0
+com_mm = [300, 0, 150]
+max_tilt_deg = 60
+
+[design]
+poses = 15
+levels = { A2 = { count = 5, poses_per_level = 3, min_separation_deg = 15 } }
+targets = "targets.csv"
+repeats = false
+
+[[design.obstacle]]
+type = "box"
+center_mm = [0, 0, 0]
+size_mm = [1, 2, 3]
+rpy_deg = [0, 45, 0]
+
+[[design.obstacle]]
+type = "sphere"
+center_mm = [0, 0, 0]
+radius_mm = 100
+
+[[design.obstacle]]
+type = "halfspace"
+point_mm = [0, 0, 0]
+normal = [0, 0, -1]
+
+[model]
+effects = ["base", "tool", "geometry", "stiffness_vs_angle:A2", "joint_compliance:A3,A4"]
+knots_deg = { A2 = [-140.0, -56.9, -0.01] }
+"""
+
+SLIDING_ARM = """\
+<?xml version="1.0" encoding="utf-8"?>
+<robot name="arm">
+  <link name="base_link"/>
+  <link name="slide"><inertial><origin xyz="0 0 0.1" rpy="0 0 0"/><mass value="3"/></inertial></link>
+  <link name="tool0"/>
+  <link name="bracket"><inertial><mass value="1e0"/></inertial></link>
+  <joint name="X1" type="prismatic">
+    <parent link="base_link"/><child link="slide"/><axis xyz="1 0 0"/>
+    <limit lower="-1" upper="1" effort="0" velocity="1"/>
+  </joint>
+  <joint name="A2" type="continuous">
+    <origin xyz="0 0 1"/><parent link="slide"/><child link="tool0"/><axis xyz="0 1 0"/>
+  </joint>
+  <joint name="hook" type="fixed"><parent link="slide"/><child link="bracket"/></joint>
+</robot>
+"""
+
+
+def _table(columns: str, *rows: str) -> str:
+    return "\n".join([columns, *rows, ""])
+
+
+_JOINTS = "A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg"
+_AT = ("10,-90,80,5,-30,0", "-20,-45,100,15,30,90")
+_FEW = measurements_csv(CELL, DATA.take([0, 1, 15]))
+_SESSION = _table(
+    f"pose,marker,{_JOINTS},x_m,y_m,z_m,time_s,temperature_degC,station,sigma_mm,"
+    + ",".join(f"approach_A{k}" for k in range(1, 7)),
+    *(
+        f"p{i},m{m},{_AT[i]},1.5,0.{m},1e0,{60 * i},21.5,s{i},0.02,1,-1,0,1,1,1"
+        for i in (0, 1)
+        for m in (1, 2, 3)
+    ),
+)
+_PLANS = (
+    embedded_text("plan.csv"),
+    _table(f"pose,{_JOINTS},fx_N,fz_N,level", *(f"p{i},{_AT[i]},0,-2450,-90" for i in (0, 1))),
+)
+_RESULT = json_text(
+    {
+        "schema": 1,
+        "command": "identify",
+        "parameters": [{"id": p.id, "value": 0.125, "unit": p.unit} for p in MODEL.parameters],
+    }
+)
+_OPTIONS = (
+    "levels=A2=5x3",
+    "levels=A2=-140,-57,-10x3",
+    "discriminate=joint_compliance:A1,bearing_compliance:A3",
+    "candidates=2e3",
+    "holdout=0.3",
+    "effect=joint_compliance:A3,A4",
+    "of=joint_compliance:A6,geometry",
+    f"sum={MODEL.parameters[0].id}=0.5,{MODEL.parameters[-1].id}=-2",
+)
+_RIGID = (
+    embedded_text("cell.toml")
+    .replace('"geometry", ', "")
+    .replace(', "stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6"', ', "joint_offset"')
+)
+_MANY = measurements_csv(CELL, DATA)
+
+READERS: dict[str, Reader] = {
+    "cell": Reader(cell, (EVERY_KEY, embedded_text("cell.toml"))),
+    "urdf": Reader(urdf, (embedded_text("kr270.urdf"), SLIDING_ARM)),
+    "measurements": Reader(measurements, (_FEW, _SESSION)),
+    "holdout": Reader(holdout, (_FEW, _SESSION)),
+    "plan": Reader(plan, _PLANS),
+    "targets": Reader(
+        targets, (*_PLANS, _PLANS[1].replace("level", "weight").replace(",-90\n", ",2\n"))
+    ),
+    "values": Reader(values, (_RESULT, json.dumps(json.loads(_RESULT)))),
+    "options": Reader(options, _OPTIONS),
+    "whole": Reader(whole, (f"{_RIGID}\n#----\n{_MANY}", f"{EVERY_KEY}\n#----\n{_MANY}")),
+}

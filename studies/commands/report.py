@@ -62,11 +62,13 @@ def report(
     heading = title or ("Calibration" if evidence.cell is None else evidence.cell.name)
     try:
         text = page(evidence, heading, told)
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+    except KeyError as error:
         raise InputError(
-            results[0] if len(results) == 1 else "results", "", f"a result is not complete ({error!r})",
-            "write it anew with this version",
-        ) from None  # fmt: skip
+            _which(results), "", f"lacks {error}", "write it anew with this version"
+        ) from None
+    except (TypeError, ValueError, IndexError, AttributeError):
+        what = "holds a field of another form than results have"
+        raise InputError(_which(results), "", what, "write it anew with this version") from None
     fields = {
         **envelope("report", list(results), 0),
         "page": str(page_path),
@@ -74,3 +76,7 @@ def report(
     }
     write_files({page_path: text, **output_texts(json_path, fields)})
     click.echo(f"wrote {page_path}", err=json_path == "-")
+
+
+def _which(results: tuple[Path, ...]) -> str:
+    return str(results[0]) if len(results) == 1 else f"one of {len(results)} results"

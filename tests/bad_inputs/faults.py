@@ -346,9 +346,53 @@ def _all_approaches(table: str) -> str:
     return table
 
 
+_IMPORT = "import points.txt --joints joints.csv --unit mm -o joined.csv"
+_COMPENSATE = "compensate cell.toml result.json aims.csv"
+
+EXPORTS = [
+    Fault("points without a unit", "import points.txt --joints joints.csv -o joined.csv",
+          "points.txt", swap("// in mm\n", "")),
+    Fault("a point twice", _IMPORT, "points.txt", lambda text: text + text.splitlines()[1] + "\n"),
+    Fault("a point without a number", _IMPORT, "points.txt", added("A,p01_free,m1,1.0,2.0\n")),
+    Fault("a pose without joints", _IMPORT, "joints.csv", line(3, lambda _: "")),
+    Fault("joints without a unit", _IMPORT, "joints.csv", header("A3_deg", "A3")),
+    Fault("names by a pattern that fits none", f"{_IMPORT} --names {{pose}}-{{marker}}-{{pose}}"),
+    Fault("markers that the cell lacks", f"{_IMPORT} --cell cell.toml", "points.txt",
+          swap(",m3,", ",m4,")),
+    Fault("no joint file", "import points.txt --joints none.csv --unit mm -o joined.csv"),
+    Fault("the table over the points", "import points.txt --joints joints.csv --unit mm -o points.txt"),
+    Fault("a program in an unknown language", "program cell.toml plan.csv -o plan.mod"),
+    Fault("a program of a plan beyond the limits", "program cell.toml plan.csv -o plan.src", "plan.csv",
+          swap("-140", "-175")),
+]  # fmt: skip
+
+RESULTS = [
+    Fault("compensation from no result", "compensate cell.toml cell.toml aims.csv"),
+    Fault("compensation from a result cut off", _COMPENSATE, "result.json", lambda text: text[:500]),
+    Fault("compensation from a result of an older form", _COMPENSATE, "result.json",
+          swap('"estimate"', '"was"')),
+    Fault("compensation of targets outside the limits", _COMPENSATE, "aims.csv",
+          swap("-140", "-175")),
+    Fault("compensation over the targets", f"{_COMPENSATE} -o aims.csv"),
+    Fault("a report of no result", "report cell.toml"),
+    Fault("a report of a result cut off", "report result.json", "result.json",
+          lambda text: text[:500]),
+    Fault("a report of a result without residuals", "report result.json", "result.json",
+          swap('"residuals"', '"rest"')),
+    Fault("a report of a command that has none", "report result.json", "result.json",
+          swap('"identify"', '"predict"')),
+    Fault("a report of nothing", "report"),
+    Fault("a report over its result", "report result.json -o result.json"),
+    Fault("a goal below zero", "enough cell.toml measurements.csv --plan plan.csv --goal-mm -1"),
+    Fault("no plan to go on with", "enough cell.toml measurements.csv --plan none.csv"),
+    Fault("half a plan without measurements", "enough cell.toml plan.csv --plan plan.csv"),
+]  # fmt: skip
+
 FAULTS = {
     "measurements.csv": MEASUREMENTS,
     "cell.toml": CELL,
     "the URDF": URDF,
     "other files, and the call": OTHERS,
+    "exports and robot programs": EXPORTS,
+    "results that are read again": RESULTS,
 }

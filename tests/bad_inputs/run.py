@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import io
 import re
 import shutil
@@ -14,6 +15,7 @@ from unittest import mock
 
 from studies.cli import run
 from tests.bad_inputs.faults import FAULTS, Fault
+from tests.helpers import measured_cell
 
 
 @dataclass(frozen=True)
@@ -42,10 +44,21 @@ def posecal(*words: str) -> Heard:
 
 
 def prepare(folder: Path) -> None:
-    """The files of the demonstration with its results, and an empty folder."""
-    heard = posecal("demo", str(folder))
+    """A cell, a plan, measurements and a result, an instrument's exports, and an empty folder."""
+    folder.mkdir(exist_ok=True)
+    measured_cell(folder)
+    with contextlib.chdir(folder):
+        heard = posecal("identify", "cell.toml", "measurements.csv", "--json", "result.json")
     assert not heard.status, heard.err
     (folder / "figures").mkdir()
+    header, *rows = csv.reader((folder / "measurements.csv").read_text().splitlines())
+    x = header.index("x_mm")
+    points = [",".join(["A", *row[:2], *row[x : x + 3]]) for row in rows]
+    joints = dict.fromkeys(",".join([row[0], *row[2:x]]) for row in rows)
+    titles = ",".join(["pose", *header[2:x]])
+    (folder / "points.txt").write_text("\n".join(["// in mm", *points, ""]))
+    (folder / "joints.csv").write_text("\n".join([titles, *joints, ""]))
+    (folder / "aims.csv").write_text((folder / "plan.csv").read_text())
 
 
 def committed(fault: Fault, good: Path, folder: Path) -> Heard:
@@ -66,8 +79,8 @@ def listed() -> str:
     """Every fault with the line that the user sees, as Markdown tables."""
     text = f"""# Bad inputs
 
-{sum(map(len, FAULTS.values()))} things that users do wrong on the files of `posecal demo`, and the line
-that `posecal` says to each before it ends with status 2. Made by `python -m tests.bad_inputs`.
+{sum(map(len, FAULTS.values()))} things that users do wrong on a cell, a plan and measurements, and the
+line that `posecal` says to each before it ends with status 2. Made by `python -m tests.bad_inputs`.
 """
     with tempfile.TemporaryDirectory() as folder:
         good = Path(folder) / "good"

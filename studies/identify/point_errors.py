@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from calib.se3 import Array
 
 _MM = 1e3
+_MOST = 3_000_000  # points; a damaged file may name poses and markers that fill any memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +48,15 @@ def point_errors(residuals: Sequence[Mapping[str, Any]], before: str) -> PointEr
     """Arrays from the rows ``residuals`` of a result.
 
     before : key of the errors before: "nominal_mm" of ``identify``, "before_mm" of ``diagnose``
+
+    Raises ValueError for more points than any measurement has.
     """
     held = {row["pose"]: bool(row["heldout"]) for row in residuals}
     poses = {name: i for i, name in enumerate(held)}
     markers = {name: j for j, name in enumerate(dict.fromkeys(r["marker"] for r in residuals))}
     shape = len(poses), len(markers), 3
+    if len(poses) * len(markers) > _MOST:
+        raise ValueError(f"{len(poses)} poses with {len(markers)} markers are too many")
     first, second = np.zeros(shape), np.zeros(shape)
     seen = np.zeros(shape[:2], dtype=bool)
     for row in residuals:

@@ -26,6 +26,6 @@ def report_page(
         return page(evidence, heading, told), evidence.notes
     except KeyError as error:
         raise InputError(which, "", f"lacks {error}", "write it anew with this version") from None
-    except (TypeError, ValueError, IndexError, AttributeError):
+    except (TypeError, ValueError, IndexError, AttributeError, ArithmeticError):
         what = "holds a field of another form than results have"
         raise InputError(which, "", what, "write it anew with this version") from None

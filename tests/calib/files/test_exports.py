@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import time
 from pathlib import Path
 
 import pytest
@@ -188,6 +189,25 @@ def test_a_point_measured_twice_is_refused_with_both_lines(tmp_path: Path) -> No
     joints = read_joints(joint_file(tmp_path, ("P1", "P2")))
     with pytest.raises(InputError, match=r"b.txt: line 1: .*'m1' in line 1 of .*a.txt already"):
         join(lists, joints)
+
+
+@pytest.mark.parametrize(
+    "line", ["=" * 60_000 + "x", "A1 " + "1" * 60_000 + "x", "x{" + " " * 60_000]
+)
+def test_hostile_lines_take_no_time(tmp_path: Path, line: str) -> None:
+    """Minutes, where an expression tries every way to part a line."""
+    path, begun = written(tmp_path, "long.txt", f"{line}\n{line}\n"), time.process_time()
+    for read in (read_points, read_joints):
+        with pytest.raises(InputError):
+            read(path)
+    assert time.process_time() - begun < 2.0
+
+
+@pytest.mark.parametrize("name", ["P1 ", "P1=", "GLOBAL AXIS P1 : ", "DECL GLOBAL E6AXIS P1={"])
+def test_kuka_axis_names(tmp_path: Path, name: str) -> None:
+    end = "}" * name.endswith("{")
+    found = read_joints(written(tmp_path, "axes.txt", f"{name}A1 10.5, A2 -9e1{end}\n"))
+    assert [(row.pose, row.values) for row in found.rows] == [("P1", ("10.5", "-9e1"))]
 
 
 def test_kuka_axis_list(tmp_path: Path) -> None:

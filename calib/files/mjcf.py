@@ -126,6 +126,7 @@ def mjcf_files(path: Path) -> tuple[Path, ...]:
     return read_mjcf(path)[1]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # load_mjcf refuses what is not finite
 def compiled(path: Path, root: Element, base: str, tip: str) -> MjcfChain:
     """The chain of a file, which stays as it is. Raises InputError."""
     tree = chain_of(path, root, base, tip)

@@ -13,7 +13,9 @@ from markupsafe import Markup
 from studies.plots.style import Picture
 
 Cell: TypeAlias = str | float | int | None
-_NUMBER = re.compile(r"^[\s\d.,eE+\-\N{MINUS SIGN}\N{PLUS-MINUS SIGN}%x-]*\d[\s\d.,eE+\-%]*$")
+_NUMBER = re.compile(  # linear in the length of a text, which may be a hostile name
+    r"^(?:[\s.,eE+\N{MINUS SIGN}\N{PLUS-MINUS SIGN}%x-]*\d)+[\s.,eE+\-%]*$"
+)
 _FOLDED = 16  # rows from which on a table is folded
 
 

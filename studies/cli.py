@@ -32,7 +32,7 @@ main.add_command(demo)
 def run() -> None:
     """Entry point: faults in the call end with one line and status 2, as those in files do."""
     try:
-        sys.exit(main(standalone_mode=False))
+        sys.exit(main(prog_name="posecal", standalone_mode=False))
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx is not None else "posecal"
         click.echo(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import functools
-import hashlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
@@ -20,14 +20,22 @@ T = TypeVar("T")
 
 _WIDTH = 120  # of tables in files and pipes
 
+PATH = click.Path(path_type=Path)
+
+cell_argument = click.argument("cell_path", metavar="CELL", type=PATH)
+data_argument = click.argument("data_path", metavar="DATA", type=PATH)
 json_option = click.option(
-    "--json", "json_path", metavar="FILE", help="Write the result as JSON; - for standard output."
+    "--json",
+    "json_path",
+    metavar="FILE",
+    type=click.Path(allow_dash=True),
+    help="Write the result as JSON; - for standard output.",
 )
 figures_option = click.option(
     "--figures",
     "folder",
     metavar="FOLDER",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Write the figures, as SVG and PNG, with their numbers as CSV.",
 )
 seed_option = click.option(
@@ -56,6 +64,26 @@ def one_line_faults(function: Callable[P, T]) -> Callable[P, T]:
     return run
 
 
+def result_options(function: Callable[P, T]) -> Callable[P, T]:
+    """What every command with a result takes, and how it ends: --figures, --json and --seed."""
+    return figures_option(json_option(seed_option(one_line_faults(function))))
+
+
+@contextmanager
+def faults_in(file: Path, *, effects_of: Path | None = None) -> Iterator[None]:
+    """Name the file that a fault of the computation lies in, that of the model's effects apart."""
+    from calib.errors import CalibError, EffectCannotAct, InputError, UnknownEffect
+
+    try:
+        yield
+    except InputError:
+        raise
+    except CalibError as error:
+        if effects_of is not None and isinstance(error, UnknownEffect | EffectCannotAct):
+            raise InputError(effects_of, "model.effects", str(error)) from None
+        raise InputError(file, "", str(error)) from None
+
+
 def envelope(command: str, inputs: list[Path], seed: int) -> dict[str, Any]:
     """Fields that every result carries."""
     from importlib.metadata import version
@@ -71,6 +99,8 @@ def envelope(command: str, inputs: list[Path], seed: int) -> dict[str, Any]:
 
 def sha256(path: Path) -> str:
     """Hash of a file's content."""
+    import hashlib
+
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -85,18 +115,27 @@ def console_for(json_path: str | None) -> Console:
     return console
 
 
+def show(parts: Iterable[Any], json_path: str | None) -> None:
+    """Print tables where they go."""
+    console = console_for(json_path)
+    for part in parts:
+        console.print(part)
+
+
 def warn(messages: tuple[str, ...]) -> None:
     """Print what a reader should know, on standard error."""
     for message in messages:
         click.echo(f"warning: {message}", err=True)
 
 
-def check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
-    """Refuse to write over an input, or two results to one file."""
+def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path]) -> None:
+    """Refuse to write over an input, or two results to one file; None is not written."""
     from calib.errors import InputError
 
     taken = {path.resolve() for path in inputs}
     for path in outputs:
+        if path is None:
+            continue
         if path.resolve() in taken:
             raise InputError(path, "", "is already an input or another output", "name another file")
         taken.add(path.resolve())

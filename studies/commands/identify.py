@@ -8,16 +8,18 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from studies.commands.common import (
+    PATH,
+    cell_argument,
     check_outputs,
-    console_for,
+    data_argument,
     envelope,
+    faults_in,
     figure_files,
-    figures_option,
-    json_option,
-    one_line_faults,
+    output_file,
     output_texts,
+    result_options,
     say_written,
-    seed_option,
+    show,
     warn,
 )
 
@@ -28,8 +30,8 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("cell_path", metavar="CELL", type=click.Path(path_type=Path))
-@click.argument("data_path", metavar="DATA", type=click.Path(path_type=Path))
+@cell_argument
+@data_argument
 @click.option(
     "--holdout",
     metavar="FILE|FRACTION",
@@ -73,13 +75,10 @@ if TYPE_CHECKING:
     "--urdf",
     "urdf_path",
     metavar="OUT",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Write the URDF with the identified geometry and the markers.",
 )
-@figures_option
-@json_option
-@seed_option
-@one_line_faults
+@result_options
 def identify(
     cell_path: Path,
     data_path: Path,
@@ -104,21 +103,19 @@ def identify(
       posecal identify cell.toml measurements.csv --holdout 0.3 --json result.json
     """
     import calib
-    from calib.errors import CalibError, EffectCannotAct, InputError, UnknownEffect
     from calib.files.results import identification_fields
     from calib.files.write import write_files
+    from studies.identify.tables import identification_tables
 
     cell = calib.load_cell(cell_path)
     targets = cell.design["targets"]
     data = calib.load_measurements(cell, data_path)
     inputs = [cell_path, cell.urdf, data_path, *([targets] if targets else [])]
     data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
-    outputs = [urdf_path] if urdf_path is not None else []
-    outputs += [Path(json_path)] if json_path not in (None, "-") else []
-    check_outputs(outputs, [*inputs, *extra])
+    check_outputs([urdf_path, output_file(json_path)], [*inputs, *extra])
     table_warnings = data.warnings + (heldout.warnings if heldout is not None and extra else ())
     warn(table_warnings)
-    try:
+    with faults_in(data_path, effects_of=cell_path):
         result = calib.identify(
             cell,
             data,
@@ -129,12 +126,6 @@ def identify(
             length=length_mm / 1e3,
             differences=differences,
         )
-    except (UnknownEffect, EffectCannotAct) as error:
-        raise InputError(cell_path, "model.effects", str(error)) from None
-    except InputError:
-        raise
-    except CalibError as error:
-        raise InputError(data_path, "", str(error)) from None
     fields = {
         **envelope("identify", [*inputs, *extra], seed),
         "warnings": [*table_warnings, *result.warnings],
@@ -154,7 +145,7 @@ def identify(
 
         texts |= figure_files(pictures(result), folder)
     write_files(texts)
-    _show(cell, result, fields, json_path)
+    show(identification_tables(cell, result, fields), json_path)
     say_written(texts, folder, json_path)
 
 
@@ -225,13 +216,3 @@ def _corrected(cell: Cell, result: Identification) -> str:
         result.model.constant_displacements(result.values),
         dict(zip(names, result.marker_positions, strict=True)),
     )
-
-
-def _show(
-    cell: Cell, result: Identification, fields: dict[str, Any], json_path: str | None
-) -> None:
-    from studies.identify.tables import identification_tables
-
-    console = console_for(json_path)
-    for part in identification_tables(cell, result, fields):
-        console.print(part)

@@ -14,13 +14,6 @@ def run(*arguments: object) -> Result:
     return CliRunner().invoke(main, [str(a) for a in arguments])
 
 
-@pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("demo")
-    assert run("demo", folder).exit_code == 0
-    return folder
-
-
 def test_figures_and_cell_are_written_together(demo: Path, tmp_path: Path) -> None:
     better, figures = tmp_path / "better.toml", tmp_path / "figures"
     done = run(

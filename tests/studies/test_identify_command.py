@@ -15,27 +15,24 @@ from click.testing import CliRunner, Result
 import calib
 from studies.cli import main
 from studies.cli import run as entry_point
+from tests.studies.conftest import Demonstration
 
 
 def run(*arguments: object) -> Result:
     return CliRunner().invoke(main, [str(a) for a in arguments])
 
 
-@pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("demo")
-    done = run("demo", folder)
-    assert done.exit_code == 0, done.output
-    return folder
-
-
-@pytest.fixture(scope="module")
+@pytest.fixture
 def fields(demo: Path) -> dict[str, Any]:
     return json.loads((demo / "result.json").read_text())
 
 
-def test_demo_writes_what_it_names_and_the_next_commands_run(demo: Path) -> None:
+def test_demo_writes_what_it_names_and_the_next_commands_run(
+    demonstration: Demonstration, tmp_path: Path
+) -> None:
+    demo = demonstration.copied(tmp_path / "demo")
     done = run("demo", demo)
+    assert done.output == demonstration.output.replace(str(demonstration.folder), str(demo))
     for name in ("cell.toml", "kr270.urdf", "plan.csv", "measurements.csv", "truth.json"):
         assert (demo / name).exists()
         assert name in done.output
@@ -193,9 +190,8 @@ def test_outputs_never_replace_inputs(demo: Path, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_demo_keeps_what_was_edited(demo: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "mine"
-    assert run("demo", folder).exit_code == 0
+def test_demo_keeps_what_was_edited(demonstration: Demonstration, tmp_path: Path) -> None:
+    folder = demonstration.copied(tmp_path / "mine")
     cell = folder / "cell.toml"
     cell.write_text(cell.read_text() + "# mine\n")
     done = run("demo", folder)

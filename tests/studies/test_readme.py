@@ -15,14 +15,17 @@ from calib.effects import EFFECTS
 from calib.poses import poses_at
 from studies.cli import main
 from studies.demo import embedded_cell
+from tests.studies.conftest import Demonstration
 
 README = (Path(__file__).parent.parent.parent / "README.md").read_text()
 
 
 @pytest.fixture
-def beside_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def beside_the_demo(
+    demonstration: Demonstration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Path:
+    demonstration.copied(tmp_path / "posecal-demo")
     monkeypatch.chdir(tmp_path)
-    assert CliRunner().invoke(main, ["demo"]).exit_code == 0
     return tmp_path
 
 

@@ -124,7 +124,10 @@ def clustered(r: Array, J: Array, span: Array) -> Array:
 
 
 def correlation(cov: Array) -> Array:
-    """Correlation matrix; rows of parameters that were not estimated are zero off the diagonal."""
+    """Correlation matrix, shape (p, p), of the covariance, shape (p, p).
+
+    Rows of parameters that were not estimated are zero off the diagonal.
+    """
     std = np.sqrt(np.diag(cov))
     out = cov / np.where(std == 0.0, 1.0, std)[:, None] / np.where(std == 0.0, 1.0, std)
     np.fill_diagonal(out, 1.0)

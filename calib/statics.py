@@ -73,6 +73,8 @@ _VARYING = ("mass", "mass_moment", "force", "moment", "lever")
 def loads_of(robot: Robot, poses: Poses, payload: Payload, gravity: Array) -> Loads:
     """Gather wrench, payload, hung load and link weights of each pose.
 
+    gravity : ndarray, shape (3,), m/s^2, base axes
+
     Raises nothing: a robot without link masses and poses without wrench give zeros.
     """
     m = len(poses)
@@ -105,7 +107,10 @@ class Transmitted:
     mass_beyond: Array
 
     def with_extra(self, local: Array) -> Transmitted:
-        """The same with a further wrench in local axes, as a spring beside a joint sends."""
+        """The same with a further wrench in local axes, as a spring beside a joint sends.
+
+        local : ndarray, broadcast to the shape of ``self.local``
+        """
         return replace(self, local=self.local + local)
 
 

@@ -9,9 +9,14 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from calib import Cell, Poses
 from studies.demo import embedded_cell, embedded_plan
+
+# How long an example takes says nothing where tests run beside each other.
+settings.register_profile("posecal", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("posecal")
 
 ROOT = Path(__file__).parent.parent
 

@@ -49,7 +49,10 @@ class Residuals:
     limit: float
 
     def lengths(self, poses: NDArray[np.bool_] | None = None) -> Array:
-        """Distances [m] of the visible points of the poses, all of them by default."""
+        """Distances of the visible points, shape (n,), m.
+
+        poses : ndarray of bool, shape (m,), whose points; all by default
+        """
         distance = np.linalg.norm(self.vectors, axis=-1)
         chosen = self.data.seen if poses is None else self.data.seen & poses[:, None]
         return np.asarray(distance[chosen])
@@ -105,7 +108,10 @@ class Identification:
 
     @property
     def optimism(self) -> Array:
-        """Factor by which step 2 alone understates each standard deviation, NaN where it has none."""
+        """Factor by which step 2 alone understates each standard deviation, shape (p,).
+
+        NaN where step 2 has none.
+        """
         return self.std / np.where(self.step_two_std > 0.0, self.step_two_std, np.nan)
 
     def interval(self, level: float = 0.95) -> Array:

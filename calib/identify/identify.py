@@ -157,7 +157,7 @@ def whitening(cell: Cell, model: Model, values: Array, data: Measurements) -> Ar
     """Weights of the points, shape (m, M, 3, 3), 1/m; zero for hidden markers.
 
     The range is from the instrument where the cell says where it stands, else from the origin of
-    the readings.
+    the readings. Raises CalibError where it stands at one place and the data have several stations.
     """
     beams = data.points
     if cell.instrument is not None:
@@ -179,7 +179,10 @@ def residuals(
     statistics: Array | None = None,
     limit: float = np.inf,
 ) -> Residuals:
-    """Measured minus predicted points of a data set."""
+    """Measured minus predicted points of a data set.
+
+    values : ndarray, shape (p,), SI; outlier, statistics : ndarray, shape (m,), of the poses
+    """
     vectors = (data.points - model.predict(values, data.poses)) * data.seen[..., None]
     none = np.zeros(len(data), dtype=bool)
     return Residuals(

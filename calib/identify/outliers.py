@@ -60,7 +60,10 @@ def _mean_squares(r: Array, J: Array, cov: Array, sign: Array) -> tuple[Array, A
 
 
 def threshold(statistics: Array, rows: int) -> float:
-    """Largest value of the statistic that still belongs to the rest."""
+    """Largest value of the statistic that still belongs to the rest; infinite for few poses.
+
+    statistics : ndarray, shape (m,), mean squares of the poses; rows : int, behind each of them
+    """
     from scipy.special import gammaincinv
 
     m = len(statistics)

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -136,15 +136,26 @@ def test_an_interruption_keeps_what_is_done(study: Study, executor: Executor | N
     assert again.trials == 3, "the executor can be used again"
 
 
-def test_blocks_that_run_are_not_waited_for() -> None:
+@pytest.mark.parametrize("held_s", [0.0, 0.3], ids=["at once", "held up"])
+def test_blocks_that_run_are_not_waited_for(held_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor does the thread of the pool fail, if it sees its processes end before it is shut down."""
+    shutdown = ProcessPoolExecutor.shutdown
+
+    def held_up(pool: ProcessPoolExecutor, **options: bool) -> None:
+        time.sleep(held_s)
+        shutdown(pool, **options)
+
+    monkeypatch.setattr(ProcessPoolExecutor, "shutdown", held_up)
     begun, before = time.monotonic(), set(multiprocessing.active_children())
     with engine(workers=2) as pool:
         assert pool is not None
-        for _ in range(5):
-            pool.submit(time.sleep, 60.0)
-        pool.submit(abs, -1).cancel()
+        given = [pool.submit(time.sleep, 60.0) for _ in range(20)]
+        assert wait_until(given[2].running, 10.0), "two at work and one handed on, as ever"
+        for future in given:
+            future.cancel()
     assert time.monotonic() - begun < 20.0
     assert not set(multiprocessing.active_children()) - before
+    assert all(future.done() for future in given)
 
 
 @pytest.fixture

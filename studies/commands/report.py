@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from studies.commands.common import (
+    PATH,
     check_outputs,
     envelope,
     json_option,
@@ -17,10 +18,8 @@ from studies.commands.common import (
 
 
 @click.command()
-@click.argument(
-    "results", metavar="RESULT...", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
-@click.option("-o", "--output", "page_path", metavar="FILE", type=click.Path(path_type=Path),
+@click.argument("results", metavar="RESULT...", nargs=-1, required=True, type=PATH)
+@click.option("-o", "--output", "page_path", metavar="FILE", type=PATH,
               default=Path("report.html"), show_default=True, help="The page.")  # fmt: skip
 @click.option("--title", metavar="TEXT", help="Default: the name of the cell.")
 @click.option("--instrument", metavar="TEXT", help="Model, serial number, certificate.")
@@ -51,8 +50,7 @@ def report(
     from studies.report.evidence import load_evidence
     from studies.report.page import page
 
-    outputs = [path for path in (page_path, output_file(json_path)) if path is not None]
-    check_outputs(outputs, list(results))
+    check_outputs([page_path, output_file(json_path)], results)
     evidence = load_evidence(results)
     told = {
         label: text

@@ -25,7 +25,7 @@ from studies.commands.common import (
 )
 
 
-@click.command()
+@click.command(short_help="How accurate a plan will be, predicted and simulated.")
 @cell_argument
 @click.argument(
     "plan_paths",

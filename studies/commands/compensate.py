@@ -22,7 +22,7 @@ from studies.commands.common import (
 )
 
 
-@click.command()
+@click.command(short_help="Commands that bring the real arm to its targets.")
 @cell_argument
 @click.argument("result_path", metavar="RESULT", type=PATH)
 @click.argument("targets_path", metavar="TARGETS", type=PATH)

@@ -23,7 +23,7 @@ from studies.commands.common import (
 )
 
 
-@click.command()
+@click.command(short_help="Which poses to measure, with a proof of how good.")
 @cell_argument
 @click.option("-o", "--output", "plan_path", metavar="PLAN", type=PATH,
               help="Write the plan as CSV, in the order of measuring.")  # fmt: skip

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from calib import Cell
 
 
-@click.command()
+@click.command(short_help="What the model lacks: where, why, how much.")
 @cell_argument
 @data_argument
 @click.option(

@@ -25,7 +25,7 @@ from studies.commands.common import (
 )
 
 
-@click.command()
+@click.command(short_help="Half-way: are the poses enough, which come next?")
 @cell_argument
 @data_argument
 @click.option("--plan", "plan_path", metavar="PLAN", type=PATH,

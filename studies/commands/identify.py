@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from calib.observations import Approach, Weighting
 
 
-@click.command()
+@click.command(short_help="The model's parameters from measured points.")
 @cell_argument
 @data_argument
 @click.option(

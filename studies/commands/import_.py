@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from calib.files.exports import Joined, JointTable, PointList
 
 
-@click.command("import")
+@click.command("import", short_help="Exports of instrument and controller, as one table.")
 @click.argument("points", metavar="POINTS...", nargs=-1, required=True,
                 type=PATH)  # fmt: skip
 @click.option("--joints", "joints_path", metavar="FILE", required=True,

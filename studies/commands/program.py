@@ -21,7 +21,7 @@ from studies.commands.common import (
 )
 
 
-@click.command()
+@click.command(short_help="A plan as a robot program (KUKA, Universal Robots).")
 @cell_argument
 @click.argument("plan_path", metavar="PLAN", type=PATH)
 @click.option("-o", "--output", "program_path", metavar="FILE", required=True,

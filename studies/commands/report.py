@@ -17,7 +17,7 @@ from studies.commands.common import (
 )
 
 
-@click.command()
+@click.command(short_help="One page of results, to hand on.")
 @click.argument("results", metavar="RESULT...", nargs=-1, required=True, type=PATH)
 @click.option("-o", "--output", "page_path", metavar="FILE", type=PATH,
               default=Path("report.html"), show_default=True, help="The page.")  # fmt: skip

@@ -20,6 +20,8 @@ KINDS = ("design", "plan", "compare", "identify", "diagnose", "compensate", "eno
 
 _SAME_JOINTS = 1e-6  # rad or m
 _MOST_BYTES = 200_000_000
+_LARGEST_NUMBER = 1e30
+_LARGEST_JOINT = 1e6  # rad or m
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,7 @@ def _result(path: Path) -> Result:
         if path.stat().st_size > _MOST_BYTES:
             raise InputError(path, "", "is larger than any result", "name a result of posecal")
         fields = json.loads(path.read_text(encoding="utf-8"))
+        _check_numbers(fields)
         command, inputs = fields["command"], fields["inputs"]
         kind = "plan" if command == "diagnose" and fields.get("plan_only") else str(command)
         found = tuple(_input(path, str(entry["file"]), str(entry["sha256"])) for entry in inputs)
@@ -115,6 +118,19 @@ def _result(path: Path) -> Result:
             "design, compare, identify, diagnose, compensate or enough",
         )  # fmt: skip
     return Result(path, kind, fields, found)
+
+
+def _check_numbers(fields: Any) -> None:
+    """Raise ValueError for a number that no result holds: not finite, or beyond all that is drawn."""
+    pending = [fields]
+    while pending:
+        entry = pending.pop()
+        if isinstance(entry, dict):
+            pending += entry.values()
+        elif isinstance(entry, list):
+            pending += entry
+        elif isinstance(entry, int | float) and not abs(entry) < _LARGEST_NUMBER:
+            raise ValueError
 
 
 def _input(result: Path, file: str, digest: str) -> Input:
@@ -165,7 +181,10 @@ def plan_poses(cell: Cell, result: Result) -> Poses:
         rows.append([float(values[name]) for name in robot.joints])
     scale = np.where(robot.prismatic, 1e-3, np.pi / 180.0)
     names = [str(pose["pose"]) for pose in result.fields["poses"]]
-    return poses_at(np.array(rows).reshape(len(rows), robot.dof) * scale, names)
+    q = np.array(rows).reshape(len(rows), robot.dof) * scale
+    if not (np.abs(q) < _LARGEST_JOINT).all():
+        raise ValueError
+    return poses_at(q, names)
 
 
 def shared_names(sets: Sequence[Poses]) -> dict[str, str]:

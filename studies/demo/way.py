@@ -15,9 +15,10 @@ import click
 
 from calib import load_cell, load_plan
 from calib.errors import CalibError, InputError
+from calib.files.read import sha256
 from calib.files.write import json_text, write_files
 from calib.files.write_tables import measurements_csv
-from studies.commands.common import envelope, sha256
+from studies.commands.common import envelope
 from studies.commands.compare import compare
 from studies.commands.design import design
 from studies.commands.diagnose import diagnose

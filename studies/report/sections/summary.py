@@ -7,8 +7,9 @@ from typing import Any
 
 from studies.diagnose.tables import verdict_sentence
 from studies.report.bars import Bar, bars
-from studies.report.evidence import Evidence
+from studies.report.evidence import Evidence, Result
 from studies.report.parts import Section, Text, listed
+from studies.report.sections.plan import certificate, size
 
 
 def summary(evidence: Evidence) -> Section:
@@ -37,6 +38,8 @@ def _bars(evidence: Evidence) -> Iterator[Bar]:
         if rms["heldout"] is not None:
             yield Bar("identified model, at poses it never saw", rms["heldout"], "good")
         noise = 3.0**0.5 * identified.fields["noise"]["believed_sigma_mm"]
+    if identified is not None and diagnosed is not None and not _same_data(identified, diagnosed):
+        diagnosed = None
     if diagnosed is not None and diagnosed.fields["effects"]:
         gap = diagnosed.fields["gap"]
         held = gap["heldout_after_mm"]
@@ -47,6 +50,12 @@ def _bars(evidence: Evidence) -> Iterator[Bar]:
         noise = gap["floor_mm"]
     if noise is not None:
         yield Bar("the instrument's noise alone", noise, "floor")
+
+
+def _same_data(first: Result, second: Result) -> bool:
+    """Whether two results are of the same cell, robot and table."""
+    inputs = [{entry.sha256 for entry in result.inputs} for result in (first, second)]
+    return inputs[0] <= inputs[1] or inputs[1] <= inputs[0]
 
 
 def _next(evidence: Evidence) -> Iterator[Text]:
@@ -72,8 +81,8 @@ _AFTER = {
     "no_gap": "nothing is missing that these data could show; posecal compensate uses the model.",
     "explained": "put the found effects into the model (posecal diagnose --cell-out) and identify "
     "again; posecal compensate then uses them.",
-    "ambiguous": "measure the poses listed below, which tell the causes apart.",
-    "unknown": "look at the places listed below: the cause is there, and in no catalogue.",
+    "ambiguous": "posecal diagnose --next chooses poses that tell the causes apart.",
+    "unknown": "look at the arm where the gap sits; what is there is in no catalogue.",
 }
 
 
@@ -112,21 +121,19 @@ def _diagnose(fields: Mapping[str, Any]) -> Iterator[Text]:
     sentence, closed = verdict_sentence(dict(fields)), fields["gap"]["closed"]
     good = fields["verdict"] in ("no_gap", "explained")
     proof = ""
-    if closed and fields["effects"]:
-        proof = f" At poses that the choice never saw, {100.0 * closed:.0f} % of the gap is gone."
+    if closed is not None and fields["effects"]:
+        proof = (
+            f" At poses that the choice never saw, {100.0 * closed:.0f} % of the gap is gone."
+            if closed > 0.0
+            else " At poses that the choice never saw, the error did not shrink."
+        )
     yield Text(f"{sentence[0].upper()}{sentence[1:]}.{proof}", "good" if good else "warn")
 
 
 def _design(fields: Mapping[str, Any]) -> Iterator[Text]:
-    share = 100.0 * fields["efficiency"]
-    proof = (
-        "no plan from the candidates is better"
-        if fields["proof"]["proved_optimal"]
-        else f"proved to reach at least {share:.0f} % of what any plan of this size could"
-    )
     yield Text(
-        f"The plan has {len(fields['poses'])} poses for {len(fields['predicted_std'])} parameters: "
-        f"{proof} (criterion {fields['criterion']}). Expected after measuring: "
+        f"The plan has {size(fields)}, for {len(fields['predicted_std'])} parameters, chosen by "
+        f"criterion {fields['criterion']}. {certificate(fields)} Expected after measuring: "
         f"{_mm(fields['task_rms_mm'])}.",
         "good",
     )
@@ -164,10 +171,14 @@ def _mm(value: float | None) -> str:
 
 def _enough(fields: Mapping[str, Any]) -> Iterator[Text]:
     plan = fields["plan"]
-    yield Text(
-        f"{plan['measured']} of {plan['poses']} planned poses are measured; expected now "
-        f"{_mm(fields['now']['task_rms_mm'])}, at the end {_mm(fields['end']['task_rms_mm'])}."
-    )
+    now, end = (_mm(fields[key]["task_rms_mm"]) for key in ("now", "end"))
+    if plan["poses"]:
+        yield Text(
+            f"{plan['measured']} of {plan['poses']} planned poses are measured; expected now {now}, at "
+            f"the end {end}."
+        )
+    else:
+        yield Text(f"Expected after the {fields['now']['readings']} readings so far: {now}.")
 
 
 def _compensate(fields: Mapping[str, Any]) -> Iterator[Text]:
@@ -175,7 +186,7 @@ def _compensate(fields: Mapping[str, Any]) -> Iterator[Text]:
     yield Text(
         f"Nominal commands miss {len(fields['targets'])} targets by {_mm(rms['before'])}; corrected "
         f"ones are expected to miss them by {_mm(rms['expected'])}.",
-        "good",
+        "good" if rms["expected"] < rms["before"] else "warn",
     )
 
 

@@ -88,6 +88,22 @@ class Evidence:
         """The first result of a kind."""
         return next(iter(self.of(kind)), None)
 
+    @property
+    def mixed(self) -> tuple[str, ...]:
+        """Warnings of files that are not the same in all results."""
+        known: dict[str, tuple[str, Path]] = {}
+        found = []
+        for result in self.results:
+            for entry in result.inputs:
+                name = Path(entry.file).name
+                digest, first = known.setdefault(name, (entry.sha256, result.path))
+                if digest != entry.sha256:
+                    found.append(
+                        f"{name} is another file in {result.path.name} than in {first.name}: their "
+                        "figures do not belong together."
+                    )
+        return tuple(dict.fromkeys(found))
+
     @cached_property
     def lit(self) -> dict[Path, dict[str, str]]:
         """For each result the name under which a pose is lit: poses of equal joints share it."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from studies.diagnose.pictures import pictures
-from studies.diagnose.tables import percent, verdict_sentence
+from studies.diagnose.tables import loud, percent, verdict_sentence
 from studies.report.evidence import Evidence, Result
 from studies.report.parts import Figure, Part, Section, Table, Text, folded, joint_columns, shown
 
@@ -25,7 +25,7 @@ def diagnosis(evidence: Evidence, result: Result) -> Section:
 
 def _parts(fields: dict[str, Any]) -> Iterator[Part]:
     sentence = verdict_sentence(fields)
-    good = fields["verdict"] in ("no_gap", "explained")
+    good = fields["verdict"] in ("no_gap", "explained") and not loud(fields["noise"])
     yield Text(
         f"{sentence[0].upper()}{sentence[1:]}. {_MEANS[fields['verdict']]}",
         "good" if good else "warn",

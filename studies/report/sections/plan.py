@@ -33,7 +33,7 @@ def _parts(fields: Mapping[str, Any]) -> Iterator[Part]:
 
 def certificate(fields: Mapping[str, Any]) -> str:
     """The proof as a sentence."""
-    squared = " of the squared RMS" if fields["criterion"].startswith("task") else ""
+    squared = " (of the squared RMS)" if fields["criterion"].startswith("task") else ""
     if fields["proof"]["proved_optimal"]:
         return "No plan from these candidates is better: proved by branch and bound."
     share = math.floor(fields["efficiency"] * 1e3) / 10.0

@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.covariance import ignorance
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.screen import refuted
 from calib.diagnosis.stage import Fit
@@ -76,7 +77,7 @@ def _identified(result: Identification) -> Estimate:
     return Estimate(
         model,
         values,
-        cov + _ignorance(model, values, fitted, lost),
+        result.knowledge,
         fitted.poses.start,
         rest,
         _names(model, lost),
@@ -102,7 +103,7 @@ def _diagnosed(result: Diagnosis) -> Estimate:
     return Estimate(
         model,
         values,
-        cov + _ignorance(model, values, fitted, lost),
+        cov + ignorance(fit.equations[1], fit.span, model.sizes, lost),
         result.data.poses.start,
         rest,
         _names(model, lost),
@@ -135,23 +136,6 @@ def _scale(fit: Fit) -> float:
 
 def _names(model: Model, chosen: Mask) -> tuple[str, ...]:
     return tuple(p.id for p, own in zip(model.parameters, chosen, strict=True) if own)
-
-
-def _ignorance(model: Model, values: Array, data: Measurements, lost: Mask) -> Array:
-    """Covariance (p, p) from parameters that were not estimated, at their plausible sizes.
-
-    An error in one of them went into the others as far as those move the markers alike: what a column
-    that others absorb whole adds here moves nothing.
-    """
-    if not lost.any():
-        return np.zeros((len(lost), len(lost)))
-    _, J = model.jacobian(values, data.poses)
-    scaled = J[data.seen].reshape(-1, len(lost)) * model.sizes
-    V = np.zeros((len(lost), int(lost.sum())))
-    V[lost] = np.eye(V.shape[1])
-    V[~lost] = -np.linalg.lstsq(scaled[:, ~lost], scaled[:, lost], rcond=None)[0]
-    V *= model.sizes[:, None]
-    return np.asarray(V @ V.T)
 
 
 def _shares(model: Model, values: Array, cov: Array, data: Measurements) -> tuple[Array, Array]:

@@ -13,8 +13,8 @@ import calib
 from calib import CalibError, Cell, Poses
 from calib.build import build
 from calib.compensate import Compensation
-from calib.covariance import errors_at
-from calib.estimate import Estimate, Unexplained, _ignorance, estimate_of
+from calib.covariance import errors_at, ignorance
+from calib.estimate import Estimate, Unexplained, estimate_of
 from calib.inverse import tip_of
 from calib.kinematics import forward
 from calib.poses import poses_at
@@ -272,7 +272,9 @@ def test_what_was_not_identified_counts_only_where_it_shows() -> None:
     values = np.zeros(len(model.parameters))
     data = simulate(model, values, poses_at(still), cell.noise, rng)
     lost = np.array([p.effect == "joint_offset" for p in model.parameters])
-    cov = _ignorance(model, values, data, lost)
+    _, J = model.jacobian(values, data.poses)
+    span = np.eye(len(lost))[:, ~lost]
+    cov = ignorance(J.reshape(-1, len(lost)), span, model.sizes, lost)
     elsewhere = still.copy()
     elsewhere[:, 3:] = -1.0
     here, there = (errors_at(model, values, cov, poses_at(q)) for q in (still, elsewhere))

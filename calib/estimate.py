@@ -25,7 +25,8 @@ Mask: TypeAlias = NDArray[np.bool_]
 class Unexplained:
     """3-D RMS per point [m] of what the model leaves beside noise and its parameters' uncertainty.
 
-    source : "held-out poses", else "fitted poses"
+    source : "held-out poses", every one of them, those that stand out too: nothing shows that targets
+        are better; else "fitted poses", less the outliers
     """
 
     rms: float
@@ -70,10 +71,10 @@ def _identified(result: Identification) -> Estimate:
     if noise.source == "residual":  # that is what is to be explained
         sigma = noise.believed * (noise.replicate_factor or 1.0)
     held = result.heldout
-    if held is None or not held.data.seen[~held.outlier].any():
+    if held is None or not held.data.seen.any():
         rest = _left_in_fit(model, values, cov, fitted, sigma, result.rank)
     else:
-        rest = _left_held_out(model, values, cov, held.data.take(~held.outlier), sigma)
+        rest = _left_held_out(model, values, cov, held.data, sigma)
     return Estimate(
         model,
         values,
@@ -96,7 +97,7 @@ def _diagnosed(result: Diagnosis) -> Estimate:
     fitted = result.data.take(~result.stage.dropped)
     lost = np.diag(cov) <= 0.0
     sigma = result.noise.sigma / result.scale
-    if result.heldout is None:
+    if result.heldout is None or not result.heldout.seen.any():
         rest = _left_in_fit(model, values, cov, fitted, sigma, fit.span.shape[1])
     else:
         rest = _left_held_out(model, values, cov, result.heldout, sigma)

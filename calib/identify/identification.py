@@ -64,6 +64,8 @@ class Identification:
 
     model : Model; values : ndarray, shape (p,), SI, in the order of ``model.parameters``
     covariance : ndarray, shape (p, p), SI, base and tool included; zero for what was not estimated
+    ignorance : ndarray, shape (p, p), SI, what values that were not estimated add to it, at their
+        plausible sizes (:func:`calib.covariance.ignorance`)
     unidentifiable : tuple of Unidentifiable, what the poses do not determine
     absorbed : tuple of Dropped, constants that others stand for at any pose
     unused : tuple of str, poses whose markers are too few for approach pose
@@ -79,6 +81,7 @@ class Identification:
     model: Model
     values: Array
     covariance: Array
+    ignorance: Array
     status: Status
     approach: Approach
     method: Method
@@ -160,10 +163,8 @@ class Identification:
 
     @property
     def knowledge(self) -> Array:
-        """Covariance with a plausible size as the ignorance of what was not estimated, (p, p), SI."""
-        lost = {name for entry in self.unidentifiable for name in entry.names}
-        unknown = [p.size**2 if p.id in lost else 0.0 for p in self.model.parameters]
-        return self.covariance + np.diag(unknown)
+        """Covariance of all values, those that were not estimated included, shape (p, p), SI."""
+        return self.covariance + self.ignorance
 
     def predict(self, poses: Poses) -> Array:
         """Readings at other poses, shape (m, M, 3), m, by the model as fitted: the same knots."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.build import build, lacking, refuse_idle_effects
 from calib.cell import Cell
-from calib.covariance import clustered, covariance
+from calib.covariance import clustered, covariance, ignorance
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.errors import CalibError, TooFewPoses
@@ -102,6 +102,9 @@ def identify(
         model=model,
         values=values,
         covariance=stated * noise.factor**2,
+        ignorance=ignorance(
+            counted.flat(values)[1], found.span, model.sizes, np.diag(stated) <= 0.0
+        ),
         status=_status(found),
         approach=approach,
         method=method,

@@ -28,7 +28,8 @@ def summary(evidence: Evidence) -> Section:
 
 _FALL = (
     "Distance between measured and predicted points, RMS [mm]. At the poses of the fit it may lie "
-    "below the noise, of which the parameters take up a part; poses never seen show what holds elsewhere."
+    "below the noise, of which the parameters take up a part; poses never seen show what "
+    "holds elsewhere."
 )
 
 

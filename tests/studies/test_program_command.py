@@ -81,24 +81,41 @@ def test_a_cell_without_load_has_one_stop_a_pose(folder: Path) -> None:
     assert "hang" not in text
 
 
-HOSTILE = 'p"); halt()\nHALT\r\nPTP {A1 0}\u2028; $OV_PRO=100 \\" &<>\x7f\x1b[2J'
+PRINTED = 'p"); halt() PTP {A1 0}; $OV_PRO=100 \\" &<>#'
+HOSTILE = f"{PRINTED}\nHALT\r\nPTP {{A1 0}}\u2028\x7f\x1b[2J"
+
+
+def code(text: str) -> list[str]:
+    """The lines without comments and without the text of popups."""
+    lines = [re.split(r"[;#]", line)[0].rstrip() for line in text.splitlines()]
+    return [re.sub(r'popup\("[^"\\]*"', "popup(", line) for line in lines]
 
 
 @pytest.mark.parametrize("ending", LANGUAGES)
-def test_a_name_cannot_become_code(folder: Path, ending: str) -> None:
+@pytest.mark.parametrize("name", [PRINTED, HOSTILE])
+def test_a_name_cannot_become_code(folder: Path, ending: str, name: str) -> None:
+    cell = calib.load_cell(folder / "cell.toml")
+    plan = calib.load_plan(cell, folder / "plan.csv")
+    evil = replace(plan, names=(name, *plan.names[1:]))
+    plain, other = (
+        LANGUAGES[ending]("p", cell, plan_stops(cell, poses, "plan.csv"), ()).text
+        for poses in (plan, evil)
+    )
+    assert other != plain
+    assert other.isascii()
+    assert code(other) == code(plain)
+
+
+def test_names_in_tables(folder: Path) -> None:
+    """What can be printed gets into a program as it may, what cannot is refused."""
     rows = [*csv.reader((folder / "plan.csv").read_text().splitlines())]
-    texts = []
-    for name in ("plain", HOSTILE):
+    for name, status in ((PRINTED, 0), (HOSTILE, 2)):
         rows[1][0] = name
         with (folder / "evil.csv").open("w", newline="") as file:
             csv.writer(file).writerows(rows)
-        out = folder / f"p{ending}"
-        done = run(folder / "cell.toml", folder / "evil.csv", "-o", out)
-        assert done.exit_code == 0, done.output
-        code = [re.split(r"[;#]", line)[0].rstrip() for line in out.read_text().splitlines()]
-        texts.append([re.sub(r'popup\("[^"\\]*"', "popup(", line) for line in code])
-        assert out.read_text().isascii()
-    assert texts[0] == texts[1]
+        done = run(folder / "cell.toml", folder / "evil.csv", "-o", folder / "p.src")
+        assert done.exit_code == status, done.output
+    assert "holds a character that cannot be printed" in done.output
 
 
 def test_file_names_become_identifiers() -> None:

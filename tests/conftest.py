@@ -8,6 +8,7 @@ from pathlib import Path
 # Small matrices: threads of the linear algebra cost more than they give, most on a busy machine.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -31,6 +32,12 @@ def data() -> Path:
     if not data_folder().is_dir():
         pytest.skip("real measurements are absent (POSECAL_DATA)")
     return data_folder()
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """Draws that are the same in whatever order the tests run."""
+    return np.random.default_rng(1)
 
 
 @pytest.fixture(scope="session")

@@ -173,7 +173,8 @@ def _with_only(effect: Effect, names: list[str]) -> Effect:
 def _changed(cell: Cell, path: Path, result: dict[str, Any]) -> list[str]:
     """Notes on files of the cell that are not those that the result was made from."""
     inputs = result.get("inputs")
-    known = {i.get("sha256") for i in inputs or () if isinstance(i, dict)} if inputs else set()
+    named = inputs if isinstance(inputs, list) else []
+    known = [i.get("sha256") for i in named if isinstance(i, dict)]
     return [
         f"{file} changed since {path} was written: its values hold for the cell as it was"
         for file in (cell.path, *cell.robot_files)

@@ -15,7 +15,7 @@ from calib.errors import InputError
 from calib.files.in_mujoco import mujoco_for
 from calib.files.mjcf_mesh import mesh_files
 from calib.files.mjcf_strip import strip
-from calib.files.mjcf_tree import Chain, chain_of, label, read_mjcf
+from calib.files.mjcf_tree import Chain, chain_of, joints_of, label, read_mjcf
 from calib.robot import Robot
 from calib.se3 import Array, rotate, so3_about, transform
 
@@ -137,10 +137,12 @@ def compiled(path: Path, root: Element, base: str, tip: str) -> MjcfChain:
     with mujoco_for(path) as mujoco:
         text = ElementTree.tostring(part, encoding="unicode")
         model = mujoco.MjModel.from_xml_string(text, meshes)
+    if not any(joints_of(body) for body in tree.bodies):
+        raise InputError(path, "", "the chain has no moving joint", "check [robot] base and tip")
     own = [model.body(element.get("name")).id for element in stripped.bodies]
     carriers = _carriers(model, own)
     site = None if tree.site is None else model.site(tip)
-    found = MjcfChain(
+    return MjcfChain(
         tree,
         [
             MjcfBody(
@@ -164,9 +166,6 @@ def compiled(path: Path, root: Element, base: str, tip: str) -> MjcfChain:
             for f, name in frames.items()
         },
     )
-    if not any(body.joints for body in found.bodies):
-        raise InputError(path, "", "the chain has no moving joint", "check [robot] base and tip")
-    return found
 
 
 def _carriers(model: Any, own: list[int]) -> dict[int, tuple[int, Array]]:

@@ -33,6 +33,7 @@ from calib.poses import Measurements
 from calib.se3 import Array, rotate
 from calib.threads import one_blas_thread
 
+_FAR = 100.0  # arm lengths between points, beyond which a unit is wrong
 _POSES_PER_DIRECTION = 3  # fewer do not tell how poses scatter
 
 
@@ -146,8 +147,15 @@ def check_counts(model: Model, data: Measurements) -> None:
     A reading of M markers fixes at most 3, 5 or 6 rigid coordinates (M = 1, 2, more); the shape of
     the marker set is common to all readings.
 
-    Raises TooFewPoses with the number that is needed.
+    Raises TooFewPoses with the number that is needed, CalibError for points that no arm of this size
+    could have reached.
     """
+    spread = float(np.ptp(data.points[data.seen], axis=0).max(initial=0.0))
+    if spread > _FAR * model.robot.reach:
+        raise CalibError(
+            f"the points lie {spread:.0f} m apart and the arm is {model.robot.reach:.1f} m long; check "
+            "the units of the points' columns and of the robot's file"
+        )
     p, markers = len(model.parameters), data.seen.shape[1]
     rigid = {1: 3, 2: 5}.get(markers, 6)
     shape = 3 * markers - rigid if len(model.where(Tool)) else 0

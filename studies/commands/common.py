@@ -89,6 +89,8 @@ def envelope(command: str, inputs: list[Path], seed: int) -> dict[str, Any]:
     """Fields that every result carries."""
     from importlib.metadata import version
 
+    from calib.files.read import sha256
+
     return {
         "schema": 1,
         "command": command,
@@ -96,14 +98,6 @@ def envelope(command: str, inputs: list[Path], seed: int) -> dict[str, Any]:
         "seed": seed,
         "inputs": [{"file": str(path), "sha256": sha256(path)} for path in inputs],
     }
-
-
-def sha256(path: Path) -> str:
-    """Hash of a file's content."""
-    import hashlib
-
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def console_for(json_path: str | None) -> Console:

@@ -31,6 +31,7 @@ from studies.commands.common import (
 @click.option(
     "--criterion",
     metavar="NAME",
+    shell_complete=lambda *given: _criteria(given[-1]),
     default="task",
     show_default=True,
     help="Made best. task: error left at the targets (task-worst: at the worst); A: mean variance; "
@@ -190,6 +191,13 @@ def two_effects(text: str | None) -> tuple[str, str] | None:
             "--discriminate", "", f"{text!r} is not two effects", "write EFFECT:WHERE,EFFECT:WHERE"
         )
     return parts[0], parts[1]
+
+
+def _criteria(begun: str) -> list[str]:
+    """Criteria for the completion of the shell, those of installed packages too."""
+    from doe.criteria import UNASKED, catalogue
+
+    return [name for name in catalogue() if name.startswith(begun) and name != UNASKED]
 
 
 def _progress() -> Any:

@@ -16,7 +16,6 @@ from studies.commands.common import (
     output_file,
     output_texts,
     say_written,
-    sha256,
     show,
 )
 
@@ -41,6 +40,7 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
     """
     import calib
     from calib.errors import InputError
+    from calib.files.read import sha256
     from calib.files.write import write_files
     from studies.programs import LANGUAGES, plan_stops
     from studies.programs.stops import plain_text

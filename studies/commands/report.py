@@ -45,36 +45,16 @@ def report(
     Example:
       posecal report identified.json diagnosis.json -o report.html --operator "A. Klimchik"
     """
-    from calib.errors import InputError
     from calib.files.write import write_files
-    from studies.report.evidence import load_evidence
-    from studies.report.page import page
+    from studies.report.make import report_page
 
     check_outputs([page_path, output_file(json_path)], results)
-    evidence = load_evidence(results)
     told = {
         label: text
         for label, text in (("instrument", instrument), ("operator", operator), ("measured", date))
         if text
     }
-    heading = title or ("Calibration" if evidence.cell is None else evidence.cell.name)
-    try:
-        text = page(evidence, heading, told)
-    except KeyError as error:
-        raise InputError(
-            _which(results), "", f"lacks {error}", "write it anew with this version"
-        ) from None
-    except (TypeError, ValueError, IndexError, AttributeError):
-        what = "holds a field of another form than results have"
-        raise InputError(_which(results), "", what, "write it anew with this version") from None
-    fields = {
-        **envelope("report", list(results), 0),
-        "page": str(page_path),
-        "notes": evidence.notes,
-    }
+    text, notes = report_page(results, title, told)
+    fields = {**envelope("report", list(results), 0), "page": str(page_path), "notes": notes}
     write_files({page_path: text, **output_texts(json_path, fields)})
     click.echo(f"wrote {page_path}", err=json_path == "-")
-
-
-def _which(results: tuple[Path, ...]) -> str:
-    return str(results[0]) if len(results) == 1 else f"one of {len(results)} results"

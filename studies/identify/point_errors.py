@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 
 from calib.se3 import Array
 
+HELD_OUT = " (held out)"
+"""After the name of a held-out pose that is called as a fitted one."""
+
 _MM = 1e3
+_MOST_POINTS = 10_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,18 +51,26 @@ def point_errors(residuals: Sequence[Mapping[str, Any]], before: str) -> PointEr
     """Arrays from the rows ``residuals`` of a result.
 
     before : key of the errors before: "nominal_mm" of ``identify``, "before_mm" of ``diagnose``
+
+    Raises ValueError for more poses and markers than rows could be of.
     """
-    held = {row["pose"]: bool(row["heldout"]) for row in residuals}
-    poses = {name: i for i, name in enumerate(held)}
+    poses = {key: i for i, key in enumerate(dict.fromkeys(map(_pose, residuals)))}
     markers = {name: j for j, name in enumerate(dict.fromkeys(r["marker"] for r in residuals))}
+    if len(poses) * len(markers) > _MOST_POINTS:
+        raise ValueError
     shape = len(poses), len(markers), 3
     first, second = np.zeros(shape), np.zeros(shape)
     seen = np.zeros(shape[:2], dtype=bool)
     for row in residuals:
-        at = poses[row["pose"]], markers[row["marker"]]
+        at = poses[_pose(row)], markers[row["marker"]]
         first[at] = np.asarray(row[before], dtype=float) / _MM
         second[at] = np.array([row["x_mm"], row["y_mm"], row["z_mm"]], dtype=float) / _MM
         seen[at] = True
-    return PointErrors(
-        tuple(poses), tuple(markers), first, second, seen, np.array([*held.values()])
-    )
+    names = [name + HELD_OUT * (held and (name, False) in poses) for name, held in poses]
+    heldout = np.array([held for _, held in poses], dtype=bool)
+    return PointErrors(tuple(names), tuple(markers), first, second, seen, heldout)
+
+
+def _pose(row: Mapping[str, Any]) -> tuple[str, bool]:
+    """Name, and whether held out: two tables of a session may call their poses alike."""
+    return row["pose"], bool(row["heldout"])

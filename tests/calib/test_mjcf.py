@@ -182,9 +182,15 @@ BAD = {
     ),
     "nested too deeply": (
         swap("<site", "<body>" * 300 + "</body>" * 300 + "<site"),
-        "is nested more than 200 deep",
+        "is nested too deeply",
     ),
     "no such base": (swap('"base"', '"bas"'), "no body 'base'; set .* to one of: world, bas, link"),
+    "tip in the base itself": (
+        lambda text: swap('<body name="link', '<site name="tip"/><body name="link')(
+            swap('<site name="tip"/>', "")(text)
+        ),
+        "the chain has no moving joint",
+    ),
     "no such tip": (
         swap('"tip"', '"tap"'),
         "no body or site 'tip'; set .*tip to a site, or to one",

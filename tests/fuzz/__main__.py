@@ -19,9 +19,8 @@ with atheris.instrument_imports(include=["calib", "doe", "studies", "tomllib", "
     from tests.fuzz.check import broken_rule, prepared
     from tests.fuzz.readers import READERS
 
-from tests.fuzz.mutate import mutated
+from tests.fuzz.reader import neighbour
 
-_SECONDS = 5  # one input may take no longer
 _MEGABYTES = 2500
 
 
@@ -60,15 +59,15 @@ def main() -> None:
         if rng.random() < 0.2:
             return atheris.Mutate(content, most)
         text = content.decode("utf-8", "surrogateescape")
-        return mutated(text, reader.seeds, rng).encode("utf-8", "surrogatepass")[:most]
+        return neighbour(reader, text, rng).encode("utf-8", "surrogatepass")[:most]
 
     atheris.Setup(
         [
             sys.argv[0],
             f"-max_total_time={given.seconds}",
-            f"-timeout={_SECONDS}",
+            f"-timeout={reader.seconds}",
             f"-rss_limit_mb={_MEGABYTES}",
-            "-max_len=20000",
+            f"-max_len={max(20_000, 2 * max(map(len, reader.seeds)))}",
             "-len_control=0",
             "-print_final_stats=1",
             f"-artifact_prefix={given.findings / given.reader}-",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from calib.errors import CalibError
 from studies.demo import INPUTS, embedded_text
-from tests.fuzz.readers import Reader
+from tests.fuzz.reader import Reader
 
 LONGEST = 1010  # characters of a message
 

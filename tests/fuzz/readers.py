@@ -6,8 +6,7 @@ A reader takes a folder with the files of the demonstration and the bytes under 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,58 +24,47 @@ from doe.wish import Wish, direction_of, subset_of, with_rivals
 from studies.commands.design import candidates_of, two_effects
 from studies.commands.identify import held_out
 from studies.demo import embedded_cell, embedded_plan, embedded_text, simulated
-
-Read = Callable[[Path, bytes], object]
+from tests.fuzz.estimates import ESTIMATES, estimate
+from tests.fuzz.exports import JOINTS, POINTS, joints, points
+from tests.fuzz.mjcf import MJCF, mjcf
+from tests.fuzz.reader import PART, Reader, parts, put
+from tests.fuzz.report import report, reports
 
 CELL = embedded_cell()
 DATA = simulated(CELL, embedded_plan(CELL), 0)[0]
 MODEL = build(CELL, DATA.poses).model
 
 
-@dataclass(frozen=True)
-class Reader:
-    """What reads the bytes, and inputs to start from."""
-
-    read: Read
-    seeds: tuple[str, ...]
-
-
-def _file(folder: Path, name: str, content: bytes) -> Path:
-    path = folder / name
-    path.write_bytes(content)
-    return path
-
-
 def cell(folder: Path, content: bytes) -> object:
-    return calib.load_cell(_file(folder, "cell.toml", content))
+    return calib.load_cell(put(folder, "cell.toml", content))
 
 
 def urdf(folder: Path, content: bytes) -> object:
-    path = _file(folder, "arm.urdf", content)
+    path = put(folder, "arm.urdf", content)
     robot = load_urdf(path, "base_link", "tool0")
     return corrected_urdf(path, robot, np.zeros((robot.dof + 2, 6)), {"m1": np.zeros(3)})
 
 
 def measurements(folder: Path, content: bytes) -> object:
-    return calib.load_measurements(CELL, _file(folder, "data.csv", content))
+    return calib.load_measurements(CELL, put(folder, "data.csv", content))
 
 
 def holdout(folder: Path, content: bytes) -> object:
-    path = _file(folder, "held.csv", content)
+    path = put(folder, "held.csv", content)
     return held_out(CELL, DATA, str(path), 0, folder / "data.csv")
 
 
 def plan(folder: Path, content: bytes) -> object:
-    path = _file(folder, "plan.csv", content)
+    path = put(folder, "plan.csv", content)
     return holds_points(path), load_plan(CELL, path)
 
 
 def targets(folder: Path, content: bytes) -> object:
-    return load_targets(CELL, _file(folder, "targets.csv", content))
+    return load_targets(CELL, put(folder, "targets.csv", content))
 
 
 def values(folder: Path, content: bytes) -> object:
-    return load_values(_file(folder, "result.json", content), MODEL.parameters)
+    return load_values(put(folder, "result.json", content), MODEL.parameters)
 
 
 def options(folder: Path, content: bytes) -> object:
@@ -101,9 +89,9 @@ def options(folder: Path, content: bytes) -> object:
 
 def whole(folder: Path, content: bytes) -> object:
     """Cell and data in one input: what loads must also identify, or say why not."""
-    head, _, table = content.partition(b"\n#----\n")
-    own = calib.load_cell(_file(folder, "cell.toml", head))
-    return calib.identify(own, calib.load_measurements(own, _file(folder, "data.csv", table)))
+    head, table = parts(content, 2)
+    own = calib.load_cell(put(folder, "cell.toml", head))
+    return calib.identify(own, calib.load_measurements(own, put(folder, "data.csv", table)))
 
 
 EVERY_KEY = """\
@@ -240,5 +228,10 @@ READERS: dict[str, Reader] = {
     ),
     "values": Reader(values, (_RESULT, json.dumps(json.loads(_RESULT)))),
     "options": Reader(options, _OPTIONS),
-    "whole": Reader(whole, (f"{_RIGID}\n#----\n{_MANY}", f"{EVERY_KEY}\n#----\n{_MANY}")),
+    "whole": Reader(whole, (f"{_RIGID}{PART}{_MANY}", f"{EVERY_KEY}{PART}{_MANY}")),
+    "points": Reader(points, POINTS),
+    "joints": Reader(joints, JOINTS),
+    "mjcf": Reader(mjcf, MJCF),
+    "estimate": Reader(estimate, ESTIMATES, json=True),
+    "report": Reader(report, reports, json=True, seconds=60),
 }

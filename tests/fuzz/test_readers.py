@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.fuzz.check import broken_rule, prepared
-from tests.fuzz.mutate import mutated
+from tests.fuzz.reader import neighbour
 from tests.fuzz.readers import READERS
 
 _TRIED = {"whole": 4}
@@ -20,6 +20,6 @@ def test_good_inputs_and_their_neighbours(name: str, tmp_path: Path) -> None:
     for seed in reader.seeds:
         reader.read(folder, seed.encode())
     for _ in range(_TRIED.get(name, 200)):
-        content = mutated(rng.choice(reader.seeds), reader.seeds, rng)
+        content = neighbour(reader, rng.choice(reader.seeds), rng)
         error = broken_rule(reader, folder, content.encode("utf-8", "surrogatepass"))
         assert error is None, content[:2000]

@@ -178,7 +178,7 @@ def _with(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
         ('{"command": "identify"}', "is no result of posecal"),
         ('{"command": "identify", "inputs": [], "schema": 2}', "schema: is not 1"),
         ('{"command": "rm -rf", "inputs": [], "schema": 1}', "has no place in a report"),
-        ('{"command": "identify", "inputs": [], "schema": 1}', "a result is not complete"),
+        ('{"command": "identify", "inputs": [], "schema": 1}', "lacks 'rms_mm'"),
         ("[" * 100_000, "is no result of posecal"),
     ],
 )

@@ -1,0 +1,33 @@
+"""From result files to the page: what ``posecal report`` does between its options and its output."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree.ElementTree import ParseError
+
+from calib.errors import InputError
+from studies.report.evidence import load_evidence
+from studies.report.page import page
+from studies.report.sections import FAULTS
+
+
+def report_page(
+    results: Sequence[Path], title: str | None, told: dict[str, str]
+) -> tuple[str, tuple[str, ...]]:
+    """The page as HTML, and notes on what had to be left out.
+
+    title : str, None for the name of the cell; told : as in :func:`studies.report.page.page`
+
+    Raises InputError where a file is no result, or one that misses what results of its kind hold.
+    """
+    which = str(results[0]) if len(results) == 1 else f"one of {len(results)} results"
+    try:
+        evidence = load_evidence(results)
+        heading = title or ("Calibration" if evidence.cell is None else evidence.cell.name)
+        return page(evidence, heading, told), evidence.notes
+    except KeyError as error:
+        raise InputError(which, "", f"lacks {error}", "write it anew with this version") from None
+    except (*FAULTS, ParseError):
+        what = "is not as its command writes it"
+        raise InputError(which, "", what, "write it anew with this version") from None

@@ -1,0 +1,62 @@
+"""The identified model that one command hands to the next."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import calib
+from calib.build import build
+from calib.estimate import Estimate, Unexplained
+from calib.files.estimate import estimate_fields, load_estimate
+from calib.files.write import json_text
+from studies.commands.common import envelope
+from studies.compensate.results import compensation_fields
+from studies.demo import embedded_cell, embedded_plan
+
+CELL = embedded_cell()
+POSES = embedded_plan(CELL).take([0, 7])
+
+
+def estimate(folder: Path, content: bytes) -> object:
+    """What ``posecal compensate`` does with a result."""
+    path = folder / "result.json"
+    path.write_bytes(content)
+    found = calib.compensate(CELL, load_estimate(CELL, path), POSES)
+    return json_text(compensation_fields(CELL.robot, found))
+
+
+def _result(command: str, effects: tuple[str, ...]) -> str:
+    """A result as far as ``compensate`` reads it."""
+    model = build(replace(CELL, effects=effects), POSES).model
+    values = 0.1 * model.sizes
+    own = Estimate(
+        model,
+        values,
+        np.diag(0.01 * model.sizes**2),
+        0.0,
+        Unexplained(1e-5, "fitted poses"),
+        (model.parameters[0].id,),
+        ("a note",),
+    )
+    inputs = [CELL.path, *CELL.robot_files]
+    return json_text({**envelope(command, inputs, 0), "estimate": estimate_fields(own)})
+
+
+ESTIMATES = (
+    _result("identify", ("base", "tool", "joint_offset")),
+    _result("identify", CELL.effects),
+    _result(
+        "diagnose",
+        (
+            "base",
+            "tool",
+            "joint_offset:A2",
+            "backlash:A1",
+            "transmission_harmonic:A3",
+            "joint_compliance:A2",
+        ),
+    ),
+)

@@ -58,6 +58,14 @@ def test_a_judgement_that_does_not_settle_is_said(
     assert ended.fit.statistic[8] > 10.0 * others.max()
 
 
+def test_rows_that_were_copied_say_nothing_of_the_noise(kr270: Cell, table_two: Poses) -> None:
+    cell = with_effects(kr270, *RIGID)
+    data = whole_day(cell, table_two).take(np.arange(24) % len(table_two))
+    noise = calib.identify(cell, data).noise
+    assert noise.replicate_factor is None
+    assert 0.0 < noise.sigma < 5.0 * noise.believed
+
+
 def test_what_agrees_comes_back_and_what_says_nothing_does_not() -> None:
     statistics, rows = np.array([0.0, 1.2, 1.0, 50.0, *[1.0] * 10]), np.array([0, *[6] * 13])
     kept = np.ones(14, dtype=bool)

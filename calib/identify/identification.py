@@ -21,6 +21,7 @@ from calib.se3 import Array
 Status = Literal["converged", "not_converged", "rank_deficient"]
 Method = Literal["joint", "two-step"]
 
+_SHOWN = 6  # poses named in a warning
 _FAR = 0.05  # of the arm's size: no nominal model is off by as much
 
 ADVICE: dict[Status, str] = {
@@ -68,6 +69,7 @@ class Identification:
         plausible sizes (:func:`calib.covariance.ignorance`)
     unidentifiable : tuple of Unidentifiable, what the poses do not determine
     absorbed : tuple of Dropped, constants that others stand for at any pose
+    undecided : tuple of str, poses that are outliers by one fit and none by the next
     unused : tuple of str, poses whose markers are too few for approach pose
     nominal : ndarray, shape (p,), base and markers fitted, all else as in the nominal model
     distances : dict, "nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed" -> distances
@@ -91,6 +93,7 @@ class Identification:
     iterations: int
     unidentifiable: tuple[Unidentifiable, ...]
     absorbed: tuple[Dropped, ...]
+    undecided: tuple[str, ...]
     unused: tuple[str, ...]
     fit: Residuals
     heldout: Residuals | None
@@ -147,6 +150,12 @@ class Identification:
             found.append(
                 f"the nominal model misses the data by {nominal * 1e3:.0f} mm: check units, signs and "
                 "order of the joints, and the units of URDF and points"
+            )
+        if self.undecided:
+            shown = ", ".join(self.undecided[:_SHOWN]) + (" .." if self.undecided[_SHOWN:] else "")
+            found.append(
+                f"the outliers did not settle, each fit judges {shown} otherwise: look at what was "
+                "read there"
             )
         for p, value, std in zip(self.model.parameters, self.values, self.std, strict=True):
             if p.name.startswith("compliance") and value < -5.0 * std:

@@ -114,6 +114,7 @@ def identify(
         iterations=found.best.iterations,
         unidentifiable=found.choice.unidentifiable,
         absorbed=built.dropped,
+        undecided=tuple(data.poses.names[i] for i in np.flatnonzero(found.undecided)),
         unused=_unused(observation),
         fit=fit,
         heldout=held,

@@ -80,7 +80,8 @@ def noise_level(cost: float, dof: int, data: Measurements, weights: Array) -> No
     spread, repeats = replicate_spread(data, weights)
     factor = 1.0
     source: Source = "cell"
-    own = float(np.sqrt(spread / repeats)) if repeats >= _FEWEST else None
+    # Noise never repeats to the digit: repeats without any spread are copies and say nothing.
+    own = float(np.sqrt(spread / repeats)) if repeats >= _FEWEST and spread > 0.0 else None
     tail = 2.0 * min(float(chdtr(repeats, spread)), float(chdtrc(repeats, spread)))
     if own is not None and tail < _DISAGREE:
         factor, source = own, "replicates"

@@ -64,7 +64,7 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
         f"sha256 {sha256(plan_path)[:16]}",
         f"Cell {plain_text(cell.name)}, {len(stops)} poses",
     )
-    made = language(program_path.stem, cell.robot, stops, head)
+    made = language(program_path.stem, cell, stops, head)
     halts = sum(len(stop.tasks) for stop in stops)
     fields |= {
         "program": str(program_path),

@@ -13,9 +13,10 @@ from click.testing import CliRunner, Result
 
 from calib import load_cell, load_plan, readings
 from calib.build import build
-from calib.files.write_tables import measurements_csv, wrench_with_load
+from calib.files.write_tables import measurements_csv
 from calib.moves import with_moves
 from calib.simulate import simulate
+from calib.statics import wrench_with_load
 from studies.cli import main
 from studies.demo import INPUTS, embedded_text
 
@@ -45,7 +46,7 @@ def measured(folder: Path, rates: np.ndarray, timed: bool = True) -> Path:
     poses = readings(cell, load_plan(cell, folder / "plan.csv"))
     poses = replace(
         poses,
-        wrench=wrench_with_load(cell, poses),
+        wrench=wrench_with_load(cell.robot, cell.gravity, poses),
         load_mass=np.zeros(len(poses)),
         time=300.0 * np.arange(len(poses)),
     )

@@ -81,7 +81,7 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
             tuple(map(str, entry["undetermined"])),
             tuple(map(str, entry["notes"])),
         )
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         raise InputError(path, "estimate", "is damaged", "write the result again") from None
     try:
         model = _model(cell, keys)

@@ -15,7 +15,7 @@ HELD_OUT = " (held out)"
 """After the name of a held-out pose that is called as a fitted one."""
 
 _MM = 1e3
-_MOST_POINTS = 10_000_000
+_MOST = 3_000_000  # points; a damaged file may name poses and markers that fill any memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +52,13 @@ def point_errors(residuals: Sequence[Mapping[str, Any]], before: str) -> PointEr
 
     before : key of the errors before: "nominal_mm" of ``identify``, "before_mm" of ``diagnose``
 
-    Raises ValueError for more poses and markers than rows could be of.
+    Raises ValueError for more points than any measurement has.
     """
     poses = {key: i for i, key in enumerate(dict.fromkeys(map(_pose, residuals)))}
     markers = {name: j for j, name in enumerate(dict.fromkeys(r["marker"] for r in residuals))}
-    if len(poses) * len(markers) > _MOST_POINTS:
-        raise ValueError
     shape = len(poses), len(markers), 3
+    if len(poses) * len(markers) > _MOST:
+        raise ValueError(f"{len(poses)} poses with {len(markers)} markers are too many")
     first, second = np.zeros(shape), np.zeros(shape)
     seen = np.zeros(shape[:2], dtype=bool)
     for row in residuals:

@@ -46,6 +46,8 @@ def histogram(
     """Histograms of the 3-D distances before and after, one above the other, on one log axis.
 
     before, after : ndarray, shape (n, 3), m, measured minus predicted; sigma : of one coordinate [m]
+
+    Raises ValueError where neither a distance nor sigma is above zero.
     """
     from matplotlib.lines import Line2D
 
@@ -53,6 +55,8 @@ def histogram(
     every = np.concatenate(lengths)
     low = max(min(float(every.min()), 0.3 * sigma * _MM), 1e-3 * float(every.max()), 1e-9)
     high = 1.3 * max(float(every.max()), 3.0 * sigma * _MM)
+    if not high > low:
+        raise ValueError("no distance is above zero, nor is sigma")
     count = max(6, round(_BINS_A_DECADE * np.log10(high / low)))
     edges = np.geomspace(low, high, count + 1)
     figure = sheet(7.2, 4.4)

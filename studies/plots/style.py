@@ -10,6 +10,8 @@ import csv
 import functools
 import io
 import math
+import re
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,6 +43,7 @@ _LIT = 60  # poses that are elements of their own
 _VECTOR = 1500  # points; a larger cloud becomes a picture within the SVG
 _NAME, _PARAMETER = 24, 48  # letters of a name beside an axis
 _NAMED = 62  # poses whose names fit below an axis
+_NOT_IN_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")  # may stand in names
 RC: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans", "Verdana", "Arial"],
@@ -294,7 +297,8 @@ def folder_files(pictures: Iterable[Picture], folder: Path) -> dict[Path, str | 
 
 def svg_text(picture: Picture) -> str:
     """The figure as SVG with title and description; equal for equal data."""
-    return _saved(picture, "svg", Date=None, Creator="posecal").decode("utf-8")
+    text = _saved(picture, "svg", Date=None, Creator="posecal").decode("utf-8")
+    return _NOT_IN_XML.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
 def png_bytes(picture: Picture) -> bytes:
@@ -323,7 +327,13 @@ def _saved(picture: Picture, kind: str, **metadata: str | None) -> bytes:
     buffer = io.BytesIO()
     described = {"Title": picture.title, "Description": picture.caption, **metadata}
     # The name in the salt keeps identifiers apart where several pictures stand on one page.
-    with mpl.rc_context({**RC, "svg.hashsalt": f"posecal {picture.name}"}):
+    with (
+        mpl.rc_context({**RC, "svg.hashsalt": f"posecal {picture.name}"}),
+        warnings.catch_warnings(),
+    ):
+        # The viewer's fonts write an SVG's names, in a PNG what ours lacks stands as a box; numbers
+        # without measure may leave no room for the axes. Neither is news to who reads the figure.
+        warnings.filterwarnings("ignore", "Glyph .* missing|constrained_layout not", UserWarning)
         settle(picture.figure)
         picture.figure.savefig(buffer, format=kind, dpi=DPI, metadata=described)
     return buffer.getvalue()

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _MM = 1e3
+_MOST_DIGITS = 9
 _HEIGHT = 0.62
 _TEXT = 0.16  # width of a number, over the longest bar
 
@@ -45,15 +46,19 @@ def waterfall(
     names : of the n effects, in the order in which they are added
     rms : ndarray, shape (n + 1,), m, before and after each
     floor : RMS of the noise alone [m]
+
+    Raises ValueError for errors below zero, and a floor that is not above it.
     """
     values: Array = np.asarray(rms, dtype=np.float64) * _MM
     n, low = len(names), floor * _MM
+    if not (values >= 0.0).all() or not low > 0.0:
+        raise ValueError("an RMS is below zero, or the floor is not above it")
     labels = ["model as given", *names, *(["what is left"] if n else [])]
     figure = sheet(7.2, 1.5 + 0.44 * len(labels))
     panel = figure.subplots()
     tidy(panel, "x")
     most = max(float(values.max()), low)
-    digits = max(0, 2 - int(np.floor(np.log10(most))))
+    digits = min(max(0, 2 - int(np.floor(np.log10(most)))), _MOST_DIGITS)
     _bar(panel, 0, 0.0, values[0], {"color": "0.72"})
     ends = [(values[0], f"{values[0]:.{digits}f}")]
     for i in range(n):

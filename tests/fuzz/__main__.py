@@ -67,7 +67,7 @@ def main() -> None:
             f"-max_total_time={given.seconds}",
             f"-timeout={reader.seconds}",
             f"-rss_limit_mb={_MEGABYTES}",
-            f"-max_len={max(20_000, 2 * max(map(len, reader.seeds)))}",
+            f"-max_len={max(20_000, 4 * max(map(len, reader.seeds)))}",
             "-len_control=0",
             "-print_final_stats=1",
             f"-artifact_prefix={given.findings / given.reader}-",

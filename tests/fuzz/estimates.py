@@ -15,6 +15,7 @@ from calib.files.write import json_text
 from studies.commands.common import envelope
 from studies.compensate.results import compensation_fields
 from studies.demo import embedded_cell, embedded_plan
+from tests.fuzz.reader import put
 
 CELL = embedded_cell()
 POSES = embedded_plan(CELL).take([0, 7])
@@ -22,9 +23,8 @@ POSES = embedded_plan(CELL).take([0, 7])
 
 def estimate(folder: Path, content: bytes) -> object:
     """What ``posecal compensate`` does with a result."""
-    path = folder / "result.json"
-    path.write_bytes(content)
-    found = calib.compensate(CELL, load_estimate(CELL, path), POSES)
+    known = load_estimate(CELL, put(folder, "result.json", content))
+    found = calib.compensate(CELL, known, POSES)
     return json_text(compensation_fields(CELL.robot, found))
 
 

@@ -79,16 +79,21 @@ def _made() -> tuple[dict[str, str], dict[str, Any]]:
         _write(folder, texts)
         texts["data.csv"] = _data(folder)
         _write(folder, texts)
-        for line, own in _COMMANDS:
-            words = [
-                str(folder / w) if w.endswith(("csv", "toml", "json")) else w for w in line.split()
-            ]
-            done = CliRunner().invoke(main, [*words, "--json", str(folder / f"{own}.json")])
-            if done.exit_code:
-                raise RuntimeError(done.output)
-        return texts, {
-            own: json.loads((folder / f"{own}.json").read_text()) for _, own in _COMMANDS
-        }
+        results = {own: _result(folder, line, own) for line, own in _COMMANDS}
+        return texts, results
+
+
+def _result(folder: Path, line: str, own: str) -> dict[str, Any]:
+    """What a command writes; its inputs are named as they stand beside it, whatever the folder."""
+    words = [str(folder / w) if w.endswith(("csv", "toml", "json")) else w for w in line.split()]
+    file = folder / f"{own}.json"
+    done = CliRunner().invoke(main, [*words, "--json", str(file)])
+    if done.exit_code:
+        raise RuntimeError(done.output)
+    fields: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    for entry in fields["inputs"]:
+        entry["file"] = Path(entry["file"]).name
+    return fields
 
 
 def _data(folder: Path) -> str:

@@ -11,7 +11,7 @@ from tests.fuzz.check import broken_rule, prepared
 from tests.fuzz.reader import neighbour
 from tests.fuzz.readers import READERS
 
-_TRIED = {"whole": 4}
+_TRIED = {"whole": 4, "report": 30, "estimate": 60, "mjcf": 60}
 
 
 @pytest.mark.parametrize("name", list(READERS))

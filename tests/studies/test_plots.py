@@ -11,6 +11,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -281,6 +282,18 @@ def test_residuals_mark_what_is_outside() -> None:
         "yes",
     )
     assert picture.rows[3] == ("p4", None, None, None, None, "")
+
+
+@pytest.mark.filterwarnings("error")
+def test_names_in_any_script_are_drawn_in_silence() -> None:
+    """Signs that the font lacks, and such as XML may not hold."""
+    names = ["\u6e2c\u5b9a", "\N{ROBOT FACE}", "bell\x07"]
+    seen = np.ones((3, 1), dtype=bool)
+    picture = by_pose_and_axis(names, np.full((3, 1, 3), 1e-5), seen, ["m1"], 1e-5)
+    text = "".join(ElementTree.fromstring(svg_text(picture)).itertext())
+    assert all(
+        name in text for name in ("\u6e2c\u5b9a", "\N{ROBOT FACE}", "bell\N{REPLACEMENT CHARACTER}")
+    )
 
 
 def test_bytes_are_written_as_they_are(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ _NAMES = {
     ("pose", "normalised"): "#1 pose, normalised",
     ("pose", "plain"): "#1 pose, plain",
 }
+_DRAWN = 20  # plans that a figure can keep apart; the table holds them all
 
 
 def approaches(evidence: Evidence, result: Result) -> Section:
@@ -52,7 +53,7 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
         f"{said[0].upper()}{said[1:]}.",
         "warn" if fields["agreement"]["believed"] is False else "good",
     )
-    if len(fields["plans"]) > 1:
+    if 1 < len(fields["plans"]) <= _DRAWN:
         shared = [plan for plan in fields["plans"] if _ids(plan) == _ids(fields["plans"][0])]
         yield Figure(
             deviations.by_approach(

@@ -136,6 +136,17 @@ def test_a_cell_that_changed_is_said(demo: Path, tmp_path: Path) -> None:
     assert "kr270.urdf changed" not in done.output
 
 
+@pytest.mark.parametrize("inputs", [3, [{"sha256": []}, None]])
+def test_hashes_that_are_none_are_not_those_of_the_cell(
+    demo: Path, tmp_path: Path, inputs: object
+) -> None:
+    result = json.loads((demo / "result.json").read_text())
+    (tmp_path / "result.json").write_text(json.dumps({**result, "inputs": inputs}))
+    done = run("compensate", demo / "cell.toml", tmp_path / "result.json", demo / "targets.csv")
+    assert done.exit_code == 0
+    assert f"warning: {demo / 'cell.toml'} changed since" in done.output
+
+
 def test_corrected_commands_are_not_corrected_twice(demo: Path, tmp_path: Path) -> None:
     compensate(demo, "-o", tmp_path / "c.csv")
     done = run("compensate", demo / "cell.toml", demo / "result.json", tmp_path / "c.csv")
@@ -167,6 +178,7 @@ BAD_RESULTS = {
     "text": (edited(lambda r: renamed(r, "value_SI", "x")), "is damaged"),
     "NaN": (edited(lambda r: renamed(r, "value_SI", float("nan"))), "is damaged"),
     "huge": (edited(lambda r: renamed(r, "value_SI", 1e30)), "is damaged"),
+    "endless": (edited(lambda r: renamed(r, "value_SI", 10**400)), "is damaged"),
     "joint": (edited(lambda r: renamed(r, "where", "B7")), "is not of this cell"),
     "effect": (edited(lambda r: renamed(r, "effect", "magic")), "effect 'magic' is not known here"),
     "name": (edited(lambda r: renamed(r, "name", "charm")), "is not of this cell"),

@@ -107,7 +107,7 @@ def test_figures_of_the_results_stand_in_it(demo_folder: Path, html: str) -> Non
     text = re.sub(r"\s+", " ", html)
     identified = json.loads((demo_folder / "identify.json").read_text())
     designed = json.loads((demo_folder / "design.json").read_text())
-    assert f"off by {identified['rms_mm']['nominal']:.3f} mm" in text
+    assert f"now predicted to {identified['rms_mm']['heldout']:.3f} mm" in text
     share = int(1e3 * designed["efficiency"]) / 10.0
     assert f"at least {share:.1f} %" in text
     for entry in identified["inputs"]:

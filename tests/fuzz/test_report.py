@@ -1,0 +1,66 @@
+"""What the fuzzer found in reports, and that its check of a page can fail."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from calib.errors import InputError
+from studies.report.make import report_page
+from tests.fuzz.report import check_harmless
+from tests.fuzz.small_cell import put_small_cell, small_results
+
+Change = Callable[[dict[str, Any]], object]
+
+
+def _strangers(fields: dict[str, Any]) -> None:
+    """Two thousand points, each of its own pose and its own marker: gigabytes as a table."""
+    row = fields["residuals"][0]
+    fields["residuals"] = [{**row, "pose": f"p{i}", "marker": f"m{i}"} for i in range(2000)]
+
+
+OTHER_FORM = "holds a field of another form"
+DAMAGED: dict[str, tuple[str, Change, str]] = {
+    "NaN": ("enough", lambda r: r.update(goal_mm=float("nan")), "is no result of posecal"),
+    "huge": ("enough", lambda r: r.update(goal_mm=10**400), "is no result of posecal"),
+    "no joint": ("designed", lambda r: r["poses"][0]["joints_mm"].clear(), "lacks 'X1'"),
+    "far joint": ("designed", lambda r: r["poses"][0]["joints_mm"].update(X1=1e20), OTHER_FORM),
+    "no floor": ("diagnosed", lambda r: r["gap"].update(floor_mm=0.0), OTHER_FORM),
+    "below zero": ("diagnosed", lambda r: r["steps"]["rms_mm"].insert(0, -1.0), OTHER_FORM),
+    "strangers": ("identified", _strangers, OTHER_FORM),
+}
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("fault", DAMAGED)
+def test_damaged_result_ends_in_one_line(tmp_path: Path, fault: str) -> None:
+    name, change, message = DAMAGED[fault]
+    fields = copy.deepcopy(small_results()[name])
+    change(fields)
+    put_small_cell(tmp_path)
+    (tmp_path / "result.json").write_text(json.dumps(fields))
+    with pytest.raises(InputError, match=message):
+        report_page([tmp_path / "result.json"], None, {})
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        "<img src='data:image/png;base64,'>",
+        "<p onclick='x'>",
+        "<a href='javascript:x'>",
+        "<p style='background: url(http://x)'>",
+        "<script>1</script>" * 3,
+        "<script type='module'>1</script>",
+    ],
+)
+def test_harm_is_seen(harm: str) -> None:
+    own = "<script></script><script></script><a href='#x'>x</a>"
+    check_harmless(own)
+    with pytest.raises(AssertionError):
+        check_harmless(own + harm)

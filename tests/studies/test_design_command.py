@@ -134,7 +134,7 @@ def test_help_names_every_criterion_and_an_example() -> None:
     assert "posecal design cell.toml" in shown
     described = shown[shown.index("--criterion NAME") : shown.index("--levels A2")]
     words = re.findall(r"[\w-]+(?=:)", described)
-    assert set(words) == set(CRITERIA) - {UNASKED}
+    assert set(CRITERIA) - {UNASKED} <= set(words)
 
 
 FAULTS = {

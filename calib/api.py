@@ -76,6 +76,8 @@ def predict(cell: Cell, measurements: Plan, values: Sequence[float] | Mapping[st
 
     values : ndarray, shape (p,), SI, in the order of ``parameters(cell)``, or a mapping from names to
         values, the others zero
+
+    Raises CalibError where an elastic arm finds no equilibrium.
     """
     poses = poses_of(cell, measurements)
     model = build(cell, poses).model

@@ -106,7 +106,10 @@ def place_effect(name: str, where: str, context: Context) -> Effect:
 
 
 def default_knots(q: Array) -> Array:
-    """Angles [rad] at which ``stiffness_vs_angle`` gets coefficients, from the angles in hand."""
+    """Angles at which ``stiffness_vs_angle`` gets coefficients, shape (k,), rad, ascending.
+
+    q : ndarray, shape (m,), rad, the angles in hand; their own where they are few, else five evenly
+    """
     q = np.sort(q)
     starts = np.flatnonzero(np.diff(q, prepend=-np.inf) > _SAME_ANGLE)
     if len(starts) <= _MOST_KNOTS:

@@ -97,6 +97,26 @@ def gain(J: Array, span: Array) -> Array:
     return np.asarray(half @ (J @ half).T)
 
 
+def ignorance(J: Array, span: Array, sizes: Array, lost: NDArray[np.bool_]) -> Array:
+    """What values that were not estimated add to the covariance of all, shape (p, p), SI.
+
+    J : ndarray, shape (N, p), independent rows of unit variance
+    span : ndarray, shape (p, k), directions that are estimated
+    sizes : ndarray, shape (p,), SI, plausible sizes; lost : ndarray of bool, shape (p,)
+
+    A lost value stays at nominal and is off by its plausible size; least squares put as much of that
+    into the others as moves the rows alike. So it adds nothing where it shows as it did in the rows,
+    and its own size where it shows by itself. The sum with :func:`covariance` is that of the whole
+    under a normal prior of those sizes on the lost values and none on the others; a prior on all could
+    only lower it.
+    """
+    own = np.diag(sizes)[:, lost]
+    scale = np.linalg.norm(J @ span, axis=0)
+    absorbed = np.linalg.lstsq(J @ span / scale, J @ own, rcond=None)[0]
+    V = own - (span / scale) @ absorbed
+    return np.asarray(V @ V.T)
+
+
 def _half(J: Array, span: Array) -> Array:
     """H (p, k) with ``H H^T = span (span^T J^T J span)^-1 span^T``."""
     scale = np.linalg.norm(J @ span, axis=0)
@@ -124,7 +144,10 @@ def clustered(r: Array, J: Array, span: Array) -> Array:
 
 
 def correlation(cov: Array) -> Array:
-    """Correlation matrix; rows of parameters that were not estimated are zero off the diagonal."""
+    """Correlation matrix, shape (p, p), of the covariance, shape (p, p).
+
+    Rows of parameters that were not estimated are zero off the diagonal.
+    """
     std = np.sqrt(np.diag(cov))
     out = cov / np.where(std == 0.0, 1.0, std)[:, None] / np.where(std == 0.0, 1.0, std)
     np.fill_diagonal(out, 1.0)

@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.covariance import ignorance
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.screen import refuted
 from calib.diagnosis.stage import Fit
@@ -24,7 +25,8 @@ Mask: TypeAlias = NDArray[np.bool_]
 class Unexplained:
     """3-D RMS per point [m] of what the model leaves beside noise and its parameters' uncertainty.
 
-    source : "held-out poses", else "fitted poses"
+    source : "held-out poses", every one of them, those that stand out too: nothing shows that targets
+        are better; else "fitted poses", less the outliers
     """
 
     rms: float
@@ -69,14 +71,14 @@ def _identified(result: Identification) -> Estimate:
     if noise.source == "residual":  # that is what is to be explained
         sigma = noise.believed * (noise.replicate_factor or 1.0)
     held = result.heldout
-    if held is None or not held.data.seen[~held.outlier].any():
+    if held is None or not held.data.seen.any():
         rest = _left_in_fit(model, values, cov, fitted, sigma, result.rank)
     else:
-        rest = _left_held_out(model, values, cov, held.data.take(~held.outlier), sigma)
+        rest = _left_held_out(model, values, cov, held.data, sigma)
     return Estimate(
         model,
         values,
-        cov + _ignorance(model, values, fitted, lost),
+        result.knowledge,
         fitted.poses.start,
         rest,
         _names(model, lost),
@@ -95,14 +97,14 @@ def _diagnosed(result: Diagnosis) -> Estimate:
     fitted = result.data.take(~result.stage.dropped)
     lost = np.diag(cov) <= 0.0
     sigma = result.noise.sigma / result.scale
-    if result.heldout is None:
+    if result.heldout is None or not result.heldout.seen.any():
         rest = _left_in_fit(model, values, cov, fitted, sigma, fit.span.shape[1])
     else:
         rest = _left_held_out(model, values, cov, result.heldout, sigma)
     return Estimate(
         model,
         values,
-        cov + _ignorance(model, values, fitted, lost),
+        cov + ignorance(fit.equations[1], fit.span, model.sizes, lost),
         result.data.poses.start,
         rest,
         _names(model, lost),
@@ -135,23 +137,6 @@ def _scale(fit: Fit) -> float:
 
 def _names(model: Model, chosen: Mask) -> tuple[str, ...]:
     return tuple(p.id for p, own in zip(model.parameters, chosen, strict=True) if own)
-
-
-def _ignorance(model: Model, values: Array, data: Measurements, lost: Mask) -> Array:
-    """Covariance (p, p) from parameters that were not estimated, at their plausible sizes.
-
-    An error in one of them went into the others as far as those move the markers alike: what a column
-    that others absorb whole adds here moves nothing.
-    """
-    if not lost.any():
-        return np.zeros((len(lost), len(lost)))
-    _, J = model.jacobian(values, data.poses)
-    scaled = J[data.seen].reshape(-1, len(lost)) * model.sizes
-    V = np.zeros((len(lost), int(lost.sum())))
-    V[lost] = np.eye(V.shape[1])
-    V[~lost] = -np.linalg.lstsq(scaled[:, ~lost], scaled[:, lost], rcond=None)[0]
-    V *= model.sizes[:, None]
-    return np.asarray(V @ V.T)
 
 
 def _shares(model: Model, values: Array, cov: Array, data: Measurements) -> tuple[Array, Array]:

@@ -138,7 +138,10 @@ class Model:
         return state
 
     def loads(self, values: Array, poses: Poses) -> statics.Loads:
-        """What pulls on the arm, the errors of weights and wrenches included."""
+        """What pulls on the arm at each pose, the errors of weights and wrenches included.
+
+        values : ndarray, shape (..., p), SI
+        """
         loads = statics.loads_of(self.robot, poses, self.payload, self.gravity)
         changed = loads
         for effect, part in self._parts:

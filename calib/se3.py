@@ -33,7 +33,10 @@ def skew(v: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross product over the last axis with broadcasting; several times faster than numpy's."""
+    """Cross product, shape (..., 3), of a and b, with broadcasting.
+
+    Several times faster than numpy's.
+    """
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
@@ -149,7 +152,10 @@ def from_xyz_rpy(xyz: Array, rpy: Array) -> Array:
 
 
 def rpy_from_rotation(R: Array) -> Array:
-    """Roll, pitch, yaw of a single rotation matrix; at pitch +-90 degrees yaw is set to zero."""
+    """Roll, pitch, yaw, shape (3,), rad, of a single rotation matrix, shape (3, 3).
+
+    At pitch +-90 degrees yaw is set to zero.
+    """
     pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
     if np.hypot(R[0, 0], R[1, 0]) < 1e-9:
         return np.array([np.arctan2(-R[1, 2], R[1, 1]), pitch, 0.0])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.kinematics import Frames
+from calib.kinematics import Frames, forward
 from calib.poses import Poses
 from calib.robot import Robot
 from calib.se3 import Array, cross, rotate, skew
@@ -73,6 +73,8 @@ _VARYING = ("mass", "mass_moment", "force", "moment", "lever")
 def loads_of(robot: Robot, poses: Poses, payload: Payload, gravity: Array) -> Loads:
     """Gather wrench, payload, hung load and link weights of each pose.
 
+    gravity : ndarray, shape (3,), m/s^2, base axes
+
     Raises nothing: a robot without link masses and poses without wrench give zeros.
     """
     m = len(poses)
@@ -105,7 +107,10 @@ class Transmitted:
     mass_beyond: Array
 
     def with_extra(self, local: Array) -> Transmitted:
-        """The same with a further wrench in local axes, as a spring beside a joint sends."""
+        """The same with a further wrench in local axes, as a spring beside a joint sends.
+
+        local : ndarray, broadcast to the shape of ``self.local``
+        """
         return replace(self, local=self.local + local)
 
 
@@ -169,3 +174,15 @@ def rigid_change(loads: Loads, frames: Frames, wrench: Transmitted) -> tuple[Arr
     whole[..., 3:, :3] = axes @ own_shift
     whole[..., 3:, 3:] = axes @ own_turn
     return whole, beyond
+
+
+def wrench_with_load(robot: Robot, gravity: Array, poses: Poses) -> Array:
+    """Wrench on the tip, the hung load included as at the nominal pose, shape (m, 6), N and N m.
+
+    gravity : ndarray, shape (3,), m/s^2, in base axes
+    """
+    R_tip = forward(robot, poses.q).R[:, -1]
+    force = poses.load_mass[:, None] * gravity
+    moment = cross(rotate(R_tip, np.broadcast_to(poses.load_com, force.shape)), force)
+    total: Array = poses.wrench + np.concatenate([force, moment], axis=-1)
+    return total

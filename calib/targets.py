@@ -15,7 +15,10 @@ _OUTSIDE = 1e-4  # rad or m: rounding of limits
 
 
 def targets_of(cell: Cell) -> tuple[Poses, Array]:
-    """The cell's own targets and weights, else 200 Sobol poses within the limits, seed 0."""
+    """The cell's own targets and weights, shape (m,), else 200 Sobol poses within the limits, seed 0.
+
+    Raises InputError where the cell's table of targets cannot be read.
+    """
     if cell.design.get("targets") is not None:
         return load_targets(cell, cell.design["targets"])
     poses = sobol_poses(cell, _COUNT, 0)

@@ -98,7 +98,7 @@ def _task(problem: Problem, M: Array) -> float:
 
 
 def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
-    """Observability indices of the rows behind M, columns in plausible sizes.
+    """Observability indices of the rows behind M, shape (p, p), columns in plausible sizes.
 
     O1 Borm and Menq 1991; O2 Driels and Pathre 1990; O3 Nahvi, Hollerbach and Hayward 1994; O4 Nahvi
     and Hollerbach 1996; O5 Sun and Hollerbach 2008. O2 to O5 depend on the scaling, O1 by a factor.

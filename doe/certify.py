@@ -15,11 +15,14 @@ from doe.blocks import Blocks
 
 
 def bound(G: Array, blocks: Blocks, allowed: Allowed) -> float:
-    """No allowed plan has a larger criterion than this, G being a supergradient."""
+    """No allowed plan has a larger criterion than this, G, shape (p, p), being a supergradient."""
     return float((G * blocks.fixed).sum()) + allowed.best(blocks.scores(G))[0]
 
 
 def survivors(G: Array, blocks: Blocks, allowed: Allowed, value: float) -> np.ndarray:
-    """Positions of candidates that a plan better than ``value`` may contain (reduced-cost fixing)."""
+    """Positions of candidates that a plan better than ``value`` may contain (reduced-cost fixing).
+
+    G : ndarray, shape (p, p), supergradient of the criterion
+    """
     reachable = float((G * blocks.fixed).sum()) + allowed.forced(blocks.scores(G))
     return np.flatnonzero(reachable > value)

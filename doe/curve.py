@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -50,16 +51,17 @@ def _sizes(problem: Problem) -> list[Problem]:
     return [replace(problem, wish=own) for own in wishes]
 
 
-def stops_paying(steps: tuple[Step, ...]) -> int | None:
-    """Poses from which on more of them only average noise.
+def stops_paying(counts: Sequence[int], errors: Sequence[float]) -> int | None:
+    """The count of poses or readings from which on more of them only average noise; None for none.
 
+    counts, errors : as many of each, expected RMS error in any unit
     Then the squared error falls as one over their number: twice the poses for a third off the error.
     With fewer, every further pose does more than that.
     """
-    if not steps:
+    if not counts:
         return None
-    work = np.array([step.poses * step.task_rms**2 for step in steps])
-    return steps[int(np.flatnonzero(work <= (1.0 + _PAYS) * work.min())[0])].poses
+    work = np.array(counts) * np.array(errors) ** 2
+    return counts[int(np.flatnonzero(work <= (1.0 + _PAYS) * work.min())[0])]
 
 
 def poses_that_match(steps: tuple[Step, ...], design: Design) -> dict[str, int | None]:

@@ -143,6 +143,8 @@ def rounded_weights(
     """A whole plan from weights of some candidates: the largest, or drawn in proportion.
 
     The draw multiplies the weights with exponential noise, so a sort is a draw without replacement.
+
+    index, weights : ndarray, shape (k,), positions of candidates and what they weigh
     """
     keys = weights + 1e-9
     if rng is not None:

@@ -50,7 +50,7 @@ class Levels:
         return np.where(distance.min(axis=1) < _AT_LEVEL, distance.argmin(axis=1), -1)
 
     def only(self, values: Array) -> Levels:
-        """The same with its levels settled."""
+        """The same with its levels settled, shape (k,), rad or m."""
         return Levels(self.joint, values, len(values), self.per_level)
 
 

@@ -62,6 +62,11 @@ def _unguarded(design: Design) -> Iterator[str]:
     cell = design.problem.cell
     if cell.design.get("obstacle") and not set(cell.capsules) - {"base"}:
         yield "obstacles are given but no [robot.capsules_mm]: nothing keeps the arm away from them"
+    elif not cell.capsules:
+        yield (
+            "no [robot.capsules_mm] and no obstacles: poses are not checked against floor, walls and "
+            "the arm itself"
+        )
 
 
 def _exempt(design: Design) -> Iterator[str]:

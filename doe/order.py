@@ -11,7 +11,10 @@ _STARTS = 8
 
 
 def travel(q: Array) -> float:
-    """Joint travel of a sequence: between two poses what the joint that moves most covers, rad or m."""
+    """Joint travel of a sequence q, shape (m, dof): of each move what its farthest joint covers.
+
+    In rad or m, whichever is more.
+    """
     return float(np.abs(np.diff(q, axis=0)).max(axis=1).sum()) if len(q) > 1 else 0.0
 
 

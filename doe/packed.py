@@ -32,7 +32,7 @@ def pack(M: Array) -> Array:
 
 
 def unpack(packed: Array) -> Array:
-    """The inverse of :func:`pack`."""
+    """The inverse of :func:`pack`: shape (..., p (p + 1) / 2) to (..., p, p)."""
     p = round((np.sqrt(8.0 * packed.shape[-1] + 1.0) - 1.0) / 2.0)
     rows, columns, scale = _entries(p)
     M = np.empty((*packed.shape[:-1], p, p))

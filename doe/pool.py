@@ -27,7 +27,7 @@ _WORKERS = 2
 
 
 def rounded(cell: Cell, q: Array) -> Array:
-    """Joint values in steps of a hundredth of a degree or millimetre, inside the limits.
+    """Joint values (m, dof) in steps of a hundredth of a degree or millimetre, inside the limits.
 
     What is typed into the controller is what was judged.
     """
@@ -58,7 +58,7 @@ def drawn(cell: Cell, count: int, levels: Levels | None, seed: int) -> Iterator[
 
 
 def chunked(q: Array) -> Iterator[Array]:
-    """Configurations of a file in chunks."""
+    """Configurations of a file, shape (m, dof), in chunks."""
     for start in range(0, len(q), CHUNK):
         yield q[start : start + CHUNK]
 
@@ -122,7 +122,7 @@ class Chunk:
 def judge(
     regressor: Regressor, constraints: tuple[Constraint, ...], levels: Levels | None, q: Array
 ) -> Chunk:
-    """Remove the configurations that may not be measured, and linearise the others."""
+    """Remove the configurations, shape (m, dof), that may not be measured, and linearise the others."""
     cell = regressor.cell
     count, total = 1 if levels is None else len(levels.values), len(q)
     level = np.zeros(total, dtype=int) if levels is None else levels.of(q)

@@ -28,7 +28,10 @@ _PER_LEVEL, _LONGEST = 20, 65_536
 def probe_of(
     regressor: Regressor, constraints: tuple[Constraint, ...], wish: Wish, seed: int
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Feasible configurations of every level and their visible markers: what the cell is like."""
+    """Feasible configurations of every level, shape (m, dof), and their visible markers, shape (m, M).
+
+    What the cell is like. Raises CalibError where a level has none.
+    """
     levels = wish.levels
     count = 1 if levels is None else len(levels.values)
     found: list[Chunk] = []

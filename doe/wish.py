@@ -111,7 +111,10 @@ def subset_of(model: Model, wish: Wish) -> IntArray | None:
 
 
 def direction_of(model: Model, wish: Wish) -> Array | None:
-    """Factors of the combination, for parameters in their units."""
+    """Factors of the combination, shape (p,), for parameters in their units; None but for ``c``.
+
+    Raises CalibError where a factor cannot be read or is zero.
+    """
     if not wish.of or wish.criterion != "c":
         return None
     direction = np.zeros(len(model.parameters))

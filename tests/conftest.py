@@ -8,10 +8,16 @@ from pathlib import Path
 # Small matrices: threads of the linear algebra cost more than they give, most on a busy machine.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 
 from calib import Cell, Poses
 from studies.demo import embedded_cell, embedded_plan
+
+# How long an example takes says nothing where tests run beside each other.
+settings.register_profile("posecal", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("posecal")
 
 ROOT = Path(__file__).parent.parent
 
@@ -26,6 +32,12 @@ def data() -> Path:
     if not data_folder().is_dir():
         pytest.skip("real measurements are absent (POSECAL_DATA)")
     return data_folder()
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """Draws that are the same in whatever order the tests run."""
+    return np.random.default_rng(1)
 
 
 @pytest.fixture(scope="session")

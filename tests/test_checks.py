@@ -25,13 +25,6 @@ def test_check(name: str) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_help_imports_nothing_heavy() -> None:
-    code = "import sys, studies.cli; print(*sorted(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    loaded = set(done.stdout.split())
-    assert not loaded & {"numpy", "scipy", "cvxpy", "matplotlib", "pydantic", "rich"}
-
-
 def test_readme_lines_are_the_ones_that_ci_runs() -> None:
     readme = (ROOT / "README.md").read_text()
     ci = (ROOT / ".ci" / "run").read_text()

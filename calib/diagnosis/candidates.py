@@ -52,7 +52,7 @@ class Candidate:
 
     @property
     def spread(self) -> Array | None:
-        """Covariance of a curve's coefficients a priori; None for a cause by name."""
+        """Covariance of a curve's k coefficients a priori, shape (k, k); None for a cause by name."""
         return self.effect.spread if isinstance(self.effect, Curve) else None
 
 

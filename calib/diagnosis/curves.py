@@ -145,7 +145,7 @@ class RangeCurve(Curve, ReadingEffect):
 def curves(context: Context, poses: Poses, ranges: Array) -> Iterator[Curve]:
     """Every place with every variable that varies in the data.
 
-    ranges : ndarray, m, distances of the points from their stations
+    ranges : ndarray, shape (n,), m, distances of the visible points from their stations
     """
     robot, statics = context.robot, Statics(context.robot, context.payload, context.gravity)
     angles = [Angle(f"q:{joint}", k) for k, joint in enumerate(robot.joints)]

@@ -46,7 +46,10 @@ def squared_errors(fit: Fit, data: Measurements) -> Array:
 
 
 def rms(squared: Array) -> float:
-    """Root mean square over the visible points, m."""
+    """Root mean square over the visible points, m.
+
+    squared : ndarray, shape (m, M), m^2, NaN for hidden markers
+    """
     return float(np.sqrt(np.nanmean(squared)))
 
 

@@ -22,7 +22,10 @@ def needed_beyond(limit: float, directions: int, power: float = POWER) -> float:
 
 
 def detection(limit: float, directions: int, noncentrality: Array | float) -> Array:
-    """Probability that a score exceeds a limit: the upper tail of noncentral chi-square."""
+    """Probability that a score exceeds a limit: the upper tail of noncentral chi-square.
+
+    noncentrality : ndarray of any shape, or a number; the result has its shape
+    """
     from scipy.special import chndtr
 
     return np.asarray(1.0 - chndtr(limit, directions, noncentrality))

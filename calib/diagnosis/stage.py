@@ -78,7 +78,7 @@ class Stage:
     robust: bool = True
 
     def observation(self, model: Model, weight: Array) -> Points:
-        """Whitened points with a weight on every pose."""
+        """Whitened points with a weight on every pose, shape (m,); dropped poses have none."""
         weights = self.weights * (weight * ~self.dropped)[:, None, None, None]
         return Points(model, self.data, weights)
 
@@ -147,7 +147,10 @@ def _amplitudes_of(fit: Fit) -> tuple[float, ...]:
 
 
 def positions(model: Model, effect: Effect) -> IntArray:
-    """Where an effect's parameters stand in the vector of values."""
+    """Where an effect's parameters stand in the vector of values, shape (k,).
+
+    Raises KeyError where the effect is none of the model's.
+    """
     for own, part in zip(model.effects, model.slices, strict=True):
         if own is effect:
             return np.arange(part.start, part.stop)

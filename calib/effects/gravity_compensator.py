@@ -60,7 +60,7 @@ class GravityCompensator(SpringEffect):
         )
 
     def spring_length(self, q: Array) -> Array:
-        """Length of the spring [m] at joint angles q [rad]."""
+        """Length of the spring, m, at joint angles q, rad; both of one shape."""
         before, after = self.anchors
         moved = rotate(so3_exp(self.axis * q[..., None]), after)
         return np.asarray(np.linalg.norm(moved - before, axis=-1))

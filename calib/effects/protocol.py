@@ -283,6 +283,6 @@ def turning_joints(context: Context) -> tuple[str, ...]:
 
 
 def needs(context_has: bool, effect: str, reason: str, remedy: str) -> None:
-    """Refuse an effect that lacks what it needs."""
+    """Refuse an effect that lacks what it needs, with EffectCannotAct."""
     if not context_has:
         raise EffectCannotAct(effect, reason, remedy)

@@ -19,9 +19,11 @@ from calib.effects.tool import Tool
 from calib.errors import CalibError, InputError
 from calib.estimate import Estimate, Unexplained
 from calib.model import Model
+from calib.se3 import Array
 
 _LARGEST_FILE = 200_000_000  # bytes
-_LARGEST_VALUE = 1e9  # SI
+_LARGEST_VALUE = 1e12  # SI, as in tables: times may count from 1970
+_LARGEST_SQUARE = _LARGEST_VALUE**2  # a spring that nothing showed has a variance of 1e10
 _KNOT = "compliance@"
 _KEY = ("effect", "where", "name")
 
@@ -69,7 +71,7 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
     try:
         keys = [tuple(str(p[key]) for key in _KEY) for p in entry["parameters"]]
         values = _numbers([p["value_SI"] for p in entry["parameters"]])
-        cov = _numbers(entry["covariance_SI"]).reshape(len(values), len(values))
+        cov = _numbers(entry["covariance_SI"], _LARGEST_SQUARE).reshape(len(values), len(values))
         start, unexplained = _numbers([entry["session_start_s"], entry["unexplained"]["rms_mm"]])
         if (np.diag(cov) < 0.0).any() or unexplained < 0.0:
             raise ValueError
@@ -110,9 +112,9 @@ def _read(path: Path) -> dict[str, Any]:
     return result
 
 
-def _numbers(entries: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _numbers(entries: Any, largest: float = _LARGEST_VALUE) -> Array:
     values = np.array(entries, dtype=float)
-    if not (np.abs(values) < _LARGEST_VALUE).all():
+    if not (np.abs(values) <= largest).all():
         raise ValueError
     return values
 

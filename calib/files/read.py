@@ -54,6 +54,14 @@ def read_text(path: Path, largest: int, remedy: str = "check the path") -> str:
         raise InputError(path, "", "is not text in UTF-8", "save it as UTF-8") from None
 
 
+def sha256(path: Path) -> str:
+    """Hash of a file's content, as hexadecimal digits."""
+    import hashlib
+
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def fault_of_name(name: str) -> str:
     """What is wrong with the name of a marker, joint, pose or station; empty if nothing is."""
     if not name:

@@ -90,6 +90,11 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
             "is in the cell's [markers_mm] and never measured",
             "measure it or take it out of the cell",
         )
+    if cell.load is not None and not poses.wrench.any() and poses.configuration.max() + 1 < m:
+        warnings.append(
+            f"{path}: no reading bears a load, though joints repeat and the cell has a [load]; that "
+            "one is for plans: readings under load need columns fx_N .. mz_Nm"
+        )
     return Measurements(poses, points, seen, sigma, tuple(warnings))
 
 

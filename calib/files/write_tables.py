@@ -13,6 +13,7 @@ from calib.files.columns import WRENCH
 from calib.poses import Measurements, Poses
 from calib.robot import Robot
 from calib.se3 import Array
+from calib.statics import wrench_with_load
 
 
 def _joint_header(robot: Robot) -> list[str]:
@@ -42,7 +43,7 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
     A load hung on the tip is written as the wrench that it exerts at the nominal pose.
     """
     poses = data.poses
-    wrench = wrench_with_load(cell, poses)
+    wrench = wrench_with_load(cell.robot, cell.gravity, poses)
     header = ["pose", "marker", *_joint_header(cell.robot), "x_mm", "y_mm", "z_mm"]
     loaded = bool(wrench.any())
     header += WRENCH if loaded else ()
@@ -85,15 +86,3 @@ def plan_csv(cell: Cell, poses: Poses, level: Array) -> str:
         row = [name, *_joint_text(cell.robot, q)]
         rows.append([*row, f"{own:.9g}"] if with_level else row)
     return csv_text(header, rows)
-
-
-def wrench_with_load(cell: Cell, poses: Poses) -> Array:
-    """Wrench on the tip, the hung load included as at the nominal pose, shape (m, 6), N and N m."""
-    from calib.kinematics import forward
-    from calib.se3 import cross, rotate
-
-    R_tip = forward(cell.robot, poses.q).R[:, -1]
-    force = poses.load_mass[:, None] * cell.gravity
-    moment = cross(rotate(R_tip, np.broadcast_to(poses.load_com, force.shape)), force)
-    total: Array = poses.wrench + np.concatenate([force, moment], axis=-1)
-    return total

@@ -41,7 +41,10 @@ class Estimator(Protocol):
         ...
 
     def judged(self, observation: Observation, values: Array, span: Array) -> Judged:
-        """The marker residuals by which poses and noise are judged."""
+        """The marker residuals by which poses and noise are judged.
+
+        values : ndarray, shape (p,), SI; span : ndarray, shape (p, k), directions that were estimated
+        """
         ...
 
     def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
@@ -49,7 +52,10 @@ class Estimator(Protocol):
         ...
 
     def dof(self, observation: Observation, span: Array) -> int:
-        """Degrees of freedom of the residuals; negative where the readings do not suffice."""
+        """Degrees of freedom of the residuals; negative where the readings do not suffice.
+
+        span : ndarray, shape (p, k), directions that are estimated
+        """
         ...
 
 
@@ -134,7 +140,7 @@ def steps(model: Model, span: Array) -> tuple[Array, Array]:
 
 
 def rigid_directions(model: Model, span: Array) -> Array:
-    """The directions that move nothing elastic."""
+    """The directions (columns of span, shape (p, k)) that move nothing elastic."""
     return span[:, ~_soft(model, span)]
 
 

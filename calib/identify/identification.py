@@ -21,6 +21,7 @@ from calib.se3 import Array
 Status = Literal["converged", "not_converged", "rank_deficient"]
 Method = Literal["joint", "two-step"]
 
+_SHOWN = 6  # poses named in a warning
 _FAR = 0.05  # of the arm's size: no nominal model is off by as much
 
 ADVICE: dict[Status, str] = {
@@ -49,7 +50,10 @@ class Residuals:
     limit: float
 
     def lengths(self, poses: NDArray[np.bool_] | None = None) -> Array:
-        """Distances [m] of the visible points of the poses, all of them by default."""
+        """Distances of the visible points, shape (n,), m.
+
+        poses : ndarray of bool, shape (m,), whose points; all by default
+        """
         distance = np.linalg.norm(self.vectors, axis=-1)
         chosen = self.data.seen if poses is None else self.data.seen & poses[:, None]
         return np.asarray(distance[chosen])
@@ -61,8 +65,11 @@ class Identification:
 
     model : Model; values : ndarray, shape (p,), SI, in the order of ``model.parameters``
     covariance : ndarray, shape (p, p), SI, base and tool included; zero for what was not estimated
+    ignorance : ndarray, shape (p, p), SI, what values that were not estimated add to it, at their
+        plausible sizes (:func:`calib.covariance.ignorance`)
     unidentifiable : tuple of Unidentifiable, what the poses do not determine
     absorbed : tuple of Dropped, constants that others stand for at any pose
+    undecided : tuple of str, poses that are outliers by one fit and none by the next
     unused : tuple of str, poses whose markers are too few for approach pose
     nominal : ndarray, shape (p,), base and markers fitted, all else as in the nominal model
     distances : dict, "nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed" -> distances
@@ -76,6 +83,7 @@ class Identification:
     model: Model
     values: Array
     covariance: Array
+    ignorance: Array
     status: Status
     approach: Approach
     method: Method
@@ -85,6 +93,7 @@ class Identification:
     iterations: int
     unidentifiable: tuple[Unidentifiable, ...]
     absorbed: tuple[Dropped, ...]
+    undecided: tuple[str, ...]
     unused: tuple[str, ...]
     fit: Residuals
     heldout: Residuals | None
@@ -105,7 +114,10 @@ class Identification:
 
     @property
     def optimism(self) -> Array:
-        """Factor by which step 2 alone understates each standard deviation, NaN where it has none."""
+        """Factor by which step 2 alone understates each standard deviation, shape (p,).
+
+        NaN where step 2 has none.
+        """
         return self.std / np.where(self.step_two_std > 0.0, self.step_two_std, np.nan)
 
     def interval(self, level: float = 0.95) -> Array:
@@ -139,6 +151,12 @@ class Identification:
                 f"the nominal model misses the data by {nominal * 1e3:.0f} mm: check units, signs and "
                 "order of the joints, and the units of URDF and points"
             )
+        if self.undecided:
+            shown = ", ".join(self.undecided[:_SHOWN]) + (" .." if self.undecided[_SHOWN:] else "")
+            found.append(
+                f"the outliers did not settle, each fit judges {shown} otherwise: look at what was "
+                "read there"
+            )
         for p, value, std in zip(self.model.parameters, self.values, self.std, strict=True):
             if p.name.startswith("compliance") and value < -5.0 * std:
                 found.append(f"{p.id} is negative: check the sign of the wrench and of gravity")
@@ -154,10 +172,8 @@ class Identification:
 
     @property
     def knowledge(self) -> Array:
-        """Covariance with a plausible size as the ignorance of what was not estimated, (p, p), SI."""
-        lost = {name for entry in self.unidentifiable for name in entry.names}
-        unknown = [p.size**2 if p.id in lost else 0.0 for p in self.model.parameters]
-        return self.covariance + np.diag(unknown)
+        """Covariance of all values, those that were not estimated included, shape (p, p), SI."""
+        return self.covariance + self.ignorance
 
     def predict(self, poses: Poses) -> Array:
         """Readings at other poses, shape (m, M, 3), m, by the model as fitted: the same knots."""

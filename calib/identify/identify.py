@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.build import build, lacking, refuse_idle_effects
 from calib.cell import Cell
-from calib.covariance import clustered, covariance
+from calib.covariance import clustered, covariance, ignorance
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.errors import CalibError, TooFewPoses
@@ -33,6 +33,7 @@ from calib.poses import Measurements
 from calib.se3 import Array, rotate
 from calib.threads import one_blas_thread
 
+_FAR = 100.0  # arm lengths between points, beyond which a unit is wrong
 _POSES_PER_DIRECTION = 3  # fewer do not tell how poses scatter
 
 
@@ -101,6 +102,9 @@ def identify(
         model=model,
         values=values,
         covariance=stated * noise.factor**2,
+        ignorance=ignorance(
+            counted.flat(values)[1], found.span, model.sizes, np.diag(stated) <= 0.0
+        ),
         status=_status(found),
         approach=approach,
         method=method,
@@ -110,6 +114,7 @@ def identify(
         iterations=found.best.iterations,
         unidentifiable=found.choice.unidentifiable,
         absorbed=built.dropped,
+        undecided=tuple(data.poses.names[i] for i in np.flatnonzero(found.undecided)),
         unused=_unused(observation),
         fit=fit,
         heldout=held,
@@ -142,8 +147,15 @@ def check_counts(model: Model, data: Measurements) -> None:
     A reading of M markers fixes at most 3, 5 or 6 rigid coordinates (M = 1, 2, more); the shape of
     the marker set is common to all readings.
 
-    Raises TooFewPoses with the number that is needed.
+    Raises TooFewPoses with the number that is needed, CalibError for points that no arm of this size
+    could have reached.
     """
+    spread = float(np.ptp(data.points[data.seen], axis=0).max(initial=0.0))
+    if spread > _FAR * model.robot.reach:
+        raise CalibError(
+            f"the points lie {spread:.0f} m apart and the arm is {model.robot.reach:.1f} m long; check "
+            "the units of the points' columns and of the robot's file"
+        )
     p, markers = len(model.parameters), data.seen.shape[1]
     rigid = {1: 3, 2: 5}.get(markers, 6)
     shape = 3 * markers - rigid if len(model.where(Tool)) else 0
@@ -157,7 +169,7 @@ def whitening(cell: Cell, model: Model, values: Array, data: Measurements) -> Ar
     """Weights of the points, shape (m, M, 3, 3), 1/m; zero for hidden markers.
 
     The range is from the instrument where the cell says where it stands, else from the origin of
-    the readings.
+    the readings. Raises CalibError where it stands at one place and the data have several stations.
     """
     beams = data.points
     if cell.instrument is not None:
@@ -179,7 +191,10 @@ def residuals(
     statistics: Array | None = None,
     limit: float = np.inf,
 ) -> Residuals:
-    """Measured minus predicted points of a data set."""
+    """Measured minus predicted points of a data set.
+
+    values : ndarray, shape (p,), SI; outlier, statistics : ndarray, shape (m,), of the poses
+    """
     vectors = (data.points - model.predict(values, data.poses)) * data.seen[..., None]
     none = np.zeros(len(data), dtype=bool)
     return Residuals(

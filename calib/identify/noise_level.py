@@ -42,13 +42,19 @@ class NoiseLevel:
 
 
 def believed_sigma(data: Measurements, weights: Array) -> float:
-    """Root mean square over the points of the standard deviation of a coordinate [m]."""
+    """Root mean square over the points of the standard deviation of a coordinate, m.
+
+    weights : ndarray, shape (m, M, 3, 3), 1/m
+    """
     covariance = np.linalg.pinv(weights[data.seen])
     return float(np.sqrt((covariance**2).sum(axis=(-1, -2)).mean() / 3.0))
 
 
 def replicate_spread(data: Measurements, weights: Array) -> tuple[float, int]:
-    """Weighted sum of squares within repeated readings, and its degrees of freedom."""
+    """Weighted sum of squares within repeated readings, and its degrees of freedom.
+
+    weights : ndarray, shape (m, M, 3, 3), 1/m
+    """
     total, dof = 0.0, 0
     group = data.poses.repeated
     for g in np.flatnonzero(np.bincount(group) > 1):
@@ -66,6 +72,7 @@ def noise_level(cost: float, dof: int, data: Measurements, weights: Array) -> No
     """Decide by chi-square and F tests which source to trust, two-sided at one per cent.
 
     cost, dof : sum of squared whitened residuals of the kept poses, and degrees of freedom
+    weights : ndarray, shape (m, M, 3, 3), 1/m
     """
     from scipy.special import chdtr, chdtrc, fdtr, fdtrc
 
@@ -73,7 +80,8 @@ def noise_level(cost: float, dof: int, data: Measurements, weights: Array) -> No
     spread, repeats = replicate_spread(data, weights)
     factor = 1.0
     source: Source = "cell"
-    own = float(np.sqrt(spread / repeats)) if repeats >= _FEWEST else None
+    # Noise never repeats to the digit: repeats without any spread are copies and say nothing.
+    own = float(np.sqrt(spread / repeats)) if repeats >= _FEWEST and spread > 0.0 else None
     tail = 2.0 * min(float(chdtr(repeats, spread)), float(chdtrc(repeats, spread)))
     if own is not None and tail < _DISAGREE:
         factor, source = own, "replicates"

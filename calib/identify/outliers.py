@@ -1,6 +1,7 @@
 """Poses that do not belong, judged against what the other poses show.
 
-In small sets the worst pose is tested against the fit without it (F test), again and again.
+In small sets the worst pose is tested against the fit without it (F test), again and again; one that
+was left out and agrees with the fit to the others is taken back first.
 
 Each pose gets the squared length of its residual in units of its own predicted spread, leverage
 taken out. Where the model is incomplete these follow no chi-square of the instrument's sigma, so
@@ -60,7 +61,10 @@ def _mean_squares(r: Array, J: Array, cov: Array, sign: Array) -> tuple[Array, A
 
 
 def threshold(statistics: Array, rows: int) -> float:
-    """Largest value of the statistic that still belongs to the rest."""
+    """Largest value of the statistic that still belongs to the rest; infinite for few poses.
+
+    statistics : ndarray, shape (m,), mean squares of the poses; rows : int, behind each of them
+    """
     from scipy.special import gammaincinv
 
     m = len(statistics)
@@ -95,8 +99,9 @@ def next_outlier(
 ) -> int | None:
     """The worst of the kept poses of a small set, if the fit without it says so, else None.
 
-    statistics, rows : mean squares and numbers of rows of the poses, as of :func:`pose_statistics`:
-        their product is what the cost falls by when a pose is left out
+    statistics, rows : ndarray, shape (m,), mean squares and numbers of rows of the poses, as of
+        :func:`pose_statistics`: their product is what the cost falls by when a pose is left out
+    kept : ndarray of bool, shape (m,), the poses that were fitted
     cost, dof : sum of squares of the kept poses and its degrees of freedom
     """
     from scipy.special import fdtrc
@@ -118,13 +123,14 @@ def wrongly_out(
 ) -> int | None:
     """The pose of a small set that was left out and agrees best with the fit without it, else None.
 
-    The test of :func:`next_outlier`, the other way round; arguments as there.
+    The test of :func:`next_outlier`, the other way round; arguments, shapes (m,), as there. A pose
+    without rows stays out: nothing says that it agrees.
     """
     from scipy.special import fdtrc
 
-    if kept.all() or dof <= 0:
+    out = ~kept & (rows > 0)
+    if not out.any() or dof <= 0:
         return None
-    best = int(np.where(kept | (rows == 0), np.inf, statistics).argmin())
+    best = int(np.where(out, statistics, np.inf).argmin())
     F = statistics[best] / max(cost / dof, 1e-300)
-    agrees = float(fdtrc(max(int(rows[best]), 1), dof, F)) >= _ALPHA / len(kept)
-    return best if agrees and not kept[best] else None
+    return best if float(fdtrc(int(rows[best]), dof, F)) >= _ALPHA / len(kept) else None

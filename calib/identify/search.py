@@ -29,7 +29,9 @@ class Found:
     """Where a search ended.
 
     first : Minimum over every pose; best : Minimum over the poses kept
-    kept : ndarray of bool, shape (m,); statistics : ndarray, shape (m,), judged by ``limit``
+    kept : ndarray of bool, shape (m,); statistics : ndarray, shape (m,), under the last fit, judged by
+        ``limit``
+    undecided : ndarray of bool, shape (m,), poses of which the last fit says other than was fitted
     choice : Identifiable, what the kept poses determine; span : ndarray, shape (p, k), its directions
     regular : whether they still determine it where the search ended
     """
@@ -39,6 +41,7 @@ class Found:
     kept: Mask
     statistics: Array
     limit: float
+    undecided: Mask
     choice: Identifiable
     span: Array
     regular: bool
@@ -67,19 +70,20 @@ def search(estimator: Estimator, observation: Observation, start: Array) -> Foun
         kept, _, _ = _judged(estimator, observation, stiff.values, every, rigid)
     best = estimator.fit(observation.only(kept), start, span)
     first = best if kept.all() else None
-    statistics, limit = np.zeros(len(every)), np.inf
+    fresh, statistics, limit = _judged(estimator, observation, best.values, kept, span)
     for _ in range(_ROUNDS):
-        fresh, statistics, limit = _judged(estimator, observation, best.values, kept, span)
         if np.array_equal(fresh, kept):
             break
         kept = fresh
         choice = choose_directions(observation.only(kept), start)
         span = observation.span()[:, choice.kept]
         best = estimator.fit(observation.only(kept), best.values, span)
+        fresh, statistics, limit = _judged(estimator, observation, best.values, kept, span)
     if first is None:
         first = estimator.fit(observation, best.values, span)
     at_end = choose_directions(observation.only(kept), best.values)
-    return Found(first, best, kept, statistics, limit, choice, span, at_end.rank >= choice.rank)
+    regular = at_end.rank >= choice.rank
+    return Found(first, best, kept, statistics, limit, fresh != kept, choice, span, regular)
 
 
 def _judged(

@@ -54,7 +54,7 @@ class Observation(ABC):
         return covariance(self.flat(values)[1], span)
 
     def only(self, kept: NDArray[np.bool_]) -> Self:
-        """The observation with the other poses weighted out."""
+        """The observation with the other poses weighted out; kept has shape (m,)."""
         return replace(self, weights=self.weights * kept[:, None, None, None])
 
     def points(self, centred: bool = False) -> Points:

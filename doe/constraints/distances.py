@@ -14,14 +14,14 @@ _ACROSS = 1e-12  # m; a segment that runs less than this along an axis of a box 
 
 
 def point_segment(point: Array, start: Array, end: Array) -> Array:
-    """Distance of points to segments."""
+    """Distance of points to segments; all of shape (..., 3), m, with broadcasting."""
     along, offset = end - start, point - start
     t = _ratio(_dot(offset, along), _dot(along, along))
     return _norm(offset - np.clip(t, 0.0, 1.0)[..., None] * along)
 
 
 def segment_segment(start_1: Array, end_1: Array, start_2: Array, end_2: Array) -> Array:
-    """Distance of segments to segments.
+    """Distance of segments to segments; all of shape (..., 3), m, with broadcasting.
 
     Source: Ericson, Real-Time Collision Detection, 2005, section 5.1.9. The last step is taken
     everywhere, as it can only shorten the distance. Parallel segments may start it anywhere.
@@ -36,12 +36,17 @@ def segment_segment(start_1: Array, end_1: Array, start_2: Array, end_2: Array) 
 
 
 def point_box(point: Array, half: Array) -> Array:
-    """Distance of points to a box about the origin along the axes, ``half`` its size / 2."""
+    """Distance of points to a box about the origin along the axes, ``half`` its size / 2.
+
+    point : ndarray, shape (..., 3), m; half : ndarray, shape (3,), m
+    """
     return _norm(_beyond(point, half))
 
 
 def segment_box(start: Array, end: Array, half: Array) -> Array:
     """Distance of segments to a box about the origin along the axes, ``half`` its size / 2.
+
+    start, end : ndarray, shape (..., 3), m; half : ndarray, shape (3,), m
 
     The squared distance of the point at t is convex in t, and its derivative is linear between the
     places where the segment crosses the planes of the faces.
@@ -65,7 +70,10 @@ def segment_box(start: Array, end: Array, half: Array) -> Array:
 
 
 def segment_halfspace(start: Array, end: Array, point: Array, normal: Array) -> Array:
-    """Distance of segments to all that lies beyond the plane through ``point``, along ``normal``."""
+    """Distance of segments to all that lies beyond the plane through ``point``, along ``normal``.
+
+    start, end : ndarray, shape (..., 3), m; point, normal : ndarray, shape (3,)
+    """
     unit = normal / np.linalg.norm(normal)
     height = np.maximum(start @ unit, end @ unit) - point @ unit
     return np.asarray(np.maximum(-height, 0.0))

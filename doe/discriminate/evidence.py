@@ -191,7 +191,7 @@ class Evidence:
         return np.asarray(np.maximum(alone - taken, 0.0))
 
     def directions(self, known: Known) -> Array:
-        """Directions of each rival that can be seen, the price of which Schwarz counts."""
+        """Number of visible directions of each rival, shape (rivals,): what Schwarz prices."""
         scale = np.sqrt(np.where(known.lengths > 0.0, known.lengths, 1.0))
         S = known.S / np.outer(scale, scale)
         seen = [np.linalg.eigvalsh(S[np.ix_(at, at)]) > VISIBLE**2 for at in self.columns]
@@ -211,7 +211,7 @@ class Evidence:
         return margins(self.separation(S), handicap)
 
     def probabilities(self, known: Known) -> Array:
-        """Probability that the truth of each pair is preferred, whichever of the two it is."""
+        """Probability that the truth is preferred, whichever of the two it is, shape (pairs,)."""
         return np.asarray(self.preferences(known).min(axis=-1))
 
     def preferences(self, known: Known) -> Array:

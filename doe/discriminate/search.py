@@ -136,7 +136,10 @@ class Search:
 def search_of(
     rivals: Sequence[Evidence], offer: Offer, start: Array, count: int, clear: float
 ) -> Search | None:
-    """The search over all places where something can be told apart; None where nothing can."""
+    """The search over all places where something can be told apart; None where nothing can.
+
+    start : ndarray, shape (dof,), where the arm stands
+    """
     places = [contested(evidence, offer, start, count, clear) for evidence in rivals]
     hopeful = tuple(place for place in places if place.hopeful.any())
     return Search(hopeful, offer, start) if hopeful else None

@@ -46,7 +46,7 @@ class Hung:
         )
 
     def shifted(self, by: Array) -> Hung:
-        """The same load at another point of the tip."""
+        """The same load at another point of the tip; by, shape (3,), m."""
         return replace(self, lever=self.lever + by, com=self.com + by)
 
 
@@ -90,6 +90,7 @@ class Session:
     def alike(self, robot: Robot, q: Array, side: float, count: int) -> Poses:
         """Readings of candidates, in turn as the first to the last of ``count`` configurations.
 
+        q : ndarray, shape (m, dof), rad or m
         side : float, +1 or -1, from which every joint comes
         """
         approach = np.full_like(q, side)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from calib.identify import Identification
 from calib.model import Model
-from doe import curve, plan
+from doe.curve import stops_paying
 from doe.enough.forecast import Step
 from doe.enough.match import Match
 
@@ -54,8 +54,7 @@ class Enough:
     def pays_until(self) -> int | None:
         """Poses still to come after which more of them only average noise; None while some is open."""
         settled = [step for step in self.steps if not set(step.open) - set(self.steps[-1].open)]
-        steps = [plan.Step(s.readings, s.task_rms, s.task_rms, 1.0) for s in settled]
-        at = curve.stops_paying(tuple(steps))
+        at = stops_paying([s.readings for s in settled], [s.task_rms for s in settled])
         return next(
             (k for k, s in enumerate(self.steps) if s.readings == at and s in settled), None
         )

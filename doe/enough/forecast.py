@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.covariance import accuracy, covariance, identifiable
+from calib.covariance import accuracy, covariance, identifiable, ignorance
 from calib.model import Model
 from calib.poses import IntArray, Poses
 from calib.se3 import Array
@@ -24,7 +24,8 @@ class Step:
     """What will be known after one more pose.
 
     pose : str, empty for what is known now; readings : int, in all
-    task_rms, task_worst : float, m, expected at the targets; what is open has its plausible size
+    task_rms, task_worst : float, m, expected at the targets; what is open is off by its plausible
+        size, as far as the others do not make up for it
     std : ndarray, shape (p,), SI, NaN for what is open
     open : tuple of str, parameters that cannot be told
     """
@@ -65,7 +66,8 @@ class Forecast:
         choice = identifiable(R, np.ones(p), ids)
         known = np.zeros(p, dtype=bool)
         known[choice.kept] = True
-        cov = covariance(R, np.eye(p)[:, choice.kept]) + np.diag(np.where(known, 0.0, 1.0))
+        span = np.eye(p)[:, choice.kept]
+        cov = covariance(R, span) + ignorance(R, span, np.ones(p), ~known)
         cov = cov * np.outer(sizes, sizes)
         rms, worst = accuracy(self.model, self.values, cov, self.targets, self.weights)
         std = np.where(known, np.sqrt(np.diag(cov)), np.nan)

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from calib.api import readings
 from calib.cell import Cell
 from calib.drift.visits import alike, visits
-from calib.files.write_tables import wrench_with_load
 from calib.poses import IntArray, Poses
 from calib.se3 import Array
+from calib.statics import wrench_with_load
 
 _AS_TOLD = np.radians(0.01)  # rad: robots go where they are told, and plans are rounded to this
 _AS_TOLD_M = 1e-5
@@ -48,7 +48,8 @@ def match(cell: Cell, plan: Poses, data: Poses) -> Match:
     off = np.abs(wanted.q - data.q[:, None])
     there = np.all(off <= np.where(cell.robot.prismatic, _AS_TOLD_M, _AS_TOLD), axis=-1)
     near = np.all(off <= np.where(cell.robot.prismatic, _AS_NAMED_M, _AS_NAMED), axis=-1)
-    fits = _alike(*(wrench_with_load(cell, poses)[:, :3] for poses in (data, wanted)))
+    given, hung = (wrench_with_load(cell.robot, cell.gravity, poses) for poses in (data, wanted))
+    fits = _equally_loaded(given[:, :3], hung[:, :3])
     left, warnings = np.ones(len(wanted), dtype=bool), []
     for one in _counted(data, np.any(named, axis=1)):
         score = (left & fits[one]) * (2 * there[one] + (named[one] & near[one]))
@@ -73,7 +74,7 @@ def _counted(data: Poses, known: NDArray[np.bool_]) -> list[int]:
     return [int(i) for i in (*first, *rest)]
 
 
-def _alike(given: Array, wanted: Array) -> NDArray[np.bool_]:
+def _equally_loaded(given: Array, wanted: Array) -> NDArray[np.bool_]:
     """Whether the arm is as loaded as it should be, (m, n): free or loaded, not to the newton."""
     lengths = (np.linalg.norm(forces, axis=1) for forces in (given, wanted))
     least = 0.5 * np.maximum.outer(*lengths)

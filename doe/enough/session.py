@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from calib.cell import Cell
-from calib.files.write_tables import wrench_with_load
 from calib.moves import in_order, moves
 from calib.poses import IntArray, Measurements, Poses
 from calib.se3 import Array
+from calib.statics import wrench_with_load
 from doe.foresight.view import readings_of
 
 
@@ -41,7 +41,9 @@ def _followed(cell: Cell, now: Poses, coming: Poses) -> Poses:
         now,
         names=(*now.names, *coming.names),
         q=np.concatenate([now.q, coming.q]),
-        wrench=np.concatenate([wrench_with_load(cell, p) for p in (now, coming)]),
+        wrench=np.concatenate(
+            [wrench_with_load(cell.robot, cell.gravity, p) for p in (now, coming)]
+        ),
         temperature=_continued(now.temperature, last, np.zeros(k)),
         time=_continued(now.time, last, _pace(now.time) * np.arange(1.0, k + 1.0, dtype=float)),
         approach=None if now.approach is None else np.concatenate([now.approach, approach]),

@@ -61,7 +61,7 @@ class Sight:
         return int(np.argmin(self.smallest / self.sizes))
 
     def found(self, times: Array) -> Array:
-        """Probability that the cause is found at multiples of its smallest size."""
+        """Probability that the cause is found at multiples of its smallest size, shape (k,)."""
         return detection(self.limit, self.directions, self.needed * np.asarray(times) ** 2)
 
 

@@ -80,7 +80,10 @@ def view_of(cell: Cell, plan: Plan, values: Array | None = None) -> View:
 def linearised(
     cell: Cell, model: Model, data: Measurements, values: Array, *, assumed: bool = False
 ) -> View:
-    """The view of given readings, their points ignored; at values that are known or assumed."""
+    """The view of given readings, their points ignored.
+
+    values : ndarray, shape (p,), SI, known or, as told by ``assumed``, taken for lack of better
+    """
     points = model.predict(values, data.poses)
     data = replace(data, points=points)
     along = beams(model, values, data.poses, points, cell.instrument)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
@@ -21,14 +21,22 @@ T = TypeVar("T")
 
 _WIDTH = 120  # of tables in files and pipes
 
+PATH = click.Path(path_type=Path)
+
+cell_argument = click.argument("cell_path", metavar="CELL", type=PATH)
+data_argument = click.argument("data_path", metavar="DATA", type=PATH)
 json_option = click.option(
-    "--json", "json_path", metavar="FILE", help="Write the result as JSON; - for standard output."
+    "--json",
+    "json_path",
+    metavar="FILE",
+    type=click.Path(allow_dash=True),
+    help="Write the result as JSON; - for standard output.",
 )
 figures_option = click.option(
     "--figures",
     "folder",
     metavar="FOLDER",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Write the figures, as SVG and PNG, with their numbers as CSV.",
 )
 seed_option = click.option(
@@ -57,9 +65,31 @@ def one_line_faults(function: Callable[P, T]) -> Callable[P, T]:
     return run
 
 
+def result_options(function: Callable[P, T]) -> Callable[P, T]:
+    """What every command with a result takes, and how it ends: --figures, --json and --seed."""
+    return figures_option(json_option(seed_option(one_line_faults(function))))
+
+
+@contextmanager
+def faults_in(file: Path, *, effects_of: Path | None = None) -> Iterator[None]:
+    """Name the file that a fault of the computation lies in, that of the model's effects apart."""
+    from calib.errors import CalibError, EffectCannotAct, InputError, UnknownEffect
+
+    try:
+        yield
+    except InputError:
+        raise
+    except CalibError as error:
+        if effects_of is not None and isinstance(error, UnknownEffect | EffectCannotAct):
+            raise InputError(effects_of, "model.effects", str(error)) from None
+        raise InputError(file, "", str(error)) from None
+
+
 def envelope(command: str, inputs: list[Path], seed: int) -> dict[str, Any]:
     """Fields that every result carries."""
     from importlib.metadata import version
+
+    from calib.files.read import sha256
 
     return {
         "schema": 1,
@@ -68,12 +98,6 @@ def envelope(command: str, inputs: list[Path], seed: int) -> dict[str, Any]:
         "seed": seed,
         "inputs": [{"file": str(path), "sha256": sha256(path)} for path in inputs],
     }
-
-
-def sha256(path: Path) -> str:
-    """Hash of a file's content."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def console_for(json_path: str | None) -> Console:
@@ -87,6 +111,13 @@ def console_for(json_path: str | None) -> Console:
     if not console.is_terminal:
         console.width = _WIDTH
     return console
+
+
+def show(parts: Iterable[Any], json_path: str | None) -> None:
+    """Print tables where they go."""
+    console = console_for(json_path)
+    for part in parts:
+        console.print(part)
 
 
 def warn(messages: tuple[str, ...]) -> None:
@@ -109,10 +140,12 @@ class Finite(click.FloatRange):
         return number
 
 
-def check_outputs(outputs: list[Path], inputs: list[Path], folder: Path | None = None) -> None:
+def check_outputs(
+    outputs: Iterable[Path | None], inputs: Iterable[Path], folder: Path | None = None
+) -> None:
     """Refuse, before anything is computed, what could not be read or written in the end.
 
-    folder : of the figures, made where it does not exist
+    outputs : None is not written; folder : of the figures, made where it does not exist
 
     Raises InputError for a missing input or folder, an output over an input, and two in one file.
     """
@@ -120,10 +153,13 @@ def check_outputs(outputs: list[Path], inputs: list[Path], folder: Path | None =
     from calib.files.read import check_file
     from calib.files.write import check_target
 
-    for path in inputs:
-        check_file(path)
-    taken = {path.resolve() for path in inputs}
+    taken = set()
+    for given in inputs:
+        check_file(given)
+        taken.add(given.resolve())
     for path in outputs:
+        if path is None:
+            continue
         check_target(path)
         if path.resolve() in taken:
             raise InputError(path, "", "is already an input or another output", "name another file")

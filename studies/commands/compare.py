@@ -9,30 +9,30 @@ from pathlib import Path
 import click
 
 from studies.commands.common import (
+    PATH,
     Finite,
+    cell_argument,
     check_outputs,
-    console_for,
     envelope,
+    faults_in,
     figure_files,
-    figures_option,
-    json_option,
-    one_line_faults,
     output_file,
     output_texts,
     plan_names,
+    result_options,
     say_written,
-    seed_option,
+    show,
 )
 
 
-@click.command()
-@click.argument("cell_path", metavar="CELL", type=click.Path(path_type=Path))
+@click.command(short_help="How accurate a plan will be, predicted and simulated.")
+@cell_argument
 @click.argument(
     "plan_paths",
     metavar="PLAN [PLAN ...]",
     nargs=-1,
     required=True,
-    type=click.Path(path_type=Path),
+    type=PATH,
 )
 @click.option(
     "--monte-carlo",
@@ -55,12 +55,9 @@ from studies.commands.common import (
     show_default=True,
     help="Characteristic length of approach pose, plain: about the size of the marker set.",
 )
-@click.option("--values", "values_path", metavar="RESULT", type=click.Path(path_type=Path),
+@click.option("--values", "values_path", metavar="RESULT", type=PATH,
               help="A result of identify: predict and simulate at its values.")  # fmt: skip
-@figures_option
-@json_option
-@seed_option
-@one_line_faults
+@result_options
 def compare(
     cell_path: Path,
     plan_paths: tuple[Path, ...],
@@ -84,25 +81,26 @@ def compare(
     """
     import calib
     from calib.build import build
-    from calib.errors import CalibError, InputError
+    from calib.errors import InputError
     from calib.files.values import load_values
     from calib.files.write import write_files
     from studies.compare import compare as compare_plans
     from studies.compare import engine
     from studies.compare.results import comparison_fields
+    from studies.compare.tables import comparison_tables
 
     cell = calib.load_cell(cell_path)
     targets = cell.design.get("targets")
     inputs = [cell_path, *cell.robot_files, *plan_paths, *([targets] if targets else [])]
     inputs += [values_path] if values_path is not None else []
-    check_outputs([path for path in [output_file(json_path)] if path is not None], inputs, folder)
+    check_outputs([output_file(json_path)], inputs, folder)
     loaded = [calib.load_plan(cell, path) for path in plan_paths]
     names = plan_names(plan_paths)
     for path in plan_paths:
         if names.count(str(path)) > 1 or plan_paths.count(path) > 1:
             raise InputError(path, "", "is given twice", "give each plan once")
     plans = dict(zip(names, loaded, strict=True))
-    try:
+    with faults_in(cell_path, effects_of=cell_path):
         values = None
         if values_path is not None:
             values = load_values(values_path, build(cell, loaded[0]).model.parameters)
@@ -120,10 +118,6 @@ def compare(
                 executor=executor,
                 progress=progress,
             )
-    except InputError:
-        raise
-    except CalibError as error:
-        raise InputError(cell_path, "", str(error)) from None
     fields = {**envelope("compare", inputs, seed), **comparison_fields(result)}
     texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
     if folder is not None:
@@ -131,7 +125,7 @@ def compare(
 
         texts |= figure_files(pictures(result), folder)
     write_files(texts)
-    _show(result, fields, json_path)
+    show(comparison_tables(result, fields), json_path)
     say_written(texts, folder, json_path)
 
 
@@ -160,11 +154,3 @@ def _progress(total: int) -> Iterator[Callable[[int], None]]:
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("simulated experiments", total=total)
         yield lambda done: bar.update(task, advance=done)
-
-
-def _show(result: object, fields: dict[str, object], json_path: str | None) -> None:
-    from studies.compare.tables import comparison_tables
-
-    console = console_for(json_path)
-    for part in comparison_tables(result, fields):  # type: ignore[arg-type]
-        console.print(part)

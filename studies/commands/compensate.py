@@ -7,28 +7,31 @@ from pathlib import Path
 import click
 
 from studies.commands.common import (
+    PATH,
+    cell_argument,
     check_outputs,
-    console_for,
     envelope,
+    faults_in,
     json_option,
     one_line_faults,
     output_file,
     output_texts,
     say_written,
+    show,
     warn,
 )
 
 
-@click.command()
-@click.argument("cell_path", metavar="CELL", type=click.Path(path_type=Path))
-@click.argument("result_path", metavar="RESULT", type=click.Path(path_type=Path))
-@click.argument("targets_path", metavar="TARGETS", type=click.Path(path_type=Path))
+@click.command(short_help="Commands that bring the real arm to its targets.")
+@cell_argument
+@click.argument("result_path", metavar="RESULT", type=PATH)
+@click.argument("targets_path", metavar="TARGETS", type=PATH)
 @click.option(
     "-o",
     "--output",
     "plan_path",
     metavar="FILE",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Write the targets' table with corrected joints; it reads back as a plan.",
 )
 @json_option
@@ -52,7 +55,7 @@ def compensate(
       posecal compensate cell.toml result.json targets.csv -o corrected.csv
     """
     import calib
-    from calib.errors import CalibError, InputError
+    from calib.errors import InputError
     from calib.files.compensation import compensated_csv, nominal_table
     from calib.files.estimate import load_estimate
     from calib.files.write import write_files
@@ -61,25 +64,19 @@ def compensate(
 
     cell = calib.load_cell(cell_path)
     inputs = [cell_path, *cell.robot_files, result_path, targets_path]
-    check_outputs([p for p in (plan_path, output_file(json_path)) if p is not None], inputs)
+    check_outputs([plan_path, output_file(json_path)], inputs)
     table = nominal_table(cell, targets_path)
     estimate = load_estimate(cell, result_path)
     if not estimate.converged:
         raise InputError(result_path, "", "did not converge", "mend the identification first")
     targets, weights = calib.load_targets(cell, targets_path)
-    try:
+    with faults_in(targets_path):
         found = calib.compensate(cell, estimate, targets, weights=weights)
-    except InputError:
-        raise
-    except CalibError as error:
-        raise InputError(targets_path, "", str(error)) from None
     fields = {**envelope("compensate", inputs, 0), **compensation_fields(cell.robot, found)}
     warn(found.notes)
     texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
     if plan_path is not None:
         texts[plan_path] = compensated_csv(cell, table, found)
     write_files(texts)
-    console = console_for(json_path)
-    for part in compensation_tables(cell.name, fields):
-        console.print(part)
+    show(compensation_tables(cell.name, fields), json_path)
     say_written(texts, None, json_path)

@@ -16,7 +16,7 @@ from studies.commands.common import (
 )
 
 
-@click.command()
+@click.command(short_help="The whole way on the paper's robot, as files to edit.")
 @click.argument("folder", type=click.Path(path_type=Path), default=Path("posecal-demo"))
 @json_option
 @seed_option

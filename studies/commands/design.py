@@ -8,29 +8,30 @@ from typing import Any
 import click
 
 from studies.commands.common import (
+    PATH,
+    cell_argument,
     check_outputs,
-    console_for,
     envelope,
+    faults_in,
     figure_files,
-    figures_option,
-    json_option,
-    one_line_faults,
     output_file,
     output_texts,
     plan_names,
+    result_options,
     say_written,
-    seed_option,
+    show,
 )
 
 
-@click.command()
-@click.argument("cell_path", metavar="CELL", type=click.Path(path_type=Path))
-@click.option("-o", "--output", "plan_path", metavar="PLAN", type=click.Path(path_type=Path),
+@click.command(short_help="Which poses to measure, with a proof of how good.")
+@cell_argument
+@click.option("-o", "--output", "plan_path", metavar="PLAN", type=PATH,
               help="Write the plan as CSV, in the order of measuring.")  # fmt: skip
 @click.option("--poses", metavar="N", type=click.IntRange(min=1), help="How many poses to choose.")
 @click.option(
     "--criterion",
     metavar="NAME",
+    shell_complete=lambda *given: _criteria(given[-1]),
     default="task",
     show_default=True,
     help="Made best. task: error left at the targets (task-worst: at the worst); A: mean variance; "
@@ -49,7 +50,7 @@ from studies.commands.common import (
     show_default=True,
     help="How many candidates to draw, or a table of them in the format of a plan.",
 )
-@click.option("--extend", "extend_path", metavar="PLAN", type=click.Path(path_type=Path),
+@click.option("--extend", "extend_path", metavar="PLAN", type=PATH,
               help="A plan that is measured already; N poses come on top of it.")  # fmt: skip
 @click.option(
     "--discriminate",
@@ -61,7 +62,7 @@ from studies.commands.common import (
     metavar="NAME[,NAME]",
     help="What matters, for Ds, A and E: joint_compliance:A6,..; for c also NAME=FACTOR,..",
 )
-@click.option("--against", metavar="PLAN", multiple=True, type=click.Path(path_type=Path),
+@click.option("--against", metavar="PLAN", multiple=True, type=PATH,
               help="A plan to judge beside the result; may be given several times.")  # fmt: skip
 @click.option("--curve", is_flag=True, help="Also accuracy against the number of poses.")
 @click.option(
@@ -79,10 +80,7 @@ from studies.commands.common import (
     default=None,
     help="Move joint angles beyond the candidates. Default: yes, unless they come from a table.",
 )
-@figures_option
-@json_option
-@seed_option
-@one_line_faults
+@result_options
 def design(
     cell_path: Path,
     plan_path: Path | None,
@@ -118,6 +116,7 @@ def design(
     from calib.files.write import write_files
     from calib.files.write_tables import plan_csv
     from doe.results import design_fields, shown_levels
+    from studies.design.tables import design_tables
 
     given = click.get_current_context().get_parameter_source("criterion")
     if discriminate is not None and given == click.core.ParameterSource.COMMANDLINE:
@@ -128,12 +127,10 @@ def design(
     inputs = [cell_path, *cell.robot_files, *([targets] if targets else []), *against]
     inputs += [extend_path] if extend_path is not None else []
     inputs += [source] if isinstance(source, Path) else []
-    check_outputs(
-        [path for path in (plan_path, output_file(json_path)) if path is not None], inputs, folder
-    )
+    check_outputs([plan_path, output_file(json_path)], inputs, folder)
     loaded = [calib.load_plan(cell, path) for path in against]
     plans = dict(zip(plan_names(against), loaded, strict=True))
-    try:
+    with faults_in(cell_path):
         result = doe.design(
             cell,
             poses=poses,
@@ -152,10 +149,6 @@ def design(
             seed=seed,
             progress=_progress(),
         )
-    except InputError:
-        raise
-    except calib.CalibError as error:
-        raise InputError(cell_path, "", str(error)) from None
     fields: dict[str, Any] = {**envelope("design", inputs, seed), **design_fields(result)}
     texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
     if plan_path is not None:
@@ -167,7 +160,7 @@ def design(
 
         texts |= figure_files(pictures(result), folder)
     write_files(texts)
-    _show(result, fields, json_path)
+    show(design_tables(result, fields), json_path)
     say_written(texts, folder, json_path)
 
 
@@ -200,6 +193,13 @@ def two_effects(text: str | None) -> tuple[str, str] | None:
     return parts[0], parts[1]
 
 
+def _criteria(begun: str) -> list[str]:
+    """Criteria for the completion of the shell, those of installed packages too."""
+    from doe.criteria import UNASKED, catalogue
+
+    return [name for name in catalogue() if name.startswith(begun) and name != UNASKED]
+
+
 def _progress() -> Any:
     """Steps on a terminal's standard error; nothing where it is no terminal."""
     import sys
@@ -207,11 +207,3 @@ def _progress() -> Any:
     if not sys.stderr.isatty():
         return lambda _: None
     return lambda line: click.echo(f"  {line}", err=True)
-
-
-def _show(result: Any, fields: dict[str, Any], json_path: str | None) -> None:
-    from studies.design.tables import design_tables
-
-    console = console_for(json_path)
-    for part in design_tables(result, fields):
-        console.print(part)

@@ -8,17 +8,18 @@ from typing import TYPE_CHECKING
 import click
 
 from studies.commands.common import (
+    PATH,
+    cell_argument,
     check_outputs,
-    console_for,
+    data_argument,
     envelope,
+    faults_in,
     figure_files,
-    figures_option,
-    json_option,
-    one_line_faults,
     output_file,
     output_texts,
+    result_options,
     say_written,
-    seed_option,
+    show,
     warn,
 )
 
@@ -26,9 +27,9 @@ if TYPE_CHECKING:
     from calib import Cell
 
 
-@click.command()
-@click.argument("cell_path", metavar="CELL", type=click.Path(path_type=Path))
-@click.argument("data_path", metavar="DATA", type=click.Path(path_type=Path))
+@click.command(short_help="What the model lacks: where, why, how much.")
+@cell_argument
+@data_argument
 @click.option(
     "--holdout",
     metavar="FILE|FRACTION",
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     "--cell-out",
     "cell_out",
     metavar="FILE",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Write the cell with the found effects in its model: the next run starts from there.",
 )
 @click.option(
@@ -55,10 +56,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Poses to choose that tell rival causes apart; 0 for none.",
 )
-@figures_option
-@json_option
-@seed_option
-@one_line_faults
+@result_options
 def diagnose(
     cell_path: Path,
     data_path: Path,
@@ -82,7 +80,7 @@ def diagnose(
     """
     import calib
     from calib.diagnosis import diagnose as diagnose_data
-    from calib.errors import CalibError, EffectCannotAct, InputError, UnknownEffect
+    from calib.errors import CalibError, InputError
     from calib.estimate import estimate_of
     from calib.files.diagnosis import diagnosis_fields
     from calib.files.estimate import estimate_fields
@@ -104,18 +102,12 @@ def diagnose(
     data = calib.load_measurements(cell, data_path)
     inputs = [cell_path, *cell.robot_files, data_path]
     data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
-    outputs = [path for path in (output_file(json_path), cell_out) if path is not None]
     targets = cell.design["targets"]
+    outputs = [output_file(json_path), cell_out]
     check_outputs(outputs, [*inputs, *extra, *([targets] if targets else [])], folder)
     warn(data.warnings + (heldout.warnings if heldout is not None and extra else ()))
-    try:
+    with faults_in(data_path, effects_of=cell_path):
         result = diagnose_data(cell, data, heldout=heldout)
-    except (UnknownEffect, EffectCannotAct) as error:
-        raise InputError(cell_path, "model.effects", str(error)) from None
-    except InputError:
-        raise
-    except CalibError as error:
-        raise InputError(data_path, "", str(error)) from None
     fields = {
         **envelope("diagnose", [*inputs, *extra], seed),
         "holdout": holdout,
@@ -141,13 +133,7 @@ def diagnose(
 
         texts |= figure_files(pictures(fields), folder)
     write_files(texts)
-    console = console_for(json_path)
-    for part in diagnosis_tables(cell.name, fields):
-        console.print(part)
-    for part in next_tables(fields):
-        console.print(part)
-    for note in notes:
-        console.print(note)
+    show((*diagnosis_tables(cell.name, fields), *next_tables(fields), *notes), json_path)
     say_written(texts, folder, json_path)
 
 
@@ -161,24 +147,17 @@ def _foresee(
 ) -> None:
     """What a plan, or the readings of a table without their points, could show."""
     import calib
-    from calib.errors import CalibError, EffectCannotAct, InputError, UnknownEffect
     from calib.files.tables import holds_points
     from calib.files.write import write_files
     from doe.foresight import foresee, foresight_fields
     from studies.diagnose.plan_tables import foresight_tables
 
     inputs = [cell_path, *cell.robot_files, plan_path]
-    check_outputs([p for p in [output_file(json_path)] if p is not None], inputs, folder)
+    check_outputs([output_file(json_path)], inputs, folder)
     load = calib.load_measurements if holds_points(plan_path) else calib.load_plan
     plan = load(cell, plan_path)
-    try:
+    with faults_in(plan_path, effects_of=cell_path):
         found = foresee(cell, plan)
-    except (UnknownEffect, EffectCannotAct) as error:
-        raise InputError(cell_path, "model.effects", str(error)) from None
-    except InputError:
-        raise
-    except CalibError as error:
-        raise InputError(plan_path, "", str(error)) from None
     fields = {**envelope("diagnose", inputs, seed), **foresight_fields(found)}
     texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
     if folder is not None:
@@ -186,7 +165,5 @@ def _foresee(
 
         texts |= figure_files(pictures(found), folder)
     write_files(texts)
-    console = console_for(json_path)
-    for part in foresight_tables(cell.name, cell.robot.joints, fields):
-        console.print(part)
+    show(foresight_tables(cell.name, cell.robot.joints, fields), json_path)
     say_written(texts, folder, json_path)

@@ -7,28 +7,33 @@ from pathlib import Path
 import click
 
 from studies.commands.common import (
+    PATH,
+    Finite,
+    cell_argument,
     check_outputs,
-    console_for,
+    data_argument,
     envelope,
+    faults_in,
     json_option,
     one_line_faults,
     output_file,
     output_texts,
     say_written,
     seed_option,
+    show,
     warn,
 )
 
 
-@click.command()
-@click.argument("cell_path", metavar="CELL", type=click.Path(path_type=Path))
-@click.argument("data_path", metavar="DATA", type=click.Path(path_type=Path))
-@click.option("--plan", "plan_path", metavar="PLAN", type=click.Path(path_type=Path),
+@click.command(short_help="Half-way: are the poses enough, which come next?")
+@cell_argument
+@data_argument
+@click.option("--plan", "plan_path", metavar="PLAN", type=PATH,
               help="The plan that is being measured; what DATA hold of it is recognised.")  # fmt: skip
 @click.option(
     "--goal-mm",
     metavar="X",
-    type=click.FloatRange(min=0, min_open=True),
+    type=Finite(min=0, min_open=True),
     help="Expected RMS error at the targets that is wanted.",
 )
 @json_option
@@ -53,7 +58,6 @@ def enough(
       posecal enough cell.toml measurements.csv --plan plan.csv --goal-mm 0.05
     """
     import calib
-    from calib.errors import CalibError, InputError
     from calib.files.write import write_files
     from doe.enough import enough as judge
     from doe.enough.results import enough_fields
@@ -63,16 +67,12 @@ def enough(
     targets = cell.design.get("targets")
     inputs = [cell_path, *cell.robot_files, data_path, *([targets] if targets else [])]
     inputs += [plan_path] if plan_path is not None else []
-    check_outputs([path for path in [output_file(json_path)] if path is not None], inputs)
+    check_outputs([output_file(json_path)], inputs)
     data = calib.load_measurements(cell, data_path)
     plan = None if plan_path is None else calib.load_plan(cell, plan_path)
-    try:
+    with faults_in(cell_path):
         goal = None if goal_mm is None else goal_mm / 1e3
         answer = judge(cell, data, plan, goal=goal, seed=seed)
-    except InputError:
-        raise
-    except CalibError as error:
-        raise InputError(cell_path, "", str(error)) from None
     fields = {
         **envelope("enough", inputs, seed),
         "targets": str(targets or "200 Sobol poses within the limits"),
@@ -81,7 +81,5 @@ def enough(
     warn((*data.warnings, *answer.match.warnings))
     texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
     write_files(texts)
-    console = console_for(json_path)
-    for part in enough_tables(fields):
-        console.print(part)
+    show(enough_tables(fields), json_path)
     say_written(texts, None, json_path)

@@ -8,17 +8,19 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from studies.commands.common import (
+    PATH,
     Finite,
+    cell_argument,
     check_outputs,
-    console_for,
+    data_argument,
     envelope,
+    faults_in,
     figure_files,
-    figures_option,
-    json_option,
-    one_line_faults,
+    output_file,
     output_texts,
+    result_options,
     say_written,
-    seed_option,
+    show,
     warn,
 )
 
@@ -29,9 +31,9 @@ if TYPE_CHECKING:
     from calib.observations import Approach, Weighting
 
 
-@click.command()
-@click.argument("cell_path", metavar="CELL", type=click.Path(path_type=Path))
-@click.argument("data_path", metavar="DATA", type=click.Path(path_type=Path))
+@click.command(short_help="The model's parameters from measured points.")
+@cell_argument
+@data_argument
 @click.option(
     "--holdout",
     metavar="FILE|FRACTION",
@@ -75,20 +77,17 @@ if TYPE_CHECKING:
     "--urdf",
     "urdf_path",
     metavar="OUT",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Write the robot with the identified geometry and the markers as URDF.",
 )
 @click.option(
     "--mjcf",
     "mjcf_path",
     metavar="OUT",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="The same as MJCF, the form of MuJoCo.",
 )
-@figures_option
-@json_option
-@seed_option
-@one_line_faults
+@result_options
 def identify(
     cell_path: Path,
     data_path: Path,
@@ -114,11 +113,12 @@ def identify(
       posecal identify cell.toml measurements.csv --holdout 0.3 --json result.json
     """
     import calib
-    from calib.errors import CalibError, EffectCannotAct, InputError, UnknownEffect
     from calib.estimate import estimate_of
     from calib.files.estimate import estimate_fields
     from calib.files.results import identification_fields
     from calib.files.write import write_files
+    from studies.identify.drift_table import drift_tables
+    from studies.identify.tables import identification_tables
 
     cell = calib.load_cell(cell_path)
     targets = cell.design["targets"]
@@ -127,12 +127,10 @@ def identify(
     whole = data
     data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
     robots: dict[Form, Path | None] = {"urdf": urdf_path, "mjcf": mjcf_path}
-    outputs = [path for path in robots.values() if path is not None]
-    outputs += [Path(json_path)] if json_path not in (None, "-") else []
-    check_outputs(outputs, [*inputs, *extra], folder)
+    check_outputs([*robots.values(), output_file(json_path)], [*inputs, *extra], folder)
     table_warnings = data.warnings + (heldout.warnings if heldout is not None and extra else ())
     warn(table_warnings)
-    try:
+    with faults_in(data_path, effects_of=cell_path):
         result = calib.identify(
             cell,
             data,
@@ -143,12 +141,6 @@ def identify(
             length=length_mm / 1e3,
             differences=differences,
         )
-    except (UnknownEffect, EffectCannotAct) as error:
-        raise InputError(cell_path, "model.effects", str(error)) from None
-    except InputError:
-        raise
-    except CalibError as error:
-        raise InputError(data_path, "", str(error)) from None
     fields = {
         **envelope("identify", [*inputs, *extra], seed),
         "warnings": [*table_warnings, *result.warnings],
@@ -169,7 +161,8 @@ def identify(
 
         texts |= figure_files(pictures(fields), folder)
     write_files(texts)
-    _show(cell, result, fields, json_path)
+    show(identification_tables(cell, result, fields), json_path)
+    show(drift_tables(result.model, fields["drift"]), json_path)
     say_written(texts, folder, json_path)
     _say_left_out(cell, result, robots, json_path)
 
@@ -271,16 +264,3 @@ def _say_left_out(
     names = not_rigid(result.model)
     if names and any(robots.values()):
         click.echo(f"the robot written is rigid, without {', '.join(names)}", err=json_path == "-")
-
-
-def _show(
-    cell: Cell, result: Identification, fields: dict[str, Any], json_path: str | None
-) -> None:
-    from studies.identify.drift_table import drift_tables
-    from studies.identify.tables import identification_tables
-
-    console = console_for(json_path)
-    for part in identification_tables(cell, result, fields):
-        console.print(part)
-    for part in drift_tables(result.model, fields["drift"]):
-        console.print(part)

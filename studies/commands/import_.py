@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from studies.commands.common import (
+    PATH,
     check_outputs,
-    console_for,
     envelope,
     json_option,
     one_line_faults,
     output_file,
     output_texts,
     say_written,
+    show,
     warn,
 )
 
@@ -23,15 +24,15 @@ if TYPE_CHECKING:
     from calib.files.exports import Joined, JointTable, PointList
 
 
-@click.command("import")
+@click.command("import", short_help="Exports of instrument and controller, as one table.")
 @click.argument("points", metavar="POINTS...", nargs=-1, required=True,
-                type=click.Path(path_type=Path))  # fmt: skip
+                type=PATH)  # fmt: skip
 @click.option("--joints", "joints_path", metavar="FILE", required=True,
-              type=click.Path(path_type=Path),
+              type=PATH,
               help="Joint values of each pose: a table with a header (pose,A1_deg,..), or a list of "
                    "KUKA axis values.")  # fmt: skip
 @click.option("-o", "--output", "table_path", metavar="TABLE", required=True,
-              type=click.Path(path_type=Path), help="Where the table goes.")  # fmt: skip
+              type=PATH, help="Where the table goes.")  # fmt: skip
 @click.option(
     "--names",
     metavar="PATTERN",
@@ -63,7 +64,7 @@ if TYPE_CHECKING:
 @click.option(
     "--partial", is_flag=True, help="Leave out what has no counterpart, instead of refusing it."
 )
-@click.option("--cell", "cell_path", metavar="CELL", type=click.Path(path_type=Path),
+@click.option("--cell", "cell_path", metavar="CELL", type=PATH,
               help="Check joints and markers against this cell, and read the table back.")  # fmt: skip
 @json_option
 @one_line_faults
@@ -96,11 +97,11 @@ def import_(
     from calib.files.exports import join, read_joints, read_points
     from calib.files.write import write_files
     from calib.files.write_tables import csv_text
+    from studies.imports.tables import import_tables
 
     cell = None if cell_path is None else calib.load_cell(cell_path)
     inputs = [*points, joints_path, *([] if cell is None else [cell.path, *cell.robot_files])]
-    outputs = [table_path, output_file(json_path)]
-    check_outputs([path for path in outputs if path is not None], inputs)
+    check_outputs([table_path, output_file(json_path)], inputs)
     lists = [read_points(path, unit, _columns(columns)) for path in points]
     robot = None if cell is None else cell.robot
     rename = None if joint_names is None else [name.strip() for name in joint_names.split(",")]
@@ -120,7 +121,7 @@ def import_(
     texts = {table_path: table, **output_texts(json_path, fields)}
     write_files(texts)
     warn(warnings)
-    _show(lists, joints, joined, json_path)
+    show(import_tables(lists, joints, joined), json_path)
     say_written(texts, None, json_path)
 
 
@@ -187,13 +188,3 @@ def _fields(
         "notes": list(joined.notes),
         "warnings": list(warnings),
     }
-
-
-def _show(
-    lists: list[PointList], joints: JointTable, joined: Joined, json_path: str | None
-) -> None:
-    from studies.imports.tables import import_tables
-
-    console = console_for(json_path)
-    for part in import_tables(lists, joints, joined):
-        console.print(part)

@@ -7,23 +7,24 @@ from pathlib import Path
 import click
 
 from studies.commands.common import (
+    PATH,
+    cell_argument,
     check_outputs,
-    console_for,
     envelope,
     json_option,
     one_line_faults,
     output_file,
     output_texts,
     say_written,
-    sha256,
+    show,
 )
 
 
-@click.command()
-@click.argument("cell_path", metavar="CELL", type=click.Path(path_type=Path))
-@click.argument("plan_path", metavar="PLAN", type=click.Path(path_type=Path))
+@click.command(short_help="A plan as a robot program (KUKA, Universal Robots).")
+@cell_argument
+@click.argument("plan_path", metavar="PLAN", type=PATH)
 @click.option("-o", "--output", "program_path", metavar="FILE", required=True,
-              type=click.Path(path_type=Path),
+              type=PATH,
               help="FILE.src for KUKA (KRL), FILE.script for Universal Robots (URScript).")  # fmt: skip
 @json_option
 @one_line_faults
@@ -39,6 +40,7 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
     """
     import calib
     from calib.errors import InputError
+    from calib.files.read import sha256
     from calib.files.write import write_files
     from studies.programs import LANGUAGES, plan_stops
     from studies.programs.stops import plain_text
@@ -54,8 +56,7 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
         )
     cell = calib.load_cell(cell_path)
     inputs = [cell_path, *cell.robot_files, plan_path]
-    outputs = [program_path, output_file(json_path)]
-    check_outputs([path for path in outputs if path is not None], inputs)
+    check_outputs([program_path, output_file(json_path)], inputs)
     stops = plan_stops(cell, calib.load_plan(cell, plan_path), str(plan_path))
     fields = envelope("program", inputs, 0)
     head = (
@@ -63,7 +64,7 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
         f"sha256 {sha256(plan_path)[:16]}",
         f"Cell {plain_text(cell.name)}, {len(stops)} poses",
     )
-    made = language(program_path.stem, cell.robot, stops, head)
+    made = language(program_path.stem, cell, stops, head)
     halts = sum(len(stop.tasks) for stop in stops)
     fields |= {
         "program": str(program_path),
@@ -73,9 +74,7 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
     }
     texts: dict[Path, str | bytes] = {program_path: made.text, **output_texts(json_path, fields)}
     write_files(texts)
-    console = console_for(json_path)
     each = "free and loaded at each" if cell.load is not None else "one at each"
-    console.print(f"{len(stops)} poses, {halts} stops to measure ({each})", markup=False)
-    for note in made.notes:
-        console.print(f"note  {note}", markup=False)
+    notes = [f"note  {note}" for note in made.notes]
+    show([f"{len(stops)} poses, {halts} stops to measure ({each})", *notes], json_path)
     say_written(texts, None, json_path)

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from studies.commands.common import (
+    PATH,
     check_outputs,
     envelope,
     json_option,
@@ -16,11 +17,9 @@ from studies.commands.common import (
 )
 
 
-@click.command()
-@click.argument(
-    "results", metavar="RESULT...", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
-@click.option("-o", "--output", "page_path", metavar="FILE", type=click.Path(path_type=Path),
+@click.command(short_help="One page of results, to hand on.")
+@click.argument("results", metavar="RESULT...", nargs=-1, required=True, type=PATH)
+@click.option("-o", "--output", "page_path", metavar="FILE", type=PATH,
               default=Path("report.html"), show_default=True, help="The page.")  # fmt: skip
 @click.option("--title", metavar="TEXT", help="Default: the name of the cell.")
 @click.option("--instrument", metavar="TEXT", help="Model, serial number, certificate.")
@@ -49,8 +48,7 @@ def report(
     from calib.files.write import write_files
     from studies.report.make import report_page
 
-    outputs = [path for path in (page_path, output_file(json_path)) if path is not None]
-    check_outputs(outputs, list(results))
+    check_outputs([page_path, output_file(json_path)], results)
     told = {
         label: text
         for label, text in (("instrument", instrument), ("operator", operator), ("measured", date))

@@ -6,6 +6,7 @@ import asyncio
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -64,10 +65,19 @@ class _Pool(ProcessPoolExecutor):
 
     def end(self) -> None:
         """Shut down. What still runs was given up and is not waited for."""
-        if not all(future.done() for future in self._given):
-            for process in list(self._processes.values()):
-                process.terminate()
-        self.shutdown(wait=True, cancel_futures=True)
+        running = not all(future.done() for future in self._given)
+        processes = list(self._processes.values())
+        manager: Any = self._executor_manager_thread
+        self.shutdown(wait=not running, cancel_futures=True)
+        if not running:
+            return
+        # The pool's own thread fails on a cancelled block that it still holds when it finds a
+        # process gone (CPython 3.11). So it drops those first: it lowers this flag after that.
+        while self._cancel_pending_futures and manager.is_alive():
+            time.sleep(0.001)
+        for process in processes:
+            process.terminate()
+        manager.join()
 
 
 @contextmanager

@@ -8,7 +8,7 @@ not depend on who computes it, where, or in which order.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import BrokenExecutor, Executor, as_completed
 from dataclasses import dataclass
 
 import numpy as np
@@ -125,6 +125,9 @@ def _blocks(jobs: list[tuple], executor: Executor | None) -> Iterator[tuple[int,
     try:
         for future in as_completed(futures):
             yield futures[future], future.result()
-    finally:
+    except BrokenExecutor:
+        raise  # the pool is ending its blocks; it stumbles over one that is cancelled meanwhile
+    except BaseException:
         for future in futures:
             future.cancel()
+        raise

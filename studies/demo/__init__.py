@@ -12,12 +12,12 @@ import numpy as np
 
 from calib import Cell, Measurements, load_cell, load_plan, readings
 from calib.build import build, context_of, place_effect
-from calib.files.write_tables import wrench_with_load
 from calib.model import Model
 from calib.moves import with_moves
 from calib.poses import Poses, poses_at
 from calib.se3 import Array
 from calib.simulate import simulate
+from calib.statics import wrench_with_load
 from calib.targets import sobol_poses
 
 INPUTS = ("cell.toml", "kr270.urdf", "plan.csv")
@@ -66,7 +66,7 @@ def simulated(cell: Cell, plan: Poses, seed: int) -> tuple[Measurements, Model, 
     """
     rng = np.random.default_rng(seed)
     poses = readings(cell, plan)
-    wrench = wrench_with_load(cell, poses)
+    wrench = wrench_with_load(cell.robot, cell.gravity, poses)
     poses = replace(poses, wrench=wrench, load_mass=np.zeros(len(poses)))
     model = build(cell, poses).model
     values = true_values(model, rng)
@@ -125,7 +125,7 @@ def _one_day(cell: Cell, *plans: Poses) -> Poses:
     return with_moves(
         replace(
             poses,
-            wrench=wrench_with_load(cell, poses),
+            wrench=wrench_with_load(cell.robot, cell.gravity, poses),
             load_mass=np.zeros(len(poses)),
             time=_READING_S * order,
             temperature=20.0 + _WARMING_K * (1.0 - np.exp(-order / (0.4 * len(order)))),

@@ -15,9 +15,10 @@ import click
 
 from calib import load_cell, load_plan
 from calib.errors import CalibError, InputError
+from calib.files.read import sha256
 from calib.files.write import json_text, write_files
 from calib.files.write_tables import measurements_csv
-from studies.commands.common import envelope, sha256
+from studies.commands.common import envelope
 from studies.commands.compare import compare
 from studies.commands.design import design
 from studies.commands.diagnose import diagnose
@@ -72,9 +73,9 @@ class Way:
     def run(self, command: click.Command, name: str, *args: str, **files: str) -> dict[str, Any]:
         """Run a command; what it prints becomes ``name.txt``, its result ``name.json``.
 
-        args : options and, with a dot in them, names of files in the folder; files : option -> file
+        args : options, and names of files that the demonstration wrote; files : option -> new file
         """
-        own = [str(self.folder / arg) if "." in arg and "/" not in arg else arg for arg in args]
+        own = [str(self.folder / arg) if arg in self.files else arg for arg in args]
         for option, file in {**files, "json": f"{name}.json"}.items():
             own += [f"--{option}", str(self.folder / file)]
             self.files.append(file)

@@ -181,7 +181,7 @@ def _curve(fields: dict[str, Any]) -> Table:
 
 
 def _reading(design: Design) -> Text:
-    enough = stops_paying(design.curve)
+    enough = stops_paying([s.poses for s in design.curve], [s.task_rms for s in design.curve])
     lines = [
         f"from {enough} poses on, more only average noise: twice as many for a third less error",
         "(plans before polishing: the one above is a little better than its line here)",

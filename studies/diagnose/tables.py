@@ -14,6 +14,7 @@ from studies.diagnose.hidden import hidden_table
 from studies.tables import number, plain_table
 
 _MOST_PARAMETERS = 8  # of one cause; sag of a whole arm has fifty
+_LOUD = 4.0  # times the stated noise that no instrument exceeds by itself
 _MOST_OUTLIERS = 3  # that are worth a line each
 
 _SOURCES = {
@@ -39,12 +40,23 @@ def diagnosis_tables(name: str, fields: dict[str, Any]) -> Iterator[RenderableTy
     yield from hidden_table(fields["could_not_see"])
 
 
+def loud(noise: dict[str, Any]) -> str:
+    """What to suspect where the noise is far from what the cell states; empty where it is not."""
+    factor = noise["sigma_mm"] / noise["believed_sigma_mm"]
+    if factor < _LOUD:
+        return ""
+    return (
+        f"but the noise is {factor:.0f} times what the cell states: see that every load is in the "
+        "table, and sigma_mm"
+    )
+
+
 def verdict_sentence(fields: dict[str, Any]) -> str:
     """The verdict in words: what it is, or where it sits."""
     causes = _listed([" or ".join(map(_name, e["class"] or [e])) for e in fields["effects"]])
     verdict, places = fields["verdict"], fields["located"]
     if verdict == "no_gap":
-        return "no gap beyond noise"
+        return "no gap beyond noise" + (loud(fields["noise"]) and f", {loud(fields['noise'])}")
     if verdict == "explained":
         return f"the gap is explained by {causes}"
     if verdict == "ambiguous":

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from calib.se3 import Array
 
+HELD_OUT = " (held out)"
+"""After the name of a held-out pose that is called as a fitted one."""
+
 _MM = 1e3
 _MOST = 3_000_000  # points; a damaged file may name poses and markers that fill any memory
 
@@ -51,8 +54,7 @@ def point_errors(residuals: Sequence[Mapping[str, Any]], before: str) -> PointEr
 
     Raises ValueError for more points than any measurement has.
     """
-    held = {row["pose"]: bool(row["heldout"]) for row in residuals}
-    poses = {name: i for i, name in enumerate(held)}
+    poses = {key: i for i, key in enumerate(dict.fromkeys(map(_pose, residuals)))}
     markers = {name: j for j, name in enumerate(dict.fromkeys(r["marker"] for r in residuals))}
     shape = len(poses), len(markers), 3
     if len(poses) * len(markers) > _MOST:
@@ -60,10 +62,15 @@ def point_errors(residuals: Sequence[Mapping[str, Any]], before: str) -> PointEr
     first, second = np.zeros(shape), np.zeros(shape)
     seen = np.zeros(shape[:2], dtype=bool)
     for row in residuals:
-        at = poses[row["pose"]], markers[row["marker"]]
+        at = poses[_pose(row)], markers[row["marker"]]
         first[at] = np.asarray(row[before], dtype=float) / _MM
         second[at] = np.array([row["x_mm"], row["y_mm"], row["z_mm"]], dtype=float) / _MM
         seen[at] = True
-    return PointErrors(
-        tuple(poses), tuple(markers), first, second, seen, np.array([*held.values()])
-    )
+    names = [name + HELD_OUT * (held and (name, False) in poses) for name, held in poses]
+    heldout = np.array([held for _, held in poses], dtype=bool)
+    return PointErrors(tuple(names), tuple(markers), first, second, seen, heldout)
+
+
+def _pose(row: Mapping[str, Any]) -> tuple[str, bool]:
+    """Name, and whether held out: two tables of a session may call their poses alike."""
+    return row["pose"], bool(row["heldout"])

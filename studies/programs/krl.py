@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calib import Cell
 from calib.errors import InputError
-from calib.robot import Robot
 from studies.programs.stops import Program, Stop, head_lines
 
 _LONGEST_NAME = 24  # characters of a KRL identifier
@@ -25,14 +25,14 @@ _KEYWORDS = (
 )
 
 
-def krl(name: str, robot: Robot, stops: Sequence[Stop], head: Sequence[str]) -> Program:
+def krl(name: str, cell: Cell, stops: Sequence[Stop], head: Sequence[str]) -> Program:
     """A ``.src`` file. Raises InputError for a chain that KRL has no axes for."""
-    module = identifier(name)
-    axes = axis_names(robot)
+    module, robot = identifier(name), cell.robot
+    axes = axis_names(cell)
     lines = [
         "&ACCESS RVP",
         f"DEF {module}()",
-        *(f"; {line}" for line in (*head, *head_lines(robot, axes))),
+        *(f"; {line}" for line in (*head, *head_lines(cell, axes))),
         f"; Speed and acceleration are {_PERCENT} % of each axis; run it first in T1, step by step.",
         "; The program waits at every HALT; start it again when what stands above it is done.",
         ";FOLD INI",
@@ -66,11 +66,12 @@ def identifier(text: str) -> str:
     return name[:_LONGEST_NAME]
 
 
-def axis_names(robot: Robot) -> tuple[str, ...]:
+def axis_names(cell: Cell) -> tuple[str, ...]:
     """A1 to A6 and E1 to E6, from the joints' names where all end so, else in the chain's order.
 
     Raises InputError where the order cannot tell which joint is which axis.
     """
+    robot = cell.robot
     ends = [re.search(r"(?:^|_)([AaEe][1-6])$", joint) for joint in robot.joints]
     named = [end[1].upper() for end in ends if end is not None]
     if len(set(named)) == robot.dof:
@@ -80,7 +81,7 @@ def axis_names(robot: Robot) -> tuple[str, ...]:
             "KRL",
             f"joints {', '.join(robot.joints)}",
             "do not tell which are the axes A1 to A6 and which the external ones E1 to E6",
-            "let the URDF's names end so, as in joint_a1 or rail_e1",
+            f"let the {cell.robot_form.upper()}'s names end so, as in joint_a1 or rail_e1",
         )
     arm, external = min(robot.dof, _MOST_AXES), max(robot.dof - _MOST_AXES, 0)
     return tuple([f"A{k + 1}" for k in range(arm)] + [f"E{k + 1}" for k in range(external)])

@@ -11,7 +11,6 @@ import numpy as np
 
 from calib import Cell, Poses
 from calib.errors import InputError
-from calib.robot import Robot
 from calib.se3 import Array
 
 _OUTSIDE = 1e-4  # rad or m beyond a limit: rounding of the plan
@@ -40,8 +39,8 @@ class Program:
     notes: tuple[str, ...] = ()
 
 
-Language: TypeAlias = Callable[[str, Robot, Sequence[Stop], Sequence[str]], Program]
-"""(name of the file without its ending, robot, stops, lines for the head) -> Program."""
+Language: TypeAlias = Callable[[str, Cell, Sequence[Stop], Sequence[str]], Program]
+"""(name of the file without its ending, cell, stops, lines for the head) -> Program."""
 
 
 def plan_stops(cell: Cell, plan: Poses, source: str) -> list[Stop]:
@@ -56,7 +55,7 @@ def plan_stops(cell: Cell, plan: Poses, source: str) -> list[Stop]:
     stops = []
     for name, q in zip(plan.names, plan.q, strict=True):
         shown = plain_text(name)
-        _check_limits(cell.robot, q, shown, source)
+        _check_limits(cell, q, shown, source)
         tasks = [f"measure pose {shown}" + (" free of the load" if cell.load else "")]
         if cell.load is not None:
             mass = f"{cell.load.mass:g} kg"
@@ -65,17 +64,18 @@ def plan_stops(cell: Cell, plan: Poses, source: str) -> list[Stop]:
     return stops
 
 
-def head_lines(robot: Robot, axes: Sequence[str]) -> list[str]:
+def head_lines(cell: Cell, axes: Sequence[str]) -> list[str]:
     """What a program takes for granted, to be checked by whoever runs it.
 
     axes : the controller's name of each joint
     """
     pairs = ", ".join(
-        f"{axis} = {plain_text(joint)}" for axis, joint in zip(axes, robot.joints, strict=True)
+        f"{axis} = {plain_text(joint)}" for axis, joint in zip(axes, cell.robot.joints, strict=True)
     )
     return [
         f"Axes: {pairs}",
-        "Taken from the URDF and to be checked: zero positions and senses of rotation of all axes.",
+        f"Taken from the {cell.robot_form.upper()} and to be checked: zero positions and senses of "
+        "rotation of all axes.",
         "The way from pose to pose is not checked for collisions: look at it first.",
         "Tool and load data of the controller are not set here: select them first.",
         "Record the joint values that the controller reads at each pose; they go into the data.",
@@ -91,7 +91,8 @@ def plain_text(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9 _.:,=+()@%-]", "_", text)[:_LONGEST_NAME]
 
 
-def _check_limits(robot: Robot, q: Array, pose: str, source: str) -> None:
+def _check_limits(cell: Cell, q: Array, pose: str, source: str) -> None:
+    robot = cell.robot
     outside = (q < robot.limits[:, 0] - _OUTSIDE) | (q > robot.limits[:, 1] + _OUTSIDE)
     for j in np.flatnonzero(outside):
         shown = f"{q[j] * 1e3:.3f} mm" if robot.prismatic[j] else f"{np.degrees(q[j]):.3f} deg"
@@ -99,5 +100,5 @@ def _check_limits(robot: Robot, q: Array, pose: str, source: str) -> None:
             source,
             f"pose {pose}",
             f"joint {robot.joints[j]} at {shown} is beyond its limits",
-            "take the pose out or mend the limits in URDF and cell",
+            f"take the pose out or mend the limits in {cell.robot_form.upper()} and cell",
         )

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from calib import Cell
 from calib.errors import InputError
-from calib.robot import Robot
 from studies.programs.stops import Program, Stop, head_lines
 
 _JOINTS = ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3")
@@ -15,11 +15,12 @@ _SPEED = 0.2  # rad/s
 _SETTLE = 2.0  # s, before anything is measured
 
 
-def urscript(name: str, robot: Robot, stops: Sequence[Stop], head: Sequence[str]) -> Program:
+def urscript(name: str, cell: Cell, stops: Sequence[Stop], head: Sequence[str]) -> Program:
     """A ``.script`` file. Raises InputError for a chain that is not six joints that turn.
 
     As the controller wants it: ``def`` and ``end`` in the first column, all between them indented.
     """
+    robot = cell.robot
     slides = [joint for joint, slide in zip(robot.joints, robot.prismatic, strict=True) if slide]
     if robot.dof != len(_JOINTS) or slides:
         found = f"{robot.dof} joints" + (f", {slides[0]} slides" if slides else "")
@@ -31,7 +32,7 @@ def urscript(name: str, robot: Robot, stops: Sequence[Stop], head: Sequence[str]
         )
     lines = [
         f"def {identifier(name)}():",
-        *(f"  # {line}" for line in (*head, *head_lines(robot, _JOINTS))),
+        *(f"  # {line}" for line in (*head, *head_lines(cell, _JOINTS))),
         f"  # Speed {_SPEED} rad/s, acceleration {_ACCELERATION} rad/s^2; run it slower at first.",
         "  # A popup waits wherever something is to be measured.",
         f"  # Send the file as it is; within a Script node, call {identifier(name)}() after it.",

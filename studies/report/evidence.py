@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ import numpy as np
 
 from calib import Cell, Measurements, load_cell, load_measurements
 from calib.errors import CalibError, InputError
+from calib.files.read import sha256
 from calib.poses import Poses, poses_at
-from studies.commands.common import sha256
+from studies.identify.point_errors import HELD_OUT
 
 KINDS = ("design", "plan", "compare", "identify", "diagnose", "compensate", "enough")
 """Results that a report can tell of; ``plan`` is ``diagnose --plan-only``."""
@@ -48,21 +50,35 @@ class Result:
 
 
 @dataclass(frozen=True, eq=False)
+class Measured:
+    """The measurements of a result, and those of the poses held out where they are another file."""
+
+    data: Measurements
+    heldout: Measurements | None
+
+    def reading(self, name: str, heldout: bool) -> tuple[Poses, int] | None:
+        """The poses that a row of the result is of, and its place among them; None where unknown."""
+        own = self.heldout if heldout and self.heldout is not None else self.data
+        plain = name.removesuffix(HELD_OUT)
+        return (own.poses, own.poses.names.index(plain)) if plain in own.poses.names else None
+
+
+@dataclass(frozen=True, eq=False)
 class Evidence:
     """All that a report is made of.
 
     results : tuple of Result, in the order given
     cell : Cell of the first result, None where its file is gone or changed
-    data : dict, result file -> its measurements, where they are unchanged
+    data : dict, result file -> its measurements, where cell and tables are unchanged
+    plans : dict, result file -> the poses of a design in this cell
     notes : tuple of str, what had to be left out, and why
-    lit : dict, pose -> the name under which it is lit with the others of its joints
     """
 
     results: tuple[Result, ...]
     cell: Cell | None
-    data: dict[Path, Measurements]
+    data: dict[Path, Measured]
+    plans: dict[Path, Poses]
     notes: tuple[str, ...]
-    lit: dict[str, str]
 
     def of(self, kind: str) -> list[Result]:
         """The results of a kind."""
@@ -72,27 +88,88 @@ class Evidence:
         """The first result of a kind."""
         return next(iter(self.of(kind)), None)
 
+    @property
+    def mixed(self) -> tuple[str, ...]:
+        """Warnings of files that are not the same in all results."""
+        known: dict[str, tuple[str, Path]] = {}
+        found = []
+        for result in self.results:
+            for entry in result.inputs:
+                name = Path(entry.file).name
+                digest, first = known.setdefault(name, (entry.sha256, result.path))
+                if digest != entry.sha256:
+                    found.append(
+                        f"{name} is another file in {result.path.name} than in {first.name}: their "
+                        "figures do not belong together."
+                    )
+        return tuple(dict.fromkeys(found))
+
+    @cached_property
+    def lit(self) -> dict[Path, dict[str, str]]:
+        """For each result the name under which a pose is lit: poses of equal joints share it."""
+        known: dict[tuple[int, ...], str] = {}
+        taken: set[str] = set()
+        found: dict[Path, dict[str, str]] = {}
+        for path, poses in self._sets():
+            own = found.setdefault(path, {})
+            rounded = np.round(poses.q / _SAME_JOINTS).astype(np.int64)
+            for name, q in zip(poses.names, map(tuple, rounded.tolist()), strict=True):
+                if q not in known:
+                    known[q] = name if name not in taken else f"{name} of {path.name}"
+                    taken.add(known[q])
+                own.setdefault(name, known[q])
+        return found
+
+    def _sets(self) -> Iterator[tuple[Path, Poses]]:
+        for path, measured in self.data.items():
+            yield path, measured.data.poses
+            if measured.heldout is not None:
+                yield path, measured.heldout.poses
+        yield from self.plans.items()
+
 
 def load_evidence(paths: Sequence[Path]) -> Evidence:
     """Read results and what they were made from.
 
-    Raises InputError where a file is no result of posecal.
+    Raises InputError where a file is no result of posecal, KeyError, TypeError or ValueError where it
+    misses what results of its kind hold.
     """
     results = tuple(_result(path) for path in paths)
     cell, notes = _cell(results)
-    data = {}
-    for result in results if cell is not None else ():
-        if result.kind in ("identify", "diagnose") and len(result.inputs) > 2:
-            source = result.inputs[2]
-            if source.path is None:
-                notes.append(f"{source.file} is {source.state}: figures that need it are left out")
-            else:
-                data[result.path] = _measurements(cell, result)
-    lit = {}
-    if cell is not None:
-        plans = [plan_poses(cell, result) for result in results if result.kind == "design"]
-        lit = shared_names([*(found.poses for found in data.values()), *plans])
-    return Evidence(results, cell, data, tuple(dict.fromkeys(notes)), lit)
+    data, plans = {}, {}
+    for result in results:
+        if cell is None or not result.inputs or result.inputs[0].sha256 != _digest(results):
+            continue
+        if result.kind == "design":
+            plans[result.path] = plan_poses(cell, result)
+        if result.kind in ("identify", "diagnose"):
+            measured, lost = _measured(cell, result)
+            notes += lost
+            if measured is not None:
+                data[result.path] = measured
+    return Evidence(results, cell, data, plans, tuple(dict.fromkeys(notes)))
+
+
+def _digest(results: tuple[Result, ...]) -> str:
+    """The hash of the cell of the first result."""
+    return results[0].inputs[0].sha256
+
+
+def _measured(cell: Cell, result: Result) -> tuple[Measured | None, list[str]]:
+    """The tables of a result, and what is missing of them."""
+    sources = result.inputs[1 + len(cell.robot_files) :]
+    held = [source for source in sources[1:] if source.file == result.fields.get("holdout")]
+    wanted = [*sources[:1], *held]
+    lost = [
+        f"{source.file} is {source.state}: figures that need it are left out"
+        for source in wanted
+        if source.path is None
+    ]
+    paths = [source.path for source in wanted if source.path is not None]
+    if lost or not paths:
+        return None, lost
+    tables = [load_measurements(cell, path, every_marker=False) for path in paths]
+    return Measured(tables[0], tables[1] if held else None), lost
 
 
 def _result(path: Path) -> Result:
@@ -164,14 +241,6 @@ def _cell(results: tuple[Result, ...]) -> tuple[Cell | None, list[str]]:
         return None, [*notes, f"{error}: the cell is left out"]
 
 
-def _measurements(cell: Cell | None, result: Result) -> Measurements:
-    """The measurements of a result, those of a hold-out file after them."""
-    assert cell is not None  # noqa: S101
-    path = result.inputs[2].path
-    assert path is not None  # noqa: S101
-    return load_measurements(cell, path, every_marker=False)
-
-
 def plan_poses(cell: Cell, result: Result) -> Poses:
     """The poses of a design."""
     robot = cell.robot
@@ -185,14 +254,3 @@ def plan_poses(cell: Cell, result: Result) -> Poses:
     if not (np.abs(q) < _LARGEST_JOINT).all():
         raise ValueError
     return poses_at(q, names)
-
-
-def shared_names(sets: Sequence[Poses]) -> dict[str, str]:
-    """For each pose the name of the first with the same joints: what is lit together on the page."""
-    known: dict[tuple[int, ...], str] = {}
-    names: dict[str, str] = {}
-    for poses in sets:
-        rounded = np.round(poses.q / _SAME_JOINTS).astype(np.int64)
-        for name, q in zip(poses.names, rounded.tolist(), strict=True):
-            names.setdefault(name, known.setdefault(tuple(q), name))
-    return names

@@ -26,6 +26,8 @@ _THEMED = {
     "#ffffff": "var(--paper)",
 }
 """Greys of the figures, by what they are on the page."""
+_GREY = re.compile("|".join(_THEMED), re.IGNORECASE)
+_COLOURED = ("style", "fill", "stroke")
 
 
 def inline_svg(picture: Picture, key: str, names: Mapping[str, str]) -> Markup:
@@ -44,8 +46,6 @@ def inline_svg(picture: Picture, key: str, names: Mapping[str, str]) -> Markup:
     root.set("aria-label", f"{picture.title}. {picture.caption}")
     root.set("style", f"max-width: {width / 72.0 * 96.0:.0f}px; aspect-ratio: {width / height:.4f}")
     text = ET.tostring(root, encoding="unicode")
-    for grey, variable in _THEMED.items():
-        text = re.sub(grey, variable, text, flags=re.IGNORECASE)
     return Markup(text)  # noqa: S704 - drawn by matplotlib, which escapes what it writes
 
 
@@ -68,6 +68,8 @@ def _clean(root: ET.Element, key: str, names: Mapping[str, str]) -> None:
         elif own in referred:
             element.set("id", f"{key}-{own}")
         for attribute, value in element.attrib.items():
+            if attribute in _COLOURED:
+                value = _GREY.sub(lambda grey: _THEMED[grey[0].lower()], value)
             value = _REFERS.sub(rf"url(#{key}-\1)", value)
             if attribute.endswith("href") and value.startswith("#"):
                 value = f"#{key}-{value[1:]}"

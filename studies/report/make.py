@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from xml.etree.ElementTree import ParseError
 
 from calib.errors import InputError
 from studies.report.evidence import load_evidence
 from studies.report.page import page
+from studies.report.sections import FAULTS
 
 
 def report_page(
@@ -26,6 +28,6 @@ def report_page(
         return page(evidence, heading, told), evidence.notes
     except KeyError as error:
         raise InputError(which, "", f"lacks {error}", "write it anew with this version") from None
-    except (TypeError, ValueError, IndexError, AttributeError, ArithmeticError):
-        what = "holds a field of another form than results have"
+    except (*FAULTS, ParseError):
+        what = "is not as its command writes it"
         raise InputError(which, "", what, "write it anew with this version") from None

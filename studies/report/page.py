@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from studies.report.assets import asset
 from studies.report.evidence import Evidence
 from studies.report.figures import inline_svg
-from studies.report.parts import Figure, Part, Raw, Section, Table, Text
+from studies.report.parts import Figure, Raw, Table, Text
 from studies.report.sections import sections
 from studies.report.sections.provenance import provenance
 
@@ -35,10 +33,13 @@ def page(evidence: Evidence, title: str, told: dict[str, str]) -> str:
     environment.tests["table"] = lambda part: isinstance(part, Table)
     environment.tests["figure"] = lambda part: isinstance(part, Figure)
     environment.tests["raw"] = lambda part: isinstance(part, Raw)
-    numbered = enumerate(_figures(found := [*sections(evidence), provenance(evidence, told)]))
+    found = [*sections(evidence), provenance(evidence, told)]
+    figures = [
+        (section, part) for section in found for part in section.parts if isinstance(part, Figure)
+    ]
     drawn = {
-        id(figure): inline_svg(figure.picture, f"f{number}", evidence.lit)
-        for number, figure in numbered
+        id(figure): inline_svg(figure.picture, f"f{number}", section.lit)
+        for number, (section, figure) in enumerate(figures)
     }
     return environment.get_template("page.html.j2").render(
         title=title,
@@ -46,16 +47,10 @@ def page(evidence: Evidence, title: str, told: dict[str, str]) -> str:
         sections=found,
         drawn=drawn,
         key=id,
-        lit=lambda name: evidence.lit.get(name, name),
         numbers=_numbers,
         styles=[asset(name) for name in _STYLES],
         scripts=[asset(name) for name in _SCRIPTS],
     )
-
-
-def _figures(found: list[Section]) -> Iterator[Figure]:
-    parts: Iterator[Part] = (part for section in found for part in section.parts)
-    return (part for part in parts if isinstance(part, Figure))
 
 
 def _numbers(figure: Figure) -> Table | None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TypeAlias
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
 
 from markupsafe import Markup
 
@@ -72,11 +72,15 @@ Part: TypeAlias = Text | Table | Figure | Raw
 
 @dataclass(frozen=True)
 class Section:
-    """A section of the page; ``key`` is its anchor."""
+    """A section of the page.
+
+    key : str, its anchor; lit : pose -> the name under which the page lights it
+    """
 
     key: str
     title: str
     parts: tuple[Part, ...]
+    lit: Mapping[str, str] = field(default_factory=dict)
 
 
 def shown(value: Cell) -> str:
@@ -98,6 +102,15 @@ def shown(value: Cell) -> str:
 
 def _signed(text: str) -> str:
     return text.replace("-", "\N{MINUS SIGN}") if _NUMBER.match(text) else text
+
+
+def joint_columns(poses: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
+    """Title with unit, and where the value stands in the fields of a pose, of each joint."""
+    return [
+        (f"{name} [{unit}]", key, name)
+        for key, unit in (("joints_deg", "deg"), ("joints_mm", "mm"))
+        for name in poses[0].get(key, {})
+    ]
 
 
 def folded(name: str, rows: Sequence[Sequence[Cell]]) -> str | None:

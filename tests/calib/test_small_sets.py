@@ -9,7 +9,10 @@ import pytest
 
 import calib
 from calib import Cell, Poses
-from tests.doe.enough.day import cell_of_day, of_poses, whole_day
+from calib.identify import search
+from calib.identify.outliers import wrongly_out
+from tests.doe.enough.day import RIGID, cell_of_day, of_poses, whole_day
+from tests.helpers import with_effects
 
 HALF = [2, 5, 8, 11, 14, 1]
 
@@ -29,3 +32,47 @@ def test_a_wrong_point_is_found_all_the_same(kr270: Cell, table_two: Poses) -> N
     points[8, 0] += [0.0, 0.4e-3, 0.0]
     found = calib.identify(cell, replace(data, points=points)).fit.outlier
     assert list(np.flatnonzero(found)) == [8]
+
+
+def test_a_judgement_that_does_not_settle_is_said(
+    kr270: Cell, table_two: Poses, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two wrong points and one round: after it the second one still waits to be left out."""
+    cell = with_effects(kr270, *RIGID)
+    plan = table_two.take(np.arange(24) % len(table_two))
+    data = whole_day(cell, plan).take(slice(24))  # free of the load
+    points = data.points.copy()
+    points[3, 0] += [0.0, 3e-3, 0.0]
+    points[8, 1] += [2e-3, 0.0, 0.0]
+    data = replace(data, points=points)
+    settled = calib.identify(cell, data)
+    assert list(np.flatnonzero(settled.fit.outlier)) == [3, 8]
+    assert (settled.undecided, settled.warnings) == ((), ())
+    monkeypatch.setattr(search, "_ROUNDS", 1)
+    ended = calib.identify(cell, data)
+    assert list(np.flatnonzero(ended.fit.outlier)) == [3]
+    assert ended.undecided == (data.poses.names[8],)
+    assert f"each fit judges {data.poses.names[8]} otherwise" in ended.warnings[0]
+    # What it was judged by is of the fit without the first.
+    others = np.delete(ended.fit.statistic, [3, 8])
+    assert ended.fit.statistic[8] > 10.0 * others.max()
+
+
+def test_rows_that_were_copied_say_nothing_of_the_noise(kr270: Cell, table_two: Poses) -> None:
+    cell = with_effects(kr270, *RIGID)
+    data = whole_day(cell, table_two).take(np.arange(24) % len(table_two))
+    noise = calib.identify(cell, data).noise
+    assert noise.replicate_factor is None
+    assert 0.0 < noise.sigma < 5.0 * noise.believed
+
+
+def test_what_agrees_comes_back_and_what_says_nothing_does_not() -> None:
+    statistics, rows = np.array([0.0, 1.2, 1.0, 50.0, *[1.0] * 10]), np.array([0, *[6] * 13])
+    kept = np.ones(14, dtype=bool)
+    assert wrongly_out(statistics, rows, kept, 60.0, 60) is None
+    kept[0] = False  # its markers are hidden
+    assert wrongly_out(statistics, rows, kept, 60.0, 60) is None
+    kept[[1, 3]] = False
+    assert wrongly_out(statistics, rows, kept, 60.0, 60) == 1
+    kept[1] = True
+    assert wrongly_out(statistics, rows, kept, 60.0, 60) is None

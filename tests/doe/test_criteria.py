@@ -63,7 +63,7 @@ def test_curvature_against_differences(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=seeds)
 def test_supergradient_bounds_every_matrix(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -79,7 +79,7 @@ def test_supergradient_bounds_every_matrix(name: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=seeds)
 def test_concave_homogeneous_and_growing(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)

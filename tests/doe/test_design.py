@@ -184,7 +184,7 @@ def test_chosen_levels_keep_their_counts(
     for cell in (elastic, replace(elastic, knots={})):
         if len(cell.knots) and count < 5:
             continue  # five coefficients are too many for three levels
-        plan = doe.design(cell, levels=levels, criterion=criterion, candidates=1500, fresh=False)
+        plan = doe.design(cell, levels=levels, criterion=criterion, candidates=500, fresh=False)
         _, counts = np.unique(np.round(plan.poses.q[:, 1], 6), return_counts=True)
         assert counts.tolist() == [each] * count
 

@@ -102,7 +102,8 @@ def test_view_is_orthographic() -> None:
 
 
 def test_command_writes_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(figures, "pictures", lambda: list(drawn().values()))
+    made = list(drawn().values())
+    monkeypatch.setattr(figures, "pictures", lambda: made)
     folder = tmp_path / "figures"
     result = CliRunner().invoke(figures.main, [str(folder)])
     assert result.exit_code == 0, result.output

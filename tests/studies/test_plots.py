@@ -30,7 +30,6 @@ from studies.plots.style import APPROACHES, RC, SERIES, folder_files, looks, svg
 NAMES = ["geometry:A2.x", "geometry:A3.x", "joint_compliance:A2.compliance"]
 UNITS = ["um", "um", "urad/(N m)"]
 STD = {"pose plain": np.array([2.0, np.nan, 0.004]), "points": np.array([1.0, 3.0, 0.001])}
-RNG = np.random.default_rng(5)
 
 
 @cache
@@ -56,7 +55,8 @@ def _ratios() -> Picture:
 @cache
 def _ellipses() -> Picture:
     C = np.array([[[4.0, 1.0], [1.0, 1.0]], [[np.nan, np.nan], [np.nan, 1.0]]])
-    samples = {"points": RNG.multivariate_normal([0, 0], C[0], 500)[:, None].repeat(2, axis=1)}
+    drawn = np.random.default_rng(5).multivariate_normal([0, 0], C[0], 500)
+    samples = {"points": drawn[:, None].repeat(2, axis=1)}
     pairs = [("dl1", "mm", "dq1", "mdeg"), ("dl2", "mm", "dq2", "mdeg")]
     return ellipses(pairs, {"points": C}, samples)
 
@@ -100,7 +100,7 @@ def _derivative() -> Picture:
 
 @cache
 def _residuals() -> Picture:
-    residuals = RNG.normal(size=(4, 2, 3)) * 1e-5
+    residuals = np.random.default_rng(5).normal(size=(4, 2, 3)) * 1e-5
     residuals[2, 0, 1] = 1e-3
     seen = np.ones((4, 2), dtype=bool)
     seen[3] = False
@@ -218,20 +218,20 @@ def test_many_parameters_keep_their_rows() -> None:
     assert len(set(labels)) == 42
 
 
-def test_band_of_chance_is_that_of_samples() -> None:
+def test_band_of_chance_is_that_of_samples(rng: np.random.Generator) -> None:
     low, high = band(40)
-    std = RNG.normal(size=(20000, 40)).std(axis=1, ddof=1)
+    std = rng.normal(size=(20000, 40)).std(axis=1, ddof=1)
     assert np.mean((std > low) & (std < high)) == pytest.approx(0.95, abs=0.006)
     assert column(_ratios(), "#2 points: ratio") == pytest.approx([1.05] * 3)
 
 
-def test_ellipse_holds_its_share() -> None:
+def test_ellipse_holds_its_share(rng: np.random.Generator) -> None:
     C = np.array([[4.0, 1.0], [1.0, 1.0]])
     edge = ellipse(C)
     np.testing.assert_allclose(
         np.einsum("ki,ij,kj->k", edge, np.linalg.inv(C), edge), -2 * np.log(0.05)
     )
-    samples = RNG.multivariate_normal([0, 0], C, 20000)
+    samples = rng.multivariate_normal([0, 0], C, 20000)
     assert share_inside(C, samples) == pytest.approx(0.95, abs=0.006)
     rows = table(_ellipses())
     assert float(rows[0]["correlation"]) == pytest.approx(0.5)

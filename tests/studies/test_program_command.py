@@ -14,12 +14,13 @@ from click.testing import CliRunner, Result
 
 import calib
 from calib.errors import InputError
+from calib.poses import poses_at
 from studies.cli import main
 from studies.demo import INPUTS, embedded_text
-from studies.programs import LANGUAGES, Stop
+from studies.programs import LANGUAGES, Stop, plan_stops
 from studies.programs.krl import axis_names, identifier
 from studies.programs.stops import plain_text
-from tests.helpers import random_robot
+from tests.helpers import cell_of, random_robot
 
 
 def run(*arguments: object) -> Result:
@@ -80,24 +81,41 @@ def test_a_cell_without_load_has_one_stop_a_pose(folder: Path) -> None:
     assert "hang" not in text
 
 
-HOSTILE = 'p"); halt()\nHALT\r\nPTP {A1 0}\u2028; $OV_PRO=100 \\" &<>\x7f\x1b[2J'
+PRINTED = 'p"); halt() PTP {A1 0}; $OV_PRO=100 \\" &<>#'
+HOSTILE = f"{PRINTED}\nHALT\r\nPTP {{A1 0}}\u2028\x7f\x1b[2J"
+
+
+def code(text: str) -> list[str]:
+    """The lines without comments and without the text of popups."""
+    lines = [re.split(r"[;#]", line)[0].rstrip() for line in text.splitlines()]
+    return [re.sub(r'popup\("[^"\\]*"', "popup(", line) for line in lines]
 
 
 @pytest.mark.parametrize("ending", LANGUAGES)
-def test_a_name_cannot_become_code(folder: Path, ending: str) -> None:
+@pytest.mark.parametrize("name", [PRINTED, HOSTILE])
+def test_a_name_cannot_become_code(folder: Path, ending: str, name: str) -> None:
+    cell = calib.load_cell(folder / "cell.toml")
+    plan = calib.load_plan(cell, folder / "plan.csv")
+    evil = replace(plan, names=(name, *plan.names[1:]))
+    plain, other = (
+        LANGUAGES[ending]("p", cell, plan_stops(cell, poses, "plan.csv"), ()).text
+        for poses in (plan, evil)
+    )
+    assert other != plain
+    assert other.isascii()
+    assert code(other) == code(plain)
+
+
+def test_names_in_tables(folder: Path) -> None:
+    """What can be printed gets into a program as it may, what cannot is refused."""
     rows = [*csv.reader((folder / "plan.csv").read_text().splitlines())]
-    texts = []
-    for name in ("plain", HOSTILE):
+    for name, status in ((PRINTED, 0), (HOSTILE, 2)):
         rows[1][0] = name
         with (folder / "evil.csv").open("w", newline="") as file:
             csv.writer(file).writerows(rows)
-        out = folder / f"p{ending}"
-        done = run(folder / "cell.toml", folder / "evil.csv", "-o", out)
-        assert done.exit_code == 0, done.output
-        code = [re.split(r"[;#]", line)[0].rstrip() for line in out.read_text().splitlines()]
-        texts.append([re.sub(r'popup\("[^"\\]*"', "popup(", line) for line in code])
-        assert out.read_text().isascii()
-    assert texts[0] == texts[1]
+        done = run(folder / "cell.toml", folder / "evil.csv", "-o", folder / "p.src")
+        assert done.exit_code == status, done.output
+    assert "holds a character that cannot be printed" in done.output
 
 
 def test_file_names_become_identifiers() -> None:
@@ -110,20 +128,34 @@ def test_file_names_become_identifiers() -> None:
 
 def test_external_axes_and_those_that_slide() -> None:
     rng = np.random.default_rng(0)
-    rail = random_robot(rng, 7, prismatic=[0])
+    rail = cell_of(random_robot(rng, 7, prismatic=[0]), np.zeros((1, 3)), ())
     with pytest.raises(InputError, match="do not tell which are the axes A1 to A6"):
         axis_names(rail)
     named = ("rail_e1", *(f"joint_a{k}" for k in range(1, 7)))
-    rail = replace(rail, joints=named)
+    rail = replace(rail, robot=replace(rail.robot, joints=named))
     assert axis_names(rail) == ("E1", "A1", "A2", "A3", "A4", "A5", "A6")
     stops = [Stop("p", np.array([0.25, *np.radians([1, 2, 3, 4, 5, 6])]), ("measure",))]
     text = LANGUAGES[".src"]("plan", rail, stops, ()).text
     assert "PTP {E1 250.000000,A1 1.000000,A2 2.000000," in text
     with pytest.raises(InputError, match="7 joints, rail_e1 slides"):
         LANGUAGES[".script"]("plan", rail, stops, ())
-    assert axis_names(random_robot(rng, 8))[5:] == ("A6", "E1", "E2")
+    assert axis_names(replace(rail, robot=random_robot(rng, 8)))[5:] == ("A6", "E1", "E2")
     with pytest.raises(InputError, match="do not tell"):
-        axis_names(random_robot(rng, 13))
+        axis_names(replace(rail, robot=random_robot(rng, 13)))
+
+
+def test_a_cell_with_mjcf_is_told_of_its_mjcf() -> None:
+    robot = random_robot(np.random.default_rng(0), 6)
+    cell = replace(cell_of(robot, np.zeros((1, 3)), ()), robot_form="mjcf")
+    for language in LANGUAGES.values():
+        text = language("plan", cell, [Stop("p", np.zeros(6), ("measure",))], ()).text
+        assert "Taken from the MJCF and to be checked: zero positions" in text
+        assert "URDF" not in text
+    with pytest.raises(InputError, match="limits in MJCF and cell"):
+        plan_stops(cell, poses_at(np.full((1, 6), 100.0)), "plan.csv")
+    many = replace(cell, robot=random_robot(np.random.default_rng(0), 13))
+    with pytest.raises(InputError, match="let the MJCF's names end so"):
+        axis_names(many)
 
 
 def test_faults_are_one_line_and_write_nothing(folder: Path) -> None:

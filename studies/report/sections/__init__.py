@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
+from calib.errors import InputError
 from studies.report.evidence import Evidence, Result
 from studies.report.parts import Section
 from studies.report.sections.approaches import approaches
@@ -35,8 +37,15 @@ OF_RESULTS: tuple[tuple[str, Callable[[Evidence, Result], Section | None]], ...]
 """Kind of result, and a section about it."""
 
 
+FAULTS = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, MemoryError)
+"""What a section raises where a result is not as its command writes it."""
+
+
 def sections(evidence: Evidence) -> Iterator[Section]:
-    """All sections that the evidence allows, but where it comes from."""
+    """All sections that the evidence allows, but where it comes from.
+
+    Raises InputError that names the result and the section where a result is not complete.
+    """
     for about in OF_THE_CELL:
         section = about(evidence)
         if section is not None:
@@ -44,10 +53,26 @@ def sections(evidence: Evidence) -> Iterator[Section]:
     for kind, tell in OF_RESULTS:
         several = evidence.of(kind)
         for number, result in enumerate(several, 1):
-            section = tell(evidence, result)
+            section = _told(evidence, result, tell)
             if section is None:
                 continue
+            lit = evidence.lit.get(result.path, {})
+            section = replace(section, lit=lit)
             if len(several) > 1:
                 title = f"{section.title}: {result.path.name}"
-                section = Section(f"{section.key}-{number}", title, section.parts)
+                section = replace(section, key=f"{section.key}-{number}", title=title)
             yield section
+
+
+def _told(
+    evidence: Evidence, result: Result, tell: Callable[[Evidence, Result], Section | None]
+) -> Section | None:
+    try:
+        return tell(evidence, result)
+    except FAULTS as error:
+        what = (
+            f"lacks {error}" if isinstance(error, KeyError) else "is not as its command writes it"
+        )
+        raise InputError(
+            result.path, f"for section {tell.__name__}", what, "write it anew with this version"
+        ) from None

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from studies.report.evidence import Evidence, Result
-from studies.report.parts import Part, Section, Table, Text, folded
+from studies.report.parts import Part, Section, Table, Text, folded, joint_columns
 
 _ROWS = (
     ("with nominal commands", "before"),
@@ -33,22 +33,20 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
         f"Error of {len(fields['targets'])} targets, at the {fields['errors_at']}",
     )
     for reason, count in fields["limited"].items():
-        yield Text(f"{count} targets are not met in full: {reason}.", "warn")
-    keys = [key for key in ("joints_deg", "joints_mm") if fields["targets"][0].get(key)]
-    units = {"joints_deg": "deg", "joints_mm": "mm"}
-    joints = [(key, name) for key in keys for name in fields["targets"][0][key]]
+        are = "target is" if count == 1 else "targets are"
+        yield Text(f"{count} {are} not met in full: {reason}.", "warn")
+    joints = joint_columns(fields["targets"])
     rows = [
         (
             target["pose"],
-            *(f"{target[key][name]:.4f}" for key, name in joints),
+            *(f"{target[key][name]:.4f}" for _, key, name in joints),
             *(f"{target[f'{part}_mm']:.4f}" for part in ("before", "expected")),
         )
         for target in fields["targets"]
     ]
     yield Table(
         (
-            "target", *(f"{name} [{units[key]}]" for key, name in joints), "before [mm]",
-            "expected [mm]",
+            "target", *(title for title, _, _ in joints), "before [mm]", "expected [mm]",
         ),
         rows,
         fold=folded("Corrected commands", rows),

@@ -6,15 +6,15 @@ from collections.abc import Iterator
 from typing import Any
 
 from studies.diagnose.pictures import pictures
-from studies.diagnose.tables import percent, verdict_sentence
+from studies.diagnose.tables import loud, percent, verdict_sentence
 from studies.report.evidence import Evidence, Result
-from studies.report.parts import Figure, Part, Section, Table, Text, folded, shown
+from studies.report.parts import Figure, Part, Section, Table, Text, folded, joint_columns, shown
 
 _MEANS = {
     "no_gap": "The measurements show nothing beyond the model and the noise.",
     "explained": "Each cause is named, and nothing is left to explain.",
-    "ambiguous": "These data cannot tell the listed causes apart; the poses below would.",
-    "unknown": "Something is there that no cause in the catalogue does; the places below say where.",
+    "ambiguous": "These data cannot tell the listed causes apart.",
+    "unknown": "Something is there that no cause in the catalogue does.",
 }
 
 
@@ -25,7 +25,7 @@ def diagnosis(evidence: Evidence, result: Result) -> Section:
 
 def _parts(fields: dict[str, Any]) -> Iterator[Part]:
     sentence = verdict_sentence(fields)
-    good = fields["verdict"] in ("no_gap", "explained")
+    good = fields["verdict"] in ("no_gap", "explained") and not loud(fields["noise"])
     yield Text(
         f"{sentence[0].upper()}{sentence[1:]}. {_MEANS[fields['verdict']]}",
         "good" if good else "warn",
@@ -114,24 +114,21 @@ def further(evidence: Evidence, result: Result) -> Section | None:
     poses = result.fields["next_poses"]
     if not poses:
         return None
-    joints = {
-        f"{name} [{unit}]": (key, name)
-        for key, unit in (("joints_deg", "deg"), ("joints_mm", "mm"))
-        for name in poses[0].get(key, {})
-    }
+    joints = joint_columns(poses)
     rows = [
         (
-            *(f"{pose[key][name]:.2f}" for key, name in joints.values()),
+            *(f"{pose[key][name]:.2f}" for _, key, name in joints),
             "; ".join(" from ".join(map(str, pair)) for pair in pose["splits"]),
         )
         for pose in poses
     ]
+    header = (*(title for title, _, _ in joints), "tells apart")
     return Section(
         "next",
         "What to measure next",
         (
             Text("These poses tell apart the causes that the data so far leave open."),
-            Table((*joints, "tells apart"), rows, fold=folded("Poses", rows)),
+            Table(header, rows, fold=folded("Poses", rows)),
             *(Text(line, "note") for line in result.fields.get("next_poses_assume", [])),
         ),
     )

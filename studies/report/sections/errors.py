@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from calib import Cell, Measurements
+from calib import Cell
 from calib.se3 import Array
 from studies.identify.pictures import instrument_sigma, residual_pictures, workspace_pictures
 from studies.identify.point_errors import PointErrors, point_errors
 from studies.plots.against import against
-from studies.report.evidence import Evidence, Result
+from studies.report.evidence import Evidence, Measured, Result
 from studies.report.parts import Figure, Part, Section, Table, Text, folded
 
 _LABELS = {
@@ -107,8 +107,9 @@ def _drift(drift: dict[str, Any]) -> Iterator[Part]:
         "drift": "The poses measured again moved steadily through the day",
         "moved": "The poses measured again moved beyond their noise, but not steadily",
     }
-    kind = "good" if drift["verdict"] == "steady" else "warn"
-    yield Text(f"{verdicts[drift['verdict']]} (p {drift['p_value']:.2g}).", kind)
+    steady, p = drift["verdict"] == "steady", drift["p_value"]
+    decided = drift["trend_p"] if drift["verdict"] == "drift" else p
+    yield Text(f"{verdicts[drift['verdict']]} (p {decided:.2g}).", "good" if steady else "warn")
     rows = [
         (motion["pose"], one["pose"], motion["hours"], motion["length_um"], motion["p_value"])
         for one in drift["references"]
@@ -122,30 +123,35 @@ def _drift(drift: dict[str, Any]) -> Iterator[Part]:
     )
 
 
-def _against(cell: Cell, data: Measurements, found: PointErrors, sigma: float) -> Iterator[Part]:
+def _against(cell: Cell, measured: Measured, found: PointErrors, sigma: float) -> Iterator[Part]:
     """Errors over each joint, and over load, time and temperature where they vary."""
-    place = {name: i for i, name in enumerate(data.poses.names)}
-    known = np.array([name in place for name in found.poses])
-    found = found.take(known)
-    if not found.poses:
+    read = [measured.reading(*row) for row in zip(found.poses, found.heldout.tolist(), strict=True)]
+    found = found.take(np.array([row is not None for row in read], dtype=bool))
+    rows = [row for row in read if row is not None]
+    if not rows:
         return
-    poses = data.poses.take([place[name] for name in found.poses])
     squared = np.where(found.seen, (found.after**2).sum(axis=-1), np.nan)
     rms = np.sqrt(np.nanmean(squared, axis=1))
+    q = np.array([poses.q[i] for poses, i in rows])
     variables: dict[str, Array] = {}
     for k, (joint, slides) in enumerate(zip(cell.robot.joints, cell.robot.prismatic, strict=True)):
-        own = poses.q[:, k]
-        variables[f"{joint} [mm]" if slides else f"{joint} [deg]"] = (
-            own * 1e3 if slides else np.degrees(own)
-        )
-    force = np.linalg.norm(poses.wrench[:, :3], axis=1)
+        label = f"{joint} [mm]" if slides else f"{joint} [deg]"
+        variables[label] = q[:, k] * 1e3 if slides else np.degrees(q[:, k])
+    force = np.array([float(np.linalg.norm(poses.wrench[i, :3])) for poses, i in rows])
     if np.ptp(force) > 0.0:
         variables["force on the tool [N]"] = force
-    if poses.time is not None:
-        variables["time [h]"] = poses.elapsed / 3600.0
-    if poses.temperature is not None:
-        variables["temperature [degC]"] = poses.temperature
+    time = _known([None if poses.time is None else poses.time[i] for poses, i in rows])
+    if time is not None:
+        variables["time [h]"] = (time - time.min()) / 3600.0
+    heat = _known([None if p.temperature is None else p.temperature[i] for p, i in rows])
+    if heat is not None:
+        variables["temperature [degC]"] = heat
     yield Figure(against(found.poses, rms, variables, sigma, found.heldout))
+
+
+def _known(values: list[Any]) -> Array | None:
+    """What every reading has, None where one lacks it."""
+    return None if None in values else np.array(values, dtype=np.float64)
 
 
 def _by_pose(found: PointErrors) -> Table:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from studies.report.evidence import Evidence, Result
-from studies.report.parts import Part, Section, Table, Text, folded, shown
+from studies.report.parts import Part, Section, Table, Text, folded, joint_columns, shown
 
 
 def plan(evidence: Evidence, result: Result) -> Section:
@@ -15,7 +15,7 @@ def plan(evidence: Evidence, result: Result) -> Section:
     return Section("plan", "The plan and its proof", tuple(_parts(result.fields)))
 
 
-def _parts(fields: dict[str, Any]) -> Iterator[Part]:
+def _parts(fields: Mapping[str, Any]) -> Iterator[Part]:
     yield Text(certificate(fields), "good")
     yield Text(
         "The proof needs no trust in the search that found the plan: the criterion is concave in the "
@@ -31,9 +31,9 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
         yield Text(note, "note")
 
 
-def certificate(fields: dict[str, Any]) -> str:
+def certificate(fields: Mapping[str, Any]) -> str:
     """The proof as a sentence."""
-    squared = " of the squared RMS" if fields["criterion"].startswith("task") else ""
+    squared = " (of the squared RMS)" if fields["criterion"].startswith("task") else ""
     if fields["proof"]["proved_optimal"]:
         return "No plan from these candidates is better: proved by branch and bound."
     share = math.floor(fields["efficiency"] * 1e3) / 10.0
@@ -50,22 +50,23 @@ def certificate(fields: dict[str, Any]) -> str:
     )
 
 
-def _facts(fields: dict[str, Any]) -> Iterator[tuple[str, str]]:
+def _facts(fields: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     unit, removed = fields["criterion_unit"], fields["candidates"]["removed_by"]
     yield "criterion", f"{fields['criterion']}: {shown(fields['value'])} {unit}"
     yield "no plan is better than", f"{shown(fields['bound'])} {unit}"
     yield (
-        "expected after measuring",
+        f"expected after measuring {size(fields)}",
         f"{shown(fields['task_rms_mm'])} mm RMS, {shown(fields['task_worst_mm'])} mm at worst, at "
         f"{fields['targets']}",
     )
     lost = fields["survives"]["loss_of_pose"]
-    yield (
-        f"should pose {lost['worst']} be lost, the worst to lose",
-        "parameters are lost with it"
-        if lost["task_rms_mm"] is None
-        else f"{shown(lost['task_rms_mm'])} mm RMS",
-    )
+    if lost["worst"] is not None:
+        yield (
+            f"should pose {lost['worst']} be lost, the worst to lose",
+            "parameters are lost with it"
+            if lost["task_rms_mm"] is None
+            else f"{shown(lost['task_rms_mm'])} mm RMS",
+        )
     for name, rms in fields["survives"]["loss_of_marker"].items():
         said = "parameters are lost with it" if rms is None else f"{shown(rms)} mm RMS"
         yield f"should marker {name} be lost", said
@@ -81,23 +82,19 @@ def _facts(fields: dict[str, Any]) -> Iterator[tuple[str, str]]:
     )
 
 
-def _poses(fields: dict[str, Any]) -> Table:
+def _poses(fields: Mapping[str, Any]) -> Table:
     poses = fields["poses"]
-    joints = {
-        f"{name} [{unit}]": (key, name)
-        for key, unit in (("joints_deg", "deg"), ("joints_mm", "mm"))
-        for name in poses[0].get(key, {})
-    }
+    joints = joint_columns(poses)
     leveled = any(pose["level"] is not None for pose in poses)
     rows = [
         (
             pose["pose"],
-            *(f"{pose[key][name]:.2f}" for key, name in joints.values()),
+            *(f"{pose[key][name]:.2f}" for _, key, name in joints),
             *([shown(pose["level"])] if leveled else []),
         )
         for pose in poses
     ]
-    header = ("pose", *joints, *(["level"] if leveled else []))
+    header = ("pose", *(title for title, _, _ in joints), *(["level"] if leveled else []))
     return Table(
         header,
         rows,
@@ -107,9 +104,23 @@ def _poses(fields: dict[str, Any]) -> Table:
     )
 
 
-def _against(fields: dict[str, Any]) -> Table:
+def size(fields: Mapping[str, Any]) -> str:
+    """How many poses were chosen, and how often one of them is repeated as a reference."""
+    count, again = chosen(fields), len(fields["poses"]) - chosen(fields)
+    if not again:
+        return f"{count} poses"
+    return f"{count} poses, one of them measured {again} times more as a reference"
+
+
+def chosen(fields: Mapping[str, Any]) -> int:
+    """Poses that the proof speaks of: without the repeats of the reference pose."""
+    reference = fields.get("reference") or {"poses": []}
+    return len(fields["poses"]) - len(reference["poses"])
+
+
+def _against(fields: Mapping[str, Any]) -> Table:
     keys = ("value", "efficiency", "task_rms_mm")
-    rows = [("this plan", len(fields["poses"]), *(fields[key] for key in keys))]
+    rows = [("this plan", chosen(fields), *(fields[key] for key in keys))]
     rows += [
         (name, own["poses"], *(own[key] for key in keys)) for name, own in fields["against"].items()
     ]
@@ -120,7 +131,7 @@ def _against(fields: dict[str, Any]) -> Table:
     )
 
 
-def _deviations(fields: dict[str, Any]) -> Table:
+def _deviations(fields: Mapping[str, Any]) -> Table:
     rows = [
         (
             p["effect"],

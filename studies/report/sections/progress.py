@@ -16,14 +16,18 @@ def progress(evidence: Evidence, result: Result) -> Section:
 
 def _parts(fields: dict[str, Any]) -> Iterator[Part]:
     plan, goal = fields["plan"], fields["goal_mm"]
-    yield Text(
-        f"{plan['measured']} of {plan['poses']} planned poses are measured. Expected now: "
-        f"{_mm(fields['now'])}; at the end of the plan: {_mm(fields['end'])}."
-    )
+    if plan["poses"]:
+        yield Text(
+            f"{plan['measured']} of {plan['poses']} planned poses are measured. Expected now: "
+            f"{_mm(fields['now'])}; at the end of the plan: {_mm(fields['end'])}."
+        )
+    else:
+        yield Text(f"Expected after {fields['now']['readings']} readings: {_mm(fields['now'])}.")
     if goal is not None:
-        needed = fields["poses_to_goal"]
-        reached = {None: "is not reached by the end of the plan", 0: "is reached: you may stop"}
-        said = reached.get(needed, f"is reached after {needed} more poses")
+        needed, fresh = fields["poses_to_goal"], fields["fresh_poses_to_goal"]
+        more = f"; about {fresh} fresh poses more would do" if fresh else ""
+        reached = {None: f"is not reached by these poses{more}", 0: "is reached: you may stop"}
+        said = reached.get(needed, f"is reached after {needed} more pose{'s' * (needed != 1)}")
         yield Text(f"The goal of {goal:g} mm {said}.", "warn" if needed is None else "good")
     rows = [
         (step["pose"], step["task_rms_mm"], step["task_worst_mm"], listed(step["unidentifiable"]))

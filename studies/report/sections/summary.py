@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from studies.diagnose.tables import verdict_sentence
+from studies.diagnose.tables import loud, verdict_sentence
 from studies.report.bars import Bar, bars
-from studies.report.evidence import Evidence
+from studies.report.evidence import Evidence, Result
 from studies.report.parts import Section, Text, listed
+from studies.report.sections.plan import certificate, size
 
 
 def summary(evidence: Evidence) -> Section:
@@ -20,10 +21,16 @@ def summary(evidence: Evidence) -> Section:
         for line in says(result.fields)
     ]
     drawn = list(_bars(evidence))
-    fall = (
-        [bars(drawn, "Distance between measured and predicted points, RMS [mm]")] if drawn else []
-    )
-    return Section("summary", "In one look", (*said, *fall, *_next(evidence)))
+    fall = [bars(drawn, _FALL)] if drawn else []
+    mixed = [Text(note, "warn") for note in evidence.mixed]
+    return Section("summary", "In one look", (*mixed, *said, *fall, *_next(evidence)))
+
+
+_FALL = (
+    "Distance between measured and predicted points, RMS [mm]. At the poses of the fit it may lie "
+    "below the noise, of which the parameters take up a part; poses never seen show what "
+    "holds elsewhere."
+)
 
 
 def _bars(evidence: Evidence) -> Iterator[Bar]:
@@ -37,6 +44,8 @@ def _bars(evidence: Evidence) -> Iterator[Bar]:
         if rms["heldout"] is not None:
             yield Bar("identified model, at poses it never saw", rms["heldout"], "good")
         noise = 3.0**0.5 * identified.fields["noise"]["believed_sigma_mm"]
+    if identified is not None and diagnosed is not None and not _same_data(identified, diagnosed):
+        diagnosed = None
     if diagnosed is not None and diagnosed.fields["effects"]:
         gap = diagnosed.fields["gap"]
         held = gap["heldout_after_mm"]
@@ -44,15 +53,21 @@ def _bars(evidence: Evidence) -> Iterator[Bar]:
         yield Bar(label, gap["fit_after_mm"], "good")
         if held is not None:
             yield Bar(f"{label}, at poses it never saw", held, "good")
-        noise = gap["floor_mm"]
+        noise = 3.0**0.5 * diagnosed.fields["noise"]["believed_sigma_mm"]
     if noise is not None:
-        yield Bar("the instrument's noise alone", noise, "floor")
+        yield Bar("the instrument's noise alone, as stated", noise, "floor")
+
+
+def _same_data(first: Result, second: Result) -> bool:
+    """Whether two results are of the same cell, robot and table."""
+    inputs = [{entry.sha256 for entry in result.inputs} for result in (first, second)]
+    return inputs[0] <= inputs[1] or inputs[1] <= inputs[0]
 
 
 def _next(evidence: Evidence) -> Iterator[Text]:
     """What a reader should do with this."""
     identified, diagnosed = evidence.first("identify"), evidence.first("diagnose")
-    if diagnosed is not None:
+    if diagnosed is not None and not loud(diagnosed.fields["noise"]):
         yield Text(f"What to do next: {_AFTER[diagnosed.fields['verdict']]}", "next")
     elif identified is not None and identified.fields["noise"]["source"] == "residual":
         yield Text("What to do next: posecal diagnose says what the model lacks.", "next")
@@ -72,28 +87,39 @@ _AFTER = {
     "no_gap": "nothing is missing that these data could show; posecal compensate uses the model.",
     "explained": "put the found effects into the model (posecal diagnose --cell-out) and identify "
     "again; posecal compensate then uses them.",
-    "ambiguous": "measure the poses listed below, which tell the causes apart.",
-    "unknown": "look at the places listed below: the cause is there, and in no catalogue.",
+    "ambiguous": "posecal diagnose --next chooses poses that tell the causes apart.",
+    "unknown": "look at the arm where the gap sits; what is there is in no catalogue.",
 }
 
 
 def _identify(fields: Mapping[str, Any]) -> Iterator[Text]:
-    rms = fields["rms_mm"]
-    factor = rms["nominal"] / rms["fitted_all"] if rms["fitted_all"] else 0.0
-    better = f", {factor:.0f} times better" if factor >= 2.0 else ""
-    good = fields["status"] == "converged"
-    yield Text(
-        f"The robot was off by {rms['nominal']:.3f} mm and is now predicted to "
-        f"{rms['fitted_all']:.3f} mm{better}: {fields['rank']} of {len(fields['parameters'])} "
-        f"parameters identified from {fields['poses']} readings, {fields['points']} points.",
-        "good" if good else "warn",
+    rms, status = fields["rms_mm"], fields["status"]
+    found = (
+        f"{fields['rank']} of {len(fields['parameters'])} parameters identified from {fields['poses']} "
+        f"readings, {fields['points']} points"
     )
-    if not good:
-        status, advice = fields["status"].replace("_", " "), fields["advice"]
-        yield Text(f"{status[0].upper()}{status[1:]}: {advice}.", "warn")
+    before, after, where = rms["nominal"], rms["fitted_all"], ""
+    if rms["heldout"] is not None:
+        before, after, where = _unseen(fields), rms["heldout"], "at poses it never saw, "
+    good = status == "converged" and after < before
+    if after < before:
+        better = f", {before / after:.0f} times better" if before >= 2.0 * after > 0.0 else ""
+        said = f"off by {before:.3f} mm and is now predicted to {after:.3f} mm{better}"
+    else:
+        said = f"off by {before:.3f} mm and is predicted to {after:.3f} mm, which is no better"
+    sentence = f"{where}the robot was {said}: {found}."
+    yield Text(sentence[0].upper() + sentence[1:], "good" if good else "warn")
+    if after >= before:
+        yield Text(
+            "Do not use the identified model: measure more poses, or identify fewer parameters.",
+            "warn",
+        )
+    if status != "converged":
+        name = status.replace("_", " ")
+        yield Text(f"{name[0].upper()}{name[1:]}: {fields['advice']}.", "warn")
     yield Text(
-        f"At other poses expect {fields['task_rms_mm']:.3f} mm, {fields['task_worst_mm']:.3f} mm at "
-        "worst, from the uncertainty of the parameters; what the model lacks comes on top."
+        f"The uncertainty of the parameters leaves {fields['task_rms_mm']:.3f} mm at other poses, "
+        f"{fields['task_worst_mm']:.3f} mm at worst; what the model lacks comes on top."
     )
     noise = fields["noise"]
     if noise["source"] == "residual":
@@ -108,25 +134,33 @@ def _identify(fields: Mapping[str, Any]) -> Iterator[Text]:
         yield Text(f"Left out of the fit as outliers: {listed(names)}.", "warn")
 
 
+def _unseen(fields: Mapping[str, Any]) -> float:
+    """RMS of the nominal model at the held-out points, mm."""
+    squares = [
+        sum(float(x) ** 2 for x in row["nominal_mm"])
+        for row in fields["residuals"]
+        if row["heldout"]
+    ]
+    return float((sum(squares) / len(squares)) ** 0.5)
+
+
 def _diagnose(fields: Mapping[str, Any]) -> Iterator[Text]:
     sentence, closed = verdict_sentence(dict(fields)), fields["gap"]["closed"]
-    good = fields["verdict"] in ("no_gap", "explained")
+    good = fields["verdict"] in ("no_gap", "explained") and not loud(fields["noise"])
     proof = ""
-    if closed and fields["effects"]:
-        proof = f" At poses that the choice never saw, {100.0 * closed:.0f} % of the gap is gone."
+    if closed is not None and fields["effects"]:
+        proof = (
+            f" At poses that the choice never saw, {100.0 * closed:.0f} % of the gap is gone."
+            if closed > 0.0
+            else " At poses that the choice never saw, the error did not shrink."
+        )
     yield Text(f"{sentence[0].upper()}{sentence[1:]}.{proof}", "good" if good else "warn")
 
 
 def _design(fields: Mapping[str, Any]) -> Iterator[Text]:
-    share = 100.0 * fields["efficiency"]
-    proof = (
-        "no plan from the candidates is better"
-        if fields["proof"]["proved_optimal"]
-        else f"proved to reach at least {share:.0f} % of what any plan of this size could"
-    )
     yield Text(
-        f"The plan has {len(fields['poses'])} poses for {len(fields['predicted_std'])} parameters: "
-        f"{proof} (criterion {fields['criterion']}). Expected after measuring: "
+        f"The plan has {size(fields)}, for {len(fields['predicted_std'])} parameters, chosen by "
+        f"criterion {fields['criterion']}. {certificate(fields)} Expected after measuring: "
         f"{_mm(fields['task_rms_mm'])}.",
         "good",
     )
@@ -138,7 +172,11 @@ def _plan(fields: Mapping[str, Any]) -> Iterator[Text]:
     twins = len(fields["twins"])
     yield Text(
         f"Of {len(entries)} causes that a gap may have, the plan could find {len(seen)}"
-        + (f"; {twins} groups of them would stand for each other at any size." if twins else ".")
+        + (
+            f"; {twins} group{'s' * (twins > 1)} of them would stand for each other."
+            if twins
+            else "."
+        )
     )
 
 
@@ -164,10 +202,14 @@ def _mm(value: float | None) -> str:
 
 def _enough(fields: Mapping[str, Any]) -> Iterator[Text]:
     plan = fields["plan"]
-    yield Text(
-        f"{plan['measured']} of {plan['poses']} planned poses are measured; expected now "
-        f"{_mm(fields['now']['task_rms_mm'])}, at the end {_mm(fields['end']['task_rms_mm'])}."
-    )
+    now, end = (_mm(fields[key]["task_rms_mm"]) for key in ("now", "end"))
+    if plan["poses"]:
+        yield Text(
+            f"{plan['measured']} of {plan['poses']} planned poses are measured; expected now {now}, at "
+            f"the end {end}."
+        )
+    else:
+        yield Text(f"Expected after the {fields['now']['readings']} readings so far: {now}.")
 
 
 def _compensate(fields: Mapping[str, Any]) -> Iterator[Text]:
@@ -175,7 +217,7 @@ def _compensate(fields: Mapping[str, Any]) -> Iterator[Text]:
     yield Text(
         f"Nominal commands miss {len(fields['targets'])} targets by {_mm(rms['before'])}; corrected "
         f"ones are expected to miss them by {_mm(rms['expected'])}.",
-        "good",
+        "good" if rms["expected"] < rms["before"] else "warn",
     )
 
 

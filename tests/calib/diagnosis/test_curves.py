@@ -18,8 +18,6 @@ from calib.model import Model
 from calib.poses import IntArray
 from tests.calib.diagnosis.test_diagnose import measured
 
-RNG = np.random.default_rng(3)
-
 
 def test_a_polyline_interpolates() -> None:
     knots = np.array([-1.0, 0.0, 2.0])
@@ -32,11 +30,12 @@ def test_a_polyline_interpolates() -> None:
 
 def test_neighbours_are_the_expectation_of_a_normal_field() -> None:
     """At the centres the coefficients themselves, elsewhere ordinary kriging with the same kernel."""
-    points = RNG.normal(size=(20, 3))
+    rng = np.random.default_rng(3)
+    points = rng.normal(size=(20, 3))
     field = neighbours(points)
-    values = RNG.normal(size=len(field.centres))
+    values = rng.normal(size=len(field.centres))
     np.testing.assert_allclose(field.at(field.centres) @ values, values, atol=1e-9)
-    new = RNG.normal(size=(4, 3))
+    new = rng.normal(size=(4, 3))
     apart = np.linalg.norm(new[:, None] - field.centres, axis=-1)
     kriged = np.exp(-apart / 2.0) @ np.linalg.solve(field.spread, values)
     np.testing.assert_allclose(field.at(new) @ values, kriged, atol=1e-9)
@@ -57,7 +56,7 @@ def test_derivatives(kind: str) -> None:
     suspects, _ = candidates(cell, base, data)
     chosen = [c.effect for c in suspects if type(c.effect).__name__ == kind]
     model = base.with_effects((*base.effects, chosen[len(chosen) // 2]))
-    values = 1e-4 * RNG.normal(size=len(model.parameters))
+    values = model.sizes * np.random.default_rng(3).normal(size=len(model.parameters))
     _, J = model.jacobian(values, data.poses)
     for p in range(len(base.parameters), len(values)):
         step = np.zeros(len(values))

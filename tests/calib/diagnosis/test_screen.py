@@ -8,12 +8,11 @@ import pytest
 from calib.diagnosis.power import entry_limit, smallest_sizes
 from calib.diagnosis.screen import field, score
 
-RNG = np.random.default_rng(0)
-N, X = RNG.normal(size=(300, 8)), RNG.normal(size=(300, 5))
+N, X = np.split(np.random.default_rng(0).normal(size=(300, 13)), [8], axis=1)
 
 
-def test_score_is_the_fall_of_the_sum_of_squares() -> None:
-    r = RNG.normal(size=300)
+def test_score_is_the_fall_of_the_sum_of_squares(rng: np.random.Generator) -> None:
+    r = rng.normal(size=300)
     found = score(field(N, X, r), np.arange(5))
     both = np.column_stack([N, X])
     alone = r - N @ np.linalg.lstsq(N, r, rcond=None)[0]
@@ -22,11 +21,12 @@ def test_score_is_the_fall_of_the_sum_of_squares() -> None:
     assert found.price == pytest.approx(5 * np.log(300))
 
 
-def test_evidence_of_a_curve_is_a_ratio_of_marginal_likelihoods() -> None:
+def test_evidence_of_a_curve_is_a_ratio_of_marginal_likelihoods(rng: np.random.Generator) -> None:
     """Against the dense normal density of the projected residual, over a fine grid of amplitudes."""
     spread = np.exp(-np.abs(np.subtract.outer(np.arange(5), np.arange(5))) / 2.0)
-    r = RNG.normal(size=300) + X @ (0.2 * np.linalg.cholesky(spread) @ RNG.normal(size=5))
+    r = rng.normal(size=300) + X @ (0.2 * np.linalg.cholesky(spread) @ rng.normal(size=5))
     view = field(N, X, r)
+    assert not view.noise_refuted
     best = 0.0
     for t in np.geomspace(1e-4, 10.0, 400):
         cov = np.eye(300) + t * view.X @ spread @ view.X.T
@@ -35,38 +35,40 @@ def test_evidence_of_a_curve_is_a_ratio_of_marginal_likelihoods() -> None:
     assert score(view, np.arange(5), spread).evidence == pytest.approx(best, rel=0.01)
 
 
-def test_a_curve_comes_by_chance_no_more_often_than_it_says() -> None:
+def test_a_curve_comes_by_chance_no_more_often_than_it_says(rng: np.random.Generator) -> None:
     spread = np.eye(5)
     for sigma in (1.0, 2.0):
-        draws = (field(N, X, sigma * RNG.normal(size=300)) for _ in range(400))
+        draws = (field(N, X, sigma * rng.normal(size=300)) for _ in range(400))
         p = np.array([score(view, np.arange(5), spread).p for view in draws])
         assert np.mean(p < 0.2) <= 0.25
 
 
-def test_p_values_are_uniform_where_nothing_is_missing() -> None:
+def test_p_values_are_uniform_where_nothing_is_missing(rng: np.random.Generator) -> None:
     for sigma in (1.0, 2.0):  # with the noise as stated, and where it is refuted
         p = []
         for _ in range(400):
-            r = sigma * RNG.normal(size=300) + N @ RNG.normal(size=8)
+            r = sigma * rng.normal(size=300) + N @ rng.normal(size=8)
             p.append(score(field(N, X, r), np.arange(2)).p)
         assert np.mean(np.array(p) < 0.1) == pytest.approx(0.1, abs=0.045)
 
 
 @pytest.mark.parametrize("k", [1, 4])
-def test_an_effect_of_the_size_said_to_be_detectable_is_detected(k: int) -> None:
+def test_an_effect_of_the_size_said_to_be_detectable_is_detected(
+    k: int, rng: np.random.Generator
+) -> None:
     view, asked = field(N, X, np.zeros(300)), 200
     size = smallest_sizes(view, np.arange(k), asked, 0.01)[0]
     hits = [
-        score(field(N, X, RNG.normal(size=300) + X[:, 0] * size), np.arange(k)).fall
+        score(field(N, X, rng.normal(size=300) + X[:, 0] * size), np.arange(k)).fall
         > entry_limit(k, 300, asked, 0.01)
         for _ in range(300)
     ]
     assert np.mean(hits) == pytest.approx(0.9, abs=0.06)
 
 
-def test_what_the_model_contains_is_invisible() -> None:
-    inside = N @ RNG.normal(size=(8, 2))
-    view = field(N, inside, RNG.normal(size=300))
+def test_what_the_model_contains_is_invisible(rng: np.random.Generator) -> None:
+    inside = N @ rng.normal(size=(8, 2))
+    view = field(N, inside, rng.normal(size=300))
     assert score(view, np.arange(2)).fall == 0.0
     assert score(view, np.arange(2), np.eye(2)).fall == 0.0
     assert np.isinf(smallest_sizes(view, np.arange(2), 10, 0.01)).all()

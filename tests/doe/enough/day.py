@@ -9,11 +9,11 @@ import numpy as np
 from calib import Cell, Measurements, readings
 from calib.build import build
 from calib.effects.protocol import ElasticEffect
-from calib.files.write_tables import wrench_with_load
 from calib.moves import with_moves
 from calib.noise import Noise
 from calib.poses import Poses
 from calib.simulate import simulate
+from calib.statics import wrench_with_load
 from tests.helpers import with_effects
 
 RIGID = ("base", "tool", "joint_offset:A2,A3")
@@ -29,7 +29,7 @@ def whole_day(cell: Cell, plan: Poses, seed: int = 1, louder: float = 1.0) -> Me
     poses = readings(cell, plan)
     poses = replace(
         poses,
-        wrench=wrench_with_load(cell, poses),
+        wrench=wrench_with_load(cell.robot, cell.gravity, poses),
         load_mass=np.zeros(len(poses)),
         time=600.0 * np.arange(len(poses)),
         approach=None,

@@ -38,7 +38,7 @@ def random_cell(seed: int, dof: int, markers: int, *effects: str) -> tuple[Cell,
     return cell, random_poses(rng, robot, 12)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10_000), st.integers(3, 7), st.integers(3, 6))
 def test_full_covariance_makes_the_approaches_equal(seed: int, dof: int, markers: int) -> None:
     """For known marker geometry; base, geometry and compliances estimated, tracker noise."""

@@ -31,7 +31,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "\n".join(effects if line.startswith("effects = ") else line for line in lines)
     )
     cell = calib.load_cell(path / "cell.toml")
-    plan = calib.load_plan(cell, path / "table2.csv")
+    plan = calib.load_plan(cell, path / "plan.csv")
     data = of_poses(whole_day(cell, plan), [2, 5, 8, 11, 14, 1], 15)
     (path / "half.csv").write_text(measurements_csv(cell, data))
     return path
@@ -46,7 +46,7 @@ def asked(folder: Path, *more: object) -> tuple[dict[str, Any], str]:
 
 
 def test_it_names_the_poses_that_the_goal_needs(folder: Path) -> None:
-    plan = ("--plan", folder / "table2.csv")
+    plan = ("--plan", folder / "plan.csv")
     fields, _ = asked(folder, *plan)
     assert fields["plan"] == {"poses": 15, "measured": 6, "to_measure": 9}
     goal = fields["order"][2]["task_rms_mm"] * 1.0001
@@ -55,7 +55,7 @@ def test_it_names_the_poses_that_the_goal_needs(folder: Path) -> None:
     assert fields["poses_to_goal"] == 3
     assert f"after 3 more: {names}" in said
     assert {Path(entry["file"]).name for entry in fields["inputs"]} == {
-        "cell.toml", "kr270.urdf", "half.csv", "table2.csv",
+        "cell.toml", "kr270.urdf", "half.csv", "plan.csv",
     }  # fmt: skip
     assert all(p["std"] > 0.0 for p in fields["end"]["parameters"])
     _, said = asked(folder, *plan, "--goal-mm", 5)
@@ -63,7 +63,7 @@ def test_it_names_the_poses_that_the_goal_needs(folder: Path) -> None:
 
 
 def test_it_says_how_many_more_than_the_plan(folder: Path) -> None:
-    plan = ("--plan", folder / "table2.csv")
+    plan = ("--plan", folder / "plan.csv")
     fields, _ = asked(folder, *plan)
     goal = 0.97 * fields["end"]["task_rms_mm"]
     fields, said = asked(folder, *plan, "--goal-mm", goal)

@@ -13,9 +13,10 @@ from click.testing import CliRunner, Result
 
 from calib import load_cell, load_plan, readings
 from calib.build import build
-from calib.files.write_tables import measurements_csv, wrench_with_load
+from calib.files.write_tables import measurements_csv
 from calib.moves import with_moves
 from calib.simulate import simulate
+from calib.statics import wrench_with_load
 from studies.cli import main
 from studies.demo import INPUTS, embedded_text
 
@@ -28,11 +29,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("day")
     for name in INPUTS:
         (path / name).write_text(embedded_text(name))
-    header, *rows = (path / "table2.csv").read_text().splitlines()
+    header, *rows = (path / "plan.csv").read_text().splitlines()
     again = [rows[0].replace("p01", f"ref{k}", 1) for k in (1, 2, 3, 4)]
     assert all(row.startswith("ref") for row in again)
     plan = [again[0], *rows[1:6], again[1], *rows[6:11], again[2], *rows[11:], again[3]]
-    (path / "table2.csv").write_text("\n".join([header, *plan]) + "\n")
+    (path / "plan.csv").write_text("\n".join([header, *plan]) + "\n")
     text = (path / "cell.toml").read_text()
     effects = 'effects = ["base", "tool", "joint_compliance:A2,A3,A4,A5,A6"]'
     lines = [effects if line.startswith("effects = ") else line for line in text.splitlines()]
@@ -42,10 +43,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def measured(folder: Path, rates: np.ndarray, timed: bool = True) -> Path:
     cell = load_cell(folder / "cell.toml")
-    poses = readings(cell, load_plan(cell, folder / "table2.csv"))
+    poses = readings(cell, load_plan(cell, folder / "plan.csv"))
     poses = replace(
         poses,
-        wrench=wrench_with_load(cell, poses),
+        wrench=wrench_with_load(cell.robot, cell.gravity, poses),
         load_mass=np.zeros(len(poses)),
         time=300.0 * np.arange(len(poses)),
     )

@@ -11,10 +11,13 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
 from studies.cli import main
+from studies.identify.point_errors import point_errors
+from studies.report.evidence import load_evidence
 
 RESULTS = ("identify", "diagnose", "design", "foresight", "compare")
 
@@ -104,7 +107,7 @@ def test_figures_of_the_results_stand_in_it(demo_folder: Path, html: str) -> Non
     text = re.sub(r"\s+", " ", html)
     identified = json.loads((demo_folder / "identify.json").read_text())
     designed = json.loads((demo_folder / "design.json").read_text())
-    assert f"off by {identified['rms_mm']['nominal']:.3f} mm" in text
+    assert f"now predicted to {identified['rms_mm']['heldout']:.3f} mm" in text
     share = int(1e3 * designed["efficiency"]) / 10.0
     assert f"at least {share:.1f} %" in text
     for entry in identified["inputs"]:
@@ -178,7 +181,7 @@ def _with(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
         ('{"command": "identify"}', "is no result of posecal"),
         ('{"command": "identify", "inputs": [], "schema": 2}', "schema: is not 1"),
         ('{"command": "rm -rf", "inputs": [], "schema": 1}', "has no place in a report"),
-        ('{"command": "identify", "inputs": [], "schema": 1}', "a result is not complete"),
+        ('{"command": "identify", "inputs": [], "schema": 1}', "lacks 'rms_mm'"),
         ("[" * 100_000, "is no result of posecal"),
     ],
 )
@@ -225,3 +228,76 @@ def test_figures_within_the_page_are_well_formed(html: str) -> None:
     for svg in re.findall(r"<svg[^>]*class=\"plot\".*?</svg>", html, flags=re.S):
         ET.fromstring(svg)
         assert "metadata" not in svg
+
+
+def test_held_out_poses_may_be_called_as_the_fitted(moved: Path) -> None:
+    """Two tables of a session, each with p01, p02 ..: nothing is mixed up."""
+    check = moved / "check.csv"
+    check.write_text(re.sub(r"^c(\d\d)", r"p\1", check.read_text(), flags=re.M))
+    result = moved / "renamed.json"
+    done = run(
+        "identify", moved / "cell.toml", moved / "measurements.csv", "--holdout", check,
+        "--json", result,
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    fields = json.loads(result.read_text())
+    errors = point_errors(fields["residuals"], "nominal_mm")
+    assert (len(errors.poses), int(errors.heldout.sum())) == (46, 16)
+    for held, key in ((False, "fitted_all"), (True, "heldout")):
+        own = errors.take(errors.heldout == held)
+        rms = 1e3 * np.sqrt((own.after**2).sum() / own.seen.sum())
+        assert rms == pytest.approx(fields["rms_mm"][key], rel=1e-9)
+    evidence = load_evidence([result])
+    measured = evidence.data[result]
+    assert measured.heldout is not None
+    at = measured.reading("p01_free (held out)", True)
+    assert at is not None
+    assert at[0] is measured.heldout.poses
+
+
+def test_results_that_do_not_belong_together_are_said_to(moved: Path) -> None:
+    table = moved / "measurements.csv"
+    rows = table.read_text().splitlines(keepends=True)
+    table.write_text("".join(rows[:-3]))
+    run("identify", moved / "cell.toml", table, "--json", moved / "fewer.json")
+    done = run("report", moved / "fewer.json", moved / "diagnose.json", "-o", moved / "page.html")
+    assert done.exit_code == 0, done.output
+    text = re.sub(r"\s+", " ", (moved / "page.html").read_text())
+    assert "measurements.csv is another file in diagnose.json than in fewer.json" in text
+
+
+def test_plans_with_equal_names_are_lit_apart(moved: Path) -> None:
+    for seed in (1, 2):
+        run(
+            "design", "--candidates", 300, "--no-polish", "--seed", seed, "--json",
+            moved / f"plan{seed}.json", moved / "cell.toml",
+        )  # fmt: skip
+    evidence = load_evidence([moved / "plan1.json", moved / "plan2.json"])
+    first, second = (evidence.lit[moved / f"plan{seed}.json"] for seed in (1, 2))
+    shared = set(first.values()) & set(second.values())
+    for name in shared:
+        (one,) = (pose for pose, lit in first.items() if lit == name)
+        (other,) = (pose for pose, lit in second.items() if lit == name)
+        poses = evidence.plans[moved / "plan1.json"], evidence.plans[moved / "plan2.json"]
+        q = [p.q[p.names.index(pose)] for p, pose in zip(poses, (one, other), strict=True)]
+        np.testing.assert_allclose(q[0], q[1], atol=1e-5)
+    assert len(shared) < 15
+
+
+def test_a_model_that_is_worse_elsewhere_is_not_praised(moved: Path) -> None:
+    def spoil(fields: dict[str, Any]) -> None:
+        fields["rms_mm"]["heldout"] = 10.0 * fields["rms_mm"]["nominal"]
+
+    _with(moved / "identify.json", spoil)
+    run("report", moved / "identify.json", "-o", moved / "page.html")
+    text = (moved / "page.html").read_text()
+    summary = text[text.index('<section id="summary"') : text.index('<section id="arm"')]
+    assert "Do not use the identified model" in summary
+    assert "box good" not in summary
+
+
+def test_a_fault_names_the_section(moved: Path) -> None:
+    _with(moved / "identify.json", lambda fields: fields.pop("pair_distances_mm"))
+    done = run("report", moved / "identify.json", "-o", moved / "page.html")
+    assert done.exit_code == 2
+    assert "identify.json: for section errors: lacks 'pair_distances_mm'" in done.stderr

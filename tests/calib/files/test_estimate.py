@@ -1,0 +1,48 @@
+"""An estimate goes through its file whole, whatever its unit's numbers are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib import Cell
+from calib.build import build
+from calib.errors import InputError
+from calib.estimate import Estimate, Unexplained
+from calib.files.estimate import estimate_fields, load_estimate
+from calib.files.write import json_text
+
+UNIX = 1_763_700_000.0  # s, November 2025
+
+
+def spring(cell: Cell) -> Estimate:
+    """Nothing but plausible sizes, a spring's 1e5 N/m among them, in a session of our days."""
+    model = build(replace(cell, effects=("gravity_compensator:A2", "gravity_sag:A2"))).model
+    none = Unexplained(0.0, "fitted poses")
+    return Estimate(model, 0.0 * model.sizes, np.diag(model.sizes**2), UNIX, none, ())
+
+
+def written(known: Estimate, path: Path) -> Path:
+    path.write_text(json_text({"command": "identify", "estimate": estimate_fields(known)}))
+    return path
+
+
+def test_unix_times_and_variances_of_springs_are_read_back(kr270: Cell, tmp_path: Path) -> None:
+    known = spring(kr270)
+    assert known.covariance.max() == 1e10
+    read = load_estimate(kr270, written(known, tmp_path / "result.json"))
+    assert read.start == UNIX
+    np.testing.assert_array_equal(read.covariance, known.covariance)
+
+
+@pytest.mark.parametrize("start", ["NaN", "1e400", "1e13"])
+def test_a_start_that_no_table_can_hold_is_damage(kr270: Cell, tmp_path: Path, start: str) -> None:
+    path = written(spring(kr270), tmp_path / "result.json")
+    text = path.read_text()
+    path.write_text(text.replace(str(UNIX), start))
+    assert path.read_text() != text
+    with pytest.raises(InputError, match="estimate: is damaged"):
+        load_estimate(kr270, path)

@@ -1,0 +1,99 @@
+"""What a person meets before any work is done: help, and completion in the shell."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from studies.cli import main
+
+RUN = "from studies.cli import run; run()"
+HEAVY = {
+    "cvxpy",
+    "distributed",
+    "jinja2",
+    "matplotlib",
+    "mujoco",
+    "numpy",
+    "pydantic",
+    "rich",
+    "scipy",
+}
+ASKED = [["--help"], ["--version"], ["nonsense"], *([name, "--help"] for name in main.commands)]
+
+
+@pytest.mark.parametrize("arguments", ASKED, ids=" ".join)
+def test_nothing_heavy_is_imported_for(arguments: list[str]) -> None:
+    """So that it comes at once; `python -m studies.benchmarks.startup` measures how fast."""
+    code = f"""
+import atexit, sys
+atexit.register(lambda: print("loaded", *sys.modules))
+{RUN}
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False
+    )
+    said, _, loaded = done.stdout.rpartition("loaded ")
+    assert said or done.stderr.count("\n") == 1
+    assert not HEAVY & set(loaded.split())
+    assert "click" in loaded.split()
+
+
+def completed(shell: str, words: str, at: str) -> str:
+    """What the command answers the script that a shell evaluates."""
+    asked = {"_POSECAL_COMPLETE": f"{shell}_complete", "COMP_WORDS": words, "COMP_CWORD": at}
+    done = subprocess.run(
+        [sys.executable, "-c", RUN],
+        env={**os.environ, **asked},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert not done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize(
+    ("shell", "at", "answer"),
+    [
+        ("bash", "1", "plain,identify\n"),
+        ("zsh", "1", "plain\nidentify\n"),
+        ("fish", "ide", "plain,identify\t"),
+    ],
+)
+def test_a_command_is_completed(shell: str, at: str, answer: str) -> None:
+    assert completed(shell, "posecal ide", at).startswith(answer)
+
+
+def test_options_choices_and_files_are_completed() -> None:
+    assert completed("bash", "posecal design --cri", "2") == "plain,--criterion\n"
+    assert "plain,task-worst" in completed("bash", "posecal design --criterion ", "3").split()
+    for words in ("posecal identify ", "posecal identify --json "):
+        assert completed("bash", words, str(words.count(" "))).startswith("file,")
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
+def test_bash_completes_with_the_script_that_it_is_given(tmp_path: Path) -> None:
+    command = tmp_path / "posecal"
+    command.write_text(f"#!{sys.executable}\n{RUN}\n")
+    command.chmod(0o755)
+    script = """
+eval "$(_POSECAL_COMPLETE=bash_source posecal)"
+COMP_WORDS=(posecal ident) COMP_CWORD=1
+$(complete -p posecal | sed 's/.* -F \\([^ ]*\\) .*/\\1/') posecal
+echo "${COMPREPLY[@]}"
+"""
+    path = f"{tmp_path}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        ["bash", "-c", script],
+        env={**os.environ, "PATH": path},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split() == ["identify"], done.stderr

@@ -24,12 +24,13 @@ def _strangers(fields: dict[str, Any]) -> None:
     fields["residuals"] = [{**row, "pose": f"p{i}", "marker": f"m{i}"} for i in range(2000)]
 
 
-OTHER_FORM = "holds a field of another form"
+OTHER_FORM = "is not as its command writes it"
 DAMAGED: dict[str, tuple[str, Change, str]] = {
     "NaN": ("enough", lambda r: r.update(goal_mm=float("nan")), "is no result of posecal"),
     "huge": ("enough", lambda r: r.update(goal_mm=10**400), "is no result of posecal"),
     "no joint": ("designed", lambda r: r["poses"][0]["joints_mm"].clear(), "lacks 'X1'"),
     "far joint": ("designed", lambda r: r["poses"][0]["joints_mm"].update(X1=1e20), OTHER_FORM),
+    "no points": ("compared", lambda r: r["plans"][0]["approaches"].clear(), "lacks 'points'"),
     "no floor": ("diagnosed", lambda r: r["gap"].update(floor_mm=0.0), OTHER_FORM),
     "below zero": ("diagnosed", lambda r: r["steps"]["rms_mm"].insert(0, -1.0), OTHER_FORM),
     "strangers": ("identified", _strangers, OTHER_FORM),

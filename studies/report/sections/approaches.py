@@ -58,7 +58,7 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
         yield Figure(
             deviations.by_approach(
                 *_named(fields["plans"][0]),
-                {plan["plan"]: _std(_points(plan)) for plan in shared},
+                {plan["plan"]: _std(points_of(plan)) for plan in shared},
                 name="plans",
                 title="Standard deviations by plan, approach #2",
             )
@@ -95,8 +95,10 @@ def _named(plan: dict[str, Any]) -> tuple[list[str], list[str]]:
     return _ids(plan), [p["unit"] for p in plan["approaches"][0]["parameters"]]
 
 
-def _points(plan: dict[str, Any]) -> dict[str, Any]:
-    return next(own for own in plan["approaches"] if own["approach"] == "points")
+def points_of(plan: dict[str, Any]) -> dict[str, Any]:
+    """Approach #2 of a plan. Raises KeyError where it is missing."""
+    found: dict[str, Any] = {own["approach"]: own for own in plan["approaches"]}["points"]
+    return found
 
 
 def _std(own: dict[str, Any], key: str = "std") -> np.ndarray[Any, np.dtype[np.float64]]:

@@ -9,6 +9,7 @@ from studies.diagnose.tables import loud, verdict_sentence
 from studies.report.bars import Bar, bars
 from studies.report.evidence import Evidence, Result
 from studies.report.parts import Section, Text, listed
+from studies.report.sections.approaches import points_of
 from studies.report.sections.plan import certificate, size
 
 
@@ -181,12 +182,7 @@ def _plan(fields: Mapping[str, Any]) -> Iterator[Text]:
 
 
 def _compare(fields: Mapping[str, Any]) -> Iterator[Text]:
-    best = {
-        plan["plan"]: next(a for a in plan["approaches"] if a["approach"] == "points")[
-            "task_rms_mm"
-        ]
-        for plan in fields["plans"]
-    }
+    best = {plan["plan"]: points_of(plan)["task_rms_mm"] for plan in fields["plans"]}
     said = "; ".join(f"{name} {_mm(rms)}" for name, rms in best.items())
     agreement = fields["agreement"]
     yield Text(

@@ -12,6 +12,7 @@ from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExec
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
+from queue import SimpleQueue
 from typing import Any, ParamSpec, TypeVar
 from weakref import WeakSet
 
@@ -78,6 +79,23 @@ class _Pool(ProcessPoolExecutor):
         for process in processes:
             process.terminate()
         manager.join()
+
+
+@contextmanager
+def interrupts_in(queue: SimpleQueue[Any]) -> Iterator[None]:
+    """Ctrl-C puts None into a queue, where it is read when that suits, instead of being raised at once.
+
+    Raised just as the lock of a future is taken it would leave it taken, and the pool could not end.
+    """
+    ours = threading.current_thread() is threading.main_thread()
+    if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield  # elsewhere it is not raised
+        return
+    signal.signal(signal.SIGINT, lambda *_: queue.put(None))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @contextmanager

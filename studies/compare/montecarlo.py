@@ -7,9 +7,12 @@ not depend on who computes it, where, or in which order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, as_completed
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future
+from contextlib import closing
 from dataclasses import dataclass
+from queue import SimpleQueue
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +20,7 @@ from numpy.typing import NDArray
 from calib.identify.solver import levenberg_marquardt
 from calib.se3 import Array
 from calib.threads import one_blas_thread
+from studies.compare.engines import interrupts_in
 from studies.compare.experiment import Experiment
 from studies.compare.prediction import Prediction
 
@@ -95,16 +99,17 @@ def refits(
     jobs = [(experiment, predictions, size, own) for size, own in zip(sizes, seeds, strict=True)]
     done: dict[int, Block] = {}
     try:
-        for index, block in _blocks(jobs, executor):
-            done[index] = block
-            progress(sizes[index])
+        with closing(_blocks(jobs, executor)) as blocks:
+            for index, block in blocks:
+                done[index] = block
+                progress(sizes[index])
     except KeyboardInterrupt:
         pass
-    blocks = [done[index] for index in sorted(done)]
-    keys = [prediction.way.key for prediction in predictions] if blocks else []
+    ordered = [done[index] for index in sorted(done)]
+    keys = [prediction.way.key for prediction in predictions] if ordered else []
     return Refits(
-        {key: np.concatenate([block[key][0] for block in blocks]) for key in keys},
-        {key: np.concatenate([block[key][1] for block in blocks]) for key in keys},
+        {key: np.concatenate([block[key][0] for block in ordered]) for key in keys},
+        {key: np.concatenate([block[key][1] for block in ordered]) for key in keys},
         trials,
     )
 
@@ -116,18 +121,27 @@ def _block_sizes(experiment: Experiment, trials: int) -> list[int]:
     return [min(most, trials - start) for start in range(0, trials, most)]
 
 
-def _blocks(jobs: list[tuple], executor: Executor | None) -> Iterator[tuple[int, Block]]:  # type: ignore[type-arg]
+def _blocks(jobs: list[tuple[Any, ...]], executor: Executor | None) -> Generator[tuple[int, Block]]:
     if executor is None:
         for index, job in enumerate(jobs):
             yield index, refit(*job)
         return
-    futures = {executor.submit(refit, *job): index for index, job in enumerate(jobs)}
-    try:
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-    except BrokenExecutor:
-        raise  # the pool is ending its blocks; it stumbles over one that is cancelled meanwhile
-    except BaseException:
-        for future in futures:
-            future.cancel()
-        raise
+    done: SimpleQueue[Future[Block] | None] = SimpleQueue()  # None is an interruption
+    futures: dict[Future[Block], int] = {}
+    with interrupts_in(done):
+        try:
+            for index, job in enumerate(jobs):
+                future = executor.submit(refit, *job)
+                futures[future] = index
+                future.add_done_callback(done.put)
+            for _ in jobs:
+                ready = done.get()
+                if ready is None:
+                    raise KeyboardInterrupt
+                yield futures[ready], ready.result()
+        except BrokenExecutor:
+            raise  # the pool is ending its blocks; it stumbles over one that is cancelled meanwhile
+        except BaseException:
+            for future in futures:
+                future.cancel()
+            raise

@@ -11,11 +11,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -140,6 +141,29 @@ def test_an_interruption_keeps_what_is_done(study: Study, executor: Executor | N
     assert found.trials == 2 * MOST_TRIALS
     again = refits(*fresh(study), 3, executor=executor)
     assert again.trials == 3, "the executor can be used again"
+
+
+class Interrupting(ThreadPoolExecutor):
+    """Ctrl-C comes while a block is submitted, when a lock may be taken."""
+
+    through = 0
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        signal.raise_signal(signal.SIGINT)
+        self.through += 1
+        return super().submit(fn, *args, **kwargs)
+
+
+def test_an_interruption_waits_until_no_lock_is_taken(study: Study) -> None:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with Interrupting(2) as executor:
+            found = refits(*fresh(study), 10 * MOST_TRIALS, executor=executor)
+        assert executor.through == 10
+        assert found.trials < found.asked
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.parametrize("held_s", [0.0, 0.3], ids=["at once", "held up"])

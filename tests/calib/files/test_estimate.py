@@ -19,7 +19,7 @@ UNIX = 1_763_700_000.0  # s, November 2025
 
 
 def spring(cell: Cell) -> Estimate:
-    """Nothing but plausible sizes, a spring's 1e5 N/m among them, in a session of our days."""
+    """Nothing but plausible sizes, a spring of 1e5 N/m among them, at times of today."""
     model = build(replace(cell, effects=("gravity_compensator:A2", "gravity_sag:A2"))).model
     none = Unexplained(0.0, "fitted poses")
     return Estimate(model, 0.0 * model.sizes, np.diag(model.sizes**2), UNIX, none, ())

@@ -143,7 +143,9 @@ def test_nonsense_units_are_not_called_a_success(kr270: Cell) -> None:
     rng = np.random.default_rng(3)
     cell = cell_of(kr270.robot, MARKERS, RIGID)
     data, _ = measured(cell, random_configurations(cell, rng, 40), rng)
-    result = calib.identify(cell, replace(data, points=data.points * 1e3))
+    with pytest.raises(CalibError, match="check the units"):
+        calib.identify(cell, replace(data, points=data.points * 1e3))
+    result = calib.identify(cell, replace(data, points=data.points * 25.4))
     assert any("check units" in text for text in result.warnings)
 
 

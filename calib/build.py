@@ -54,9 +54,10 @@ class Built:
     dropped: tuple[Dropped, ...]
 
 
-def parse_effect(text: str) -> tuple[str, tuple[str, ...] | None]:
+def parse_effect(text: str, key: str = "[model] effects") -> tuple[str, tuple[str, ...] | None]:
     """``name`` or ``name:where[,where]`` -> name and places, None for everywhere.
 
+    key : str, of the cell file, where it stands
     Raises UnknownEffect, naming the closest known one.
     """
     name, colon, rest = text.partition(":")
@@ -69,9 +70,27 @@ def parse_effect(text: str) -> tuple[str, tuple[str, ...] | None]:
     if name not in catalogue():
         close = difflib.get_close_matches(name, catalogue(), n=1)
         hint = f"did you mean {close[0]!r}?" if close else f"known are: {', '.join(catalogue())}"
-        raise UnknownEffect(f"unknown effect {name!r} in [model] effects; {hint}")
+        raise UnknownEffect(f"unknown effect {name!r} in {key}; {hint}")
     places = tuple(place.strip() for place in rest.split(",")) if colon else None
     return name, places
+
+
+def parse_excluded(text: str, context: Context) -> tuple[str, ...]:
+    """What ``name`` or ``name:where[,where]`` in ``[diagnosis] exclude`` rules out: causes one by one.
+
+    Raises UnknownEffect, naming the closest known effect or place.
+    """
+    key = "[diagnosis] exclude"
+    name, places = parse_effect(text, key)
+    if name in GROUPS:
+        raise UnknownEffect(f"{name!r} in {key} is no cause; it belongs to [model] effects")
+    known = catalogue()[name].places(context)
+    for where in places or ():
+        if where not in known:
+            close = difflib.get_close_matches(where, known, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"places are: {', '.join(known)}"
+            raise UnknownEffect(f"{name} has no place {where!r} in {key}; {hint}")
+    return (name,) if places is None else tuple(f"{name}:{where}" for where in places)
 
 
 def place_effect(name: str, where: str, context: Context) -> Effect:

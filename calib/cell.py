@@ -35,6 +35,16 @@ class Capsule:
     radius: float
 
 
+@dataclass(frozen=True)
+class Repeatability:
+    """How the arm scatters from one approach of a pose to the next: one standard deviation of one
+    coordinate of the tip [m], and of one component of its rotation [rad].
+    """
+
+    translation: float
+    rotation: float
+
+
 @dataclass(frozen=True, eq=False)
 class Cell:
     """Everything that a cell file says, in SI and radians.
@@ -55,6 +65,8 @@ class Cell:
     anchors : dict, joint -> ndarray, shape (2, 3), m, of a gravity compensator's spring
     capsules : dict, joint name or ``base`` or ``tool`` -> tuple of Capsule
     design : dict, the [design] table as validated, SI
+    repeatability : Repeatability, or None where it is to be estimated
+    excluded : tuple of str, ``name`` or ``name:where``, causes that this robot cannot have
     """
 
     name: str
@@ -76,3 +88,5 @@ class Cell:
     anchors: Mapping[str, Array] = field(default_factory=dict)
     capsules: Mapping[str, tuple[Capsule, ...]] = field(default_factory=dict)
     design: Mapping[str, Any] = field(default_factory=dict)
+    repeatability: Repeatability | None = None
+    excluded: tuple[str, ...] = ()

@@ -22,6 +22,8 @@ from calib.se3 import Array
 _BY_ANGLE = ("gravity_compensator", "stiffness_vs_angle")  # beside all that is known of the pose
 PARTS = {"geometry": ("joint_offset", "link_geometry"), "stiffness_vs_angle": ("joint_compliance",)}
 """What an active effect contains already."""
+EXCLUDED = "excluded by the cell"
+"""Why a cause is not asked that the user knows the robot not to have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +77,9 @@ def candidates(
             continue
         for where in effect_type.places(context):
             if _contained(model.effects, kind, where):
+                continue
+            if kind in cell.excluded or f"{kind}:{where}" in cell.excluded:
+                missing.append(NotAsked(f"{kind}:{where}", EXCLUDED))
                 continue
             try:
                 effect = place_effect(kind, where, context)

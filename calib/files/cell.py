@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from calib.build import parse_effect
-from calib.cell import Capsule, Cell, Load
+from calib.build import context_of, parse_effect, parse_excluded
+from calib.cell import Capsule, Cell, Load, Repeatability
 from calib.errors import InputError, UnknownEffect
 from calib.files.read import read_text
 from calib.files.robot import load_robot, robot_files
@@ -36,6 +36,7 @@ from calib.statics import Payload
 _LARGEST_FILE = 2_000_000  # bytes; the parser of the standard library is slow
 _DEEPEST = 50  # parts of a key
 _MM = 1e-3
+_URAD = 1e-6
 
 
 def load_cell(path: str | Path) -> Cell:
@@ -58,7 +59,7 @@ def load_cell(path: str | Path) -> Cell:
         for name, m in table.markers_mm.items()
     }
     position = table.instrument.position_mm
-    return Cell(
+    cell = Cell(
         name=table.name or path.stem,
         path=path,
         robot_form=form,
@@ -89,7 +90,9 @@ def load_cell(path: str | Path) -> Cell:
             for name, capsules in table.robot.capsules_mm.items()
         },
         design=_design(path, table.design),
+        repeatability=_repeatability(table.robot),
     )
+    return replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
@@ -245,6 +248,22 @@ def _noise(sigma: Sigma) -> Noise:
             sigma.mpe_mm * _MM, sigma.mpe_mm_per_m * _MM, sigma.divisor
         )
     return Noise.isotropic(sigma * _MM)
+
+
+def _repeatability(table: RobotTable) -> Repeatability | None:
+    """As stated; what is not stated beside the other is none."""
+    stated = table.repeatability_mm, table.repeatability_urad
+    if stated == (None, None):
+        return None
+    return Repeatability((stated[0] or 0.0) * _MM, (stated[1] or 0.0) * _URAD)
+
+
+def _excluded(cell: Cell, names: list[str]) -> tuple[str, ...]:
+    context = context_of(cell, None)
+    try:
+        return tuple(cause for name in names for cause in parse_excluded(name, context))
+    except UnknownEffect as error:
+        raise InputError(cell.path, "diagnosis.exclude", str(error)) from None
 
 
 def _unit(vector: tuple[float, float, float] | None) -> Array:

@@ -87,6 +87,8 @@ class RobotTable(Table):
     mjcf: str | None = None
     base: str
     tip: str
+    repeatability_mm: NotNegative | None = None
+    repeatability_urad: NotNegative | None = None
     limits_deg: dict[str, Range] = {}
     limits_mm: dict[str, Range] = {}
     capsules_mm: dict[str, list[CapsuleTable]] = {}
@@ -209,6 +211,10 @@ class DesignTable(Table):
     obstacle: list[Annotated[Box | Sphere | HalfSpace, Field(discriminator="type")]] = []
 
 
+class DiagnosisTable(Table):
+    exclude: list[str] = []
+
+
 class ModelTable(Table):
     effects: Annotated[list[str], Field(min_length=1)]
     knots_deg: dict[str, list[Number]] = {}
@@ -226,4 +232,5 @@ class CellFile(Table):
     payload: PayloadTable = PayloadTable()
     load: LoadTable | None = None
     design: DesignTable = DesignTable()
+    diagnosis: DiagnosisTable = DiagnosisTable()
     model: ModelTable

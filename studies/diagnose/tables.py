@@ -10,6 +10,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from calib.diagnosis.candidates import EXCLUDED
 from studies.diagnose.hidden import hidden_table
 from studies.tables import number, plain_table
 
@@ -198,7 +199,8 @@ def _notes(fields: dict[str, Any]) -> Iterator[Text]:
     reasons: dict[str, list[str]] = {}
     for entry in fields["not_asked"]:
         reason = entry["reason"].removeprefix(f"{entry['effect']} cannot act: ")
-        reasons.setdefault(reason, []).append(entry["effect"].split(":")[0])
+        kind = entry["effect"].split(":")[0]
+        reasons.setdefault(reason, []).append(entry["effect"] if reason == EXCLUDED else kind)
     if reasons:
         yield Text("")
     for reason, kinds in reasons.items():

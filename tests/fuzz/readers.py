@@ -102,6 +102,8 @@ name = "every key"
 urdf = "kr270.urdf"
 base = "base_link"
 tip = "tool0"
+repeatability_mm = 0.03
+repeatability_urad = 100
 limits_deg = { A2 = [-140.0, -0.01], A1 = [-90, 90] }
 capsules_mm = { A2 = [{ from = [0, 0, 0], to = [1250, 0, 0], radius = 220 }], tool = [] }
 compensators_mm = { A2 = { before = [-686, 0, 123], after = [185, 0, 0] } }
@@ -148,6 +150,9 @@ radius_mm = 100
 type = "halfspace"
 point_mm = [0, 0, 0]
 normal = [0, 0, -1]
+
+[diagnosis]
+exclude = ["gravity_compensator", "backlash:A3"]
 
 [model]
 effects = ["base", "tool", "geometry", "stiffness_vs_angle:A2", "joint_compliance:A3,A4"]

@@ -1,0 +1,112 @@
+"""What a cell says of the arm's repeatability and of causes that the robot cannot have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import calib
+from calib import Cell, Poses
+from calib.build import build
+from calib.cell import Repeatability
+from calib.diagnosis.candidates import candidates
+from calib.errors import InputError
+from calib.files.cell_out import extended_cell
+from calib.poses import Measurements
+from studies.demo import INPUTS, embedded_text
+
+
+def cell_with(folder: Path, robot: str = "", more: str = "") -> Cell:
+    """The embedded cell with lines added to [robot], and tables at the end."""
+    for name in INPUTS:
+        (folder / name).write_text(embedded_text(name))
+    text = embedded_text("cell.toml").replace('tip = "tool0"\n', f'tip = "tool0"\n{robot}')
+    (folder / "cell.toml").write_text(f"{text}\n{more}")
+    return calib.load_cell(folder / "cell.toml")
+
+
+def excluding(folder: Path, *names: str) -> Cell:
+    return cell_with(folder, more=f"[diagnosis]\nexclude = {[*names]!r}\n")
+
+
+def asked(cell: Cell, poses: Poses) -> tuple[set[str], dict[str, str]]:
+    """Causes by name that the contest would hear, and what it would not, with the reason."""
+    points = np.ones((len(poses), len(cell.markers), 3))
+    data = Measurements(
+        poses, points, np.ones(points.shape[:2], dtype=bool), np.full(points.shape[:2], np.nan)
+    )
+    found, missing = candidates(cell, build(cell, poses).model, data)
+    return {c.key for c in found if c.named}, {n.effect: n.reason for n in missing}
+
+
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        ("", None),
+        ("repeatability_mm = 0.03\nrepeatability_urad = 100\n", Repeatability(3e-5, 1e-4)),
+        ("repeatability_mm = 0.03\n", Repeatability(3e-5, 0.0)),
+        ("repeatability_urad = 100\n", Repeatability(0.0, 1e-4)),
+        ("repeatability_mm = 0\n", Repeatability(0.0, 0.0)),
+    ],
+    ids=["to be estimated", "both", "no rotation", "no translation", "none"],
+)
+def test_repeatability(tmp_path: Path, lines: str, expected: Repeatability | None) -> None:
+    found = cell_with(tmp_path, lines).repeatability
+    if expected is None or found is None:
+        assert found is expected
+        return
+    assert found.translation == pytest.approx(expected.translation, rel=1e-12)
+    assert found.rotation == pytest.approx(expected.rotation, rel=1e-12)
+
+
+def test_repeatability_is_not_negative(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"robot\.repeatability_mm: .*greater than or equal to 0"):
+        cell_with(tmp_path, "repeatability_mm = -0.03\n")
+
+
+def test_excluded_causes_one_by_one(tmp_path: Path) -> None:
+    assert cell_with(tmp_path).excluded == ()
+    cell = excluding(tmp_path, "gravity_compensator", "backlash:A3, A4")
+    assert cell.excluded == ("gravity_compensator", "backlash:A3", "backlash:A4")
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        (
+            "backlsh:A3",
+            r"unknown effect 'backlsh' in \[diagnosis\] exclude; did you mean 'backlash'",
+        ),
+        ("base_compliance:bse", r"no place 'bse' in \[diagnosis\] exclude; did you mean 'base'"),
+        ("backlash:elbow", r"no place 'elbow' in \[diagnosis\] exclude; places are: A1, A2"),
+        ("geometry", r"'geometry' in \[diagnosis\] exclude is no cause"),
+    ],
+)
+def test_unknown_names_in_one_line(tmp_path: Path, name: str, text: str) -> None:
+    with pytest.raises(InputError, match=text) as caught:
+        excluding(tmp_path, name)
+    assert caught.value.where == "diagnosis.exclude"
+    assert "\n" not in str(caught.value)
+
+
+def test_both_stay_in_the_cell_that_is_written(tmp_path: Path, table_two: Poses) -> None:
+    cell = cell_with(
+        tmp_path, "repeatability_mm = 0.03 # ISO 9283\n", '[diagnosis]\nexclude = ["payload"]\n'
+    )
+    (tmp_path / "there").mkdir()
+    target = tmp_path / "there" / "better.toml"
+    target.write_text(extended_cell(cell, [], table_two, target).text)
+    again = calib.load_cell(target)
+    assert again.repeatability == cell.repeatability
+    assert again.excluded == cell.excluded == ("payload",)
+
+
+def test_excluded_causes_are_not_asked(tmp_path: Path, table_two: Poses) -> None:
+    everything, _ = asked(cell_with(tmp_path), table_two)
+    names = ("gravity_compensator", "joint_coupling:A3")
+    left, reasons = asked(excluding(tmp_path, *names), table_two)
+    gone = everything - left
+    assert gone == {f"gravity_compensator:A{k}" for k in range(1, 7)} | {"joint_coupling:A3"}
+    assert {reasons[cause] for cause in gone} == {"excluded by the cell"}

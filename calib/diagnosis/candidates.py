@@ -53,6 +53,11 @@ class Candidate:
         return f"{type(self.effect).__name__}:{self.where} by {self.depends_on}{about} ({count})"
 
     @property
+    def sizes(self) -> Array:
+        """Plausible sizes of its parameters, shape (k,), SI."""
+        return np.array([p.size for p in self.effect.parameters])
+
+    @property
     def spread(self) -> Array | None:
         """Covariance of a curve's k coefficients a priori, shape (k, k); None for a cause by name."""
         return self.effect.spread if isinstance(self.effect, Curve) else None

@@ -16,7 +16,8 @@ from functools import cached_property
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.screen import Field, Score, score
+from calib.diagnosis.profile import ground
+from calib.diagnosis.screen import NOTHING, Field, Score, score
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.view import Columns, View
 
@@ -24,9 +25,10 @@ ALPHA = 0.01
 """Probability of a false entry, over all candidates together."""
 _CHALLENGE = 1.0  # gain by which a rival must lead to take a place
 _NAMED_SHARE = 0.9  # of the leader's evidence at which a cause by name is preferred to a curve
-_MOST_EFFECTS = 5
-_MOST_ROUNDS = 12
+_MOST_EFFECTS = 12
+_MOST_ROUNDS = 30
 _RIVALS = 12
+_LEADING = (6, 4)  # causes by name, and curves, whose variances are found anew
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +36,12 @@ class Entry:
     """A candidate that is in, judged with all others in place.
 
     score : Score, its own; rivals : tuple of (Candidate, gain), the best in its place first
+    fall : float, by which it lowers the sum of squares, in variances of the instrument
     """
 
     candidate: Candidate
     score: Score
+    fall: float
     rivals: tuple[tuple[Candidate, float], ...]
 
 
@@ -83,7 +87,7 @@ def contest(
     tried: set[frozenset[str]] = {frozenset(c.key for c in active)}
     seen = columns.seen_from(stage, fit)
     for _ in range(_MOST_ROUNDS):
-        found = _better(seen, active, suspects)
+        found = _better(stage, seen, active, suspects)
         if found == active:
             return Outcome(before, fit, tuple(active), seen, suspects)
         keys = frozenset(c.key for c in found)
@@ -94,7 +98,7 @@ def contest(
         fit = stage.fit([c.effect for c in active])
         seen = columns.seen_from(stage, fit)
     # A contest that goes in circles is left with what pays where it stood.
-    while (idle := _idle(seen, active, suspects)) is not None:
+    while (idle := _idle(stage, seen, active, suspects)) is not None:
         active.remove(idle)
         fit = stage.fit([c.effect for c in active])
         seen = columns.seen_from(stage, fit)
@@ -102,22 +106,21 @@ def contest(
 
 
 def _idle(
-    seen_from: View, active: Sequence[Candidate], suspects: Sequence[Candidate]
+    stage: Stage, seen_from: View, active: Sequence[Candidate], suspects: Sequence[Candidate]
 ) -> Candidate | None:
     """The member that pays least of those that do not pay."""
-    scores = {c: score(seen_from.without(c), seen_from.where[c.key], c.spread) for c in active}
+    scores = {c: _scores(stage, seen_from, [c], c)[c.key] for c in active}
     idle = [c for c in active if not _pays(scores[c], len(suspects))]
     return min(idle, key=lambda c: scores[c].gain) if idle else None
 
 
 def _better(
-    seen_from: View, active: list[Candidate], suspects: Sequence[Candidate]
+    stage: Stage, seen_from: View, active: list[Candidate], suspects: Sequence[Candidate]
 ) -> list[Candidate]:
     """The next set of effects; the present one where it stands."""
     for member in active:
         rest = [c for c in active if c is not member]
-        beside = seen_from.without(member)
-        scores = _scores(beside, seen_from, suspects)
+        scores = _scores(stage, seen_from, suspects, member)
         own = scores[member.key]
         if not _pays(own, len(suspects)):
             return rest
@@ -127,14 +130,47 @@ def _better(
             return [*rest, best]
     if len(active) >= _MOST_EFFECTS:
         return active
-    beside = seen_from.beside
-    scores = _scores(beside, seen_from, suspects)
+    scores = _scores(stage, seen_from, suspects)
     best = _leader(scores, [c for c in suspects if c not in active], len(suspects))
     return [*active, best] if _pays(scores[best.key], len(suspects)) else active
 
 
-def _scores(beside: Field, seen_from: View, suspects: Sequence[Candidate]) -> dict[str, Score]:
-    return {c.key: score(beside, seen_from.where[c.key], c.spread) for c in suspects}
+def _scores(
+    stage: Stage,
+    seen_from: View,
+    suspects: Sequence[Candidate],
+    without: Candidate | None = None,
+) -> dict[str, Score]:
+    """Score of every suspect beside what is in, or beside that but for one member.
+
+    Where poses err together only those that lead are worth a look: their variances are found anew.
+    """
+    beside = seen_from.beside if without is None else seen_from.without(without)
+    scores = _linear(beside, seen_from, suspects)
+    if seen_from.fit.mixing is None:
+        return scores
+    leading = _leading(scores, suspects)
+    if without is None:
+        leading += _leading(_linear(seen_from.by_instrument.beside, seen_from, suspects), suspects)
+    else:
+        leading.append(without)
+    leading = list(dict.fromkeys(leading))
+    here = ground(stage, seen_from, leading, without)
+    return {c.key: NOTHING for c in suspects} | {c.key: here.score(c) for c in leading}
+
+
+def _linear(beside: Field, seen_from: View, suspects: Sequence[Candidate]) -> dict[str, Score]:
+    return {c.key: score(beside, seen_from.where[c.key], c.spread, c.sizes) for c in suspects}
+
+
+def _leading(scores: dict[str, Score], suspects: Sequence[Candidate]) -> list[Candidate]:
+    """The best of those with a name and of those without."""
+    found = []
+    for named, count in zip((True, False), _LEADING, strict=True):
+        own = [c for c in suspects if c.named == named]
+        ordered = sorted(own, key=lambda c: -scores[c.key].gain)[:count]
+        found += [c for c in ordered if scores[c.key].evidence > 0.0]
+    return found
 
 
 def _pays(found: Score, asked: int) -> bool:
@@ -156,8 +192,12 @@ def _entry(
     seen_from: View, member: Candidate, active: list[Candidate], suspects: Sequence[Candidate]
 ) -> Entry:
     rest = [c for c in active if c is not member]
-    beside = seen_from.without(member)
-    scores = _scores(beside, seen_from, suspects)
+    scores = _linear(seen_from.without(member), seen_from, suspects)
     gains = [(c, scores[c.key].gain) for c in suspects if c not in rest]
     gains.sort(key=lambda pair: -pair[1])
-    return Entry(member, scores[member.key], tuple(gains[:_RIVALS]))
+    own = scores[member.key]
+    alone = own
+    if seen_from.fit.mixing is not None:
+        bare = seen_from.by_instrument
+        alone = _linear(bare.without(member), bare, [member])[member.key]
+    return Entry(member, own, alone.fall, tuple(gains[:_RIVALS]))

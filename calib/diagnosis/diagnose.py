@@ -12,23 +12,32 @@ from calib.cell import Cell
 from calib.covariance import determined
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.contest import ALPHA, Entry, Outcome, contest
-from calib.diagnosis.gap import Gap, gap_of, over_time
+from calib.diagnosis.earned import BY_TIME
+from calib.diagnosis.gap import Gap, gap_of, over_time, reach
 from calib.diagnosis.power import smallest_sizes
 from calib.diagnosis.range_noise import Growth, growth
+from calib.diagnosis.refused import Refused, believed, nothing
 from calib.diagnosis.screen import refuted
 from calib.diagnosis.shape import Doubt, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, VerdictName, classes, verdict
 from calib.diagnosis.view import columns_at
+from calib.effects.protocol import ARM
 from calib.identify.estimators import Mask
 from calib.identify.identify import check_counts, whitening
 from calib.identify.initial import initial_values
-from calib.identify.noise_level import NoiseLevel, noise_level, replicate_spread
+from calib.identify.noise_level import (
+    NoiseLevel,
+    noise_level,
+    of_levels,
+    replicate_spread,
+)
 from calib.identify.outliers import judge, threshold
 from calib.moves import in_one_session
 from calib.poses import Measurements
 from calib.se3 import Array
 from calib.threads import one_blas_thread
+from calib.visits import visits
 
 _REPLICATES = 10  # degrees of freedom of repeated readings worth believing
 _GROSS = 10.0  # times the mean square of a typical group
@@ -88,6 +97,7 @@ class Diagnosis:
     waiting : ndarray of bool, shape (m,), poses from before the first move, left out where approaches
         follow from the order: the arm came there from a side that nothing tells
     not_asked : causes that the table's columns cannot speak of
+    refused : what the contest held and what is not named all the same
     before, after : Fit, of the user's model and with all that was found; stage : what they fit
     suspects : tuple of Candidate, all that was asked; outcome : Outcome, of the contest
     growth : Growth, of the noise with range, None where the residual shows none
@@ -101,6 +111,7 @@ class Diagnosis:
     gap: Gap
     hidden: tuple[Hidden, ...]
     not_asked: tuple[NotAsked, ...]
+    refused: tuple[Refused, ...]
     data: Measurements
     outlier: Mask
     waiting: Mask
@@ -132,7 +143,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     weights = whitening(cell, model, start, data)
     factor = _replicate_factor(data, weights)
     waiting = _before_the_first_move(data)
-    stage = Stage(data, model, start, weights / factor, waiting)
+    stage = Stage(data, model, start, weights / factor, waiting, arm=cell.repeatability)
     suspects, missing = candidates(cell, model, data)
     columns = columns_at(stage, stage.fit(()), suspects)
     outcome = contest(stage, suspects, columns)
@@ -150,28 +161,44 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
             break
         stage = replace(stage, dropped=out, robust=False)
         outcome = contest(stage, suspects, columns, outcome.active)
+    outcome, refused = believed(stage, outcome, columns)
     named, after = classes(stage, outcome)
     noise = _noise(stage, after, factor)
-    scale = noise.factor / factor if noise.source == "residual" else 1.0
-    left = _something_left(stage, outcome)
     floor = float(np.sqrt(3.0)) * noise.sigma
+    counted = data.take(~stage.dropped)
+    if heldout is not None and outcome.active:
+        gap = gap_of(outcome.before, after, counted, heldout, floor, reach(stage, after, heldout))
+        if gap.heldout_after is not None and gap.heldout_after >= (gap.heldout_before or 0.0):
+            refused += tuple(
+                Refused(c.effect.kind, c.where, "the poses held out are predicted no better")
+                for c in outcome.active
+            )
+            outcome, named, after = nothing(outcome), (), outcome.before
+            noise = _noise(stage, after, factor)
+    scale = noise.factor / factor if noise.source == "residual" and after.mixing is None else 1.0
+    left = _something_left(stage, outcome, after) or bool(refused and not outcome.active)
     causes = tuple(
         _cause(stage, outcome, n, after, scale, len(suspects), len(named)) for n in named
     )
     located = _located(outcome, after, causes, scale)
-    by_time = any(place.depends_on in ("time", "temperature") for place in located)
-    gap = gap_of(outcome.before, after, data.take(~stage.dropped), heldout, floor, by_time)
+    by_time = any(place.depends_on in BY_TIME for place in located)
+    gap = gap_of(
+        outcome.before, after, counted, heldout, floor, reach(stage, after, heldout), by_time
+    )
     if by_time:
         added = after.model.effects[len(model.effects) :]
         gap = replace(gap, over_time=over_time(stage, added))
+    doubted = left or gap.open or any(c.misshapen for c in causes)
+    doubted |= bool(causes) and noise.source == "residual" and not after.levels.instrument_only
     return Diagnosis(
-        verdict=verdict(named, outcome, left or gap.open or any(c.misshapen for c in causes)),
+        verdict=verdict(named, outcome, doubted),
         noise=noise,
         causes=causes,
         located=located,
         gap=gap,
         hidden=_hidden(outcome, causes, suspects),
         not_asked=tuple(missing),
+        refused=refused,
         data=data,
         outlier=stage.dropped & ~waiting,
         waiting=waiting,
@@ -197,11 +224,16 @@ def _before_the_first_move(data: Measurements) -> Mask:
 
 
 def _replicate_factor(data: Measurements, weights: Array) -> float:
-    """Actual over stated noise by repeated readings, one where they agree or are too few.
+    """Actual over stated noise by readings repeated without a move, one where they agree or are too few.
+
+    Readings between which the arm moved hold its repeatability as well.
 
     Groups with a gross error do not count: whatever is no noise stands out among the others.
     """
-    group = data.poses.repeated
+    _, group = np.unique(
+        np.column_stack([data.poses.repeated, visits(data.poses)]), axis=0, return_inverse=True
+    )
+    group = group.reshape(-1)
     repeated = [group == g for g in np.flatnonzero(np.bincount(group) > 1)]
     spreads = np.array(
         [replicate_spread(data.take(g), weights[g]) for g in repeated] or np.zeros((0, 2))
@@ -230,13 +262,22 @@ def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:
     cost = float((fit.r**2).sum())
     dof = 3 * int(stage.data.seen[kept].sum()) - fit.span.shape[1]
     weights = stage.weights[kept] * factor
-    return noise_level(cost * factor**2, dof, stage.data.take(kept), weights)
+    alone = noise_level(cost * factor**2, dof, stage.data.take(kept), weights)
+    if fit.mixing is None:
+        return alone
+    found = of_levels(fit.levels, alone)
+    return replace(found, factor=found.factor * factor)
 
 
-def _something_left(stage: Stage, outcome: Outcome) -> bool:
-    """Whether the residual exceeds the scatter of repeated readings: lack of fit, by an F test."""
+def _something_left(stage: Stage, outcome: Outcome, after: Fit) -> bool:
+    """Whether the residual exceeds the scatter of repeated readings: lack of fit, by an F test.
+
+    Where poses err together, whether they do so beyond the arm's repeatability.
+    """
     from scipy.special import fdtrc
 
+    if after.mixing is not None:
+        return bool(after.levels.variances.configuration.any())
     kept = ~stage.dropped
     spread, repeats = replicate_spread(stage.data.take(kept), stage.weights[kept])
     rest = outcome.last.dof - repeats
@@ -273,7 +314,7 @@ def _share(outcome: Outcome, after: Fit, entry: Entry, scale: float) -> float:
     before, left = (float((fit.r**2).sum()) for fit in (outcome.before, after))
     rows = int(np.count_nonzero(np.abs(after.J).sum(axis=-1)))
     excess = before - min(left, (rows - after.span.shape[1]) * scale**2)
-    return entry.score.fall / excess if excess > 0.0 else np.nan
+    return entry.fall / excess if excess > 0.0 else np.nan
 
 
 def _located(
@@ -291,7 +332,17 @@ def _located(
         if not entry.candidate.named:
             share = _share(outcome, after, entry, scale)
             found.append(Place(entry.candidate.where, entry.candidate.depends_on, share))
+    if after.levels.variances.configuration.any():
+        found.append(Place(ARM, "pose", _unfollowed(outcome, after)))
     return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
+
+
+def _unfollowed(outcome: Outcome, after: Fit) -> float:
+    """Share of the gap that differs from pose to pose and that nothing found follows."""
+    before, left = (float((fit.r**2).sum()) for fit in (outcome.before, after))
+    dof = int(np.count_nonzero(np.abs(after.J).sum(axis=-1))) - after.span.shape[1]
+    noise = dof * after.levels.variances.scale**2
+    return max(left - noise, 0.0) / (before - noise) if before > noise else np.nan
 
 
 def _hidden(

@@ -9,7 +9,9 @@ import numpy as np
 
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Effect
+from calib.identify.noise_level import believed_sigma
 from calib.poses import IntArray, Measurements, Poses
+from calib.scatter import Variances, scatter_of
 from calib.se3 import Array
 
 _DRAWS = 2000
@@ -59,10 +61,12 @@ def gap_of(
     data: Measurements,
     heldout: Measurements | None,
     floor: float,
+    reach: float,
     by_time: bool = False,
 ) -> Gap:
     """Both models on both sets; the choice of effects never saw the held-out points.
 
+    reach : float, m, the error of a perfect model: that of the instrument, and of an arm that scatters
     by_time : whether readings close in time err together, so that the interval rests on blocks of time
     """
     fitted = rms(squared_errors(before, data)), rms(squared_errors(after, data))
@@ -71,15 +75,30 @@ def gap_of(
     first, second = (squared_errors(fit, heldout) for fit in (before, after))
     closed = share_closed(first, second, floor)
     poses = heldout.poses
-    group = _blocks(poses, max(2, round(len(poses) ** 0.5))) if by_time else poses.configuration
+    group = blocks_of_time(poses, max(2, round(len(poses) ** 0.5))) if by_time else poses.configuration
     interval = None if closed is None else _interval(first, second, floor, group)
-    still_open = _lower(second, group) > (_CLOSED * floor) ** 2
+    still_open = _lower(second, group) > (_CLOSED * reach) ** 2
     return Gap(floor, *fitted, rms(first), rms(second), closed, interval, still_open)
+
+
+def reach(stage: Stage, fit: Fit, heldout: Measurements | None) -> float:
+    """Error of a perfect model at poses held out, 3-D RMS per point, m; zero where there are none.
+
+    The instrument's noise, and the repeatability of the arm.
+    """
+    if heldout is None or not heldout.seen.any():
+        return 0.0
+    kept = ~stage.dropped
+    sigma = believed_sigma(stage.data.take(kept), stage.weights[kept]) * fit.levels.variances.scale
+    none = Variances.none(fit.model.robot.dof)
+    arm = scatter_of(fit.model, fit.values, heldout.poses, none)
+    squares = arm.point_variance(fit.levels.variances.approach)[heldout.seen]
+    return float(np.sqrt(3.0 * sigma**2 + squares.mean()))
 
 
 def over_time(stage: Stage, effects: Sequence[Effect]) -> tuple[float, float]:
     """Error without and with the effects, m, each quarter of the session predicted from the others."""
-    data, block = stage.data, _blocks(stage.data.poses, _QUARTERS)
+    data, block = stage.data, blocks_of_time(stage.data.poses, _QUARTERS)
     errors: tuple[list[Array], list[Array]] = ([], [])
     for b in range(_QUARTERS):
         left_out = block == b
@@ -97,7 +116,7 @@ def share_closed(before: Array, after: Array, floor: float) -> float | None:
     return (first - second) / (first - floor**2) if first > floor**2 else None
 
 
-def _blocks(poses: Poses, count: int) -> IntArray:
+def blocks_of_time(poses: Poses, count: int) -> IntArray:
     """Numbers (m,) of blocks of consecutive readings, equal in size."""
     order = np.argsort(poses.elapsed, kind="stable")
     block = np.empty(len(poses), dtype=int)

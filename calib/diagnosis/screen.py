@@ -19,6 +19,8 @@ VISIBLE = 1e-3
 """Share of a column's length that must be left beside the modelled ones for it to count."""
 CURVE_PRICE = float(2.0 * np.log(10.0))
 """Of having no name."""
+WIDE = 10.0
+"""Plausible sizes that are one standard deviation of the prior on a named cause's parameter."""
 _DEPENDENT = 1e-8
 _AMPLITUDES = 24
 _AGREES = 0.01  # probability below which the residual refutes the stated noise
@@ -109,16 +111,23 @@ class Score:
 NOTHING = Score(0.0, 0.0, 0.0, 1.0)
 
 
-def score(field: Field, columns: IntArray, spread: Array | None = None) -> Score:
+def score(
+    field: Field, columns: IntArray, spread: Array | None = None, sizes: Array | None = None
+) -> Score:
     """Score of a candidate with these columns.
 
     spread : ndarray, shape (k, k), covariance of a curve's coefficients a priori
+    sizes : ndarray, shape (k,), plausible sizes of a named cause's parameters, SI; any size without them
     """
-    return _named(field, columns) if spread is None else _curve(field, columns, spread)
+    return _named(field, columns, sizes) if spread is None else _curve(field, columns, spread)
 
 
-def _named(field: Field, columns: IntArray) -> Score:
-    """Score test: chi-square where the noise is believed, F where the residual refutes it."""
+def _named(field: Field, columns: IntArray, sizes: Array | None) -> Score:
+    """Score test: chi-square where the noise is believed, F where the residual refutes it.
+
+    Of what the readings ask for counts what the plausible sizes can give: with G the covariance a priori of
+    the signal in the directions U, ``fall = z^T G (I + G)^-1 z``.
+    """
     from scipy.special import chdtrc, fdtrc
 
     U = field.basis(columns)
@@ -126,7 +135,12 @@ def _named(field: Field, columns: IntArray) -> Score:
     if k == 0:
         return NOTHING
     price = k * float(np.log(field.rows))
-    fall = float(((U.T @ field.r) ** 2).sum())
+    z = U.T @ field.r
+    fall = float(z @ z)
+    if sizes is not None:
+        half = U.T @ (field.X[:, columns] * (WIDE * sizes))
+        G = half @ half.T
+        fall = float(z @ np.linalg.solve(np.eye(k) + G, G @ z))
     left = field.dof - k
     if not field.noise_refuted or left <= 0:
         return Score(fall, fall, price, float(chdtrc(k, fall)))

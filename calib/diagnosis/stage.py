@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.covariance import covariance
+from calib.cell import Repeatability
+from calib.covariance import covariance, gain
 from calib.diagnosis.prior import curves_in, fitted_amplitudes, prior_rows, weak
 from calib.effects.protocol import Effect
 from calib.identify.estimators import choose_directions
@@ -17,6 +19,8 @@ from calib.identify.solver import levenberg_marquardt
 from calib.model import Model
 from calib.observations import Points
 from calib.poses import IntArray, Measurements
+from calib.scatter import Levels, Scatter, Variances, levels_of, scatter_of
+from calib.scatter.poses import Mixing
 from calib.se3 import Array
 
 _HUBER = 2.0  # median lengths of a pose's residual beyond which it counts less
@@ -33,6 +37,9 @@ class Fit:
     weight : ndarray, shape (m,), of each pose, one where it counts in full
     amplitudes : tuple of float, of the curves' coefficients a priori
     r : ndarray, shape (m, rows), J : ndarray, shape (m, rows, p), whitened and weighted
+    levels : Levels, how the readings err beside the instrument; mixing : Mixing or None, what makes the
+        rows independent under them
+    pull : float, by how many standard deviations of the instrument a row errs under them
     """
 
     model: Model
@@ -43,18 +50,41 @@ class Fit:
     r: Array
     J: Array
     converged: bool
+    levels: Levels
+    mixing: Mixing | None = None
+    pull: float = 1.0
 
     @property
     def equations(self) -> tuple[Array, Array]:
-        """Residuals (N,) and derivatives (N, p), the rows of the curves' prior last."""
-        prior = prior_rows(self.model, self.amplitudes)
-        J = np.concatenate([self.J.reshape(-1, self.J.shape[-1]), prior])
-        return np.concatenate([self.r.ravel(), -prior @ self.values]), J
+        """Residuals (N,) and derivatives (N, p), the rows of the curves' prior last.
+
+        Rows of independent readings: where whole poses err together, those that :attr:`mixing` makes.
+        """
+        prior, r, J = prior_rows(self.model, self.amplitudes), self.r, self.J
+        if self.mixing is not None:
+            r, J = self.mixing(r[..., None])[..., 0], self.mixing(J)
+        flat = np.concatenate([J.reshape(-1, J.shape[-1]), prior])
+        return np.concatenate([r.ravel(), -prior @ self.values]), flat
 
     @property
     def covariance(self) -> Array:
-        """Covariance of the values, shape (p, p), the noise as stated."""
-        return covariance(self.equations[1], self.span)
+        """Covariance of the values, shape (p, p), the noise as stated.
+
+        Where whole poses err together, that of the least-squares values under it.
+        """
+        if self.mixing is None:
+            return covariance(self.equations[1], self.span)
+        prior = self.pull * prior_rows(self.model, self.amplitudes)
+        flat = np.concatenate([self.J.reshape(-1, self.J.shape[-1]), prior])
+        gains = gain(flat, self.span).T
+        N = self.r.size
+        of_prior = self.pull * gains[N:]
+        return self.mixing.covariance(gains[:N].reshape(self.J.shape)) + of_prior.T @ of_prior
+
+    @property
+    def volume(self) -> float:
+        """Logarithm of the covariance's determinant, that of the instrument as stated being zero."""
+        return 0.0 if self.mixing is None else self.mixing.log_determinant(self.J)
 
     def positions(self, effect: Effect) -> IntArray:
         """Where an effect's parameters stand in the values."""
@@ -68,6 +98,7 @@ class Stage:
     model : Model, as the user has it; start : ndarray, shape (p,); weights : ndarray, (m, M, 3, 3)
     dropped : ndarray of bool, shape (m,), poses that are left out; robust : whether poses that stand
         out count less
+    arm : Repeatability or None, where it is known
     """
 
     data: Measurements
@@ -76,6 +107,13 @@ class Stage:
     weights: Array
     dropped: NDArray[np.bool_]
     robust: bool = True
+    arm: Repeatability | None = None
+
+    @cached_property
+    def scatter(self) -> Scatter:
+        """How the poses may err together."""
+        none = Variances.none(self.model.robot.dof)
+        return scatter_of(self.model, self.start, self.data.poses, none)
 
     def observation(self, model: Model, weight: Array) -> Points:
         """Whitened points with a weight on every pose, shape (m,); dropped poses have none."""
@@ -90,19 +128,27 @@ class Stage:
         model, values = self.model.extended(self.start, effects)
         weight = np.ones(len(self.data))
         span = determined_by(self.observation(model, weight), values)
-        fit = self._fitted(model, values, span, weight, weak(model))
+        fit = self._fitted(model, values, span, weight, weak(model), 1.0, None)
         for _ in range(_ROUNDS):
-            fresh = self._robust_weight(fit), _amplitudes_of(fit)
-            same_weights = np.allclose(fresh[0], fit.weight, atol=_SETTLED)
-            if same_weights and np.allclose(fresh[1], fit.amplitudes, rtol=_SETTLED):
+            weight, amplitudes = self._robust_weight(fit), _amplitudes_of(fit)
+            same_weights = np.allclose(weight, fit.weight, atol=_SETTLED)
+            if same_weights and np.allclose(amplitudes, fit.amplitudes, rtol=_SETTLED):
                 break
-            fit = self._fitted(model, fit.values, span, *fresh)
+            fit = self._fitted(model, fit.values, span, weight, amplitudes, fit.pull, fit.levels)
         return fit
 
     def _fitted(
-        self, model: Model, start: Array, span: Array, weight: Array, amplitudes: tuple[float, ...]
+        self,
+        model: Model,
+        start: Array,
+        span: Array,
+        weight: Array,
+        amplitudes: tuple[float, ...],
+        pull: float,
+        before: Levels | None,
     ) -> Fit:
-        observation, prior = self.observation(model, weight), prior_rows(model, amplitudes)
+        observation = self.observation(model, weight)
+        prior = pull * prior_rows(model, amplitudes)
 
         def linearise(values: Array) -> tuple[Array, Array]:
             r, J = observation.flat(values)
@@ -110,15 +156,36 @@ class Stage:
 
         found = levenberg_marquardt(linearise, start, span, _MOST_ITERATIONS)
         r, J = observation.linearise(found.values)
-        return Fit(
-            model, found.values, span, weight, amplitudes, r, J, bool(found.converged)
-        )  # fmt: skip
+        unit = prior_rows(model, amplitudes)
+        weighted = observation.rows(self.scatter.levers)
+        levels = levels_of(
+            self.scatter,
+            weighted,
+            r,
+            J @ span,
+            held=np.column_stack([unit @ span, -unit @ found.values]),
+            known=self.arm,
+            before=before,
+        )
+        fit = Fit(
+            model, found.values, span, weight, amplitudes, r, J, bool(found.converged), levels
+        )
+        return self._under(fit, weighted)
+
+    def _under(self, fit: Fit, weighted: Array) -> Fit:
+        """The fit under its levels of noise."""
+        if not fit.levels.variances.any:
+            return fit
+        scatter = self.scatter.at(fit.levels.variances)
+        return replace(
+            fit, mixing=scatter.mixing(weighted), pull=scatter.typical(weighted)
+        )
 
     def statistics(self, fit: Fit) -> Array:
         """Mean square of every pose's residual over its predicted variance, in full weight, (m,)."""
         everything = replace(self, dropped=np.zeros(len(self.data), dtype=bool))
         r, J = everything.observation(fit.model, np.ones(len(self.data))).linearise(fit.values)
-        full = replace(fit, r=r[~self.dropped], J=J[~self.dropped])
+        full = replace(fit, r=r[~self.dropped], J=J[~self.dropped], mixing=None)
         return fit_statistics(r, J, ~self.dropped, full.covariance)[0]
 
     def _robust_weight(self, fit: Fit) -> Array:
@@ -141,8 +208,8 @@ def determined_by(observation: Points, start: Array) -> Array:
 
 
 def _amplitudes_of(fit: Fit) -> tuple[float, ...]:
-    J = fit.J.reshape(-1, fit.J.shape[-1])
-    r = fit.r.ravel() + J @ fit.values
+    J = fit.J.reshape(-1, fit.J.shape[-1]) / fit.pull
+    r = fit.r.ravel() / fit.pull + J @ fit.values
     return fitted_amplitudes(fit.model, fit.amplitudes, J, r, fit.span)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,21 +28,26 @@ class Columns:
 
     def seen_from(self, stage: Stage, fit: Fit) -> View:
         """The candidates beside a fit, weighted as its poses are."""
-        rows = stage.observation(fit.model, fit.weight).rows(self.J)
-        return View(fit, rows.reshape(-1, rows.shape[-1]), self.where)
+        return View(fit, stage.observation(fit.model, fit.weight).rows(self.J), self.where)
 
 
 @dataclass(frozen=True, eq=False)
 class View:
     """All candidates as seen from a fit.
 
-    fit : Fit; columns : ndarray, shape (rows, K), whitened derivatives of every candidate
+    fit : Fit; rows : ndarray, shape (m, R, K), whitened derivatives of every candidate
     where : dict, candidate -> ndarray of int, its columns
     """
 
     fit: Fit
-    columns: Array
+    rows: Array
     where: dict[str, IntArray]
+
+    @cached_property
+    def columns(self) -> Array:
+        """The same of independent rows, shape (m R, K)."""
+        rows = self.rows if self.fit.mixing is None else self.fit.mixing(self.rows)
+        return rows.reshape(-1, rows.shape[-1])
 
     @cached_property
     def beside(self) -> Field:
@@ -51,6 +56,11 @@ class View:
         X = np.zeros((len(r), self.columns.shape[1]))
         X[: len(self.columns)] = self.columns
         return field(J @ self.fit.span, X, r)
+
+    @cached_property
+    def by_instrument(self) -> View:
+        """The same as if nothing but the instrument erred."""
+        return replace(self, fit=replace(self.fit, mixing=None))
 
     def without(self, member: Candidate) -> Field:
         """The same with one of the fitted effects out again, a candidate like the others.

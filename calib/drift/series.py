@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.drift.visits import alike, visits
+from calib.visits import alike, visits
 from calib.observations.rigid import rigid_motions
 from calib.poses import IntArray, Measurements
 from calib.se3 import Array

@@ -16,6 +16,7 @@ from calib.model import Model
 from calib.observations import Approach
 from calib.poses import Measurements, Poses
 from calib.reduction import Dropped
+from calib.scatter import Levels, Scatter
 from calib.se3 import Array
 
 Status = Literal["converged", "not_converged", "rank_deficient"]
@@ -78,6 +79,7 @@ class Identification:
         they do under a model that lacks something; None where the poses are too few to tell
     step_two_std : ndarray, shape (p,), standard deviations that would follow if base and tool were
         known (the paper's step 2), NaN for base and tool
+    scatter : Scatter or None, how whole poses err together; levels : Levels or None, how that was found
     """
 
     model: Model
@@ -101,6 +103,8 @@ class Identification:
     distances: dict[str, Array]
     std_by_pose: Array | None
     step_two_std: Array
+    scatter: Scatter | None = None
+    levels: Levels | None = None
 
     @property
     def std(self) -> Array:

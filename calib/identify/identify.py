@@ -15,7 +15,7 @@ from calib.errors import CalibError, TooFewPoses
 from calib.identify.estimators import Differences, Estimator, Mask, Readings, steps
 from calib.identify.identification import Identification, Method, Residuals, Status
 from calib.identify.initial import initial_values
-from calib.identify.noise_level import NoiseLevel, noise_level
+from calib.identify.noise_level import NoiseLevel, noise_level, of_levels
 from calib.identify.outliers import pose_statistics, prediction_statistics, threshold
 from calib.identify.search import Found, search
 from calib.identify.solver import levenberg_marquardt
@@ -30,6 +30,7 @@ from calib.observations import (
     with_measured_shape,
 )
 from calib.poses import Measurements
+from calib.scatter import Levels, Variances, levels_of, scatter_of
 from calib.se3 import Array, rotate
 from calib.threads import one_blas_thread
 
@@ -78,6 +79,9 @@ def identify(
             else as_poses(points, model.marker_positions(start), weighting, length)
         )
         found = search(estimator, observation, start)
+        levels = None  # what is common to a configuration drops out of differences
+        if not differences:
+            observation, levels = _with_levels(cell, estimator, observation, found)
     except np.linalg.LinAlgError:
         raise CalibError(
             "the equations cannot be solved: the numbers are far from those of a robot; check the "
@@ -85,6 +89,9 @@ def identify(
         ) from None
     values, counted = found.best.values, observation.only(found.kept)
     noise, dof = _noise(estimator, observation, found)
+    if observation.mixing is not None and levels is not None:
+        noise = of_levels(levels, noise)
+    widened = noise.factor if observation.mixing is None else 1.0
     stated = estimator.covariance(counted, values, found.span)
     fit = residuals(model, data, values, ~found.kept, found.statistics, found.limit)
     nominal = _nominal(observation, start)
@@ -101,7 +108,7 @@ def identify(
     return Identification(
         model=model,
         values=values,
-        covariance=stated * noise.factor**2,
+        covariance=stated * widened**2,
         ignorance=ignorance(
             counted.flat(values)[1], found.span, model.sizes, np.diag(stated) <= 0.0
         ),
@@ -121,7 +128,9 @@ def identify(
         nominal=nominal,
         distances=distances,
         std_by_pose=_std_by_pose(counted, found) if isinstance(estimator, Readings) else None,
-        step_two_std=_step_two_std(counted, values, found.span) * noise.factor,
+        step_two_std=_step_two_std(counted, values, found.span) * widened,
+        scatter=observation.scatter,
+        levels=levels,
     )
 
 
@@ -210,6 +219,24 @@ def _status(found: Found) -> Status:
     if not (bool(found.best.converged) and found.regular):
         return "not_converged"
     return "rank_deficient" if found.choice.unidentifiable else "converged"
+
+
+def _with_levels(
+    cell: Cell, estimator: Estimator, observation: Observation, found: Found
+) -> tuple[Observation, Levels]:
+    """The observation with how whole poses err together, as the poses kept show it."""
+    model, values, known = observation.model, found.best.values, cell.repeatability
+    scatter = scatter_of(model, values, observation.data.poses, Variances.none(model.robot.dof))
+    counted = observation.only(found.kept)
+    judged = estimator.judged(counted, values, found.span)
+    levels = levels_of(
+        scatter,
+        counted.points().rows(scatter.levers),
+        judged.r,
+        judged.J @ judged.span,
+        known=known,
+    )
+    return replace(observation, scatter=scatter.at(levels.variances)), levels
 
 
 def _noise(estimator: Estimator, observation: Observation, found: Found) -> tuple[NoiseLevel, int]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from calib.poses import Measurements
+from calib.scatter import Levels
 from calib.se3 import Array
 
 _DISAGREE = 0.01  # p value at which two estimates of the noise are taken to differ
@@ -39,6 +40,20 @@ class NoiseLevel:
     def sigma(self) -> float:
         """Standard deviation of one coordinate [m] on which the covariance is built."""
         return self.believed * self.factor
+
+
+def of_levels(levels: Levels, alone: NoiseLevel) -> NoiseLevel:
+    """The instrument's noise where the arm scatters beside it.
+
+    alone : that of a residual which the levels have made one
+    """
+    source: Source = "cell"
+    if levels.variances.configuration.any():
+        source = "residual"
+    elif len(levels.free):
+        source = "replicates"
+    dof = float(levels.instrument_rows) if 0 in levels.free else np.inf
+    return replace(alone, factor=levels.variances.scale, source=source, dof=dof)
 
 
 def believed_sigma(data: Measurements, weights: Array) -> float:

@@ -51,12 +51,15 @@ class Pose(Observation):
     def linearise(self, values: Array) -> tuple[Array, Array]:
         predicted, J = self.model.jacobian(values, self.data.poses)
         T = fit_rigid(predicted, self._congruent, self._fitted)
-        measured, L = self.computed
+        measured, _ = self.computed
         turn = measured[..., :3, :3] @ np.swapaxes(T[..., :3, :3], -1, -2)
         residual = np.concatenate([measured[..., :3, 3] - T[..., :3, 3], so3_log(turn)], axis=-1)
         residual = np.where(self.usable[:, None], residual, 0.0)
+        return rotate(self.scale, residual), self.rows(J)
+
+    def rows(self, J: Array) -> Array:
         flat = J.reshape((*J.shape[:-3], -1, J.shape[-1]))
-        return rotate(self.scale, residual), (self.scale @ L) @ flat
+        return np.asarray((self.scale @ self.computed[1]) @ flat)
 
     @cached_property
     def usable(self) -> NDArray[np.bool_]:
@@ -125,6 +128,9 @@ class Pose(Observation):
             shifted = turned.reshape(m, p, -1).sum(axis=0)
             response = response + (self._tool_columns() - shifted) @ own
         half = response @ blockwise_inverse(self.weights)
+        of_points = self.points().mixing
+        if of_points is not None:
+            return of_points.covariance(np.swapaxes(half, -1, -2))
         return np.asarray(np.einsum("mpa,mqa->pq", half, half, optimize=True))
 
     def _tool_columns(self) -> Array:
@@ -161,7 +167,9 @@ def as_poses(
     shape : ndarray, shape (..., M, 3), m; it counts as computed from these readings where the tool is
         in the model, as known otherwise
     """
-    pose = Pose(points.model, points.data, points.weights, shape, weighting, length)
+    pose = Pose(
+        points.model, points.data, points.weights, shape, weighting, length, scatter=points.scatter
+    )
     own = bool(len(points.model.where(Tool)))
     return replace(pose.only(pose.usable), own_shape=own)
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.covariance import covariance
+from calib.covariance import covariance, gain
 from calib.model import Model
 from calib.poses import Measurements
+from calib.scatter.poses import Mixing, Scatter
 from calib.se3 import Array
 
 if TYPE_CHECKING:
@@ -24,15 +26,29 @@ class Observation(ABC):
 
     data : Measurements; its points may carry leading axes, one set of readings a trial
     weights : ndarray, shape (m, M, 3, 3), 1/m, whitening matrices, zero for what does not count
+    scatter : Scatter or None, how whole poses err together beside the noise of their points. It weighs
+        nothing: a model that lacks something would leave it to the joints that scatter most
     """
 
     model: Model
     data: Measurements
     weights: Array
+    scatter: Scatter | None = field(default=None, kw_only=True)
 
     @abstractmethod
     def linearise(self, values: Array) -> tuple[Array, Array]:
         """Residuals (..., m, rows), in standard deviations, and the derivative of the prediction."""
+
+    @abstractmethod
+    def rows(self, J: Array) -> Array:
+        """Weighted rows (..., m, rows, p) of a Jacobian (..., m, M, 3, p)."""
+
+    @cached_property
+    def mixing(self) -> Mixing | None:
+        """What makes the rows independent; None where they are."""
+        if self.scatter is None or not self.scatter.variances.any:
+            return None
+        return self.scatter.mixing(self.rows(self.scatter.levers))
 
     def flat(self, values: Array) -> tuple[Array, Array]:
         """Residuals (..., N) and derivatives (..., N, p), poses and rows in one axis."""
@@ -51,7 +67,12 @@ class Observation(ABC):
 
     def covariance(self, values: Array, span: Array) -> Array:
         """Covariance (p, p) of the least-squares values along ``span`` (p, k), the noise as stated."""
-        return covariance(self.flat(values)[1], span)
+        r, J = self.linearise(values)
+        flat = J.reshape(-1, J.shape[-1])
+        if self.mixing is None:
+            return covariance(flat, span)
+        follow = gain(flat, span).T.reshape(*r.shape, -1)
+        return self.mixing.covariance(follow)
 
     def only(self, kept: NDArray[np.bool_]) -> Self:
         """The observation with the other poses weighted out; kept has shape (m,)."""
@@ -61,7 +82,7 @@ class Observation(ABC):
         """The marker points behind it: what poses and noise are judged by."""
         from calib.observations.points import Points
 
-        return Points(self.model, self.data, self.weights, centred)
+        return Points(self.model, self.data, self.weights, centred, scatter=self.scatter)
 
     @property
     def counted(self) -> NDArray[np.bool_]:

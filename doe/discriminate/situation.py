@@ -132,7 +132,8 @@ def data_rows(situation: Situation, diagnosis: Diagnosis) -> tuple[Array, Array]
     predicted, J = situation.model.jacobian(situation.values, data.poses)
     points = Points(situation.model, data, W)
     rows = points.rows(J)
-    return points.residuals(predicted).ravel(), rows.reshape(-1, rows.shape[-1])
+    off = points.rows((data.points - predicted)[..., None])
+    return off.ravel(), rows.reshape(-1, rows.shape[-1])
 
 
 @dataclass(frozen=True, eq=False)

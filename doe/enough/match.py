@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calib.api import readings
 from calib.cell import Cell
-from calib.drift.visits import alike, visits
+from calib.visits import alike, visits
 from calib.poses import IntArray, Poses
 from calib.se3 import Array
 from calib.statics import wrench_with_load

@@ -11,10 +11,14 @@ from calib.poses import IntArray, Poses
 def visits(poses: Poses) -> IntArray:
     """Number of the stay to which each reading belongs, shape (m,), in the order of measurement.
 
-    A stay lasts until the arm goes to other joints, or the instrument to another station.
+    A stay lasts until the arm goes to other joints, or the instrument to another station. Where poses in
+    between were left out, the size of the last move still tells that the arm was elsewhere.
     """
     order = in_order(poses)
-    where = np.column_stack([poses.configuration, poses.station])[order]
+    keys = [poses.configuration, poses.station]
+    if poses.motion is not None:
+        keys += list(poses.motion.T)
+    where = np.column_stack(keys)[order]
     left = np.diff(where, axis=0, prepend=where[:1]).any(axis=1)
     found = np.empty(len(poses), dtype=int)
     found[order] = np.cumsum(left)

@@ -1,0 +1,136 @@
+"""What a suspect is worth where the arm scatters: variances found anew with it and without it.
+
+Variances that were estimated while an effect is missing take the effect for noise, and its score at those
+variances is too small. So the leading suspects are judged by the ratio of likelihoods, each with its own
+variances: ``max L(levels, suspect) / max L(levels)``, of the same readings, once all that is modelled is
+projected out of them (:mod:`calib.scatter.restricted`). Where nothing scatters it is the score.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.screen import CURVE_PRICE, NOTHING, VISIBLE, WIDE, Score
+from calib.diagnosis.stage import Stage
+from calib.diagnosis.prior import prior_rows
+from calib.diagnosis.view import View
+from calib.poses import IntArray
+from calib.scatter.restricted import Likelihood, Turned, likelihood, maximised
+from calib.scatter.search import Levels, problem_of, searched
+from calib.se3 import Array
+
+_AMPLITUDES = np.geomspace(1e-3, 1e2, 11)  # of a curve's plausible size
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What is modelled, with the columns of some suspects, and the levels without any of them.
+
+    problem : Turned, of the modelled columns, the suspects' and the readings
+    rows : int, readings that count
+    at : dict, key of a candidate -> ndarray of int, its columns in the problem
+    """
+
+    problem: Turned
+    rows: int
+    at: dict[str, IntArray]
+    levels: Levels
+
+    def score(self, suspect: Candidate) -> Score:
+        """What the suspect would explain, variances found anew."""
+        own = self.at[suspect.key]
+        if suspect.spread is None:
+            return self._named(suspect, own)
+        return self._curve(own, suspect.spread * suspect.effect.parameters[0].size ** 2)
+
+    def _named(self, suspect: Candidate, own: IntArray) -> Score:
+        from scipy.special import chdtrc
+
+        sizes = np.array([p.size for p in suspect.effect.parameters])
+        problem = self._with(own, np.diag(1.0 / (WIDE * sizes)))
+        _, found = maximised(problem, self.levels.theta, self.levels.free)
+        fall = max(self.levels.value - found.value, 0.0)
+        told = found.diagonal[problem.known : -1] * WIDE * sizes
+        k = max(int(np.count_nonzero(told > 1.0 + VISIBLE)), 1)
+        return Score(fall, fall, k * float(np.log(self.rows)), float(chdtrc(k, fall)))
+
+    def _curve(self, own: IntArray, spread: Array) -> Score:
+        half = np.linalg.cholesky(spread + 1e-12 * np.trace(spread) * np.eye(len(own)))
+        inverse = np.linalg.inv(half)
+        best = (np.inf, np.inf)
+        theta = self.levels.theta
+        amplitudes = _AMPLITUDES
+        for _ in range(2):
+            tried = []
+            for amplitude in amplitudes:
+                problem = self._with(own, inverse / amplitude)
+                found = likelihood(problem, theta)
+                tried.append((*_marginal(problem, found, half, amplitude), amplitude))
+            best_amplitude = min(tried)[-1]
+            problem = self._with(own, inverse / best_amplitude)
+            theta, found = maximised(problem, theta, self.levels.free)
+            best = min(best, _marginal(problem, found, half, best_amplitude))
+            amplitudes = best_amplitude * np.array([0.5, 1.0, 2.0])
+        value, price = best
+        evidence = self.levels.value - value
+        if evidence <= 0.0:
+            return NOTHING
+        return Score(evidence + price, evidence, CURVE_PRICE, float(np.exp(-0.5 * evidence)))
+
+    def _with(self, own: IntArray, prior: Array) -> Turned:
+        """The problem with some columns beside the modelled ones, under a prior (k, k)."""
+        known, k = self.problem.known, len(own)
+        chosen = np.concatenate([np.arange(known), own, [self.problem.outside.shape[1] - 1]])
+        held = self.problem.held[:, chosen]
+        rows = np.zeros((k, len(chosen)))
+        rows[:, known:-1] = prior
+        return self.problem.with_columns(chosen, known, np.concatenate([held, rows]))
+
+
+def _marginal(
+    problem: Turned, found: Likelihood, half: Array, amplitude: float
+) -> tuple[float, float]:
+    """-2 log marginal likelihood with a curve's coefficients, and what their freedom costs."""
+    own = found.diagonal[problem.known : -1]
+    price = 2.0 * float(np.log(own).sum() + np.log(amplitude * np.diag(half)).sum())
+    return found.value + price, price
+
+
+def ground(
+    stage: Stage, view: View, suspects: Iterable[Candidate], without: Candidate | None = None
+) -> Ground:
+    """The problem in which suspects are judged.
+
+    without : a candidate that is in the fit and is judged like the others
+    """
+    fit = view.fit
+    span, r = fit.span, fit.r
+    prior = prior_rows(fit.model, fit.amplitudes)
+    of_prior = np.column_stack([prior @ span, -prior @ fit.values])
+    if without is not None:
+        own = fit.positions(without.effect)
+        span = span[:, np.abs(span[own]).sum(axis=0) == 0.0]
+        r = r + fit.J[..., own] @ fit.values[own]
+        kept = np.abs(prior[:, own]).sum(axis=1) == 0.0
+        of_prior = np.column_stack([prior @ span, -prior @ fit.values])[kept]
+    chosen = list(suspects)
+    columns = np.concatenate([view.where[c.key] for c in chosen]) if chosen else np.zeros(0, int)
+    known = span.shape[1]
+    weighted = stage.observation(fit.model, fit.weight).rows(stage.scatter.levers)
+    wide = np.concatenate([fit.J @ span, view.rows[..., columns]], axis=-1)
+    of_prior = np.insert(of_prior, [known] * len(columns), 0.0, axis=1)
+    problem, start, may = problem_of(stage.scatter, weighted, r, wide, of_prior, stage.arm)
+    bare = np.append(np.arange(known), wide.shape[-1])
+    levels = searched(problem.with_columns(bare, known), start, may, stage.scatter, fit.levels)
+    ends = known + np.cumsum([0, *(len(view.where[c.key]) for c in chosen)])
+    at = {c.key: np.arange(a, b) for c, a, b in zip(chosen, ends, ends[1:], strict=False)}
+    return Ground(
+        problem.with_columns(np.arange(wide.shape[-1] + 1), known),
+        int(np.count_nonzero(np.abs(fit.J).sum(axis=-1))),
+        at,
+        levels,
+    )

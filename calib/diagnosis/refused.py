@@ -1,0 +1,85 @@
+"""What the contest held and what does not deserve its name: too large to be true, or no help elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.contest import Outcome, contest
+from calib.diagnosis.earned import BY_TIME, ledger
+from calib.diagnosis.screen import WIDE
+from calib.diagnosis.stage import Fit, Stage
+from calib.diagnosis.view import Columns
+
+_MOST_ROUNDS = 12
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A candidate that was in, and why it is not named."""
+
+    effect: str
+    where: str
+    reason: str
+
+
+def believed(
+    stage: Stage, outcome: Outcome, columns: Columns
+) -> tuple[Outcome, tuple[Refused, ...]]:
+    """The contest without what does not deserve its name, and what that was.
+
+    Each time something goes, the others are asked again: what it stood for may have another cause.
+    """
+    refused: dict[str, Refused] = {}
+    suspects = list(outcome.suspects)
+    for _ in range(_MOST_ROUNDS):
+        fresh = _unworthy(stage, outcome.fit, outcome.active)
+        if not fresh:
+            break
+        refused |= {c.key: Refused(c.effect.kind, c.where, why) for c, why in fresh}
+        suspects = [c for c in suspects if c.key not in refused]
+        rest = [c for c in outcome.active if c.key not in refused]
+        outcome = contest(stage, suspects, columns, rest)
+    return outcome, tuple(refused.values())
+
+
+def _unworthy(
+    stage: Stage, fit: Fit, active: Sequence[Candidate]
+) -> list[tuple[Candidate, str]]:
+    """What must go next, and why; nothing where all may stay."""
+    found = [(c, why) for c in active if c.named and (why := implausible(fit, c))]
+    if found or not active:
+        return found
+    accounts = [(c, ledger(stage, fit, [c], c.depends_on in BY_TIME)) for c in active]
+    worst, account = max(accounts, key=lambda pair: pair[1].with_it - pair[1].without)
+    if not account.earns:
+        left = "stretches of time" if worst.depends_on in BY_TIME else "configurations"
+        return [(worst, f"{left} that are left out are predicted no better with it")]
+    together = ledger(stage, fit, list(active), False)
+    if len(active) > 1 and not together.earns:
+        return [(c, "all found together predict left-out configurations no better") for c in active]
+    return []
+
+
+def implausible(fit: Fit, candidate: Candidate) -> str:
+    """Why no such thing is met in practice, empty where it is."""
+    values = fit.values[fit.positions(candidate.effect)]
+    times = np.abs(values) / candidate.sizes
+    worst = int(np.argmax(times))
+    if times[worst] <= WIDE:
+        return ""
+    p = candidate.effect.parameters[worst]
+    return (
+        f"{p.name} would be {values[worst] / p.scale:.3g} {p.unit}, {times[worst]:.0f} times what is "
+        f"usual ({p.size / p.scale:.3g} {p.unit})"
+    )
+
+
+def nothing(outcome: Outcome) -> Outcome:
+    """The outcome as if nothing had been found."""
+    before = outcome.before
+    view = replace(outcome.view, fit=before)
+    return replace(outcome, fit=before, active=(), view=view)

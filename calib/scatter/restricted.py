@@ -1,0 +1,249 @@
+"""The restricted likelihood of the levels, and where it is largest.
+
+For rows ``y ~ N(X b, V)`` with V linear in the variances theta, and columns X of which nothing is known,
+
+    -2 log L = log|V| + log|X^T V^-1 X| + y^T P y,    P = V^-1 - V^-1 X (X^T V^-1 X)^-1 X^T V^-1
+
+(Patterson and Thompson, Biometrika 58(3), 1971). Its gradient is ``tr(P V_j) - y^T P V_j P y``; steps are
+those of Fisher's scoring, and no variance goes below nothing. Columns of a suspect enter ``y^T P y`` and not
+the determinant: with and without them the likelihood is of the same data, and the difference is evidence.
+
+What scatters as a whole moves at most six coordinates of an approach. An orthogonal turn of its rows
+leaves those six; the others carry the instrument's noise alone and enter once, by their triangle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.scatter.poses import Scatter, by_size
+from calib.poses import IntArray
+from calib.se3 import Array
+
+_RIGID = 6
+_MOVED = 1e-9  # of a lever's usual length
+_MOST_STEPS = 40
+_SETTLED = 0.01  # of -2 log likelihood, that a step may still bring
+_LEAST = 0.2**2  # nobody's instrument is five times better than its maker says
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """B configurations with equally many approaches, d turned rows each.
+
+    Z : ndarray, shape (B, d, q), what every variance does to them; owner : ndarray of int, (q,), whose
+    F : ndarray, shape (B, d, f), columns and, last, the readings
+    """
+
+    Z: Array
+    owner: IntArray
+    F: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Turned:
+    """A linear problem whose rows are sorted by what scatters.
+
+    blocks : tuple of Block
+    outside : ndarray, shape (.., f), triangle of the rows that carry the instrument's noise alone
+    held : ndarray, shape (h, f), rows of unit variance whatever the levels: a prior
+    known : int, of the f columns the first, of which nothing is known beforehand
+    beyond : int, rows that count less those in the blocks
+    beyond_rigid : int, rows that count and that nothing but the instrument moves
+    units : ndarray, shape (v,), variances in SI of each theta at one; the first is that of the instrument
+    """
+
+    blocks: tuple[Block, ...]
+    outside: Array
+    held: Array
+    known: int
+    beyond: int
+    beyond_rigid: int
+    units: Array
+
+    def with_columns(self, chosen: IntArray, known: int, held: Array | None = None) -> Turned:
+        """The problem of some of its columns, the readings last; ``held`` has as many."""
+        return replace(
+            self,
+            blocks=tuple(replace(b, F=b.F[..., chosen]) for b in self.blocks),
+            outside=self.outside[:, chosen],
+            held=self.held[:, chosen] if held is None else held,
+            known=known,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Likelihood:
+    """-2 log likelihood at some variances, its gradient (v,) and the information on them (v, v).
+
+    diagonal : ndarray, shape (f,), of the triangle of the independent rows
+    """
+
+    value: float
+    gradient: Array
+    information: Array
+    diagonal: Array
+
+
+def turned(
+    scatter: Scatter, weighted: Array, F: Array, held: Array, known: int, approaches: bool
+) -> Turned:
+    """Sort the rows of a problem.
+
+    weighted : ndarray, shape (m, R, n + 6), levers, whitened; F : ndarray, shape (m, R, f), whitened
+    columns and, last, readings; held : ndarray, shape (h, f)
+    approaches : whether they have variances of their own even if no configuration was approached again
+    The variances are the instrument's, those of approaches, and those of configurations.
+    """
+    two = approaches or scatter.has_approaches
+    sizes = np.sqrt((weighted**2).sum(axis=1).mean(axis=0))
+    kinds, count = scatter.kinds, int(scatter.kinds.max()) + 1
+    scale = np.array([np.sqrt((sizes[kinds == k] ** 2).mean()) or 1.0 for k in range(count)])
+    H_in, F_in, outside, config = _by_approach(scatter, weighted / scale[kinds], F)
+    blocks = []
+    for index in by_size(config):
+        B, A = index.shape
+        H, own = H_in[index].reshape(B, A * _RIGID, -1), F_in[index].reshape(B, A * _RIGID, -1)
+        Z, owner = H, 1 + (count if two else 0) + kinds
+        if two:
+            Z = np.concatenate([_apart(H_in[index]), Z], axis=-1)
+            owner = np.concatenate([np.tile(1 + kinds, A), owner])
+        blocks.append(Block(Z, owner, own))
+    inside = sum(b.F.shape[0] * b.F.shape[1] for b in blocks)
+    rows = int(np.count_nonzero(np.abs(F).sum(axis=-1)))
+    rigid = sum(int(np.count_nonzero(np.abs(b.Z).sum(axis=-1) > _MOVED)) for b in blocks)
+    units = np.concatenate([[1.0], *([1.0 / scale**2] * (2 if two else 1))])
+    return Turned(tuple(blocks), outside, held, known, rows - inside, rows - rigid, units)
+
+
+def likelihood(problem: Turned, theta: Array) -> Likelihood:
+    """Of variances theta (v,), in the problem's units."""
+    p, v = problem.known, len(theta)
+    s2 = float(theta[0])
+    factors = [_factor(b, theta) for b in problem.blocks]
+    rows = [(Li @ b.F) for b, Li in zip(problem.blocks, factors, strict=True)]
+    outside = problem.outside / np.sqrt(s2)
+    flat = [r.reshape(-1, r.shape[-1]) for r in rows]
+    R = np.linalg.qr(np.concatenate([*flat, outside, problem.held]), mode="r")
+    diagonal = np.abs(np.diag(R))
+    value = problem.beyond * np.log(s2) + 2.0 * np.log(diagonal[:p]).sum() + R[-1, -1] ** 2
+    whole = np.linalg.inv(R[:p, :p])
+    b = np.linalg.lstsq(R[:-1, :-1], R[:-1, -1], rcond=1e-12)[0]
+    gradient, information = np.zeros(v), np.zeros((v, v))
+    gradient[0] = problem.beyond / s2 - (
+        float(((outside[:, :p] @ whole) ** 2).sum())
+        + float(((outside[:, -1] - outside[:, :-1] @ b) ** 2).sum())
+    ) / s2
+    information[0, 0] = problem.beyond / s2**2
+    for block, Li, F in zip(problem.blocks, factors, rows, strict=True):
+        diagonals = np.diagonal(Li, axis1=-2, axis2=-1)
+        value -= 2.0 * np.log(diagonals).sum()
+        known, left = F[..., :p] @ whole, F[..., -1] - F[..., :-1] @ b
+        Z, back = Li @ block.Z, np.swapaxes(Li, -1, -2)
+        S = np.eye(v)[block.owner]
+        each = (Z**2).sum(axis=(0, 1))
+        each = each - ((np.swapaxes(Z, -1, -2) @ known) ** 2).sum(axis=(0, 2))
+        each = each - ((np.swapaxes(Z, -1, -2) @ left[..., None]) ** 2).sum(axis=(0, 2))
+        gradient += each @ S
+        information += S.T @ ((np.swapaxes(Z, -1, -2) @ Z) ** 2).sum(axis=0) @ S
+        inverse = back @ Li
+        gradient[0] += np.trace(inverse, axis1=-2, axis2=-1).sum() - (
+            ((back @ known) ** 2).sum() + ((back @ left[..., None]) ** 2).sum()
+        )
+        information[0, 0] += (inverse**2).sum()
+        across = ((back @ Z) ** 2).sum(axis=(0, 1)) @ S
+        information[0] += across
+        information[:, 0] += across
+    return Likelihood(float(value), gradient, information, diagonal)
+
+
+def maximised(problem: Turned, theta: Array, free: IntArray) -> tuple[Array, Likelihood]:
+    """Variances at which the likelihood is largest, and the likelihood there.
+
+    theta : ndarray, shape (v,), where the search starts; free : ndarray of int, those that move
+    """
+    found = likelihood(problem, theta)
+    if not len(free):
+        return theta, found
+    low = np.zeros(len(theta))
+    low[0] = _LEAST
+    for _ in range(_MOST_STEPS):
+        step, promised = _step(found, theta - low, free)
+        if promised < _SETTLED:
+            break
+        for _ in range(6):
+            trial = np.maximum(theta + step, low)
+            fresh = likelihood(problem, trial)
+            if fresh.value <= found.value:
+                break
+            step = 0.4 * step
+        else:
+            break
+        theta, found = trial, fresh
+    return theta, found
+
+
+def _step(found: Likelihood, above: Array, free: IntArray) -> tuple[Array, float]:
+    """Step of Fisher's scoring that leaves no variance below its bound, and the fall that it promises.
+
+    above : ndarray, shape (v,), by how much each is above its bound
+    """
+    from scipy.optimize import nnls
+
+    A, g = found.information[np.ix_(free, free)], found.gradient[free]
+    size = np.sqrt(np.diag(A))
+    C = np.linalg.cholesky(A / np.outer(size, size) + 1e-9 * np.eye(len(free)))
+    x0 = above[free] * size
+    target = C.T @ x0 - np.linalg.solve(C, g / size)
+    x, _ = nnls(C.T, target)
+    step = np.zeros(len(above))
+    step[free] = (x - x0) / size
+    promised = -float(g @ step[free] + 0.5 * step[free] @ A @ step[free])
+    return step, promised
+
+
+def _factor(block: Block, theta: Array) -> Array:
+    """Inverse Cholesky factors (B, d, d) of the covariance of the turned rows."""
+    V = (block.Z * theta[block.owner]) @ np.swapaxes(block.Z, -1, -2)
+    V = V + theta[0] * np.eye(V.shape[-1])
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(V)))
+
+
+def _by_approach(
+    scatter: Scatter, H: Array, F: Array
+) -> tuple[Array, Array, Array, IntArray]:
+    """Turn the rows of every approach.
+
+    Returns what scatters, levers (a, 6, n + 6) and columns (a, 6, f), the triangle (.., f) of the rest, and
+    the configuration of each of the a approaches, (a,).
+    """
+    levers, columns, rest, config = [], [], [np.zeros((0, F.shape[-1]))], []
+    for index in by_size(scatter.approach):
+        B, r = index.shape
+        own = H[index].reshape(B, r * H.shape[1], -1)
+        U, _, _ = np.linalg.svd(own, full_matrices=True)
+        Ut = np.swapaxes(U, -1, -2)
+        turned_H, turned_F = Ut @ own, Ut @ F[index].reshape(B, own.shape[1], -1)
+        levers.append(_six(turned_H))
+        columns.append(_six(turned_F))
+        rest.append(np.linalg.qr(turned_F[:, _RIGID:].reshape(-1, F.shape[-1]), mode="r"))
+        config.append(scatter.configuration[index[:, 0]])
+    outside = np.linalg.qr(np.concatenate(rest), mode="r")
+    return np.concatenate(levers), np.concatenate(columns), outside, np.concatenate(config)
+
+
+def _six(rows: Array) -> Array:
+    """The first six rows of each approach (B, r, c), those that it lacks zero."""
+    missing = max(0, _RIGID - rows.shape[1])
+    return np.pad(rows[:, :_RIGID], ((0, 0), (0, missing), (0, 0)))
+
+
+def _apart(H: Array) -> Array:
+    """Columns of each approach's own, shape (B, A 6, A c), of levers (B, A, 6, c)."""
+    B, A, d, c = H.shape
+    out = np.zeros((B, A, d, A, c))
+    for a in range(A):
+        out[:, a, :, a] = H[:, a]
+    return out.reshape(B, A * d, A * c)

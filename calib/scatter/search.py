@@ -1,0 +1,190 @@
+"""Which variances the data show: they enter one after the other, each if it pays for itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.cell import Repeatability
+from calib.poses import IntArray
+from calib.scatter.poses import Scatter
+from calib.scatter.restricted import Likelihood, Turned, likelihood, maximised, turned
+from calib.scatter.variances import Variances
+from calib.se3 import Array
+
+_PAYS = 6.0  # fall of -2 log likelihood; half a chi-square at the bound: once in seventy by chance
+_TRIED = 3  # of the most promising
+_FEWEST = 10  # rows that see the instrument alone, from which on it can be told from the arm
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """What scatters beyond the instrument as stated.
+
+    variances : Variances
+    free : ndarray of int, which of the problem's variances were estimated; theta : their values, all of
+        them, shape (v,), in its units
+    value : float, -2 log likelihood; alone : float, with nothing but what was known beforehand
+    instrument_rows : int, that nothing but the instrument moves
+    approaches : bool, whether configurations were approached again: then ``approach`` is the arm's
+        repeatability, else that counts with ``configuration``
+    """
+
+    variances: Variances
+    free: IntArray
+    theta: Array
+    value: float
+    alone: float
+    instrument_rows: int
+    approaches: bool
+
+    @property
+    def instrument_seen(self) -> bool:
+        """Whether the data tell the instrument's noise from the arm's."""
+        return self.instrument_rows >= _FEWEST
+
+    @property
+    def instrument_only(self) -> bool:
+        """Whether the readings say that the instrument, and nothing else, errs more than it should."""
+        return self.instrument_seen and self.instrument_alone and 0 in self.free
+
+    @property
+    def instrument_alone(self) -> bool:
+        """Whether nothing was found to scatter as a whole."""
+        return not (self.free > 0).any()
+
+
+def problem_of(
+    scatter: Scatter,
+    weighted: Array,
+    r: Array,
+    J: Array,
+    held: Array | None = None,
+    known: Repeatability | None = None,
+) -> tuple[Turned, Array, IntArray]:
+    """The linear problem of some readings, the variances known beforehand (v,), and those that may vary.
+
+    weighted : ndarray, shape (m, R, n + 6), levers, whitened
+    r, J : ndarray, shape (m, R) and (m, R, k), whitened residuals and derivatives
+    held : ndarray, shape (h, k + 1), rows of unit variance, residual last
+    known : the arm's repeatability where the cell says it; None to be estimated
+    """
+    F = np.concatenate([J, r[..., None]], axis=-1)
+    held = np.zeros((0, F.shape[-1])) if held is None else held
+    problem = turned(scatter, weighted, F, held, J.shape[-1], known is not None)
+    start = np.zeros(len(problem.units))
+    start[0] = 1.0
+    free = np.arange(len(start))
+    if known is not None:
+        own = Variances.of_arm(scatter.joints, known).approach
+        start[1 : 1 + len(own)] = own / problem.units[1 : 1 + len(own)]
+        free = np.delete(free, np.arange(1, 1 + len(own)))
+    return problem, start, free
+
+
+def levels_of(
+    scatter: Scatter,
+    weighted: Array,
+    r: Array,
+    J: Array,
+    held: Array | None = None,
+    known: Repeatability | None = None,
+    before: Levels | None = None,
+) -> Levels:
+    """Estimate the levels by restricted likelihood; arguments as of :func:`problem_of`.
+
+    before : an earlier estimate, from which the search goes on
+    Variances enter where they pay, and leave where they no longer do; the first to enter pays for the
+    choice among all as well.
+    """
+    problem, start, may = problem_of(scatter, weighted, r, J, held, known)
+    return searched(problem, start, may, scatter, before)
+
+
+def searched(
+    problem: Turned, start: Array, may: IntArray, scatter: Scatter, before: Levels | None = None
+) -> Levels:
+    """The levels of a problem; start, may : as :func:`problem_of` gives them."""
+    theta, free = start, np.zeros(0, dtype=int)
+    found = likelihood(problem, theta)
+    alone = found.value
+    if before is not None and len(before.free):
+        theta, free = np.maximum(before.theta, start * (before.theta == 0.0)), before.free
+        theta, found = maximised(problem, theta, free)
+    state = theta, found, free
+    while (more := _entering(problem, *state, may)) is not None:
+        state = more
+    while (less := _leaving(problem, *state, start)) is not None:
+        state = less
+    theta, found, free = state
+    if found.value > alone - _entry_price(len(may)):
+        theta, found, free = start, likelihood(problem, start), np.zeros(0, dtype=int)
+    return Levels(
+        _variances(theta * problem.units, scatter),
+        free,
+        theta,
+        found.value,
+        alone,
+        problem.beyond_rigid,
+        scatter.has_approaches,
+    )
+
+
+State = tuple[Array, Likelihood, IntArray]
+
+
+def _entry_price(choices: int) -> float:
+    return _PAYS + 2.0 * float(np.log(choices))
+
+
+def _entering(
+    problem: Turned, theta: Array, found: Likelihood, free: IntArray, may: IntArray
+) -> State | None:
+    """One variance more, where one pays."""
+    price = _PAYS if len(free) else _entry_price(len(may))
+    promised = np.zeros(len(theta))
+    promised[may] = _promises(found, free)[may]
+    for j in np.argsort(-promised)[:_TRIED]:
+        if promised[j] < 0.5 * _PAYS:
+            break
+        wider = np.sort(np.append(free, j))
+        fresh, better = maximised(problem, theta, wider)
+        if found.value - better.value > price:
+            return fresh, better, wider
+    return None
+
+
+def _promises(found: Likelihood, free: IntArray) -> Array:
+    """Fall that each variance promises beside those that are free, (v,), by a quadratic model."""
+    A, g = found.information, found.gradient
+    left = np.diag(A).copy()
+    if len(free):
+        inner = np.linalg.solve(A[np.ix_(free, free)], A[free])
+        left = left - np.einsum("fv,fv->v", A[free], inner)
+    falls = 0.5 * g**2 / np.maximum(left, 1e-9 * np.maximum(np.diag(A), 1e-300))
+    falls[1:] = np.where(g[1:] < 0.0, falls[1:], 0.0)
+    falls[free] = 0.0
+    return np.asarray(falls)
+
+
+def _leaving(
+    problem: Turned, theta: Array, found: Likelihood, free: IntArray, start: Array
+) -> State | None:
+    """One variance less, where one does not pay."""
+    rests = []
+    for j in free:
+        without = theta.copy()
+        without[j] = start[j]
+        rest = free[free != j]
+        rests.append((*maximised(problem, without, rest), rest))
+    best = min(rests, key=lambda state: state[1].value, default=None)
+    return best if best is not None and best[1].value - found.value < _PAYS else None
+
+
+def _variances(theta: Array, scatter: Scatter) -> Variances:
+    """From the vector of a problem, SI."""
+    count = scatter.joints + 2
+    two = len(theta) > 1 + count
+    approach = theta[1 : 1 + count] if two else np.zeros(count)
+    return Variances(float(np.sqrt(theta[0])), approach, theta[-count:])

@@ -28,7 +28,7 @@ _NAMED_SHARE = 0.9  # of the leader's evidence at which a cause by name is prefe
 _MOST_EFFECTS = 12
 _MOST_ROUNDS = 30
 _RIVALS = 12
-_LEADING = (6, 4)  # causes by name, and curves, whose variances are found anew
+_LEADING = (4, 2)  # causes by name, and curves, whose variances are found anew
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,11 +19,13 @@ from calib.diagnosis.stage import Stage
 from calib.diagnosis.prior import prior_rows
 from calib.diagnosis.view import View
 from calib.poses import IntArray
-from calib.scatter.restricted import Likelihood, Turned, likelihood, maximised
+from calib.scatter.restricted import Likelihood, Turned, maximised, triangle
 from calib.scatter.search import Levels, problem_of, searched
 from calib.se3 import Array
 
-_AMPLITUDES = np.geomspace(1e-3, 1e2, 11)  # of a curve's plausible size
+_AMPLITUDES = np.geomspace(1e-4, 1e2, 25)  # of a curve's plausible size
+_TURNS = 2  # amplitude and variances in turn
+_SETTLED = 0.1  # of -2 log likelihood
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,29 +54,20 @@ class Ground:
 
         sizes = np.array([p.size for p in suspect.effect.parameters])
         problem = self._with(own, np.diag(1.0 / (WIDE * sizes)))
-        _, found = maximised(problem, self.levels.theta, self.levels.free)
+        _, found = maximised(problem, self.levels.theta, self.levels.free, _SETTLED)
         fall = max(self.levels.value - found.value, 0.0)
         told = found.diagonal[problem.known : -1] * WIDE * sizes
         k = max(int(np.count_nonzero(told > 1.0 + VISIBLE)), 1)
         return Score(fall, fall, k * float(np.log(self.rows)), float(chdtrc(k, fall)))
 
     def _curve(self, own: IntArray, spread: Array) -> Score:
-        half = np.linalg.cholesky(spread + 1e-12 * np.trace(spread) * np.eye(len(own)))
-        inverse = np.linalg.inv(half)
-        best = (np.inf, np.inf)
-        theta = self.levels.theta
-        amplitudes = _AMPLITUDES
-        for _ in range(2):
-            tried = []
-            for amplitude in amplitudes:
-                problem = self._with(own, inverse / amplitude)
-                found = likelihood(problem, theta)
-                tried.append((*_marginal(problem, found, half, amplitude), amplitude))
-            best_amplitude = min(tried)[-1]
-            problem = self._with(own, inverse / best_amplitude)
-            theta, found = maximised(problem, theta, self.levels.free)
-            best = min(best, _marginal(problem, found, half, best_amplitude))
-            amplitudes = best_amplitude * np.array([0.5, 1.0, 2.0])
+        half = np.linalg.cholesky(spread + 1e-9 * np.mean(np.diag(spread)) * np.eye(len(own)))
+        inverse, theta, best = np.linalg.inv(half), self.levels.theta, (np.inf, 0.0)
+        for _ in range(_TURNS):
+            amplitude = _amplitude(self._with(own, np.zeros((0, len(own)))), theta, half)
+            problem = self._with(own, inverse / amplitude)
+            theta, found = maximised(problem, theta, self.levels.free, _SETTLED)
+            best = min(best, _marginal(problem, found, half, amplitude))
         value, price = best
         evidence = self.levels.value - value
         if evidence <= 0.0:
@@ -82,13 +75,26 @@ class Ground:
         return Score(evidence + price, evidence, CURVE_PRICE, float(np.exp(-0.5 * evidence)))
 
     def _with(self, own: IntArray, prior: Array) -> Turned:
-        """The problem with some columns beside the modelled ones, under a prior (k, k)."""
-        known, k = self.problem.known, len(own)
+        """The problem with k columns beside the modelled ones, under rows of a prior (.., k)."""
+        known = self.problem.known
         chosen = np.concatenate([np.arange(known), own, [self.problem.outside.shape[1] - 1]])
         held = self.problem.held[:, chosen]
-        rows = np.zeros((k, len(chosen)))
+        rows = np.zeros((len(prior), len(chosen)))
         rows[:, known:-1] = prior
         return self.problem.with_columns(chosen, known, np.concatenate([held, rows]))
+
+
+def _amplitude(problem: Turned, theta: Array, half: Array) -> float:
+    """That of a curve which the readings prefer, in plausible sizes."""
+    _, R = triangle(problem, theta)
+    own = slice(problem.known, R.shape[1] - 1)
+    S, z = R[own, own] @ half, R[own, -1]
+    d, vectors = np.linalg.eigh(S.T @ S)
+    d = np.maximum(d, 0.0)
+    squares = (vectors.T @ (S.T @ z)) ** 2
+    t = _AMPLITUDES[:, None] ** 2
+    evidence = (squares * t / (1.0 + t * d) - np.log1p(t * d)).sum(axis=1)
+    return float(_AMPLITUDES[int(np.argmax(evidence))])
 
 
 def _marginal(

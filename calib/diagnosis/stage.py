@@ -37,7 +37,7 @@ class Fit:
     weight : ndarray, shape (m,), of each pose, one where it counts in full
     amplitudes : tuple of float, of the curves' coefficients a priori
     r : ndarray, shape (m, rows), J : ndarray, shape (m, rows, p), whitened and weighted
-    levels : Levels, how the readings err beside the instrument; mixing : Mixing or None, what makes the
+    levels : Levels or None, how the readings err beside the instrument; mixing : Mixing or None, what makes the
         rows independent under them
     pull : float, by how many standard deviations of the instrument a row errs under them
     """
@@ -50,7 +50,7 @@ class Fit:
     r: Array
     J: Array
     converged: bool
-    levels: Levels
+    levels: Levels | None = None
     mixing: Mixing | None = None
     pull: float = 1.0
 
@@ -128,14 +128,16 @@ class Stage:
         model, values = self.model.extended(self.start, effects)
         weight = np.ones(len(self.data))
         span = determined_by(self.observation(model, weight), values)
-        fit = self._fitted(model, values, span, weight, weak(model), 1.0, None)
+        fit = self._fitted(model, values, span, weight, weak(model))
         for _ in range(_ROUNDS):
+            fit = self._under_levels(fit) if fit.amplitudes else fit
             weight, amplitudes = self._robust_weight(fit), _amplitudes_of(fit)
             same_weights = np.allclose(weight, fit.weight, atol=_SETTLED)
             if same_weights and np.allclose(amplitudes, fit.amplitudes, rtol=_SETTLED):
                 break
-            fit = self._fitted(model, fit.values, span, weight, amplitudes, fit.pull, fit.levels)
-        return fit
+            last, fit = fit, self._fitted(model, fit.values, span, weight, amplitudes, fit.pull)
+            fit = replace(fit, levels=last.levels)
+        return self._under_levels(fit)
 
     def _fitted(
         self,
@@ -144,8 +146,7 @@ class Stage:
         span: Array,
         weight: Array,
         amplitudes: tuple[float, ...],
-        pull: float,
-        before: Levels | None,
+        pull: float = 1.0,
     ) -> Fit:
         observation = self.observation(model, weight)
         prior = pull * prior_rows(model, amplitudes)
@@ -156,30 +157,28 @@ class Stage:
 
         found = levenberg_marquardt(linearise, start, span, _MOST_ITERATIONS)
         r, J = observation.linearise(found.values)
-        unit = prior_rows(model, amplitudes)
-        weighted = observation.rows(self.scatter.levers)
+        return Fit(
+            model, found.values, span, weight, amplitudes, r, J, bool(found.converged)
+        )  # fmt: skip
+
+    def _under_levels(self, fit: Fit) -> Fit:
+        """The fit under the levels of noise that its residual shows."""
+        weighted = self.observation(fit.model, fit.weight).rows(self.scatter.levers)
+        prior = prior_rows(fit.model, fit.amplitudes)
         levels = levels_of(
             self.scatter,
             weighted,
-            r,
-            J @ span,
-            held=np.column_stack([unit @ span, -unit @ found.values]),
+            fit.r,
+            fit.J @ fit.span,
+            held=np.column_stack([prior @ fit.span, -prior @ fit.values]),
             known=self.arm,
-            before=before,
+            before=fit.levels,
         )
-        fit = Fit(
-            model, found.values, span, weight, amplitudes, r, J, bool(found.converged), levels
-        )
-        return self._under(fit, weighted)
-
-    def _under(self, fit: Fit, weighted: Array) -> Fit:
-        """The fit under its levels of noise."""
-        if not fit.levels.variances.any:
-            return fit
-        scatter = self.scatter.at(fit.levels.variances)
-        return replace(
-            fit, mixing=scatter.mixing(weighted), pull=scatter.typical(weighted)
-        )
+        scatter = self.scatter.at(levels.variances)
+        if not levels.variances.any:
+            return replace(fit, levels=levels, mixing=None, pull=1.0)
+        mixing, pull = scatter.mixing(weighted), scatter.typical(weighted)
+        return replace(fit, levels=levels, mixing=mixing, pull=pull)
 
     def statistics(self, fit: Fit) -> Array:
         """Mean square of every pose's residual over its predicted variance, in full weight, (m,)."""

@@ -23,9 +23,11 @@ from calib.poses import IntArray
 from calib.se3 import Array
 
 _RIGID = 6
+_DEPENDENT = 1e-12
 _MOVED = 1e-9  # of a lever's usual length
 _MOST_STEPS = 40
-_SETTLED = 0.01  # of -2 log likelihood, that a step may still bring
+SETTLED = 0.01
+"""Fall of -2 log likelihood that is not worth another step."""
 _LEAST = 0.2**2  # nobody's instrument is five times better than its maker says
 
 
@@ -118,51 +120,74 @@ def turned(
     return Turned(tuple(blocks), outside, held, known, rows - inside, rows - rigid, units)
 
 
+def triangle(problem: Turned, theta: Array) -> tuple[list[Array], Array]:
+    """Inverse factors of every block's covariance, and the triangle (.., f) of the independent rows."""
+    factors = [_factor(b, theta) for b in problem.blocks]
+    flat = [
+        (Li @ b.F).reshape(-1, b.F.shape[-1]) for b, Li in zip(problem.blocks, factors, strict=True)
+    ]
+    rows = np.concatenate([*flat, problem.outside / np.sqrt(theta[0]), problem.held])
+    return factors, np.linalg.qr(rows, mode="r")
+
+
 def likelihood(problem: Turned, theta: Array) -> Likelihood:
     """Of variances theta (v,), in the problem's units."""
     p, v = problem.known, len(theta)
     s2 = float(theta[0])
-    factors = [_factor(b, theta) for b in problem.blocks]
-    rows = [(Li @ b.F) for b, Li in zip(problem.blocks, factors, strict=True)]
-    outside = problem.outside / np.sqrt(s2)
-    flat = [r.reshape(-1, r.shape[-1]) for r in rows]
-    R = np.linalg.qr(np.concatenate([*flat, outside, problem.held]), mode="r")
+    factors, R = triangle(problem, theta)
     diagonal = np.abs(np.diag(R))
     value = problem.beyond * np.log(s2) + 2.0 * np.log(diagonal[:p]).sum() + R[-1, -1] ** 2
-    whole = np.linalg.inv(R[:p, :p])
-    b = np.linalg.lstsq(R[:-1, :-1], R[:-1, -1], rcond=1e-12)[0]
+    whole, b = np.linalg.inv(R[:p, :p]), _solution(R)
+    outside = problem.outside / np.sqrt(s2)
     gradient, information = np.zeros(v), np.zeros((v, v))
     gradient[0] = problem.beyond / s2 - (
         float(((outside[:, :p] @ whole) ** 2).sum())
         + float(((outside[:, -1] - outside[:, :-1] @ b) ** 2).sum())
     ) / s2
     information[0, 0] = problem.beyond / s2**2
-    for block, Li, F in zip(problem.blocks, factors, rows, strict=True):
-        diagonals = np.diagonal(Li, axis1=-2, axis2=-1)
-        value -= 2.0 * np.log(diagonals).sum()
-        known, left = F[..., :p] @ whole, F[..., -1] - F[..., :-1] @ b
-        Z, back = Li @ block.Z, np.swapaxes(Li, -1, -2)
-        S = np.eye(v)[block.owner]
-        each = (Z**2).sum(axis=(0, 1))
-        each = each - ((np.swapaxes(Z, -1, -2) @ known) ** 2).sum(axis=(0, 2))
-        each = each - ((np.swapaxes(Z, -1, -2) @ left[..., None]) ** 2).sum(axis=(0, 2))
-        gradient += each @ S
-        information += S.T @ ((np.swapaxes(Z, -1, -2) @ Z) ** 2).sum(axis=0) @ S
-        inverse = back @ Li
-        gradient[0] += np.trace(inverse, axis1=-2, axis2=-1).sum() - (
-            ((back @ known) ** 2).sum() + ((back @ left[..., None]) ** 2).sum()
+    S = np.eye(v)
+    for block, Li in zip(problem.blocks, factors, strict=True):
+        value -= 2.0 * np.log(np.diagonal(Li, axis1=-2, axis2=-1)).sum()
+        # The columns that are known, made orthonormal, and last what is left of the readings.
+        F = Li @ np.concatenate(
+            [
+                block.F[..., :p] @ whole,
+                (block.F[..., -1] - block.F[..., :-1] @ b)[..., None],
+            ],
+            axis=-1,
         )
+        Z, back = Li @ block.Z, np.swapaxes(Li, -1, -2)
+        Zt, owner = np.swapaxes(Z, -1, -2), S[block.owner]
+        each = (Z**2).sum(axis=(0, 1)) - ((Zt @ F) ** 2).sum(axis=(0, 2))
+        gradient += each @ owner
+        information += owner.T @ ((Zt @ Z) ** 2).sum(axis=0) @ owner
+        inverse = back @ Li
+        gradient[0] += np.trace(inverse, axis1=-2, axis2=-1).sum() - ((back @ F) ** 2).sum()
         information[0, 0] += (inverse**2).sum()
-        across = ((back @ Z) ** 2).sum(axis=(0, 1)) @ S
+        across = ((back @ Z) ** 2).sum(axis=(0, 1)) @ owner
         information[0] += across
         information[:, 0] += across
     return Likelihood(float(value), gradient, information, diagonal)
 
 
-def maximised(problem: Turned, theta: Array, free: IntArray) -> tuple[Array, Likelihood]:
+def _solution(R: Array) -> Array:
+    """Least-squares coefficients of the columns, from the triangle of columns and readings."""
+    from scipy.linalg import solve_triangular
+
+    T, z = R[: R.shape[1] - 1, :-1], R[: R.shape[1] - 1, -1]
+    diagonal = np.abs(np.diag(T))
+    if diagonal.min(initial=np.inf) > _DEPENDENT * diagonal.max(initial=0.0):
+        return np.asarray(solve_triangular(T, z))
+    return np.asarray(np.linalg.lstsq(T, z, rcond=_DEPENDENT)[0])
+
+
+def maximised(
+    problem: Turned, theta: Array, free: IntArray, settled: float = SETTLED
+) -> tuple[Array, Likelihood]:
     """Variances at which the likelihood is largest, and the likelihood there.
 
     theta : ndarray, shape (v,), where the search starts; free : ndarray of int, those that move
+    settled : float, fall of -2 log likelihood that is not worth another step
     """
     found = likelihood(problem, theta)
     if not len(free):
@@ -171,7 +196,7 @@ def maximised(problem: Turned, theta: Array, free: IntArray) -> tuple[Array, Lik
     low[0] = _LEAST
     for _ in range(_MOST_STEPS):
         step, promised = _step(found, theta - low, free)
-        if promised < _SETTLED:
+        if promised < settled:
             break
         for _ in range(6):
             trial = np.maximum(theta + step, low)

@@ -117,7 +117,7 @@ def draw_scene(rng: np.random.Generator, arm: Arm, conditions: Conditions) -> Sc
     if not conditions.known_geometry:
         geometry[1:, :3] = rng.normal(size=(arm.dof + 1, 3)) * 3e-4
         geometry[1:, 3:] = rng.normal(size=(arm.dof + 1, 3)) * 4e-4
-    soft = [k for k, joint in enumerate(arm.joints) if joint.compliance]
+    soft = np.flatnonzero([joint.compliance for joint in arm.joints])
     stiff = rng.permutation(soft)[: int(rng.choice(3, p=[0.5, 0.25, 0.25]))]
     compliance = np.array([j.compliance for j in arm.joints]) * rng.lognormal(0.0, 0.25, arm.dof)
     compliance[stiff] = 0.0

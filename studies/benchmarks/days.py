@@ -16,8 +16,9 @@ parameters. Their truth is what ``identify`` finds from exact readings of the sa
 constants span every arm that the dropped ones do, so the residual is zero (checked), and no noise is
 in it.
 
-enough: what comes at 200 targets that the cell names, over what was promised for them, RMS over days:
-"parameters" against the arm as it stands on average, "arm" against one fresh approach of each target.
+enough: what comes at 200 targets that the cell names, over what was promised for them, RMS over days.
+What comes is the distance of where the arm stands from where the identified model has it, which is what
+compensation leaves: "parameters" of the arm on average, "arm" of one fresh approach of each target.
 Goals are so many times what comes (with the arm) on days of the same setting: "said" counts how often
 the goal is said to be reached, "right" how often the error that then comes is below it.
 """

@@ -72,7 +72,7 @@ class Wander:
     joint: Array
     tip: Array
 
-    def add_to(self, action: Action, scene: object, state: State) -> None:  # noqa: ARG002
+    def add_to(self, action: Action, scene: object, state: object) -> None:  # noqa: ARG002
         """Add it, whatever the load."""
         action.joint[:] += self.joint
         action.twist[:, -1] += self.tip

@@ -14,7 +14,7 @@ the worst one; and the root mean square of error over standard deviation, 1 wher
 constants that the model drops are absorbed by those it keeps, so the drawn errors are not the
 parameters. Their truth is what ``identify`` finds from exact readings of the same poses: the kept
 constants span every arm that the dropped ones do, so the residual is zero (checked), and no noise is
-in it.
+in it. Parameters of one day err together: Wilson's intervals, which count each alone, are too short.
 
 enough: what comes at 200 targets that the cell names, over what was promised for them, RMS over days.
 What comes is the distance of where the arm stands from where the identified model has it, which is what
@@ -225,9 +225,9 @@ _FACTORS: dict[str, Callable[[Row], str]] = {
     "arm": lambda d: str(d["arm"]),
     "scatter": lambda d: f"{d['scatter'] * 1e3:g} mm",
     "placed": lambda d: "in the joints" if d["in_joints"] else "at the tip",
-    "approaches": lambda d: f"{d['approaches']} approaches",
-    "poses": lambda d: f"{d['poses']} poses",
-    "markers": lambda d: f"{d['markers']} markers",
+    "approaches": lambda d: f"approaches {d['approaches']}",
+    "poses": lambda d: f"poses {d['poses']}",
+    "markers": lambda d: f"markers {d['markers']}",
 }
 
 

@@ -1,8 +1,9 @@
 """Sealed cases for the diagnosis: make them, let it answer, score the answers.
 
 ``python -m studies.withheld make 600 --seed 1 FOLDER``, then ``run FOLDER --workers 2``, then
-``score FOLDER --json score.json``. ``run FOLDER --answers aic`` lets a rival answer the same cases
-(``bic`` and ``black-box`` are the others); ``score`` sets all that answered side by side.
+``score FOLDER --json score.json``. ``make .. --arm-noise`` draws arms that scatter from approach to
+approach. ``run FOLDER --answers aic`` lets a rival answer the same cases (``bic`` and ``black-box`` are
+the others); ``score`` sets all that answered side by side.
 """
 
 from __future__ import annotations
@@ -27,13 +28,14 @@ def main() -> None:
 @click.argument("count", type=click.IntRange(min=1), metavar="N")
 @_FOLDER
 @click.option("--seed", type=click.IntRange(min=0), required=True, help="Fresh for every check.")
-def make(count: int, folder: Path, seed: int) -> None:
+@click.option("--arm-noise", is_flag=True, help="Arms that scatter from approach to approach.")
+def make(count: int, folder: Path, seed: int, arm_noise: bool) -> None:
     """Draw N cases into a new FOLDER and commit their keys."""
     from studies.withheld.make import make as make_cases
 
     try:
         with click.progressbar(length=count, label="cases") as bar:
-            make_cases(folder, count, seed, lambda _: bar.update(1))
+            make_cases(folder, count, seed, lambda _: bar.update(1), arm_noise=arm_noise)
     except FileExistsError as error:
         raise click.ClickException(str(error)) from None
     click.echo(f"wrote {count} cases, their keys and {folder / 'commitment.json'}")

@@ -72,3 +72,13 @@ class Action:
             (self.reading, other.reading),
         ):
             mine += theirs * factor.reshape(-1, *(1,) * (theirs.ndim - 1))
+
+
+def frame_columns(state: State, frame: int) -> Array:
+    """D points / d twist of a frame, shape (N, M, 3, 6), base axes: what follows it moves rigidly."""
+    R, arm = state.R[:, None, frame], state.points - state.o[:, None, frame]
+    columns = np.empty((*state.points.shape, 6))
+    columns[..., :3] = R
+    for c in range(3):
+        columns[..., 3 + c] = np.cross(R[..., c], arm)
+    return columns

@@ -43,6 +43,12 @@ def cell_text(name: str, scene: Scene) -> str:
         f'base = "{arm.base}"',
         f'tip = "{arm.tip}"',
     ]
+    if scene.repeatability is not None:
+        place, turn = scene.repeatability
+        lines += [
+            f"repeatability_mm = {place * 1e3:.4g}",
+            f"repeatability_urad = {turn * 1e6:.4g}",
+        ]
     if arm.spring is not None:
         joint, before, after = arm.spring
         lines += [

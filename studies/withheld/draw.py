@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +14,7 @@ from studies.withheld.actions import State
 from studies.withheld.causes import Cause, draw_cause, draw_outside, with_wrong_shape
 from studies.withheld.noise import Noise, growing
 from studies.withheld.robots import ARMS, Arm, Array
+from studies.withheld.scatter import RATIO, scatter_of
 from studies.withheld.scene import Scene
 from studies.withheld.session import Session, draw_session
 from studies.withheld.truth import Mechanism
@@ -52,7 +53,7 @@ class Case:
     """A scene, its causes, and what the instrument reads.
 
     noncentrality, beside : of each cause alone, and with the other one taken out
-    clean, noisy : ndarray, shape (N, M, 3), m, instrument frame, without and with noise
+    clean, noisy : ndarray, shape (N, M, 3), m, instrument frame, without and with noise and scatter
     seen : ndarray of bool, shape (N, M)
     outliers : names of poses with gross errors
     moved : m, RMS of what the causes do
@@ -80,14 +81,14 @@ def families(rng: np.random.Generator, count: int) -> list[str]:
     return [whole[i] for i in rng.permutation(count)]
 
 
-def draw_case(rng: np.random.Generator, family: str) -> Case:
-    """A case of one family."""
+def draw_case(rng: np.random.Generator, family: str, arm_noise: bool = False) -> Case:
+    """A case of one family; arm_noise : of an arm that scatters from approach to approach."""
     while True:
         arm = ARMS[int(rng.integers(len(ARMS)))]
         conditions = _conditions(rng)
         scene = draw_scene(rng, arm, conditions)
         try:
-            return _filled(rng, family, conditions, scene)
+            return _filled(rng, family, conditions, scene, arm_noise)
         except NoSuchCase:
             continue
 
@@ -116,7 +117,7 @@ def draw_scene(rng: np.random.Generator, arm: Arm, conditions: Conditions) -> Sc
     if not conditions.known_geometry:
         geometry[1:, :3] = rng.normal(size=(arm.dof + 1, 3)) * 3e-4
         geometry[1:, 3:] = rng.normal(size=(arm.dof + 1, 3)) * 4e-4
-    soft = [k for k, joint in enumerate(arm.joints) if joint.compliance]
+    soft = np.flatnonzero([joint.compliance for joint in arm.joints])
     stiff = rng.permutation(soft)[: int(rng.choice(3, p=[0.5, 0.25, 0.25]))]
     compliance = np.array([j.compliance for j in arm.joints]) * rng.lognormal(0.0, 0.25, arm.dof)
     compliance[stiff] = 0.0
@@ -175,10 +176,25 @@ def _wrench(arm: Arm, session: Session) -> Array:
     return wrench
 
 
-def _filled(rng: np.random.Generator, family: str, conditions: Conditions, scene: Scene) -> Case:
+def with_scatter(rng: np.random.Generator, scene: Scene, still: State) -> Scene:
+    """The scene with an arm that scatters by one to three times the instrument; the cell may say it."""
+    shape = scatter_of(rng, scene.arm, still, in_joints=rng.random() < 0.5)
+    everywhere = np.ones(still.readings.shape[:2], dtype=bool)
+    wanted = np.exp(rng.uniform(*np.log(RATIO))) * scene.noise.rms(still.readings, everywhere)
+    reached = np.sqrt(np.mean(shape.squares(scene.arm, still)))
+    scatter = shape.times(float(wanted / reached))
+    said = scatter.repeatability(scene.arm, still) if rng.random() < 0.5 else None
+    return replace(scene, scatter=scatter, repeatability=said)
+
+
+def _filled(
+    rng: np.random.Generator, family: str, conditions: Conditions, scene: Scene, arm_noise: bool
+) -> Case:
     mechanism = scene.mechanism()
     seen = _seen(rng, conditions, scene)
     still = at_rest(scene, mechanism, ())
+    if arm_noise:
+        scene = with_scatter(rng, scene, still)
     projector = Projector(scene, still, seen & ~scene.session.held[:, None])
     causes = [
         _sized(rng, scene, mechanism, still, projector, draw, family == "outside")
@@ -192,7 +208,11 @@ def _filled(rng: np.random.Generator, family: str, conditions: Conditions, scene
     visible = tuple(float(r @ r) for r in rests)
     beside = (given(*rests), given(*rests[::-1])) if len(rests) == 2 else visible
     whole = projector.left(state.readings - still.readings)
-    noisy, outliers = _noise(rng, conditions, scene, state.readings)
+    stood = state
+    if scene.scatter is not None:
+        wander = scene.scatter.drawn(rng, scene.session.visit)
+        stood = at_rest(scene, mechanism, [*causes, wander])
+    noisy, outliers = _noise(rng, conditions, scene, stood.readings)
     shift = state.readings - still.readings
     return Case(
         family=family,

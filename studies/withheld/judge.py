@@ -22,6 +22,7 @@ class Judgement:
     twin : another effect moves everything alike, so that its own name is a matter of luck
     answered : there is an answer
     gap : it says that there is something
+    alarm : it says so where nothing is; that an arm scatters is true of one that does
     exact : it names the causes and nothing else, each by its own name
     found : every cause is named, or is in a class of at most four
     located : the place of largest share is right; of two causes, the first two
@@ -49,6 +50,7 @@ class Judgement:
     verdict: str
     named: tuple[str, ...]
     gap: bool
+    alarm: bool
     exact: bool
     found: bool
     located: bool
@@ -94,6 +96,7 @@ def judge(key: dict[str, Any], answer: dict[str, Any] | None) -> Judgement:
         verdict=verdict,
         named=tuple(named),
         gap=answer is not None and verdict != "no_gap",
+        alarm=not (causes or _silent(key, given)),
         exact=bool(true) and sorted(named) == sorted(true),
         found=bool(true) and all(any(t in _class(e) for e in effects) for t in true),
         located=located,
@@ -129,6 +132,19 @@ def _depends_right(causes: list[dict[str, Any]], answer: dict[str, Any]) -> bool
     return any(first in cause["depends_on"] for cause in causes)
 
 
+def _silent(key: dict[str, Any], answer: dict[str, Any]) -> bool:
+    """Nothing found but, where the arm scatters, that poses differ by what follows no column."""
+    if answer.get("verdict") == "no_gap":
+        return True
+    places = answer.get("located") or []
+    return (
+        answer.get("verdict") == "unknown"
+        and "arm_noise" in key["conditions"]
+        and not answer.get("effects")
+        and all(place.get("depends_on") == "pose" for place in places)
+    )
+
+
 def _covered(key: dict[str, Any], effects: list[dict[str, Any]]) -> tuple[tuple[str, bool], ...]:
     """Parameters given with a standard deviation; others make no claim, unknown units a false one."""
     held = []
@@ -150,7 +166,7 @@ def _covered(key: dict[str, Any], effects: list[dict[str, Any]]) -> tuple[tuple[
 def _over_floor(key: dict[str, Any], answer: dict[str, Any]) -> float:
     gap = answer.get("gap") or {}
     after = gap.get("heldout_after_mm")
-    if after is None and answer.get("verdict") == "no_gap":
+    if after is None and _silent(key, answer):
         after = gap.get("heldout_before_mm")  # nothing was added, so before is after
     return _ratio(key, after)
 

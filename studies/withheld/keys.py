@@ -42,7 +42,7 @@ def key_of(case: Case, name: str, index: int, salt: str) -> dict[str, Any]:
         "sigma_mm": scene.noise.sigma * 1e3,
         "believed_sigma_mm": scene.believed.sigma * 1e3,
         "noise_mm": {name: value * 1e3 for name, value in asdict(scene.noise).items()},
-        "floor_mm": scene.noise.rms(case.clean[held], case.seen[held]) * 1e3,
+        "floor_mm": _floor(case) * 1e3,
         "heldout_noise_rms_mm": float(np.sqrt(np.mean(np.sum(noise**2, axis=-1)))) * 1e3,
         "outliers": list(case.outliers),
         "truth": {
@@ -53,6 +53,9 @@ def key_of(case: Case, name: str, index: int, salt: str) -> dict[str, Any]:
             "markers_mm": (scene.markers * 1e3).tolist(),
         },
     }
+    if scene.scatter is not None:
+        key["conditions"]["arm_noise"] = "said" if scene.repeatability else "unsaid"
+        key["arm_noise"] = _arm_noise(case)
     entries = [
         _entry(scene, cause, alone, beside, case.family)
         for cause, alone, beside in zip(case.causes, case.noncentrality, case.beside, strict=True)
@@ -62,6 +65,31 @@ def key_of(case: Case, name: str, index: int, salt: str) -> dict[str, Any]:
     else:
         key["effects"] = entries
     return key
+
+
+def _floor(case: Case) -> float:
+    """3-D RMS of held-out readings beside a perfect model, m: nothing foretells where an arm stops."""
+    scene, held = case.scene, case.scene.session.held
+    instrument = scene.noise.rms(case.clean[held], case.seen[held])
+    if scene.scatter is None:
+        return instrument
+    squares = scene.scatter.squares(scene.arm, case.state)[held][case.seen[held]]
+    return float(np.sqrt(instrument**2 + np.mean(squares)))
+
+
+def _arm_noise(case: Case) -> dict[str, Any]:
+    """The arm's own scatter: standard deviations of its joints or its tip, rad and m."""
+    scene, scatter = case.scene, case.scene.scatter
+    assert scatter is not None  # noqa: S101
+    place, turn = scatter.repeatability(scene.arm, case.state)
+    return {
+        "in": "joints" if scatter.joints.any() else "tip",
+        "joints_rad_m": scatter.joints.tolist(),
+        "tip_m_rad": scatter.tip.tolist(),
+        "rms_mm": float(np.sqrt(np.mean(scatter.squares(scene.arm, case.state)))) * 1e3,
+        "repeatability_mm": place * 1e3,
+        "repeatability_urad": turn * 1e6,
+    }
 
 
 def _entry(scene: Scene, cause: Cause, alone: float, beside: float, family: str) -> dict[str, Any]:

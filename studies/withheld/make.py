@@ -15,10 +15,16 @@ from studies.withheld.seal import COMMITMENT, commit_keys, write_json
 
 
 def make(
-    folder: Path, count: int, seed: int, progress: Callable[[int], None] = lambda _: None
+    folder: Path,
+    count: int,
+    seed: int,
+    progress: Callable[[int], None] = lambda _: None,
+    *,
+    arm_noise: bool = False,
 ) -> None:
     """Write cases, keys, and last the commitment.
 
+    arm_noise : the arms scatter from approach to approach
     Raises FileExistsError where the folder holds cases already.
     """
     if (folder / COMMITMENT).exists() or (folder / "cases").exists():
@@ -26,7 +32,7 @@ def make(
     (folder / "keys").mkdir(parents=True)
     drawn = families(np.random.default_rng([seed, count]), count)
     for index, family in enumerate(drawn):
-        case = numbered(seed, index, family)
+        case = numbered(seed, index, family, arm_noise)
         name = f"case_{index:04d}"
         write_case(folder / "cases" / name, case)
         # The salt keeps the hash from being found by trying all that could have been drawn.
@@ -34,10 +40,11 @@ def make(
             folder / "keys" / f"{name}.json", key_of(case, name, index, secrets.token_hex(16))
         )
         progress(index + 1)
-    write_json(folder / "keys" / "seed.json", {"seed": seed, "count": count})
+    drawn_by = {"seed": seed, "count": count} | ({"arm_noise": True} if arm_noise else {})
+    write_json(folder / "keys" / "seed.json", drawn_by)
     commit_keys(folder)
 
 
-def numbered(seed: int, index: int, family: str) -> Case:
+def numbered(seed: int, index: int, family: str, arm_noise: bool = False) -> Case:
     """One case; each index has its own stream of random numbers."""
-    return draw_case(np.random.default_rng([seed, index]), family)
+    return draw_case(np.random.default_rng([seed, index]), family, arm_noise)

@@ -9,6 +9,7 @@ import numpy as np
 from studies.withheld.actions import Action, State
 from studies.withheld.noise import Noise
 from studies.withheld.robots import Arm, Array
+from studies.withheld.scatter import Scatter
 from studies.withheld.session import Session
 from studies.withheld.texts import G
 from studies.withheld.truth import Mechanism
@@ -30,6 +31,8 @@ class Scene:
     noise, believed : of the instrument, true and as the cell says it
     R, p : placement of the base in the instrument's frame
     wrench : ndarray, shape (N, 6), N and N m, as the file shows it, about the tip's origin, base axes
+    scatter : of the arm from approach to approach, None where it repeats exactly
+    repeatability : as the cell says it, of one coordinate of the tip, m and rad, or None
     """
 
     arm: Arm
@@ -50,6 +53,8 @@ class Scene:
     R: Array
     p: Array
     wrench: Array
+    scatter: Scatter | None = None
+    repeatability: tuple[float, float] | None = None
 
     @property
     def count(self) -> int:

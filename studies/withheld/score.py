@@ -66,7 +66,7 @@ def wilson(hits: int, n: int) -> tuple[float, float]:
 Test = Callable[[Judgement], bool]
 # family, visible only, figure, test, bar
 _FIGURES: tuple[tuple[str, bool | None, str, Test, tuple[float, float] | None], ...] = (
-    ("null", None, "false alarms", lambda j: j.verdict != "no_gap", (0.0, 0.04)),
+    ("null", None, "false alarms", lambda j: j.alarm, (0.0, 0.04)),
     ("single", True, "something found", lambda j: j.gap, None),
     ("single", True, "named exactly", lambda j: j.exact, (0.85, 1.0)),
     (
@@ -110,6 +110,8 @@ _HARD: dict[str, Test] = {
     "geometry known": lambda j: bool(j.conditions["known_geometry"]),
     "range noise, said": lambda j: j.conditions["range_noise"] == "said",
     "range noise, unsaid": lambda j: j.conditions["range_noise"] == "unsaid",
+    "arm noise, said": lambda j: j.conditions.get("arm_noise") == "said",
+    "arm noise, unsaid": lambda j: j.conditions.get("arm_noise") == "unsaid",
 }
 # The figures that are asked again of every robot and under every condition.
 _AGAIN = (

@@ -40,6 +40,12 @@ class Session:
         return len(self.names)
 
     @property
+    def visit(self) -> NDArray[np.int_]:
+        """Number of the approach of each reading, shape (N,): readings without a move share one."""
+        moved = np.any(np.diff(self.q, axis=0, prepend=self.q[:1]) != 0.0, axis=1)
+        return np.cumsum(moved)
+
+    @property
     def hours(self) -> Array:
         """Time since the first reading, shape (N,), h."""
         hours: Array = (self.time - self.time[0]) / 3600.0

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import qr
+from scipy.linalg import qr, solve_triangular
 
-from studies.withheld.actions import Action, State
-from studies.withheld.causes import Cause
+from studies.withheld.actions import Action, State, frame_columns
 from studies.withheld.robots import Array
 from studies.withheld.scene import Scene
 from studies.withheld.truth import Mechanism
@@ -17,7 +18,14 @@ from studies.withheld.truth import Mechanism
 _SAME = 1e-8  # relative size of a diagonal of R below which a column is a sum of others
 
 
-def at_rest(scene: Scene, mechanism: Mechanism, causes: Sequence[Cause]) -> State:
+class Acting(Protocol):
+    """Anything that moves the arm: a cause, or the arm's own scatter."""
+
+    def add_to(self, action: Action, scene: Scene, state: State) -> None:
+        """Add what it does in a state."""
+
+
+def at_rest(scene: Scene, mechanism: Mechanism, causes: Sequence[Acting]) -> State:
     """The arm under the known loads and some causes."""
 
     def act(state: State) -> Action:
@@ -27,16 +35,6 @@ def at_rest(scene: Scene, mechanism: Mechanism, causes: Sequence[Cause]) -> Stat
         return action
 
     return mechanism.rest(scene.session.q, act, (scene.R, scene.p))
-
-
-def frame_columns(state: State, frame: int) -> Array:
-    """D points / d twist of a frame, shape (N, M, 3, 6), base axes: what follows it moves rigidly."""
-    R, arm = state.R[:, None, frame], state.points - state.o[:, None, frame]
-    columns = np.empty((*state.points.shape, 6))
-    columns[..., :3] = R
-    for c in range(3):
-        columns[..., 3 + c] = np.cross(R[..., c], arm)
-    return columns
 
 
 def modelled_columns(scene: Scene, state: State) -> Array:
@@ -57,7 +55,7 @@ def modelled_columns(scene: Scene, state: State) -> Array:
 
 
 class Projector:
-    """Takes out of a displacement what the user's model can take up.
+    """Takes out of a displacement what the user's model can take up, under the true covariance.
 
     seen : ndarray of bool, shape (N, M), the points that the fit has
     """
@@ -65,10 +63,11 @@ class Projector:
     def __init__(self, scene: Scene, state: State, seen: NDArray[np.bool_]) -> None:
         self._seen = seen
         self._noise, self._points = scene.noise, state.readings[seen]
+        self._approaches = self._factors(scene, state)
         # Columns stand in base axes, displacements in the instrument's.
         columns = np.swapaxes(modelled_columns(scene, state)[seen], -1, -2) @ scene.R.T
         J = np.swapaxes(self._noise.whitened(columns, self._points[:, None]), -1, -2)
-        J = J.reshape(-1, J_width(scene))
+        J = self._decorrelated(J.reshape(-1, J_width(scene)))
         J = J / np.maximum(np.linalg.norm(J, axis=0), 1e-300)
         Q, R, _ = qr(J, mode="economic", pivoting=True)
         diagonal = np.abs(np.diag(R))
@@ -76,9 +75,31 @@ class Projector:
 
     def left(self, moved: Array) -> Array:
         """What is left of readings moved by (N, M, 3), m, whitened, shape (3 * points,)."""
-        r = self._noise.whitened(moved[self._seen], self._points).ravel()
+        r = self._decorrelated(self._noise.whitened(moved[self._seen], self._points).ravel())
         rest: Array = r - self._Q @ (self._Q.T @ r)
         return rest
+
+    def _factors(self, scene: Scene, state: State) -> list[tuple[slice, Array]]:
+        """Rows of each approach, and the Cholesky factor of their covariance in instrument noise."""
+        if scene.scatter is None:
+            return []
+        moved = scene.scatter.columns(scene.arm, state)[self._seen]
+        columns = np.swapaxes(moved, -1, -2) @ scene.R.T
+        white = np.swapaxes(self._noise.whitened(columns, self._points[:, None]), -1, -2)
+        A = white.reshape(-1, columns.shape[1])
+        visit = np.repeat(scene.session.visit, self._seen.sum(axis=1))
+        ends = 3 * np.flatnonzero(np.diff(visit, prepend=-1, append=-1))
+        rows = [slice(int(i), int(j)) for i, j in pairwise(ends)]
+        blocks = [A[own] for own in rows]
+        roots = [np.asarray(np.linalg.cholesky(np.eye(len(B)) + B @ B.T)) for B in blocks]
+        return list(zip(rows, roots, strict=True))
+
+    def _decorrelated(self, rows: Array) -> Array:
+        """Rows in instrument noise, made independent of each other where an approach is shared."""
+        found = rows.copy()
+        for own, L in self._approaches:
+            found[own] = solve_triangular(L, rows[own], lower=True)
+        return found
 
 
 def J_width(scene: Scene) -> int:

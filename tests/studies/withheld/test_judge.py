@@ -140,6 +140,36 @@ def test_malformed(effects: Any) -> None:
     assert not judged_or_failed(key("single", BACKLASH), {"effects": effects}).answered
 
 
+@pytest.mark.parametrize(
+    ("verdict", "effects", "depends", "scatters", "alarm"),
+    [
+        ("no_gap", [], [], True, False),
+        ("unknown", [], ["pose"], True, False),
+        ("unknown", [], ["pose"], False, True),
+        ("unknown", [], ["pose", "q:A3"], True, True),
+        ("unknown", [effect("backlash", "A3")], ["pose"], True, True),
+        ("explained", [effect("backlash", "A3")], [], True, True),
+        ("no_gap", [], [], False, False),
+    ],
+)
+def test_an_arm_may_be_said_to_scatter(
+    verdict: str, effects: list[dict[str, Any]], depends: list[str], scatters: bool, alarm: bool
+) -> None:
+    """A null is no alarm where it says that poses differ, if they do; a name or a place is one."""
+    said = answer(verdict, *effects)
+    said["located"] = [{"where": "arm", "depends_on": d} for d in depends]
+    null = key("null")
+    if scatters:
+        null["conditions"] = {**CONDITIONS, "arm_noise": "unsaid"}
+    found = judge(null, said)
+    assert found.alarm == alarm
+    assert [r.hits for r in rates([found]) if r.figure == "false alarms"] == [alarm]
+    assert not judge(key("single", BACKLASH), said).alarm
+    said["gap"]["heldout_after_mm"] = None
+    assert (judge(null, said).over_floor == math.inf) == alarm
+    assert judge(null, None).alarm
+
+
 def test_two_causes() -> None:
     other = effect("base_compliance", "base")
     both = answer(

@@ -12,12 +12,13 @@ pytest.importorskip("mujoco")
 
 import calib
 import studies.withheld
+from studies.withheld.actions import frame_columns
 from studies.withheld.catalogue import CATALOGUE
 from studies.withheld.causes import Cause
 from studies.withheld.outside import OUTSIDE
 from studies.withheld.robots import ARMS, HEAVY, RAIL, Arm, Array
 from studies.withheld.texts import G
-from studies.withheld.visible import at_rest, frame_columns
+from studies.withheld.visible import at_rest
 from tests.studies.withheld.scenes import as_files, case_of, scene_of
 
 ids = [arm.name for arm in ARMS]

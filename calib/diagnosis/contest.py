@@ -28,6 +28,7 @@ _NAMED_SHARE = 0.9  # of the leader's evidence at which a cause by name is prefe
 _MOST_EFFECTS = 12
 _MOST_ROUNDS = 30
 _RIVALS = 12
+_BEYOND_DOUBT = 200.0  # gain that no choice of variances takes away
 _LEADING = (4, 2)  # causes by name, and curves, whose variances are found anew
 
 
@@ -109,7 +110,10 @@ def _idle(
     stage: Stage, seen_from: View, active: Sequence[Candidate], suspects: Sequence[Candidate]
 ) -> Candidate | None:
     """The member that pays least of those that do not pay."""
-    scores = {c: _scores(stage, seen_from, [c], c)[c.key] for c in active}
+    scores = {}
+    for c in active:
+        linear = _linear(seen_from.without(c), seen_from, [c])[c.key]
+        scores[c] = _defence(stage, seen_from, c, linear)
     idle = [c for c in active if not _pays(scores[c], len(suspects))]
     return min(idle, key=lambda c: scores[c].gain) if idle else None
 
@@ -120,9 +124,9 @@ def _better(
     """The next set of effects; the present one where it stands."""
     for member in active:
         rest = [c for c in active if c is not member]
-        scores = _scores(stage, seen_from, suspects, member)
+        scores = _linear(seen_from.without(member), seen_from, suspects)
         own = scores[member.key]
-        if not _pays(own, len(suspects)):
+        if not _pays(_defence(stage, seen_from, member, own), len(suspects)):
             return rest
         best = _leader(scores, [c for c in suspects if c not in rest], len(suspects))
         named = best.named and not member.named
@@ -135,28 +139,28 @@ def _better(
     return [*active, best] if _pays(scores[best.key], len(suspects)) else active
 
 
-def _scores(
-    stage: Stage,
-    seen_from: View,
-    suspects: Sequence[Candidate],
-    without: Candidate | None = None,
-) -> dict[str, Score]:
-    """Score of every suspect beside what is in, or beside that but for one member.
+def _scores(stage: Stage, seen_from: View, suspects: Sequence[Candidate]) -> dict[str, Score]:
+    """Score of every suspect beside what is in.
 
     Where poses err together only those that lead are worth a look: their variances are found anew.
     """
-    beside = seen_from.beside if without is None else seen_from.without(without)
-    scores = _linear(beside, seen_from, suspects)
+    scores = _linear(seen_from.beside, seen_from, suspects)
     if seen_from.fit.mixing is None:
         return scores
-    leading = _leading(scores, suspects)
-    if without is None:
-        leading += _leading(_linear(seen_from.by_instrument.beside, seen_from, suspects), suspects)
-    else:
-        leading.append(without)
-    leading = list(dict.fromkeys(leading))
-    here = ground(stage, seen_from, leading, without)
+    alone = _linear(seen_from.by_instrument.beside, seen_from, suspects)
+    leading = list(dict.fromkeys(_leading(scores, suspects) + _leading(alone, suspects)))
+    here = ground(stage, seen_from, leading)
     return {c.key: NOTHING for c in suspects} | {c.key: here.score(c) for c in leading}
+
+
+def _defence(stage: Stage, seen_from: View, member: Candidate, linear: Score) -> Score:
+    """Score of a member as a newcomer would have it: without it more counts as noise.
+
+    linear : Score, at the variances that are left beside it, which are too small
+    """
+    if seen_from.fit.mixing is None or linear.gain > _BEYOND_DOUBT:
+        return linear
+    return ground(stage, seen_from, [member], member).score(member)
 
 
 def _linear(beside: Field, seen_from: View, suspects: Sequence[Candidate]) -> dict[str, Score]:

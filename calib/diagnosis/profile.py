@@ -130,8 +130,11 @@ def ground(
     wide = np.concatenate([fit.J @ span, view.rows[..., columns]], axis=-1)
     of_prior = np.insert(of_prior, [known] * len(columns), 0.0, axis=1)
     problem, start, may = problem_of(stage.scatter, weighted, r, wide, of_prior, stage.arm)
-    bare = np.append(np.arange(known), wide.shape[-1])
-    levels = searched(problem.with_columns(bare, known), start, may, stage.scatter, fit.levels)
+    levels = fit.levels
+    if without is not None or levels is None:
+        bare = np.append(np.arange(known), wide.shape[-1])
+        problem_alone = problem.with_columns(bare, known)
+        levels = searched(problem_alone, start, may, stage.scatter, levels)
     ends = known + np.cumsum([0, *(len(view.where[c.key]) for c in chosen)])
     at = {c.key: np.arange(a, b) for c, a, b in zip(chosen, ends, ends[1:], strict=False)}
     return Ground(

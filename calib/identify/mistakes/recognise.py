@@ -47,7 +47,7 @@ class Mistake:
     @property
     def text(self) -> str:
         """One line: what is wrong, how that is known, what to do."""
-        fits = "these poses fit" if self.poses else "the nominal arm fits"
+        fits = "the nominal arm fits there" if self.poses else "the nominal arm fits"
         return (
             f"{', or '.join(self.said)}: with that mended {fits} to {_in_mm(self.mended)} instead of "
             f"{_in_mm(self.nominal)}; {'; or '.join(self.remedies)}"

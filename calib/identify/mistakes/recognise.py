@@ -16,7 +16,7 @@ from calib.se3 import Array
 
 _FAR = 0.015
 """Of the arm's reach: no pose of a healthy day is missed by as much. The worst real pose at hand, of an
-IRB 120 under a model of data sheets, is missed by 0.9 %."""
+IRB 120, is missed by 1.2 %."""
 _ARM = 0.01  # of the arm's reach: what a mended day may err by
 _SHARE = 0.1  # of the spread of the points: what hardly moves is missed by little whatever is done
 _TIMES = 10.0  # by which the misfit must fall

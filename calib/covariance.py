@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.effects.tool import Tool
+from calib.errors import Unsolvable
 from calib.model import Model
 from calib.poses import Poses
 from calib.se3 import Array
@@ -46,9 +47,13 @@ def identifiable(J: Array, sizes: Array, ids: tuple[str, ...]) -> Identifiable:
     J : ndarray, shape (N, k), in standard deviations per unit of each direction
     sizes : ndarray, shape (k,), plausible size of each direction
     ids : tuple of str, its name
+
+    Raises Unsolvable where rows are no numbers.
     """
     from scipy.linalg import qr, solve_triangular
 
+    if not np.isfinite(J).all():  # an arm so soft that it does not stand
+        raise Unsolvable
     R, order = qr(J * sizes, mode="r", pivoting=True)
     R = R[: J.shape[1]]
     pivots = np.abs(np.diag(R))

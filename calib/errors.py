@@ -71,3 +71,32 @@ class TooFewPoses(CalibError):
             f"too few poses: {equations} equations from {found} poses for {parameters} parameters; "
             f"measure at least {needed} poses, or take effects out of [model] effects"
         )
+
+
+class ImplausibleData(CalibError):
+    """A known mistake explains the data, and no arm that errs as arms do.
+
+    mistakes : tuple of str, several where the data do not tell; nominal, mended : float, m, by which
+        the nominal arm misses the points; poses : tuple of str, where only these are concerned
+    """
+
+    def __init__(
+        self,
+        text: str,
+        mistakes: tuple[str, ...],
+        nominal: float,
+        mended: float,
+        poses: tuple[str, ...] = (),
+    ) -> None:
+        self.mistakes, self.nominal, self.mended, self.poses = mistakes, nominal, mended, poses
+        super().__init__(text)
+
+
+class Unsolvable(CalibError):
+    """The equations have no solution in numbers."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "the equations cannot be solved: the numbers are far from those of a robot; check the "
+            "units of joints, points, loads and the URDF"
+        )

@@ -26,6 +26,7 @@ from calib.effects.protocol import ARM
 from calib.identify.estimators import Mask
 from calib.identify.identify import check_counts, whitening
 from calib.identify.initial import initial_values
+from calib.identify.mistakes import refuse_mistakes
 from calib.identify.noise_level import (
     NoiseLevel,
     noise_level,
@@ -133,13 +134,14 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
 
     heldout : measurements that take no part and on which the shrinkage of the error is proved
 
-    Raises UnknownEffect, EffectCannotAct, TooFewPoses, CalibError.
+    Raises UnknownEffect, EffectCannotAct, TooFewPoses, ImplausibleData, CalibError.
     """
     if heldout is not None:
         data, heldout = in_one_session(data, heldout)
     model = build(cell, data.poses).model
     check_counts(model, data)
     start = initial_values(model, data)
+    refuse_mistakes(model, data, start)
     weights = whitening(cell, model, start, data)
     factor = _replicate_factor(data, weights)
     waiting = _before_the_first_move(data)

@@ -11,10 +11,11 @@ from calib.cell import Cell
 from calib.covariance import clustered, covariance, ignorance
 from calib.effects.base import Base
 from calib.effects.tool import Tool
-from calib.errors import CalibError, TooFewPoses
+from calib.errors import CalibError, TooFewPoses, Unsolvable
 from calib.identify.estimators import Differences, Estimator, Mask, Readings, steps
 from calib.identify.identification import Identification, Method, Residuals, Status
 from calib.identify.initial import initial_values
+from calib.identify.mistakes import refuse_mistakes, refuse_unreachable
 from calib.identify.noise_level import NoiseLevel, noise_level, of_levels
 from calib.identify.outliers import pose_statistics, prediction_statistics, threshold
 from calib.identify.search import Found, search
@@ -34,7 +35,7 @@ from calib.scatter import Levels, Variances, levels_of, scatter_of
 from calib.se3 import Array, rotate
 from calib.threads import one_blas_thread
 
-_FAR = 100.0  # arm lengths between points, beyond which a unit is wrong
+_NO_UNIT = 1e5  # arm lengths between points, beyond which no wrong unit explains them
 _POSES_PER_DIRECTION = 3  # fewer do not tell how poses scatter
 
 
@@ -60,7 +61,7 @@ def identify(
         component's own standard deviation, or "plain" with a characteristic length [m]
     differences : elastic parameters from differences between readings at equal joints
 
-    Raises UnknownEffect, EffectCannotAct, TooFewPoses, CalibError.
+    Raises UnknownEffect, EffectCannotAct, TooFewPoses, ImplausibleData, CalibError.
     """
     _check_options(approach, method, weighting, length, differences)
     built = build(cell, data.poses)
@@ -70,6 +71,7 @@ def identify(
     estimator: Estimator = Differences() if differences else Readings(method)
     try:
         start = initial_values(model, data)
+        refuse_mistakes(model, data, start)
         if approach == "pose":
             start = _with_shape(model, data, start)
         points = Points(model, data, whitening(cell, model, start, data))
@@ -83,10 +85,7 @@ def identify(
         if not differences:
             observation, levels = _with_levels(cell, estimator, observation, found)
     except np.linalg.LinAlgError:
-        raise CalibError(
-            "the equations cannot be solved: the numbers are far from those of a robot; check the "
-            "units of joints, points, loads and the URDF"
-        ) from None
+        raise Unsolvable from None
     values, counted = found.best.values, observation.only(found.kept)
     noise, dof = _noise(estimator, observation, found)
     if observation.mixing is not None and levels is not None:
@@ -159,12 +158,7 @@ def check_counts(model: Model, data: Measurements) -> None:
     Raises TooFewPoses with the number that is needed, CalibError for points that no arm of this size
     could have reached.
     """
-    spread = float(np.ptp(data.points[data.seen], axis=0).max(initial=0.0))
-    if spread > _FAR * model.robot.reach:
-        raise CalibError(
-            f"the points lie {spread:.0f} m apart and the arm is {model.robot.reach:.1f} m long; check "
-            "the units of the points' columns and of the robot's file"
-        )
+    refuse_unreachable(model, data, _NO_UNIT)
     p, markers = len(model.parameters), data.seen.shape[1]
     rigid = {1: 3, 2: 5}.get(markers, 6)
     shape = 3 * markers - rigid if len(model.where(Tool)) else 0

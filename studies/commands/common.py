@@ -71,9 +71,17 @@ def result_options(function: Callable[P, T]) -> Callable[P, T]:
 
 
 @contextmanager
-def faults_in(file: Path, *, effects_of: Path | None = None) -> Iterator[None]:
-    """Name the file that a fault of the computation lies in, that of the model's effects apart."""
-    from calib.errors import CalibError, EffectCannotAct, InputError, UnknownEffect
+def faults_in(
+    file: Path, *, effects_of: Path | None = None, readings_of: Path | None = None
+) -> Iterator[None]:
+    """Name the file that a fault lies in, those of the model's effects and of the readings apart."""
+    from calib.errors import (
+        CalibError,
+        EffectCannotAct,
+        ImplausibleData,
+        InputError,
+        UnknownEffect,
+    )
 
     try:
         yield
@@ -82,6 +90,8 @@ def faults_in(file: Path, *, effects_of: Path | None = None) -> Iterator[None]:
     except CalibError as error:
         if effects_of is not None and isinstance(error, UnknownEffect | EffectCannotAct):
             raise InputError(effects_of, "model.effects", str(error)) from None
+        if readings_of is not None and isinstance(error, ImplausibleData):
+            raise InputError(readings_of, "", str(error)) from None
         raise InputError(file, "", str(error)) from None
 
 

@@ -70,7 +70,7 @@ def enough(
     check_outputs([output_file(json_path)], inputs)
     data = calib.load_measurements(cell, data_path)
     plan = None if plan_path is None else calib.load_plan(cell, plan_path)
-    with faults_in(cell_path):
+    with faults_in(cell_path, readings_of=data_path):
         goal = None if goal_mm is None else goal_mm / 1e3
         answer = judge(cell, data, plan, goal=goal, seed=seed)
     fields = {

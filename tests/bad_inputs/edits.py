@@ -98,3 +98,21 @@ def lines(count: int) -> Edit:
 def no_rows_with(words: str) -> Edit:
     """Rows with some words removed."""
     return lambda text: "\n".join(row for row in text.split("\n") if words not in row)
+
+
+def times(factor: float, *columns: str) -> Edit:
+    """Numbers of some columns multiplied."""
+
+    def edit(text: str) -> str:
+        head, *rows = [row.split(",") for row in text.strip().split("\n")]
+        for column in map(head.index, columns):
+            for row in rows:
+                row[column] = f"{float(row[column]) * factor:.9f}"
+        return "\n".join(",".join(row) for row in (head, *rows))
+
+    return edit
+
+
+def exchanged(one: str, other: str) -> Edit:
+    """Two words for each other, everywhere."""
+    return lambda text: text.replace(one, "\0").replace(other, one).replace("\0", other)

@@ -9,12 +9,14 @@ from tests.bad_inputs.edits import (
     added,
     column,
     effects,
+    exchanged,
     field,
     header,
     line,
     lines,
     no_rows_with,
     swap,
+    times,
     whole,
     without,
 )
@@ -90,6 +92,33 @@ MEASUREMENTS = _in(
         "a JSON in place of the table": whole('{"a": 1}\n'),
     },
 )
+
+_POINTS = ("x_mm", "y_mm", "z_mm")
+_DIAGNOSE = "diagnose cell.toml measurements.csv"
+
+IMPLAUSIBLE = [
+    *_in(
+        "measurements.csv",
+        _IDENTIFY,
+        {
+            "a mirrored frame": times(-1.0, "y_mm"),
+            "points in metres": times(1e-3, *_POINTS),
+            "points in inches": times(1.0 / 25.4, *_POINTS),
+            "a joint that runs the other way": times(-1.0, "A5_deg"),
+            "two joints swapped": exchanged("A4_deg", "A6_deg"),
+            "two markers exchanged in one reading": lambda t: field(3, "marker", "m1")(
+                field(2, "marker", "m2")(t)
+            ),
+        },
+    ),
+    Fault("a mirrored frame diagnosed", _DIAGNOSE, "measurements.csv", times(-1.0, "x_mm")),
+    Fault(
+        "a mirrored frame in mid-session",
+        "enough cell.toml measurements.csv --plan plan.csv",
+        "measurements.csv",
+        times(-1.0, "z_mm"),
+    ),
+]
 
 CELL = _in(
     "cell.toml",
@@ -390,6 +419,7 @@ RESULTS = [
 
 FAULTS = {
     "measurements.csv": MEASUREMENTS,
+    "measurements that no arm gives": IMPLAUSIBLE,
     "cell.toml": CELL,
     "the URDF": URDF,
     "other files, and the call": OTHERS,

@@ -144,8 +144,8 @@ def test_nonsense_units_are_not_called_a_success(kr270: Cell) -> None:
     cell = cell_of(kr270.robot, MARKERS, RIGID)
     data, _ = measured(cell, random_configurations(cell, rng, 40), rng)
     with pytest.raises(CalibError, match="check the units"):
-        calib.identify(cell, replace(data, points=data.points * 1e3))
-    result = calib.identify(cell, replace(data, points=data.points * 25.4))
+        calib.identify(cell, replace(data, points=data.points * 2e3))
+    result = calib.identify(cell, replace(data, points=data.points * 9.0))
     assert any("check units" in text for text in result.warnings)
 
 

@@ -1,0 +1,155 @@
+"""Which mistake would explain data that no arm could have given: each is undone and looked at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.errors import CalibError, ImplausibleData
+from calib.identify.mistakes.exchanged import exchanged
+from calib.identify.mistakes.placed import Placed, missed_by, placed, some, telling
+from calib.identify.mistakes.table import slips
+from calib.model import Model
+from calib.poses import Measurements
+from calib.se3 import Array
+
+_FAR = 0.015
+"""Of the arm's reach: no pose of a healthy day is missed by as much. The worst real pose at hand, of an
+IRB 120, is missed by 1.2 %."""
+_ARM = 0.01  # of the arm's reach: what a mended day may err by
+_SHARE = 0.1  # of the spread of the points: what hardly moves is missed by little whatever is done
+_TIMES = 10.0  # by which the misfit must fall
+_ALIKE = 3.0  # times the least misfit: the data do not tell
+_POSES = 40  # they tell as much as a thousand, in a hundredth of the time
+_MOST = 0.8  # of the poses must fit once it is mended
+_CLOSEST = 8  # looked at again, without gross errors
+_UNREACHED = 100.0  # arm lengths between points, beyond which a unit is wrong
+_SHOWN = 6
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """What would explain the data; several names where these explain it as well.
+
+    names, said, remedies : tuple of str, one each
+    nominal, mended : float, m, RMS by which the nominal arm misses the points, as read and mended
+    poses : tuple of str, where only these are concerned
+    """
+
+    names: tuple[str, ...]
+    said: tuple[str, ...]
+    remedies: tuple[str, ...]
+    nominal: float
+    mended: float
+    poses: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """One line: what is wrong, how that is known, what to do."""
+        fits = "the nominal arm fits there" if self.poses else "the nominal arm fits"
+        return (
+            f"{', or '.join(self.said)}: with that mended {fits} to {_in_mm(self.mended)} instead of "
+            f"{_in_mm(self.nominal)}; {'; or '.join(self.remedies)}"
+        )
+
+
+def _in_mm(length: float) -> str:
+    return f"{length * 1e3:.0f} mm" if length >= 0.01 else f"{length * 1e3:.2g} mm"
+
+
+def refuse_mistakes(model: Model, data: Measurements, start: Array) -> None:
+    """Refuse data that a known mistake explains and no arm.
+
+    start : ndarray, shape (p,), SI, base and markers under the nominal arm
+
+    Raises ImplausibleData, CalibError for points that no arm of this size could have reached.
+    """
+    missed = missed_by(model, data, start)
+    found = recognised(model, data, missed)
+    if found is not None:
+        raise ImplausibleData(found.text, found.names, found.nominal, found.mended, found.poses)
+    refuse_unreachable(model, data, _UNREACHED)
+
+
+def refuse_unreachable(model: Model, data: Measurements, lengths: float) -> None:
+    """Refuse points that lie more than so many arm lengths apart. Raises CalibError."""
+    spread = float(np.ptp(data.points[data.seen], axis=0).max(initial=0.0))
+    if spread > lengths * model.robot.reach:
+        raise CalibError(
+            f"the points lie {spread:.0f} m apart and the arm is {model.robot.reach:.1f} m long; check "
+            "the units of the points' columns and of the robot's file"
+        )
+
+
+def recognised(model: Model, data: Measurements, missed: Array) -> Mistake | None:
+    """The mistake that explains the data, None where they are plausible or none explains them.
+
+    missed : ndarray, shape (m,), m, RMS by which the nominal arm misses the markers of each pose
+    """
+    far = _FAR * model.robot.reach
+    if not (missed > far).any():
+        return None
+    counts = np.bincount(data.poses.station[data.seen.any(axis=1)])
+    here = data.take((data.poses.station == counts.argmax()) & data.seen.any(axis=1))
+    sample = some(here, _POSES)
+    if not telling(sample):
+        return None
+    nominal = placed(model, sample)
+    found = _undone(model, sample, nominal.missed) if nominal.missed.max() > far else None
+    return found or _renamed(model, data, far)
+
+
+def _undone(model: Model, sample: Measurements, missed: Array) -> Mistake | None:
+    """The entries of the table that bring the arm to its points, gross errors aside."""
+    tried = [(slip, slip.undone(sample)) for slip in slips(model)]
+    first = [placed(model, data, rounds=1).share for _, data in tried]
+    closest = [i for i in np.argsort(first)[:_CLOSEST] if first[i] <= _ALIKE * min(first)]
+    again = [(tried[i][0], placed(model, tried[i][1])) for i in closest]
+    fitting = [(slip, fit) for slip, fit in again if _explains(model, fit, missed)]
+    if not fitting:
+        return None
+    best = min((fit for _, fit in fitting), key=lambda fit: fit.share)
+    alike = [slip for slip, fit in fitting if fit.share <= _ALIKE * best.share]
+    return Mistake(
+        tuple(slip.name for slip in alike),
+        tuple(slip.said for slip in alike),
+        tuple(slip.remedy for slip in alike),
+        _rms(missed[best.kept]),
+        best.rms,
+    )
+
+
+def _explains(model: Model, fit: Placed, missed: Array) -> bool:
+    """Whether the arm then errs as arms do, beside its motion as well, and did not before."""
+    least = min(_ARM * model.robot.reach, _rms(missed[fit.kept]) / _TIMES)
+    return fit.rms <= least and fit.share <= _SHARE and bool(fit.kept.mean() >= _MOST)
+
+
+def _renamed(model: Model, data: Measurements, far: float) -> Mistake | None:
+    """Two markers exchanged at some poses: far off as they read, near with the exchange undone."""
+    found = exchanged(model, data)
+    limit = np.minimum(_ARM * model.robot.reach, found.before / _TIMES)
+    wrong = np.flatnonzero((found.before > far) & (found.after <= limit))
+    if not len(wrong):
+        return None
+    poses = tuple(data.poses.names[i] for i in wrong)
+    moved = found.order[wrong] != np.arange(data.seen.shape[1])
+    said = []
+    for pair in np.unique(moved, axis=0):
+        one, other = (model.marker_names[j] for j in np.flatnonzero(pair))
+        at = [name for name, own in zip(poses, moved, strict=True) if np.array_equal(own, pair)]
+        shown = ", ".join(at[:_SHOWN]) + (f" .. ({len(at)} in all)" if at[_SHOWN:] else "")
+        said.append(f"markers {one} and {other} are exchanged at {shown}")
+    return Mistake(
+        ("exchanged",),
+        ("; ".join(said),),
+        ("exchange their names there",),
+        _rms(found.before[wrong]),
+        _rms(found.after[wrong]),
+        poses,
+    )
+
+
+def _rms(lengths: Array) -> float:
+    return float(np.sqrt(np.mean(lengths**2)))

@@ -1,0 +1,207 @@
+"""What people get wrong when they write down joints and points, one entry each.
+
+Every entry undoes its mistake. None of them is an error that an arm has: an arm errs by a small part
+of its size, and these move every point by a large one.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.effects.base import Base
+from calib.model import Model
+from calib.observations.shape import free_components
+from calib.poses import IntArray, Measurements
+from calib.robot import Robot
+from calib.se3 import Array
+
+_INCH, _DEGREE = 0.0254, np.pi / 180.0
+_PARALLEL = 0.99  # cosine between axes
+
+
+@dataclass(frozen=True, eq=False)
+class Slip:
+    """One mistake.
+
+    name : str; said : str, what is wrong; remedy : str, what to do
+    undone : the measurements as they would read without it
+    """
+
+    name: str
+    said: str
+    remedy: str
+    undone: Callable[[Measurements], Measurements]
+
+
+def slips(model: Model) -> tuple[Slip, ...]:
+    """All that could have been got wrong with this arm and these markers."""
+    robot = model.robot
+    return (
+        *_signs(model),
+        *_lengths(robot),
+        *_angles(robot),
+        *_reversed(robot),
+        *_swapped(robot),
+        *_counted_from_the_base(robot),
+        *_renamed(model),
+    )
+
+
+def _signs(model: Model) -> Iterator[Slip]:
+    """Mirrored frames. Where the base is free one reading stands for all: they differ by a turn."""
+    if any(isinstance(effect, Base) for effect in model.effects):
+        yield Slip(
+            "mirrored",
+            "the points are mirrored (a left-handed frame)",
+            "turn the sign of one of x, y and z, or exchange two of them if they were mixed up",
+            _points(np.array([1.0, -1.0, 1.0])),
+        )
+        return
+    for axis, sign in zip("xyz", 1.0 - 2.0 * np.eye(3), strict=True):
+        said = f"the points are mirrored ({axis} has the wrong sign)"
+        yield Slip(f"mirrored {axis}", said, f"turn the sign of {axis}", _points(sign))
+    yield Slip(
+        "negated",
+        "the points have the wrong sign",
+        "turn the signs of x, y and z",
+        _points(-np.ones(3)),
+    )
+
+
+def _lengths(robot: Robot) -> Iterator[Slip]:
+    """Units of points, and of the joints that slide."""
+    for factor, holds, named in (
+        (1e3, "metres", "millimetres"),
+        (1e-3, "millimetres", "metres"),
+        (_INCH * 1e3, "inches", "millimetres"),
+        (1e-3 / _INCH, "millimetres", "inches"),
+        (_INCH, "inches", "metres"),
+        (1.0 / _INCH, "metres", "inches"),
+    ):
+        what, remedy = f"{holds} under the name of {named}", f"by {factor:.6g}"
+        yield Slip(
+            f"points in {holds} for {named}",
+            f"the points are {what}",
+            f"multiply x, y and z {remedy}" + (_OR_THE_ROBOT if "inches" not in what else ""),
+            _points(np.full(3, factor)),
+        )
+        if robot.prismatic.any():
+            slides = _scaled(np.where(robot.prismatic, factor, 1.0))
+            joints = " and ".join(
+                n for n, s in zip(robot.joints, robot.prismatic, strict=True) if s
+            )
+            yield Slip(
+                f"slides in {holds} for {named}",
+                f"{joints} holds {what}",
+                f"multiply {joints} {remedy}",
+                slides,
+            )
+            yield Slip(
+                f"lengths in {holds} for {named}",
+                f"the points and {joints} are {what}",
+                f"multiply x, y, z and {joints} {remedy}",
+                _after(slides, _points(np.full(3, factor))),
+            )
+
+
+_OR_THE_ROBOT = " (or is the robot's file in the wrong unit?)"
+
+
+def _angles(robot: Robot) -> Iterator[Slip]:
+    """Degrees and radians, of all joints at once: the columns' names say which they should be."""
+    for factor, holds, unit in ((1.0 / _DEGREE, "radians", "deg"), (_DEGREE, "degrees", "rad")):
+        joint = robot.joints[int(np.argmin(robot.prismatic))]
+        yield Slip(
+            f"joints in {holds}",
+            f"the joint angles are {holds} in columns of {unit}",
+            f"name the columns {joint}_{holds[:3]} and so on",
+            _scaled(np.where(robot.prismatic, 1.0, factor)),
+        )
+
+
+def _reversed(robot: Robot) -> Iterator[Slip]:
+    for k, joint in enumerate(robot.joints):
+        yield Slip(
+            f"{joint} reversed",
+            f"joint {joint} runs the other way",
+            f"turn the sign of {joint} in the table, or its axis in the robot's file",
+            _scaled(np.where(np.arange(robot.dof) == k, -1.0, 1.0)),
+        )
+
+
+def _swapped(robot: Robot) -> Iterator[Slip]:
+    for a, b in itertools.combinations(range(robot.dof), 2):
+        if robot.prismatic[a] != robot.prismatic[b]:
+            continue
+        one, other = robot.joints[a], robot.joints[b]
+        mixed = np.eye(robot.dof)
+        mixed[[a, b]] = mixed[[b, a]]
+        yield Slip(
+            f"{one} and {other} swapped",
+            f"joints {one} and {other} are swapped",
+            f"exchange the columns of {one} and {other}",
+            _mixed(mixed),
+        )
+
+
+def _counted_from_the_base(robot: Robot) -> Iterator[Slip]:
+    """A joint whose angle is that to the base: its drive does not ride on the link before it."""
+    for k in range(1, robot.dof):
+        along = abs(float(robot.axes[k - 1] @ robot.origins[k, :3, :3] @ robot.axes[k]))
+        if robot.prismatic[k - 1 : k + 1].any() or along < _PARALLEL:
+            continue
+        before, joint = robot.joints[k - 1], robot.joints[k]
+        for sign, word in ((1.0, "+"), (-1.0, "-")):
+            mixed = np.eye(robot.dof)
+            mixed[k, k - 1] = sign
+            yield Slip(
+                f"{joint} {word} {before}",
+                f"joint {joint} is given relative to the base and not to the link before it",
+                f"put {joint} {word} {before} in its place",
+                _mixed(mixed),
+            )
+
+
+def _renamed(model: Model) -> Iterator[Slip]:
+    """Two markers exchanged in every reading, which only harms where the cell knows their places."""
+    free = [bool(row.all()) for row in free_components(model)]
+    for a, b in itertools.combinations(range(len(free)), 2):
+        if free[a] and free[b]:
+            continue
+        one, other = model.marker_names[a], model.marker_names[b]
+        order = np.arange(len(free))
+        order[[a, b]] = b, a
+        yield Slip(
+            f"{one} and {other} exchanged",
+            f"markers {one} and {other} are exchanged",
+            "exchange their names in the table or in [markers_mm]",
+            _reordered(order),
+        )
+
+
+def _points(factors: Array) -> Callable[[Measurements], Measurements]:
+    return lambda data: replace(data, points=data.points * factors)
+
+
+def _scaled(factors: Array) -> Callable[[Measurements], Measurements]:
+    return _mixed(np.diag(factors))
+
+
+def _mixed(matrix: Array) -> Callable[[Measurements], Measurements]:
+    return lambda data: replace(data, poses=replace(data.poses, q=data.poses.q @ matrix.T))
+
+
+def _reordered(order: IntArray) -> Callable[[Measurements], Measurements]:
+    return lambda data: replace(
+        data, points=data.points[:, order], seen=data.seen[:, order], sigma=data.sigma[:, order]
+    )
+
+
+def _after(
+    first: Callable[[Measurements], Measurements], second: Callable[[Measurements], Measurements]
+) -> Callable[[Measurements], Measurements]:
+    return lambda data: second(first(data))

@@ -1,7 +1,7 @@
 """With what the size of an effect might vary, if its shape is wrong: everything known of a reading.
 
-Each modulation is a few functions of one variable with a root mean square of about one: two harmonics of
-a joint's angle, a straight line and a parabola of anything else.
+Each modulation is a few functions of one variable with a root mean square of about one: two harmonics
+of an angle, a straight line and a parabola of anything else.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from studies.withheld.case_files import write_case
 from studies.withheld.catalogue import turned
 from studies.withheld.draw import Case, Conditions, draw_scene
 from studies.withheld.robots import ARMS, Array
-from studies.withheld.scene import Scene
+from studies.withheld.scene import Scene, hung
 from studies.withheld.visible import Projector, at_rest
 
 PLAIN = Conditions(
@@ -72,36 +72,45 @@ def lost_motion(where: str) -> Act:
 
 
 def heavier_payload(scene: Scene, state: State) -> Action:
-    """The load that the user knows of is six per cent heavier, of the hung one too."""
+    """The payload is a little heavier than the cell says."""
     action = scene.nothing()
-    action.load[:, -1] += 0.06 * scene.known(state).load[:, -1]
+    action.load[:, -1] += 0.06 * hung(state.R_link[:, -1], scene.payload, scene.com)
+    return action
+
+
+def heavier_load(scene: Scene, state: State) -> Action:
+    """The hung load is a little heavier than the table's wrench says."""
+    action = scene.nothing()
+    action.load[:, -1] += 0.06 * scene.wrench
     return action
 
 
 def measured_day(
-    folder: Path, act: Act | None, noncentrality: float, seed: int, arm: str = "light"
+    folder: Path,
+    act: Act,
+    noncentrality: float,
+    seed: int,
+    arm: str = "light",
+    *,
+    payload: bool = True,
 ) -> tuple[Cell, Measurements, Measurements]:
     """A day's cell, readings and held-out readings, the cause sized to be so visible."""
-    rng = np.random.default_rng(seed)
-    scene = draw_scene(rng, next(a for a in ARMS if a.name == arm), PLAIN)
+    rng, conditions = np.random.default_rng(seed), replace(PLAIN, payload=payload)
+    scene = draw_scene(rng, next(a for a in ARMS if a.name == arm), conditions)
     mechanism = scene.mechanism()
     seen = np.ones((scene.count, len(scene.markers)), dtype=bool)
-    state = still = at_rest(scene, mechanism, ())
-    if act is not None:
-        projector = Projector(scene, still, seen & ~scene.session.held[:, None])
-        truth = Truth(act)
-        for _ in range(3):
-            state = at_rest(scene, mechanism, [truth])  # type: ignore[list-item]
-            left = projector.left(state.readings - still.readings)
-            if noncentrality:
-                truth = replace(
-                    truth, size=truth.size * float(noncentrality / (left @ left)) ** 0.5
-                )
+    still = at_rest(scene, mechanism, ())
+    projector = Projector(scene, still, seen & ~scene.session.held[:, None])
+    truth = Truth(act)
+    for _ in range(3):
+        state = at_rest(scene, mechanism, [truth])  # type: ignore[list-item]
+        left = projector.left(state.readings - still.readings)
+        truth = replace(truth, size=truth.size * float(noncentrality / (left @ left)) ** 0.5)
     noisy = state.readings + scene.noise.coloured(
         rng.normal(size=state.readings.shape), state.readings
     )
     case = Case(
-        "single", PLAIN, scene, (), (), (), noncentrality, state, state.readings, noisy, seen
+        "single", conditions, scene, (), (), (), noncentrality, state, state.readings, noisy, seen
     )
     write_case(folder / "day", case)
     cell = calib.load_cell(folder / "day" / "cell.toml")

@@ -77,14 +77,19 @@ def shape_doubt(stage: Stage, fit: Fit, effect: Effect, causes: int = 1) -> Doub
 
     causes : int, among which the chance of a false one is shared
     """
-    first, p, fall = question(stage, fit, effect).answer
+    asked = question(stage, fit, effect)
+    if asked is None:
+        return Doubt(1.0, "none", 0.0, True)
+    first, p, fall = asked.answer
     also_there = _also_there(stage, fit, effect, first)
     return Doubt(min(1.0, causes * p), first.depends_on, fall, also_there)
 
 
-def question(stage: Stage, fit: Fit, effect: Effect) -> Question:
-    """All modulations of an effect in a fit."""
+def question(stage: Stage, fit: Fit, effect: Effect) -> Question | None:
+    """All modulations of an effect in a fit; None where nothing varies with which it could."""
     asked = tuple(modulations(stage, fit, effect.where))
+    if not asked:
+        return None
     r, J = fit.equations
     X = _times(stage, fit, effect, np.column_stack([m.centred for m in asked]))
     return Question(asked, field(J @ fit.span, X, r))

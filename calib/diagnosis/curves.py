@@ -17,6 +17,7 @@ from calib.diagnosis.functions import Function, neighbours, polyline
 from calib.diagnosis.variables import (
     Angle,
     Covariate,
+    Move,
     PoseVariable,
     Posture,
     Pull,
@@ -189,7 +190,7 @@ def _moves(poses: Poses, k: int, joint: str) -> list[PoseVariable]:
     if poses.approach is not None:
         found.append(Covariate(f"approach:{joint}", "approach", k))
     if poses.motion is not None:
-        found.append(Covariate(f"motion:{joint}", "motion", k))
+        found.append(Move(f"motion:{joint}", k))
     return found
 
 

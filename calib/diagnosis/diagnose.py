@@ -43,8 +43,6 @@ from calib.visits import visits
 _REPLICATES = 10  # degrees of freedom of repeated readings worth believing
 _GROSS = 10.0  # times the mean square of a typical group
 _LEFT_OVER = 0.001  # the scatter of a few repeats is a weak witness
-SHAPE_ALPHA = 0.1
-"""Probability of doubting a right shape: to call a wrong one explained is the worse mistake."""
 _MOST_PASSES = 3  # contests, while outliers are judged anew
 
 
@@ -67,7 +65,12 @@ class Cause:
     @property
     def misshapen(self) -> bool:
         """Whether the cause is there in another form than the catalogue's."""
-        return self.doubt.p < SHAPE_ALPHA
+        return self.doubt.stands
+
+    @property
+    def displaced(self) -> bool:
+        """Whether nothing of the cause is needed beside what its size varies with."""
+        return self.misshapen and not self.doubt.also_there
 
 
 @dataclass(frozen=True)
@@ -195,7 +198,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     return Diagnosis(
         verdict=verdict(named, outcome, doubted),
         noise=noise,
-        causes=causes,
+        causes=tuple(c for c in causes if not c.displaced),
         located=located,
         gap=gap,
         hidden=_hidden(outcome, causes, suspects),
@@ -303,7 +306,7 @@ def _cause(
     share = _share(outcome, after, named.entry, scale)
     p = min(1.0, named.entry.score.p * asked)
     std = np.where(determined(after.span), scale * np.sqrt(np.diag(cov)), np.nan)
-    doubt = shape_doubt(after.model.robot, stage.data.poses, after, effect, causes)
+    doubt = shape_doubt(stage, after, effect, causes)
     return Cause(named, doubt, after.values[own], std[own], p, share)
 
 
@@ -323,11 +326,16 @@ def _located(
     outcome: Outcome, after: Fit, causes: tuple[Cause, ...], scale: float
 ) -> tuple[Place, ...]:
     """Places of all that was found, largest share first."""
-    found = [Place(c.named.candidate.where, c.named.candidate.depends_on, c.share) for c in causes]
+    found = [
+        Place(c.named.candidate.where, c.named.candidate.depends_on, c.share)
+        for c in causes
+        if not c.displaced
+    ]
     for c in causes:
         if c.misshapen:
             part = min(1.0, c.doubt.fall / max(c.named.entry.score.fall, 1e-9))
-            place = Place(c.named.candidate.where, f"q:{c.doubt.joint}", part * c.share)
+            share = c.share if c.displaced else part * c.share
+            place = Place(c.named.candidate.where, c.doubt.depends_on, share)
             if (place.where, place.depends_on) not in {(p.where, p.depends_on) for p in found}:
                 found.append(place)
     for entry in outcome.entries:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.variables import last_moves
 from calib.effects.drive import along_axis
 from calib.effects.protocol import State, TwistEffect
 from calib.robot import Robot
@@ -74,8 +75,9 @@ def variable_of(
     k = robot.joints.index(joint)
     if kind == "q":
         return poses.q[:, k]
-    given = {"approach": poses.approach, "motion": poses.motion}.get(kind)
-    return None if given is None else given[:, k]
+    if kind == "motion":
+        return None if poses.motion is None else last_moves(poses)[:, k]
+    return None if poses.approach is None or kind != "approach" else poses.approach[:, k]
 
 
 def load_of(moved: Array | None, directions: Array, frame: int, state: State) -> Array:

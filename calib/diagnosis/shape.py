@@ -1,8 +1,14 @@
-"""Whether a named effect has the right shape: its size should not vary from pose to pose.
+"""Whether a named effect has the right shape: its size should not vary from reading to reading.
 
 A cause whose place and variable are right, but not its form, leaves a residual that is the effect
-itself times some function of the posture. So what the fitted effect does at each pose is multiplied
-by the first two harmonics of each joint, and the score test asks whether any of it is there.
+itself times some function of what else is known of the reading. So what the fitted effect does is
+multiplied by functions of each such variable, and the score test asks whether any of it is there.
+
+A wrong shape is off by a part of itself: the coefficients of its modulation are a priori normal with a
+standard deviation s. With the multiplied columns X beside all that is modelled, d the eigenvalues of
+``s^2 X^T X`` and z the residual along its vectors, the likelihood ratio is ``sum(w z^2)``,
+``w = d / (1 + d)``: what the modelled columns absorb weighs nothing, where a chi-square would give all
+directions the same.
 """
 
 from __future__ import annotations
@@ -11,57 +17,119 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.screen import field, score
-from calib.diagnosis.stage import Fit
+from calib.diagnosis.modulations import Modulation, modulations
+from calib.diagnosis.quadratic import chance_above, ratio_above
+from calib.diagnosis.screen import VISIBLE, Field, field, score
+from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Effect
-from calib.poses import Poses
-from calib.robot import Robot
+from calib.poses import IntArray
 from calib.se3 import Array
 
-_OWN = 0.8
+SHAPE_ALPHA = 0.03
+"""Probability of doubting a right shape."""
+_PART = 0.25  # of the effect's size, by which each function is expected to modulate a wrong one
+_SURE = 0.01  # probability by chance below which an effect is there beside what doubts it
 
 
 @dataclass(frozen=True)
 class Doubt:
     """What speaks against the shape of an effect.
 
-    p : float, probability of as much by chance; joint : str, with which its size varies most
+    p : float, probability of as much by chance; depends_on : str, with what its size varies most
     fall : float, of the sum of squares
+    also_there : bool, whether the effect is needed beside what its size varies with
     """
 
     p: float
-    joint: str
+    depends_on: str
     fall: float
+    also_there: bool
+
+    @property
+    def stands(self) -> bool:
+        """Whether the shape is to be doubted."""
+        return self.p < SHAPE_ALPHA
 
 
-def shape_doubt(robot: Robot, poses: Poses, fit: Fit, effect: Effect, causes: int = 1) -> Doubt:
-    """The strongest doubt; most of the chance of a false one goes to the effect's own joint.
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What is asked of an effect: the columns of all modulations beside everything that is modelled.
 
-    causes : int, among which the chance is shared
+    asked : tuple of Modulation; beside : Field, their columns one modulation after the other
     """
-    own = fit.positions(effect)
-    done = fit.J[..., own] @ fit.values[own]
+
+    asked: tuple[Modulation, ...]
+    beside: Field
+
+    @property
+    def answer(self) -> tuple[Modulation, float, float]:
+        """The modulation that speaks most against the effect, its p over all asked, and its fall."""
+        counts = [m.centred.shape[1] for m in self.asked]
+        columns = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
+        tests = [_modulated(self.beside, own) for own in columns]
+        counted = [p / m.chance for (p, _), m in zip(tests, self.asked, strict=True)]
+        first = int(np.argmin(counted))
+        return self.asked[first], min(1.0, counted[first]), tests[first][1]
+
+
+def shape_doubt(stage: Stage, fit: Fit, effect: Effect, causes: int = 1) -> Doubt:
+    """The strongest doubt.
+
+    causes : int, among which the chance of a false one is shared
+    """
+    asked = question(stage, fit, effect)
+    if asked is None:
+        return Doubt(1.0, "none", 0.0, True)
+    first, p, fall = asked.answer
+    also_there = _also_there(stage, fit, effect, first)
+    return Doubt(min(1.0, causes * p), first.depends_on, fall, also_there)
+
+
+def question(stage: Stage, fit: Fit, effect: Effect) -> Question | None:
+    """All modulations of an effect in a fit; None where nothing varies with which it could."""
+    asked = tuple(modulations(stage, fit, effect.where))
+    if not asked:
+        return None
     r, J = fit.equations
-    found = []
-    for k, joint in enumerate(robot.joints):
-        X = np.zeros((len(r), 4))
-        X[: done.size] = (done[..., None] * _harmonics(robot, poses, k)[:, None, :]).reshape(-1, 4)
-        beside = score(field(J @ fit.span, X, r), np.arange(4))
-        found.append((beside.p * _tests(robot, effect, joint), joint, beside.fall))
-    p, joint, fall = min(found)
-    return Doubt(min(1.0, causes * p), joint, fall)
+    X = _times(stage, fit, effect, np.column_stack([m.centred for m in asked]))
+    return Question(asked, field(J @ fit.span, X, r))
 
 
-def _tests(robot: Robot, effect: Effect, joint: str) -> float:
-    """By how much a p value counts for less, as one of all the joints that are asked."""
-    if effect.where not in robot.joints:
-        return float(robot.dof)
-    return 1.0 / _OWN if joint == effect.where else (robot.dof - 1) / (1.0 - _OWN)
+def _modulated(beside: Field, columns: IntArray) -> tuple[float, float]:
+    """p and fall of one modulation; where the residual refutes the noise, by its share of that."""
+    spread = beside.cost / beside.dof if beside.noise_refuted else 1.0
+    X = _PART * beside.X[:, columns]
+    d, vectors = np.linalg.eigh(X.T @ X)
+    seen = d > (VISIBLE * _PART * beside.lengths[columns].max()) ** 2
+    if not seen.any() or beside.dof <= np.count_nonzero(seen):
+        return 1.0, 0.0
+    d, vectors = d[seen], vectors[:, seen]
+    squares = (vectors.T @ (X.T @ beside.r)) ** 2 / d
+    w = d / (spread + d)
+    statistic, fall = float(w @ squares) / spread, float(squares.sum())
+    if beside.noise_refuted:
+        return ratio_above(w, beside.dof, statistic), fall
+    return chance_above(w, statistic), fall
 
 
-def _harmonics(robot: Robot, poses: Poses, k: int) -> Array:
-    """Cosine and sine of once and twice the angle, shape (m, 4); of a slide, over its travel."""
-    q = poses.q[:, k]
-    if robot.prismatic[k]:
-        q = np.pi * (q - q.mean()) / max(float(np.ptp(q)), 1e-9)
-    return np.stack([np.cos(q), np.sin(q), np.cos(2.0 * q), np.sin(2.0 * q)], axis=-1)
+def _also_there(stage: Stage, fit: Fit, effect: Effect, doubted: Modulation) -> bool:
+    """Whether the effect pays beside itself running wholly with the variable."""
+    if not doubted.plain.shape[1]:
+        return True
+    own, (r, J) = fit.positions(effect), fit.equations
+    rest = fit.span[:, np.abs(fit.span[own]).sum(axis=0) == 0.0]
+    instead = _times(stage, fit, effect, doubted.plain)
+    without = r + J[:, own] @ fit.values[own]
+    beside = field(np.concatenate([J @ rest, instead], axis=1), J[:, own], without)
+    return score(beside, np.arange(len(own))).p < _SURE
+
+
+def _times(stage: Stage, fit: Fit, effect: Effect, functions: Array) -> Array:
+    """Whitened rows of what an effect does times functions (m, k) of the reading, shape (N, k)."""
+    own = fit.positions(effect)
+    _, J = fit.model.jacobian(fit.values, stage.data.poses)
+    moved = (J[..., own] @ fit.values[own])[..., None] * functions[:, None, None, :]
+    rows = stage.observation(fit.model, fit.weight).rows(moved).reshape(-1, functions.shape[1])
+    X = np.zeros((len(fit.equations[0]), functions.shape[1]))
+    X[: len(rows)] = rows
+    return X

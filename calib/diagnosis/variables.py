@@ -72,6 +72,26 @@ class Covariate(PoseVariable):
 
 
 @dataclass(frozen=True, eq=False)
+class Move(PoseVariable):
+    """How far a joint went in the move before, with the sign of its last motion, rad or m.
+
+    A servo that has not settled lacks a part of it; what asks for its size alone is even in it.
+    """
+
+    joint: int
+
+    def at(self, poses: Poses) -> Array:
+        return last_moves(poses)[:, self.joint]
+
+
+def last_moves(poses: Poses) -> Array:
+    """The last move of each joint with its sign, shape (m, n); without one where none is known."""
+    if poses.motion is None:
+        return np.full_like(poses.q, np.nan)
+    return poses.motion if poses.approach is None else poses.approach * poses.motion
+
+
+@dataclass(frozen=True, eq=False)
 class Statics:
     """Wrenches in the nominal arm, which differ from the true ones by the size of the errors."""
 

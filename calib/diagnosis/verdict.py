@@ -13,11 +13,14 @@ from calib.diagnosis.contest import Entry, Outcome
 from calib.diagnosis.prior import curves_price
 from calib.diagnosis.screen import refuted
 from calib.diagnosis.stage import Fit, Stage
+from calib.diagnosis.twins import Twin, twins
 from calib.poses import Poses
 
 VerdictName = Literal["no_gap", "explained", "ambiguous", "unknown"]
 
 _TRIED = 5  # close rivals that are fitted in full
+_ALIKE = 3  # twins that are fitted beside them
+_LARGEST = 4  # members of a class with what is listed for its likeness
 _CLOSE = 30.0  # gain below the best at which a rival is not worth a fit
 _SAME = 8.0  # difference of -2 log likelihood that tells nothing yet
 _MASS = 0.98  # of the likelihood that a class holds together
@@ -56,11 +59,13 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
     chosen = {id(entry): entry.candidate for entry in outcome.entries}
     found: list[Named] = []
     fit = outcome.fit
+    direction = float(np.log(max(2, outcome.last.rows)))
     for entry in sorted(outcome.entries, key=lambda e: e.score.gain):
         if not entry.candidate.named:
             continue
         rest = [c for key, c in chosen.items() if key != id(entry)]
-        rivals = [c for c in _close(entry) if c not in rest]
+        others = twins(outcome, entry)
+        rivals = [c for c in _close(entry, others) if c not in rest]
         fits = {c: stage.fit([*(o.effect for o in rest), c.effect]) for c in rivals}
         without = stage.fit([c.effect for c in rest]) if rest else outcome.before
         prices, nothing = _prices([*fits.values(), without])
@@ -71,16 +76,18 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
         ordered = sorted(zip(fits, prices, strict=True), key=lambda pair: pair[1])
         chosen[id(entry)] = ordered[0][0]
         fit = fits[ordered[0][0]]
-        found.append(Named(entry, _members(ordered)))
+        found.append(Named(entry, _members(ordered, others, direction)))
     found.sort(key=lambda named: -named.entry.score.gain)
     return tuple(_as_fitted(named, fit, stage.data.poses) for named in found), fit
 
 
-def _close(entry: Entry) -> list[Candidate]:
-    """The entry, and what explains nearly as much in its place."""
+def _close(entry: Entry, others: Sequence[Twin]) -> list[Candidate]:
+    """The entry, what explains nearly as much in its place, and what moves the readings as it does."""
     least = max(0.0, entry.rivals[0][1] - _CLOSE)
     rivals = [c for c, gain in entry.rivals if c.named and gain > least][:_TRIED]
-    return rivals if entry.candidate in rivals else [entry.candidate, *rivals]
+    alike = [t.candidate for t in others if t.exact]
+    alike += [t.candidate for t in others if t.left < _SAME and not t.exact][:_ALIKE]
+    return list(dict.fromkeys([entry.candidate, *rivals, *alike]))
 
 
 def _as_fitted(named: Named, fit: Fit, poses: Poses) -> Named:
@@ -111,16 +118,29 @@ def _prices(fits: Sequence[Fit]) -> tuple[list[float], float]:
     return own, last
 
 
-def _members(rivals: Sequence[tuple[Candidate, float]]) -> tuple[tuple[Candidate, float], ...]:
-    """Rivals (candidate, price) that the data cannot tell from the first; calibrated probabilities."""
+def _members(
+    rivals: Sequence[tuple[Candidate, float]], others: Sequence[Twin] = (), direction: float = 0.0
+) -> tuple[tuple[Candidate, float], ...]:
+    """Rivals (candidate, price) that the data cannot tell from the first; calibrated probabilities.
+
+    Exact twins, and what loses by the price of its further directions alone, belong to them.
+    direction : float, that price for one
+    """
     behind = np.array([min(price - rivals[0][1], 700.0) for _, price in rivals])
     mass = np.cumsum(np.exp(-0.5 * behind)) / np.exp(-0.5 * behind).sum()
     enough = 1 + int(np.argmax(mass >= _MASS))
     count = max(enough, int(np.count_nonzero(behind <= _SAME)))
-    weights = np.exp(-0.5 * _TEMPER * behind[:count])
+    known = {twin.candidate: twin for twin in others}
+    chosen = list(range(count))
+    for i in range(count, len(rivals)):
+        twin = known.get(rivals[i][0])
+        if twin is not None and (
+            twin.exact or (len(chosen) < _LARGEST and behind[i] - twin.more * direction <= _SAME)
+        ):
+            chosen.append(i)
+    weights = np.exp(-0.5 * _TEMPER * behind[chosen])
     shares = _IN_CLASS * weights / weights.sum()
-    members = [candidate for candidate, _ in rivals[:count]]
-    return tuple(zip(members, shares.tolist(), strict=True))
+    return tuple(zip((rivals[i][0] for i in chosen), shares.tolist(), strict=True))
 
 
 def verdict(named: Sequence[Named], outcome: Outcome, something_left: bool) -> VerdictName:

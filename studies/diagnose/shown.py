@@ -133,7 +133,7 @@ def _variable(found: ErrorCurve, robot: Robot) -> tuple[float, str]:
         return 1.0, f"transmitted {what}{axis} [{own}]"
     return {
         "q": (factor, f"{joint} [{unit}]"),
-        "motion": (factor, f"last motion of {joint}, its size [{unit}]"),
+        "motion": (factor, f"last motion of {joint} [{unit}]"),
         "approach": (1.0, f"last motion of {joint}, its sign"),
         "time": (1.0 / 3600.0, "time [h]"),
         "temperature": (1.0, "temperature [degC]"),

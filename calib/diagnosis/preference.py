@@ -1,0 +1,134 @@
+"""Causes by name in the place of a curve: the few beside which nothing of it is left.
+
+A curve may eat several causes at once, each of which explains too little alone to be preferred to it.
+They are preferred together where each pays beside the others, nothing significant of the curve is left
+beside them, and they explain the data as well as it did for their price. A cause that is in no
+catalogue leaves a curve beside any few names, or is the better bargain, and stays without one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from calib.diagnosis.quadratic import chance_above, ratio_above
+from calib.diagnosis.screen import VISIBLE, Field, Score, score
+from calib.poses import IntArray
+from calib.se3 import Array
+
+_MOST = 3  # causes in one curve
+_LEFT = 0.05  # probability below which something of a curve is left
+_FOLLOWED = 8  # sets that are extended, the best of each size
+
+
+@dataclass(frozen=True, eq=False)
+class Names:
+    """A set of named causes.
+
+    members : tuple of int, positions among the named, in the order in which they were added
+    gain : float, of all together; beside : Field, with their columns projected out as well
+    """
+
+    members: tuple[int, ...]
+    gain: float
+    beside: Field
+
+
+def instead_of(
+    field: Field,
+    curve: IntArray,
+    spread: Array,
+    named: Sequence[IntArray],
+    pays: Callable[[Score], bool],
+) -> tuple[int, ...]:
+    """The smallest set of up to three causes, positions in ``named``, to be preferred to a curve.
+
+    Among sets of one size that with the largest gain; empty where there is none.
+    field : Field, beside all that stays in the model, without the curve
+    curve : ndarray of int, shape (k,), its columns; spread : ndarray, shape (k, k), as of ``score``
+    named : columns of each cause by name; pays : whether a score earns its holder a place
+    """
+    field, (curve, *named) = _narrowed(field, [curve, *named])
+    least = score(field, curve, spread).gain
+    followed = [Names((), 0.0, field)]
+    for _ in range(_MOST):
+        sets = sorted(_extended(followed, named, pays), key=lambda found: -found.gain)
+        for found in sets:
+            if (
+                found.gain >= least
+                and chance_of(found.beside, curve, spread) >= _LEFT
+                and _all_pay(field, found, named, pays)
+            ):
+                return found.members
+        followed = sets[:_FOLLOWED]
+    return ()
+
+
+def chance_of(field: Field, curve: IntArray, spread: Array) -> float:
+    """Probability of as much of a curve as the residual shows where nothing of it is there.
+
+    By ``sum(w z^2)``, ``w = d / (d + mean(d))``, with d the eigenvalues of ``X C X^T`` and z the
+    residual along its vectors: a curve about as large as the noise with which the data determine it.
+    """
+    X = field.X[:, curve] @ np.linalg.cholesky(spread + 1e-9 * np.eye(len(spread)))
+    d, vectors = np.linalg.eigh(X.T @ X)
+    seen = d > VISIBLE**2 * float((field.lengths[curve] ** 2).max(initial=0.0))
+    if not seen.any() or field.dof <= np.count_nonzero(seen):
+        return 1.0
+    d, vectors = d[seen], vectors[:, seen]
+    squares = (vectors.T @ (X.T @ field.r)) ** 2 / d
+    w = d / (d + d.mean())
+    if field.noise_refuted:
+        return ratio_above(w, field.dof, float(w @ squares) * field.dof / field.cost)
+    return chance_above(w, float(w @ squares))
+
+
+def beside(field: Field, columns: IntArray) -> Field:
+    """The field with some of its own columns projected out as well."""
+    U = field.basis(columns)
+    X, r = field.X - U @ (U.T @ field.X), field.r - U @ (U.T @ field.r)
+    return replace(field, X=X, r=r, dof=field.dof - U.shape[1])
+
+
+def _extended(
+    sets: Sequence[Names], named: Sequence[IntArray], pays: Callable[[Score], bool]
+) -> Iterator[Names]:
+    """Each set with one cause more that pays beside it; sets of equal members once."""
+    known: set[frozenset[int]] = set()
+    for names in sets:
+        scores = {
+            i: found
+            for i, columns in enumerate(named)
+            if i not in names.members and pays(found := score(names.beside, columns))
+        }
+        for i in sorted(scores, key=lambda i: -scores[i].gain)[:_FOLLOWED]:
+            members = (*names.members, i)
+            if frozenset(members) not in known:
+                known.add(frozenset(members))
+                gain = names.gain + scores[i].gain
+                yield Names(members, gain, beside(names.beside, named[i]))
+
+
+def _all_pay(
+    field: Field, names: Names, named: Sequence[IntArray], pays: Callable[[Score], bool]
+) -> bool:
+    """Whether each cause pays beside the others."""
+    for member in names.members:
+        rest = field
+        for other in names.members:
+            if other != member:
+                rest = beside(rest, named[other])
+        if not pays(score(rest, named[member])):
+            return False
+    return True
+
+
+def _narrowed(field: Field, columns: Sequence[IntArray]) -> tuple[Field, list[IntArray]]:
+    """The field of these columns alone, and where they stand in it."""
+    ends = np.cumsum([0, *map(len, columns)])
+    chosen = np.concatenate(columns)
+    own = [np.arange(a, b) for a, b in pairwise(ends)]
+    return replace(field, X=field.X[:, chosen], lengths=field.lengths[chosen]), own

@@ -125,7 +125,8 @@ def _belief(fields: dict[str, Any]) -> Iterator[str]:
             f"one ({low:.2f} to {high:.2f} is chance among {found['ratios']}); p = {p:.2g}"
         )
     drawn = "MuJoCo's arm" if fields["truth"] == "mujoco" else "the model that is fitted"
-    yield f"           readings drawn from {drawn}; {_from_scratch(fields['plans'])}"
+    yield f"           readings drawn from {drawn}"
+    yield f"           {_from_scratch(fields['plans'])}"
     for plan in fields["plans"]:
         for entry in plan["approaches"]:
             if entry["not_converged"]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.poses import IntArray, Measurements, Poses, poses_at
 from calib.se3 import Array
@@ -48,6 +49,13 @@ def with_moves(poses: Poses) -> Poses:
         approach_derived=derived,
         motion=motion,
     )
+
+
+def before_the_first_move(poses: Poses) -> NDArray[np.bool_]:
+    """Readings whose approach should follow from the order and does not, shape (m,)."""
+    if poses.approach is None or not poses.approach_derived:
+        return np.zeros(len(poses), dtype=bool)
+    return np.asarray(np.logical_not(poses.approach.any(axis=1)))
 
 
 def in_one_session(data: Measurements, heldout: Measurements) -> tuple[Measurements, Measurements]:

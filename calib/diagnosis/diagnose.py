@@ -34,7 +34,7 @@ from calib.identify.noise_level import (
     replicate_spread,
 )
 from calib.identify.outliers import judge, threshold
-from calib.moves import in_one_session
+from calib.moves import before_the_first_move, in_one_session
 from calib.poses import Measurements
 from calib.se3 import Array
 from calib.threads import one_blas_thread
@@ -147,7 +147,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     refuse_mistakes(model, data, start)
     weights = whitening(cell, model, start, data)
     factor = _replicate_factor(data, weights)
-    waiting = _before_the_first_move(data)
+    waiting = before_the_first_move(data.poses)
     stage = Stage(data, model, start, weights / factor, waiting, arm=cell.repeatability)
     suspects, missing = candidates(cell, model, data)
     columns = columns_at(stage, stage.fit(()), suspects)
@@ -218,14 +218,6 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         growth=grows,
         scale=scale,
     )
-
-
-def _before_the_first_move(data: Measurements) -> Mask:
-    """Readings whose approach should follow from the order and does not."""
-    poses = data.poses
-    if poses.approach is None or not poses.approach_derived:
-        return np.zeros(len(data), dtype=bool)
-    return np.asarray(np.logical_not(poses.approach.any(axis=1)))
 
 
 def _replicate_factor(data: Measurements, weights: Array) -> float:

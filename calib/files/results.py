@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from calib.identify import ADVICE, Identification, Residuals
+from calib.identify.common import Shared
 from calib.identify.pairs import pair_errors
 from calib.kinematics import forward
 from calib.poses import Poses
@@ -14,7 +15,7 @@ from calib.robot import Robot
 from calib.se3 import Array
 
 _MM = 1e3
-_RMS_KEYS = ("nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed")
+_RMS_KEYS = ("nominal", "fitted_all", "fitted", "heldout", "heldout_trimmed")
 
 
 def identification_fields(result: Identification) -> dict[str, Any]:
@@ -74,6 +75,7 @@ def identification_fields(result: Identification) -> dict[str, Any]:
             for d in result.absorbed
         ],
         "outliers": _outliers(result.fit),
+        "outliers_share": _share(result.shared),
         "heldout_outliers": [] if result.heldout is None else _outliers(result.heldout),
         "rms_mm": _summary(result, lambda d: float(np.sqrt(np.mean(d**2)))),
         "max_mm": _summary(result, lambda d: float(d.max())),
@@ -132,6 +134,24 @@ def _outliers(residuals: Residuals) -> list[dict[str, str]]:
             }
         )
     return out
+
+
+def _share(common: Shared | None) -> dict[str, Any] | None:
+    """What the outliers have in common, in the unit that it names."""
+    if common is None:
+        return None
+    return {
+        "variable": common.variable,
+        "low": common.low / common.scale,
+        "high": common.high / common.scale,
+        "unit": common.unit,
+        "poses": common.inside,
+        "of_poses": common.poses,
+        "outliers": common.outliers,
+        "of_outliers": common.of,
+        "p": common.p,
+        "beyond_all_others": common.alone / common.scale if common.alone else None,
+    }
 
 
 def _bases(result: Identification) -> dict[str, Any]:

@@ -40,10 +40,13 @@ class Estimator(Protocol):
         """Least-squares values, moving along ``span`` (p, k)."""
         ...
 
-    def judged(self, observation: Observation, values: Array, span: Array) -> Judged:
+    def judged(
+        self, observation: Observation, values: Array, span: Array, kept: Mask | None = None
+    ) -> Judged:
         """The marker residuals by which poses and noise are judged.
 
         values : ndarray, shape (p,), SI; span : ndarray, shape (p, k), directions that were estimated
+        kept : ndarray of bool, shape (m,), the poses that were fitted, all without
         """
         ...
 
@@ -70,7 +73,16 @@ class Readings:
             return alternate(observation.flat, start, *steps(observation.model, span))
         return levenberg_marquardt(observation.flat, start, span)
 
-    def judged(self, observation: Observation, values: Array, span: Array) -> Judged:
+    def judged(
+        self, observation: Observation, values: Array, span: Array, kept: Mask | None = None
+    ) -> Judged:
+        """At the minimum of the points themselves, from which a plain weighting keeps the estimate.
+
+        Elsewhere residuals are longer than their spread says, and right poses would stand out.
+        """
+        if not observation.efficient:
+            counted = observation if kept is None else observation.only(kept)
+            values = levenberg_marquardt(counted.points().flat, values, span).values
         return Judged(*observation.points().linearise(values), span)
 
     def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
@@ -105,7 +117,10 @@ class Differences:
         converged = rigid.converged & elastic.converged & settled
         return Minimum(values, elastic.cost, converged, iterations)
 
-    def judged(self, observation: Observation, values: Array, span: Array) -> Judged:
+    def judged(
+        self, observation: Observation, values: Array, span: Array, kept: Mask | None = None
+    ) -> Judged:
+        del kept  # differences are weighted by their noise: their minimum is the points' own
         soft = span[:, _soft(observation.model, span)]
         return Judged(*observation.points(centred=True).linearise(values), soft)
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from calib.covariance import Unidentifiable, correlation
 from calib.effects.base import Base
+from calib.identify.common import Shared, shared, variables_of
 from calib.identify.noise_level import NoiseLevel
 from calib.model import Model
 from calib.observations import Approach
@@ -145,6 +146,11 @@ class Identification:
             if std > max(p.size, abs(value)) and p.effect not in ("base", "tool")
         )
 
+    @cached_property
+    def shared(self) -> Shared | None:
+        """What the outliers have in common, None where chance explains how they lie."""
+        return shared(variables_of(self.model.robot, self.fit.data), self.fit.outlier)
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """What speaks against believing the result."""
@@ -161,6 +167,8 @@ class Identification:
                 f"the outliers did not settle, each fit judges {shown} otherwise: look at what was "
                 "read there"
             )
+        if self.shared is not None:
+            found.append(_signal(self.shared))
         for p, value, std in zip(self.model.parameters, self.values, self.std, strict=True):
             if p.name.startswith("compliance") and value < -5.0 * std:
                 found.append(f"{p.id} is negative: check the sign of the wrench and of gravity")
@@ -196,3 +204,17 @@ class Identification:
             for effect, part in zip(self.model.effects, self.model.slices, strict=True)
             if isinstance(effect, Base)
         }
+
+
+def _signal(common: Shared) -> str:
+    """What outliers that share something mean."""
+    if common.alone:
+        return (
+            f"an outlier is the only pose at {common}: the model is extrapolated there and may be at "
+            "fault, not the reading; measure more poses in between"
+        )
+    return (
+        f"{common.outliers} of {common.of} outliers have {common}, where {common.inside} of "
+        f"{common.poses} poses are (by chance {common.p:.1g}): the model fails there, so believe the "
+        "figures over all poses and look for what it lacks"
+    )

@@ -234,15 +234,9 @@ def _with_levels(
 
 
 def _noise(estimator: Estimator, observation: Observation, found: Found) -> tuple[NoiseLevel, int]:
-    """Noise level from the kept poses, and the degrees of freedom of their residuals.
-
-    Where a plain weighting keeps the estimate from the points' own minimum, the noise is judged
-    there.
-    """
-    counted, values = observation.only(found.kept), found.best.values
-    if not observation.efficient:
-        values = levenberg_marquardt(counted.points().flat, values, found.span).values
-    cost = float((estimator.judged(counted, values, found.span).r ** 2).sum())
+    """Noise level from the kept poses, and the degrees of freedom of their residuals."""
+    counted = observation.only(found.kept)
+    cost = float((estimator.judged(counted, found.best.values, found.span).r ** 2).sum())
     dof = estimator.dof(counted, found.span)
     data, weights = observation.data.take(found.kept), observation.weights[found.kept]
     return noise_level(cost, dof, data, weights), dof

@@ -90,7 +90,7 @@ def _judged(
     estimator: Estimator, observation: Observation, values: Array, kept: Mask, span: Array
 ) -> tuple[Mask, Array, float]:
     """Poses to keep, the statistic of every pose, and its limit, under the fit to those kept."""
-    judged = estimator.judged(observation, values, span)
+    judged = estimator.judged(observation, values, span, kept)
     statistics, rows = pose_statistics(judged.r, judged.J, kept, judged.span)
     if small_set(len(kept)):
         cost = float((judged.r[kept] ** 2).sum())

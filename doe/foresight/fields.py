@@ -36,6 +36,9 @@ def foresight_fields(found: Foresight) -> dict[str, Any]:
         "readings": len(view.data),
         "points": int(view.data.seen.sum()),
         "hidden_markers": int((~view.data.seen).sum()),
+        "before_the_first_move": [
+            name for name, waits in zip(view.data.poses.names, view.waiting, strict=True) if waits
+        ],
         "asked": view.asked,
         "alpha": ALPHA,
         "power": POWER,

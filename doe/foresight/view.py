@@ -13,10 +13,10 @@ from calib.cell import Cell
 from calib.covariance import Unidentifiable
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.screen import Field, field
-from calib.identify.estimators import choose_directions
+from calib.identify.estimators import Mask, choose_directions
 from calib.identify.identify import check_counts
 from calib.model import Model
-from calib.moves import with_moves
+from calib.moves import before_the_first_move, with_moves
 from calib.observations import Points
 from calib.poses import IntArray, Measurements
 from calib.se3 import Array
@@ -32,6 +32,7 @@ class View:
     cell : Cell
     model : Model; values : ndarray, shape (p,), SI, where it is linearised
     data : Measurements, the readings to come: which markers are seen; its points are predictions
+    waiting : ndarray of bool, shape (m,), readings before the first move, which the diagnosis drops
     suspects : tuple of Candidate, by name; missing : tuple of NotAsked
     asked : int, all that the diagnosis will ask, curves included
     N : ndarray, shape (rows, k), whitened derivatives of what is modelled; kinds : tuple of str, the
@@ -46,6 +47,7 @@ class View:
     model: Model
     values: Array
     data: Measurements
+    waiting: Mask
     suspects: tuple[Candidate, ...]
     missing: tuple[NotAsked, ...]
     asked: int
@@ -87,7 +89,9 @@ def linearised(
     points = model.predict(values, data.poses)
     data = replace(data, points=points)
     along = beams(model, values, data.poses, points, cell.instrument)
-    weights = cell.noise.whitening(along, data.sigma) * data.seen[..., None, None]
+    waiting = before_the_first_move(data.poses)
+    counted = data.seen & ~waiting[:, None]
+    weights = cell.noise.whitening(along, data.sigma) * counted[..., None, None]
     everything, missing = candidates(cell, model, data)
     suspects = tuple(c for c in everything if c.named)
     whole, start = model.extended(values, [c.effect for c in suspects])
@@ -101,6 +105,7 @@ def linearised(
         model,
         values,
         data,
+        waiting,
         suspects,
         tuple(missing),
         len(everything),

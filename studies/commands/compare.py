@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -23,6 +24,9 @@ from studies.commands.common import (
     say_written,
     show,
 )
+
+if TYPE_CHECKING:
+    from studies.compare.compare import Truth
 
 
 @click.command(short_help="How accurate a plan will be, predicted and simulated.")
@@ -57,6 +61,9 @@ from studies.commands.common import (
 )
 @click.option("--values", "values_path", metavar="RESULT", type=PATH,
               help="A result of identify: predict and simulate at its values.")  # fmt: skip
+@click.option("--truth", type=click.Choice(["model", "mujoco"]), default="model", show_default=True,
+              help="Draw readings from the model itself, or from an arm in MuJoCo: then a fault in "
+              "torques or weights shows.")  # fmt: skip
 @result_options
 def compare(
     cell_path: Path,
@@ -66,14 +73,16 @@ def compare(
     scheduler: str | None,
     length_mm: float,
     values_path: Path | None,
+    truth: Truth,
     folder: Path | None,
     json_path: str | None,
     seed: int,
 ) -> None:
     """Say what approach #1 and #2 of the paper will know at each PLAN, predicted and simulated.
 
-    Each simulated experiment draws the readings of a plan from the full model and fits them by every
-    approach. Where simulation and prediction disagree, it says by how much and why.
+    Each simulated experiment draws the readings of a plan from the full model, or from MuJoCo's, and
+    fits them by every approach; one in twenty is identified as real data are. Where simulation and
+    prediction disagree, it says by how much and why.
 
     \b
     Example:
@@ -113,6 +122,7 @@ def compare(
                 plans,
                 trials=trials,
                 values=values,
+                truth=truth,
                 length=length_mm / 1e3,
                 seed=seed,
                 executor=executor,

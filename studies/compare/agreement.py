@@ -2,7 +2,8 @@
 
 With errors e of T trials, their mean m and the predicted covariance C of rank k, chi-square are: the
 scatter ``sum (e - m)^T C^-1 (e - m)`` with (T - 1) k degrees of freedom, the same for each parameter
-alone with T - 1, and the bias ``T m^T C^-1 m`` with k.
+alone with T - 1, and the bias ``T m^T C^-1 m`` with k. What the fits leave over, weighted by the noise,
+is chi-square too: a model that the readings do not come from leaves more.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ class Agreement:
     ratio : ndarray, shape (p,), simulated over predicted standard deviation
     total : float, scatter over its expectation
     shift : float, length of the mean error in standard deviations, per direction
-    tests : dict, "scatter", "bias", "parameter" -> probability of as much by chance
+    left : float, weighted squares that the fits leave over their expectation, NaN where not asked
+    tests : dict, "scatter", "bias", "parameter", "left" -> probability of as much by chance
     """
 
     trials: int
@@ -38,6 +40,7 @@ class Agreement:
     ratio: Array
     total: float
     shift: float
+    left: float
     tests: dict[str, float]
 
     @property
@@ -57,10 +60,14 @@ class Agreement:
         return np.asarray(self.bias / (self.std / np.sqrt(self.trials)))
 
 
-def agreement(errors: Array, covariance: Array) -> Agreement | None:
+def agreement(
+    errors: Array, covariance: Array, cost: Array | None = None, spare: int = 0
+) -> Agreement | None:
     """Judge trials by a predicted covariance; None from fewer than two.
 
     errors : ndarray, shape (trials, p), SI; covariance : ndarray, shape (p, p), SI
+    cost : ndarray, shape (trials,), what each fit leaves in squared standard deviations, with ``spare``
+        degrees of freedom each; left out of the tests without
     """
     from scipy.special import chdtrc
 
@@ -86,6 +93,10 @@ def agreement(errors: Array, covariance: Array) -> Agreement | None:
         "bias": bias,
         "parameter": len(alone) * min(alone),
     }
+    left = float("nan")
+    if cost is not None and spare > 0:
+        left = float(cost.sum()) / (trials * spare)
+        tests["left"] = _two_sided(float(cost.sum()), trials * spare)
     return Agreement(
         trials,
         std,
@@ -93,6 +104,7 @@ def agreement(errors: Array, covariance: Array) -> Agreement | None:
         std / predicted,
         scatter / dof,
         float(np.sqrt((mean**2).sum() / k)),
+        left,
         tests,
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -17,10 +18,16 @@ from calib.se3 import Array
 from calib.targets import targets_of
 from calib.threads import one_blas_thread
 from studies.compare.agreement import FEWEST, Agreement, agreement
+from studies.compare.derivatives import Derivatives, derivatives
 from studies.compare.experiment import PLAIN, POINTS, Experiment, Way, experiment_of
+from studies.compare.in_mujoco import points_in_mujoco
 from studies.compare.montecarlo import Refits, refits
 from studies.compare.prediction import Prediction, accuracy_at, predict
 from studies.compare.refutation import Reason, reason
+from studies.compare.scratch import MOST
+
+Truth = Literal["model", "mujoco"]
+"""Where simulated readings come from: the model that is fitted, or an arm in MuJoCo."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +57,15 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class PlanStudy:
-    """One plan under every way."""
+    """One plan under every way.
+
+    slopes : Derivatives, whether predictions rest on derivatives of the model
+    """
 
     name: str
     plan: Poses
     experiment: Experiment
+    slopes: Derivatives
     verdicts: tuple[Verdict, ...]
     refits: Refits
 
@@ -86,11 +97,13 @@ class Comparison:
     """The result of :func:`compare`.
 
     asked : int, trials for each plan
+    truth : where their readings come from
     """
 
     cell: Cell
     plans: tuple[PlanStudy, ...]
     asked: int
+    truth: Truth
 
     @property
     def trials(self) -> int:
@@ -122,6 +135,7 @@ def compare(
     *,
     trials: int = 200,
     values: Mapping[str, float] | None = None,
+    truth: Truth = "model",
     length: float = 1.0,
     seed: int = 0,
     executor: Executor | None = None,
@@ -131,6 +145,8 @@ def compare(
 
     plans : name -> Poses; trials : int, Monte Carlo refits of each plan by each way, 0 for none
     values : name -> value, SI, where predictions and simulations hold; see ``experiment_of``
+    truth : where simulated readings come from. The model's own notice no fault in its torques or
+        weights, which cancels; MuJoCo's do
     length : float, m, characteristic length of the plain weighting
     executor : where the trials are computed; figures do not depend on it
     progress : called with the number of trials just done
@@ -138,12 +154,14 @@ def compare(
     An interruption (KeyboardInterrupt) ends the simulation: the trials done are kept, what was not
     simulated is predicted.
 
-    Raises UnknownEffect, EffectCannotAct, CalibError.
+    Raises UnknownEffect, EffectCannotAct, CalibError, also for effects that MuJoCo's arm cannot have.
     """
     if not plans:
         raise CalibError("no plan to compare")
+    if truth not in get_args(Truth):
+        raise CalibError(f"truth {truth!r} is unknown; choose {' or '.join(get_args(Truth))}")
     targets, weights = targets_of(cell)
-    prepared = [_prepared(cell, plan, values, length, seed) for plan in plans.values()]
+    prepared = [_prepared(cell, plan, values, truth, length, seed) for plan in plans.values()]
     studies: list[PlanStudy] = []
     for index, (name, (experiment, predictions)) in enumerate(zip(plans, prepared, strict=True)):
         interrupted = any(study.refits.trials < trials for study in studies)
@@ -154,20 +172,34 @@ def compare(
             seed=(seed, index),
             executor=executor,
             progress=progress,
+            scratch=MOST,
         )
-        verdicts = tuple(_verdict(experiment, p, done, targets, weights, seed) for p in predictions)
-        studies.append(PlanStudy(name, plans[name], experiment, verdicts, done))
-    return Comparison(cell, tuple(studies), trials)
+        at = (experiment.nominal, experiment.truth)
+        slopes = derivatives(experiment.model, experiment.poses, *at)
+        verdicts = tuple(
+            _verdict(experiment, p, done, slopes, targets, weights, seed) for p in predictions
+        )
+        studies.append(PlanStudy(name, plans[name], experiment, slopes, verdicts, done))
+    return Comparison(cell, tuple(studies), trials, truth)
 
 
 def _prepared(
-    cell: Cell, plan: Poses, values: Mapping[str, float] | None, length: float, seed: int
+    cell: Cell,
+    plan: Poses,
+    values: Mapping[str, float] | None,
+    truth: Truth,
+    length: float,
+    seed: int,
 ) -> tuple[Experiment, list[Prediction]]:
     """An experiment and its predictions, before anything is simulated."""
     own = None if values is None else as_vector(build(cell, plan).model, values)
     experiment = experiment_of(cell, plan, values=own, length=length, seed=seed)
     predictions = [predict(experiment, way) for way in experiment.ways]
-    return replace(experiment, truth=_visible_truth(experiment, predictions)), predictions
+    experiment = replace(experiment, truth=_visible_truth(experiment, predictions))
+    if truth == "mujoco":
+        exact = points_in_mujoco(cell, experiment.model, experiment.truth, experiment.poses)
+        experiment = replace(experiment, exact=exact)
+    return experiment, predictions
 
 
 def _visible_truth(experiment: Experiment, predictions: list[Prediction]) -> Array:
@@ -180,6 +212,7 @@ def _verdict(
     experiment: Experiment,
     prediction: Prediction,
     done: Refits,
+    slopes: Derivatives,
     targets: Poses,
     weights: Array,
     seed: int,
@@ -187,11 +220,14 @@ def _verdict(
     rms, worst = accuracy_at(experiment, prediction.covariance, targets, weights)
     if not done.trials:
         return Verdict(prediction, rms, worst, None, None, 0, np.nan)
-    errors = done.of(prediction.way.key)
-    judged = agreement(errors, prediction.covariance)
+    key = prediction.way.key
+    errors = done.of(key)
+    cost = done.cost[key][done.settled[key]] if prediction.way == POINTS else None
+    spare = 3 * int(experiment.seen.sum()) - prediction.span.shape[1]
+    judged = agreement(errors, prediction.covariance, cost, spare)
     why, simulated = None, np.nan
     if judged is not None and judged.trials >= FEWEST:
-        why = reason(experiment, prediction, errors, judged, seed)
+        why = reason(experiment, prediction, errors, judged, seed, slopes.wrong)
     if judged is not None and np.isfinite(rms):
         simulated, _ = accuracy_at(experiment, errors.T @ errors / len(errors), targets, weights)
     return Verdict(prediction, rms, worst, judged, why, done.trials - len(errors), simulated)

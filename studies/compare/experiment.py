@@ -61,6 +61,9 @@ class Experiment:
     nominal : ndarray, shape (p,), SI, what is known before: predictions hold there, fits start there
     truth : ndarray, shape (p,), SI, what simulated readings come from
     length : float, m, characteristic length of the plain weighting
+    cell : Cell, as a fit from nothing but the readings knows it, or None
+    exact : ndarray, shape (m, M, 3), m, readings without noise where they are not the model's own, such
+        as MuJoCo's; else None
     """
 
     model: Model
@@ -70,6 +73,8 @@ class Experiment:
     nominal: Array
     truth: Array
     length: float = 1.0
+    cell: Cell | None = None
+    exact: Array | None = None
 
     @property
     def ways(self) -> tuple[Way, ...]:
@@ -77,12 +82,20 @@ class Experiment:
         usable = orientable(self.model.marker_positions(self.nominal), self.seen)
         return WAYS if usable.any() else (POINTS,)
 
+    def readings(self) -> Array:
+        """What would be read without noise, shape (m, M, 3), m."""
+        return self.model.predict(self.truth, self.poses) if self.exact is None else self.exact
+
+    def measured(self, points: Array) -> Measurements:
+        """Points (..., m, M, 3), m, as a data set; leading axes are trials."""
+        return Measurements(self.poses, points, self.seen, np.full(self.seen.shape, np.nan))
+
     def observe(self, way: Way, points: Array) -> tuple[Observation, Array]:
         """Readings under a way, and the values (..., p) from which a fit starts.
 
         points : ndarray, shape (..., m, M, 3), m; leading axes are trials
         """
-        data = Measurements(self.poses, points, self.seen, np.full(self.seen.shape, np.nan))
+        data = self.measured(points)
         observation = Points(self.model, data, self.weights)
         start = np.broadcast_to(self.nominal, (*points.shape[:-3], len(self.nominal)))
         if way.approach == "points":
@@ -115,7 +128,7 @@ def experiment_of(
         soft = model.where(ElasticEffect)
         nominal[soft] = truth[soft]
     weights = noise_weights(cell.noise, model, nominal, poses, seen, cell.instrument)
-    return Experiment(model, poses, seen, weights, nominal, truth, length)
+    return Experiment(model, poses, seen, weights, nominal, truth, length, cell)
 
 
 def noise_weights(

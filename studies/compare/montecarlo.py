@@ -1,18 +1,20 @@
 """Simulated measurements and full refits, many at once.
 
-A trial is drawn from the full model, equilibrium iterated, and fitted by the search that identifies
-real data. Trials come in blocks of array operations; each block has a seed of its own, so figures do
-not depend on who computes it, where, or in which order.
+A trial is drawn from the full model, equilibrium iterated, or from MuJoCo's, and fitted by the search
+that identifies real data. The fits start where the robot is thought to be; a share of the trials is
+identified from nothing but its readings (:mod:`studies.compare.scratch`). Trials come in blocks of
+array operations; each block has a seed of its own, so figures do not depend on who computes it, where,
+or in which order.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import closing
 from dataclasses import dataclass
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +25,29 @@ from calib.threads import one_blas_thread
 from studies.compare.engines import interrupts_in
 from studies.compare.experiment import Experiment
 from studies.compare.prediction import Prediction
+from studies.compare.scratch import FromScratch, from_scratch, share_of
 
 MOST_TRIALS = 50  # a block: enough for array operations to pay, few enough to stay in the cache
 _MOST_NUMBERS = 4_000_000  # entries of the derivatives of one block
 
-Block = dict[str, tuple[Array, NDArray[np.bool_]]]
-"""Way -> errors of its estimates (trials, p), SI, and whether each search settled (trials,)."""
+
+class Fits(NamedTuple):
+    """What one way made of the trials of a block.
+
+    errors : ndarray, shape (trials, p), SI, of its estimates
+    settled : ndarray of bool, shape (trials,)
+    cost : ndarray, shape (trials,), weighted sum of squares that is left
+    scratch : list of FromScratch, of the trials that were identified from scratch
+    """
+
+    errors: Array
+    settled: NDArray[np.bool_]
+    cost: Array
+    scratch: list[FromScratch]
+
+
+Block: TypeAlias = dict[str, Fits]
+"""Way -> what it made of a block's trials."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +57,15 @@ class Refits:
     errors : dict, way -> ndarray, shape (trials, p), SI, estimate minus truth; zero for parameters that
         the plan leaves open
     settled : dict, way -> ndarray of bool, shape (trials,)
+    cost : dict, way -> ndarray, shape (trials,), weighted sum of squares that is left
+    scratch : dict, way -> list of FromScratch, of the trials that were identified from scratch
     asked : int, trials that were wanted; fewer are there after an interruption
     """
 
     errors: dict[str, Array]
     settled: dict[str, NDArray[np.bool_]]
+    cost: dict[str, Array]
+    scratch: dict[str, list[FromScratch]]
     asked: int
 
     @property
@@ -61,10 +84,13 @@ def refit(
     predictions: Sequence[Prediction],
     trials: int,
     seed: np.random.SeedSequence,
+    whole: Mapping[str, int],
 ) -> Block:
-    """Draw readings and estimate the parameters of each, by every way from the same readings."""
-    model, truth = experiment.model, experiment.truth
-    exact = model.predict(truth, experiment.poses)
+    """Draw readings and estimate the parameters of each, by every way from the same readings.
+
+    whole : way -> how many of the trials it identifies from scratch too
+    """
+    truth, exact = experiment.truth, experiment.readings()
     white = np.random.default_rng(seed).standard_normal((trials, *exact.shape, 1))
     points = exact + (np.linalg.pinv(experiment.weights) @ white)[..., 0]
     found = {}
@@ -72,8 +98,23 @@ def refit(
         observation, start = experiment.observe(prediction.way, points)
         best = levenberg_marquardt(observation.flat, start, prediction.span)
         errors = np.where(np.isnan(prediction.std), 0.0, best.values - truth)
-        found[prediction.way.key] = errors, best.converged
+        scratch = _from_scratch(
+            experiment, prediction, points, best.values, whole.get(prediction.way.key, 0)
+        )
+        found[prediction.way.key] = Fits(errors, best.converged, best.cost, scratch)
     return found
+
+
+def _from_scratch(
+    experiment: Experiment, prediction: Prediction, points: Array, values: Array, count: int
+) -> list[FromScratch]:
+    if experiment.cell is None:
+        return []
+    done = (
+        from_scratch(experiment.cell, experiment, prediction, own, refitted)
+        for own, refitted in zip(points[:count], values[:count], strict=True)
+    )
+    return [found for found in done if found is not None]
 
 
 def refits(
@@ -84,10 +125,12 @@ def refits(
     seed: int | Sequence[int] = 0,
     executor: Executor | None = None,
     progress: Callable[[int], None] = lambda _: None,
+    scratch: int = 0,
 ) -> Refits:
     """Monte Carlo study of one plan.
 
     trials : int; seed : int, or several, such as a number for each plan beside the user's
+    scratch : int, most of the trials that are identified from scratch too
     executor : where blocks are computed, here without one
     progress : called with the number of trials that were just done
 
@@ -96,7 +139,11 @@ def refits(
     """
     sizes = _block_sizes(experiment, trials)
     seeds = np.random.SeedSequence(seed).spawn(len(sizes))
-    jobs = [(experiment, predictions, size, own) for size, own in zip(sizes, seeds, strict=True)]
+    whole = {p.way.key: share_of(p.way, trials, scratch) for p in predictions}
+    jobs = [
+        (experiment, predictions, size, own, _evenly(whole, index, len(sizes)))
+        for index, (size, own) in enumerate(zip(sizes, seeds, strict=True))
+    ]
     done: dict[int, Block] = {}
     try:
         with closing(_blocks(jobs, executor)) as blocks:
@@ -108,10 +155,17 @@ def refits(
     ordered = [done[index] for index in sorted(done)]
     keys = [prediction.way.key for prediction in predictions] if ordered else []
     return Refits(
-        {key: np.concatenate([block[key][0] for block in ordered]) for key in keys},
-        {key: np.concatenate([block[key][1] for block in ordered]) for key in keys},
+        {key: np.concatenate([block[key].errors for block in ordered]) for key in keys},
+        {key: np.concatenate([block[key].settled for block in ordered]) for key in keys},
+        {key: np.concatenate([block[key].cost for block in ordered]) for key in keys},
+        {key: [own for block in ordered for own in block[key].scratch] for key in keys},
         trials,
     )
+
+
+def _evenly(whole: Mapping[str, int], block: int, blocks: int) -> dict[str, int]:
+    """One block's part of what is counted over all of them."""
+    return {key: len(range(block, count, blocks)) for key, count in whole.items()}
 
 
 def _block_sizes(experiment: Experiment, trials: int) -> list[int]:

@@ -5,20 +5,28 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal
 
+import numpy as np
+
+from calib.identify.solver import levenberg_marquardt
 from calib.se3 import Array
 from studies.compare.agreement import BELIEVED, Agreement, agreement
 from studies.compare.experiment import Experiment
 from studies.compare.montecarlo import refits
 from studies.compare.prediction import Prediction, predict
 
-Reason = Literal["chance", "truth", "noise", "unknown"]
+Reason = Literal["derivative", "chance", "arm", "truth", "noise", "unknown"]
 
 _RARE = 1e-4  # chance that is no explanation any more
-_TRIALS = 100
+_TRIALS = (100, 1000)  # at little noise: as many as refuted the prediction, within these
 _QUIET = 10.0
+_ELSEWHERE = 0.01  # standard deviations, RMS: what readings without noise may be off by
 
 SAYS: dict[Reason, str] = {
+    "derivative": "a derivative that the prediction rests on is wrong, and nonlinearity explains "
+    "nothing here",
     "chance": "this may be chance: repeat with another --seed or more trials",
+    "arm": "even without noise the fits end beside the truth: the arm that is fitted is not the one "
+    "that was measured, so its kinematics, torques or weights are wrong",
     "truth": "predicted at the simulated robot it agrees: the robot's errors change what the plan "
     "tells, so predict at identified values (--values)",
     "noise": "at a tenth of the noise it agrees: the fits are not linear in noise of this size; more "
@@ -29,24 +37,43 @@ SAYS: dict[Reason, str] = {
 
 
 def reason(
-    experiment: Experiment, prediction: Prediction, errors: Array, judged: Agreement, seed: int
+    experiment: Experiment,
+    prediction: Prediction,
+    errors: Array,
+    judged: Agreement,
+    seed: int,
+    wrong_derivative: bool = False,
 ) -> Reason | None:
     """The first explanation that holds, None where there is nothing to explain.
 
     errors : ndarray, shape (trials, p), SI, that the prediction failed
+    wrong_derivative : whether a column of the Jacobian is no derivative
     """
     if judged.p >= BELIEVED:
         return None
+    if wrong_derivative:
+        return "derivative"
     if judged.p > _RARE:
         return "chance"
+    if experiment.exact is not None and _ends_elsewhere(experiment, prediction):
+        return "arm"
     there = predict(replace(experiment, nominal=experiment.truth), prediction.way)
     if _agrees(errors, there.covariance):
         return "truth"
+    # As much power as refuted the prediction: with less, a wrong covariance would agree again.
     quiet = replace(experiment, weights=_QUIET * experiment.weights)
-    done = refits(quiet, [prediction], _TRIALS, seed=(seed, 1))
+    done = refits(quiet, [prediction], int(np.clip(judged.trials, *_TRIALS)), seed=(seed, 1))
     if _agrees(done.of(prediction.way.key), there.covariance / _QUIET**2):
         return "noise"
     return "unknown"
+
+
+def _ends_elsewhere(experiment: Experiment, prediction: Prediction) -> bool:
+    """Whether readings without noise lead anywhere but to the truth."""
+    observation, start = experiment.observe(prediction.way, experiment.readings())
+    best = levenberg_marquardt(observation.flat, start, prediction.span)
+    off = (best.values - experiment.truth) / prediction.std
+    return not float(np.sqrt(np.nanmean(off**2))) < _ELSEWHERE
 
 
 def _agrees(errors: Array, covariance: Array) -> bool:

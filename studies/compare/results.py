@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ from studies.compare.agreement import BELIEVED, FEWEST, Agreement, band
 from studies.compare.anatomy import influence
 from studies.compare.compare import Comparison, PlanStudy, Verdict
 from studies.compare.refutation import SAYS
+from studies.compare.scratch import FromScratch, surprising
 
 _MM = 1e3
 UNSETTLED = 0.01
@@ -31,6 +34,7 @@ def comparison_fields(result: Comparison) -> dict[str, Any]:
         "notes": _notes(result.cell),
         "trials": result.trials,
         "trials_asked": result.asked,
+        "truth": result.truth,
         "agreement": {
             "worst_ratio": result.worst_ratio,
             "chi2_p": result.p,
@@ -64,6 +68,7 @@ def _plan(study: PlanStudy) -> dict[str, Any]:
         "poses": len(study.plan),
         "readings": len(study.experiment.poses),
         "trials": study.refits.trials,
+        "derivatives": {"worst_relative_error": study.slopes.off, "id": study.slopes.parameter},
         "hidden_markers": int((~study.experiment.seen).sum()),
         "readings_without_pose": _without_pose(study),
         "approaches": [_approach(study, verdict) for verdict in study.verdicts],
@@ -116,8 +121,22 @@ def _approach(study: PlanStudy, verdict: Verdict) -> dict[str, Any]:
         "task_worst_mm": verdict.task_worst * _MM,
         "monte_carlo_task_rms_mm": verdict.simulated_rms * _MM,
         "not_converged": verdict.unsettled,
+        "from_scratch": _from_scratch(study.refits.scratch.get(way.key, [])),
         "agreement": None if found is None else _agreement(found),
         "reason": verdict.reason,
+    }
+
+
+def _from_scratch(done: Sequence[FromScratch]) -> dict[str, Any] | None:
+    """Trials that were identified as real data are: start values, outliers and noise of their own."""
+    if not done:
+        return None
+    return {
+        "trials": len(done),
+        "same": sum(own.same for own in done),
+        "with_outliers": sum(own.outliers > 0 for own in done),
+        "noise": dict(Counter(own.noise for own in done)),
+        "farthest_in_standard_deviations": max(own.apart for own in done),
     }
 
 
@@ -136,11 +155,19 @@ def _believed(result: Comparison) -> bool | None:
     if result.trials < FEWEST:
         return None
     lost = max(v.unsettled for v in verdicts) > UNSETTLED * result.trials
-    return not lost and result.p is not None and result.p >= BELIEVED
+    wrong = any(study.slopes.wrong for study in result.plans) or _astray(result) is not None
+    return not (lost or wrong) and result.p is not None and result.p >= BELIEVED
 
 
 def _says(result: Comparison) -> str:
     """Whether to believe the prediction, and if not, why and by how much."""
+    for study in result.plans:
+        if study.slopes.wrong:
+            return (
+                f"refuted at {study.name}: the derivative by {study.slopes.parameter} is "
+                f"{100.0 * study.slopes.off:.2g} % off the model's own slope, a fault of the program "
+                "or of an added effect; what is predicted rests on it"
+            )
     if not result.trials:
         return "nothing was simulated"
     if result.trials < FEWEST:
@@ -155,13 +182,34 @@ def _says(result: Comparison) -> str:
             f"{study.name}: the plan hardly determines the model"
         )
     if result.p is not None and result.p >= BELIEVED:
-        return "simulation and prediction agree"
+        return _astray(result) or "simulation and prediction agree"
     study, verdict = min(
         (pair for pair in pairs if pair[1].agreement is not None),
         key=lambda pair: pair[1].agreement.p if pair[1].agreement is not None else 1.0,
     )
     why = SAYS[verdict.reason or "chance"]
     return f"refuted at {study.name}, {verdict.way.key}: {_failed(study, verdict)}; {why}"
+
+
+def _astray(result: Comparison) -> str | None:
+    """What trials that were identified from scratch did otherwise than their refits, if too many."""
+    for study in result.plans:
+        for key, done in study.refits.scratch.items():
+            elsewhere, noisy = surprising(done)
+            if elsewhere:
+                count = sum(not own.same for own in done)
+                return (
+                    f"refuted at {study.name}, {key}: {count} of {len(done)} experiments that were "
+                    "identified as real data are ended elsewhere than from the true robot: start "
+                    "values or outliers lead the search astray"
+                )
+            if noisy:
+                count = sum(own.noise != "cell" for own in done)
+                return (
+                    f"refuted at {study.name}, {key}: {count} of {len(done)} experiments that were "
+                    "identified as real data are took their noise for other than the cell's"
+                )
+    return None
 
 
 def _failed(study: PlanStudy, verdict: Verdict) -> str:
@@ -172,6 +220,10 @@ def _failed(study: PlanStudy, verdict: Verdict) -> str:
     worst = min(found.tests, key=lambda name: found.tests[name])
     if worst == "bias":
         return f"the mean error is {found.shift:.2g} standard deviations in every direction"
+    if worst == "left":
+        return (
+            f"what the fits leave over is {100.0 * (found.left**0.5 - 1.0):+.2g} % beside the noise"
+        )
     if worst == "scatter":
         return f"all directions together scatter {100.0 * (found.total**0.5 - 1.0):+.2g} %"
     ratio = np.where(np.isfinite(found.ratio), found.ratio, 1.0)

@@ -124,6 +124,9 @@ def _belief(fields: dict[str, Any]) -> Iterator[str]:
             f"           simulated / predicted is {found['worst_ratio']:.2f} where it is farthest from "
             f"one ({low:.2f} to {high:.2f} is chance among {found['ratios']}); p = {p:.2g}"
         )
+    drawn = "MuJoCo's arm" if fields["truth"] == "mujoco" else "the model that is fitted"
+    yield f"           readings drawn from {drawn}"
+    yield f"           {_from_scratch(fields['plans'])}"
     for plan in fields["plans"]:
         for entry in plan["approaches"]:
             if entry["not_converged"]:
@@ -131,6 +134,18 @@ def _belief(fields: dict[str, Any]) -> Iterator[str]:
                     f"           {entry['not_converged']} of {plan['trials']} fits of {_label(entry)} "
                     f"did not settle at {plan['plan']} and are left out"
                 )
+
+
+def _from_scratch(plans: list[dict[str, Any]]) -> str:
+    """How many trials were identified as real data are, and where that led."""
+    done = [e["from_scratch"] for plan in plans for e in plan["approaches"] if e["from_scratch"]]
+    if not done:
+        return "none identified from scratch"
+    trials, same, out = (sum(d[key] for d in done) for key in ("trials", "same", "with_outliers"))
+    return (
+        f"of {_count(trials, 'fit')} as real data are, {same} end where the refits do, "
+        f"{out} set poses aside"
+    )
 
 
 def _interrupted(fields: dict[str, Any]) -> Iterator[str]:

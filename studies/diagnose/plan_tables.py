@@ -48,6 +48,8 @@ def _head(name: str, fields: dict[str, Any]) -> Iterator[str]:
     yield f"{name}: this plan can see {seen} of {asked} causes, where they are large enough"
     hidden = fields["hidden_markers"]
     lost = f", {hidden} marker readings out of sight" if hidden else ""
+    first = len(fields["before_the_first_move"])
+    lost += f", {first} before the first move do not count" if first else ""
     yield f"reads      {fields['readings']} readings, {fields['points']} points{lost}"
     if fields["approach_derived"]:
         yield "approach   follows from the order of the poses"

@@ -16,9 +16,9 @@ from calib.effects.tool import Tool
 from studies.tables import plain_table
 
 _LABELS = {
+    "fitted_all": "fitted, every pose",
+    "fitted": "fitted, without the outliers",
     "nominal": "nominal (base and markers fitted)",
-    "fitted": "fitted",
-    "fitted_all": "fitted to every pose, outliers too",
     "heldout": "held out",
     "heldout_trimmed": "held out, without its outliers",
 }

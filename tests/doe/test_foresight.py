@@ -17,7 +17,7 @@ from calib.simulate import simulate
 from doe.foresight import Foresight, foresee
 from doe.foresight.fields import foresight_fields
 from doe.foresight.splits import splits
-from tests.helpers import with_effects
+from tests.helpers import cell_of, random_robot, with_effects
 
 MODEL = ("base", "tool", "geometry", "joint_compliance:A2,A3,A4,A5,A6")
 
@@ -82,6 +82,28 @@ def test_a_diagnosis_finds_what_is_larger_and_no_less(
     assert [place.where for place in calib.diagnose(cell, data).located] == places
 
 
+def test_the_reading_before_the_first_move_counts_no_more_than_in_a_diagnosis() -> None:
+    """The stated size has the stated noncentrality by plain least squares on what is left."""
+    rng = np.random.default_rng(0)
+    robot = random_robot(rng, 4)
+    cell = cell_of(robot, rng.uniform(-0.2, 0.2, (2, 3)), ("base", "tool"))
+    plan = poses_at(rng.uniform(*robot.sample_limits().T, (9, 4)))
+    derived = foresee(cell, plan)
+    assert foresight_fields(derived)["before_the_first_move"] == ["p0000"]
+    poses = with_moves(plan)
+    given = foresee(cell, replace(poses, approach_derived=False))
+    assert foresight_fields(given)["before_the_first_move"] == []
+    for seen, first in ((derived, 1), (given, 0)):
+        sight = next(s for s in seen.seen if s.key == "backlash:j2")
+        columns = [calib.observation(with_effects(cell, *more), poses)[first:]
+                   for more in (("base", "tool"), ("base", "tool", sight.key))]  # fmt: skip
+        N, X = (rows.reshape(-1, rows.shape[-1]) / cell.noise.across for rows in columns)
+        signal = X[:, -1] * sight.smallest[0]
+        left = signal - N @ np.linalg.lstsq(N, signal, rcond=None)[0]
+        assert left @ left == pytest.approx(sight.needed, rel=1e-6)
+    assert derived.seen[0].smallest[0] > 1.02 * given.seen[0].smallest[0]
+
+
 def test_facts_that_hold_for_any_robot(found: Foresight) -> None:
     hidden = {s.key: s.reason for s in found.hidden}
     assert "geometry" in hidden["tracker_scale:instrument"]
@@ -109,7 +131,8 @@ def test_a_hidden_scale_is_seen_where_lengths_are_known(cell: Cell) -> None:
     known = with_effects(cell, "base")
     scale = next(s for s in foresee(known, session(cell, 12)).seen if s.key.startswith("tracker_s"))
     # Of what moves with the distance only the shift of the mean is a movement of the base.
-    points = build(known).model.predict(np.zeros(6), session(cell, 12)).reshape(-1, 3)
+    # The two readings before the first move do not count.
+    points = build(known).model.predict(np.zeros(6), session(cell, 12))[2:].reshape(-1, 3)
     spread = np.sqrt(((points - points.mean(axis=0)) ** 2).sum())
     expected = np.sqrt(scale.needed) * cell.noise.across / spread
     assert scale.smallest[0] == pytest.approx(expected, rel=1e-6)

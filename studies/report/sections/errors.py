@@ -9,6 +9,7 @@ import numpy as np
 
 from calib import Cell
 from calib.se3 import Array
+from studies.identify.common import shared_sentence
 from studies.identify.pictures import instrument_sigma, residual_pictures, workspace_pictures
 from studies.identify.point_errors import PointErrors, point_errors
 from studies.plots.against import against
@@ -16,9 +17,9 @@ from studies.report.evidence import Evidence, Measured, Result
 from studies.report.parts import Figure, Part, Section, Table, Text, folded
 
 _LABELS = {
-    "nominal": "nominal model, base and markers fitted",
-    "fitted": "identified model, outliers left out",
     "fitted_all": "identified model, every pose",
+    "fitted": "identified model, outliers left out",
+    "nominal": "nominal model, base and markers fitted",
     "heldout": "poses it never saw",
     "heldout_trimmed": "poses it never saw, without their outliers",
 }
@@ -96,6 +97,8 @@ def _outliers(fields: dict[str, Any]) -> Iterator[Part]:
             ("pose", "what became of it", "reason"), rows, "Poses that stand out", of_poses=True,
             fold=folded("Poses that stand out", rows),
         )  # fmt: skip
+        if fields.get("outliers_share"):
+            yield Text(shared_sentence(fields["outliers_share"]), "warn")
     else:
         yield Text("No pose was rejected.", "good")
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from studies.diagnose.tables import loud, verdict_sentence
+from studies.identify.common import shared_sentence
 from studies.report.bars import Bar, bars
 from studies.report.evidence import Evidence, Result
 from studies.report.parts import Section, Text, listed
@@ -133,6 +134,8 @@ def _identify(fields: Mapping[str, Any]) -> Iterator[Text]:
     if fields["outliers"]:
         names = [entry["pose"] for entry in fields["outliers"]]
         yield Text(f"Left out of the fit as outliers: {listed(names)}.", "warn")
+    if fields.get("outliers_share"):
+        yield Text(shared_sentence(fields["outliers_share"]), "warn")
 
 
 def _unseen(fields: Mapping[str, Any]) -> float:

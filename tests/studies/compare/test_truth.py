@@ -1,0 +1,242 @@
+"""The truth of ``compare``: MuJoCo's arm, faults planted in the model, and fits from scratch."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import calib
+from calib import Cell, Poses, statics
+from calib.build import build
+from calib.errors import CalibError
+from calib.identify import Identification
+from calib.model import Model
+from calib.noise import Noise
+from calib.poses import Measurements, poses_at
+from calib.robot import Robot
+from calib.se3 import Array
+from calib.statics import Loads, Payload, Transmitted
+from studies.cli import main
+from studies.compare import Comparison, compare, scratch
+from studies.compare.derivatives import derivatives
+from studies.compare.experiment import POINTS, experiment_of, plausible
+from studies.compare.in_mujoco import points_in_mujoco
+from studies.compare.montecarlo import refits
+from studies.compare.prediction import predict
+from studies.compare.results import comparison_fields
+from studies.compare.scratch import FromScratch, surprising
+from studies.demo import INPUTS, embedded_text
+from tests.helpers import cell_of, random_poses, random_robot, with_effects
+
+pytest.importorskip("mujoco")
+
+EXPRESSED = (
+    "base", "tool", "geometry", "joint_compliance", "link_weight", "payload", "backlash",
+    "transmission_scale", "transmission_harmonic", "joint_coupling",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("dof", "slides"), [(3, ()), (6, (1,)), (7, ())])
+def test_mujoco_and_the_model_lead_to_the_same_points(dof: int, slides: tuple[int, ...]) -> None:
+    """Every effect that MuJoCo's arm can have, at once, on arms of no special shape under any load."""
+    rng = np.random.default_rng(dof)
+    robot = random_robot(rng, dof, prismatic=slides)
+    cell = cell_of(robot, rng.uniform(-0.2, 0.2, (3, 3)), EXPRESSED)
+    cell = replace(cell, payload=Payload(5.0, (0.1, 0.0, 0.2)))
+    poses = random_poses(rng, robot, 12)
+    model = build(cell, poses).model
+    values = plausible(model, poses, dof)
+    values[:6] = rng.normal(size=6)
+    points = points_in_mujoco(cell, model, values, poses)
+    np.testing.assert_allclose(points, model.predict(values, poses), atol=1e-10)
+    still = np.where(np.arange(len(values)) < 6, values, 0.0)
+    assert np.abs(points - model.predict(still, poses)).max() > 1e-3, "the effects must show"
+
+
+@pytest.fixture(scope="module")
+def arm() -> Cell:
+    """Four elastic joints, links of 2 to 40 kg, a base to be found, two markers."""
+    rng = np.random.default_rng(3)
+    robot = random_robot(rng, 4)
+    return cell_of(robot, rng.uniform(-0.2, 0.2, (2, 3)), ("base", "joint_compliance"))
+
+
+@pytest.fixture(scope="module")
+def plan(arm: Cell) -> Poses:
+    return random_poses(np.random.default_rng(4), arm.robot, 12)
+
+
+def one_marker(cell: Cell) -> Cell:
+    return replace(
+        cell,
+        marker_names=("m1",),
+        markers=cell.markers[:1],
+        marker_normals=cell.marker_normals[:1],
+        marker_acceptance=cell.marker_acceptance[:1],
+    )
+
+
+def study(cell: Cell, plan: Poses, truth: Any = "mujoco", trials: int = 60) -> Comparison:
+    return compare(cell, {"p": plan}, trials=trials, truth=truth, seed=2)
+
+
+def torques_too_large(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = statics.transmitted
+
+    def wrong(*arguments: Any) -> Transmitted:
+        found = right(*arguments)
+        return replace(found, local=1.3 * found.local)
+
+    monkeypatch.setattr(statics, "transmitted", wrong)
+
+
+def links_too_heavy(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = statics.loads_of
+
+    def wrong(robot: Robot, poses: Poses, payload: Payload, gravity: Array) -> Loads:
+        return right(replace(robot, masses=3.0 * robot.masses), poses, payload, gravity)
+
+    monkeypatch.setattr(statics, "loads_of", wrong)
+
+
+def column_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = Model._jacobian
+
+    def wrong(self: Model, values: Array, poses: Poses) -> tuple[Array, Array]:
+        points, J = right(self, values, poses)
+        J[..., [p.id == "joint_compliance:j3.compliance" for p in self.parameters]] *= 1.2
+        return points, J
+
+    monkeypatch.setattr(Model, "_jacobian", wrong)
+
+
+def test_the_program_as_it_is_agrees_with_mujoco(arm: Cell, plan: Poses) -> None:
+    result = study(arm, plan)
+    fields = comparison_fields(result)
+    assert fields["truth"] == "mujoco"
+    assert fields["agreement"]["believed"] is True
+    assert result.p is not None
+    assert result.p > 0.01
+    assert fields["plans"][0]["derivatives"]["worst_relative_error"] < 1e-4
+    done = fields["plans"][0]["approaches"][-1]["from_scratch"]
+    assert done["trials"] == done["same"] == 3
+    assert done["farthest_in_standard_deviations"] < 0.01
+
+
+@pytest.mark.parametrize("fault", [torques_too_large, links_too_heavy])
+def test_a_fault_in_the_statics_is_noticed(
+    arm: Cell,
+    plan: Poses,
+    monkeypatch: pytest.MonkeyPatch,
+    fault: Callable[[pytest.MonkeyPatch], None],
+) -> None:
+    fault(monkeypatch)
+    blind = study(arm, plan, "model").p
+    assert blind is not None
+    assert blind > 0.01, "against its own model a fault of the model cancels"
+    result = study(arm, plan)
+    assert result.p is not None
+    assert result.p < 1e-12
+    found = comparison_fields(result)["agreement"]
+    assert found["believed"] is False
+    assert "kinematics, torques or weights are wrong" in found["says"]
+
+
+@pytest.mark.parametrize("truth", ["model", "mujoco"])
+def test_a_wrong_derivative_is_no_nonlinearity(
+    arm: Cell, plan: Poses, monkeypatch: pytest.MonkeyPatch, truth: str
+) -> None:
+    column_too_long(monkeypatch)
+    result = study(arm, plan, truth, trials=0)
+    assert result.plans[0].slopes.parameter == "joint_compliance:j3.compliance"
+    assert result.plans[0].slopes.off == pytest.approx(0.2 / 1.2, rel=1e-3)
+    result = study(arm, plan, truth, trials=200)
+    points = result.plans[0].points
+    assert points.reason == "derivative"
+    assert points.agreement is not None
+    assert points.agreement.p < 1e-2
+    found = comparison_fields(result)["agreement"]
+    assert found["believed"] is False
+    assert "the derivative by joint_compliance:j3.compliance is 17 % off" in found["says"]
+
+
+def test_every_column_of_every_effect_passes() -> None:
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        robot = random_robot(rng, 6, prismatic=(2,) if seed else ())
+        cell = cell_of(robot, rng.uniform(-0.2, 0.2, (3, 3)), EXPRESSED)
+        poses = random_poses(rng, robot, 10)
+        model = build(cell, poses).model
+        values = plausible(model, poses, seed)
+        assert derivatives(model, poses, 0.0 * values, values).off < 1e-4
+
+
+def test_nonlinearity_is_still_called_so(kr270: Cell, table_two: Poses) -> None:
+    """The same poses as the wrong derivative's, but noise of millimetres on one marker."""
+    cell = one_marker(with_effects(kr270, "base"))
+    cell = replace(cell, noise=Noise.isotropic(3e-3), load=None)
+    near = poses_at(table_two.q[:1] + 0.01 * np.random.default_rng(0).normal(size=(8, 6)))
+    result = compare(cell, {"coarse": near}, trials=200, truth="mujoco")
+    assert result.plans[0].points.reason == "noise"
+    assert not result.plans[0].slopes.wrong
+
+
+@pytest.mark.parametrize("effect", ["gravity_compensator:A2", "bearing_compliance:A2"])
+def test_what_mujoco_has_not_is_refused(kr270: Cell, table_two: Poses, effect: str) -> None:
+    cell = with_effects(kr270, "joint_compliance:A2", effect)
+    with pytest.raises(CalibError, match=f"{effect} is nothing that MuJoCo's model of an arm has"):
+        compare(cell, {"p": table_two}, trials=0, truth="mujoco")
+
+
+def test_trials_from_scratch_are_the_same_wherever_blocks_are_cut(arm: Cell, plan: Poses) -> None:
+    experiment = experiment_of(arm, plan)
+    prediction = predict(experiment, POINTS)
+    done = refits(experiment, [prediction], 120, scratch=4).scratch["points"]
+    assert len(done) == 4
+    assert all(own.same and own.noise == "cell" for own in done)
+    assert not refits(experiment, [prediction], 3).scratch["points"]
+
+
+def test_trials_that_end_elsewhere_are_counted() -> None:
+    here, there = FromScratch(0.0, 0, "cell"), FromScratch(3.0, 1, "cell")
+    loud = FromScratch(0.0, 0, "residual")
+    assert surprising([here] * 20) == (False, False)
+    assert surprising([here] * 19 + [there]) == (False, False)
+    assert surprising([here] * 16 + [there] * 4) == (True, False)
+    assert surprising([here] * 10 + [loud] * 10) == (False, True)
+
+
+def test_a_search_that_is_led_astray_is_said(
+    arm: Cell, plan: Poses, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Identification sets a quarter of good poses aside; the refits keep them."""
+    right = calib.identify
+
+    def wasteful(cell: Cell, data: Measurements, **options: Any) -> Identification:
+        return right(cell, data.take(np.arange(9)), **options)
+
+    monkeypatch.setattr(scratch.calib, "identify", wasteful)
+    result = study(arm, plan, "model", trials=80)
+    done = result.plans[0].refits.scratch["points"]
+    assert not any(own.same for own in done)
+    found = comparison_fields(result)["agreement"]
+    assert found["believed"] is False
+    assert "ended elsewhere than from the true robot" in found["says"]
+
+
+def test_the_command(tmp_path: Path) -> None:
+    for name in INPUTS:
+        (tmp_path / name).write_text(embedded_text(name))
+    call = ["compare", str(tmp_path / "cell.toml"), str(tmp_path / "plan.csv"), "--workers", "1"]
+    call += ["--monte-carlo", "2", "--truth", "mujoco", "--json", "-"]
+    done = CliRunner().invoke(main, call)
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["truth"] == "mujoco"
+    assert "readings drawn from MuJoCo's arm\n" in done.stderr

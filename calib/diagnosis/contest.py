@@ -84,7 +84,7 @@ def contest(
     """
     active = list(active)
     before = stage.fit(())
-    fit = stage.fit([c.effect for c in active]) if active else before
+    fit = stage.fit([c.effect for c in active], before) if active else before
     tried: set[frozenset[str]] = {frozenset(c.key for c in active)}
     seen = columns.seen_from(stage, fit)
     for _ in range(_MOST_ROUNDS):
@@ -96,12 +96,12 @@ def contest(
             break
         tried.add(keys)
         active = found
-        fit = stage.fit([c.effect for c in active])
+        fit = stage.fit([c.effect for c in active], fit)
         seen = columns.seen_from(stage, fit)
     # A contest that goes in circles is left with what pays where it stood.
     while (idle := _idle(stage, seen, active, suspects)) is not None:
         active.remove(idle)
-        fit = stage.fit([c.effect for c in active])
+        fit = stage.fit([c.effect for c in active], fit)
         seen = columns.seen_from(stage, fit)
     return Outcome(before, fit, tuple(active), seen, suspects)
 

@@ -20,7 +20,7 @@ from calib.diagnosis.refused import Refused, believed, nothing
 from calib.diagnosis.screen import refuted
 from calib.diagnosis.shape import Doubt, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.verdict import Named, VerdictName, classes, verdict
+from calib.diagnosis.verdict import Named, VerdictName, verdict
 from calib.diagnosis.view import columns_at
 from calib.effects.protocol import ARM
 from calib.identify.estimators import Mask
@@ -166,8 +166,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
             break
         stage = replace(stage, dropped=out, robust=False)
         outcome = contest(stage, suspects, columns, outcome.active)
-    outcome, refused = believed(stage, outcome, columns)
-    named, after = classes(stage, outcome)
+    outcome, named, after, refused = believed(stage, outcome, columns)
     noise = _noise(stage, after, factor)
     floor = float(np.sqrt(3.0)) * noise.sigma
     counted = data.take(~stage.dropped)

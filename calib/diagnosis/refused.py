@@ -12,6 +12,7 @@ from calib.diagnosis.contest import Outcome, contest
 from calib.diagnosis.earned import BY_TIME, ledger
 from calib.diagnosis.screen import WIDE
 from calib.diagnosis.stage import Fit, Stage
+from calib.diagnosis.verdict import Named, classes
 from calib.diagnosis.view import Columns
 
 _MOST_ROUNDS = 12
@@ -28,22 +29,24 @@ class Refused:
 
 def believed(
     stage: Stage, outcome: Outcome, columns: Columns
-) -> tuple[Outcome, tuple[Refused, ...]]:
-    """The contest without what does not deserve its name, and what that was.
+) -> tuple[Outcome, tuple[Named, ...], Fit, tuple[Refused, ...]]:
+    """The contest without what does not deserve its name: its outcome, names, fit, and what went.
 
     Each time something goes, the others are asked again: what it stood for may have another cause.
     """
     refused: dict[str, Refused] = {}
     suspects = list(outcome.suspects)
     for _ in range(_MOST_ROUNDS):
-        fresh = _unworthy(stage, outcome.fit, outcome.active)
+        named, after = classes(stage, outcome)
+        curves = [entry.candidate for entry in outcome.entries if not entry.candidate.named]
+        fresh = _unworthy(stage, after, [*(n.candidate for n in named), *curves])
         if not fresh:
-            break
+            return outcome, named, after, tuple(refused.values())
         refused |= {c.key: Refused(c.effect.kind, c.where, why) for c, why in fresh}
         suspects = [c for c in suspects if c.key not in refused]
         rest = [c for c in outcome.active if c.key not in refused]
         outcome = contest(stage, suspects, columns, rest)
-    return outcome, tuple(refused.values())
+    return nothing(outcome), (), outcome.before, tuple(refused.values())
 
 
 def _unworthy(

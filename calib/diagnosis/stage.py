@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from calib.cell import Repeatability
 from calib.covariance import covariance, gain
 from calib.diagnosis.prior import curves_in, fitted_amplitudes, prior_rows, weak
+from calib.diagnosis.screen import field
 from calib.effects.protocol import Effect
 from calib.identify.estimators import choose_directions
 from calib.identify.outliers import fit_statistics
@@ -26,6 +27,8 @@ from calib.se3 import Array
 _HUBER = 2.0  # median lengths of a pose's residual beyond which it counts less
 _ROUNDS = 4
 _SETTLED = 0.05
+_TURNS = 2  # with levels of noise that follow from the fit
+_ALIKE = 0.2  # of the noise, that moves no curve
 _MOST_ITERATIONS = 20  # a model that needs more does not describe the arm
 
 
@@ -82,6 +85,13 @@ class Fit:
         return self.mixing.covariance(gains[:N].reshape(self.J.shape)) + of_prior.T @ of_prior
 
     @property
+    def cost_of_readings(self) -> float:
+        """Sum of squares of the independent rows, less what any step of the parameters would still bring."""
+        r, J = self.equations
+        left = field(J @ self.span, np.zeros((len(r), 0)), r).r if self.mixing is not None else r
+        return float((left[: self.r.size] ** 2).sum())
+
+    @property
     def volume(self) -> float:
         """Logarithm of the covariance's determinant, that of the instrument as stated being zero."""
         return 0.0 if self.mixing is None else self.mixing.log_determinant(self.J)
@@ -120,24 +130,37 @@ class Stage:
         weights = self.weights * (weight * ~self.dropped)[:, None, None, None]
         return Points(model, self.data, weights)
 
-    def fit(self, effects: Sequence[Effect]) -> Fit:
+    def fit(self, effects: Sequence[Effect], like: Fit | None = None) -> Fit:
         """Fit from the nominal values: a fit without the effects may have wandered.
 
-        Weights of poses and amplitudes of curves follow from the fit, and it from them.
+        like : Fit, of nearly the same effects, whose levels of noise the search begins with
+        Weights of poses, amplitudes of curves and levels of noise follow from the fit, and it from them.
         """
         model, values = self.model.extended(self.start, effects)
         weight = np.ones(len(self.data))
         span = determined_by(self.observation(model, weight), values)
-        fit = self._fitted(model, values, span, weight, weak(model))
+        pull = 1.0 if like is None else like.pull
+        fit = self._fitted(model, values, span, weight, weak(model), pull)
+        if like is not None:
+            fit = replace(fit, levels=like.levels)
+        for _ in range(_TURNS):
+            fit = self._settled(fit)
+            pull, fit = fit.pull, self._under_levels(fit)
+            if not fit.amplitudes or abs(fit.pull - pull) <= _ALIKE * pull:
+                break
+        return fit
+
+    def _settled(self, fit: Fit) -> Fit:
+        """The fit with weights of poses and amplitudes of curves that follow from it."""
         for _ in range(_ROUNDS):
-            fit = self._under_levels(fit) if fit.amplitudes else fit
             weight, amplitudes = self._robust_weight(fit), _amplitudes_of(fit)
             same_weights = np.allclose(weight, fit.weight, atol=_SETTLED)
             if same_weights and np.allclose(amplitudes, fit.amplitudes, rtol=_SETTLED):
                 break
-            last, fit = fit, self._fitted(model, fit.values, span, weight, amplitudes, fit.pull)
+            last = fit
+            fit = self._fitted(fit.model, fit.values, fit.span, weight, amplitudes, fit.pull)
             fit = replace(fit, levels=last.levels)
-        return self._under_levels(fit)
+        return fit
 
     def _fitted(
         self,
@@ -157,9 +180,8 @@ class Stage:
 
         found = levenberg_marquardt(linearise, start, span, _MOST_ITERATIONS)
         r, J = observation.linearise(found.values)
-        return Fit(
-            model, found.values, span, weight, amplitudes, r, J, bool(found.converged)
-        )  # fmt: skip
+        converged = bool(found.converged)
+        return Fit(model, found.values, span, weight, amplitudes, r, J, converged, pull=pull)
 
     def _under_levels(self, fit: Fit) -> Fit:
         """The fit under the levels of noise that its residual shows."""

@@ -33,7 +33,7 @@ class Ground:
     """What is modelled, with the columns of some suspects, and the levels without any of them.
 
     problem : Turned, of the modelled columns, the suspects' and the readings
-    rows : int, readings that count
+    rows : int, that the arm moves, readings of one approach once: what a direction is paid by
     at : dict, key of a candidate -> ndarray of int, its columns in the problem
     """
 
@@ -139,7 +139,7 @@ def ground(
     at = {c.key: np.arange(a, b) for c, a, b in zip(chosen, ends, ends[1:], strict=False)}
     return Ground(
         problem.with_columns(np.arange(wide.shape[-1] + 1), known),
-        int(np.count_nonzero(np.abs(fit.J).sum(axis=-1))),
+        int(np.count_nonzero(np.abs(fit.J).sum(axis=-1))) - levels.instrument_rows,
         at,
         levels,
     )

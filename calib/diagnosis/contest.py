@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.preference import instead_of
 from calib.diagnosis.profile import ground
 from calib.diagnosis.screen import NOTHING, Field, Score, score
 from calib.diagnosis.stage import Fit, Stage
@@ -25,7 +26,8 @@ ALPHA = 0.01
 """Probability of a false entry, over all candidates together."""
 _CHALLENGE = 1.0  # gain by which a rival must lead to take a place
 _NAMED_SHARE = 0.9  # of the leader's evidence at which a cause by name is preferred to a curve
-_MOST_EFFECTS = 12
+_MOST_EFFECTS = 8
+_CALLED = 12  # causes by name, of which some may stand for a curve
 _MOST_ROUNDS = 30
 _RIVALS = 12
 _BEYOND_DOUBT = 200.0  # gain that no choice of variances takes away
@@ -132,11 +134,31 @@ def _better(
         named = best.named and not member.named
         if best is not member and (named or scores[best.key].gain > own.gain + _CHALLENGE):
             return [*rest, best]
-    if len(active) >= _MOST_EFFECTS:
-        return active
-    scores = _scores(stage, seen_from, suspects)
-    best = _leader(scores, [c for c in suspects if c not in active], len(suspects))
-    return [*active, best] if _pays(scores[best.key], len(suspects)) else active
+    if len(active) < _MOST_EFFECTS:
+        scores = _scores(stage, seen_from, suspects)
+        best = _leader(scores, [c for c in suspects if c not in active], len(suspects))
+        if _pays(scores[best.key], len(suspects)):
+            return [*active, *(_by_name(seen_from.beside, seen_from, best, suspects) or [best])]
+    for curve in (c for c in active if not c.named):
+        names = _by_name(seen_from.without(curve), seen_from, curve, suspects)
+        if names:
+            return [*(c for c in active if c is not curve and c not in names), *names]
+    return active
+
+
+def _by_name(
+    beside: Field, seen_from: View, curve: Candidate, suspects: Sequence[Candidate]
+) -> list[Candidate]:
+    """The named causes that explain what a curve does; none where there are none, or for a name."""
+    if curve.spread is None:
+        return []
+    scores = _linear(beside, seen_from, [c for c in suspects if c.named])
+    named = [c for c in suspects if c.named and scores[c.key].gain > 0.0]
+    named = sorted(named, key=lambda c: -scores[c.key].gain)[:_CALLED]
+    at = [seen_from.where[c.key] for c in named]
+    own = seen_from.where[curve.key]
+    found = instead_of(beside, own, curve.spread, at, lambda s: _pays(s, len(suspects)))
+    return [named[i] for i in found]
 
 
 def _scores(stage: Stage, seen_from: View, suspects: Sequence[Candidate]) -> dict[str, Score]:

@@ -179,7 +179,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
             )
             outcome, named, after = nothing(outcome), (), outcome.before
             noise = _noise(stage, after, factor)
-    scale = noise.factor / factor if noise.source == "residual" and after.mixing is None else 1.0
+    scale = noise.factor / factor if noise.source != "cell" and after.mixing is None else 1.0
     left = _something_left(stage, outcome, after) or bool(refused and not outcome.active)
     causes = tuple(
         _cause(stage, outcome, n, after, scale, len(suspects), len(named)) for n in named
@@ -193,7 +193,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         added = after.model.effects[len(model.effects) :]
         gap = replace(gap, over_time=over_time(stage, added))
     doubted = left or gap.open or any(c.misshapen for c in causes)
-    doubted |= bool(causes) and noise.source == "residual" and not after.levels.instrument_only
+    doubted |= bool(causes) and noise.source == "residual"
     return Diagnosis(
         verdict=verdict(named, outcome, doubted),
         noise=noise,
@@ -259,6 +259,9 @@ def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:
     dof = 3 * int(stage.data.seen[kept].sum()) - fit.span.shape[1]
     weights = stage.weights[kept] * factor
     alone = noise_level(cost * factor**2, dof, stage.data.take(kept), weights)
+    if alone.source == "residual" and fit.levels is not None and fit.levels.instrument_only:
+        # What the markers of one reading say of each other repeats in every reading.
+        return replace(alone, source="replicates")
     if fit.mixing is None:
         return alone
     found = of_levels(fit.levels, alone)

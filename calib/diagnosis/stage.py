@@ -84,17 +84,16 @@ class Fit:
         of_prior = self.pull * gains[N:]
         return self.mixing.covariance(gains[:N].reshape(self.J.shape)) + of_prior.T @ of_prior
 
-    @property
-    def cost_of_readings(self) -> float:
-        """Sum of squares of the independent rows, less what any step of the parameters would still bring."""
+    def minus_two_log_likelihood(self) -> float:
+        """Of the readings, less a constant, at the levels of noise and at what is left by any step."""
         r, J = self.equations
-        left = field(J @ self.span, np.zeros((len(r), 0)), r).r if self.mixing is not None else r
-        return float((left[: self.r.size] ** 2).sum())
-
-    @property
-    def volume(self) -> float:
-        """Logarithm of the covariance's determinant, that of the instrument as stated being zero."""
-        return 0.0 if self.mixing is None else self.mixing.log_determinant(self.J)
+        left = field(J @ self.span, np.zeros((len(r), 0)), r).r[: self.r.size]
+        cost = float(left @ left)
+        if self.mixing is not None:
+            return cost + self.mixing.log_determinant(self.J)
+        scale = 1.0 if self.levels is None else self.levels.variances.scale
+        rows = np.count_nonzero(np.abs(self.J).sum(axis=-1))
+        return cost / scale**2 + float(2.0 * rows * np.log(scale))
 
     def positions(self, effect: Effect) -> IntArray:
         """Where an effect's parameters stand in the values."""

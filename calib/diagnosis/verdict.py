@@ -103,13 +103,14 @@ def _prices(fits: Sequence[Fit]) -> tuple[list[float], float]:
     the noise of all. Where whole poses err together, each fit has its own levels of noise.
     """
     scattered = any(fit.mixing is not None for fit in fits)
-    costs = np.array([fit.cost_of_readings for fit in fits])
+    costs = np.array([float((fit.r**2).sum()) for fit in fits])
     rows = np.array([max(2, np.count_nonzero(np.abs(fit.J).sum(axis=-1))) for fit in fits])
     free = np.array([fit.span.shape[1] for fit in fits])
     best = int(np.argmin(np.nan_to_num(costs, nan=np.inf) / np.maximum(1, rows - free)))
     dof = max(1, int(rows[best] - free[best]))
-    scale = costs[best] / dof if not scattered and refuted(float(costs[best]), dof) else 1.0
-    costs = costs + np.array([fit.volume for fit in fits])
+    scale = costs[best] / dof if refuted(float(costs[best]), dof) else 1.0
+    if scattered:
+        costs, scale = np.array([fit.minus_two_log_likelihood() for fit in fits]), 1.0
     curved = [
         curves_price(f.model, f.amplitudes, f.values, f.covariance if f.amplitudes else np.eye(0))
         for f in fits

@@ -22,7 +22,7 @@ from calib.poses import Poses
 from calib.robot import Robot
 from calib.se3 import Array, across, cross, rotate
 
-_SIZE = 1e-4  # rad, or m
+_SIZE = 1e-3  # rad: 10 urad/(N m) under 100 N m, a joint of a light arm; or m
 
 
 @dataclass(frozen=True, eq=False)

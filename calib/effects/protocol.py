@@ -45,7 +45,7 @@ class Parameter:
     effect, where, name : str, as in the effect table of the file formats
     unit : str, in which people read it
     scale : float, SI per unit
-    size : float, SI, a plausible magnitude: scales columns and nothing else
+    size : float, SI, a plausible magnitude: scales columns, and no cause is named beyond ten of it
     """
 
     effect: str

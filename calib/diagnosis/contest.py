@@ -27,8 +27,9 @@ ALPHA = 0.01
 _CHALLENGE = 1.0  # gain by which a rival must lead to take a place
 _NAMED_SHARE = 0.9  # of the leader's evidence at which a cause by name is preferred to a curve
 _MOST_EFFECTS = 8
+_MOST_CURVES = 4  # of which more than one seldom means a thing to anybody
 _CALLED = 12  # causes by name, of which some may stand for a curve
-_MOST_ROUNDS = 30
+_MOST_ROUNDS = 15
 _RIVALS = 12
 _BEYOND_DOUBT = 200.0  # gain that no choice of variances takes away
 _LEADING = (4, 2)  # causes by name, and curves, whose variances are found anew
@@ -135,8 +136,10 @@ def _better(
         if best is not member and (named or scores[best.key].gain > own.gain + _CHALLENGE):
             return [*rest, best]
     if len(active) < _MOST_EFFECTS:
+        full = sum(not c.named for c in active) >= _MOST_CURVES
+        eligible = [c for c in suspects if c not in active and (c.named or not full)]
         scores = _scores(stage, seen_from, suspects)
-        best = _leader(scores, [c for c in suspects if c not in active], len(suspects))
+        best = _leader(scores, eligible, len(suspects))
         if _pays(scores[best.key], len(suspects)):
             return [*active, *(_by_name(seen_from.beside, seen_from, best, suspects) or [best])]
     for curve in (c for c in active if not c.named):

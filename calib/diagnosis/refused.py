@@ -15,7 +15,7 @@ from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, classes
 from calib.diagnosis.view import Columns
 
-_MOST_ROUNDS = 5
+_MOST_ROUNDS = 3
 
 
 @dataclass(frozen=True)

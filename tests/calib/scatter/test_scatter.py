@@ -1,0 +1,204 @@
+"""Levels of noise against dense algebra and against what was drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.cell import Repeatability
+from calib.model import Model
+from calib.poses import Poses
+from calib.scatter import Scatter, Variances, levels_of, scatter_of
+from calib.scatter.restricted import likelihood, maximised, turned
+from calib.se3 import Array, so3_exp
+from calib.statics import Payload
+from tests.calib.scatter.arms import Day, visits_of
+from tests.helpers import random_robot
+
+SIGMA = 1e-5
+
+
+def scattering(poses: Poses, markers: int = 3) -> tuple[Scatter, Array, Day]:
+    """Levers of poses, the same whitened, and the day by its rows."""
+    rng = np.random.default_rng(3)
+    robot = random_robot(rng, 3)
+    names = tuple(f"m{j}" for j in range(markers))
+    model = Model(robot, names, rng.uniform(-0.2, 0.2, (markers, 3)), (), Payload(), np.zeros(3))
+    scatter = scatter_of(model, np.zeros(0), poses, Variances.none(3))
+    weighted = scatter.levers.reshape(len(poses), 3 * markers, -1) / SIGMA
+    rows = weighted.shape[1]
+    day = Day(
+        poses,
+        weighted.reshape(-1, weighted.shape[-1]),
+        np.repeat(scatter.approach, rows),
+        np.repeat(scatter.configuration, rows),
+    )
+    return scatter, weighted, day
+
+
+def spread_over(levers: Array, joints: int) -> Array:
+    """Variances (n + 2,) given to each of the n + 6 levers."""
+    return np.concatenate([levers[:joints], np.repeat(levers[joints:], 3)])
+
+
+APPROACH = np.array([0.0, 3e-5, 0.0, 1e-5, 5e-5]) ** 2
+PLACE = np.array([2e-5, 0.0, 0.0, 0.0, 8e-5]) ** 2
+
+
+def test_levers_are_what_small_displacements_do() -> None:
+    """Joints turned and the tip displaced by hand, by exponentials."""
+    poses = visits_of(4, 1, 1)
+    scatter, _, _ = scattering(poses)
+    rng = np.random.default_rng(3)
+    robot = random_robot(rng, 3)
+    model = Model(
+        robot, ("m0", "m1", "m2"), rng.uniform(-0.2, 0.2, (3, 3)), (), Payload(), np.zeros(3)
+    )
+    at = model.predict(np.zeros(0), poses)
+    tip = model.state(np.zeros(0), poses).frames.o[:, -1:]
+    for k in range(3):
+        q = poses.q.copy()
+        q[:, k] += 1e-6
+        moved = (model.predict(np.zeros(0), visits_at(poses, q)) - at) / 1e-6
+        np.testing.assert_allclose(scatter.levers[..., k], moved, atol=1e-5)
+        turn = so3_exp(1e-6 * np.eye(3)[k])
+        turned_by = ((at - tip) @ turn.T + tip - at) / 1e-6
+        np.testing.assert_allclose(scatter.levers[..., 6 + k], turned_by, atol=1e-5)
+
+
+def visits_at(poses: Poses, q: Array) -> Poses:
+    from dataclasses import replace
+
+    return replace(poses, q=q)
+
+
+def test_rows_become_independent() -> None:
+    poses = visits_of(5, 3, 2)
+    scatter, weighted, day = scattering(poses)
+    known = Variances(1.7, APPROACH, PLACE)
+    mixing = scatter.at(known).mixing(weighted)
+    V = day.covariance(1.7, spread_over(APPROACH, 3), spread_over(PLACE, 3))
+    N = len(V)
+    L = mixing(np.eye(N).reshape(*weighted.shape[:2], N)).reshape(N, N)
+    np.testing.assert_allclose(L @ V @ L.T, np.eye(N), atol=1e-9)
+    ones = np.ones((*weighted.shape[:2], 1))
+    assert mixing.log_determinant(ones) == pytest.approx(float(np.linalg.slogdet(V)[1]))
+    gains = np.random.default_rng(0).normal(size=(*weighted.shape[:2], 4))
+    flat = gains.reshape(N, 4)
+    np.testing.assert_allclose(mixing.covariance(gains), flat.T @ V @ flat, rtol=1e-9)
+
+
+def test_poses_that_do_not_count_change_nothing() -> None:
+    poses = visits_of(5, 2, 2)
+    scatter, weighted, _ = scattering(poses)
+    known = scatter.at(Variances(1.3, APPROACH, PLACE))
+    kept = np.ones(len(poses), dtype=bool)
+    kept[[3, 8]] = False
+    hidden = weighted * kept[:, None, None]
+    rows = np.random.default_rng(1).normal(size=weighted.shape[:2])[..., None] * kept[:, None, None]
+    mixed = known.mixing(hidden)(rows)
+    alone = known.take(kept).mixing(weighted[kept])(rows[kept])
+    np.testing.assert_allclose(mixed[kept], alone, atol=1e-9)
+    assert not mixed[~kept].any()
+
+
+@pytest.mark.parametrize(("approaches", "markers"), [(1, 3), (3, 3), (3, 1)])
+def test_the_likelihood_is_that_of_dense_matrices(approaches: int, markers: int) -> None:
+    """Value by its definition, gradient by differences."""
+    poses = visits_of(6, approaches, 2)
+    scatter, weighted, day = scattering(poses, markers)
+    rng = np.random.default_rng(2)
+    F = rng.normal(size=(*weighted.shape[:2], 5))
+    problem = turned(scatter, weighted, F, np.zeros((0, 5)), 3, False)
+    theta = 1.0 + rng.uniform(size=len(problem.units))
+    v = theta * problem.units
+    two = len(v) == 11
+    approach = v[1:6] if two else np.zeros(5)
+    V = day.covariance(float(np.sqrt(v[0])), spread_over(approach, 3), spread_over(v[-5:], 3))
+    X, E, y = np.split(F.reshape(-1, 5), [3, 4], axis=1)
+    inverse = np.linalg.inv(V)
+    whole = np.column_stack([X, E])
+    b = np.linalg.solve(whole.T @ inverse @ whole, whole.T @ inverse @ y)
+    left = y - whole @ b
+    dense = np.linalg.slogdet(V)[1] + np.linalg.slogdet(X.T @ inverse @ X)[1]
+    dense += float(left[:, 0] @ inverse @ left[:, 0])
+    found = likelihood(problem, theta)
+    assert found.value == pytest.approx(dense, rel=1e-9)
+    for j, step in enumerate(1e-5 * np.eye(len(theta))):
+        slope = likelihood(problem, theta + step).value - likelihood(problem, theta - step).value
+        assert found.gradient[j] == pytest.approx(slope / 2e-5, rel=1e-4, abs=1e-4)
+
+
+def test_a_maximum_is_one() -> None:
+    poses = visits_of(20, 3, 2)
+    scatter, weighted, day = scattering(poses)
+    V = day.covariance(1.0, spread_over(APPROACH, 3), spread_over(PLACE, 3))
+    y = np.linalg.cholesky(V) @ np.random.default_rng(4).normal(size=len(V))
+    F = np.concatenate([weighted[..., :2], y.reshape(*weighted.shape[:2], 1)], axis=-1)
+    problem = turned(scatter, weighted, F, np.zeros((0, 3)), 2, False)
+    start = np.zeros(len(problem.units))
+    start[0] = 1.0
+    theta, found = maximised(problem, start, np.arange(len(start)), 1e-6)
+    inside = theta > 1e-9
+    np.testing.assert_allclose(found.gradient[inside], 0.0, atol=0.5)
+    assert (found.gradient[~inside] >= -0.5).all()
+
+
+def drawn(day: Day, scale: float, approach: Array, place: Array, seed: int) -> Array:
+    """Rows of one day."""
+    V = day.covariance(scale, spread_over(approach, 3), spread_over(place, 3))
+    return np.asarray(np.linalg.cholesky(V) @ np.random.default_rng(seed).normal(size=len(V)))
+
+
+@pytest.mark.parametrize(
+    ("approaches", "readings", "scale", "approach", "place", "said"),
+    [
+        (2, 1, 1.0, 0.0, 0.0, ("instrument", "as stated")),
+        (2, 1, 1.6, 0.0, 0.0, ("instrument", "other")),
+        (3, 1, 1.0, 3e-5, 0.0, ("approach", "as stated")),
+        (3, 1, 1.0, 0.0, 3e-5, ("configuration", "as stated")),
+        (1, 3, 1.0, 0.0, 3e-5, ("configuration", "as stated")),
+    ],
+)
+def test_each_level_is_told_from_the_others(
+    approaches: int, readings: int, scale: float, approach: float, place: float, said: tuple[str, str]
+) -> None:
+    """Ten days of each kind: at most one is taken for another."""
+    scatter, weighted, day = scattering(visits_of(25, approaches, readings))
+    at_tip = np.array([0.0, 0.0, 0.0, 1.0, 0.0])
+    right = 0
+    for seed in range(10):
+        y = drawn(day, scale, approach**2 * at_tip, place**2 * at_tip, seed)
+        r = y.reshape(weighted.shape[:2])
+        found = levels_of(scatter, weighted, r, weighted[..., :3])
+        v = found.variances
+        level = "instrument"
+        if v.configuration.any():
+            level = "configuration"
+        elif v.approach.any():
+            level = "approach"
+        right += (level, "other" if 0 in found.free else "as stated") == said
+        if level != "instrument" and level == said[0]:
+            size = scatter.of_tip(v.approach + v.configuration).translation
+            assert size == pytest.approx(max(approach, place), rel=0.25)
+    assert right >= 9
+
+
+def test_a_known_arm_is_not_estimated() -> None:
+    """What the cell says is kept, and what comes beside it counts with the configurations."""
+    scatter, weighted, day = scattering(visits_of(25, 2, 1))
+    at_tip = np.array([0.0, 0.0, 0.0, 1.0, 0.0])
+    y = drawn(day, 1.0, (3e-5) ** 2 * at_tip, np.zeros(5), 1)
+    r = y.reshape(weighted.shape[:2])
+    found = levels_of(scatter, weighted, r, weighted[..., :3], known=Repeatability(3e-5, 0.0))
+    assert scatter.of_tip(found.variances.approach).translation == pytest.approx(3e-5)
+    assert not len(found.free)
+
+
+def test_one_marker_read_once_tells_nothing_apart() -> None:
+    scatter, weighted, _ = scattering(visits_of(30, 1, 1), markers=1)
+    r = np.random.default_rng(0).normal(size=weighted.shape[:2])
+    assert not levels_of(scatter, weighted, r, weighted[..., :2]).instrument_seen
+    scatter, weighted, _ = scattering(visits_of(30, 1, 2), markers=1)
+    r = np.random.default_rng(0).normal(size=weighted.shape[:2])
+    assert levels_of(scatter, weighted, r, weighted[..., :2]).instrument_seen

@@ -97,6 +97,18 @@ def readings(cell: Cell, plan: Poses) -> Poses:
     return replace(both, names=tuple(names), load_mass=mass)
 
 
+def in_turn(cell: Cell, plan: Poses) -> Poses:
+    """The readings of a plan in the order of measuring.
+
+    All free and then all loaded, as :func:`readings` has them; but where the arm's repeatability is
+    known, each pose is read under both in one stay, as then they share what its approach was off by.
+    """
+    poses = readings(cell, plan)
+    if not cell.scatters:
+        return poses
+    return poses.take(np.arange(len(poses)).reshape(-1, len(plan)).T.ravel())
+
+
 def as_vector(model: Model, values: Sequence[float] | Mapping[str, float] | None) -> Array:
     """Values of all parameters, shape (p,), SI. Raises CalibError for a wrong name or number."""
     ids = [p.id for p in model.parameters]

@@ -90,3 +90,9 @@ class Cell:
     design: Mapping[str, Any] = field(default_factory=dict)
     repeatability: Repeatability | None = None
     excluded: tuple[str, ...] = ()
+
+    @property
+    def scatters(self) -> bool:
+        """Whether the arm is known to come to a pose otherwise each time."""
+        arm = self.repeatability
+        return arm is not None and bool(arm.translation or arm.rotation)

@@ -24,6 +24,7 @@ from doe.order import travel, visiting_order
 from doe.plan import Candidates, Design, Rival, level_values, named
 from doe.pool import Pool, chunked, drawn, pool_of
 from doe.problem import Problem, problem_of
+from doe.reapproach import reapproaches_of, with_reapproaches
 from doe.reference import spacing, with_reference
 from doe.refusals import at_level, no_candidate
 from doe.solve import Clock, Effort, check_count, choose, finish
@@ -53,6 +54,7 @@ def design(
     fresh: bool = True,
     curve: bool = False,
     reference_every: int | None = None,
+    reapproach: int | None = None,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Design:
@@ -75,6 +77,8 @@ def design(
     curve : also the best plans of fewer and of more poses
     reference_every : one of the poses is measured again at the start, after every so many poses, and at
         the end, to show drift; 0 for none; the cell's [design] otherwise
+    reapproach : so many of the poses are visited again after the others, to show the arm's
+        repeatability; 0 for none; the cell's [design] otherwise
     progress : called with a line for each step
 
     Raises CalibError where no such plan can be: the text says why and what would help.
@@ -95,8 +99,8 @@ def design(
         raise CalibError(f"{source} candidates are too few; ask for a thousand or more")
     renewed = source if fresh and isinstance(source, int) else 0
     polished = isinstance(source, int) if refine is None else refine
-    every = spacing(cell, reference_every)
-    effort = Effort(polished, renewed, robust, curve, every, seed, progress)
+    every, again = spacing(cell, reference_every), reapproaches_of(cell, reapproach)
+    effort = Effort(polished, renewed, robust, curve, every, again, seed, progress)
     return _designed(cell, wish, source, effort, against or {}, Clock())
 
 
@@ -160,9 +164,12 @@ def _designed(
             return replace(there, notes=(note, *there.notes))
         levels = settled
     q, certificate, landscape, live = finish(problem, pool, chosen, effort, clock)
-    poses, reference = named(q[visiting_order(q)]), None
+    poses, reference, again = named(q[visiting_order(q)]), None, None
+    if effort.reapproaches:
+        poses, again = with_reapproaches(problem, poses, effort.reapproaches)
     if effort.reference_every:
-        poses, reference = with_reference(problem, poses, effort.reference_every)
+        busy = () if again is None else again.poses + again.again
+        poses, reference = with_reference(problem, poses, effort.reference_every, busy)
     q = poses.q
     result = Design(
         problem=problem,
@@ -178,6 +185,7 @@ def _designed(
         curve=accuracy_curve(problem, pool, effort) if effort.curve else (),
         seconds=clock.laps,
         reference=reference,
+        reapproaches=again,
     )
     clock.lap("judgement")
     return replace(result, notes=notes_of(result))

@@ -105,7 +105,33 @@ def _reference(design: Design) -> Iterator[str]:
             f"reference: {first} .. {last} repeat {reference.pose}; come to it from the same side each "
             "time, and posecal identify says whether anything drifted"
         )
-        yield "what is expected counts the repeats; value, bound and proof do not"
+        yield "what is expected counts all repeats; value, bound and proof do not"
 
 
-_NOTES = (_reference, _no_targets, _weak, _outside, _unmoved, _unguarded, _exempt, _hidden, _knots)
+def _reapproaches(design: Design) -> Iterator[str]:
+    found = design.reapproaches
+    if found is not None:
+        both = {"translation": found.translation, "rotation": found.rotation}
+        told = [f"+-{100 * std:.0f} % ({name})" for name, std in both.items() if std > 0.0]
+        known = design.problem.cell.scatters
+        yield (
+            "repeatability will be known to "
+            f"{' and '.join(told) or f'+-{100 * found.common:.0f} %'} by {len(found.poses)} second "
+            f"visits{'' if known else ', if it is well above the noise of the instrument'}"
+        )
+        if design.reference is None:
+            yield "what is expected counts the second visits; value, bound and proof do not"
+
+
+_NOTES = (
+    _reference,
+    _reapproaches,
+    _no_targets,
+    _weak,
+    _outside,
+    _unmoved,
+    _unguarded,
+    _exempt,
+    _hidden,
+    _knots,
+)

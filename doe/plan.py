@@ -12,6 +12,7 @@ from calib.se3 import Array
 from doe.assess import Assessment
 from doe.levels import Levels
 from doe.problem import Problem
+from doe.reapproach import Reapproaches
 from doe.reference import Reference
 
 
@@ -129,7 +130,7 @@ class Design:
     """The result of :func:`doe.design`.
 
     problem : Problem
-    poses : Poses, in the order of measuring, repeats of the reference included
+    poses : Poses, in the order of measuring, second visits and repeats of the reference included
     level : ndarray, shape (N,), rad or m, NaN without levels; levels : Levels, settled, or None
     assessment : Assessment; certificate : Certificate; candidates : Candidates
     landscape : Landscape
@@ -139,6 +140,7 @@ class Design:
     notes : tuple of str, what a reader should know
     seconds : dict, part -> time
     reference : Reference or None
+    reapproaches : Reapproaches or None
     """
 
     problem: Problem
@@ -155,6 +157,7 @@ class Design:
     notes: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
     reference: Reference | None = None
+    reapproaches: Reapproaches | None = None
 
     @property
     def criterion(self) -> str:

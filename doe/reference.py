@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.cell import Cell
 from calib.errors import CalibError
@@ -38,22 +40,32 @@ def spacing(cell: Cell, every: int | None) -> int:
     return int(found or 0)
 
 
-def with_reference(problem: Problem, poses: Poses, every: int) -> tuple[Poses, Reference]:
-    """The poses with a reference at the start, after every so many, and at the end."""
+def with_reference(
+    problem: Problem, poses: Poses, every: int, busy: Collection[str] = ()
+) -> tuple[Poses, Reference]:
+    """The poses with a reference at the start, after every so many, and at the end.
+
+    busy : names of poses that are visited again anyway; the reference is none of them
+    """
     m = len(poses)
     before = np.append(np.arange(0, m, every), m)
     repeats = tuple(f"ref{k + 1}" for k in range(len(before)))
-    chosen = reference_pose(problem, poses.q, len(repeats))
+    may = np.array([name not in busy for name in poses.names])
+    chosen = int(np.flatnonzero(may)[reference_pose(problem, poses.q, len(repeats), may)])
     order = np.insert(np.arange(m), before, chosen)
     names = np.insert(np.array(poses.names, dtype=object), before, repeats)
     reference = Reference(poses.names[chosen], every, repeats)
     return replace(poses.take(order), names=tuple(names)), reference
 
 
-def reference_pose(problem: Problem, q: Array, repeats: int) -> int:
-    """Of the poses (m, dof) that show the most markers, the one whose repeats add most."""
+def reference_pose(problem: Problem, q: Array, repeats: int, may: NDArray[np.bool_]) -> int:
+    """Of the poses (m, dof) that show the most markers, the one whose repeats add most.
+
+    may : ndarray of bool, shape (m,), the poses to choose from; the result counts these alone
+    """
     blocks = problem.information(q)
     M = problem.fixed + blocks.sum(axis=0)
+    q, blocks = q[may], blocks[may]
     value = problem.criterion.plain.value(M + repeats * blocks)
     seen = visible(scene_of(problem.cell, q)).sum(axis=1)
     return int(np.where(seen == seen.max(), value, -np.inf).argmax())

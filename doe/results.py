@@ -93,6 +93,7 @@ def design_fields(design: Design) -> dict[str, Any]:
         },
         "joint_travel_deg": math.degrees(design.travel),
         "reference": _reference(design),
+        "reapproaches": _reapproaches(design),
         "extends": None if problem.wish.fixed is None else len(problem.wish.fixed),
         "against": {
             name: {
@@ -138,6 +139,22 @@ def _reference(design: Design) -> dict[str, Any] | None:
         **joint_fields(robot, design.poses.q[at]),
         "poses": list(found.repeats),
         "every": found.every,
+    }
+
+
+def _reapproaches(design: Design) -> dict[str, Any] | None:
+    found = design.reapproaches
+    if found is None:
+        return None
+    return {
+        "poses": list(found.poses),
+        "again": list(found.again),
+        "dof": found.dof,
+        "repeatability_relative_std": {
+            "common": _finite(found.common),
+            "translation": _finite(found.translation),
+            "rotation": _finite(found.rotation),
+        },
     }
 
 

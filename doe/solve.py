@@ -43,6 +43,7 @@ class Effort:
     robust : prefer the plan that is best after the loss of any one pose
     curve : also the best plans of other numbers of poses
     reference_every : poses between two readings of a reference pose, 0 for none
+    reapproaches : poses that are visited again, 0 for none
     seed : int; progress : called with a line for each step
     """
 
@@ -51,6 +52,7 @@ class Effort:
     robust: bool = False
     curve: bool = False
     reference_every: int = 0
+    reapproaches: int = 0
     seed: int = 0
     progress: Callable[[str], None] = lambda _: None
 

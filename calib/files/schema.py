@@ -208,6 +208,7 @@ class DesignTable(Table):
     targets: str | None = None
     repeats: Annotated[bool, Strict()] = False
     reference_every: Count | None = None
+    reapproaches: Count | None = None
     obstacle: list[Annotated[Box | Sphere | HalfSpace, Field(discriminator="type")]] = []
 
 

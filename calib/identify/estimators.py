@@ -76,11 +76,11 @@ class Readings:
     def judged(
         self, observation: Observation, values: Array, span: Array, kept: Mask | None = None
     ) -> Judged:
-        """At the minimum of the points themselves, from which a plain weighting keeps the estimate.
+        """At the minimum of the points themselves, from which another weighting keeps the estimate.
 
         Elsewhere residuals are longer than their spread says, and right poses would stand out.
         """
-        if not observation.efficient:
+        if not observation.efficient or observation.weighing is not None:
             counted = observation if kept is None else observation.only(kept)
             values = levenberg_marquardt(counted.points().flat, values, span).values
         return Judged(*observation.points().linearise(values), span)

@@ -31,7 +31,7 @@ from calib.observations import (
     with_measured_shape,
 )
 from calib.poses import Measurements
-from calib.scatter import Levels, Variances, levels_of, scatter_of
+from calib.scatter import Levels, Scatter, Variances, levels_of, scatter_of
 from calib.se3 import Array, rotate
 from calib.threads import one_blas_thread
 
@@ -75,13 +75,15 @@ def identify(
         if approach == "pose":
             start = _with_shape(model, data, start)
         points = Points(model, data, whitening(cell, model, start, data))
+        if not differences:  # what is common to a configuration drops out of them
+            points = replace(points, known=_known(cell, model, start, data))
         observation: Observation = (
             points
             if approach == "points"
             else as_poses(points, model.marker_positions(start), weighting, length)
         )
         found = search(estimator, observation, start)
-        levels = None  # what is common to a configuration drops out of differences
+        levels = None
         if not differences:
             observation, levels = _with_levels(cell, estimator, observation, found)
     except np.linalg.LinAlgError:
@@ -215,6 +217,13 @@ def _status(found: Found) -> Status:
     return "rank_deficient" if found.choice.unidentifiable else "converged"
 
 
+def _known(cell: Cell, model: Model, values: Array, data: Measurements) -> Scatter:
+    """How the readings of an approach err together, as the cell says it."""
+    return scatter_of(
+        model, values, data.poses, Variances.of_arm(model.robot.dof, cell.repeatability)
+    )
+
+
 def _with_levels(
     cell: Cell, estimator: Estimator, observation: Observation, found: Found
 ) -> tuple[Observation, Levels]:
@@ -274,7 +283,7 @@ def _std_by_pose(counted: Observation, found: Found) -> Array | None:
     kept = int(found.kept.sum())
     if kept < _POSES_PER_DIRECTION * found.span.shape[1] or not counted.efficient:
         return None
-    r, J = counted.points().linearise(found.best.values)
+    r, J = replace(counted.points(), known=counted.known).linearise(found.best.values)
     return np.sqrt(np.diag(clustered(r[found.kept], J[found.kept], found.span)))
 
 

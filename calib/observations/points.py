@@ -20,7 +20,7 @@ class Points(Observation):
 
     centred: bool = False
 
-    def linearise(self, values: Array) -> tuple[Array, Array]:
+    def whitened(self, values: Array) -> tuple[Array, Array]:
         predicted, J = self.model.jacobian(values, self.data.poses)
         return self.residuals(predicted), self.rows(J)
 

@@ -15,7 +15,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.covariance import gain
 from calib.effects.tool import Tool
 from calib.observations.points import Points
 from calib.observations.protocol import Observation
@@ -48,7 +47,7 @@ class Pose(Observation):
     def efficient(self) -> bool:
         return self.weighting == "full"
 
-    def linearise(self, values: Array) -> tuple[Array, Array]:
+    def whitened(self, values: Array) -> tuple[Array, Array]:
         predicted, J = self.model.jacobian(values, self.data.poses)
         T = fit_rigid(predicted, self._congruent, self._fitted)
         measured, _ = self.computed
@@ -105,21 +104,29 @@ class Pose(Observation):
         if self.weighting == "full":
             return np.linalg.inv(np.linalg.cholesky(self.propagated))
         if self.weighting == "normalised":
-            own = np.sqrt(np.diagonal(self.propagated, axis1=-2, axis2=-1))
+            own = np.sqrt(np.diagonal(self.propagated, axis1=-2, axis2=-1) + self._approached)
             return np.eye(6) / own[..., None, :]
         used = self.weights[self.data.seen & self.usable[:, None]]
         sigma = np.sqrt((np.linalg.inv(used) ** 2).sum(axis=-1).mean())
         diagonal = np.diag([1.0] * 3 + [self.length] * 3) / sigma
         return np.broadcast_to(diagonal, (len(self.data), 6, 6))
 
+    @property
+    def _approached(self) -> Array:
+        """What the arm's known repeatability adds to each component, (..., m, 6), m^2 and rad^2."""
+        known = self.known
+        if known is None or not known.variances.any:
+            return np.zeros(6)
+        levers = self.computed[1] @ known.levers.reshape(len(self.data), -1, known.joints + 6)
+        return np.asarray((levers**2 * known.variances.approach[known.kinds]).sum(axis=-1))
+
     def covariance(self, values: Array, span: Array) -> Array:
         """Covariance (p, p), from the noise of the points through shape, poses and fit."""
         if self.efficient and not self.own_shape:
             return super().covariance(values, span)
-        _, J = self.flat(values)
         T, L = self.computed
-        p, m = J.shape[-1], len(self.data)
-        fit = np.swapaxes(gain(J, span).reshape(p, m, 6), 0, 1)
+        fit = np.swapaxes(self.gains(values, span), -1, -2)
+        m, p = fit.shape[:2]
         response = fit @ self.scale @ L
         if self.own_shape:
             own = shape_response(T, self.shape, self.data.seen & self.usable[:, None])
@@ -168,7 +175,14 @@ def as_poses(
         in the model, as known otherwise
     """
     pose = Pose(
-        points.model, points.data, points.weights, shape, weighting, length, scatter=points.scatter
+        points.model,
+        points.data,
+        points.weights,
+        shape,
+        weighting,
+        length,
+        known=points.known,
+        scatter=points.scatter,
     )
     own = bool(len(points.model.where(Tool)))
     return replace(pose.only(pose.usable), own_shape=own)

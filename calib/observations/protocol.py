@@ -26,29 +26,50 @@ class Observation(ABC):
 
     data : Measurements; its points may carry leading axes, one set of readings a trial
     weights : ndarray, shape (m, M, 3, 3), 1/m, whitening matrices, zero for what does not count
-    scatter : Scatter or None, how whole poses err together beside the noise of their points. It weighs
+    known : Scatter or None, how whole poses err together as the cell says it, beside the noise of their
+        points: the readings are weighed by it
+    scatter : Scatter or None, how they do as the data show it, what is known included. It weighs
         nothing: a model that lacks something would leave it to the joints that scatter most
     """
 
     model: Model
     data: Measurements
     weights: Array
+    known: Scatter | None = field(default=None, kw_only=True)
     scatter: Scatter | None = field(default=None, kw_only=True)
 
     @abstractmethod
-    def linearise(self, values: Array) -> tuple[Array, Array]:
-        """Residuals (..., m, rows), in standard deviations, and the derivative of the prediction."""
+    def whitened(self, values: Array) -> tuple[Array, Array]:
+        """Residuals (..., m, rows), in the instrument's standard deviations, and the derivative."""
 
     @abstractmethod
     def rows(self, J: Array) -> Array:
         """Weighted rows (..., m, rows, p) of a Jacobian (..., m, M, 3, p)."""
 
     @cached_property
+    def weighing(self) -> Mixing | None:
+        """What makes the rows independent as far as the cell knows how they err; None where they are.
+
+        A weighting that is not by the noise leaves this out as well.
+        """
+        return self._mixing(self.known) if self.efficient else None
+
+    @cached_property
     def mixing(self) -> Mixing | None:
-        """What makes the rows independent; None where they are."""
-        if self.scatter is None or not self.scatter.variances.any:
+        """What would make the rows independent; None where they are."""
+        return self._mixing(self.known if self.scatter is None else self.scatter)
+
+    def _mixing(self, scatter: Scatter | None) -> Mixing | None:
+        if scatter is None or not scatter.variances.any:
             return None
-        return self.scatter.mixing(self.rows(self.scatter.levers))
+        return scatter.mixing(self.rows(scatter.levers))
+
+    def linearise(self, values: Array) -> tuple[Array, Array]:
+        """Residuals (..., m, rows), in standard deviations, and the derivative of the prediction."""
+        r, J = self.whitened(values)
+        if self.weighing is None:
+            return r, J
+        return self.weighing(r[..., None])[..., 0], self.weighing(J)
 
     def flat(self, values: Array) -> tuple[Array, Array]:
         """Residuals (..., N) and derivatives (..., N, p), poses and rows in one axis."""
@@ -67,22 +88,26 @@ class Observation(ABC):
 
     def covariance(self, values: Array, span: Array) -> Array:
         """Covariance (p, p) of the least-squares values along ``span`` (p, k), the noise as stated."""
-        r, J = self.linearise(values)
-        flat = J.reshape(-1, J.shape[-1])
         if self.mixing is None:
-            return covariance(flat, span)
-        follow = gain(flat, span).T.reshape(*r.shape, -1)
-        return self.mixing.covariance(follow)
+            return covariance(self.flat(values)[1], span)
+        return self.mixing.covariance(self.gains(values, span))
+
+    def gains(self, values: Array, span: Array) -> Array:
+        """How the least-squares values follow the whitened rows, shape (m, rows, p)."""
+        r, J = self.linearise(values)
+        follow = gain(J.reshape(-1, J.shape[-1]), span).T.reshape(*r.shape, -1)
+        return follow if self.weighing is None else self.weighing.back(follow)
 
     def only(self, kept: NDArray[np.bool_]) -> Self:
         """The observation with the other poses weighted out; kept has shape (m,)."""
         return replace(self, weights=self.weights * kept[:, None, None, None])
 
     def points(self, centred: bool = False) -> Points:
-        """The marker points behind it: what poses and noise are judged by."""
+        """The marker points behind it, weighed by the instrument: by them poses are judged."""
         from calib.observations.points import Points
 
-        return Points(self.model, self.data, self.weights, centred, scatter=self.scatter)
+        scatter = self.known if self.scatter is None else self.scatter
+        return Points(self.model, self.data, self.weights, centred, scatter=scatter)
 
     @property
     def counted(self) -> NDArray[np.bool_]:

@@ -26,7 +26,8 @@ from calib.se3 import Array, cross, rotate
 class Mixing:
     """Inverse factors of the covariance, configuration by configuration.
 
-    blocks : tuple of (poses (B, r), inverse factors (B, r R, r R)), of configurations with r readings
+    blocks : tuple of (poses (B, r), inverse factors (..., B, r R, r R)), of configurations with r
+        readings
     scale : float, actual over stated standard deviation of the instrument
     """
 
@@ -45,6 +46,10 @@ class Mixing:
         idle = int(np.count_nonzero(np.abs(J).sum(axis=-1) == 0.0))
         logs = [np.log(np.diagonal(i, axis1=-2, axis2=-1)).sum() for _, i in self.blocks]
         return float(-2.0 * np.sum(logs) - idle * 2.0 * np.log(self.scale))
+
+    def back(self, gains: Array) -> Array:
+        """Gains on whitened rows, from those on the independent rows made of them, (..., m, R, p)."""
+        return self._applied([np.swapaxes(i, -1, -2) for _, i in self.blocks], gains)
 
     def covariance(self, gains: Array) -> Array:
         """Covariance (p, p) of what follows whitened rows by ``gains`` (m, R, p)."""
@@ -131,19 +136,20 @@ class Scatter:
     def mixing(self, weighted: Array) -> Mixing:
         """What makes whitened rows independent.
 
-        weighted : ndarray, shape (m, R, n + 6), the levers, whitened as the rows are
+        weighted : ndarray, shape (..., m, R, n + 6), the levers, whitened as the rows are
         """
         groups = by_size(self.configuration)
         blocks = tuple((index, self._inverse(index, weighted)) for index in groups)
         return Mixing(blocks, self.variances.scale)
 
     def _inverse(self, index: IntArray, weighted: Array) -> Array:
-        (B, r), R = index.shape, weighted.shape[1]
-        known, H = self.variances, weighted[index].reshape(B, r * R, -1)
+        (B, r), R = index.shape, weighted.shape[-2]
+        known, own = self.variances, weighted[..., index, :, :]
+        H = own.reshape((*own.shape[:-4], B, r * R, -1))
         V = (H * known.configuration[self.kinds]) @ np.swapaxes(H, -1, -2)
         if known.approach.any():
-            own = (H * known.approach[self.kinds]) @ np.swapaxes(H, -1, -2)
-            V = V + own * _together(self.approach[index], R)
+            moved = (H * known.approach[self.kinds]) @ np.swapaxes(H, -1, -2)
+            V = V + moved * _together(self.approach[index], R)
         V = V + known.scale**2 * np.eye(r * R)
         return np.asarray(np.linalg.inv(np.linalg.cholesky(V)))
 
@@ -178,9 +184,7 @@ def by_size(group: IntArray) -> list[IntArray]:
     """
     order = np.argsort(group, kind="stable")
     _, starts, counts = np.unique(group[order], return_index=True, return_counts=True)
-    return [
-        order[starts[counts == r][:, None] + np.arange(r)] for r in np.unique(counts).tolist()
-    ]
+    return [order[starts[counts == r][:, None] + np.arange(r)] for r in np.unique(counts).tolist()]
 
 
 def _together(approach: IntArray, R: int) -> Array:

@@ -79,7 +79,12 @@ class Session:
     @property
     def each(self) -> int:
         """Readings of one configuration."""
-        return len(self.loads) * max(1, len(self.sides))
+        return self.stay * max(1, len(self.sides))
+
+    @property
+    def stay(self) -> int:
+        """Readings between two motions of the arm."""
+        return len(self.loads)
 
     def in_order(self, robot: Robot, q: Array) -> Poses:
         """Readings of configurations (m, dof), one after the other; those of one stand together."""

@@ -15,6 +15,7 @@ from calib.effects.protocol import Effect
 from calib.model import Model
 from calib.observations import Points
 from calib.poses import Poses
+from calib.scatter import Variances, scatter_of
 from calib.se3 import Array
 from calib.simulate import beams
 from doe.constraints import constraints_of, scene_of, visible
@@ -35,6 +36,7 @@ class Situation:
         where the data give their own, else NaN
     levels : Levels, to which the cell's design and the data keep, or None
     silent : tuple of Effect, that readings from this station do not have
+    scatter : Variances, how readings of one configuration err together beside the instrument
     """
 
     cell: Cell
@@ -45,9 +47,10 @@ class Situation:
     sigma: float
     levels: Levels | None = None
     silent: tuple[Effect, ...] = ()
+    scatter: Variances | None = None
 
     def rows(self, q: Array, poses: Poses) -> Array:
-        """Whitened rows of configurations (m, dof), read as ``poses`` say, shape (m, r, p)."""
+        """Independent rows of configurations (m, dof), read as ``poses`` say, shape (m, r, p)."""
         model = replace(
             self.model
         )  # a model of its own: the last linearisation is no use to others
@@ -60,7 +63,15 @@ class Situation:
         for effect, part in zip(model.effects, model.slices, strict=True):
             if any(effect is other for other in self.silent):
                 weighted[..., part] = 0.0
-        return np.asarray(weighted.reshape(len(q), -1, J.shape[-1]))
+        rows = weighted.reshape(len(poses), -1, J.shape[-1])
+        if self.scatter is not None and self.scatter.any:
+            err = scatter_of(model, self.values, poses, self.scatter)
+            approach = np.repeat(np.arange(len(poses) // self.session.stay), self.session.stay)
+            visit = np.repeat(np.arange(len(q)), self.session.each)
+            err = replace(err, approach=approach, configuration=visit)
+            levers = (W @ err.levers) * seen[..., None, None]
+            rows = err.mixing(levers.reshape(*rows.shape[:2], -1))(rows)
+        return np.asarray(rows.reshape(len(q), -1, J.shape[-1]))
 
     def in_order(self, q: Array) -> Array:
         """Rows of configurations read one after the other, shape (m, r, p)."""
@@ -115,6 +126,8 @@ def situation_of(cell: Cell, diagnosis: Diagnosis, rivals: Sequence[Effect]) -> 
         diagnosis.noise.factor,
         float(np.median(given)) if len(given) else np.nan,
         _kept_levels(cell, data.poses.q),
+        # The factor stands for the instrument already.
+        scatter=None if after.levels is None else replace(after.levels.variances, scale=1.0),
     )
 
 
@@ -125,7 +138,7 @@ def _kept_levels(cell: Cell, q: Array) -> Levels | None:
 
 
 def data_rows(situation: Situation, diagnosis: Diagnosis) -> tuple[Array, Array]:
-    """Residual (N,) and rows (N, p) of the data, whitened and as the final fit weighs them."""
+    """Residual (N,) and independent rows (N, p) of the data, as the final fit weighs them."""
     data, after = diagnosis.data, diagnosis.after
     stage = diagnosis.stage
     W = stage.weights / diagnosis.scale * (after.weight * ~stage.dropped)[:, None, None, None]
@@ -133,6 +146,8 @@ def data_rows(situation: Situation, diagnosis: Diagnosis) -> tuple[Array, Array]
     points = Points(situation.model, data, W)
     rows = points.rows(J)
     off = points.rows((data.points - predicted)[..., None])
+    if after.mixing is not None:
+        rows, off = after.mixing(rows), after.mixing(off)
     return off.ravel(), rows.reshape(-1, rows.shape[-1])
 
 

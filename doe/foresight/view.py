@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from calib.api import Plan, poses_of, readings
+from calib.api import Plan, in_turn, poses_of
 from calib.build import build
 from calib.cell import Cell
 from calib.covariance import Unidentifiable
@@ -19,6 +19,7 @@ from calib.model import Model
 from calib.moves import before_the_first_move, with_moves
 from calib.observations import Points
 from calib.poses import IntArray, Measurements
+from calib.scatter import Variances, scatter_of
 from calib.se3 import Array
 from calib.simulate import beams
 from doe.constraints import scene_of, visible
@@ -35,9 +36,9 @@ class View:
     waiting : ndarray of bool, shape (m,), readings before the first move, which the diagnosis drops
     suspects : tuple of Candidate, by name; missing : tuple of NotAsked
     asked : int, all that the diagnosis will ask, curves included
-    N : ndarray, shape (rows, k), whitened derivatives of what is modelled; kinds : tuple of str, the
-        kind of effect of each column; lost : what the plan leaves open of the model
-    X : ndarray, shape (rows, K), whitened derivatives of the suspects
+    N : ndarray, shape (rows, k), derivatives of what is modelled, in independent rows of unit variance;
+        kinds : tuple of str, the kind of effect of each column; lost : what the plan leaves open
+    X : ndarray, shape (rows, K), the same of the suspects
     field : Field, of the suspects; columns : tuple of ndarray of int, of each suspect in it
     moved : ndarray, shape (columns,), m per SI unit, RMS displacement of the markers
     assumed : bool, whether compliances are taken as usual, for nobody gave them
@@ -96,8 +97,14 @@ def linearised(
     suspects = tuple(c for c in everything if c.named)
     whole, start = model.extended(values, [c.effect for c in suspects])
     _, J = whole.jacobian(start, data.poses)
-    rows = Points(whole, data, weights).rows(J).reshape(-1, J.shape[-1])
-    choice = choose_directions(Points(model, data, weights), values)
+    arm = Variances.of_arm(model.robot.dof, cell.repeatability)
+    known = scatter_of(model, values, data.poses, arm)
+    observation = Points(whole, data, weights, known=known)
+    rows = observation.rows(J)
+    if observation.weighing is not None:
+        rows = observation.weighing(rows)
+    rows = rows.reshape(-1, J.shape[-1])
+    choice = choose_directions(Points(model, data, weights, known=known), values)
     N, X = rows[:, choice.kept], rows[:, len(values) :]
     ends = np.cumsum([0, *(len(c.effect.parameters) for c in suspects)])
     return View(
@@ -127,7 +134,6 @@ def readings_of(cell: Cell, plan: Plan) -> Measurements:
     poses = poses_of(cell, plan)
     if poses.approach is None:
         poses = with_moves(poses)
+    poses = in_turn(cell, poses)
     seen = visible(scene_of(cell, poses.q))
-    poses = readings(cell, poses)
-    seen = np.tile(seen, (len(poses) // len(seen), 1))
     return Measurements(poses, np.zeros((*seen.shape, 3)), seen, np.full(seen.shape, np.nan))

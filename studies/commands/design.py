@@ -74,6 +74,12 @@ from studies.commands.common import (
     type=click.IntRange(min=0),
     help="Repeat one of the poses at the start, after every K poses and at the end, to see drift.",
 )
+@click.option(
+    "--reapproach",
+    metavar="N",
+    type=click.IntRange(min=0),
+    help="Visit N of the poses again after the others, to see how well the arm comes back.",
+)
 @click.option("--repeats/--no-repeats", default=None, help="Whether a pose may be used twice.")
 @click.option(
     "--polish/--no-polish",
@@ -95,6 +101,7 @@ def design(
     curve: bool,
     robust: bool,
     reference_every: int | None,
+    reapproach: int | None,
     repeats: bool | None,
     polish: bool | None,
     folder: Path | None,
@@ -146,6 +153,7 @@ def design(
             refine=polish,
             curve=curve,
             reference_every=reference_every,
+            reapproach=reapproach,
             seed=seed,
             progress=_progress(),
         )

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.api import readings
+from calib.api import in_turn
 from calib.build import build, refuse_idle_effects
-from calib.cell import Cell
+from calib.cell import Cell, Repeatability
 from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
@@ -25,8 +26,9 @@ from calib.observations import (
     with_measured_shape,
 )
 from calib.poses import Measurements, Poses
+from calib.scatter import Scatter, Variances, scatter_of
 from calib.se3 import Array
-from calib.simulate import beams
+from calib.simulate import approached, beams, tip_origins
 from doe.constraints import scene_of, visible
 
 _PLAUSIBLE_M = 1e-3  # what an assumed error moves the markers by at most
@@ -64,6 +66,7 @@ class Experiment:
     cell : Cell, as a fit from nothing but the readings knows it, or None
     exact : ndarray, shape (m, M, 3), m, readings without noise where they are not the model's own, such
         as MuJoCo's; else None
+    arm : Repeatability, known of the arm that comes to each pose anew; None for one that always returns
     """
 
     model: Model
@@ -75,6 +78,7 @@ class Experiment:
     length: float = 1.0
     cell: Cell | None = None
     exact: Array | None = None
+    arm: Repeatability | None = None
 
     @property
     def ways(self) -> tuple[Way, ...]:
@@ -86,6 +90,30 @@ class Experiment:
         """What would be read without noise, shape (m, M, 3), m."""
         return self.model.predict(self.truth, self.poses) if self.exact is None else self.exact
 
+    @cached_property
+    def scatter(self) -> Scatter | None:
+        """How readings err together, None where they do not."""
+        if self.arm is None:
+            return None
+        known = Variances.of_arm(self.model.robot.dof, self.arm)
+        return scatter_of(self.model, self.nominal, self.poses, known)
+
+    def drawn(self, trials: int, rng: np.random.Generator) -> Array:
+        """Noisy readings of so many experiments, shape (trials, m, M, 3), m."""
+        exact = self.readings()
+        white = rng.standard_normal((trials, *exact.shape, 1))
+        noise = (np.linalg.pinv(self.weights) @ white)[..., 0]
+        if self.arm is None or self.scatter is None:
+            return exact + noise
+        origins = tip_origins(self.model, self.truth, self.poses)
+        still = np.broadcast_to(exact, noise.shape)
+        return approached(still, origins, self.scatter.approach, self.arm, rng) + noise
+
+    def quieter(self, factor: float) -> Experiment:
+        """The same with all noise smaller by a factor."""
+        arm = self.arm and Repeatability(self.arm.translation / factor, self.arm.rotation / factor)
+        return replace(self, weights=factor * self.weights, arm=arm)
+
     def measured(self, points: Array) -> Measurements:
         """Points (..., m, M, 3), m, as a data set; leading axes are trials."""
         return Measurements(self.poses, points, self.seen, np.full(self.seen.shape, np.nan))
@@ -96,7 +124,7 @@ class Experiment:
         points : ndarray, shape (..., m, M, 3), m; leading axes are trials
         """
         data = self.measured(points)
-        observation = Points(self.model, data, self.weights)
+        observation = Points(self.model, data, self.weights, known=self.scatter)
         start = np.broadcast_to(self.nominal, (*points.shape[:-3], len(self.nominal)))
         if way.approach == "points":
             return observation, start
@@ -118,17 +146,18 @@ def experiment_of(
 
     Raises UnknownEffect, EffectCannotAct.
     """
-    poses = readings(cell, plan)
+    poses = in_turn(cell, plan)
     model = build(cell, poses).model
     refuse_idle_effects(cell, model, poses)
-    seen = np.tile(visible(scene_of(cell, plan.q)), (len(poses) // len(plan), 1))
+    seen = visible(scene_of(cell, poses.q))
     truth = plausible(model, poses, seed) if values is None else values
     nominal = np.zeros(len(model.parameters)) if values is None else values
     if values is None and len(model.where(LoadEffect)):
         soft = model.where(ElasticEffect)
         nominal[soft] = truth[soft]
     weights = noise_weights(cell.noise, model, nominal, poses, seen, cell.instrument)
-    return Experiment(model, poses, seen, weights, nominal, truth, length, cell)
+    arm = cell.repeatability if cell.scatters else None
+    return Experiment(model, poses, seen, weights, nominal, truth, length, cell, arm=arm)
 
 
 def noise_weights(

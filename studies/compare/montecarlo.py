@@ -90,14 +90,12 @@ def refit(
 
     whole : way -> how many of the trials it identifies from scratch too
     """
-    truth, exact = experiment.truth, experiment.readings()
-    white = np.random.default_rng(seed).standard_normal((trials, *exact.shape, 1))
-    points = exact + (np.linalg.pinv(experiment.weights) @ white)[..., 0]
+    points = experiment.drawn(trials, np.random.default_rng(seed))
     found = {}
     for prediction in predictions:
         observation, start = experiment.observe(prediction.way, points)
         best = levenberg_marquardt(observation.flat, start, prediction.span)
-        errors = np.where(np.isnan(prediction.std), 0.0, best.values - truth)
+        errors = np.where(np.isnan(prediction.std), 0.0, best.values - experiment.truth)
         scratch = _from_scratch(
             experiment, prediction, points, best.values, whole.get(prediction.way.key, 0)
         )

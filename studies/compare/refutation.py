@@ -61,7 +61,7 @@ def reason(
     if _agrees(errors, there.covariance):
         return "truth"
     # As much power as refuted the prediction: with less, a wrong covariance would agree again.
-    quiet = replace(experiment, weights=_QUIET * experiment.weights)
+    quiet = experiment.quieter(_QUIET)
     done = refits(quiet, [prediction], int(np.clip(judged.trials, *_TRIALS)), seed=(seed, 1))
     if _agrees(done.of(prediction.way.key), there.covariance / _QUIET**2):
         return "noise"

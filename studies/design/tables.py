@@ -44,6 +44,8 @@ def _summary(design: Design, fields: dict[str, Any]) -> Text:
     extra = "" if fields["extends"] is None else f" beside {fields['extends']} already measured"
     reference = fields["reference"]
     repeats = "" if reference is None else f" and {len(reference['poses'])} repeats of one"
+    if fields["reapproaches"] is not None:
+        repeats += f" and {len(fields['reapproaches']['again'])} second visits"
     lines = [
         f"{design.problem.cell.name}: {design.problem.wish.poses} poses{repeats}{extra} for "
         f"{len(fields['predicted_std'])} parameters",

@@ -1,0 +1,146 @@
+"""Experiments with an arm that comes to a pose otherwise each time: predicted, simulated, refitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+import calib
+from calib import Cell, Measurements, Poses
+from calib.api import in_turn
+from calib.build import build
+from calib.cell import Repeatability
+from calib.noise import Noise
+from calib.poses import poses_at
+from calib.se3 import Array
+from studies.compare import compare
+from studies.compare.agreement import agreement
+from studies.compare.experiment import experiment_of
+from studies.compare.prediction import predict
+from tests.helpers import with_effects
+
+ARM = Repeatability(3e-5, 1e-4)
+EFFECTS = ("base", "tool", "joint_offset", "joint_compliance:A2,A3")
+
+
+@pytest.fixture(scope="module")
+def cell(kr270: Cell) -> Cell:
+    return replace(with_effects(kr270, *EFFECTS), repeatability=ARM, design={})
+
+
+@pytest.fixture(scope="module")
+def plan(table_two: Poses) -> Poses:
+    """Table II, and three of its poses once more."""
+    return poses_at(np.concatenate([table_two.q, table_two.q[[1, 5, 9]]]))
+
+
+def test_refits_scatter_as_predicted(cell: Cell, plan: Poses) -> None:
+    """Both approaches in every weighting, free and loaded in one visit, poses visited again."""
+    result = compare(cell, {"plan": plan}, trials=160, seed=2)
+    study = result.plans[0]
+    assert len(study.verdicts) == 4
+    for verdict in study.verdicts:
+        assert verdict.agreement is not None
+        assert verdict.agreement.p > 1e-3
+        assert verdict.simulated_rms == pytest.approx(verdict.task_rms, rel=0.12)
+    assert result.p is not None
+    assert result.p > 1e-3
+    assert all(own.same for own in study.refits.scratch["points"])
+    blind = compare(replace(cell, repeatability=None), {"plan": plan}, trials=0)
+    assert study.points.task_rms > 2.0 * blind.plans[0].points.task_rms
+
+
+def test_a_prediction_that_forgets_the_arm_is_refuted(cell: Cell, plan: Poses) -> None:
+    """Errors of the right size for an arm that scatters, judged by a cell whose arm does not."""
+    experiment = experiment_of(cell, plan)
+    forgetful = replace(experiment, arm=None)
+    prediction = predict(forgetful, experiment.ways[-1])
+    right = predict(experiment, experiment.ways[-1])
+    rng = np.random.default_rng(0)
+    errors = rng.multivariate_normal(np.zeros(len(right.covariance)), right.covariance, 200)
+    judged = agreement(errors, prediction.covariance)
+    assert judged is not None
+    assert judged.p < 1e-6
+    quiet = experiment.quieter(10.0)
+    np.testing.assert_allclose(
+        predict(quiet, right.way).covariance, right.covariance / 100.0, rtol=1e-9, atol=0.0
+    )
+
+
+def displaced(
+    cell: Cell, poses: Poses, values: Array, visit: Array, rng: np.random.Generator
+) -> Measurements:
+    """Readings of a tip that is shifted and turned anew at each visit, by scipy's rotations."""
+    model = build(cell, poses).model
+    state = model.state(values, poses)
+    o = model.readings(values, poses, state.frames.o[:, -1:])
+    shift = rng.normal(size=(visit.max() + 1, 1, 3)) * ARM.translation
+    turn = Rotation.from_rotvec(rng.normal(size=(visit.max() + 1, 3)) * ARM.rotation).as_matrix()
+    points = model.predict(values, poses) - o
+    points = points @ np.swapaxes(turn, -1, -2)[visit] + shift[visit] + o
+    points = points + rng.normal(size=points.shape) * cell.noise.along
+    return Measurements(
+        poses, points, np.ones(points.shape[:2], bool), np.full(points.shape[:2], np.nan)
+    )
+
+
+@pytest.mark.parametrize("approach", ["points", "pose"])
+def test_identify_reaches_what_was_promised(cell: Cell, plan: Poses, approach: str) -> None:
+    """Days of measurement by a simulation of their own, identified as real data are."""
+    poses = in_turn(cell, plan)
+    visit = np.arange(len(poses)) // 2
+    experiment = experiment_of(cell, plan, seed=1)
+    way = {"points": 3, "pose": 2}[approach]
+    prediction = predict(replace(experiment, nominal=experiment.truth), experiment.ways[way])
+    inverse = np.linalg.pinv(
+        prediction.covariance / np.outer(prediction.std, prediction.std), hermitian=True
+    )
+    squares, days, more = 0.0, 24, 0
+    rng = np.random.default_rng(7)
+    for _ in range(days):
+        data = displaced(cell, poses, experiment.truth, visit, rng)
+        found = calib.identify(cell, data, approach=approach)
+        assert found.levels is not None
+        if len(found.levels.free):  # by chance something seems to scatter beside the arm
+            more += 1
+        else:
+            np.testing.assert_allclose(found.std, prediction.std, rtol=0.02)
+        off = (found.values - experiment.truth) / prediction.std
+        squares += off @ inverse @ off
+    assert more <= 2
+    low, high = chi2.ppf([1e-4, 1.0 - 1e-4], days * len(prediction.std))
+    assert low < squares < high
+
+
+def test_simulate_displaces_the_tip_at_each_approach(cell: Cell, plan: Poses) -> None:
+    """What the markers moved by: one rigid motion about the tip a visit, of the stated size."""
+    poses = in_turn(cell, plan)
+    poses = poses.take(np.tile(np.arange(len(poses)), 20))
+    model = build(cell, poses).model
+    values = np.zeros(len(model.parameters))
+    quiet, rng = Noise.isotropic(1e-12), np.random.default_rng(3)
+    data = calib.simulate(model, values, poses, quiet, rng, arm=ARM)
+    state = model.state(values, poses)
+    o, exact = state.frames.o[:, -1:], model.predict(values, poses)
+    shifts, turns = [], []
+    for own, true, origin in zip(data.points, exact, o, strict=True):
+        turn, _ = Rotation.align_vectors(own - own.mean(axis=0), true - true.mean(axis=0))
+        shifts.append(own.mean(axis=0) - origin[0] - turn.apply(true.mean(axis=0) - origin[0]))
+        turns.append(turn.as_rotvec())
+    shift, turned = np.array(shifts), np.array(turns)
+    np.testing.assert_allclose(shift[::2], shift[1::2], atol=1e-9)
+    assert len(np.unique(np.round(shift[::2], 9), axis=0)) == len(poses) // 2
+    for found, std in ((shift, ARM.translation), (turned, ARM.rotation)):
+        free = 3 * len(poses) // 2
+        low, high = chi2.ppf([1e-4, 1.0 - 1e-4], free)
+        assert low < (found[::2] ** 2).sum() / std**2 < high
+    np.testing.assert_array_equal(
+        calib.simulate(model, values, poses, cell.noise, np.random.default_rng(0)).points,
+        calib.simulate(
+            model, values, poses, cell.noise, np.random.default_rng(0), arm=Repeatability(0.0, 0.0)
+        ).points,
+    )

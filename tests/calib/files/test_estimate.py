@@ -11,9 +11,10 @@ import pytest
 from calib import Cell
 from calib.build import build
 from calib.errors import InputError
-from calib.estimate import Estimate, Unexplained
+from calib.estimate import Estimate
 from calib.files.estimate import estimate_fields, load_estimate
 from calib.files.write import json_text
+from calib.unexplained import Unexplained
 
 UNIX = 1_763_700_000.0  # s, November 2025
 

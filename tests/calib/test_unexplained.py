@@ -11,7 +11,6 @@ from calib.build import build
 from calib.estimate import estimate_of
 from calib.noise import Noise
 from calib.poses import Measurements, poses_at
-from calib.se3 import Array
 from calib.simulate import simulate
 from calib.unexplained import Fitted, left_out
 from tests.helpers import cell_of, random_robot
@@ -20,8 +19,8 @@ GEOMETRY = ("base", "tool", "geometry")
 MARKERS = np.array([[0.2, 0.0, 0.05], [0.18, 0.1, -0.04], [0.22, -0.06, -0.08]])
 
 
-def session(poses: int, louder: float, markers: int, seed: int) -> tuple[Cell, Measurements, Array]:
-    """Cell, readings with an instrument so many times noisier than it says, and the true values."""
+def session(poses: int, louder: float, markers: int, seed: int) -> tuple[Cell, Measurements]:
+    """Cell, and readings with an instrument so many times noisier than it says."""
     rng = np.random.default_rng(seed)
     robot = random_robot(rng, 6)
     cell = cell_of(robot, MARKERS[:markers], GEOMETRY)
@@ -29,12 +28,12 @@ def session(poses: int, louder: float, markers: int, seed: int) -> tuple[Cell, M
     values = model.sizes * rng.uniform(-0.3, 0.3, len(model.parameters))
     noise = Noise(*(louder * s for s in (cell.noise.along, cell.noise.across, 0.0, 0.0)))
     measured = poses_at(rng.uniform(*robot.limits.T, (poses, 6)))
-    return cell, simulate(model, values, measured, noise, rng), values
+    return cell, simulate(model, values, measured, noise, rng)
 
 
 def test_left_out_configurations_are_those_of_refits() -> None:
     """Poses are taken out and the rest identified: what they then miss by was foreseen."""
-    cell, data, _ = session(30, 1.0, 3, 1)
+    cell, data = session(30, 1.0, 3, 1)
     found = calib.identify(cell, data)
     assert not found.fit.outlier.any()
     span = np.eye(len(found.values))[:, found.std > 0.0]
@@ -51,22 +50,18 @@ def test_left_out_configurations_are_those_of_refits() -> None:
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_noisy_instrument_is_no_model_error(seed: int) -> None:
-    """Three times noisier than stated, three markers: what is expected comes, within a tenth."""
-    cell, data, values = session(60, 3.0, 3, seed)
+    """Three times noisier than stated, three markers: the shape of the marker set tells."""
+    cell, data = session(60, 3.0, 3, seed)
     found = calib.identify(cell, data)
     assert found.noise.source == "residual"
     known = estimate_of(found)
     assert known.unexplained.rms == 0.0
     assert known.notes == ()
-    stated = np.sqrt(3.0) * cell.noise.along
     assert found.noise.sigma == pytest.approx(3.0 * cell.noise.along, rel=0.1)
-    q = np.random.default_rng(seed + 10).uniform(*cell.robot.limits.T, (100, 6))
-    expected = calib.compensate(cell, found, 0.7 * q)
-    assert expected.rms(expected.expected) < 3.0 * stated
 
 
 def test_one_marker_cannot_tell_and_says_so() -> None:
-    cell, data, _ = session(60, 3.0, 1, 0)
+    cell, data = session(60, 3.0, 1, 0)
     known = estimate_of(calib.identify(cell, data))
     total = known.unexplained.rms
     if known.variances is not None:
@@ -74,5 +69,5 @@ def test_one_marker_cannot_tell_and_says_so() -> None:
         total = float(np.sqrt(total**2 + 3.0 * tip[-2]))
     assert total > 2.0 * np.sqrt(3.0) * cell.noise.along
     assert "cannot tell the instrument from the arm" in " ".join(known.notes)
-    quiet, data, _ = session(60, 1.0, 1, 0)
+    quiet, data = session(60, 1.0, 1, 0)
     assert estimate_of(calib.identify(quiet, data)).notes == ()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.covariance import working_points
 from calib.diagnosis.screen import refuted
@@ -13,6 +14,8 @@ from calib.poses import IntArray, Measurements, Poses
 from calib.scatter import Variances, scatter_of
 from calib.scatter.poses import by_size
 from calib.se3 import Array
+
+Mask = NDArray[np.bool_]
 
 _FREE = 1e-4  # of a row's freedom: less, and nothing but its own configuration tells of it
 
@@ -93,7 +96,7 @@ def left_held_out(fit: Fitted, heldout: Measurements) -> Unexplained:
     return Unexplained(float(np.sqrt(excess)) if surely and excess > 0.0 else 0.0, "held-out poses")
 
 
-def left_out(fit: Fitted) -> tuple[Array, Array, Array]:
+def left_out(fit: Fitted) -> tuple[Array, Array, Mask]:
     """Errors at each configuration by what the others say, to first order, without a refit.
 
     With Q an orthonormal basis of the fitted columns, rows F that are left out miss by
@@ -122,7 +125,7 @@ def left_out(fit: Fitted) -> tuple[Array, Array, Array]:
         growth[index] = ((1.0 / freedom - 1.0).sum(axis=-1) / np.maximum(inside, 1e-300))[:, None]
     hidden = ~fit.data.seen[..., None, None]
     back = np.linalg.solve(W + hidden * np.eye(3), errors.reshape(*fit.data.seen.shape, 3, 1))
-    return back[..., 0] * seen, growth, known
+    return np.asarray(back[..., 0] * seen), growth, known
 
 
 def _shares(fit: Fitted, data: Measurements) -> tuple[Array, Array]:
@@ -140,7 +143,7 @@ def _scatter(fit: Fitted, data: Measurements) -> Array:
     return scatter_of(fit.model, fit.values, data.poses, fit.variances).point_variance(total)
 
 
-def _beyond(error: Array, expected: Array, seen: Array, configuration: IntArray) -> bool:
+def _beyond(error: Array, expected: Array, seen: Mask, configuration: IntArray) -> bool:
     """Whether errors exceed what is expected where the points of a configuration err together."""
     ratios = np.array(
         [

@@ -33,6 +33,7 @@ from doe.enough.forecast import Forecast, Step, Told, best_next
 from doe.enough.match import match
 from doe.enough.session import session
 from doe.enough.sight import Rows, Sight
+from doe.enough.unnoticed import unnoticed
 from doe.information import Regressor
 from doe.nominal import nominal
 from doe.packed import pack
@@ -80,7 +81,9 @@ def enough(
     counted = _kept(day, found)
     told = view.of(day, counted)
     lacking, beside = _lacking(cell, model, values, arm, found)
-    forecast = Forecast(model, values, *targets_of(cell), beside, _behind(found, lacking))
+    aims = targets_of(cell)
+    doubt = unnoticed(cell, model, values, found, *aims)
+    forecast = Forecast(model, values, *aims, beside, _behind(found, lacking), doubt)
     regressor = Regressor(cell, model, values, np.diag(model.sizes))
     criterion = _task(regressor, forecast)
     so_far = np.arange(len(day)) < len(data)
@@ -135,7 +138,7 @@ def _lacking(
 def _behind(found: Identification | None, lacking: Lacking) -> float:
     """Degrees of freedom behind what is taken for noise, infinite where it is known.
 
-    What scatters as a whole, or is not explained, moves three coordinates of a stay of the arm.
+    Where poses err as a whole it counts them, not points: which variances they show is chosen as well.
     """
     if found is None:
         return np.inf
@@ -143,7 +146,7 @@ def _behind(found: Identification | None, lacking: Lacking) -> float:
         return found.noise.dof
     kept = found.fit.data.take(~found.fit.outlier)
     stays = len(np.unique(visits(kept.poses)))
-    return max(1.0, 3.0 * stays - 0.5 * found.rank)
+    return max(1.0, stays - found.rank / 6.0)
 
 
 def _ids(model: Model) -> tuple[str, ...]:

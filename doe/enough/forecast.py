@@ -22,6 +22,7 @@ from calib.se3 import Array
 from doe.allowed import Allowed
 from doe.blocks import Blocks
 from doe.criteria import Criterion
+from doe.enough.unnoticed import Unnoticed
 from doe.exchange import greedy
 
 _SURE = 0.95
@@ -84,6 +85,7 @@ class Forecast:
     beside : ndarray, shape (targets,), m, error that no reading lowers: the arm's scatter, and what the
         model lacks
     dof : float, degrees of freedom behind the noise, infinite where it is known
+    unnoticed : Unnoticed, what the bound allows for beside that
     """
 
     model: Model
@@ -92,11 +94,7 @@ class Forecast:
     weights: Array
     beside: Array
     dof: float
-
-    @cached_property
-    def beside_rms(self) -> float:
-        """The error at the targets that no reading lowers, m."""
-        return task_error(self.beside, self.weights)[0]
+    unnoticed: Unnoticed
 
     def steps(
         self, known: Told, readings: int, further: Iterable[tuple[str, int, Told]]
@@ -125,7 +123,8 @@ class Forecast:
         rms, worst = task_error(np.hypot(own, self.beside), self.weights)
         std = np.where(known, np.sqrt(np.diag(cov)), np.nan)
         lost = tuple(name for entry in choice.unidentifiable for name in entry.names)
-        most = rms * self._margin(cov, parameters, rms)
+        doubted = np.hypot(rms * self.unnoticed.louder, self.unnoticed.at_targets)
+        most = float(doubted) * self._margin(cov, parameters, rms)
         return Step(pose, readings, rms, worst, most, parameters, std, lost)
 
     def _margin(self, cov: Array, parameters: float, rms: float) -> float:

@@ -73,10 +73,11 @@ def beyond_reach(lacking: dict[str, Any]) -> str:
     """Why no number of poses meets a goal, and what to do."""
     if lacking["scatter_mm"] >= lacking["unexplained_mm"]:
         return (
-            f"the arm errs anew by {number(lacking['scatter_mm'])} mm wherever it goes; posecal diagnose "
-            "tells whether a cause is behind it"
+            f"the arm errs anew by {number(lacking['scatter_mm'])} mm wherever it goes; "
+            "posecal diagnose tells whether a cause is behind it"
         )
-    return f"what the model lacks is {number(lacking['unexplained_mm'])} mm; posecal diagnose asks what it is"
+    lacks = number(lacking["unexplained_mm"])
+    return f"what the model lacks is {lacks} mm; posecal diagnose asks what it is"
 
 
 def _expected(step: dict[str, Any]) -> str:

@@ -75,8 +75,8 @@ def _untold(noise: Mapping[str, Any]) -> Iterator[str]:
     louder = noise["source"] == "residual" and noise["sigma_mm"] > noise["believed_sigma_mm"]
     if not noise["instrument_seen"] and (scatters(noise) or louder):
         yield (
-            "these data cannot tell the instrument from the arm and the model: measure more markers, or "
-            "read poses twice"
+            "these data cannot tell the instrument from the arm and the model: measure more markers, "
+            "or read poses twice"
         )
     elif noise["repeatability_mm"] is None and noise["configuration_mm"]:
         yield "these data cannot tell the arm from the model: approach some poses again"

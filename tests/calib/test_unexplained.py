@@ -27,7 +27,7 @@ def session(poses: int, louder: float, markers: int, seed: int) -> tuple[Cell, M
     model = build(cell).model
     values = model.sizes * rng.uniform(-0.3, 0.3, len(model.parameters))
     noise = Noise(*(louder * s for s in (cell.noise.along, cell.noise.across, 0.0, 0.0)))
-    measured = poses_at(rng.uniform(*robot.limits.T, (poses, 6)))
+    measured = poses_at(rng.uniform(*robot.limits.T, size=(poses, 6)))
     return cell, simulate(model, values, measured, noise, rng)
 
 

@@ -24,8 +24,8 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
     yield Text(
         f"Approach {fields['approach']}, method {fields['method']}. The standard deviations rest on "
         f"this noise: {'; '.join(noise_words(fields['noise']))}. Base and tool are estimated with the "
-        "rest and their uncertainty is counted. 95 of 100 such intervals hold the true value, if the model "
-        "is right."
+        "rest and their uncertainty is counted. 95 of 100 such intervals hold the true value, if the "
+        "model is right."
     )
     groups = ("base", "tool")
     own = [p for p in fields["parameters"] if p["effect"] not in groups]

@@ -33,7 +33,7 @@ from calib.diagnosis.diagnose import Diagnosis
 from calib.effects.protocol import ReadingEffect
 from calib.effects.tool import Tool
 from calib.errors import CalibError
-from calib.estimate import Estimate, Unexplained, estimate_of
+from calib.estimate import Estimate, estimate_of
 from calib.identify.identification import Identification
 from calib.inverse import Goal, Reached, reach, tip_of
 from calib.kinematics import forward
@@ -43,6 +43,7 @@ from calib.poses import IntArray, Poses, hung
 from calib.se3 import Array, rotate, so3_log
 from calib.targets import check_targets
 from calib.threads import one_blas_thread
+from calib.unexplained import Unexplained, scatter_at
 
 Known: TypeAlias = Estimate | Identification | Diagnosis | str | Path
 
@@ -66,7 +67,9 @@ class Compensation:
     left : ndarray, shape (m,), m, the same at the corrected command: zero where the arm can reach
     turn_before, turn_left : ndarray, shape (m,), rad, the same of the orientation
     spread : ndarray, shape (m,), m, standard error that the parameters' uncertainty leaves
-    unexplained : Unexplained, what the model leaves at any pose
+    scatter : ndarray, shape (m,), m, by how much the arm errs anew at each target, as far as the data
+        or the cell say it
+    unexplained : Unexplained, what the model leaves at any pose beside all that
     limited_by : tuple of str, why something is left at a target, "" where nothing is
     notes : tuple of str, what the user should know
 
@@ -82,6 +85,7 @@ class Compensation:
     turn_before: Array
     turn_left: Array
     spread: Array
+    scatter: Array
     unexplained: Unexplained
     limited_by: tuple[str, ...]
     notes: tuple[str, ...]
@@ -94,7 +98,8 @@ class Compensation:
     @property
     def expected(self) -> Array:
         """Error expected to remain at each target, shape (m,), m."""
-        return np.sqrt(self.left**2 + self.spread**2 + self.unexplained.rms**2)
+        known = self.left**2 + self.spread**2 + self.scatter**2
+        return np.asarray(np.sqrt(known + self.unexplained.rms**2))
 
     def rms(self, distances: Array) -> float:
         """Weighted root mean square over the targets, m."""
@@ -126,7 +131,7 @@ def compensate(
     model = replace(estimate.model, robot=replace(estimate.model.robot, limits=cell.robot.limits))
     blocks = np.array_split(np.arange(len(poses)), -(-len(poses) // _BLOCK))
     parts = [_block(replace(estimate, model=model), poses.take(block)) for block in blocks]
-    q, before, left, turn_before, turn_left, spread = (
+    q, before, left, turn_before, turn_left, spread, scatter = (
         np.concatenate(column) for column in zip(*(part[:-1] for part in parts), strict=True)
     )
     return Compensation(
@@ -139,6 +144,7 @@ def compensate(
         turn_before=turn_before,
         turn_left=turn_left,
         spread=spread,
+        scatter=scatter,
         unexplained=estimate.unexplained,
         limited_by=tuple(str(reason) for part in parts for reason in part[-1]),
         notes=(*estimate.notes, *_notes(estimate, poses, q)),
@@ -181,7 +187,7 @@ def _check(cell: Cell, poses: Poses, weights: Array) -> None:
 
 
 def _block(estimate: Estimate, poses: Poses) -> tuple[Array, ...]:
-    """(q, before, left, turn before, turn left, spread, reasons) of some targets."""
+    """(q, before, left, turn before, turn left, spread, scatter, reasons) of some targets."""
     model, values = estimate.model, estimate.values
     points = working_points(model).marker_positions(values)
     nominal, now = forward(model.robot, poses.q), tip_of(model, values, poses)
@@ -190,8 +196,11 @@ def _block(estimate: Estimate, poses: Poses) -> tuple[Array, ...]:
     before, turn_before = _distance(R, o, now.R[:, -1], now.o[:, -1], points)
     left, turn_left = _distance(R, o, found.R, found.o, points)
     spread = _spread(estimate, replace(poses, q=found.q))
+    scatter = np.sqrt(
+        scatter_at(model, values, replace(poses, q=found.q), estimate.variances).mean(axis=-1)
+    )
     reasons = _reasons(model, found, (left > _NOTHING) | (turn_left > _NOTHING))
-    return found.q, before, left, turn_before, turn_left, spread, np.array(reasons)
+    return found.q, before, left, turn_before, turn_left, spread, scatter, np.array(reasons)
 
 
 def _distance(R: Array, o: Array, R_is: Array, o_is: Array, points: Array) -> tuple[Array, Array]:

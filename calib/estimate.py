@@ -14,23 +14,12 @@ from calib.diagnosis.screen import refuted
 from calib.diagnosis.stage import Fit
 from calib.identify.identification import Identification
 from calib.model import Model
-from calib.poses import Measurements
+from calib.scatter import Variances
 from calib.se3 import Array
+from calib.unexplained import Fitted, Unexplained, left_held_out, left_in_fit
 
 Result: TypeAlias = Identification | Diagnosis
 Mask: TypeAlias = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Unexplained:
-    """3-D RMS per point [m] of what the model leaves beside noise and its parameters' uncertainty.
-
-    source : "held-out poses", every one of them, those that stand out too: nothing shows that targets
-        are better; else "fitted poses", less the outliers
-    """
-
-    rms: float
-    source: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +31,7 @@ class Estimate:
         size, less what the other parameters took up of it
     start : float, s, time of the session's first pose, from which drift counts
     unexplained : Unexplained
+    variances : Variances or None, of the arm's scatter, which is new at every target
     undetermined : tuple of str, ids of the parameters that keep their nominal values
     notes : tuple of str, what a user of the values should know
     converged : bool
@@ -55,6 +45,7 @@ class Estimate:
     undetermined: tuple[str, ...]
     notes: tuple[str, ...] = ()
     converged: bool = True
+    variances: Variances | None = None
 
 
 def estimate_of(result: Result) -> Estimate:
@@ -63,53 +54,96 @@ def estimate_of(result: Result) -> Estimate:
 
 
 def _identified(result: Identification) -> Estimate:
-    model, values, cov = result.model, result.values, result.covariance
-    fitted = result.fit.data.take(~result.fit.outlier)
-    lost = np.diag(cov) <= 0.0
-    noise = result.noise
-    sigma = noise.sigma
-    if noise.source == "residual":  # that is what is to be explained
-        sigma = noise.believed * (noise.replicate_factor or 1.0)
+    kept = ~result.fit.outlier
+    fitted, lost = result.fit.data.take(kept), np.diag(result.covariance) <= 0.0
+    levels = result.levels
+    fit = Fitted(
+        model=result.model,
+        values=result.values,
+        covariance=result.covariance,
+        span=np.eye(len(lost))[:, ~lost],
+        data=fitted,
+        weights=result.weights[kept],
+        sigma=result.noise.believed * _instrument(result),
+        variances=None if levels is None else levels.variances,
+    )
     held = result.heldout
-    if held is None or not held.data.seen.any():
-        rest = _left_in_fit(model, values, cov, fitted, sigma, result.rank)
-    else:
-        rest = _left_held_out(model, values, cov, held.data, sigma)
+    unseen = held is not None and held.data.seen.any()
+    rest = left_held_out(fit, held.data) if held is not None and unseen else left_in_fit(fit)
     return Estimate(
-        model,
-        values,
+        fit.model,
+        fit.values,
         result.knowledge,
         fitted.poses.start,
         rest,
-        _names(model, lost),
+        _names(fit.model, lost),
+        _untold(result),
         converged=result.status != "not_converged",
+        variances=fit.variances,
+    )
+
+
+def _instrument(result: Identification) -> float:
+    """Actual over stated noise of the instrument, as far as the data tell it from the rest."""
+    noise, levels = result.noise, result.levels
+    told = levels is not None and (
+        levels.instrument_only or (levels.instrument_seen and levels.variances.any)
+    )
+    if told or noise.source != "residual":
+        return noise.factor
+    return noise.replicate_factor or 1.0  # the residual is what is to be explained
+
+
+def _untold(result: Identification) -> tuple[str, ...]:
+    """That the instrument cannot be told from the model where the residual exceeds the noise."""
+    levels = result.levels
+    if levels is None or levels.instrument_seen or result.noise.replicate_factor is not None:
+        return ()
+    louder = result.noise.source == "residual" and result.noise.factor > 1.0
+    if not (louder or levels.variances.any):
+        return ()
+    return (
+        "the residual exceeds the stated noise, and these data cannot tell the instrument from the arm "
+        "and the model: all of the excess is expected to remain; read poses again, or more markers",
     )
 
 
 def _diagnosed(result: Diagnosis) -> Estimate:
     """The model with all causes that have a name; what is merely located stays unexplained."""
-    fit, scale = result.after, result.scale
+    fit, scale, stage = result.after, result.scale, result.stage
     unnamed = [e.candidate for e in result.outcome.entries if not e.candidate.named]
     if unnamed:
-        fit = result.stage.fit([cause.named.candidate.effect for cause in result.causes])
+        fit = stage.fit([cause.named.candidate.effect for cause in result.causes])
         scale = _scale(fit)
-    model, values, cov = fit.model, fit.values, fit.covariance * scale**2
-    fitted = result.data.take(~result.stage.dropped)
-    lost = np.diag(cov) <= 0.0
-    sigma = result.noise.sigma / result.scale
+    levels, cov = fit.levels, fit.covariance * scale**2
+    kept, lost = ~stage.dropped, np.diag(cov) <= 0.0
+    sigma = result.noise.sigma
+    if levels is None or not levels.instrument_only:
+        sigma = sigma / result.scale  # the residual is what is to be explained
+    fitted = Fitted(
+        model=fit.model,
+        values=fit.values,
+        covariance=cov,
+        span=fit.span,
+        data=result.data.take(kept),
+        weights=stage.weights[kept],
+        sigma=sigma,
+        variances=None if levels is None else levels.variances,
+    )
     if result.heldout is None or not result.heldout.seen.any():
-        rest = _left_in_fit(model, values, cov, fitted, sigma, fit.span.shape[1])
+        rest = left_in_fit(fitted)
     else:
-        rest = _left_held_out(model, values, cov, result.heldout, sigma)
+        rest = left_held_out(fitted, result.heldout)
     return Estimate(
-        model,
-        values,
-        cov + ignorance(fit.equations[1], fit.span, model.sizes, lost),
+        fit.model,
+        fit.values,
+        cov + ignorance(fit.equations[1], fit.span, fit.model.sizes, lost),
         result.data.poses.start,
         rest,
-        _names(model, lost),
+        _names(fit.model, lost),
         _doubts(result),
         fit.converged,
+        fitted.variances,
     )
 
 
@@ -137,32 +171,3 @@ def _scale(fit: Fit) -> float:
 
 def _names(model: Model, chosen: Mask) -> tuple[str, ...]:
     return tuple(p.id for p, own in zip(model.parameters, chosen, strict=True) if own)
-
-
-def _shares(model: Model, values: Array, cov: Array, data: Measurements) -> tuple[Array, Array]:
-    """Squared error of every visible point, and what the parameters' uncertainty adds to it, m^2."""
-    points, J = model.jacobian(values, data.poses)
-    error = ((data.points - points) ** 2).sum(axis=-1)
-    share = np.einsum("mjip,pq,mjiq->mj", J, cov, J, optimize=True)
-    return error[data.seen], share[data.seen]
-
-
-def _left_in_fit(
-    model: Model, values: Array, cov: Array, data: Measurements, sigma: float, rank: int
-) -> Unexplained:
-    """``u^2 = rms^2 + s^2 - 3 sigma^2``: the fit hides the parameters' share s^2 of its own errors."""
-    error, share = _shares(model, values, cov, data)
-    excess = float(error.mean() + share.mean()) - 3.0 * sigma**2
-    surely = excess > 0.0 and refuted(float(error.sum()) / sigma**2, 3 * len(error) - rank)
-    return Unexplained(float(np.sqrt(excess)) if surely else 0.0, "fitted poses")
-
-
-def _left_held_out(
-    model: Model, values: Array, cov: Array, data: Measurements, sigma: float
-) -> Unexplained:
-    """``u^2 = rms^2 - s^2 - 3 sigma^2`` at poses that the parameters never saw."""
-    error, share = _shares(model, values, cov, data)
-    expected = 3.0 * sigma**2 + share
-    excess = float(error.mean() - expected.mean())
-    surely = excess > 0.0 and refuted(3.0 * float((error / expected).sum()), 3 * len(error))
-    return Unexplained(float(np.sqrt(excess)) if surely else 0.0, "held-out poses")

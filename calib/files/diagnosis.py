@@ -7,6 +7,7 @@ from typing import Any
 
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.diagnose import Cause, Hidden
+from calib.files.levels import level_fields
 
 _MM = 1e3
 
@@ -23,6 +24,7 @@ def diagnosis_fields(result: Diagnosis) -> dict[str, Any]:
             "grows_with_range": None
             if result.growth is None
             else {"nearest": result.growth.nearest, "farthest": result.growth.farthest},
+            **level_fields(result.after.levels, result.stage.scatter),
         },
         "effects": [_cause(cause, tip) for cause in result.causes],
         "located": [
@@ -45,6 +47,10 @@ def diagnosis_fields(result: Diagnosis) -> dict[str, Any]:
             "closed_ci95": None if gap.closed_ci95 is None else list(gap.closed_ci95),
         },
         "could_not_see": [_hidden(entry, tip) for entry in result.hidden],
+        "refused": [
+            {"effect": r.effect, "where": _where(r.where, tip), "reason": r.reason}
+            for r in result.refused
+        ],
         "not_asked": [{"effect": n.effect, "reason": n.reason} for n in result.not_asked],
         "approach_derived": bool(
             result.data.poses.approach is not None and result.data.poses.approach_derived

@@ -17,9 +17,11 @@ from calib.effects import catalogue
 from calib.effects.protocol import ConstantTwist, Context, Effect
 from calib.effects.tool import Tool
 from calib.errors import CalibError, InputError
-from calib.estimate import Estimate, Unexplained
+from calib.estimate import Estimate
 from calib.model import Model
+from calib.scatter import Variances
 from calib.se3 import Array
+from calib.unexplained import Unexplained
 
 _LARGEST_FILE = 200_000_000  # bytes
 _LARGEST_VALUE = 1e12  # SI, as in tables: times may count from 1970
@@ -44,10 +46,16 @@ def estimate_fields(estimate: Estimate) -> dict[str, Any]:
             "rms_mm": estimate.unexplained.rms * 1e3,
             "source": estimate.unexplained.source,
         },
+        "scatter_SI": None if estimate.variances is None else _scatter_fields(estimate.variances),
         "undetermined": list(estimate.undetermined),
         "notes": list(estimate.notes),
         "converged": estimate.converged,
     }
+
+
+def _scatter_fields(variances: Variances) -> dict[str, Any]:
+    """Variances of joints, tip's translation and rotation, rad^2 or m^2."""
+    return {"approach": variances.approach, "configuration": variances.configuration}
 
 
 def load_estimate(cell: Cell, path: str | Path) -> Estimate:
@@ -76,6 +84,7 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
         if (np.diag(cov) < 0.0).any() or unexplained < 0.0:
             raise ValueError
         rest = Unexplained(float(unexplained) * 1e-3, str(entry["unexplained"]["source"]))
+        variances = _variances(cell, entry.get("scatter_SI"))
         converged = entry["converged"] is True
         undetermined, notes = (
             tuple(map(str, entry["undetermined"])),
@@ -90,7 +99,9 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
             path, "estimate", f"is not of this cell: {error}", "give the cell that it was made with"
         ) from None
     notes = (*notes, *_changed(cell, path, result))
-    return Estimate(model, values, cov, float(start), rest, undetermined, notes, converged)
+    return Estimate(
+        model, values, cov, float(start), rest, undetermined, notes, converged, variances
+    )
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -117,6 +128,16 @@ def _numbers(entries: Any, largest: float = _LARGEST_VALUE) -> Array:
     if not (np.abs(values) <= largest).all():
         raise ValueError
     return values
+
+
+def _variances(cell: Cell, entry: Any) -> Variances | None:
+    """The arm's scatter; results of earlier versions say nothing of it. Raises ValueError."""
+    if entry is None:
+        return None
+    found = [_numbers(entry[key], _LARGEST_SQUARE) for key in ("approach", "configuration")]
+    if any(v.shape != (cell.robot.dof + 2,) or (v < 0.0).any() for v in found):
+        raise ValueError
+    return Variances(1.0, *found)
 
 
 def _model(cell: Cell, keys: list[Key]) -> Model:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.files.levels import level_fields
 from calib.identify import ADVICE, Identification, Residuals
 from calib.identify.common import Shared
 from calib.identify.pairs import pair_errors
@@ -36,6 +37,7 @@ def identification_fields(result: Identification) -> dict[str, Any]:
             if noise.replicate_factor is None
             else noise.replicate_factor * noise.believed * _MM,
             "lack_of_fit_p": noise.lack_of_fit_p,
+            **level_fields(result.levels, result.scatter),
         },
         "poses": len(result.fit.data),
         "points": int(result.fit.data.seen.sum()),

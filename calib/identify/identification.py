@@ -80,6 +80,7 @@ class Identification:
         they do under a model that lacks something; None where the poses are too few to tell
     step_two_std : ndarray, shape (p,), standard deviations that would follow if base and tool were
         known (the paper's step 2), NaN for base and tool
+    weights : ndarray, shape (m, M, 3, 3), 1/m, whitening matrices of the points, zero for hidden ones
     scatter : Scatter or None, how whole poses err together; levels : Levels or None, how that was found
     """
 
@@ -104,6 +105,7 @@ class Identification:
     distances: dict[str, Array]
     std_by_pose: Array | None
     step_two_std: Array
+    weights: Array
     scatter: Scatter | None = None
     levels: Levels | None = None
 

@@ -130,6 +130,7 @@ def identify(
         distances=distances,
         std_by_pose=_std_by_pose(counted, found) if isinstance(estimator, Readings) else None,
         step_two_std=_step_two_std(counted, values, found.span) * widened,
+        weights=observation.weights,
         scatter=observation.scatter,
         levels=levels,
     )

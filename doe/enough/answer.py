@@ -4,11 +4,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from calib.identify import Identification
 from calib.model import Model
+from calib.unexplained import Unexplained
 from doe.curve import stops_paying
 from doe.enough.forecast import Step
 from doe.enough.match import Match
+
+
+@dataclass(frozen=True)
+class Lacking:
+    """The error at the targets that does not average away, RMS, m.
+
+    scatter : the arm errs anew at every target; unexplained : what the model lacks beside it
+    """
+
+    scatter: float
+    unexplained: Unexplained
+
+    @property
+    def rms(self) -> float:
+        """Both."""
+        return float(np.hypot(self.scatter, self.unexplained.rms))
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +40,7 @@ class Enough:
     match : Match, which readings of the plan are done
     steps : tuple of Step, the first one now, then the poses still to come in the best order
     goal : float, m, or None
+    lacking : Lacking, what no reading of these poses lowers
     fresh : tuple of Step, poses beyond the plan until the goal is reached, empty where not asked
     """
 
@@ -31,12 +51,18 @@ class Enough:
     match: Match
     steps: tuple[Step, ...]
     goal: float | None
+    lacking: Lacking
     fresh: tuple[Step, ...]
 
     def reaches(self, step: Step) -> bool:
-        """Whether the goal is met, and nothing is open that the plan determines in the end."""
-        met = self.goal is not None and step.task_rms <= self.goal
+        """Whether the goal is met, 19 times in 20, and nothing is open that the plan determines."""
+        met = self.goal is not None and step.task_most <= self.goal
         return met and set(step.open) <= set(self.steps[-1].open)
+
+    @property
+    def beyond_reach(self) -> bool:
+        """Whether no number of poses meets the goal."""
+        return self.goal is not None and self.goal <= self.lacking.rms
 
     @property
     def needed(self) -> int | None:

@@ -10,30 +10,37 @@ from numpy.typing import NDArray
 
 from calib.build import build, refuse_idle_effects
 from calib.cell import Cell
+from calib.covariance import task_error
 from calib.effects.tool import Tool
 from calib.errors import EffectCannotAct, TooFewPoses
+from calib.estimate import estimate_of
 from calib.identify import Identification, identify
-from calib.identify.identify import whitening
 from calib.identify.noise_level import believed_sigma
 from calib.model import Model
-from calib.observations import Points
 from calib.poses import IntArray, Measurements, Poses
+from calib.scatter import Variances
 from calib.se3 import Array
 from calib.targets import targets_of
 from calib.threads import one_blas_thread
+from calib.unexplained import Unexplained, scatter_at
+from calib.visits import visits
 from doe.blocks import Blocks
 from doe.constraints import constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question
 from doe.criteria.task import Task
-from doe.enough.answer import Enough
-from doe.enough.forecast import Forecast, Step, best_next, root
+from doe.enough.answer import Enough, Lacking
+from doe.enough.forecast import Forecast, Step, Told, best_next
 from doe.enough.match import match
 from doe.enough.session import session
+from doe.enough.sight import Rows, Sight
+from doe.enough.unnoticed import unnoticed
 from doe.information import Regressor
 from doe.nominal import nominal
 from doe.packed import pack
 from doe.pool import drawn, pool_of
 from doe.problem import target_rows
+
+Mask = NDArray[np.bool_]
 
 _CANDIDATES = 500
 _MOST_FRESH = 30
@@ -68,26 +75,26 @@ def enough(
     model = build(cell, day.poses).model
     refuse_idle_effects(cell, model, day.poses)
     values = _values(model, day.poses, found)
-    factor = 1.0 if found is None else found.noise.factor
     day = _foreseen(day, model.predict(values, day.poses), len(data))
-    weights = whitening(cell, model, values, day)
-    counted = weights * _kept(day, found)[:, None, None, None]
-    _, J = Points(model, day, counted).linearise(values)
-    rows = J * model.sizes / factor
-    forecast = Forecast(model, values, *targets_of(cell))
+    arm = _arm(cell, model, found)
+    view = Sight(cell, model, values, arm, 1.0 if found is None else found.noise.factor)
+    counted = _kept(day, found)
+    told = view.of(day, counted)
+    lacking, beside = _lacking(cell, model, values, arm, found)
+    aims = targets_of(cell)
+    doubt = unnoticed(cell, model, values, found, *aims)
+    forecast = Forecast(model, values, *aims, beside, _behind(found, lacking), doubt)
     regressor = Regressor(cell, model, values, np.diag(model.sizes))
     criterion = _task(regressor, forecast)
-    known, readings = rows[: len(data)].reshape(-1, rows.shape[-1]), len(data)
-    further = _in_best_order(criterion, known, rows[len(data) :], plan, done.left)
-    steps = tuple(forecast.steps(known, readings, further))
-    sigma = believed_sigma(day, weights) * factor
-    result = Enough(model, found, why, sigma, done, steps, goal, ())
-    if goal is None or result.needed is not None or any(e.uses for e in model.effects):
+    so_far = np.arange(len(day)) < len(data)
+    further = _in_best_order(criterion, told, so_far, plan, done.left)
+    steps = tuple(forecast.steps(told.at(so_far), len(data), further))
+    sigma = believed_sigma(day, view.weights(day)) * (1.0 if found is None else found.noise.factor)
+    result = Enough(model, found, why, sigma, done, steps, goal, lacking, ())
+    known_after_all = result.needed is not None or result.beyond_reach
+    if goal is None or known_after_all or any(e.uses for e in model.effects):
         return result
-    known = np.concatenate([known, rows[len(data) :].reshape(-1, rows.shape[-1])])
-    return replace(
-        result, fresh=_fresh(regressor, criterion, forecast, known, result, factor, seed)
-    )
+    return replace(result, fresh=_fresh(regressor, criterion, forecast, view, told, result, seed))
 
 
 def _identified(cell: Cell, data: Measurements) -> tuple[Identification | None, str]:
@@ -110,11 +117,43 @@ def _foreseen(day: Measurements, predicted: Array, measured: int) -> Measurement
     return replace(day, points=np.concatenate([day.points[:measured], predicted[measured:]]))
 
 
+def _arm(cell: Cell, model: Model, found: Identification | None) -> Variances:
+    """How the arm scatters, as the data so far show it, else as the cell says."""
+    if found is not None and found.levels is not None:
+        return found.levels.variances
+    return Variances.of_arm(model.robot.dof, cell.repeatability)
+
+
+def _lacking(
+    cell: Cell, model: Model, values: Array, arm: Variances, found: Identification | None
+) -> tuple[Lacking, Array]:
+    """What does not average away, over all targets and at each, (targets,), m."""
+    targets, weights = targets_of(cell)
+    scatter = scatter_at(model, values, targets, arm).mean(axis=-1)
+    rest = Unexplained(0.0, "") if found is None else estimate_of(found).unexplained
+    rms = task_error(np.sqrt(scatter), weights)[0]
+    return Lacking(rms, rest), np.sqrt(scatter + rest.rms**2)
+
+
+def _behind(found: Identification | None, lacking: Lacking) -> float:
+    """Degrees of freedom behind what is taken for noise, infinite where it is known.
+
+    Where poses err as a whole it counts them, not points: which variances they show is chosen as well.
+    """
+    if found is None:
+        return np.inf
+    if not lacking.rms or (found.levels is not None and not len(found.levels.free)):
+        return found.noise.dof
+    kept = found.fit.data.take(~found.fit.outlier)
+    stays = len(np.unique(visits(kept.poses)))
+    return max(1.0, stays - found.rank / 6.0)
+
+
 def _ids(model: Model) -> tuple[str, ...]:
     return tuple(p.id for p in model.parameters)
 
 
-def _kept(day: Measurements, found: Identification | None) -> NDArray[np.bool_]:
+def _kept(day: Measurements, found: Identification | None) -> Mask:
     """Readings that count: all but the outliers among those that are measured, shape (m,)."""
     kept = np.ones(len(day), dtype=bool)
     if found is not None:
@@ -141,26 +180,31 @@ def _task(regressor: Regressor, forecast: Forecast) -> Criterion:
 
 
 def _in_best_order(
-    criterion: Criterion, known: Array, coming: Array, plan: Poses, left: IntArray
-) -> Iterator[tuple[str, int, Array]]:
-    """The poses of which readings are still to come, with those readings' rows."""
+    criterion: Criterion, day: Rows, so_far: Mask, plan: Poses, left: IntArray
+) -> Iterator[tuple[str, int, Told]]:
+    """The poses of which readings are still to come, with all that is told after each."""
     if not len(left):
         return
-    poses, of, counts = np.unique(left % len(plan), return_inverse=True, return_counts=True)
-    own = [coming[of == k].reshape(-1, coming.shape[-1]) for k in range(len(poses))]
+    poses, of = np.unique(left % len(plan), return_inverse=True)
+    number = np.full(len(so_far), -1)
+    number[~so_far] = of
+    own = [day.independent[number == k].reshape(-1, day.rows.shape[-1]) for k in range(len(poses))]
+    known = day.independent[so_far].reshape(-1, day.rows.shape[-1])
     packed = pack(np.stack([rows.T @ rows for rows in own]))
     blocks = Blocks(packed, known.T @ known, max(map(len, own)))
+    done = so_far.copy()
     for k in best_next(criterion, blocks, len(own)):
-        yield plan.names[poses[k]], int(counts[k]), own[k]
+        done = done | (number == k)
+        yield plan.names[poses[k]], len(of[of == k]), day.at(done)
 
 
 def _fresh(
     regressor: Regressor,
     criterion: Criterion,
     forecast: Forecast,
-    known: Array,
+    view: Sight,
+    day: Rows,
     answer: Enough,
-    factor: float,
     seed: int,
 ) -> tuple[Step, ...]:
     """Poses beyond the plan, each the one that adds most, until the goal is met or tried enough."""
@@ -168,15 +212,15 @@ def _fresh(
     steps: list[Step] = []
     chunks = drawn(cell, _CANDIDATES, None, seed)
     pool = pool_of(regressor, constraints_of(cell), None, chunks, _CANDIDATES)
-    R, readings = root(known), answer.steps[-1].readings
+    told, readings = day.at(np.ones(len(day.rows), dtype=bool)), answer.steps[-1].readings
     while len(pool) and len(steps) < _MOST_FRESH:
-        blocks = Blocks(pool.packed / factor**2, R.T @ R, regressor.rank)
+        blocks = Blocks(pool.packed / view.factor**2, told.root.T @ told.root, regressor.rank)
         q = pool.q[best_next(criterion, blocks, 1)]
-        rows = regressor.rows(q, visible(scene_of(cell, q)))[0] / factor
-        *_, step = forecast.steps(
-            R, readings, [(f"fresh{len(steps) + 1}", 1 if cell.load is None else 2, rows)]
-        )
-        R, readings = root(np.concatenate([R, rows])), step.readings
+        one = view.of(view.foreseen(q, visible(scene_of(cell, q))))
+        told = told.beside(one.at(np.ones(len(one.rows), dtype=bool)))
+        name = f"fresh{len(steps) + 1}"
+        *_, step = forecast.steps(told, readings, [(name, len(one.rows), told)])
+        readings = step.readings
         steps.append(step)
         if answer.reaches(step):
             break

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from calib.api import readings
 from calib.cell import Cell
-from calib.visits import alike, visits
 from calib.poses import IntArray, Poses
 from calib.se3 import Array
 from calib.statics import wrench_with_load
+from calib.visits import alike, visits
 
 _AS_TOLD = np.radians(0.01)  # rad: robots go where they are told, and plans are rounded to this
 _AS_TOLD_M = 1e-5

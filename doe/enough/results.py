@@ -26,11 +26,18 @@ def enough_fields(answer: Enough, planned: int) -> dict[str, Any]:
             "sigma_mm": answer.sigma * _MM,
             "source": "cell" if found is None else found.noise.source,
         },
+        "lacking": {
+            "rms_mm": answer.lacking.rms * _MM,
+            "scatter_mm": answer.lacking.scatter * _MM,
+            "unexplained_mm": answer.lacking.unexplained.rms * _MM,
+            "unexplained_from": answer.lacking.unexplained.source,
+        },
         "plan": {"poses": planned, "measured": answer.match.poses, "to_measure": len(coming)},
         "now": {**_step(now), "parameters": _parameters(model, now)},
         "order": [_step(step) for step in coming],
         "end": {**_step(answer.steps[-1]), "parameters": _parameters(model, answer.steps[-1])},
         "goal_mm": None if answer.goal is None else answer.goal * _MM,
+        "goal_beyond_reach": answer.beyond_reach,
         "poses_to_goal": answer.needed,
         "fresh_poses_to_goal": answer.fresh_needed,
         "fresh": [_step(step) for step in answer.fresh],
@@ -45,6 +52,8 @@ def _step(step: Step) -> dict[str, Any]:
         "readings": step.readings,
         "task_rms_mm": step.task_rms * _MM,
         "task_worst_mm": step.task_worst * _MM,
+        "task_most_mm": step.task_most * _MM,
+        "from_parameters_mm": step.from_parameters * _MM,
         "unidentifiable": list(step.open),
     }
 

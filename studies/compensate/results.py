@@ -22,6 +22,7 @@ def compensation_fields(robot: Robot, found: Compensation) -> dict[str, Any]:
         "rms_mm": {
             **{key: found.rms(values) * _MM for key, values in errors.items()},
             "from_parameters": found.rms(found.spread) * _MM,
+            "scatter": found.rms(found.scatter) * _MM,
             "unexplained": found.unexplained.rms * _MM,
         },
         "p95_mm": {key: float(np.quantile(v, 0.95)) * _MM for key, v in errors.items()},
@@ -44,6 +45,7 @@ def _target(robot: Robot, found: Compensation, i: int) -> dict[str, Any]:
         "before_mm": float(found.before[i]) * _MM,
         "left_mm": float(found.left[i]) * _MM,
         "from_parameters_mm": float(found.spread[i]) * _MM,
+        "scatter_mm": float(found.scatter[i]) * _MM,
         "expected_mm": float(found.expected[i]) * _MM,
         "turn_before_mrad": float(found.turn_before[i]) * 1e3,
         "turn_left_mrad": float(found.turn_left[i]) * 1e3,

@@ -17,6 +17,7 @@ _ROWS = (
     ("corrected commands, expected", "expected"),
     ("  of it: cannot be corrected", "left"),
     ("  of it: the parameters' uncertainty", "from_parameters"),
+    ("  of it: the arm errs anew at each pose", "scatter"),
     ("  of it: not explained by the model", "unexplained"),
 )
 
@@ -48,6 +49,8 @@ def _errors(fields: dict[str, Any]) -> Table:
         ("max\n[mm]", "right"),
     )
     for label, key in _ROWS:
+        if key == "scatter" and not fields["rms_mm"][key]:
+            continue
         figures = [fields[figure].get(key) for figure in ("rms_mm", "p95_mm", "max_mm")]
         table.add_row(label, *("" if value is None else f"{value:.4f}" for value in figures))
     return table

@@ -25,6 +25,7 @@ from studies.commands.diagnose import diagnose
 from studies.commands.identify import identify
 from studies.commands.report import report
 from studies.demo import embedded_text, session
+from studies.noise_words import lacks
 
 RECORD = "demo.json"
 _GIVEN = {"cell.toml": "cell.toml", "kr270.urdf": "kr270.urdf", "table2.csv": "plan.csv"}
@@ -144,7 +145,7 @@ def fit(way: Way) -> str:
     )  # fmt: skip
     rms, noise = fields["rms_mm"], fields["noise"]
     floor = 3.0**0.5 * noise["believed_sigma_mm"]
-    missing = ": something is missing" if noise["source"] == "residual" else ""
+    missing = ": something is missing" if lacks(noise) else ""
     return (
         f"off by {rms['nominal']:.2f} mm, now by {rms['fitted_all']:.3f} mm; noise alone would leave "
         f"{floor:.3f} mm{missing}"

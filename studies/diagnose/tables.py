@@ -12,31 +12,31 @@ from rich.text import Text
 
 from calib.diagnosis.candidates import EXCLUDED
 from studies.diagnose.hidden import hidden_table
+from studies.noise_words import UNFOLLOWED, noise_words
 from studies.tables import number, plain_table
 
 _MOST_PARAMETERS = 8  # of one cause; sag of a whole arm has fifty
 _LOUD = 4.0  # times the stated noise that no instrument exceeds by itself
 _MOST_OUTLIERS = 3  # that are worth a line each
 
-_SOURCES = {
-    "cell": "as the cell states",
-    "replicates": "from repeated readings; the cell states {:.4f}",
-    "residual": "from what is left; the cell states {:.4f}",
-}
-
 
 def diagnosis_tables(name: str, fields: dict[str, Any]) -> Iterator[RenderableType]:
     """The verdict, the errors before and after, the causes, the places, and what stayed unseen."""
     noise = fields["noise"]
     yield Text(f"{name}: {verdict_sentence(fields)}", style="bold")
-    source = _SOURCES[noise["source"]].format(noise["believed_sigma_mm"])
-    yield Text(f"noise {noise['sigma_mm']:.4f} mm in each coordinate, {source}\n")
+    first, *more = noise_words(noise)
+    yield Text("\n".join([f"noise {first}", *more]) + "\n")
     yield _gap(fields["gap"])
     for effect in fields["effects"]:
         yield from _cause(effect)
     if fields["located"]:
         yield Text("")
         yield _located(fields["located"], fields["effects"])
+        if any(unfollowed(place) for place in fields["located"]):
+            yield Text(f"arm by pose: {UNFOLLOWED}")
+    if fields.get("refused"):
+        yield Text("\nRefused: found, and not named all the same")
+        yield _refused(fields["refused"])
     yield from _notes(fields)
     yield from hidden_table(fields["could_not_see"])
 
@@ -64,13 +64,47 @@ def verdict_sentence(fields: dict[str, Any]) -> str:
         return f"the gap is explained by {causes}; these data cannot tell which"
     if fields["effects"]:
         return f"the gap is more than {causes}; the rest has no cause in the catalogue"
-    if not places:
-        return "more is left than noise, and neither its place nor its cause was found"
-    first = places[0]
+    if not places or (unfollowed(places[0]) and len(places) == 1):
+        return _nowhere(fields)
+    first = next(place for place in places if not unfollowed(place))
     return (
         f"a gap at {first['where']} that depends on {first['depends_on']}; "
         "no cause in the catalogue does the same"
     )
+
+
+def unfollowed(place: dict[str, Any]) -> bool:
+    """Whether it is what differs from pose to pose and follows no column."""
+    return bool(place["where"] == "arm" and place["depends_on"] == "pose")
+
+
+def _nowhere(fields: dict[str, Any]) -> str:
+    """The verdict where neither a name nor a column stands."""
+    if fields.get("refused"):
+        return "more is left than noise, and nothing that was tried predicts other poses better"
+    if fields["located"]:
+        return "the arm errs from pose to pose as no cause in the catalogue and no column does"
+    return "more is left than noise, and neither its place nor its cause was found"
+
+
+def _refused(entries: list[dict[str, Any]]) -> Table:
+    table = plain_table(("cause", "left"), ("why", "left"))
+    for column in table.columns:
+        column.overflow = "fold"
+    for name, reason in refused_rows(entries):
+        table.add_row(name, reason)
+    return table
+
+
+def refused_rows(entries: list[dict[str, Any]]) -> list[tuple[str, str]]:
+    """Refused causes with reasons, those of one reason and kind in one line."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for e in entries:
+        groups.setdefault((e["effect"], e["reason"]), []).append(e["where"])
+    return [
+        (f"{kind}:{shortened(list(dict.fromkeys(where)), 4)}", reason)
+        for (kind, reason), where in groups.items()
+    ]
 
 
 def _listed(parts: list[str]) -> str:

@@ -51,8 +51,33 @@ def _summary(fields: dict[str, Any]) -> Iterator[str]:
     if fields["reason"]:
         yield _line("", f"no identification yet: {fields['reason']}")
     yield _line("now", _expected(fields["now"]) + f", at {fields['targets']}")
+    yield from (_line("", text) for text in shares(fields))
     if fields["order"]:
         yield _line("plan's end", _expected(fields["end"]))
+
+
+def shares(fields: dict[str, Any]) -> Iterator[str]:
+    """What of the expected error more poses lower, and what not; nothing where all of it is lowered."""
+    lacking = fields["lacking"]
+    if not lacking["rms_mm"]:
+        return
+    parts = {"scatter_mm": "the arm's scatter", "unexplained_mm": "what the model lacks"}
+    said = [f"{number(lacking[key])} mm {name}" for key, name in parts.items() if lacking[key]]
+    yield (
+        f"of it {number(fields['now']['from_parameters_mm'])} mm from the parameters, and "
+        f"{' and '.join(said)}, which no more poses lower"
+    )
+
+
+def beyond_reach(lacking: dict[str, Any]) -> str:
+    """Why no number of poses meets a goal, and what to do."""
+    if lacking["scatter_mm"] >= lacking["unexplained_mm"]:
+        return (
+            f"the arm errs anew by {number(lacking['scatter_mm'])} mm wherever it goes; "
+            "posecal diagnose tells whether a cause is behind it"
+        )
+    lacks = number(lacking["unexplained_mm"])
+    return f"what the model lacks is {lacks} mm; posecal diagnose asks what it is"
 
 
 def _expected(step: dict[str, Any]) -> str:
@@ -83,7 +108,11 @@ def _answer(fields: dict[str, Any]) -> Iterator[str]:
 def _goal(fields: dict[str, Any], goal: str) -> Iterator[str]:
     needed, fresh, order = fields["poses_to_goal"], fields["fresh_poses_to_goal"], fields["order"]
     if needed == 0:
-        yield _line("goal", f"{goal}reached, you may stop now")
+        yield _line(
+            "goal",
+            f"{goal}reached, you may stop now: 19 times in 20 the error is below "
+            f"{number(fields['now']['task_most_mm'])} mm",
+        )
     elif needed is not None:
         names = ", ".join(step["pose"] for step in order[:needed])
         yield _line("goal", f"{goal}after {needed} more: {names}")
@@ -92,16 +121,23 @@ def _goal(fields: dict[str, Any], goal: str) -> Iterator[str]:
             "goal", f"{goal}not by the end of the plan; with about {fresh} fresh poses more"
         )
         yield _line("", f"posecal design CELL --extend PLAN --poses {fresh} chooses them")
+    elif fields["goal_beyond_reach"]:
+        yield _line("goal", f"{goal}no number of poses reaches it")
+        yield _line("", beyond_reach(fields["lacking"]))
     elif fields["fresh"]:
         tried = fields["fresh"][-1]
         yield _line(
             "goal",
-            f"{goal}out of reach: {number(tried['task_rms_mm'])} mm with {len(fields['fresh'])} fresh "
-            "poses beyond the plan",
+            f"{goal}out of reach: {number(tried['task_most_mm'])} mm, 19 times in 20, with "
+            f"{len(fields['fresh'])} fresh poses beyond the plan",
         )
         yield _line("", "less noise, more markers or a simpler model would help more than poses")
     else:
-        yield _line("goal", f"{goal}not by the end of the plan")
+        yield _line(
+            "goal",
+            f"{goal}not by the end of the plan: 19 times in 20 the error is below "
+            f"{number(fields['end']['task_most_mm'])} mm",
+        )
 
 
 def _order(fields: dict[str, Any]) -> Table:
@@ -109,6 +145,7 @@ def _order(fields: dict[str, Any]) -> Table:
         ("\nmeasure next", "left"),
         ("task RMS\n[mm]", "right"),
         ("worst\n[mm]", "right"),
+        ("19 in 20\nbelow", "right"),
         ("less by\n[%]", "right"),
         ("\nopen", "right"),
     )
@@ -120,6 +157,7 @@ def _order(fields: dict[str, Any]) -> Table:
             step["pose"] + mark,
             number(step["task_rms_mm"]),
             number(step["task_worst_mm"]),
+            number(step["task_most_mm"]),
             f"{less:.1f}",
             str(len(step["unidentifiable"])) if step["unidentifiable"] else "",
         )

@@ -13,6 +13,7 @@ from rich.text import Text
 from calib import Cell, Identification
 from calib.effects import GROUPS
 from calib.effects.tool import Tool
+from studies.noise_words import noise_words
 from studies.tables import plain_table
 
 _LABELS = {
@@ -23,12 +24,6 @@ _LABELS = {
     "heldout_trimmed": "held out, without its outliers",
 }
 _TOGETHER = 1.2  # ratio worth a line
-
-_SOURCES = {
-    "cell": "as the cell states",
-    "replicates": "from repeated readings",
-    "residual": "from the residual, {} than the instrument's noise",
-}
 
 
 def identification_tables(
@@ -50,13 +45,7 @@ def _summary(cell: Cell, result: Identification, fields: dict[str, Any]) -> Text
         f"status     {result.status}: {fields['advice']}",
         f"solved     approach {result.approach}, {result.method}"
         + (", elastic parameters from differences" if fields["differences"] else ""),
-        f"noise      {noise['sigma_mm']:.4f} mm in each coordinate, "
-        + _SOURCES[noise["source"]].format("more" if result.noise.factor > 1.0 else "less")
-        + (
-            ""
-            if noise["source"] == "cell"
-            else f" (the cell states {noise['believed_sigma_mm']:.4f} mm)"
-        ),
+        *(f"{'noise' if not k else '':<10} {line}" for k, line in enumerate(noise_words(noise))),
         f"expected   {fields['task_rms_mm']:.4f} mm RMS, {fields['task_worst_mm']:.4f} mm at worst, "
         f"from the parameters' uncertainty at {fields['targets']}",
     ]
@@ -104,7 +93,8 @@ def _parameters(result: Identification, fields: dict[str, Any]) -> Table:
 
 def _common_error(result: Identification) -> float:
     """Median ratio of standard deviations by pose to those by point; 1 where it cannot be told."""
-    if result.std_by_pose is None or result.noise.source != "residual":
+    counted = result.levels is not None and result.levels.variances.any
+    if result.std_by_pose is None or result.noise.source != "residual" or counted:
         return 1.0
     estimated = result.std > 0.0
     return float(np.median(result.std_by_pose[estimated] / result.std[estimated]))

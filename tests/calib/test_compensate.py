@@ -14,12 +14,13 @@ from calib import CalibError, Cell, Poses
 from calib.build import build
 from calib.compensate import Compensation
 from calib.covariance import errors_at, ignorance
-from calib.estimate import Estimate, Unexplained, estimate_of
+from calib.estimate import Estimate, estimate_of
 from calib.inverse import tip_of
 from calib.kinematics import forward
 from calib.poses import poses_at
 from calib.se3 import Array, rotate, so3_log
 from calib.simulate import simulate
+from calib.unexplained import Unexplained
 from studies.demo import embedded_plan, simulated
 from tests.helpers import cell_of, random_robot
 
@@ -151,13 +152,14 @@ def test_what_the_model_lacks_is_part_of_what_is_expected() -> None:
     for heldout in (None, data.take(slice(80, None))):
         result = calib.identify(cell, data.take(slice(80)), heldout=heldout)
         found = calib.compensate(cell, result, targets)
-        assert found.unexplained.source == ("fitted poses" if heldout is None else "held-out poses")
+        source = "left-out configurations" if heldout is None else "held-out poses"
+        assert found.unexplained.source == source
         known = estimate_of(result)
         after = missed(
             true.predict(values, replace(found.targets, q=found.q)), wanted(known, found)
         )
         met = found.left < 1e-7
-        assert found.unexplained.rms > 3e-6
+        assert np.hypot(found.unexplained.rms, found.rms(found.scatter)) > 3e-6
         # The points of a pose err together, so a pose counts once: two samples of poses.
         poses = 80 - len(known.values) // 6 if heldout is None else 40
         low, high = f.ppf([0.0005, 0.9995], met.sum(), poses)

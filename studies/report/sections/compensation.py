@@ -13,6 +13,7 @@ _ROWS = (
     ("with corrected commands, expected", "expected"),
     ("of it: cannot be corrected", "left"),
     ("of it: uncertainty of the parameters", "from_parameters"),
+    ("of it: the arm errs anew at each pose", "scatter"),
     ("of it: not explained by the model", "unexplained"),
 )
 
@@ -26,6 +27,7 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
     figures = [
         (label, *(_mm(fields[figure].get(key)) for figure in ("rms_mm", "p95_mm", "max_mm")))
         for label, key in _ROWS
+        if key != "scatter" or fields["rms_mm"].get(key)
     ]
     yield Table(
         ("distance from the wanted place", "RMS [mm]", "p95 [mm]", "max [mm]"),

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from studies.diagnose.pictures import pictures
-from studies.diagnose.tables import loud, percent, verdict_sentence
+from studies.diagnose.tables import loud, percent, refused_rows, unfollowed, verdict_sentence
+from studies.noise_words import UNFOLLOWED, noise_words
 from studies.report.evidence import Evidence, Result
 from studies.report.parts import Figure, Part, Section, Table, Text, folded, joint_columns, shown
 
@@ -30,6 +31,7 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
         f"{sentence[0].upper()}{sentence[1:]}. {_MEANS[fields['verdict']]}",
         "good" if good else "warn",
     )
+    yield Text(f"Noise: {'; '.join(noise_words(fields['noise']))}.")
     yield _gap(fields["gap"])
     if fields["effects"]:
         yield _causes(fields["effects"])
@@ -42,6 +44,12 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
             [(p["where"], p["depends_on"], percent(p["share_of_gap"])) for p in fields["located"]],
             "Where the gap sits",
         )
+        if any(unfollowed(place) for place in fields["located"]):
+            yield Text(f"Arm by pose: {UNFOLLOWED}.", "note")
+    if fields.get("refused"):
+        rows = refused_rows(fields["refused"])
+        yield Table(("cause", "why"), rows, "Refused: found, and not named all the same",
+                    fold=folded("Refused", rows))  # fmt: skip
     if fields["outliers"]:
         rows = [(entry["pose"], entry["reason"]) for entry in fields["outliers"]]
         yield Table(("pose", "reason"), rows, "Poses left out of the diagnosis", of_poses=True,

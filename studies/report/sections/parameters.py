@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from studies.noise_words import noise_words
 from studies.report.evidence import Evidence, Result
 from studies.report.parts import Part, Section, Table, Text, folded, listed
 
@@ -20,16 +21,11 @@ def parameters(evidence: Evidence, result: Result) -> Section:
 
 
 def _parts(fields: dict[str, Any]) -> Iterator[Part]:
-    source = {
-        "cell": "as the cell states it",
-        "replicates": "from repeated readings",
-        "residual": "from what the fit leaves",
-    }[fields["noise"]["source"]]
     yield Text(
-        f"Approach {fields['approach']}, method {fields['method']}. The standard deviations rest on a "
-        f"noise of {fields['noise']['sigma_mm']:.4f} mm in each coordinate, {source}; base and tool "
-        "are estimated with the rest and their uncertainty is counted. 95 of 100 such intervals hold "
-        "the true value, if the model is right."
+        f"Approach {fields['approach']}, method {fields['method']}. The standard deviations rest on "
+        f"this noise: {'; '.join(noise_words(fields['noise']))}. Base and tool are estimated with the "
+        "rest and their uncertainty is counted. 95 of 100 such intervals hold the true value, if the "
+        "model is right."
     )
     groups = ("base", "tool")
     own = [p for p in fields["parameters"] if p["effect"] not in groups]

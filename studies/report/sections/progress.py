@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from studies.enough.tables import beyond_reach, shares
 from studies.report.evidence import Evidence, Result
 from studies.report.parts import Part, Section, Table, Text, folded, listed
 
@@ -23,7 +24,12 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
         )
     else:
         yield Text(f"Expected after {fields['now']['readings']} readings: {_mm(fields['now'])}.")
-    if goal is not None:
+    for line in shares(fields) if "lacking" in fields else ():
+        yield Text(f"{line[0].upper()}{line[1:]}.")
+    if fields.get("goal_beyond_reach"):
+        why = beyond_reach(fields["lacking"])
+        yield Text(f"No number of poses reaches the goal of {goal:g} mm: {why}.", "warn")
+    elif goal is not None:
         needed, fresh = fields["poses_to_goal"], fields["fresh_poses_to_goal"]
         more = f"; about {fresh} fresh poses more would do" if fresh else ""
         reached = {None: f"is not reached by these poses{more}", 0: "is reached: you may stop"}

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from studies.diagnose.tables import loud, verdict_sentence
+from studies.diagnose.tables import loud, unfollowed, verdict_sentence
 from studies.identify.common import shared_sentence
+from studies.noise_words import UNFOLLOWED, lacks, noise_words, scatters
 from studies.report.bars import Bar, bars
 from studies.report.evidence import Evidence, Result
 from studies.report.parts import Section, Text, listed
@@ -70,8 +71,11 @@ def _next(evidence: Evidence) -> Iterator[Text]:
     """What a reader should do with this."""
     identified, diagnosed = evidence.first("identify"), evidence.first("diagnose")
     if diagnosed is not None and not loud(diagnosed.fields["noise"]):
-        yield Text(f"What to do next: {_AFTER[diagnosed.fields['verdict']]}", "next")
-    elif identified is not None and identified.fields["noise"]["source"] == "residual":
+        places = diagnosed.fields["located"]
+        fine = bool(places) and all(map(unfollowed, places))
+        after = f"{UNFOLLOWED}." if fine else _AFTER[diagnosed.fields["verdict"]]
+        yield Text(f"What to do next: {after}", "next")
+    elif identified is not None and lacks(identified.fields["noise"]):
         yield Text("What to do next: posecal diagnose says what the model lacks.", "next")
     elif identified is not None:
         yield Text(
@@ -124,7 +128,9 @@ def _identify(fields: Mapping[str, Any]) -> Iterator[Text]:
         f"{fields['task_worst_mm']:.3f} mm at worst; what the model lacks comes on top."
     )
     noise = fields["noise"]
-    if noise["source"] == "residual":
+    if scatters(noise):
+        yield Text(f"Noise: {'; '.join(noise_words(noise))}.")
+    elif noise["source"] == "residual":
         yield Text(
             f"The points scatter by {noise['sigma_mm']:.4f} mm in each coordinate where the instrument "
             f"should by {noise['believed_sigma_mm']:.4f} mm: the model lacks something, or the noise "

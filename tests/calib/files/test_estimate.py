@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,9 +12,11 @@ import pytest
 from calib import Cell
 from calib.build import build
 from calib.errors import InputError
-from calib.estimate import Estimate, Unexplained
+from calib.estimate import Estimate
 from calib.files.estimate import estimate_fields, load_estimate
 from calib.files.write import json_text
+from calib.scatter import Variances
+from calib.unexplained import Unexplained
 
 UNIX = 1_763_700_000.0  # s, November 2025
 
@@ -46,3 +49,21 @@ def test_a_start_that_no_table_can_hold_is_damage(kr270: Cell, tmp_path: Path, s
     assert path.read_text() != text
     with pytest.raises(InputError, match="estimate: is damaged"):
         load_estimate(kr270, path)
+
+
+def test_the_arms_scatter_is_read_back_and_may_be_missing(kr270: Cell, tmp_path: Path) -> None:
+    scatter = Variances(1.0, np.linspace(0.0, 1e-9, 8), np.linspace(2e-9, 0.0, 8))
+    path = written(replace(spring(kr270), variances=scatter), tmp_path / "result.json")
+    read = load_estimate(kr270, path).variances
+    assert read is not None
+    np.testing.assert_array_equal(read.approach, scatter.approach)
+    np.testing.assert_array_equal(read.configuration, scatter.configuration)
+    fields = json.loads(path.read_text())
+    for damage in ([1e-9] * 3, [-1e-9] * 8, None):
+        fields["estimate"]["scatter_SI"]["approach"] = damage
+        path.write_text(json.dumps(fields))
+        with pytest.raises(InputError, match="estimate: is damaged"):
+            load_estimate(kr270, path)
+    del fields["estimate"]["scatter_SI"]  # as earlier versions wrote it
+    path.write_text(json.dumps(fields))
+    assert load_estimate(kr270, path).variances is None

@@ -49,7 +49,7 @@ def test_it_names_the_poses_that_the_goal_needs(folder: Path) -> None:
     plan = ("--plan", folder / "plan.csv")
     fields, _ = asked(folder, *plan)
     assert fields["plan"] == {"poses": 15, "measured": 6, "to_measure": 9}
-    goal = fields["order"][2]["task_rms_mm"] * 1.0001
+    goal = fields["order"][2]["task_most_mm"] * 1.0001
     fields, said = asked(folder, *plan, "--goal-mm", goal)
     names = ", ".join(step["pose"] for step in fields["order"][:3])
     assert fields["poses_to_goal"] == 3
@@ -65,7 +65,7 @@ def test_it_names_the_poses_that_the_goal_needs(folder: Path) -> None:
 def test_it_says_how_many_more_than_the_plan(folder: Path) -> None:
     plan = ("--plan", folder / "plan.csv")
     fields, _ = asked(folder, *plan)
-    goal = 0.97 * fields["end"]["task_rms_mm"]
+    goal = 0.97 * fields["end"]["task_most_mm"]
     fields, said = asked(folder, *plan, "--goal-mm", goal)
     assert fields["poses_to_goal"] is None
     assert f"--poses {fields['fresh_poses_to_goal']}" in said

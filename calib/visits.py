@@ -11,8 +11,9 @@ from calib.poses import IntArray, Poses
 def visits(poses: Poses) -> IntArray:
     """Number of the stay to which each reading belongs, shape (m,), in the order of measurement.
 
-    A stay lasts until the arm goes to other joints, or the instrument to another station. Where poses in
-    between were left out, the size of the last move still tells that the arm was elsewhere.
+    A stay lasts until the arm goes to other joints, or the instrument to another station. Where
+    poses in between were left out, the size of the last move still tells that the arm was
+    elsewhere.
     """
     order = in_order(poses)
     keys = [poses.configuration, poses.station]

@@ -220,7 +220,8 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
 
 
 def _replicate_factor(data: Measurements, weights: Array) -> float:
-    """Actual over stated noise by readings repeated without a move, one where they agree or are too few.
+    """Actual over stated noise by readings repeated without a move, one where they agree or are too
+    few.
 
     Readings between which the arm moved hold its repeatability as well.
 
@@ -262,7 +263,7 @@ def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:
     if alone.source == "residual" and fit.levels is not None and fit.levels.instrument_only:
         # What the markers of one reading say of each other repeats in every reading.
         return replace(alone, source="replicates")
-    if fit.mixing is None:
+    if fit.mixing is None or fit.levels is None:
         return alone
     found = of_levels(fit.levels, alone)
     return replace(found, factor=found.factor * factor)
@@ -276,7 +277,7 @@ def _something_left(stage: Stage, outcome: Outcome, after: Fit) -> bool:
     from scipy.special import fdtrc
 
     if after.mixing is not None:
-        return bool(after.levels.variances.configuration.any())
+        return bool(after.variances.configuration.any())
     kept = ~stage.dropped
     spread, repeats = replicate_spread(stage.data.take(kept), stage.weights[kept])
     rest = outcome.last.dof - repeats
@@ -336,7 +337,7 @@ def _located(
         if not entry.candidate.named:
             share = _share(outcome, after, entry, scale)
             found.append(Place(entry.candidate.where, entry.candidate.depends_on, share))
-    if after.levels.variances.configuration.any():
+    if after.variances.configuration.any():
         found.append(Place(ARM, "pose", _unfollowed(outcome, after)))
     return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
 
@@ -345,7 +346,7 @@ def _unfollowed(outcome: Outcome, after: Fit) -> float:
     """Share of the gap that differs from pose to pose and that nothing found follows."""
     before, left = (float((fit.r**2).sum()) for fit in (outcome.before, after))
     dof = int(np.count_nonzero(np.abs(after.J).sum(axis=-1))) - after.span.shape[1]
-    noise = dof * after.levels.variances.scale**2
+    noise = dof * after.variances.scale**2
     return max(left - noise, 0.0) / (before - noise) if before > noise else np.nan
 
 

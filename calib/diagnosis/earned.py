@@ -1,9 +1,9 @@
 """Whether what was found predicts configurations that it never saw.
 
-A configuration that is left out is predicted by what the others say. To first order no refit is needed: with
-Q an orthonormal basis of the fitted columns, the residual of rows F that are left out is
-``(I - Q_F Q_F^T)^-1 r_F``. What depends on time or temperature must predict whole stretches of the
-session, for readings close in time err alike.
+A configuration that is left out is predicted by what the others say. To first order no refit is
+needed: with Q an orthonormal basis of the fitted columns, the residual of rows F that are left out
+is ``(I - Q_F Q_F^T)^-1 r_F``. What depends on time or temperature must predict whole stretches of
+the session, for readings close in time err alike.
 """
 
 from __future__ import annotations
@@ -59,7 +59,9 @@ def ledger(stage: Stage, fit: Fit, candidates: list[Candidate], by_time: bool) -
     kept[fit.r.size :] = np.abs(prior[:, own]).sum(axis=1) == 0.0
     before = (r + J[:, own] @ fit.values[own])[kept]
     gone = _left_out(J[kept] @ rest, before, fit, fold)
-    return Ledger(*(_cost(fit, e) for e in (left, gone)), *(_rms(stage, fit, e) for e in (left, gone)))
+    return Ledger(
+        *(_cost(fit, e) for e in (left, gone)), *(_rms(stage, fit, e) for e in (left, gone))
+    )
 
 
 def _folds(poses: Poses, by_time: bool) -> IntArray:

@@ -75,7 +75,9 @@ def gap_of(
     first, second = (squared_errors(fit, heldout) for fit in (before, after))
     closed = share_closed(first, second, floor)
     poses = heldout.poses
-    group = blocks_of_time(poses, max(2, round(len(poses) ** 0.5))) if by_time else poses.configuration
+    group = (
+        blocks_of_time(poses, max(2, round(len(poses) ** 0.5))) if by_time else poses.configuration
+    )
     interval = None if closed is None else _interval(first, second, floor, group)
     still_open = _lower(second, group) > (_CLOSED * reach) ** 2
     return Gap(floor, *fitted, rms(first), rms(second), closed, interval, still_open)
@@ -89,10 +91,10 @@ def reach(stage: Stage, fit: Fit, heldout: Measurements | None) -> float:
     if heldout is None or not heldout.seen.any():
         return 0.0
     kept = ~stage.dropped
-    sigma = believed_sigma(stage.data.take(kept), stage.weights[kept]) * fit.levels.variances.scale
+    sigma = believed_sigma(stage.data.take(kept), stage.weights[kept]) * fit.variances.scale
     none = Variances.none(fit.model.robot.dof)
     arm = scatter_of(fit.model, fit.values, heldout.poses, none)
-    squares = arm.point_variance(fit.levels.variances.approach)[heldout.seen]
+    squares = arm.point_variance(fit.variances.approach)[heldout.seen]
     return float(np.sqrt(3.0 * sigma**2 + squares.mean()))
 
 

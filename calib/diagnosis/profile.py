@@ -1,9 +1,10 @@
 """What a suspect is worth where the arm scatters: variances found anew with it and without it.
 
-Variances that were estimated while an effect is missing take the effect for noise, and its score at those
-variances is too small. So the leading suspects are judged by the ratio of likelihoods, each with its own
-variances: ``max L(levels, suspect) / max L(levels)``, of the same readings, once all that is modelled is
-projected out of them (:mod:`calib.scatter.restricted`). Where nothing scatters it is the score.
+Variances that were estimated while an effect is missing take the effect for noise, and its score at
+those variances is too small. So the leading suspects are judged by the ratio of likelihoods, each
+with its own variances: ``max L(levels, suspect) / max L(levels)``, of the same readings, once all
+that is modelled is projected out of them (:mod:`calib.scatter.restricted`). Where nothing scatters
+it is the score.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.prior import prior_rows
 from calib.diagnosis.screen import CURVE_PRICE, NOTHING, VISIBLE, WIDE, Score
 from calib.diagnosis.stage import Stage
-from calib.diagnosis.prior import prior_rows
 from calib.diagnosis.view import View
 from calib.poses import IntArray
 from calib.scatter.restricted import Likelihood, Turned, maximised, triangle
@@ -61,7 +62,8 @@ class Ground:
         return Score(fall, fall, k * float(np.log(self.rows)), float(chdtrc(k, fall)))
 
     def _curve(self, own: IntArray, spread: Array) -> Score:
-        half = np.linalg.cholesky(spread + 1e-9 * np.mean(np.diag(spread)) * np.eye(len(own)))
+        jitter = 1e-9 * float(np.diag(spread).mean()) * np.eye(len(own))
+        half = np.asarray(np.linalg.cholesky(spread + jitter), dtype=np.float64)
         inverse, theta, best = np.linalg.inv(half), self.levels.theta, (np.inf, 0.0)
         for _ in range(_TURNS):
             amplitude = _amplitude(self._with(own, np.zeros((0, len(own)))), theta, half)

@@ -1,4 +1,4 @@
-"""What the contest held and what does not deserve its name: too large to be true, or no help elsewhere."""
+"""What the contest held and does not deserve its name: too large to be true, or no help elsewhere."""
 
 from __future__ import annotations
 
@@ -49,9 +49,7 @@ def believed(
     return nothing(outcome), (), outcome.before, tuple(refused.values())
 
 
-def _unworthy(
-    stage: Stage, fit: Fit, active: Sequence[Candidate]
-) -> list[tuple[Candidate, str]]:
+def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple[Candidate, str]]:
     """What must go next, and why; nothing where all may stay."""
     found = [(c, why) for c in active if c.named and (why := implausible(fit, c))]
     if found or not active:

@@ -117,7 +117,8 @@ def score(
     """Score of a candidate with these columns.
 
     spread : ndarray, shape (k, k), covariance of a curve's coefficients a priori
-    sizes : ndarray, shape (k,), plausible sizes of a named cause's parameters, SI; any size without them
+    sizes : ndarray, shape (k,), plausible sizes of a named cause's parameters, SI; any size without
+        them
     """
     return _named(field, columns, sizes) if spread is None else _curve(field, columns, spread)
 
@@ -125,8 +126,8 @@ def score(
 def _named(field: Field, columns: IntArray, sizes: Array | None) -> Score:
     """Score test: chi-square where the noise is believed, F where the residual refutes it.
 
-    Of what the readings ask for counts what the plausible sizes can give: with G the covariance a priori of
-    the signal in the directions U, ``fall = z^T G (I + G)^-1 z``.
+    Of what the readings ask for counts what the plausible sizes can give: with G the covariance a
+    priori of the signal in the directions U, ``fall = z^T G (I + G)^-1 z``.
     """
     from scipy.special import chdtrc, fdtrc
 

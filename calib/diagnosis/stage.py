@@ -40,8 +40,8 @@ class Fit:
     weight : ndarray, shape (m,), of each pose, one where it counts in full
     amplitudes : tuple of float, of the curves' coefficients a priori
     r : ndarray, shape (m, rows), J : ndarray, shape (m, rows, p), whitened and weighted
-    levels : Levels or None, how the readings err beside the instrument; mixing : Mixing or None, what makes the
-        rows independent under them
+    levels : Levels or None, how the readings err beside the instrument; mixing : Mixing or None,
+        what makes the rows independent under them
     pull : float, by how many standard deviations of the instrument a row errs under them
     """
 
@@ -56,6 +56,12 @@ class Fit:
     levels: Levels | None = None
     mixing: Mixing | None = None
     pull: float = 1.0
+
+    @property
+    def variances(self) -> Variances:
+        """Of what scatters; those of the instrument alone where nothing was asked."""
+        none = Variances.none(self.model.robot.dof)
+        return none if self.levels is None else self.levels.variances
 
     @property
     def equations(self) -> tuple[Array, Array]:
@@ -91,7 +97,7 @@ class Fit:
         cost = float(left @ left)
         if self.mixing is not None:
             return cost + self.mixing.log_determinant(self.J)
-        scale = 1.0 if self.levels is None else self.levels.variances.scale
+        scale = self.variances.scale
         rows = np.count_nonzero(np.abs(self.J).sum(axis=-1))
         return cost / scale**2 + float(2.0 * rows * np.log(scale))
 
@@ -133,7 +139,8 @@ class Stage:
         """Fit from the nominal values: a fit without the effects may have wandered.
 
         like : Fit, of nearly the same effects, whose levels of noise the search begins with
-        Weights of poses, amplitudes of curves and levels of noise follow from the fit, and it from them.
+        Weights of poses, amplitudes of curves and levels of noise follow from the fit, and it from
+        them.
         """
         model, values = self.model.extended(self.start, effects)
         weight = np.ones(len(self.data))

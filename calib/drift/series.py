@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.visits import alike, visits
 from calib.observations.rigid import rigid_motions
 from calib.poses import IntArray, Measurements
 from calib.se3 import Array
+from calib.visits import alike, visits
 
 _BLIND = 1e-6  # share of the largest: information on a motion that the markers do not show
 

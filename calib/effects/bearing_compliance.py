@@ -17,8 +17,8 @@ from calib.effects.protocol import (
 from calib.poses import Poses
 from calib.se3 import Array
 
-# rad/(N m): crossed roller bearings of small gears tilt by 5 to 20 urad/(N m) (makers' catalogues), large
-# ones by less than one.
+# rad/(N m): crossed roller bearings of small gears tilt by 5 to 20 urad/(N m) (makers' catalogues),
+# large ones by less than one.
 _SIZE = 1e-5
 
 

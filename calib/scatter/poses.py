@@ -1,9 +1,12 @@
 """Whole poses that err together: their levers, and the transformation that makes rows independent.
 
-The covariance of the whitened rows of one configuration is ``V = s^2 I + H C H^T + blockdiag(H_a U H_a^T)``
-with the levers H of its readings, H_a those of one approach. Its inverse Cholesky factor turns the rows
-into innovations: each row less what the rows before it in the same configuration tell of it. Poses that
-do not count have rows of zeros and stay so.
+The whitened rows of one configuration have the covariance
+
+    V = s^2 I + H C H^T + blockdiag(H_a U H_a^T)
+
+with the levers H of its readings, H_a those of one approach. Its inverse Cholesky factor turns the
+rows into innovations: each row less what the rows before it in the same configuration tell of it.
+Poses that do not count have rows of zeros and stay so.
 """
 
 from __future__ import annotations
@@ -13,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from calib.visits import visits
 from calib.cell import Repeatability
 from calib.kinematics import Frames, forward
-from calib.scatter.variances import Variances, lever_of
 from calib.model import Model
 from calib.poses import IntArray, Poses
+from calib.scatter.variances import Variances, lever_of
 from calib.se3 import Array, cross, rotate
+from calib.visits import visits
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +73,8 @@ class Mixing:
 class Scatter:
     """How m poses err as a whole.
 
-    levers : ndarray, shape (m, M, 3, n + 6), m/rad or 1: how each reading follows a displacement of each
-        joint and of the tip, in the axes of its station
+    levers : ndarray, shape (m, M, 3, n + 6), m/rad or 1: how each reading follows a displacement of
+        each joint and of the tip, in the axes of its station
     tip : ndarray, shape (m, 6, n + 6), how the tip follows them, translation first, base axes
     approach, configuration : ndarray of int, shape (m,)
     variances : Variances
@@ -86,7 +89,7 @@ class Scatter:
     @property
     def joints(self) -> int:
         """How many joints the arm has, n."""
-        return self.levers.shape[-1] - 6
+        return int(self.levers.shape[-1]) - 6
 
     @property
     def kinds(self) -> IntArray:

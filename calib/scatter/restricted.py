@@ -1,12 +1,14 @@
 """The restricted likelihood of the levels, and where it is largest.
 
-For rows ``y ~ N(X b, V)`` with V linear in the variances theta, and columns X of which nothing is known,
+For rows ``y ~ N(X b, V)`` with V linear in the variances theta, and columns X of which nothing is
+known,
 
     -2 log L = log|V| + log|X^T V^-1 X| + y^T P y,    P = V^-1 - V^-1 X (X^T V^-1 X)^-1 X^T V^-1
 
-(Patterson and Thompson, Biometrika 58(3), 1971). Its gradient is ``tr(P V_j) - y^T P V_j P y``; steps are
-those of Fisher's scoring, and no variance goes below nothing. Columns of a suspect enter ``y^T P y`` and not
-the determinant: with and without them the likelihood is of the same data, and the difference is evidence.
+(Patterson and Thompson, Biometrika 58(3), 1971). Its gradient is ``tr(P V_j) - y^T P V_j P y``;
+steps are those of Fisher's scoring, and no variance goes below nothing. Columns of a suspect enter
+``y^T P y`` and not the determinant: with and without them the likelihood is of the same data, and
+the difference is evidence.
 
 What scatters as a whole moves at most six coordinates of an approach. An orthogonal turn of its rows
 leaves those six; the others carry the instrument's noise alone and enter once, by their triangle.
@@ -18,8 +20,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.scatter.poses import Scatter, by_size
 from calib.poses import IntArray
+from calib.scatter.poses import Scatter, by_size
 from calib.se3 import Array
 
 _RIGID = 6
@@ -54,7 +56,8 @@ class Turned:
     known : int, of the f columns the first, of which nothing is known beforehand
     beyond : int, rows that count less those in the blocks
     beyond_rigid : int, rows that count and that nothing but the instrument moves
-    units : ndarray, shape (v,), variances in SI of each theta at one; the first is that of the instrument
+    units : ndarray, shape (v,), variances in SI of each theta at one; the first is that of the
+        instrument
     """
 
     blocks: tuple[Block, ...]
@@ -127,7 +130,7 @@ def triangle(problem: Turned, theta: Array) -> tuple[list[Array], Array]:
         (Li @ b.F).reshape(-1, b.F.shape[-1]) for b, Li in zip(problem.blocks, factors, strict=True)
     ]
     rows = np.concatenate([*flat, problem.outside / np.sqrt(theta[0]), problem.held])
-    return factors, np.linalg.qr(rows, mode="r")
+    return factors, np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def likelihood(problem: Turned, theta: Array) -> Likelihood:
@@ -140,10 +143,14 @@ def likelihood(problem: Turned, theta: Array) -> Likelihood:
     whole, b = np.linalg.inv(R[:p, :p]), _solution(R)
     outside = problem.outside / np.sqrt(s2)
     gradient, information = np.zeros(v), np.zeros((v, v))
-    gradient[0] = problem.beyond / s2 - (
-        float(((outside[:, :p] @ whole) ** 2).sum())
-        + float(((outside[:, -1] - outside[:, :-1] @ b) ** 2).sum())
-    ) / s2
+    gradient[0] = (
+        problem.beyond / s2
+        - (
+            float(((outside[:, :p] @ whole) ** 2).sum())
+            + float(((outside[:, -1] - outside[:, :-1] @ b) ** 2).sum())
+        )
+        / s2
+    )
     information[0, 0] = problem.beyond / s2**2
     S = np.eye(v)
     for block, Li in zip(problem.blocks, factors, strict=True):
@@ -236,13 +243,11 @@ def _factor(block: Block, theta: Array) -> Array:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(V)))
 
 
-def _by_approach(
-    scatter: Scatter, H: Array, F: Array
-) -> tuple[Array, Array, Array, IntArray]:
+def _by_approach(scatter: Scatter, H: Array, F: Array) -> tuple[Array, Array, Array, IntArray]:
     """Turn the rows of every approach.
 
-    Returns what scatters, levers (a, 6, n + 6) and columns (a, 6, f), the triangle (.., f) of the rest, and
-    the configuration of each of the a approaches, (a,).
+    Returns what scatters, levers (a, 6, n + 6) and columns (a, 6, f), the triangle (.., f) of the
+    rest, and the configuration of each of the a approaches, (a,).
     """
     levers, columns, rest, config = [], [], [np.zeros((0, F.shape[-1]))], []
     for index in by_size(scatter.approach):
@@ -253,10 +258,14 @@ def _by_approach(
         turned_H, turned_F = Ut @ own, Ut @ F[index].reshape(B, own.shape[1], -1)
         levers.append(_six(turned_H))
         columns.append(_six(turned_F))
-        rest.append(np.linalg.qr(turned_F[:, _RIGID:].reshape(-1, F.shape[-1]), mode="r"))
+        rest.append(np.asarray(np.linalg.qr(_flat(turned_F[:, _RIGID:]), mode="r")))
         config.append(scatter.configuration[index[:, 0]])
-    outside = np.linalg.qr(np.concatenate(rest), mode="r")
+    outside = np.asarray(np.linalg.qr(np.concatenate(rest), mode="r"))
     return np.concatenate(levers), np.concatenate(columns), outside, np.concatenate(config)
+
+
+def _flat(rows: Array) -> Array:
+    return rows.reshape(-1, rows.shape[-1])
 
 
 def _six(rows: Array) -> Array:

@@ -64,7 +64,7 @@ def problem_of(
     held: Array | None = None,
     known: Repeatability | None = None,
 ) -> tuple[Turned, Array, IntArray]:
-    """The linear problem of some readings, the variances known beforehand (v,), and those that may vary.
+    """The linear problem of readings, variances known beforehand (v,), and those that may vary.
 
     weighted : ndarray, shape (m, R, n + 6), levers, whitened
     r, J : ndarray, shape (m, R) and (m, R, k), whitened residuals and derivatives

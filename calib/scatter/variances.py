@@ -16,8 +16,8 @@ class Variances:
     """Variances of n joints, of the tip's translation and of its rotation, each a coordinate.
 
     scale : float, actual over stated standard deviation of the instrument
-    approach, configuration : ndarray, shape (n + 2,), rad^2 or m^2, of what is new at each approach, and at
-        each configuration
+    approach, configuration : ndarray, shape (n + 2,), rad^2 or m^2, of what is new at each
+        approach, and at each configuration
     """
 
     scale: float

@@ -1,4 +1,4 @@
-"""Days on which an arm scatters, by their own covariance: dense algebra, no code of ``calib.scatter``."""
+"""Days on which an arm scatters, by dense algebra that shares nothing with ``calib.scatter``."""
 
 from __future__ import annotations
 

@@ -161,7 +161,12 @@ def drawn(day: Day, scale: float, approach: Array, place: Array, seed: int) -> A
     ],
 )
 def test_each_level_is_told_from_the_others(
-    approaches: int, readings: int, scale: float, approach: float, place: float, said: tuple[str, str]
+    approaches: int,
+    readings: int,
+    scale: float,
+    approach: float,
+    place: float,
+    said: tuple[str, str],
 ) -> None:
     """Ten days of each kind: at most one is taken for another."""
     scatter, weighted, day = scattering(visits_of(25, approaches, readings))

@@ -64,7 +64,8 @@ class Ground:
     def _curve(self, own: IntArray, spread: Array) -> Score:
         jitter = 1e-9 * float(np.diag(spread).mean()) * np.eye(len(own))
         half = np.asarray(np.linalg.cholesky(spread + jitter), dtype=np.float64)
-        inverse, theta, best = np.linalg.inv(half), self.levels.theta, (np.inf, 0.0)
+        inverse = np.asarray(np.linalg.inv(half), dtype=np.float64)
+        theta, best = self.levels.theta, (np.inf, 0.0)
         for _ in range(_TURNS):
             amplitude = _amplitude(self._with(own, np.zeros((0, len(own)))), theta, half)
             problem = self._with(own, inverse / amplitude)

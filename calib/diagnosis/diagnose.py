@@ -174,8 +174,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         gap = gap_of(outcome.before, after, counted, heldout, floor, reach(stage, after, heldout))
         if gap.heldout_after is not None and gap.heldout_after >= (gap.heldout_before or 0.0):
             refused += tuple(
-                Refused(c.effect.kind, c.where, "the poses held out are predicted no better")
-                for c in outcome.active
+                Refused.of(c, "the poses held out are predicted no better") for c in outcome.active
             )
             outcome, named, after = nothing(outcome), (), outcome.before
             noise = _noise(stage, after, factor)
@@ -184,7 +183,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     causes = tuple(
         _cause(stage, outcome, n, after, scale, len(suspects), len(named)) for n in named
     )
-    located = _located(outcome, after, causes, scale)
+    located = _located(outcome, after, causes, scale, bool(refused))
     by_time = any(place.depends_on in BY_TIME for place in located)
     gap = gap_of(
         outcome.before, after, counted, heldout, floor, reach(stage, after, heldout), by_time
@@ -318,9 +317,12 @@ def _share(outcome: Outcome, after: Fit, entry: Entry, scale: float) -> float:
 
 
 def _located(
-    outcome: Outcome, after: Fit, causes: tuple[Cause, ...], scale: float
+    outcome: Outcome, after: Fit, causes: tuple[Cause, ...], scale: float, refused: bool
 ) -> tuple[Place, ...]:
-    """Places of all that was found, largest share first."""
+    """Places of all that was found, largest share first.
+
+    refused : whether something was there that nothing was named for
+    """
     found = [
         Place(c.named.candidate.where, c.named.candidate.depends_on, c.share)
         for c in causes
@@ -337,7 +339,7 @@ def _located(
         if not entry.candidate.named:
             share = _share(outcome, after, entry, scale)
             found.append(Place(entry.candidate.where, entry.candidate.depends_on, share))
-    if after.variances.configuration.any():
+    if after.variances.configuration.any() or (refused and not found):
         found.append(Place(ARM, "pose", _unfollowed(outcome, after)))
     return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
 

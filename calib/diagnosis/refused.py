@@ -20,11 +20,20 @@ _MOST_ROUNDS = 3
 
 @dataclass(frozen=True)
 class Refused:
-    """A candidate that was in, and why it is not named."""
+    """A candidate that was in, and why it is not named.
+
+    effect : str, of the catalogue, or ``curve over`` what a cause without a name depends on
+    """
 
     effect: str
     where: str
     reason: str
+
+    @classmethod
+    def of(cls, candidate: Candidate, reason: str) -> Refused:
+        """A candidate refused."""
+        name = candidate.effect.kind if candidate.named else f"curve over {candidate.depends_on}"
+        return cls(name, candidate.where, reason)
 
 
 def believed(
@@ -42,7 +51,7 @@ def believed(
         fresh = _unworthy(stage, after, [*(n.candidate for n in named), *curves])
         if not fresh:
             return outcome, named, after, tuple(refused.values())
-        refused |= {c.key: Refused(c.effect.kind, c.where, why) for c, why in fresh}
+        refused |= {c.key: Refused.of(c, why) for c, why in fresh}
         suspects = [c for c in suspects if c.key not in refused]
         rest = [c for c in outcome.active if c.key not in refused]
         outcome = contest(stage, suspects, columns, rest)

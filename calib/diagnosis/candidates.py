@@ -53,9 +53,9 @@ class Candidate:
         return f"{type(self.effect).__name__}:{self.where} by {self.depends_on}{about} ({count})"
 
     @property
-    def sizes(self) -> Array:
-        """Plausible sizes of its parameters, shape (k,), SI."""
-        return np.array([p.size for p in self.effect.parameters])
+    def limits(self) -> Array:
+        """Magnitudes of its parameters beyond which nothing is believed, shape (k,), SI."""
+        return np.array([p.limit for p in self.effect.parameters])
 
     @property
     def spread(self) -> Array | None:

@@ -189,7 +189,7 @@ def _defence(stage: Stage, seen_from: View, member: Candidate, linear: Score) ->
 
 
 def _linear(beside: Field, seen_from: View, suspects: Sequence[Candidate]) -> dict[str, Score]:
-    return {c.key: score(beside, seen_from.where[c.key], c.spread, c.sizes) for c in suspects}
+    return {c.key: score(beside, seen_from.where[c.key], c.spread, c.limits) for c in suspects}
 
 
 def _leading(scores: dict[str, Score], suspects: Sequence[Candidate]) -> list[Candidate]:

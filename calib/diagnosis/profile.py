@@ -16,7 +16,7 @@ import numpy as np
 
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.prior import prior_rows
-from calib.diagnosis.screen import CURVE_PRICE, NOTHING, VISIBLE, WIDE, Score
+from calib.diagnosis.screen import CURVE_PRICE, NOTHING, VISIBLE, Score
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.view import View
 from calib.poses import IntArray
@@ -53,11 +53,11 @@ class Ground:
     def _named(self, suspect: Candidate, own: IntArray) -> Score:
         from scipy.special import chdtrc
 
-        sizes = np.array([p.size for p in suspect.effect.parameters])
-        problem = self._with(own, np.diag(1.0 / (WIDE * sizes)))
+        limits = suspect.limits
+        problem = self._with(own, np.diag(1.0 / limits))
         _, found = maximised(problem, self.levels.theta, self.levels.free, _SETTLED)
         fall = max(self.levels.value - found.value, 0.0)
-        told = found.diagonal[problem.known : -1] * WIDE * sizes
+        told = found.diagonal[problem.known : -1] * limits
         k = max(int(np.count_nonzero(told > 1.0 + VISIBLE)), 1)
         return Score(fall, fall, k * float(np.log(self.rows)), float(chdtrc(k, fall)))
 

@@ -10,7 +10,6 @@ import numpy as np
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contest import Outcome, contest
 from calib.diagnosis.earned import BY_TIME, ledger
-from calib.diagnosis.screen import WIDE
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, classes
 from calib.diagnosis.view import Columns
@@ -77,14 +76,13 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
 def implausible(fit: Fit, candidate: Candidate) -> str:
     """Why no such thing is met in practice, empty where it is."""
     values = fit.values[fit.positions(candidate.effect)]
-    times = np.abs(values) / candidate.sizes
-    worst = int(np.argmax(times))
-    if times[worst] <= WIDE:
-        return ""
+    worst = int(np.argmax(np.abs(values) / candidate.limits))
     p = candidate.effect.parameters[worst]
+    if abs(values[worst]) <= p.limit:
+        return ""
     return (
-        f"{p.name} would be {values[worst] / p.scale:.3g} {p.unit}, {times[worst]:.0f} times what is "
-        f"usual ({p.size / p.scale:.3g} {p.unit})"
+        f"{p.name} would be {values[worst] / p.scale:.3g} {p.unit}, and beyond {p.limit / p.scale:.3g} "
+        f"{p.unit} such an error is not believed"
     )
 
 

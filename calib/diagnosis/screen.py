@@ -19,8 +19,6 @@ VISIBLE = 1e-3
 """Share of a column's length that must be left beside the modelled ones for it to count."""
 CURVE_PRICE = float(2.0 * np.log(10.0))
 """Of having no name."""
-WIDE = 10.0
-"""Plausible sizes that are one standard deviation of the prior on a named cause's parameter."""
 _DEPENDENT = 1e-8
 _AMPLITUDES = 24
 _AGREES = 0.01  # probability below which the residual refutes the stated noise
@@ -112,18 +110,18 @@ NOTHING = Score(0.0, 0.0, 0.0, 1.0)
 
 
 def score(
-    field: Field, columns: IntArray, spread: Array | None = None, sizes: Array | None = None
+    field: Field, columns: IntArray, spread: Array | None = None, limits: Array | None = None
 ) -> Score:
     """Score of a candidate with these columns.
 
     spread : ndarray, shape (k, k), covariance of a curve's coefficients a priori
-    sizes : ndarray, shape (k,), plausible sizes of a named cause's parameters, SI; any size without
-        them
+    limits : ndarray, shape (k,), of a named cause's parameters, SI: one standard deviation a priori;
+        any size without them
     """
-    return _named(field, columns, sizes) if spread is None else _curve(field, columns, spread)
+    return _named(field, columns, limits) if spread is None else _curve(field, columns, spread)
 
 
-def _named(field: Field, columns: IntArray, sizes: Array | None) -> Score:
+def _named(field: Field, columns: IntArray, limits: Array | None) -> Score:
     """Score test: chi-square where the noise is believed, F where the residual refutes it.
 
     Of what the readings ask for counts what the plausible sizes can give: with G the covariance a
@@ -138,8 +136,8 @@ def _named(field: Field, columns: IntArray, sizes: Array | None) -> Score:
     price = k * float(np.log(field.rows))
     z = U.T @ field.r
     fall = float(z @ z)
-    if sizes is not None:
-        half = U.T @ (field.X[:, columns] * (WIDE * sizes))
+    if limits is not None:
+        half = U.T @ (field.X[:, columns] * limits)
         G = half @ half.T
         fall = float(z @ np.linalg.solve(np.eye(k) + G, G @ z))
     left = field.dof - k

@@ -129,7 +129,9 @@ def _times(stage: Stage, fit: Fit, effect: Effect, functions: Array) -> Array:
     own = fit.positions(effect)
     _, J = fit.model.jacobian(fit.values, stage.data.poses)
     moved = (J[..., own] @ fit.values[own])[..., None] * functions[:, None, None, :]
-    rows = stage.observation(fit.model, fit.weight).rows(moved).reshape(-1, functions.shape[1])
+    rows = stage.observation(fit.model, fit.weight).rows(moved)
+    rows = rows if fit.mixing is None else fit.mixing(rows)
+    rows = rows.reshape(-1, functions.shape[1])
     X = np.zeros((len(fit.equations[0]), functions.shape[1]))
     X[: len(rows)] = rows
     return X

@@ -12,7 +12,7 @@ from calib.effects.protocol import Context, ElasticEffect, Parameter
 from calib.poses import Poses
 from calib.se3 import Array
 
-_SIZE = 1e-6  # rad/(N m): a robot on a table or a light pedestal
+_LARGEST = 1e-5  # rad/(N m): a robot on a table or a light pedestal
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class BaseCompliance(ElasticEffect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter(self.kind, self.where, "tilt", "urad/(N m)", 1e-6, _SIZE),)
+        return (Parameter(self.kind, self.where, "tilt", "urad/(N m)", 1e-6, 1e-7, _LARGEST),)
 
     def flexibility(self, poses: Poses) -> Array:
         return tilt_across(np.array([0.0, 0.0, 1.0]))

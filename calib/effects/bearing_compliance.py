@@ -19,7 +19,7 @@ from calib.se3 import Array
 
 # rad/(N m): crossed roller bearings of small gears tilt by 5 to 20 urad/(N m) (makers' catalogues),
 # large ones by less than one.
-_SIZE = 1e-5
+_LARGEST = 2e-4
 
 
 def tilt_across(axis: Array) -> Array:
@@ -48,7 +48,7 @@ class BearingCompliance(ElasticEffect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter(self.kind, self.where, "tilt", "urad/(N m)", 1e-6, _SIZE),)
+        return (Parameter(self.kind, self.where, "tilt", "urad/(N m)", 1e-6, 1e-7, _LARGEST),)
 
     def flexibility(self, poses: Poses) -> Array:
         return tilt_across(self.axis)

@@ -11,9 +11,9 @@ _HOUR = 3600.0  # s
 
 def drift_parameters(kind: str, where: str) -> tuple[Parameter, ...]:
     """Three velocities and three turn rates, SI per second."""
-    scale, size = 1e-6 / _HOUR, 1e-4 / _HOUR
-    shift = [Parameter(kind, where, c, "um/h", scale, size) for c in "xyz"]
-    turn = [Parameter(kind, where, f"r{c}", "urad/h", scale, size) for c in "xyz"]
+    scale, size, largest = 1e-6 / _HOUR, 1e-4 / _HOUR, 5e-3 / _HOUR
+    shift = [Parameter(kind, where, c, "um/h", scale, size, largest) for c in "xyz"]
+    turn = [Parameter(kind, where, f"r{c}", "urad/h", scale, size, largest) for c in "xyz"]
     return (*shift, *turn)
 
 

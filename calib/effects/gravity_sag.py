@@ -22,7 +22,8 @@ from calib.poses import Poses
 from calib.robot import Robot
 from calib.se3 import Array, across, cross, rotate
 
-_SIZE = 1e-3  # rad: 10 urad/(N m) under 100 N m, a joint of a light arm; or m
+_SIZE = 1e-4  # rad, or m
+_LARGEST = 1e-2  # of a light arm's joint, 10 urad/(N m), under 1000 N m
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +59,7 @@ class GravitySag(PoseEffect):
             prefix = f"{self.robot.joints[k]}_" if self.where == ARM else ""
             for name, slides in self._moments(k):
                 own = f"{unit}/m" if slides else unit
-                found.append(Parameter(self.kind, self.where, prefix + name, own, 1e-6, _SIZE))
+                found.append(Parameter(self.kind, self.where, prefix + name, own, 1e-6, _SIZE, _LARGEST))
         return tuple(found)
 
     def _moments(self, k: int) -> list[tuple[str, bool]]:

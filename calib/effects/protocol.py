@@ -45,7 +45,8 @@ class Parameter:
     effect, where, name : str, as in the effect table of the file formats
     unit : str, in which people read it
     scale : float, SI per unit
-    size : float, SI, a plausible magnitude: scales columns, and no cause is named beyond ten of it
+    size : float, SI, a plausible magnitude: scales columns
+    largest : float or None, SI, beyond which no such error is believed; ten plausible sizes where None
     """
 
     effect: str
@@ -54,6 +55,12 @@ class Parameter:
     unit: str
     scale: float
     size: float
+    largest: float | None = None
+
+    @property
+    def limit(self) -> float:
+        """Magnitude beyond which nobody has met such an error, SI."""
+        return 10.0 * self.size if self.largest is None else self.largest
 
     @property
     def id(self) -> str:

@@ -17,7 +17,7 @@ from calib.robot import Robot
 from calib.se3 import Array
 
 # 1/K: aluminium grows by 23e-6, and a link beside its motor warms by more than the thermometer shows.
-_SIZE = 4e-5
+_LARGEST = 4e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class ThermalExpansion(PoseEffect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter(self.kind, self.where, "growth", "um/(m K)", 1e-6, _SIZE),)
+        return (Parameter(self.kind, self.where, "growth", "um/(m K)", 1e-6, 1e-5, _LARGEST),)
 
     def twists(self, poses: Poses) -> tuple[Strand, ...]:
         slides = np.column_stack([self.lengths, np.zeros_like(self.lengths)])

@@ -11,7 +11,7 @@ from calib.effects.protocol import Context, ElasticEffect, Parameter
 from calib.poses import Poses
 from calib.se3 import Array
 
-_TURN = 2e-5  # rad/(N m): a changer or a slender tool
+_LARGEST = 5e-4  # rad/(N m): a changer or a slender tool
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,10 @@ class ToolCompliance(ElasticEffect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         slide = [Parameter(self.kind, self.where, c, "nm/N", 1e-9, 1e-7) for c in "xyz"]
-        turn = [Parameter(self.kind, self.where, f"r{c}", "urad/(N m)", 1e-6, _TURN) for c in "xyz"]
+        turn = [
+            Parameter(self.kind, self.where, f"r{c}", "urad/(N m)", 1e-6, 1e-6, _LARGEST)
+            for c in "xyz"
+        ]
         return (*slide, *turn)
 
     def flexibility(self, poses: Poses) -> Array:

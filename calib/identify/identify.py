@@ -103,7 +103,9 @@ def identify(
     }
     held = None
     if heldout is not None:
-        held = _predicted(cell, observation, heldout, values, stated, found)
+        # Judged as the fitted poses are, by the instrument's noise alone.
+        alone = estimator.covariance(replace(counted, scatter=None), values, found.span)
+        held = _predicted(cell, observation, heldout, values, alone, found)
         distances["heldout"] = held.lengths()
         distances["heldout_trimmed"] = held.lengths(~held.outlier)
     return Identification(

@@ -25,14 +25,24 @@ def _strangers(fields: dict[str, Any]) -> None:
 
 
 OTHER_FORM = "is not as its command writes it"
+
+
+def _falling(result: dict[str, Any], first: float) -> dict[str, Any]:
+    """A diagnosis whose error falls from a first figure [mm] with one effect."""
+    place = {"where": "X1", "depends_on": "approach:X1", "share_of_gap": 0.9}
+    result.update(verdict="unknown", located=[place])
+    result["steps"].update(added=["backlash:X1"], rms_mm=[first, 0.02])
+    return result
+
+
 DAMAGED: dict[str, tuple[str, Change, str]] = {
     "NaN": ("enough", lambda r: r.update(goal_mm=float("nan")), "is no result of posecal"),
     "huge": ("enough", lambda r: r.update(goal_mm=10**400), "is no result of posecal"),
     "no joint": ("designed", lambda r: r["poses"][0]["joints_mm"].clear(), "lacks 'X1'"),
     "far joint": ("designed", lambda r: r["poses"][0]["joints_mm"].update(X1=1e20), OTHER_FORM),
     "no points": ("compared", lambda r: r["plans"][0]["approaches"].clear(), "lacks 'points'"),
-    "no floor": ("diagnosed", lambda r: r["gap"].update(floor_mm=0.0), OTHER_FORM),
-    "below zero": ("diagnosed", lambda r: r["steps"]["rms_mm"].insert(0, -1.0), OTHER_FORM),
+    "no floor": ("diagnosed", lambda r: _falling(r, 0.03)["gap"].update(floor_mm=0.0), OTHER_FORM),
+    "below zero": ("diagnosed", lambda r: _falling(r, -1.0), OTHER_FORM),
     "strangers": ("identified", _strangers, OTHER_FORM),
 }
 

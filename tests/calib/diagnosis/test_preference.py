@@ -154,7 +154,7 @@ def of_the_curve_that_leads(error: object, seed: int) -> tuple[str, list[str]]:
     suspects, _ = candidates(cell, model, data)
     fit = stage.fit(())
     view = columns_at(stage, fit, suspects).seen_from(stage, fit)
-    beside: Field = view.beside
+    beside: Field = view.by_instrument.beside
     where: dict[str, IntArray] = view.where
     curves = [c for c in suspects if not c.named and c.where == "Z"]
     first = max(curves, key=lambda c: score(beside, where[c.key], c.spread).gain)

@@ -131,15 +131,14 @@ def _better(
         own = scores[member.key]
         if not _pays(_defence(stage, seen_from, member, own), len(suspects)):
             return rest
-        best = _leader(scores, [c for c in suspects if c not in rest], len(suspects))
+        eligible = [c for c in _eligible(rest, suspects) if c is not member]
+        best = _leader(scores, [*eligible, member], len(suspects))
         named = best.named and not member.named
         if best is not member and (named or scores[best.key].gain > own.gain + _CHALLENGE):
             return [*rest, best]
     if len(active) < _MOST_EFFECTS:
-        full = sum(not c.named for c in active) >= _MOST_CURVES
-        eligible = [c for c in suspects if c not in active and (c.named or not full)]
         scores = _scores(stage, seen_from, suspects)
-        best = _leader(scores, eligible, len(suspects))
+        best = _leader(scores, _eligible(active, suspects), len(suspects))
         if _pays(scores[best.key], len(suspects)):
             return [*active, *(_by_name(seen_from.beside, seen_from, best, suspects) or [best])]
     for curve in (c for c in active if not c.named):
@@ -147,6 +146,12 @@ def _better(
         if names:
             return [*(c for c in active if c is not curve and c not in names), *names]
     return active
+
+
+def _eligible(active: Sequence[Candidate], suspects: Sequence[Candidate]) -> list[Candidate]:
+    """Who may come in beside those that are: of curves no more than a few."""
+    full = sum(not c.named for c in active) >= _MOST_CURVES
+    return [c for c in suspects if c not in active and (c.named or not full)]
 
 
 def _by_name(

@@ -59,7 +59,9 @@ class GravitySag(PoseEffect):
             prefix = f"{self.robot.joints[k]}_" if self.where == ARM else ""
             for name, slides in self._moments(k):
                 own = f"{unit}/m" if slides else unit
-                found.append(Parameter(self.kind, self.where, prefix + name, own, 1e-6, _SIZE, _LARGEST))
+                found.append(
+                    Parameter(self.kind, self.where, prefix + name, own, 1e-6, _SIZE, _LARGEST)
+                )
         return tuple(found)
 
     def _moments(self, k: int) -> list[tuple[str, bool]]:

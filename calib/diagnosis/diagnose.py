@@ -219,11 +219,9 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
 
 
 def _replicate_factor(data: Measurements, weights: Array) -> float:
-    """Actual over stated noise by readings repeated without a move, one where they agree or are too
-    few.
+    """Actual over stated noise by readings repeated without a move; one where they agree.
 
-    Readings between which the arm moved hold its repeatability as well.
-
+    One too where they are few. Readings between which the arm moved hold its repeatability as well.
     Groups with a gross error do not count: whatever is no noise stands out among the others.
     """
     _, group = np.unique(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -43,7 +44,7 @@ class Candidate:
         """Place, as in the results."""
         return self.effect.where
 
-    @property
+    @cached_property
     def key(self) -> str:
         """``effect:where``, for a curve with its variable and what it moves."""
         if not isinstance(self.effect, Curve):
@@ -52,12 +53,12 @@ class Candidate:
         about = f" along {np.round(variable.axis, 3)}" if isinstance(variable, Torque) else ""
         return f"{type(self.effect).__name__}:{self.where} by {self.depends_on}{about} ({count})"
 
-    @property
+    @cached_property
     def limits(self) -> Array:
         """Magnitudes of its parameters beyond which nothing is believed, shape (k,), SI."""
         return np.array([p.limit for p in self.effect.parameters])
 
-    @property
+    @cached_property
     def spread(self) -> Array | None:
         """Covariance of a curve's k coefficients a priori, shape (k, k); None for a cause by name."""
         return self.effect.spread if isinstance(self.effect, Curve) else None

@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar, Self
 
 import numpy as np
@@ -69,7 +70,7 @@ class Curve(Effect):
     def units(self) -> tuple[str, ...]:
         """Unit of the error in each direction."""
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(
             Parameter(self.kind, self.where, f"{self.variable.name}_{c}@{at}", unit, 1e-6, _SIZE)

@@ -21,7 +21,7 @@ from calib.diagnosis.screen import refuted
 from calib.diagnosis.shape import Doubt, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, VerdictName, verdict
-from calib.diagnosis.view import columns_at
+from calib.diagnosis.view import columns_of
 from calib.effects.protocol import ARM
 from calib.identify.estimators import Mask
 from calib.identify.identify import check_counts, whitening
@@ -150,33 +150,38 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     waiting = before_the_first_move(data.poses)
     stage = Stage(data, model, start, weights / factor, waiting, arm=cell.repeatability)
     suspects, missing = candidates(cell, model, data)
-    columns = columns_at(stage, stage.fit(()), suspects)
-    outcome = contest(stage, suspects, columns)
+    linear = stage.about(stage.fit(()), [c.effect for c in suspects])
+    columns = columns_of(linear, suspects)
+    outcome = contest(linear, suspects, columns)
     statistic, limit = np.zeros(len(data)), np.inf
     grows = growth(data, outcome.fit.r)
     if grows is not None:
         weights = weights / grows.relative[..., None, None]
         factor = _replicate_factor(data, weights)
-        stage = replace(stage, weights=weights / factor)
-        outcome = contest(stage, suspects, columns)
+        stage, linear = (replace(s, weights=weights / factor) for s in (stage, linear))
+        outcome = contest(linear, suspects, columns)
     for _ in range(_MOST_PASSES):
-        out, statistic, limit = _outliers(stage, outcome)
+        fit = stage.exact(outcome.fit)
+        out, statistic, limit = _outliers(stage, fit)
         out |= waiting
         if not stage.robust and np.array_equal(out, stage.dropped):
             break
         stage = replace(stage, dropped=out, robust=False)
-        outcome = contest(stage, suspects, columns, outcome.active)
-    outcome, named, after, refused = believed(stage, outcome, columns)
+        linear = stage.about(fit, [c.effect for c in suspects])
+        columns = columns_of(linear, suspects)
+        outcome = contest(linear, suspects, columns, outcome.active)
+    outcome, named, after, refused = believed(linear, outcome, columns)
+    before, after = stage.exact(outcome.before), stage.exact(after)
     noise = _noise(stage, after, factor)
     floor = float(np.sqrt(3.0)) * noise.sigma
     counted = data.take(~stage.dropped)
     if heldout is not None and outcome.active:
-        gap = gap_of(outcome.before, after, counted, heldout, floor, reach(stage, after, heldout))
+        gap = gap_of(before, after, counted, heldout, floor, reach(stage, after, heldout))
         if gap.heldout_after is not None and gap.heldout_after >= (gap.heldout_before or 0.0):
             refused += tuple(
                 Refused.of(c, "the poses held out are predicted no better") for c in outcome.active
             )
-            outcome, named, after = nothing(outcome), (), outcome.before
+            outcome, named, after = nothing(outcome), (), before
             noise = _noise(stage, after, factor)
     scale = noise.factor / factor if noise.source != "cell" and after.mixing is None else 1.0
     left = _something_left(stage, outcome, after) or bool(refused and not outcome.active)
@@ -185,9 +190,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     )
     located = _located(outcome, after, causes, scale, bool(refused))
     by_time = any(place.depends_on in BY_TIME for place in located)
-    gap = gap_of(
-        outcome.before, after, counted, heldout, floor, reach(stage, after, heldout), by_time
-    )
+    gap = gap_of(before, after, counted, heldout, floor, reach(stage, after, heldout), by_time)
     if by_time:
         added = after.model.effects[len(model.effects) :]
         gap = replace(gap, over_time=over_time(stage, added))
@@ -207,7 +210,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         waiting=waiting,
         statistic=statistic,
         limit=limit,
-        before=outcome.before,
+        before=before,
         after=after,
         outcome=outcome,
         stage=stage,
@@ -243,10 +246,10 @@ def _replicate_factor(data: Measurements, weights: Array) -> float:
     return float(np.sqrt(spread / dof)) if refuted(float(spread), int(dof)) else 1.0
 
 
-def _outliers(stage: Stage, outcome: Outcome) -> tuple[Mask, Array, float]:
+def _outliers(stage: Stage, fit: Fit) -> tuple[Mask, Array, float]:
     """Poses that the model with all its effects does not explain."""
-    statistic = stage.statistics(outcome.fit)
-    limit = threshold(statistic, outcome.fit.r.shape[-1])
+    statistic = stage.statistics(fit)
+    limit = threshold(statistic, fit.r.shape[-1])
     return judge(statistic, limit), statistic, limit
 
 

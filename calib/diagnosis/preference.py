@@ -73,13 +73,14 @@ def chance_of(field: Field, curve: IntArray, spread: Array) -> float:
     By ``sum(w z^2)``, ``w = d / (d + mean(d))``, with d the eigenvalues of ``X C X^T`` and z the
     residual along its vectors: a curve about as large as the noise with which the data determine it.
     """
-    X = field.X[:, curve] @ np.linalg.cholesky(spread + 1e-9 * np.eye(len(spread)))
-    d, vectors = np.linalg.eigh(X.T @ X)
+    half = np.linalg.cholesky(spread + 1e-9 * np.eye(len(spread)))
+    S, Xr = field.products(curve)
+    d, vectors = np.linalg.eigh(half.T @ S @ half)
     seen = d > VISIBLE**2 * float((field.lengths[curve] ** 2).max(initial=0.0))
     if not seen.any() or field.dof <= np.count_nonzero(seen):
         return 1.0
     d, vectors = d[seen], vectors[:, seen]
-    squares = (vectors.T @ (X.T @ field.r)) ** 2 / d
+    squares = (vectors.T @ (half.T @ Xr)) ** 2 / d
     w = d / (d + d.mean())
     if field.noise_refuted:
         return ratio_above(w, field.dof, float(w @ squares) * field.dof / field.cost)
@@ -131,4 +132,4 @@ def _narrowed(field: Field, columns: Sequence[IntArray]) -> tuple[Field, list[In
     ends = np.cumsum([0, *map(len, columns)])
     chosen = np.concatenate(columns)
     own = [np.arange(a, b) for a, b in pairwise(ends)]
-    return replace(field, X=field.X[:, chosen], lengths=field.lengths[chosen]), own
+    return field.take(chosen).compressed(), own

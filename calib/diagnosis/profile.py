@@ -89,7 +89,7 @@ class Ground:
 
 def _amplitude(problem: Turned, theta: Array, half: Array) -> float:
     """That of a curve which the readings prefer, in plausible sizes."""
-    _, R = triangle(problem, theta)
+    R = triangle(problem, theta)
     own = slice(problem.known, R.shape[1] - 1)
     S, z = R[own, own] @ half, R[own, -1]
     d, vectors = np.linalg.eigh(S.T @ S)

@@ -9,6 +9,8 @@ there adds its noncentrality (Rao 1948; one QR of N serves all candidates).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from dataclasses import field as field_
+from functools import cached_property
 
 import numpy as np
 
@@ -19,7 +21,8 @@ VISIBLE = 1e-3
 """Share of a column's length that must be left beside the modelled ones for it to count."""
 CURVE_PRICE = float(2.0 * np.log(10.0))
 """Of having no name."""
-_DEPENDENT = 1e-8
+DEPENDENT = 1e-8
+"""Share of a column's length below which nothing but rounding is left of it."""
 _AMPLITUDES = 24
 _AGREES = 0.01  # probability below which the residual refutes the stated noise
 
@@ -31,6 +34,7 @@ class Field:
     X : ndarray, shape (N, K); r : ndarray, shape (N,), in standard deviations
     lengths : ndarray, shape (K,), of the columns before the projection
     rows : int, that count; dof : int, degrees of freedom of r
+    whole : Field or None, whose rows come before these
     """
 
     X: Array
@@ -38,24 +42,63 @@ class Field:
     lengths: Array
     rows: int
     dof: int
+    whole: Field | None = None
+    _products: dict[bytes, tuple[Array, Array]] = field_(
+        default_factory=dict, init=False, repr=False
+    )
 
-    @property
+    @cached_property
     def cost(self) -> float:
         """Sum of squares of the residual."""
-        return float(self.r @ self.r)
+        return float(self.r @ self.r) + (0.0 if self.whole is None else self.whole.cost)
 
-    @property
+    @cached_property
     def noise_refuted(self) -> bool:
         """Whether the residual's size contradicts the stated noise, in either direction."""
         return refuted(self.cost, self.dof)
 
+    def products(self, columns: IntArray) -> tuple[Array, Array]:
+        """``X^T X`` and ``X^T r`` of some columns, shapes (k, k) and (k,)."""
+        key = columns.tobytes()
+        if key not in self._products:
+            own = self.X[:, columns]
+            S, z = own.T @ own, own.T @ self.r
+            if self.whole is not None:
+                S_whole, z_whole = self.whole.products(columns)
+                S, z = S + S_whole, z + z_whole
+            self._products[key] = S, z
+        return self._products[key]
+
+    def crossed(self, these: IntArray, those: IntArray) -> Array:
+        """``X^T X`` of some columns with others, shape (k, l)."""
+        own = self.X[:, these].T @ self.X[:, those]
+        return own if self.whole is None else own + self.whole.crossed(these, those)
+
+    def compressed(self) -> Field:
+        """The same products and cost in as few rows as there are columns."""
+        R = np.linalg.qr(np.column_stack([self.X, self.r]), mode="r")
+        return Field(R[:, :-1], R[:, -1], self.lengths, self.rows, self.dof)
+
+    def take(self, columns: IntArray) -> Field:
+        """The field of some columns alone, all rows in one."""
+        X, r, part = self.X[:, columns], self.r, self.whole
+        while part is not None:
+            X, r = np.concatenate([part.X[:, columns], X]), np.concatenate([part.r, r])
+            part = part.whole
+        return Field(X, r, self.lengths[columns], self.rows, self.dof)
+
     def basis(self, columns: IntArray) -> Array:
         """Orthonormal directions (N, k) of some columns, those that cannot be seen left out."""
-        own = self.X[:, columns]
+        own, T = self.take(columns).X, self.directions(columns)
+        return np.asarray(own @ T)
+
+    def directions(self, columns: IntArray) -> Array:
+        """``T``, shape (K, k), that makes columns (N, K) the orthonormal directions ``X T``."""
+        S, _ = self.products(columns)
         lengths = np.where(self.lengths[columns] > 0.0, self.lengths[columns], 1.0)
-        values, vectors = np.linalg.eigh((own / lengths).T @ (own / lengths))
+        values, vectors = np.linalg.eigh(S / np.outer(lengths, lengths))
         seen = values > VISIBLE**2
-        return np.asarray((own / lengths) @ vectors[:, seen] / np.sqrt(values[seen]))
+        return np.asarray(vectors[:, seen] / np.sqrt(values[seen]) / lengths[:, None])
 
 
 def refuted(cost: float, dof: int) -> bool:
@@ -73,16 +116,25 @@ def field(N: Array, X: Array, r: Array) -> Field:
     N : ndarray, shape (rows, p), whitened derivatives of what is modelled; X : ndarray, shape (rows, K)
     r : ndarray, shape (rows,), whitened residuals; rows of zeros count nothing
     """
+    return beside(orthonormal(N), X, r)
+
+
+def beside(Q: Array, X: Array, r: Array) -> Field:
+    """The same with an orthonormal basis (rows, k) of what is modelled."""
+    rows = int(np.count_nonzero(np.abs(Q).sum(axis=1) + np.abs(X).sum(axis=1)))
+    lengths = np.linalg.norm(X, axis=0)
+    X, r = X - Q @ (Q.T @ X), r - Q @ (Q.T @ r)
+    return Field(X, r, lengths, rows, rows - Q.shape[1])
+
+
+def orthonormal(N: Array) -> Array:
+    """An orthonormal basis of columns (rows, p), shape (rows, rank)."""
     from scipy.linalg import qr
 
     scale = np.linalg.norm(N, axis=0)
     Q, R, _ = qr(N / np.where(scale > 0.0, scale, 1.0), mode="economic", pivoting=True)
     pivots = np.abs(np.diag(R))
-    Q = Q[:, pivots > _DEPENDENT * pivots.max(initial=0.0)]
-    rows = int(np.count_nonzero(np.abs(N).sum(axis=1) + np.abs(X).sum(axis=1)))
-    lengths = np.linalg.norm(X, axis=0)
-    X, r = X - Q @ (Q.T @ X), r - Q @ (Q.T @ r)
-    return Field(X, r, lengths, rows, rows - Q.shape[1])
+    return np.asarray(Q[:, pivots > DEPENDENT * pivots.max(initial=0.0)])
 
 
 @dataclass(frozen=True)
@@ -129,15 +181,15 @@ def _named(field: Field, columns: IntArray, limits: Array | None) -> Score:
     """
     from scipy.special import chdtrc, fdtrc
 
-    U = field.basis(columns)
-    k = U.shape[1]
+    T, (S, Xr) = field.directions(columns), field.products(columns)
+    k = T.shape[1]
     if k == 0:
         return NOTHING
     price = k * float(np.log(field.rows))
-    z = U.T @ field.r
+    z = T.T @ Xr
     fall = float(z @ z)
     if limits is not None:
-        half = U.T @ (field.X[:, columns] * limits)
+        half = T.T @ S * limits
         G = half @ half.T
         fall = float(z @ np.linalg.solve(np.eye(k) + G, G @ z))
     left = field.dof - k
@@ -156,13 +208,13 @@ def _curve(field: Field, columns: IntArray, spread: Array) -> Score:
     ratio of likelihoods, e comes by chance at most once in ``exp(e / 2)`` times (Markov).
     """
     half = np.linalg.cholesky(spread + 1e-9 * np.eye(len(spread)))
-    X = field.X[:, columns] @ half
-    d, vectors = np.linalg.eigh(X.T @ X)
+    S, Xr = field.products(columns)
+    d, vectors = np.linalg.eigh(half.T @ S @ half)
     seen = d > VISIBLE**2 * float((field.lengths[columns] ** 2).max(initial=0.0))
     if not seen.any():
         return NOTHING
     d, vectors = d[seen], vectors[:, seen]
-    z = (vectors.T @ (X.T @ field.r)) / np.sqrt(d)
+    z = (vectors.T @ (half.T @ Xr)) / np.sqrt(d)
     t = np.geomspace(0.1, 1e6, _AMPLITUDES)[:, None] / d.max()
     falls = (z**2 * t * d / (1.0 + t * d)).sum(axis=1)
     price = np.log1p(t * d).sum(axis=1)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from calib.cell import Repeatability
 from calib.covariance import covariance, gain
+from calib.diagnosis.linear import LinearModel, linearised
 from calib.diagnosis.prior import curves_in, fitted_amplitudes, prior_rows, weak
 from calib.diagnosis.screen import field
 from calib.effects.protocol import Effect
@@ -155,6 +156,19 @@ class Stage:
             if not fit.amplitudes or abs(fit.pull - pull) <= _ALIKE * pull:
                 break
         return fit
+
+    def exact(self, fit: Fit) -> Fit:
+        """A fit to first order, gone on with in full: same directions, weights and amplitudes."""
+        if not isinstance(fit.model, LinearModel):
+            return fit
+        model = fit.model.exact
+        full = self._fitted(model, fit.values, fit.span, fit.weight, fit.amplitudes, fit.pull)
+        return self._under_levels(replace(full, levels=fit.levels))
+
+    def about(self, fit: Fit, suspects: Sequence[Effect]) -> Stage:
+        """The same stage to first order about a fit, for it and all suspects."""
+        whole = linearised(fit.model, fit.values, self.data.poses, suspects)
+        return replace(self, model=whole.with_effects(self.model.effects))
 
     def _settled(self, fit: Fit) -> Fit:
         """The fit with weights of poses and amplitudes of curves that follow from it."""

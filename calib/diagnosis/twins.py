@@ -37,8 +37,9 @@ def twins(outcome: Outcome, entry: Entry) -> list[Twin]:
     """All causes by name beside an entry, the best imitation first."""
     view = outcome.view
     beside, where = view.without(entry.candidate), view.where
-    U = beside.basis(where[entry.candidate.key])
-    signal = U.T @ beside.r
+    own = where[entry.candidate.key]
+    U, (_, Xr) = beside.directions(own), beside.products(own)
+    signal = U.T @ Xr
     spread = max(beside.cost - float(signal @ signal), 0.0) / max(beside.dof - len(signal), 1)
     noise = spread if beside.noise_refuted else 1.0
     active = {c.key for c in outcome.active}
@@ -46,10 +47,10 @@ def twins(outcome: Outcome, entry: Entry) -> list[Twin]:
     for suspect in outcome.suspects:
         if not suspect.named or suspect.key in active or _contains(suspect, entry.candidate):
             continue
-        V = beside.basis(where[suspect.key])
+        V = beside.directions(where[suspect.key])
         if V.shape[1] > U.shape[1] + _MORE:
             continue
-        crossed = V.T @ U
+        crossed = V.T @ beside.crossed(where[suspect.key], own) @ U
         imitated = crossed @ signal
         left = float(signal @ signal - imitated @ imitated) / noise
         same = V.shape[1] == U.shape[1] > 0

@@ -9,8 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.screen import Field, field
-from calib.diagnosis.stage import Fit, Stage, positions
+from calib.diagnosis.linear import LinearModel
+from calib.diagnosis.screen import DEPENDENT, Field, beside, orthonormal
+from calib.diagnosis.stage import Fit, Stage
 from calib.poses import IntArray
 from calib.se3 import Array
 
@@ -50,12 +51,23 @@ class View:
         return rows.reshape(-1, rows.shape[-1])
 
     @cached_property
+    def modelled(self) -> Array:
+        """An orthonormal basis of all that is modelled, shape (N, k)."""
+        return orthonormal(self.fit.equations[1] @ self.fit.span)
+
+    @cached_property
     def beside(self) -> Field:
         """Candidates and residual with all that is modelled projected out."""
-        r, J = self.fit.equations
+        r, _ = self.fit.equations
         X = np.zeros((len(r), self.columns.shape[1]))
         X[: len(self.columns)] = self.columns
-        return field(J @ self.fit.span, X, r)
+        return beside(self.modelled, X, r)
+
+    @cached_property
+    def _turned(self) -> tuple[Array, Array]:
+        """What is modelled, and the candidates, in the directions of the basis."""
+        Q, J = self.modelled, self.fit.equations[1] @ self.fit.span
+        return Q.T @ J, Q[: len(self.columns)].T @ self.columns
 
     @cached_property
     def by_instrument(self) -> View:
@@ -68,28 +80,43 @@ class View:
         What it alone explains comes back, as rows of their own: lengths and products are those of
         ``X + U U^T X``, U the directions that it has beside the rest.
         """
+        from scipy.linalg import qr
+
         fit, whole = self.fit, self.beside
-        r, J = fit.equations
         own = fit.positions(member.effect)
-        rest = fit.span[:, np.abs(fit.span[own]).sum(axis=0) == 0.0]
-        U = field(J @ rest, J[:, own], r).basis(np.arange(len(own)))
+        rest = np.abs(fit.span[own]).sum(axis=0) == 0.0
+        modelled, candidates = self._turned
+        modelled = modelled[:, rest]
+        scale = np.linalg.norm(modelled, axis=0)
+        Q, R, _ = qr(modelled / np.where(scale > 0.0, scale, 1.0), pivoting=True)
+        pivots = np.abs(np.diag(R))
+        rank = int(np.count_nonzero(pivots > DEPENDENT * pivots.max(initial=0.0)))
+        U = Q[:, rank:]
         # The residual as it would be without the effect, to first order.
+        r, J = fit.equations
         r = r + J[:, own] @ fit.values[own]
         held = 0 if member.named else len(own)  # rows of its prior, which go with it
         return Field(
-            np.concatenate([whole.X, U[: len(self.columns)].T @ self.columns]),
-            np.concatenate([whole.r, U.T @ r]),
+            U.T @ candidates,
+            U.T @ (self.modelled.T @ r),
             whole.lengths,
             whole.rows - held,
             whole.dof + U.shape[1] - held,
+            whole,
         )
 
 
 def columns_at(stage: Stage, fit: Fit, suspects: Sequence[Candidate]) -> Columns:
     """Linearise every candidate at a fit; those that are in it stand where they are."""
-    whole, values = fit.model.extended(fit.values, [c.effect for c in suspects])
-    _, J = whole.jacobian(values, stage.data.poses)
-    at = [positions(whole, c.effect) for c in suspects]
+    return columns_of(stage.about(fit, [c.effect for c in suspects]), suspects)
+
+
+def columns_of(stage: Stage, suspects: Sequence[Candidate]) -> Columns:
+    """The candidates' columns in a stage to first order."""
+    whole = stage.model
+    if not isinstance(whole, LinearModel):
+        raise TypeError("the stage is not to first order")
+    at = [whole.known[id(c.effect)] for c in suspects]
     ends = np.cumsum([0, *map(len, at)])
     where = {c.key: np.arange(a, b) for c, a, b in zip(suspects, ends, ends[1:], strict=False)}
-    return Columns(J[..., np.concatenate(at)], where)
+    return Columns(whole.columns[..., np.concatenate(at)], where)

@@ -17,6 +17,7 @@ leaves those six; the others carry the instrument's noise alone and enter once, 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from calib.se3 import Array
 
 _RIGID = 6
 _DEPENDENT = 1e-12
+_LOST = 1e-6  # share of a column's length: the root of what is left of twelve digits
 _MOVED = 1e-9  # of a lever's usual length
 _MOST_STEPS = 40
 SETTLED = 0.01
@@ -67,6 +69,16 @@ class Turned:
     beyond: int
     beyond_rigid: int
     units: Array
+
+    @cached_property
+    def beside(self) -> Array:
+        """Products (f, f) of the rows that carry the instrument's noise alone."""
+        return np.asarray(self.outside.T @ self.outside)
+
+    @cached_property
+    def prior(self) -> Array:
+        """Products (f, f) of the rows of the prior."""
+        return np.asarray(self.held.T @ self.held)
 
     def with_columns(self, chosen: IntArray, known: int, held: Array | None = None) -> Turned:
         """The problem of some of its columns, the readings last; ``held`` has as many."""
@@ -123,46 +135,49 @@ def turned(
     return Turned(tuple(blocks), outside, held, known, rows - inside, rows - rigid, units)
 
 
-def triangle(problem: Turned, theta: Array) -> tuple[list[Array], Array]:
-    """Inverse factors of every block's covariance, and the triangle (.., f) of the independent rows."""
+def triangle(problem: Turned, theta: Array) -> Array:
+    """Triangle (f, f) of the independent rows at some variances."""
+    return _triangle(problem, theta)[2]
+
+
+def _triangle(problem: Turned, theta: Array) -> tuple[list[Array], list[Array], Array]:
+    """Inverse factors of every block's covariance, independent rows (.., f) of each, the triangle."""
     factors = [_factor(b, theta) for b in problem.blocks]
-    flat = [
-        (Li @ b.F).reshape(-1, b.F.shape[-1]) for b, Li in zip(problem.blocks, factors, strict=True)
-    ]
-    rows = np.concatenate([*flat, problem.outside / np.sqrt(theta[0]), problem.held])
-    return factors, np.asarray(np.linalg.qr(rows, mode="r"))
+    flat = [_flat(Li @ b.F) for b, Li in zip(problem.blocks, factors, strict=True)]
+    G = problem.beside / theta[0] + problem.prior + sum(rows.T @ rows for rows in flat)
+    scale = np.sqrt(np.maximum(np.diag(G), 1e-300))
+    try:
+        R = np.linalg.cholesky(G / np.outer(scale, scale)).T * scale
+    except np.linalg.LinAlgError:
+        R = np.zeros((0, 0))
+    if not R.size or (np.diag(R) < _LOST * scale).any():
+        # Squares have lost what is left of some column: the rows themselves have not.
+        rows = np.concatenate([*flat, problem.outside / np.sqrt(theta[0]), problem.held])
+        R = np.linalg.qr(rows, mode="r")
+    return factors, flat, np.asarray(R)
 
 
 def likelihood(problem: Turned, theta: Array) -> Likelihood:
     """Of variances theta (v,), in the problem's units."""
     p, v = problem.known, len(theta)
     s2 = float(theta[0])
-    factors, R = triangle(problem, theta)
+    factors, rows, R = _triangle(problem, theta)
     diagonal = np.abs(np.diag(R))
     value = problem.beyond * np.log(s2) + 2.0 * np.log(diagonal[:p]).sum() + R[-1, -1] ** 2
-    whole, b = np.linalg.inv(R[:p, :p]), _solution(R)
-    outside = problem.outside / np.sqrt(s2)
+    b = _solution(R)
+    back_from = np.zeros(
+        (R.shape[1], p + 1)
+    )  # the known columns made orthonormal, and what is left
+    back_from[:p, :p] = np.linalg.inv(R[:p, :p])
+    back_from[:-1, p], back_from[-1, p] = -b, 1.0
     gradient, information = np.zeros(v), np.zeros((v, v))
-    gradient[0] = (
-        problem.beyond / s2
-        - (
-            float(((outside[:, :p] @ whole) ** 2).sum())
-            + float(((outside[:, -1] - outside[:, :-1] @ b) ** 2).sum())
-        )
-        / s2
-    )
+    alone = problem.outside @ back_from
+    gradient[0] = problem.beyond / s2 - float((alone**2).sum()) / s2**2
     information[0, 0] = problem.beyond / s2**2
     S = np.eye(v)
-    for block, Li in zip(problem.blocks, factors, strict=True):
+    for block, Li, own in zip(problem.blocks, factors, rows, strict=True):
         value -= 2.0 * np.log(np.diagonal(Li, axis1=-2, axis2=-1)).sum()
-        # The columns that are known, made orthonormal, and last what is left of the readings.
-        F = Li @ np.concatenate(
-            [
-                block.F[..., :p] @ whole,
-                (block.F[..., -1] - block.F[..., :-1] @ b)[..., None],
-            ],
-            axis=-1,
-        )
+        F = (own @ back_from).reshape((*block.F.shape[:2], p + 1))
         Z, back = Li @ block.Z, np.swapaxes(Li, -1, -2)
         Zt, owner = np.swapaxes(Z, -1, -2), S[block.owner]
         each = (Z**2).sum(axis=(0, 1)) - ((Zt @ F) ** 2).sum(axis=(0, 2))

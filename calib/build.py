@@ -39,6 +39,7 @@ _COVARIATES = {
         "nothing says how far the joints went before",
         "give measured poses in their order",
     ),
+    "torque": ("the poses have no torques that the arm measured", "add columns <joint>_Nm"),
 }
 
 
@@ -155,6 +156,8 @@ def context_of(cell: Cell, poses: Poses | None) -> Context:
         cell.payload,
         _brings_load(cell, poses),
         frozenset() if poses is None else lacking(poses),
+        "s" if poses is None else poses.clock_unit,
+        dict(cell.gear_ratios),
     )
 
 
@@ -167,7 +170,8 @@ def _brings_load(cell: Cell, poses: Poses | None) -> bool:
 
 def lacking(poses: Poses) -> frozenset[str]:
     """What effects may ask for and the poses do not have."""
-    return frozenset(name for name in _COVARIATES if getattr(poses, name) is None)
+    missing = frozenset(name for name in _COVARIATES if getattr(poses, name) is None)
+    return missing if poses.order is None else missing - {"time"}
 
 
 def build(cell: Cell, poses: Poses | None = None) -> Built:
@@ -239,7 +243,7 @@ def refuse_idle_effects(cell: Cell, model: Model, poses: Poses) -> None:
     if not part.effects:
         return
     placed = _placed(cell, context_of(cell, poses))
-    soft = np.zeros(len(part.parameters))
+    soft = part.initial
     elastic = part.where(ElasticEffect)
     soft[elastic] = part.sizes[elastic]
     few = poses.take(np.unique(np.linspace(0, len(poses) - 1, _PROBED).astype(int)))
@@ -254,16 +258,16 @@ def _idle(effect: Effect, model: Model, poses: Poses) -> EffectCannotAct:
     """Why an effect moves nothing; ``model`` holds what is not constant in the user's model."""
     name = f"{effect.kind}:{effect.where}"
     reason = "it moves no marker at any of these poses"
-    if effect.uses:
-        known = " and ".join(effect.uses)
-        return EffectCannotAct(
-            name, reason, f"take it out of [model] effects, or measure where {known} differs"
-        )
     if isinstance(effect, LoadEffect) and not len(model.where(ElasticEffect)):
         return EffectCannotAct(
             name,
             "nothing in the model is elastic",
             "add joint_compliance, or take it out of [model] effects",
+        )
+    if effect.uses:
+        known = " and ".join(effect.uses)
+        return EffectCannotAct(
+            name, reason, f"take it out of [model] effects, or measure where {known} differs"
         )
     if not isinstance(effect, ElasticEffect | LoadEffect):
         return EffectCannotAct(name, reason, "take it out of [model] effects, or move more joints")

@@ -275,7 +275,7 @@ def _nominal(observation: Observation, start: Array) -> Array:
     """Values with base and markers fitted and all else as in the nominal model."""
     model = observation.model
     placement = model.where(Base, Tool)
-    nominal = np.zeros_like(start)
+    nominal = model.initial
     nominal[placement] = start[placement]
     directions = np.eye(len(start))[:, placement]
     return levenberg_marquardt(observation.points().flat, nominal, directions).values

@@ -16,6 +16,7 @@ from calib.effects.protocol import (
     PoseEffect,
     ReadingEffect,
 )
+from calib.effects.tuned import Tuned
 from calib.errors import EffectCannotAct, UnknownEffect
 from calib.model import Model
 from calib.poses import Poses
@@ -239,7 +240,8 @@ def refuse_idle_effects(cell: Cell, model: Model, poses: Poses) -> None:
     Raises EffectCannotAct.
     """
     kinds = (ElasticEffect, LoadEffect, PoseEffect, ReadingEffect)
-    part = model.with_effects(tuple(e for e in model.effects if isinstance(e, kinds)))
+    acting = (e for e in model.effects if isinstance(e, kinds))
+    part = model.with_effects(tuple(_amid(e, poses) for e in acting))
     if not part.effects:
         return
     placed = _placed(cell, context_of(cell, poses))
@@ -252,6 +254,14 @@ def refuse_idle_effects(cell: Cell, model: Model, poses: Poses) -> None:
     for effect, columns in zip(part.effects, part.slices, strict=True):
         if (effect.kind, effect.where) in placed and moved[columns].max() < _MOVES_NOTHING:
             raise _idle(effect, part, poses)
+
+
+def _amid(effect: Effect, poses: Poses) -> Effect:
+    """The effect, a tuned one in the middle of what is worth trying at these poses."""
+    grid = effect.grid(poses) if isinstance(effect, Tuned) else ()
+    if not isinstance(effect, Tuned) or not len(grid):
+        return effect
+    return effect.tuned(grid[len(grid) // 2])
 
 
 def _idle(effect: Effect, model: Model, poses: Poses) -> EffectCannotAct:

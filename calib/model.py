@@ -113,6 +113,19 @@ class Model:
         return np.array([s.start for e, s in self._parts if isinstance(e, Tuned)], dtype=int)
 
     @cached_property
+    def still(self) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
+        """Positions of the tunings by which readings have no derivative: a scan alone finds them."""
+        own = [s.start for e, s in self._parts if isinstance(e, Tuned) and not e.smooth]
+        return np.array(own, dtype=int)
+
+    def without(self, effects: Iterable[Effect], values: Array) -> tuple[Model, Array]:
+        """The model without some of its effects, and its values (p,) without theirs."""
+        gone = {id(effect) for effect in effects}
+        kept = [(e, s) for e, s in self._parts if id(e) not in gone]
+        own = [values[s] for _, s in kept]
+        return self.with_effects(tuple(e for e, _ in kept)), np.concatenate([np.zeros(0), *own])
+
+    @cached_property
     def sizes(self) -> Array:
         """Plausible sizes of the parameters, shape (p,), SI."""
         return np.array([p.size for p in self.parameters])

@@ -87,6 +87,12 @@ def parts_of_one_table(first: Poses, second: Poses) -> bool:
     return not np.isin(second.order, first.order).any()
 
 
+def of_one_clock(first: Poses, second: Poses) -> bool:
+    """Whether the clock of one session shows when both were read."""
+    timed = first.time is not None and second.time is not None
+    return timed or parts_of_one_table(first, second)
+
+
 def _within(own: Measurements, session: Poses) -> Measurements:
     """A table with what the whole session tells of its poses."""
     poses = own.poses

@@ -1,10 +1,11 @@
 """Tunings from the data: where a search for one begins, and how sure it is.
 
 The cost of a fit has many minima over cycles, a time constant or a moment, so it is scanned: at the fit
-of all else, an effect with tuning c gains ``s^T S^-1 s``, s the inner products of its columns with what is left and S those of
-its columns among themselves, both less their part in the span of the rest. The columns of a pose are
-functions times the carrier's rows, so that all tunings come from a few matrix products. The same gain
-is the profile of the likelihood, from which intervals follow where it is no parabola.
+of all else, an effect with tuning c gains ``s^T S^-1 s``, s the inner products of its columns with what
+is left and S those of its columns among themselves, both less their part in the span of the rest. The
+columns of a pose are functions times the carrier's rows, so that all tunings come from a few matrix
+products. The same gain is the profile of the likelihood, from which intervals follow where it is no
+parabola.
 """
 
 from __future__ import annotations

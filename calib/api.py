@@ -75,7 +75,7 @@ def predict(cell: Cell, measurements: Plan, values: Sequence[float] | Mapping[st
     """Predicted readings, shape (poses, markers, 3), m, in the frame of each pose's station.
 
     values : ndarray, shape (p,), SI, in the order of ``parameters(cell)``, or a mapping from names to
-        values, the others zero
+        values, the others nominal
 
     Raises CalibError where an elastic arm finds no equilibrium.
     """
@@ -113,12 +113,13 @@ def as_vector(model: Model, values: Sequence[float] | Mapping[str, float] | None
     """Values of all parameters, shape (p,), SI. Raises CalibError for a wrong name or number."""
     ids = [p.id for p in model.parameters]
     if values is None:
-        return np.zeros(len(ids))
+        return model.initial
     if isinstance(values, Mapping):
         unknown = [name for name in values if name not in ids]
         if unknown:
             raise CalibError(f"no parameter {unknown[0]!r}; there are {', '.join(ids)}")
-        return np.array([values.get(name, 0.0) for name in ids])
+        given = zip(ids, model.initial, strict=True)
+        return np.array([values.get(name, nominal) for name, nominal in given])
     vector = np.asarray(values, dtype=float)
     if vector.shape != (len(ids),):
         raise CalibError(f"values have shape {vector.shape}, expected ({len(ids)},)")

@@ -16,6 +16,7 @@ from calib.effects.protocol import (
     PoseEffect,
     ReadingEffect,
 )
+from calib.effects.tuned import Tuned
 from calib.errors import EffectCannotAct, UnknownEffect
 from calib.model import Model
 from calib.poses import Poses
@@ -39,6 +40,7 @@ _COVARIATES = {
         "nothing says how far the joints went before",
         "give measured poses in their order",
     ),
+    "torque": ("the poses have no torques that the arm measured", "add columns <joint>_Nm"),
 }
 
 
@@ -155,6 +157,8 @@ def context_of(cell: Cell, poses: Poses | None) -> Context:
         cell.payload,
         _brings_load(cell, poses),
         frozenset() if poses is None else lacking(poses),
+        "s" if poses is None else poses.clock_unit,
+        dict(cell.gear_ratios),
     )
 
 
@@ -167,7 +171,8 @@ def _brings_load(cell: Cell, poses: Poses | None) -> bool:
 
 def lacking(poses: Poses) -> frozenset[str]:
     """What effects may ask for and the poses do not have."""
-    return frozenset(name for name in _COVARIATES if getattr(poses, name) is None)
+    missing = frozenset(name for name in _COVARIATES if getattr(poses, name) is None)
+    return missing if poses.order is None else missing - {"time"}
 
 
 def build(cell: Cell, poses: Poses | None = None) -> Built:
@@ -235,11 +240,12 @@ def refuse_idle_effects(cell: Cell, model: Model, poses: Poses) -> None:
     Raises EffectCannotAct.
     """
     kinds = (ElasticEffect, LoadEffect, PoseEffect, ReadingEffect)
-    part = model.with_effects(tuple(e for e in model.effects if isinstance(e, kinds)))
+    acting = (e for e in model.effects if isinstance(e, kinds))
+    part = model.with_effects(tuple(_amid(e, poses) for e in acting))
     if not part.effects:
         return
     placed = _placed(cell, context_of(cell, poses))
-    soft = np.zeros(len(part.parameters))
+    soft = part.initial
     elastic = part.where(ElasticEffect)
     soft[elastic] = part.sizes[elastic]
     few = poses.take(np.unique(np.linspace(0, len(poses) - 1, _PROBED).astype(int)))
@@ -250,20 +256,28 @@ def refuse_idle_effects(cell: Cell, model: Model, poses: Poses) -> None:
             raise _idle(effect, part, poses)
 
 
+def _amid(effect: Effect, poses: Poses) -> Effect:
+    """The effect, a tuned one in the middle of what is worth trying at these poses."""
+    grid = effect.grid(poses) if isinstance(effect, Tuned) else ()
+    if not isinstance(effect, Tuned) or not len(grid):
+        return effect
+    return effect.tuned(grid[len(grid) // 2])
+
+
 def _idle(effect: Effect, model: Model, poses: Poses) -> EffectCannotAct:
     """Why an effect moves nothing; ``model`` holds what is not constant in the user's model."""
     name = f"{effect.kind}:{effect.where}"
     reason = "it moves no marker at any of these poses"
-    if effect.uses:
-        known = " and ".join(effect.uses)
-        return EffectCannotAct(
-            name, reason, f"take it out of [model] effects, or measure where {known} differs"
-        )
     if isinstance(effect, LoadEffect) and not len(model.where(ElasticEffect)):
         return EffectCannotAct(
             name,
             "nothing in the model is elastic",
             "add joint_compliance, or take it out of [model] effects",
+        )
+    if effect.uses:
+        known = " and ".join(effect.uses)
+        return EffectCannotAct(
+            name, reason, f"take it out of [model] effects, or measure where {known} differs"
         )
     if not isinstance(effect, ElasticEffect | LoadEffect):
         return EffectCannotAct(name, reason, "take it out of [model] effects, or move more joints")

@@ -67,6 +67,7 @@ class Cell:
     design : dict, the [design] table as validated, SI
     repeatability : Repeatability, or None where it is to be estimated
     excluded : tuple of str, ``name`` or ``name:where``, causes that this robot cannot have
+    gear_ratios : dict, joint -> float, turns of motor or wave generator a turn of the joint
     """
 
     name: str
@@ -90,6 +91,7 @@ class Cell:
     design: Mapping[str, Any] = field(default_factory=dict)
     repeatability: Repeatability | None = None
     excluded: tuple[str, ...] = ()
+    gear_ratios: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def scatters(self) -> bool:

@@ -29,7 +29,8 @@ from calib.statics import Loads, transmitted
 
 def arm_columns(
     robot: Robot,
-    effects: Sequence[Effect],
+    parts: Sequence[tuple[Effect, slice]],
+    values: Array,
     state: State,
     given: Loads,
     loads: Loads,
@@ -37,6 +38,8 @@ def arm_columns(
 ) -> Array:
     """Velocity field of the tip for each parameter that moves the arm, (..., m, 6, k), base axes.
 
+    parts : each effect and where its parameters stand in the values
+    values : ndarray, shape (..., p), SI
     given, loads : Loads, without and with the errors of weights and wrenches
     elastic : dict, frame -> ndarray, shape (..., m, 6, 6), flexibility
     The k columns are the parameters of the twist and load effects, in their order. One that displaces
@@ -45,13 +48,13 @@ def arm_columns(
     at: dict[tuple[int, bool], list[tuple[slice, Array]]] = {}
     pulls: list[tuple[slice, Array]] = []
     count = 0
-    for effect in effects:
+    for effect, part in parts:
         if not isinstance(effect, TwistEffect | LoadEffect):
             continue
         own = slice(count, count + len(effect.parameters))
         count = own.stop
         if isinstance(effect, TwistEffect):
-            for frame, basis in effect.strands(state):
+            for frame, basis in effect.strands(state, values[..., part]):
                 at.setdefault((frame, isinstance(effect, Constant)), []).append((own, basis))
         else:
             pulls.append((own, _wrenches(robot, effect, state, given)))

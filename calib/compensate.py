@@ -13,7 +13,9 @@ accuracy can be checked only at the points that were measured. The error expecte
 therefore the distance, in the instrument's frame, between a tool point and its wanted place, as in the
 criterion ``task``: at the markers, or at the tip's origin where ``tool`` is not in the model. Base and
 tool count with all their correlations to the rest. Motions of the base with its load or in time are
-the arm's own and are corrected.
+the arm's own and are corrected. Where a target says no time of the session it comes after it: what
+warmed up is warm, what jumped stays where it went, and a drift, of which nobody knows how it went on,
+counts as none.
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ from calib.cell import Cell
 from calib.covariance import errors_at, working_points
 from calib.diagnosis.diagnose import Diagnosis
 from calib.effects.protocol import ReadingEffect
+from calib.effects.timed import Timed
 from calib.effects.tool import Tool
 from calib.errors import CalibError
 from calib.estimate import Estimate, estimate_of
@@ -53,7 +56,9 @@ _LARGE = np.radians(5.0)  # rad, or its share of the reach: no calibrated arm is
 _RESTING = {
     "temperature": "the targets have no temperature: {} rests, as at 20 degC; add temperature_degC",
     "time": "the targets have no time: {} rests, as at the session's first pose; add time_s",
+    "torque": "the targets have no measured torques: {} is not corrected",
 }
+_AFTERWARDS = "the targets have no time in the session: {} counts as after it, warm and moved"
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +132,8 @@ def compensate(
     poses, given = _targets(cell, targets)
     weights = given if weights is None else np.asarray(weights, dtype=float)
     _check(cell, poses, weights)
-    poses = replace(with_moves(poses), start=estimate.start)
+    # The targets' own order is none of the session's.
+    poses = replace(with_moves(poses), start=estimate.start, order=None)
     model = replace(estimate.model, robot=replace(estimate.model.robot, limits=cell.robot.limits))
     blocks = np.array_split(np.arange(len(poses)), -(-len(poses) // _BLOCK))
     parts = [_block(replace(estimate, model=model), poses.take(block)) for block in blocks]
@@ -247,10 +253,16 @@ def _notes(estimate: Estimate, poses: Poses, q: Array) -> Iterable[str]:
             f"not identified and left nominal: {_shortened(estimate.undetermined)}; what they may do "
             "at the targets counts as uncertainty"
         )
-    for covariate in sorted({name for e in model.effects for name in e.uses} & lacking(poses)):
-        named = [f"{e.kind}:{e.where}" for e in model.effects if covariate in e.uses]
-        if covariate in _RESTING:
-            yield _RESTING[covariate].format(_shortened(named))
+    missing = lacking(poses)
+    if poses.clock_in(estimate.clock_unit) is None:
+        missing |= {"time"}
+    for covariate in sorted({name for e in model.effects for name in e.uses} & missing):
+        using = [e for e in model.effects if covariate in e.uses]
+        over = [e for e in using if isinstance(e, Timed)]
+        resting = [e for e in using if e not in over]
+        for text, effects in ((_RESTING.get(covariate, ""), resting), (_AFTERWARDS, over)):
+            if text and effects:
+                yield text.format(_shortened(f"{e.kind}:{e.where}" for e in effects))
     if any("approach" in e.uses for e in model.effects) and poses.approach_derived:
         yield from _on_approach(model, poses, q)
     share = np.abs(q - poses.q) / np.where(model.robot.prismatic, model.robot.reach, 1.0)

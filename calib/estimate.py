@@ -34,6 +34,7 @@ class Estimate:
     variances : Variances or None, of the arm's scatter, which is new at every target
     undetermined : tuple of str, ids of the parameters that keep their nominal values
     notes : tuple of str, what a user of the values should know
+    clock_unit : str, of the session's clock, "s" or "reading"
     converged : bool
     """
 
@@ -46,6 +47,7 @@ class Estimate:
     notes: tuple[str, ...] = ()
     converged: bool = True
     variances: Variances | None = None
+    clock_unit: str = "s"
 
 
 def estimate_of(result: Result) -> Estimate:
@@ -56,6 +58,8 @@ def estimate_of(result: Result) -> Estimate:
 def _identified(result: Identification) -> Estimate:
     kept = ~result.fit.outlier
     fitted, lost = result.fit.data.take(kept), np.diag(result.covariance) <= 0.0
+    scanned = np.zeros(len(lost), dtype=bool)
+    scanned[result.model.still] = True
     levels = result.levels
     fit = Fitted(
         model=result.model,
@@ -76,10 +80,11 @@ def _identified(result: Identification) -> Estimate:
         result.knowledge,
         fitted.poses.start,
         rest,
-        _names(fit.model, lost),
+        _names(fit.model, lost & ~scanned),
         _untold(result),
         converged=result.status != "not_converged",
         variances=fit.variances,
+        clock_unit=fitted.poses.clock_unit,
     )
 
 
@@ -144,6 +149,7 @@ def _diagnosed(result: Diagnosis) -> Estimate:
         _doubts(result),
         fit.converged,
         fitted.variances,
+        result.data.poses.clock_unit,
     )
 
 

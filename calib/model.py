@@ -21,6 +21,7 @@ from calib.columns import arm_columns
 from calib.effects.base import Base, to_station
 from calib.effects.protocol import (
     Constant,
+    Displacement,
     Effect,
     ElasticEffect,
     LoadEffect,
@@ -30,11 +31,12 @@ from calib.effects.protocol import (
     ReadingEffect,
     SpringEffect,
     State,
-    Strand,
     TwistEffect,
     WeightEffect,
+    displaced,
 )
 from calib.effects.tool import Tool
+from calib.effects.tuned import Tuned
 from calib.kinematics import Frames, forward, link_origins, point_velocity
 from calib.poses import Poses
 from calib.robot import Robot
@@ -47,7 +49,7 @@ _MAX_ROUNDS = 30
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A robot with markers and active effects. Parameters at zero are the nominal model.
+    """A robot with markers and active effects. At :attr:`initial` values it is the nominal model.
 
     robot : Robot
     marker_names : tuple of str; markers : ndarray, shape (M, 3), m, tip frame
@@ -91,14 +93,37 @@ class Model:
         return replace(self, effects=effects)
 
     def extended(self, values: Array, effects: Iterable[Effect]) -> tuple[Model, Array]:
-        """The model with those of the effects that it lacks, and its values with zeros for theirs.
+        """The model with those of the effects that it lacks, and its values with their initial ones.
 
         values : ndarray, shape (p,), SI
         """
         present = {id(effect) for effect in self.effects}
         extra = tuple(e for e in dict.fromkeys(effects) if id(e) not in present)
         model = self.with_effects((*self.effects, *extra))
-        return model, np.pad(values, (0, len(model.parameters) - len(values)))
+        return model, np.concatenate([values, *(effect.initial for effect in extra)])
+
+    @property
+    def initial(self) -> Array:
+        """Values of the nominal model, shape (p,), SI: zero, but where a search for tunings begins."""
+        return np.concatenate([np.zeros(0), *(effect.initial for effect in self.effects)])
+
+    @cached_property
+    def tunings(self) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
+        """Positions of the parameters that are tunings."""
+        return np.array([s.start for e, s in self._parts if isinstance(e, Tuned)], dtype=int)
+
+    @cached_property
+    def still(self) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
+        """Positions of the tunings by which readings have no derivative: a scan alone finds them."""
+        own = [s.start for e, s in self._parts if isinstance(e, Tuned) and not e.smooth]
+        return np.array(own, dtype=int)
+
+    def without(self, effects: Iterable[Effect], values: Array) -> tuple[Model, Array]:
+        """The model without some of its effects, and its values (p,) without theirs."""
+        gone = {id(effect) for effect in effects}
+        kept = [(e, s) for e, s in self._parts if id(e) not in gone]
+        own = [values[s] for _, s in kept]
+        return self.with_effects(tuple(e for e, _ in kept)), np.concatenate([np.zeros(0), *own])
 
     @cached_property
     def sizes(self) -> Array:
@@ -161,23 +186,28 @@ class Model:
     def _given(self, values: Array, poses: Poses) -> Array | None:
         """Displacements known before the arm bends, (..., m, n + 2, 6), None where there are none."""
         chosen = [(e, part) for e, part in self._parts if isinstance(e, PoseEffect)]
-        strands = [(part, e.twists(poses)) for e, part in chosen if values[..., part].any()]
-        return self._summed(values, poses, strands) if strands else None
+        moved = [
+            own
+            for e, part in chosen
+            if not e.rests(values[..., part])
+            for own in e.displacements(poses, values[..., part])
+        ]
+        return self._summed(values, poses, moved) if moved else None
 
     def _deflections(self, values: Array, state: State) -> Array:
         """Displacements of what is elastic, shape (..., m, n + 2, 6)."""
         chosen = [(e, part) for e, part in self._parts if isinstance(e, ElasticEffect)]
-        strands = [(part, e.strands(state)) for e, part in chosen]
-        return self._summed(values, state.poses, strands)
+        moved = [
+            own
+            for e, part in chosen
+            for own in displaced(e.strands(state, values[..., part]), values[..., part])
+        ]
+        return self._summed(values, state.poses, moved)
 
-    def _summed(
-        self, values: Array, poses: Poses, strands: list[tuple[slice, tuple[Strand, ...]]]
-    ) -> Array:
+    def _summed(self, values: Array, poses: Poses, moved: list[Displacement]) -> Array:
         xi = np.zeros((*values.shape[:-1], len(poses), self.robot.dof + 2, 6))
-        for part, own in strands:
-            theta = values[..., None, part, None]
-            for frame, basis in own:
-                xi[..., frame, :] += (basis @ theta)[..., 0]
+        for frame, own in moved:
+            xi[..., frame, :] += own
         return xi
 
     def constant_displacements(self, values: Array) -> Array:
@@ -217,8 +247,8 @@ class Model:
         if moved:
             markers = np.repeat(markers, len(poses), axis=-3)
         for effect, part in moved:
-            offset = effect.offsets(poses) @ values[..., None, part, None]
-            markers[..., effect.marker(self.marker_names), :] += offset[..., 0]
+            offset = effect.displacements(poses, values[..., part])
+            markers[..., effect.marker(self.marker_names), :] += offset
         R, o = frames.R[..., -1, None, :, :], frames.o[..., -1, None, :]
         return rotate(R, markers) + o
 
@@ -231,7 +261,7 @@ class Model:
         """What the instrument reads of points (..., m, M, 3), m, in base axes."""
         readings = to_station(*self.placement(values, poses), points)
         for effect, part in self._parts:
-            if isinstance(effect, ReadingEffect) and values[..., part].any():
+            if isinstance(effect, ReadingEffect) and not effect.rests(values[..., part]):
                 readings, _, _ = effect.linearise(values[..., part], poses, readings)
         return readings
 
@@ -259,7 +289,9 @@ class Model:
             given = statics.loads_of(self.robot, poses, self.payload, self.gravity)
             soft, loads = self._flexibilities(values, poses), self.loads(values, poses)
             fields = np.swapaxes(
-                arm_columns(self.robot, self.effects, state, given, loads, soft), -1, -2
+                arm_columns(self.robot, tuple(self._parts), values, state, given, loads, soft),
+                -1,
+                -2,
             )
             moved = point_velocity(fields[..., None, :, :], points[..., None, :])
             J[..., arm] = np.swapaxes(moved, -1, -2)
@@ -269,7 +301,7 @@ class Model:
                 J[..., effect.marker, :, part] = R_tip[..., list(effect.components)]
             elif isinstance(effect, MarkerEffect):
                 R_tip, marker = state.frames.R[..., -1, :, :], effect.marker(self.marker_names)
-                J[..., marker, :, part] = R_tip @ effect.offsets(poses)
+                J[..., marker, :, part] = R_tip @ effect.columns(poses, values[..., part])
         if values[..., self.where(Base)].any():
             J = R[..., None, :, :] @ J
         for effect, part in self._parts:
@@ -280,7 +312,7 @@ class Model:
         for effect, part in self._parts:
             if isinstance(effect, ReadingEffect):
                 readings, turn, own = effect.linearise(values[..., part], poses, readings)
-                J = turn @ J if values[..., part].any() else J
+                J = J if effect.rests(values[..., part]) else turn @ J
                 J[..., part] = own
         return readings, J
 

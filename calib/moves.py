@@ -34,17 +34,20 @@ def moves(q: Array) -> tuple[Array, Array]:
 
 
 def with_moves(poses: Poses) -> Poses:
-    """The poses of one session with approach, size of move, and the time at which it began.
+    """The poses of one session with their order, approach, size of move, and when it began.
 
     An approach that the poses already have is kept.
     """
     order = in_order(poses)
     approach, motion = np.empty_like(poses.q), np.empty_like(poses.q)
     approach[order], motion[order] = moves(poses.q[order])
+    number = np.empty(len(poses))
+    number[order] = np.arange(len(poses))
     derived = poses.approach is None or poses.approach_derived
     return replace(
         poses,
         start=0.0 if poses.time is None else float(poses.time.min(initial=np.inf)),
+        order=number,
         approach=approach if derived else poses.approach,
         approach_derived=derived,
         motion=motion,
@@ -61,22 +64,46 @@ def before_the_first_move(poses: Poses) -> NDArray[np.bool_]:
 def in_one_session(data: Measurements, heldout: Measurements) -> tuple[Measurements, Measurements]:
     """Two tables of one session, with moves and time counted over both.
 
-    Without a time in both nothing says how they interleave, and each stays in its own order.
+    Without a time in both nothing says how they interleave: each keeps its own moves, and when in the
+    session the held-out poses were read is unknown, unless both are parts of one table.
     """
     first, second = data.poses, heldout.poses
     if first.time is None or second.time is None:
-        return data, heldout
+        if parts_of_one_table(first, second):
+            return data, heldout
+        return data, replace(heldout, poses=replace(second, time=None, order=None))
     q, time = np.concatenate([first.q, second.q]), np.concatenate([first.time, second.time])
     session = with_moves(poses_at(q, time=time))
     ours, theirs = session.take(slice(len(first))), session.take(slice(len(first), None))
     return _within(data, ours), _within(heldout, theirs)
 
 
+def parts_of_one_table(first: Poses, second: Poses) -> bool:
+    """Whether two sets of poses, without time, were read one after the other as their order says."""
+    if first.time is not None or second.time is not None:
+        return False
+    if first.order is None or second.order is None:
+        return False
+    return not np.isin(second.order, first.order).any()
+
+
+def of_one_clock(first: Poses, second: Poses) -> bool:
+    """Whether the clock of one session shows when both were read."""
+    timed = first.time is not None and second.time is not None
+    return timed or parts_of_one_table(first, second)
+
+
 def _within(own: Measurements, session: Poses) -> Measurements:
     """A table with what the whole session tells of its poses."""
     poses = own.poses
     approach = session.approach if poses.approach_derived else poses.approach
-    poses = replace(poses, start=session.start, approach=approach, motion=session.motion)
+    poses = replace(
+        poses,
+        start=session.start,
+        order=session.order,
+        approach=approach,
+        motion=session.motion,
+    )
     return replace(own, poses=poses)
 
 

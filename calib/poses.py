@@ -29,9 +29,11 @@ class Poses:
     temperature : ndarray, shape (m,), degC, or None
     time : ndarray, shape (m,), s, or None
     start : float, s, the time of the first pose of the session, from which drift counts
+    order : ndarray, shape (m,), number of the reading in the session, from zero, or None
     approach : ndarray, shape (m, n), sign of the last motion of each joint, or None
     approach_derived : bool, whether it follows from the order of measurement
     motion : ndarray, shape (m, n), rad or m, how far each joint went in the move before, or None
+    torque : ndarray, shape (m, n), N m or N, that the arm measured along each joint, or None
     station : ndarray of int, shape (m,), index into ``stations``
     stations : tuple of str, names of the instrument's frames
     load_mass : ndarray, shape (m,), kg hung at ``load_com`` (tip frame, m)
@@ -43,9 +45,11 @@ class Poses:
     temperature: Array | None
     time: Array | None
     start: float
+    order: Array | None
     approach: Array | None
     approach_derived: bool
     motion: Array | None
+    torque: Array | None
     station: IntArray
     stations: tuple[str, ...]
     load_mass: Array
@@ -68,6 +72,24 @@ class Poses:
     def elapsed(self) -> Array:
         """Time since the first pose of the session, shape (m,), s; zero where none is given."""
         return np.zeros(len(self)) if self.time is None else self.time - self.start
+
+    @property
+    def clock_unit(self) -> str:
+        """Unit of :attr:`clock`, "s" or, where no time is given, "reading"."""
+        return "s" if self.time is not None or self.order is None else "reading"
+
+    @property
+    def clock(self) -> Array:
+        """Clock of the session, shape (m,): time since its first reading, s, else the reading's number.
+
+        Zero where neither is known.
+        """
+        return self.elapsed if self.time is not None or self.order is None else self.order
+
+    def clock_in(self, unit: str) -> Array | None:
+        """The clock, shape (m,), None where it does not run in this unit."""
+        known = self.time is not None or self.order is not None
+        return self.clock if known and unit == self.clock_unit else None
 
     @property
     def warming(self) -> Array:
@@ -101,9 +123,11 @@ def poses_at(q: Array, names: Sequence[str] | None = None, **given: Any) -> Pose
         "temperature": None,
         "time": None,
         "start": 0.0,
+        "order": None,
         "approach": None,
         "approach_derived": False,
         "motion": None,
+        "torque": None,
         "station": np.zeros(m, dtype=int),
         "stations": ("base",),
         "load_mass": np.zeros(m),

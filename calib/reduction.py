@@ -53,7 +53,7 @@ def generic_configurations(robot: Robot, count: int) -> Array:
 
 def _generic_values(model: Model) -> Array:
     """Nominal values, but unknown markers anywhere: a first guess may lie on an axis."""
-    values = np.zeros(len(model.parameters))
+    values = model.initial
     tools = model.where(Tool)
     values[tools] = np.random.default_rng(1).uniform(-0.1, 0.1, len(tools)) * model.robot.reach
     return values

@@ -19,12 +19,12 @@ def nominal(model: Model, poses: Poses) -> Array:
     """
     if len(model.where(LoadEffect)):
         return soft(model, poses)
-    return np.zeros(len(model.parameters))
+    return model.initial
 
 
 def soft(model: Model, poses: Poses) -> Array:
     """Nominal, but elastic ones of usual size, or of what moves the markers a millimetre, (p,), SI."""
-    values = np.zeros(len(model.parameters))
+    values = model.initial
     _, J = model.jacobian(values, poses)
     moved = np.linalg.norm(J, axis=-2).max(axis=(0, 1))
     sizes = np.minimum(model.sizes, _SOFTEST_M / np.maximum(moved, 1e-300))

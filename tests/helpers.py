@@ -53,6 +53,7 @@ def random_poses(rng: np.random.Generator, robot: Robot, count: int, loaded: boo
         "time": rng.uniform(0.0, 2e4, count),
         "approach": rng.choice([-1.0, 1.0], q.shape),
         "motion": rng.uniform(0.0, 1.0, q.shape),
+        "torque": rng.uniform(-50.0, 50.0, q.shape),
     }
     if not loaded:
         return poses_at(q, **session)

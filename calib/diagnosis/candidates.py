@@ -15,6 +15,7 @@ from calib.diagnosis.variables import Torque
 from calib.effects import GROUPS, Effect, catalogue
 from calib.effects.joint_coupling import JointCoupling
 from calib.effects.protocol import ARM, ElasticEffect, LoadEffect, PoseEffect, ReadingEffect
+from calib.effects.tuned import Tuned
 from calib.errors import CalibError
 from calib.model import Model
 from calib.poses import Measurements, Poses
@@ -92,7 +93,8 @@ def candidates(
             except CalibError as error:
                 missing.append(NotAsked(f"{kind}:{where}", str(error)))
                 continue
-            found.append(Candidate(effect, True, depends_on(effect)))
+            if not isinstance(effect, Tuned):
+                found.append(Candidate(effect, True, depends_on(effect)))
     ranges = np.linalg.norm(data.points[data.seen], axis=-1)
     unnamed = [Candidate(c, False, c.variable.name) for c in curves(context, data.poses, ranges)]
     return found + unnamed, missing

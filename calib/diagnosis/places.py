@@ -7,7 +7,7 @@ import numpy as np
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.variables import last_moves
 from calib.effects.drive import along_axis
-from calib.effects.protocol import State, TwistEffect
+from calib.effects.protocol import PoseEffect, State, TwistEffect, displaced
 from calib.robot import Robot
 from calib.se3 import Array
 
@@ -30,7 +30,11 @@ def displacement_of(candidate: Candidate, values: Array, frame: int, state: Stat
     effect = candidate.effect
     if not isinstance(effect, TwistEffect):
         return None
-    own = [basis @ values for at, basis in effect.strands(state) if at == frame]
+    if isinstance(effect, PoseEffect):
+        moved = effect.displacements(state.poses, values)
+    else:
+        moved = displaced(effect.strands(state, values), values)
+    own = [xi for at, xi in moved if at == frame]
     return np.sum([np.broadcast_to(b, (len(state.poses), 6)) for b in own], axis=0) if own else None
 
 

@@ -13,6 +13,8 @@ from calib.effects.base import Base
 from calib.effects.base_compliance import BaseCompliance
 from calib.effects.base_drift import BaseDrift
 from calib.effects.bearing_compliance import BearingCompliance
+from calib.effects.friction_windup import FrictionWindup
+from calib.effects.gear_ripple import GearRipple
 from calib.effects.geometry import Geometry
 from calib.effects.gravity_compensator import GravityCompensator
 from calib.effects.gravity_sag import GravitySag
@@ -21,8 +23,11 @@ from calib.effects.joint_coupling import JointCoupling
 from calib.effects.joint_offset import JointOffset
 from calib.effects.link_geometry import LinkGeometry
 from calib.effects.link_weight import LinkWeight
+from calib.effects.measured_torque import MeasuredTorque
 from calib.effects.payload import PayloadError
 from calib.effects.protocol import Context, Effect, Parameter, State
+from calib.effects.settling import Settling
+from calib.effects.step import Step
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from calib.effects.thermal_expansion import ThermalExpansion
 from calib.effects.tool import Tool
@@ -31,6 +36,7 @@ from calib.effects.tracker_drift import TrackerDrift
 from calib.effects.tracker_scale import TrackerScale
 from calib.effects.transmission_harmonic import TransmissionHarmonic
 from calib.effects.transmission_scale import TransmissionScale
+from calib.effects.warm_up import WarmUp
 from calib.plugins import with_announced
 
 EFFECTS: dict[str, type[Effect]] = {
@@ -56,6 +62,12 @@ EFFECTS: dict[str, type[Effect]] = {
     "tool_compliance": ToolCompliance,
     "tracker_scale": TrackerScale,
     "tracker_drift": TrackerDrift,
+    "gear_ripple": GearRipple,
+    "warm_up": WarmUp,
+    "step": Step,
+    "settling": Settling,
+    "friction_windup": FrictionWindup,
+    "measured_torque": MeasuredTorque,
 }
 
 GROUPS = ("base", "tool", "geometry")

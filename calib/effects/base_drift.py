@@ -7,15 +7,19 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from calib.effects.drift import drift_parameters
+from calib.effects.drift import drift_parameters, since_the_first
 from calib.effects.protocol import Context, Parameter, PoseEffect, Strand
 from calib.poses import Poses
 
 
 @dataclass(frozen=True, eq=False)
 class BaseDrift(PoseEffect):
-    """The base frame moves at constant rates along and about its own axes."""
+    """The base frame moves at constant rates along and about its own axes.
 
+    clock : str, unit of the session's clock
+    """
+
+    clock: str
     kind: ClassVar[str] = "base_drift"
     uses: ClassVar[tuple[str, ...]] = ("time",)
 
@@ -25,11 +29,11 @@ class BaseDrift(PoseEffect):
 
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
-        return cls(where)
+        return cls(where, context.clock_unit)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return drift_parameters(self.kind, self.where)
+        return drift_parameters(self.kind, self.where, self.clock)
 
     def twists(self, poses: Poses) -> tuple[Strand, ...]:
-        return ((0, poses.elapsed[:, None, None] * np.eye(6)),)
+        return ((0, since_the_first(poses, self.clock)[:, None, None] * np.eye(6)),)

@@ -13,7 +13,8 @@ An effect acts in one of six ways on the paper's product ``T_base T_robot T_tool
 - :class:`~calib.effects.base.Base` and :class:`~calib.effects.tool.Tool`: the outer factors;
 - :class:`ReadingEffect`: the instrument reads a point elsewhere than it is.
 
-From the basis follow, in :mod:`calib.model`, the exact displacement, its Jacobian and its score.
+From the basis follow, in :mod:`calib.model`, the exact displacement, its Jacobian and its score. An
+effect with one parameter that is not linear is a :class:`~calib.effects.tuned.Tuned`.
 A new cause of error is one file with one such class and one entry in ``calib.effects.EFFECTS``.
 """
 
@@ -91,6 +92,8 @@ class Context:
     payload : Payload, as given
     measured_load : whether the poses bring a load of their own: a wrench, or a plan's [load]
     lacking : frozenset of str, covariates that the poses in hand do not have
+    clock_unit : str, of the session's clock, "s" or "reading"
+    gear_ratios : dict, joint name -> float, turns of motor or wave generator a turn of the joint
     """
 
     robot: Robot
@@ -103,6 +106,8 @@ class Context:
     payload: Payload = field(default_factory=Payload)
     measured_load: bool = False
     lacking: frozenset[str] = frozenset()
+    clock_unit: str = "s"
+    gear_ratios: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +131,7 @@ class Effect(ABC):
 
     @classmethod
     @abstractmethod
-    def at(cls, context: Context, where: str) -> Self:
+    def at(cls, context: Context, where: str) -> Effect:
         """The effect at one of its places."""
 
     @property
@@ -134,9 +139,27 @@ class Effect(ABC):
     def parameters(self) -> tuple[Parameter, ...]:
         """Its unknowns, in the order of the basis columns."""
 
+    @property
+    def initial(self) -> Array:
+        """Values at which it does nothing and a search begins, shape (p,), SI."""
+        return np.zeros(len(self.parameters))
+
+    def rests(self, values: Array) -> bool:
+        """Whether it does nothing at values (..., p)."""
+        return not values.any()
+
 
 Strand: TypeAlias = tuple[int, Array]
 """A frame (0 base, 1..n joints, n + 1 tip) and d xi / d parameter there, (..., m or 1, 6, p), SI."""
+
+Displacement: TypeAlias = tuple[int, Array]
+"""A frame and its displacement xi, (..., m or 1, 6), SI."""
+
+
+def displaced(strands: Sequence[Strand], values: Array) -> tuple[Displacement, ...]:
+    """Displacements ``basis @ values`` by what is linear; values (..., p), SI."""
+    theta = values[..., None, :, None]
+    return tuple((frame, (basis @ theta)[..., 0]) for frame, basis in strands)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +167,8 @@ class TwistEffect(Effect):
     """Displaces frames of the arm, each in its own axes."""
 
     @abstractmethod
-    def strands(self, state: State) -> tuple[Strand, ...]:
-        """Where it acts, and how."""
+    def strands(self, state: State, values: Array) -> tuple[Strand, ...]:
+        """Where it acts, and how at values (..., p)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +182,7 @@ class Constant(TwistEffect):
     def columns(self) -> Array:
         """D xi / d parameter, shape (6, p), SI."""
 
-    def strands(self, state: State) -> tuple[Strand, ...]:
+    def strands(self, state: State, values: Array) -> tuple[Strand, ...]:
         return ((self.frame, self.columns[None]),)
 
 
@@ -192,10 +215,14 @@ class PoseEffect(TwistEffect):
 
     @abstractmethod
     def twists(self, poses: Poses) -> tuple[Strand, ...]:
-        """Where it acts, and how."""
+        """Where it acts, and how at its initial values."""
 
-    def strands(self, state: State) -> tuple[Strand, ...]:
+    def strands(self, state: State, values: Array) -> tuple[Strand, ...]:
         return self.twists(state.poses)
+
+    def displacements(self, poses: Poses, values: Array) -> tuple[Displacement, ...]:
+        """By how much it displaces which frames at values (..., p)."""
+        return displaced(self.twists(poses), values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +235,7 @@ class ElasticEffect(TwistEffect):
     def flexibility(self, poses: Poses) -> Array:
         """D K / d parameter, shape (m or 1, 6, 6, p): xi = K (force, moment) in the frame's axes."""
 
-    def strands(self, state: State) -> tuple[Strand, ...]:
+    def strands(self, state: State, values: Array) -> tuple[Strand, ...]:
         return ((self.frame, self.basis(state)),)
 
     def basis(self, state: State) -> Array:
@@ -249,7 +276,16 @@ class MarkerEffect(Effect):
 
     @abstractmethod
     def offsets(self, poses: Poses) -> Array:
-        """D position / d parameter in the tip frame, shape (m, 3, p)."""
+        """D position / d parameter in the tip frame, shape (m, 3, p), at its initial values."""
+
+    def columns(self, poses: Poses, values: Array) -> Array:
+        """The same at values (..., p), shape (..., m, 3, p)."""
+        return self.offsets(poses)
+
+    def displacements(self, poses: Poses, values: Array) -> Array:
+        """By how much it moves the marker in the tip frame at values (..., p), (..., m, 3), m."""
+        moved: Array = self.offsets(poses) @ values[..., None, :, None]
+        return moved[..., 0]
 
     def marker(self, names: Sequence[str]) -> int:
         """Position of the marker among those of the cell."""
@@ -274,7 +310,7 @@ class ReadingEffect(Effect):
         return ("instrument",)
 
     @classmethod
-    def at(cls, context: Context, where: str) -> Self:
+    def at(cls, context: Context, where: str) -> Effect:
         return cls(where)
 
 

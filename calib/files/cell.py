@@ -91,6 +91,7 @@ def load_cell(path: str | Path) -> Cell:
         },
         design=_design(path, table.design),
         repeatability=_repeatability(table.robot),
+        gear_ratios=dict(table.robot.gear_ratio),
     )
     return replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))
 
@@ -194,6 +195,7 @@ def _check_joints(path: Path, robot: Robot, table: CellFile) -> None:
         ("robot.limits_deg", table.robot.limits_deg),
         ("robot.limits_mm", table.robot.limits_mm),
         ("robot.compensators_mm", table.robot.compensators_mm),
+        ("robot.gear_ratio", table.robot.gear_ratio),
         ("robot.capsules_mm", set(table.robot.capsules_mm) - {"base", "tool"}),
         ("design.levels", table.design.levels),
         ("model.knots_deg", table.model.knots_deg),

@@ -17,6 +17,7 @@ from calib.se3 import Array
 
 ANGLES = {"deg": math.pi / 180, "rad": 1.0}
 LENGTHS = {"mm": 1e-3, "m": 1.0}
+TORQUES = ("N", "Nm")  # of a joint that slides, or turns
 WRENCH = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 OTHERS = ("pose", "marker", "station", "temperature_degC", "time_s", "sigma_mm", "level", "weight")
 
@@ -61,7 +62,7 @@ def check_known(path: Path, robot: Robot, columns: tuple[str, ...]) -> tuple[str
     units = ("deg", "rad", "mm", "m")
     known = {*OTHERS, *WRENCH, *(f"{a}_{u}" for a in "xyz" for u in ("mm", "m"))}
     known |= {f"{j}_{u}" for j in robot.joints for u in units}
-    known |= {f"approach_{j}" for j in robot.joints}
+    known |= {f"approach_{j}" for j in robot.joints} | set(torque_columns(robot))
     ignored = []
     for name in columns:
         unit = name.rpartition("_")[2]
@@ -88,6 +89,15 @@ def check_known(path: Path, robot: Robot, columns: tuple[str, ...]) -> tuple[str
             raise InputError(path, "line 1", what, remedy)
         ignored.append(name)
     return (f"{path}: ignored columns: {', '.join(ignored)}",) if ignored else ()
+
+
+def torque_columns(robot: Robot) -> tuple[str, ...]:
+    """Column of the torque, or force, that the arm measured at each joint."""
+    force, torque = TORQUES
+    return tuple(
+        f"{joint}_{force if slides else torque}"
+        for joint, slides in zip(robot.joints, robot.prismatic, strict=True)
+    )
 
 
 def joint_values(table: Table, robot: Robot) -> Array:
@@ -132,17 +142,11 @@ def covariates(table: Table, robot: Robot, rows: IntArray) -> dict[str, Any]:
     for key, name in (("temperature", "temperature_degC"), ("time", "time_s")):
         if name in table.columns:
             found[key] = table.numbers(name)[rows]
-    signs = [f"approach_{joint}" for joint in robot.joints]
-    present = [name for name in signs if name in table.columns]
-    if present and len(present) < len(signs):
-        missing = next(name for name in signs if name not in present)
-        raise InputError(
-            table.path,
-            "line 1",
-            f"column {missing!r} is missing beside {present[0]!r}",
-            "give every joint's, or none",
-        )
-    if present:
+    torques = torque_columns(robot)
+    if _every_joint(table, torques):
+        found["torque"] = np.column_stack([table.numbers(name)[rows] for name in torques])
+    signs = tuple(f"approach_{joint}" for joint in robot.joints)
+    if _every_joint(table, signs):
         approach = np.column_stack([table.numbers(name) for name in signs])
         bad = np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))
         if len(bad):
@@ -154,3 +158,17 @@ def covariates(table: Table, robot: Robot, rows: IntArray) -> dict[str, Any]:
         found["stations"] = stations
         found["station"] = np.array([stations.index(names[row]) for row in rows])
     return found
+
+
+def _every_joint(table: Table, names: tuple[str, ...]) -> bool:
+    """Whether the columns of all joints are there. Raises InputError where only some are."""
+    present = [name for name in names if name in table.columns]
+    if present and len(present) < len(names):
+        missing = next(name for name in names if name not in present)
+        raise InputError(
+            table.path,
+            "line 1",
+            f"column {missing!r} is missing beside {present[0]!r}",
+            "give every joint's, or none",
+        )
+    return bool(present)

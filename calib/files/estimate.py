@@ -14,8 +14,10 @@ import numpy as np
 from calib.build import context_of, place_effect
 from calib.cell import Cell
 from calib.effects import catalogue
+from calib.effects.gear_ripple import GearRipple
 from calib.effects.protocol import ConstantTwist, Context, Effect
 from calib.effects.tool import Tool
+from calib.effects.tuned import Tuned
 from calib.errors import CalibError, InputError
 from calib.estimate import Estimate
 from calib.model import Model
@@ -42,6 +44,7 @@ def estimate_fields(estimate: Estimate) -> dict[str, Any]:
         ],
         "covariance_SI": estimate.covariance,
         "session_start_s": estimate.start,
+        "session_clock": estimate.clock_unit,
         "unexplained": {
             "rms_mm": estimate.unexplained.rms * 1e3,
             "source": estimate.unexplained.source,
@@ -83,6 +86,7 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
         start, unexplained = _numbers([entry["session_start_s"], entry["unexplained"]["rms_mm"]])
         if (np.diag(cov) < 0.0).any() or unexplained < 0.0:
             raise ValueError
+        clock = str(entry.get("session_clock", "s"))  # of earlier versions in seconds
         rest = Unexplained(float(unexplained) * 1e-3, str(entry["unexplained"]["source"]))
         variances = _variances(cell, entry.get("scatter_SI"))
         converged = entry["converged"] is True
@@ -93,14 +97,14 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
     except (KeyError, TypeError, ValueError, OverflowError):
         raise InputError(path, "estimate", "is damaged", "write the result again") from None
     try:
-        model = _model(cell, keys)
+        model = _model(cell, keys, values, clock)
     except CalibError as error:
         raise InputError(
             path, "estimate", f"is not of this cell: {error}", "give the cell that it was made with"
         ) from None
     notes = (*notes, *_changed(cell, path, result))
     return Estimate(
-        model, values, cov, float(start), rest, undetermined, notes, converged, variances
+        model, values, cov, float(start), rest, undetermined, notes, converged, variances, clock
     )
 
 
@@ -140,15 +144,17 @@ def _variances(cell: Cell, entry: Any) -> Variances | None:
     return Variances(1.0, *found)
 
 
-def _model(cell: Cell, keys: list[Key]) -> Model:
+def _model(cell: Cell, keys: list[Key], values: Array, clock: str) -> Model:
     """The model whose parameters these are, in their order. Raises CalibError."""
-    context = _context(cell, keys)
+    context = replace(_context(cell, keys), clock_unit=clock)
     effects: list[Effect] = []
     for kind, where in dict.fromkeys((kind, where) for kind, where, _ in keys):
         if kind not in catalogue():
             raise CalibError(f"effect {kind!r} is not known here")
         names = [name for k, w, name in keys if (k, w) == (kind, where)]
-        effects.append(_with_only(place_effect(kind, where, context), names))
+        effect = _with_only(place_effect(kind, where, context), names)
+        first = next(i for i, (k, w, _) in enumerate(keys) if (k, w) == (kind, where))
+        effects.append(effect.tuned(values[first]) if isinstance(effect, Tuned) else effect)
     model = Model(
         cell.robot, cell.marker_names, cell.markers, tuple(effects), cell.payload, cell.gravity
     )
@@ -188,6 +194,8 @@ def _with_only(effect: Effect, names: list[str]) -> Effect:
     if isinstance(effect, ConstantTwist | Tool):
         own = [p.name for p in effect.parameters]
         return effect.only(tuple(own.index(name) for name in names if name in own))
+    if isinstance(effect, GearRipple) and "cos_2" in names:
+        return effect.with_harmonics(2)
     return effect
 
 

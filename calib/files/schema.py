@@ -93,6 +93,7 @@ class RobotTable(Table):
     limits_mm: dict[str, Range] = {}
     capsules_mm: dict[str, list[CapsuleTable]] = {}
     compensators_mm: dict[str, AnchorTable] = {}
+    gear_ratio: dict[str, Positive] = {}
 
     @model_validator(mode="after")
     def _one_file(self) -> Self:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from calib.files.columns import (
     joint_values,
     joint_warnings,
     point_columns,
+    torque_columns,
 )
 from calib.files.csv_table import LONGEST_LINE, Table, read_table
 from calib.moves import with_moves
@@ -126,7 +128,7 @@ def _check_poses_agree(
     own = {"marker", "sigma_mm", *(f"{a}_{u}" for a in "xyz" for u in ("mm", "m"))}
     units = ("deg", "rad", "mm", "m")
     shared = {*OTHERS, *WRENCH, *(f"{j}_{u}" for j in robot.joints for u in units)}
-    shared |= {f"approach_{j}" for j in robot.joints}
+    shared |= {f"approach_{j}" for j in robot.joints} | set(torque_columns(robot))
     for name in table.columns:
         if name in shared - own - {"pose"}:
             text = name in ("station", "pose")
@@ -167,7 +169,7 @@ def load_plan(cell: Cell, path: str | Path) -> Poses:
     Raises InputError.
     """
     poses, _ = _load_poses(cell, Path(path), ("pose",))
-    return with_moves(poses)
+    return replace(with_moves(poses), order=None)  # a plan says nothing of when it is measured
 
 
 def holds_points(path: str | Path) -> bool:

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from calib.cell import Cell
-from calib.files.columns import WRENCH
+from calib.files.columns import WRENCH, torque_columns
 from calib.poses import Measurements, Poses
 from calib.robot import Robot
 from calib.se3 import Array
@@ -60,12 +60,15 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
 
 
 def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:
-    """Columns of temperature, time, approach and station, as far as the poses have their own."""
+    """Columns of temperature, time, torques, approach and station, as the poses have their own."""
     found: dict[str, list[str]] = {}
     if poses.temperature is not None:
         found["temperature_degC"] = [f"{value:.6g}" for value in poses.temperature]
     if poses.time is not None:
         found["time_s"] = [f"{value:.9g}" for value in poses.time]
+    if poses.torque is not None:
+        for name, own in zip(torque_columns(cell.robot), poses.torque.T, strict=True):
+            found[name] = [f"{value:.9g}" for value in own]
     if poses.approach is not None and not poses.approach_derived:
         for joint, signs in zip(cell.robot.joints, poses.approach.T, strict=True):
             found[f"approach_{joint}"] = [f"{sign:.0f}" for sign in signs]

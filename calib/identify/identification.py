@@ -81,6 +81,8 @@ class Identification:
     step_two_std : ndarray, shape (p,), standard deviations that would follow if base and tool were
         known (the paper's step 2), NaN for base and tool
     weights : ndarray, shape (m, M, 3, 3), 1/m, whitening matrices of the points, zero for hidden ones
+    profiled : ndarray, shape (p,), standard deviations of tunings by the profile of the likelihood, NaN
+        where the covariance holds, or None
     scatter : Scatter or None, how whole poses err together; levels : Levels or None, how that was found
     """
 
@@ -108,11 +110,15 @@ class Identification:
     weights: Array
     scatter: Scatter | None = None
     levels: Levels | None = None
+    profiled: Array | None = None
 
     @property
     def std(self) -> Array:
         """Standard deviations, shape (p,), SI."""
-        return np.sqrt(np.diag(self.covariance))
+        std = np.sqrt(np.diag(self.covariance))
+        if self.profiled is None:
+            return std
+        return np.where(np.isfinite(self.profiled), self.profiled, std)
 
     @cached_property
     def correlation(self) -> Array:
@@ -173,7 +179,12 @@ class Identification:
             found.append(_signal(self.shared))
         for p, value, std in zip(self.model.parameters, self.values, self.std, strict=True):
             if p.name.startswith("compliance") and value < -5.0 * std:
-                found.append(f"{p.id} is negative: check the sign of the wrench and of gravity")
+                signs = (
+                    "columns <joint>_Nm"
+                    if p.effect == "measured_torque"
+                    else "wrench and of gravity"
+                )
+                found.append(f"{p.id} is negative: check the sign of the {signs}")
         poses = self.fit.data.poses
         uses = {name for effect in self.model.effects for name in effect.uses}
         if "approach" in uses and poses.approach_derived:

@@ -20,7 +20,9 @@ from calib.identify.noise_level import NoiseLevel, noise_level, of_levels
 from calib.identify.outliers import pose_statistics, prediction_statistics, threshold
 from calib.identify.search import Found, search
 from calib.identify.solver import levenberg_marquardt
+from calib.identify.tuning import profiled, with_tunings
 from calib.model import Model
+from calib.moves import of_one_clock
 from calib.observations import (
     Approach,
     Observation,
@@ -36,6 +38,9 @@ from calib.se3 import Array, rotate
 from calib.threads import one_blas_thread
 
 _NO_UNIT = 1e5  # arm lengths between points, beyond which no wrong unit explains them
+_REMEDIES = {
+    "time": "add time_s to both tables, hold out a share of one table (--holdout 0.3)",
+}
 _POSES_PER_DIRECTION = 3  # fewer do not tell how poses scatter
 
 
@@ -72,9 +77,11 @@ def identify(
     try:
         start = initial_values(model, data)
         refuse_mistakes(model, data, start)
+        weights = whitening(cell, model, start, data)
+        model, start = with_tunings(Points(model, data, weights), start)
         if approach == "pose":
             start = _with_shape(model, data, start)
-        points = Points(model, data, whitening(cell, model, start, data))
+        points = Points(model, data, weights)
         if not differences:  # what is common to a configuration drops out of them
             points = replace(points, known=_known(cell, model, start, data))
         observation: Observation = (
@@ -94,6 +101,7 @@ def identify(
         noise = of_levels(levels, noise)
     widened = noise.factor if observation.mixing is None else 1.0
     stated = estimator.covariance(counted, values, found.span)
+    by_profile = profiled(counted, values, found.span, np.sqrt(np.diag(stated)), widened)
     fit = residuals(model, data, values, ~found.kept, found.statistics, found.limit)
     nominal = _nominal(observation, start)
     distances = {
@@ -135,6 +143,7 @@ def identify(
         weights=observation.weights,
         scatter=observation.scatter,
         levels=levels,
+        profiled=by_profile,
     )
 
 
@@ -275,7 +284,7 @@ def _nominal(observation: Observation, start: Array) -> Array:
     """Values with base and markers fitted and all else as in the nominal model."""
     model = observation.model
     placement = model.where(Base, Tool)
-    nominal = np.zeros_like(start)
+    nominal = model.initial
     nominal[placement] = start[placement]
     directions = np.eye(len(start))[:, placement]
     return levenberg_marquardt(observation.points().flat, nominal, directions).values
@@ -313,21 +322,24 @@ def _predicted(
     r, J = observation.points().linearise(values)
     limit = threshold(pose_statistics(r, J, found.kept, found.span)[0], r.shape[-1])
     heldout = _with_stations_of(data, heldout)
-    _check_covariates(model, heldout)
+    _check_covariates(model, data, heldout)
     points = Points(model, heldout, whitening(cell, model, values, heldout))
     statistics, _ = prediction_statistics(*points.linearise(values), cov)
     return residuals(model, heldout, values, statistics > limit, statistics, limit)
 
 
-def _check_covariates(model: Model, heldout: Measurements) -> None:
+def _check_covariates(model: Model, data: Measurements, heldout: Measurements) -> None:
     """Refuse to predict what the held-out poses do not say."""
     missing = lacking(heldout.poses)
+    if not of_one_clock(data.poses, heldout.poses):
+        missing |= {"time"}
     for effect in model.effects:
         for covariate in effect.uses:
             if covariate in missing:
                 raise CalibError(
                     f"held-out poses have no {covariate}, which {effect.kind}:{effect.where} needs; "
-                    "add its column to their table, or leave these poses out"
+                    f"{_REMEDIES.get(covariate, 'add its column to their table')}, or leave these "
+                    "poses out"
                 )
 
 

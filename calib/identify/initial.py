@@ -34,8 +34,8 @@ _RESOLUTION = 1e-6  # m: what the search takes for one standard deviation
 
 
 def initial_values(model: Model, data: Measurements) -> Array:
-    """Values of all parameters, base and markers from the data and the rest zero, shape (p,)."""
-    values = np.zeros(len(model.parameters))
+    """Values of all parameters, base and markers from the data, the rest nominal, shape (p,)."""
+    values = model.initial
     frames = forward(model.robot, data.poses.q)
     R_tip, p_tip = frames.R[:, -1], frames.o[:, -1]
     markers = model.markers.copy()

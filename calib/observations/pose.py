@@ -150,10 +150,10 @@ class Pose(Observation):
 
     def span(self) -> Array:
         """The set of markers moves as one rigid body: its shape is no unknown."""
-        N = np.eye(len(self.model.parameters))
         tools = self.model.where(Tool)
         if not len(tools):
-            return N
+            return super().span()
+        N = np.eye(len(self.model.parameters))
         shape = self.shape.reshape(-1, *self.shape.shape[-2:])[0]
         motions = rigid_motions(shape).reshape(*shape.shape, 6)
         free = free_components(self.model)
@@ -162,7 +162,7 @@ class Pose(Observation):
         allowed = Vt[singular < 1e-9].T
         rigid = np.zeros((len(N), allowed.shape[1]))
         rigid[tools] = motions[free] @ allowed
-        others = np.setdiff1d(np.arange(len(N)), tools)
+        others = np.setdiff1d(np.arange(len(N)), [*tools, *self.model.still])
         return np.column_stack([N[:, others], rigid])
 
 

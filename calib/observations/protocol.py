@@ -84,7 +84,7 @@ class Observation(ABC):
 
     def span(self) -> Array:
         """Directions in which values may move, shape (p, k)."""
-        return np.eye(len(self.model.parameters))
+        return np.delete(np.eye(len(self.model.parameters)), self.model.still, axis=1)
 
     def covariance(self, values: Array, span: Array) -> Array:
         """Covariance (p, p) of the least-squares values along ``span`` (p, k), the noise as stated."""

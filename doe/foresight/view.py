@@ -133,7 +133,7 @@ def readings_of(cell: Cell, plan: Plan) -> Measurements:
         return plan
     poses = poses_of(cell, plan)
     if poses.approach is None:
-        poses = with_moves(poses)
+        poses = replace(with_moves(poses), order=None)  # a plan says nothing of when it is measured
     poses = in_turn(cell, poses)
     seen = visible(scene_of(cell, poses.q))
     return Measurements(poses, np.zeros((*seen.shape, 3)), seen, np.full(seen.shape, np.nan))

@@ -151,7 +151,7 @@ def experiment_of(
     refuse_idle_effects(cell, model, poses)
     seen = visible(scene_of(cell, poses.q))
     truth = plausible(model, poses, seed) if values is None else values
-    nominal = np.zeros(len(model.parameters)) if values is None else values
+    nominal = model.initial if values is None else values
     if values is None and len(model.where(LoadEffect)):
         soft = model.where(ElasticEffect)
         nominal[soft] = truth[soft]
@@ -177,11 +177,12 @@ def noise_weights(
 def plausible(model: Model, poses: Poses, seed: int) -> Array:
     """A robot that is off as robots are, shape (p,), SI; base and markers where they are thought."""
     elastic = model.where(ElasticEffect)
-    soft = np.zeros(len(model.parameters))
+    soft = model.initial
     soft[elastic] = _sizes(model, soft, poses)[elastic]
     size = _sizes(model, soft, poses)
     values: Array = size * np.random.default_rng(seed).standard_normal(len(size))
     values[model.where(Base, Tool)] = 0.0
+    values[model.tunings] = model.initial[model.tunings]
     values[elastic] = np.abs(values[elastic])
     return values
 

@@ -33,6 +33,8 @@ FOUND = [
     "joint_coupling:A6",
     "backlash:A5",
     "backlash",
+    "settling:A2",
+    "friction_windup:A3",
     "bearing_compliance:A3",
     "base_compliance",
     "base_drift",
@@ -97,6 +99,7 @@ def test_recovered_beside_geometry_and_compliance(kr270: Cell, effect: str) -> N
 def test_the_shared_catalogue_is_covered() -> None:
     elsewhere = {"base", "tool", "geometry", "joint_offset", "link_geometry"}
     elsewhere |= {"joint_compliance", "stiffness_vs_angle", "tracker_scale"}
+    elsewhere |= {"gear_ripple", "warm_up", "step", "measured_torque"}  # test_identify_tunings
     assert {effect.partition(":")[0] for effect in FOUND} | elsewhere == set(EFFECTS)
 
 

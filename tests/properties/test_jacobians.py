@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from calib.effects import EFFECTS
 from calib.effects.protocol import LoadEffect
@@ -22,12 +23,17 @@ COMBINATIONS = [
 COMBINATIONS.append(list(EFFECTS))
 
 
+def smooth(model: Model) -> NDArray[np.bool_]:
+    """Parameters by which readings have a derivative; the moment of a step has none."""
+    return np.array([(p.effect, p.name) != ("step", "at") for p in model.parameters])
+
+
 def check_jacobian(model: Model, poses: Poses, values: Array) -> None:
     points, J = model.jacobian(values, poses)
     np.testing.assert_allclose(points, model.predict(values, poses), atol=1e-12)
     numeric = central_difference(lambda v: model.predict(v, poses), values, model.sizes * 1e-2)
     scale = np.abs(J).max(axis=(0, 1, 2))
-    assert (scale > 0.0).all(), "every parameter must move a marker here"
+    assert (scale > 0.0)[smooth(model)].all(), "every parameter must move a marker here"
     # Rounding of a nanometre equilibrium over the step limits what differences can show.
     noise = 1e-12 / (model.sizes * 1e-2)
     assert (np.abs(J - numeric).max(axis=(0, 1, 2)) <= 1e-6 * scale + 10.0 * noise).all()
@@ -40,7 +46,7 @@ def test_jacobian(kinds: list[str], dof: int, prismatic: tuple[int, ...]) -> Non
     robot = random_robot(rng, dof, prismatic)
     model = model_of(random_context(rng, robot), kinds)
     poses = random_poses(rng, robot, 12)
-    values = model.sizes * rng.normal(size=len(model.parameters))
+    values = model.initial + model.sizes * rng.normal(size=len(model.parameters))
     check_jacobian(model, poses, values)
 
 
@@ -63,7 +69,7 @@ def test_trials_are_independent() -> None:
     robot = random_robot(rng, 5)
     model = model_of(random_context(rng, robot), list(EFFECTS))
     poses = random_poses(rng, robot, 3)
-    trials = model.sizes * rng.normal(size=(4, len(model.parameters)))
+    trials = model.initial + model.sizes * rng.normal(size=(4, len(model.parameters)))
     together, J = model.jacobian(trials, poses)
     for i, values in enumerate(trials):
         alone, J_alone = model.jacobian(values, poses)

@@ -1,0 +1,105 @@
+"""Gear errors that repeat many times in a turn: ``dq = cos_1 cos(c q) + sin_1 sin(c q)``, q as read.
+
+A strain-wave gear of ratio N errs twice a turn of its wave generator, c = 2 N a turn of the joint, and
+once; a motor's encoder once in its own turn, c = N. The second harmonic is at twice the cycles. Below
+three cycles a turn such errors are a ``transmission_harmonic``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from calib.effects.drive import along_axis
+from calib.effects.protocol import Context, Parameter, joint_index, turning_joints
+from calib.effects.tuned import ANY_TUNING, TunedTwist
+from calib.poses import Poses
+from calib.se3 import Array
+
+_USUAL = 200.0  # cycles a turn: a strain-wave gear of ratio 100
+_FEWEST, _MOST = (
+    3.0,
+    450.0,
+)  # cycles a turn; ratios of strain-wave gears reach 160, their second 640
+_STEP = 0.25  # of a line's width
+# rad: real arms show 20 to 150 urad.
+_SIZE, _LARGEST = 1e-4, 1.5e-3
+
+
+@dataclass(frozen=True, eq=False)
+class GearRipple(TunedTwist):
+    """A line of a joint's error over cycles a turn, with one harmonic or two.
+
+    harmonics : 1 or 2
+    ratio : float or None, turns of motor or wave generator a turn of the joint, where it is known
+    """
+
+    harmonics: int
+    ratio: float | None
+    kind: ClassVar[str] = "gear_ripple"
+    turns: ClassVar[bool] = True
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return turning_joints(context)
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        joint, ratio = joint_index(context, where), context.gear_ratios.get(where)
+        axis = along_axis(context.robot, joint)[:, None]
+        cycles = _USUAL if ratio is None else 2.0 * ratio
+        return cls(
+            where=where,
+            tuning=cycles,
+            frame=joint + 1,
+            directions=axis,
+            harmonics=1,
+            ratio=ratio,
+        )
+
+    def with_harmonics(self, count: int) -> Self:
+        """The same with so many harmonics, 1 or 2."""
+        return replace(self, harmonics=count)
+
+    @property
+    def tuning_parameter(self) -> Parameter:
+        return Parameter(self.kind, self.where, "cycles", "1/turn", 1.0, 1.0, ANY_TUNING)
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:
+        names = [f"{f}_{k}" for k in range(1, self.harmonics + 1) for f in ("cos", "sin")]
+        return tuple(
+            Parameter(self.kind, self.where, n, "urad", 1e-6, _SIZE, _LARGEST) for n in names
+        )
+
+    def functions(self, poses: Poses, tuning: Array) -> Array:
+        phase = self._phases(poses, tuning)
+        return _paired(np.cos(phase), np.sin(phase))
+
+    def slopes(self, poses: Poses, tuning: Array) -> Array:
+        phase, rate = self._phases(poses, tuning), self._phases(poses, np.ones(()))
+        return _paired(-rate * np.sin(phase), rate * np.cos(phase))
+
+    def _phases(self, poses: Poses, tuning: Array) -> Array:
+        """Phase of each harmonic, shape (..., m, harmonics), rad."""
+        order = np.arange(1.0, self.harmonics + 1.0)
+        q = poses.q[:, self.frame - 1, None] * order
+        return np.asarray(tuning)[..., None, None] * q
+
+    def grid(self, poses: Poses) -> Array:
+        if self.ratio is not None:
+            return np.array([self.ratio, 2.0 * self.ratio])
+        width = self.width(poses)
+        return np.arange(_FEWEST, _MOST, _STEP * width) if np.isfinite(width) else np.zeros(0)
+
+    def width(self, poses: Poses) -> float:
+        """Width of a line in cycles a turn, infinite where the joint stands still."""
+        extent = float(np.ptp(poses.q[:, self.frame - 1])) if len(poses) else 0.0
+        return 2.0 * np.pi / extent if extent > 0.0 else np.inf
+
+
+def _paired(cosine: Array, sine: Array) -> Array:
+    """``cos_1 sin_1 cos_2 sin_2`` of two arrays (..., m, harmonics)."""
+    return np.stack([cosine, sine], axis=-1).reshape(*cosine.shape[:-1], -1)

@@ -1,0 +1,95 @@
+"""What jumps at one moment: a knock, a belt that slips, a joint mastered anew, a marker that was moved.
+
+All readings after the moment are displaced, none before it; a pose of which the clock says nothing is
+taken as after it. Where between two readings the moment lies, nothing tells.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from calib.effects.protocol import Context, Effect, Parameter
+from calib.effects.timed import (
+    MARKER,
+    SECONDS,
+    Timed,
+    everything,
+    function_of,
+    markers,
+    placement,
+)
+from calib.effects.tuned import ANY_TUNING, TunedMarker, TunedReading, TunedTwist
+from calib.poses import Poses
+from calib.se3 import Array
+
+_USUAL = {SECONDS: 3600.0}
+_USUAL_READINGS = 100.0
+_EITHER_SIDE = 2  # readings: fewer are an outlier
+
+
+@dataclass(frozen=True, eq=False)
+class Step(Timed):
+    """The jump, wherever it is."""
+
+    kind: ClassVar[str] = "step"
+    smooth: ClassVar[bool] = False
+    size: ClassVar[float] = 1e-4  # m or rad
+    largest: ClassVar[float] = 1e-2
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return (*everything(context), *markers(context))
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Effect:
+        moment = _USUAL.get(context.clock_unit, _USUAL_READINGS)
+        kind: type[Step] = StepOfFrame
+        if where == "instrument":
+            kind = StepOfReadings
+        elif where.startswith(MARKER):
+            kind = StepOfMarker
+        own = placement(context, where)
+        return kind(where=where, tuning=moment, clock=context.clock_unit, **own)
+
+    @property
+    def tuning_parameter(self) -> Parameter:
+        timed = self.clock == SECONDS
+        unit, size = ("s", 60.0) if timed else ("readings", 1.0)
+        return Parameter(self.kind, self.where, "at", unit, 1.0, size, ANY_TUNING)
+
+    def functions(self, poses: Poses, tuning: Array) -> Array:
+        t = poses.clock_in(self.clock)
+        if t is None:
+            return function_of(np.ones(len(poses)), tuning, poses)
+        after = t > np.asarray(tuning)[..., None]
+        return after[..., None].astype(float)
+
+    def slopes(self, poses: Poses, tuning: Array) -> Array:
+        return function_of(np.zeros(len(poses)), tuning, poses)
+
+    def grid(self, poses: Poses) -> Array:
+        t = poses.clock_in(self.clock)
+        if t is None:
+            return np.zeros(0)
+        read, count = np.unique(t, return_counts=True)
+        before = np.cumsum(count)[:-1]
+        apart = (before >= _EITHER_SIDE) & (len(t) - before >= _EITHER_SIDE)
+        return np.asarray((0.5 * (read[1:] + read[:-1]))[apart])
+
+
+@dataclass(frozen=True, eq=False)
+class StepOfFrame(Step, TunedTwist):
+    """Of the base, or of a joint's zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepOfReadings(Step, TunedReading):
+    """Of the instrument."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepOfMarker(Step, TunedMarker):
+    """Of one marker in the tip frame."""

@@ -1,0 +1,214 @@
+"""Effects with one parameter that is not linear: the cycles of a ripple, a time constant, a moment.
+
+Such an effect moves what its ``carrier`` moves, b directions that are constant, by functions of the
+pose: ``xi = sum_ij amplitude_ij f_i(pose; tuning) direction_j``. The tuning is its first parameter,
+held as it is and not as a correction; the amplitudes follow, function by function, and with all of
+them at zero the model is nominal whatever the tuning.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from calib.effects.drift import moved_as_one
+from calib.effects.protocol import (
+    Context,
+    Displacement,
+    Effect,
+    MarkerEffect,
+    Parameter,
+    PoseEffect,
+    ReadingEffect,
+    State,
+    Strand,
+)
+from calib.errors import EffectCannotAct
+from calib.poses import Poses
+from calib.se3 import Array
+
+ANY_TUNING = 1e9
+"""No bound on a tuning: the data alone speak of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tuned(Effect):
+    """Functions of the pose with one tuning, times directions that are constant.
+
+    tuning : float, SI, where its search begins
+    smooth : whether the functions have a derivative by it; where not, only a scan finds it
+    """
+
+    tuning: float
+    smooth: ClassVar[bool] = True
+
+    @property
+    @abstractmethod
+    def tuning_parameter(self) -> Parameter:
+        """The tuning by name and unit."""
+
+    @property
+    @abstractmethod
+    def amplitudes(self) -> tuple[Parameter, ...]:
+        """The other parameters, function by function."""
+
+    @property
+    @abstractmethod
+    def carrier(self) -> Effect:
+        """The linear effect with the b directions and all functions one."""
+
+    @abstractmethod
+    def functions(self, poses: Poses, tuning: Array) -> Array:
+        """The functions at tunings (...), SI, shape (..., m, f)."""
+
+    @abstractmethod
+    def slopes(self, poses: Poses, tuning: Array) -> Array:
+        """Their derivatives by the tuning, shape (..., m, f)."""
+
+    @abstractmethod
+    def grid(self, poses: Poses) -> Array:
+        """Tunings worth trying at these poses, shape (C,), ascending; empty where they tell nothing."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (self.tuning_parameter, *self.amplitudes)
+
+    @property
+    def initial(self) -> Array:
+        return np.array([self.tuning] + [0.0] * len(self.amplitudes))
+
+    def rests(self, values: Array) -> bool:
+        return not values[..., 1:].any()
+
+    def tuned(self, value: float) -> Self:
+        """The same with its search beginning elsewhere."""
+        return replace(self, tuning=float(value))
+
+    def amounts(self, poses: Poses, values: Array) -> Array:
+        """By how much each direction is displaced at values (..., p), shape (..., m, b)."""
+        F = self.functions(poses, values[..., 0])
+        return np.asarray(F @ self._table(values, F))
+
+    def shares(self, poses: Poses, values: Array) -> Array:
+        """D amounts / d value at values (..., p), shape (..., m, b, p)."""
+        F = self.functions(poses, values[..., 0])
+        table = self._table(values, F)
+        slope = self.slopes(poses, values[..., 0]) @ table
+        f, b = table.shape[-2:]
+        each = F[..., None, :, None] * np.eye(b)[:, None, :]
+        return np.concatenate([slope[..., None], each.reshape(*slope.shape, f * b)], axis=-1)
+
+    @staticmethod
+    def _table(values: Array, F: Array) -> Array:
+        """Amplitudes by function and direction, shape (..., f, b)."""
+        return values[..., 1:].reshape(*values.shape[:-1], F.shape[-1], -1)
+
+
+@dataclass(frozen=True, eq=False)
+class TunedTwist(Tuned, PoseEffect):
+    """Displaces one frame.
+
+    frame : int; directions : ndarray, shape (6, b), in the frame's axes
+    """
+
+    frame: int
+    directions: Array
+
+    @property
+    def carrier(self) -> Effect:
+        own = self.amplitudes[: self.directions.shape[1]]
+        return SteadyTwist(self.where, own, self.frame, self.directions)
+
+    def twists(self, poses: Poses) -> tuple[Strand, ...]:
+        return ((self.frame, self.directions @ self.shares(poses, self.initial)),)
+
+    def strands(self, state: State, values: Array) -> tuple[Strand, ...]:
+        return ((self.frame, self.directions @ self.shares(state.poses, values)),)
+
+    def displacements(self, poses: Poses, values: Array) -> tuple[Displacement, ...]:
+        return ((self.frame, self.amounts(poses, values) @ self.directions.T),)
+
+
+@dataclass(frozen=True, eq=False)
+class TunedMarker(Tuned, MarkerEffect):
+    """Displaces one marker along the axes of the tip frame."""
+
+    @property
+    def carrier(self) -> Effect:
+        return SteadyOffset(self.where, self.amplitudes[:3])
+
+    def offsets(self, poses: Poses) -> Array:
+        return self.shares(poses, self.initial)
+
+    def columns(self, poses: Poses, values: Array) -> Array:
+        return self.shares(poses, values)
+
+    def displacements(self, poses: Poses, values: Array) -> Array:
+        return self.amounts(poses, values)
+
+
+@dataclass(frozen=True, eq=False)
+class TunedReading(Tuned, ReadingEffect):
+    """Moves all readings of a pose as one body, along and about the axes of their station."""
+
+    @property
+    def carrier(self) -> Effect:
+        return SteadyReading(self.where, self.amplitudes[:6])
+
+    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
+        readings, R, rigid = moved_as_one(self.amounts(poses, values), points)
+        return readings, R, rigid @ self.shares(poses, values)[..., None, :, :]
+
+
+@dataclass(frozen=True, eq=False)
+class Steady(Effect):
+    """What carries a tuned effect: its directions alone, constant over the poses.
+
+    own : tuple of Parameter, of the tuned effect's first function
+    """
+
+    own: tuple[Parameter, ...]
+    kind: ClassVar[str] = "steady"
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return ()
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        raise EffectCannotAct(f"{cls.kind}:{where}", "it is no cause by name", "name another")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.own
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyTwist(Steady, PoseEffect):
+    """Of one frame."""
+
+    frame: int
+    directions: Array
+
+    def twists(self, poses: Poses) -> tuple[Strand, ...]:
+        return ((self.frame, self.directions[None]),)
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyOffset(Steady, MarkerEffect):
+    """Of one marker."""
+
+    def offsets(self, poses: Poses) -> Array:
+        return np.broadcast_to(np.eye(3), (len(poses), 3, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyReading(Steady, ReadingEffect):
+    """Of all readings."""
+
+    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
+        xi = np.broadcast_to(values[..., None, :], (*values.shape[:-1], len(poses), 6))
+        return moved_as_one(xi, points)

@@ -1,0 +1,81 @@
+"""What moves while the arm, its base or the instrument warms: ``amplitude exp(-t / tau)``.
+
+t counts from the session's first reading, and what is left of it falls to nothing: a pose of which the
+clock says nothing is taken as warm. Arms take half an hour to three hours (Appl. Sci. 11(22) 10813).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from calib.effects.protocol import Context, Effect, Parameter
+from calib.effects.timed import SECONDS, Timed, everything, function_of, placement
+from calib.effects.tuned import ANY_TUNING, TunedReading, TunedTwist
+from calib.poses import Poses
+from calib.se3 import Array
+
+_USUAL = {SECONDS: 3600.0}
+_USUAL_READINGS = 100.0
+_SHORTEST, _LONGEST, _STEPS = 0.02, 2.0, 10  # of the session
+_AT_ONCE = 1e-9  # s or readings: shorter is zero, and the sign of a time constant says nothing
+
+
+@dataclass(frozen=True, eq=False)
+class WarmUp(Timed):
+    """The exponential, wherever it acts."""
+
+    kind: ClassVar[str] = "warm_up"
+    size: ClassVar[float] = 1e-4  # m or rad: tenths of a millimetre
+    largest: ClassVar[float] = 5e-3
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return everything(context)
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Effect:
+        tau = _USUAL.get(context.clock_unit, _USUAL_READINGS)
+        kind = WarmUpOfReadings if where == "instrument" else WarmUpOfFrame
+        own = placement(context, where)
+        return kind(where=where, tuning=tau, clock=context.clock_unit, **own)
+
+    @property
+    def tuning_parameter(self) -> Parameter:
+        timed = self.clock == SECONDS
+        unit, scale, size = ("min", 60.0, 600.0) if timed else ("readings", 1.0, 10.0)
+        return Parameter(self.kind, self.where, "tau", unit, scale, size, ANY_TUNING)
+
+    def functions(self, poses: Poses, tuning: Array) -> Array:
+        return self._falling(poses, np.asarray(tuning))[0]
+
+    def slopes(self, poses: Poses, tuning: Array) -> Array:
+        return self._falling(poses, np.asarray(tuning))[1]
+
+    def _falling(self, poses: Poses, tuning: Array) -> tuple[Array, Array]:
+        t = poses.clock_in(self.clock)
+        if t is None:
+            rest = function_of(np.zeros(len(poses)), tuning, poses)
+            return rest, rest
+        tau = np.maximum(np.abs(tuning), _AT_ONCE)[..., None, None]
+        left = np.exp(-t[:, None] / tau)
+        return left, np.sign(tuning)[..., None, None] * left * t[:, None] / tau**2
+
+    def grid(self, poses: Poses) -> Array:
+        t = poses.clock_in(self.clock)
+        session = 0.0 if t is None or not len(t) else float(np.ptp(t))
+        if session == 0.0:
+            return np.zeros(0)
+        return np.geomspace(_SHORTEST * session, _LONGEST * session, _STEPS)
+
+
+@dataclass(frozen=True, eq=False)
+class WarmUpOfFrame(WarmUp, TunedTwist):
+    """Of the base, or of a joint's zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class WarmUpOfReadings(WarmUp, TunedReading):
+    """Of the instrument."""

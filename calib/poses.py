@@ -86,10 +86,14 @@ class Poses:
         """
         return self.elapsed if self.time is not None or self.order is None else self.order
 
+    @property
+    def clocked(self) -> bool:
+        """Whether the order of measurement is known."""
+        return self.time is not None or self.order is not None
+
     def clock_in(self, unit: str) -> Array | None:
         """The clock, shape (m,), None where it does not run in this unit."""
-        known = self.time is not None or self.order is not None
-        return self.clock if known and unit == self.clock_unit else None
+        return self.clock if self.clocked and unit == self.clock_unit else None
 
     @property
     def warming(self) -> Array:

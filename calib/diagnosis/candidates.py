@@ -14,7 +14,14 @@ from calib.diagnosis.curves import Curve, curves
 from calib.diagnosis.variables import Torque
 from calib.effects import GROUPS, Effect, catalogue
 from calib.effects.joint_coupling import JointCoupling
-from calib.effects.protocol import ARM, ElasticEffect, LoadEffect, PoseEffect, ReadingEffect
+from calib.effects.protocol import (
+    ARM,
+    ElasticEffect,
+    LoadEffect,
+    Parameter,
+    PoseEffect,
+    ReadingEffect,
+)
 from calib.effects.tuned import Tuned
 from calib.errors import CalibError
 from calib.model import Model
@@ -34,11 +41,14 @@ class Candidate:
 
     effect : Effect, a curve where it has no name; named : whether it has one, in the catalogue
     depends_on : str, on what it depends most, as in the results
+    tried : int, forms among which this one was chosen; line : int, among causes of its kind at its place
     """
 
     effect: Effect
     named: bool
     depends_on: str
+    tried: int = 1
+    line: int = 1
 
     @property
     def where(self) -> str:
@@ -49,15 +59,27 @@ class Candidate:
     def key(self) -> str:
         """``effect:where``, for a curve with its variable and what it moves."""
         if not isinstance(self.effect, Curve):
-            return f"{self.effect.kind}:{self.where}"
+            further = f" #{self.line}" if self.line > 1 else ""
+            return f"{self.effect.kind}:{self.where}{further}"
         variable, count = self.effect.variable, len(self.effect.parameters)
         about = f" along {np.round(variable.axis, 3)}" if isinstance(variable, Torque) else ""
         return f"{type(self.effect).__name__}:{self.where} by {self.depends_on}{about} ({count})"
 
+    @property
+    def amounts(self) -> tuple[Parameter, ...]:
+        """Its parameters but for a tuning, which is no size."""
+        effect = self.effect
+        return effect.amplitudes if isinstance(effect, Tuned) else effect.parameters
+
     @cached_property
     def limits(self) -> Array:
-        """Magnitudes of its parameters beyond which nothing is believed, shape (k,), SI."""
-        return np.array([p.limit for p in self.effect.parameters])
+        """Magnitudes of its amounts beyond which nothing is believed, shape (k,), SI."""
+        return np.array([p.limit for p in self.amounts])
+
+    def as_tuned(self, tuning: float) -> Candidate:
+        """The same at another tuning."""
+        assert isinstance(self.effect, Tuned)
+        return replace(self, effect=self.effect.tuned(tuning))
 
     @cached_property
     def spread(self) -> Array | None:
@@ -76,7 +98,10 @@ class NotAsked:
 def candidates(
     cell: Cell, model: Model, data: Measurements
 ) -> tuple[list[Candidate], list[NotAsked]]:
-    """Inactive effects at every place where they can act, and curves; and what cannot be asked."""
+    """Inactive effects at every place where they can act, and curves; and what cannot be asked.
+
+    Those with a tuning stand there once, wherever their search begins.
+    """
     context = context_of(cell, data.poses)
     found, missing = [], []
     for kind, effect_type in catalogue().items():
@@ -93,8 +118,7 @@ def candidates(
             except CalibError as error:
                 missing.append(NotAsked(f"{kind}:{where}", str(error)))
                 continue
-            if not isinstance(effect, Tuned):
-                found.append(Candidate(effect, True, depends_on(effect)))
+            found.append(Candidate(effect, True, depends_on(effect)))
     ranges = np.linalg.norm(data.points[data.seen], axis=-1)
     unnamed = [Candidate(c, False, c.variable.name) for c in curves(context, data.poses, ranges)]
     return found + unnamed, missing

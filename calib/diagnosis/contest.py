@@ -10,7 +10,7 @@ at that fit.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,18 +20,20 @@ from calib.diagnosis.preference import instead_of
 from calib.diagnosis.profile import ground
 from calib.diagnosis.screen import NOTHING, Field, Score, score
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.view import Columns, View
+from calib.diagnosis.view import Lineup, View
 
 ALPHA = 0.01
 """Probability of a false entry, over all candidates together."""
 _CHALLENGE = 1.0  # gain by which a rival must lead to take a place
 _NAMED_SHARE = 0.9  # of the leader's evidence at which a cause by name is preferred to a curve
-_MOST_EFFECTS = 8
+_CURVES_TOO = 0.5  # of the best curve's gain: a name with more is taken before curves are judged
 _MOST_CURVES = 4  # of which more than one seldom means a thing to anybody
 _CALLED = 12  # causes by name, of which some may stand for a curve
-_MOST_ROUNDS = 15
+_MOST_ROUNDS = 60
 _RIVALS = 12
 _BEYOND_DOUBT = 200.0  # gain that no choice of variances takes away
+_STANDS = 0.8  # of the gain with which a member has proved itself, above which it need not again
+_APART = 0.7  # of its fall that a second newcomer keeps beside the first
 _LEADING = (4, 2)  # causes by name, and curves, whose variances are found anew
 
 
@@ -54,164 +56,231 @@ class Outcome:
     """Where the contest ended.
 
     before, fit : Fit, without and with all that entered; active : tuple of Candidate, what entered
-    view : View, of all suspects from the fit
+    view : View, of all suspects from the fit; lineup : Lineup, the same with all their tunings
     """
 
     before: Fit
     fit: Fit
     active: tuple[Candidate, ...]
     view: View
-    suspects: Sequence[Candidate]
+    lineup: Lineup
 
     @property
     def last(self) -> Field:
         """The candidates beside all that is modelled."""
         return self.view.beside
 
+    @property
+    def suspects(self) -> tuple[Candidate, ...]:
+        """All that was asked, with the tunings that are best now."""
+        return self.view.suspects
+
     @cached_property
     def entries(self) -> tuple[Entry, ...]:
         """Every candidate that entered, with its rivals."""
-        return tuple(_entry(self.view, c, list(self.active), self.suspects) for c in self.active)
+        return tuple(_entry(self.view, c, self.active) for c in self.active)
 
 
-def contest(
-    stage: Stage,
-    suspects: Sequence[Candidate],
-    columns: Columns,
-    active: Sequence[Candidate] = (),
-) -> Outcome:
+@dataclass(frozen=True, eq=False)
+class Round:
+    """Where a contest stands.
+
+    active : what is in; view : all suspects from the fit with it
+    proved : dict, key of a member -> gain with which it last defended its place against all
+    """
+
+    stage: Stage
+    active: tuple[Candidate, ...]
+    view: View
+    asked: int
+    proved: dict[str, float]
+
+    def pays(self, found: Score) -> bool:
+        """Whether a score earns its holder a place."""
+        return bool(found.gain > 2.0 * np.log(self.asked) and found.p * self.asked < ALPHA)
+
+
+def contest(stage: Stage, lineup: Lineup, active: Sequence[Candidate] = ()) -> Outcome:
     """Add, exchange and remove candidates until nothing pays.
 
-    columns : Columns, of the suspects
+    stage : Stage, to first order
     active : candidates to begin with, as an earlier contest left them; each must defend its place
+    All tunings are tried at the beginning and before the end, in between those of a short list.
     """
-    active = list(active)
     before = stage.fit(())
     fit = stage.fit([c.effect for c in active], before) if active else before
-    tried: set[frozenset[str]] = {frozenset(c.key for c in active)}
-    seen = columns.seen_from(stage, fit)
+    view, listed = lineup.seen_from(stage, fit, active, fresh=True)
+    state, fresh = Round(stage, tuple(active), view, lineup.asked, {}), True
+    tried = {frozenset(c.key for c in active)}
     for _ in range(_MOST_ROUNDS):
-        found = _better(stage, seen, active, suspects)
-        if found == active:
-            return Outcome(before, fit, tuple(active), seen, suspects)
-        keys = frozenset(c.key for c in found)
-        if keys in tried:
-            break
-        tried.add(keys)
-        active = found
-        fit = stage.fit([c.effect for c in active], fit)
-        seen = columns.seen_from(stage, fit)
+        found = _better(state)
+        if found == state.active and fresh:
+            return Outcome(before, fit, found, view, lineup)
+        fresh = found == state.active
+        if not fresh:
+            keys = frozenset(c.key for c in found)
+            if keys in tried:
+                break
+            tried.add(keys)
+            fit = stage.fit([c.effect for c in found], fit)
+        view, listed = (lineup if fresh else listed).seen_from(stage, fit, found, fresh)
+        state = replace(state, active=found, view=view)
     # A contest that goes in circles is left with what pays where it stood.
-    while (idle := _idle(stage, seen, active, suspects)) is not None:
-        active.remove(idle)
-        fit = stage.fit([c.effect for c in active], fit)
-        seen = columns.seen_from(stage, fit)
-    return Outcome(before, fit, tuple(active), seen, suspects)
+    while (idle := _idle(state)) is not None:
+        rest = tuple(c for c in state.active if c is not idle)
+        fit = stage.fit([c.effect for c in rest], fit)
+        view, listed = listed.seen_from(stage, fit, rest, fresh=False)
+        state = replace(state, active=rest, view=view)
+    return Outcome(before, fit, state.active, view, lineup)
 
 
-def _idle(
-    stage: Stage, seen_from: View, active: Sequence[Candidate], suspects: Sequence[Candidate]
-) -> Candidate | None:
+def _idle(state: Round) -> Candidate | None:
     """The member that pays least of those that do not pay."""
     scores = {}
-    for c in active:
-        linear = _linear(seen_from.without(c), seen_from, [c])[c.key]
-        scores[c] = _defence(stage, seen_from, c, linear)
-    idle = [c for c in active if not _pays(scores[c], len(suspects))]
+    for c in state.active:
+        linear = _linear(state.view.without(c), state.view, [c])[c.key]
+        scores[c] = _defence(state, c, linear)
+    idle = [c for c in state.active if not state.pays(scores[c])]
     return min(idle, key=lambda c: scores[c].gain) if idle else None
 
 
-def _better(
-    stage: Stage, seen_from: View, active: list[Candidate], suspects: Sequence[Candidate]
-) -> list[Candidate]:
+def _better(state: Round) -> tuple[Candidate, ...]:
     """The next set of effects; the present one where it stands."""
+    active, view = state.active, state.view
     for member in active:
-        rest = [c for c in active if c is not member]
-        scores = _linear(seen_from.without(member), seen_from, suspects)
-        own = scores[member.key]
-        if not _pays(_defence(stage, seen_from, member, own), len(suspects)):
+        beside = view.without(member)
+        own = _linear(beside, view, [member])[member.key]
+        if own.gain > _STANDS * state.proved.get(member.key, np.inf) and state.pays(own):
+            continue
+        rest = tuple(c for c in active if c is not member)
+        if not state.pays(_defence(state, member, own)):
             return rest
-        eligible = [c for c in _eligible(rest, suspects) if c is not member]
-        best = _leader(scores, [*eligible, member], len(suspects))
-        named = best.named and not member.named
-        if best is not member and (named or scores[best.key].gain > own.gain + _CHALLENGE):
-            return [*rest, best]
-    if len(active) < _MOST_EFFECTS:
-        scores = _scores(stage, seen_from, suspects)
-        best = _leader(scores, _eligible(active, suspects), len(suspects))
-        if _pays(scores[best.key], len(suspects)):
-            return [*active, *(_by_name(seen_from.beside, seen_from, best, suspects) or [best])]
+        best = _challenger(state, member, own, beside)
+        if best is not None:
+            return (*rest, best)
+        state.proved[member.key] = own.gain
+    newcomers = _newcomers(state)
+    if newcomers:
+        return (*active, *newcomers)
     for curve in (c for c in active if not c.named):
-        names = _by_name(seen_from.without(curve), seen_from, curve, suspects)
+        names = _by_name(view.without(curve), state, curve)
         if names:
-            return [*(c for c in active if c is not curve and c not in names), *names]
+            return (*(c for c in active if c is not curve and c not in names), *names)
     return active
 
 
-def _eligible(active: Sequence[Candidate], suspects: Sequence[Candidate]) -> list[Candidate]:
+def _challenger(state: Round, member: Candidate, own: Score, beside: Field) -> Candidate | None:
+    """What explains more in a member's place, or as much by name."""
+    rest = [c for c in state.active if c is not member]
+    scores = _linear(beside, state.view, state.view.suspects)
+    eligible = [c for c in _eligible(rest, state.view) if c is not member]
+    best = _leader(state, scores, [*eligible, member])
+    named = best.named and not member.named
+    if best is member or not (named or scores[best.key].gain > own.gain + _CHALLENGE):
+        return None
+    return best
+
+
+def _newcomers(state: Round) -> list[Candidate]:
+    """What pays beside all that is in: the best, and others by name that hardly share with it."""
+    view, active = state.view, state.active
+    scores = _scores(state)
+    eligible = _eligible(active, view)
+    if not eligible:
+        return []
+    best = _leader(state, scores, eligible)
+    if not state.pays(scores[best.key]):
+        return []
+    if not best.named:
+        return _by_name(view.beside, state, best) or [best]
+    further = [c for c in eligible if c.named and c is not best and state.pays(scores[c.key])]
+    chosen = [best]
+    for c in sorted(further, key=lambda c: -scores[c.key].gain):
+        if all(_kept(view, c, other) > _APART for other in chosen):
+            chosen.append(c)
+    return chosen
+
+
+def _kept(view: View, candidate: Candidate, other: Candidate) -> float:
+    """Share of a candidate's fall that is left beside another one, about."""
+    beside, a, b = view.beside, view.where[candidate.key], view.where[other.key]
+    T, U = beside.directions(a), beside.directions(b)
+    own, theirs = T.T @ beside.products(a)[1], U.T @ beside.products(b)[1]
+    left = own - T.T @ beside.crossed(a, b) @ U @ theirs
+    return float(left @ left) / max(float(own @ own), 1e-300)
+
+
+def _eligible(active: Sequence[Candidate], view: View) -> list[Candidate]:
     """Who may come in beside those that are: of curves no more than a few."""
     full = sum(not c.named for c in active) >= _MOST_CURVES
-    return [c for c in suspects if c not in active and (c.named or not full)]
+    return [c for c in view.suspects if c not in active and (c.named or not full)]
 
 
-def _by_name(
-    beside: Field, seen_from: View, curve: Candidate, suspects: Sequence[Candidate]
-) -> list[Candidate]:
+def _by_name(beside: Field, state: Round, curve: Candidate) -> list[Candidate]:
     """The named causes that explain what a curve does; none where there are none, or for a name."""
     if curve.spread is None:
         return []
-    scores = _linear(beside, seen_from, [c for c in suspects if c.named])
-    named = [c for c in suspects if c.named and scores[c.key].gain > 0.0]
+    view = state.view
+    scores = _linear(beside, view, [c for c in view.suspects if c.named])
+    named = [c for c in view.suspects if c.named and scores[c.key].gain > 0.0]
     named = sorted(named, key=lambda c: -scores[c.key].gain)[:_CALLED]
-    at = [seen_from.where[c.key] for c in named]
-    own = seen_from.where[curve.key]
-    found = instead_of(beside, own, curve.spread, at, lambda s: _pays(s, len(suspects)))
+    at = [view.where[c.key] for c in named]
+    found = instead_of(beside, view.where[curve.key], curve.spread, at, state.pays)
     return [named[i] for i in found]
 
 
-def _scores(stage: Stage, seen_from: View, suspects: Sequence[Candidate]) -> dict[str, Score]:
+def _scores(state: Round) -> dict[str, Score]:
     """Score of every suspect beside what is in.
 
     Where poses err together only those that lead are worth a look: their variances are found anew.
     """
-    scores = _linear(seen_from.beside, seen_from, suspects)
-    if seen_from.fit.mixing is None:
+    view = state.view
+    suspects = view.suspects
+    scores = _linear(view.beside, view, suspects)
+    if view.fit.mixing is None:
         return scores
-    alone = _linear(seen_from.by_instrument.beside, seen_from, suspects)
-    leading = list(dict.fromkeys(_leading(scores, suspects) + _leading(alone, suspects)))
-    here = ground(stage, seen_from, leading)
-    return {c.key: NOTHING for c in suspects} | {c.key: here.score(c) for c in leading}
+    alone = _linear(view.by_instrument.beside, view, suspects)
+    names, curves = (
+        list(dict.fromkeys(_leading(scores, suspects, named) + _leading(alone, suspects, named)))
+        for named in (True, False)
+    )
+    found = {c.key: NOTHING for c in suspects}
+    here = ground(state.stage, view, names)
+    found |= {c.key: here.score(c) for c in names}
+    best = max((found[c.key].gain for c in names if state.pays(found[c.key])), default=0.0)
+    if best < _CURVES_TOO * max((alone[c.key].gain for c in curves), default=0.0):
+        here = ground(state.stage, view, curves)
+        found |= {c.key: here.score(c) for c in curves}
+    return found
 
 
-def _defence(stage: Stage, seen_from: View, member: Candidate, linear: Score) -> Score:
+def _defence(state: Round, member: Candidate, linear: Score) -> Score:
     """Score of a member as a newcomer would have it: without it more counts as noise.
 
     linear : Score, at the variances that are left beside it, which are too small
     """
-    if seen_from.fit.mixing is None or linear.gain > _BEYOND_DOUBT:
+    if state.view.fit.mixing is None or linear.gain > _BEYOND_DOUBT:
         return linear
-    return ground(stage, seen_from, [member], member).score(member)
+    return ground(state.stage, state.view, [member], member).score(member)
 
 
-def _linear(beside: Field, seen_from: View, suspects: Sequence[Candidate]) -> dict[str, Score]:
-    return {c.key: score(beside, seen_from.where[c.key], c.spread, c.limits) for c in suspects}
+def _linear(beside: Field, view: View, suspects: Sequence[Candidate]) -> dict[str, Score]:
+    return {
+        c.key: score(beside, view.where[c.key], c.spread, c.limits).counted(c.tried)
+        for c in suspects
+    }
 
 
-def _leading(scores: dict[str, Score], suspects: Sequence[Candidate]) -> list[Candidate]:
-    """The best of those with a name and of those without."""
-    found = []
-    for named, count in zip((True, False), _LEADING, strict=True):
-        own = [c for c in suspects if c.named == named]
-        ordered = sorted(own, key=lambda c: -scores[c.key].gain)[:count]
-        found += [c for c in ordered if scores[c.key].evidence > 0.0]
-    return found
+def _leading(
+    scores: dict[str, Score], suspects: Sequence[Candidate], named: bool
+) -> list[Candidate]:
+    """The best of those with a name, or of those without."""
+    own = [c for c in suspects if c.named == named]
+    ordered = sorted(own, key=lambda c: -scores[c.key].gain)[: _LEADING[0 if named else 1]]
+    return [c for c in ordered if scores[c.key].evidence > 0.0]
 
 
-def _pays(found: Score, asked: int) -> bool:
-    return bool(found.gain > 2.0 * np.log(asked) and found.p * asked < ALPHA)
-
-
-def _leader(scores: dict[str, Score], eligible: Sequence[Candidate], asked: int) -> Candidate:
+def _leader(state: Round, scores: dict[str, Score], eligible: Sequence[Candidate]) -> Candidate:
     """The best candidate; a cause by name where that pays and explains nearly as much as a curve."""
     best = max(eligible, key=lambda c: scores[c.key].gain)
     named = [c for c in eligible if c.named]
@@ -219,19 +288,18 @@ def _leader(scores: dict[str, Score], eligible: Sequence[Candidate], asked: int)
         return best
     first = max(named, key=lambda c: scores[c.key].gain)
     enough = scores[first.key].fall >= _NAMED_SHARE * scores[best.key].fall
-    return first if enough and _pays(scores[first.key], asked) else best
+    return first if enough and state.pays(scores[first.key]) else best
 
 
-def _entry(
-    seen_from: View, member: Candidate, active: list[Candidate], suspects: Sequence[Candidate]
-) -> Entry:
+def _entry(view: View, member: Candidate, active: Sequence[Candidate]) -> Entry:
     rest = [c for c in active if c is not member]
-    scores = _linear(seen_from.without(member), seen_from, suspects)
+    suspects = view.suspects
+    scores = _linear(view.without(member), view, suspects)
     gains = [(c, scores[c.key].gain) for c in suspects if c not in rest]
     gains.sort(key=lambda pair: -pair[1])
     own = scores[member.key]
     alone = own
-    if seen_from.fit.mixing is not None:
-        bare = seen_from.by_instrument
+    if view.fit.mixing is not None:
+        bare = view.by_instrument
         alone = _linear(bare.without(member), bare, [member])[member.key]
     return Entry(member, own, alone.fall, tuple(gains[:_RIVALS]))

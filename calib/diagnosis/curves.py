@@ -152,8 +152,8 @@ def curves(context: Context, poses: Poses, ranges: Array) -> Iterator[Curve]:
     robot, statics = context.robot, Statics(context.robot, context.payload, context.gravity)
     angles = [Angle(f"q:{joint}", k) for k, joint in enumerate(robot.joints)]
     common: list[PoseVariable] = []
-    if poses.time is not None:
-        common.append(Covariate("time", "time"))
+    if poses.clocked:
+        common.append(Covariate("time", "clock"))
     if poses.temperature is not None:
         common.append(Covariate("temperature", "temperature"))
     deviation = np.std(poses.q, axis=0)

@@ -21,8 +21,9 @@ from calib.diagnosis.screen import refuted
 from calib.diagnosis.shape import Doubt, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, VerdictName, verdict
-from calib.diagnosis.view import columns_of
+from calib.diagnosis.view import lineup
 from calib.effects.protocol import ARM
+from calib.effects.tuned import Tuned
 from calib.identify.estimators import Mask
 from calib.identify.identify import check_counts, whitening
 from calib.identify.initial import initial_values
@@ -151,15 +152,15 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     stage = Stage(data, model, start, weights / factor, waiting, arm=cell.repeatability)
     suspects, missing = candidates(cell, model, data)
     linear = stage.about(stage.fit(()), [c.effect for c in suspects])
-    columns = columns_of(linear, suspects)
-    outcome = contest(linear, suspects, columns)
+    asked = lineup(linear, suspects)
+    outcome = contest(linear, asked)
     statistic, limit = np.zeros(len(data)), np.inf
     grows = growth(data, outcome.fit.r)
     if grows is not None:
         weights = weights / grows.relative[..., None, None]
         factor = _replicate_factor(data, weights)
         stage, linear = (replace(s, weights=weights / factor) for s in (stage, linear))
-        outcome = contest(linear, suspects, columns)
+        outcome = contest(linear, asked)
     for _ in range(_MOST_PASSES):
         fit = stage.exact(outcome.fit)
         out, statistic, limit = _outliers(stage, fit)
@@ -168,9 +169,10 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
             break
         stage = replace(stage, dropped=out, robust=False)
         linear = stage.about(fit, [c.effect for c in suspects])
-        columns = columns_of(linear, suspects)
-        outcome = contest(linear, suspects, columns, outcome.active)
-    outcome, named, after, refused = believed(linear, outcome, columns)
+        active = [_as_fitted(c, fit) for c in outcome.active]
+        asked = lineup(linear, suspects, asked.banks)
+        outcome = contest(linear, asked, active)
+    outcome, named, after, refused = believed(linear, outcome)
     before, after = stage.exact(outcome.before), stage.exact(after)
     noise = _noise(stage, after, factor)
     floor = float(np.sqrt(3.0)) * noise.sigma
@@ -202,7 +204,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         causes=tuple(c for c in causes if not c.displaced),
         located=located,
         gap=gap,
-        hidden=_hidden(outcome, causes, suspects),
+        hidden=_hidden(outcome, causes, outcome.suspects),
         not_asked=tuple(missing),
         refused=refused,
         data=data,
@@ -214,7 +216,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         after=after,
         outcome=outcome,
         stage=stage,
-        suspects=tuple(suspects),
+        suspects=outcome.suspects,
         heldout=heldout,
         growth=grows,
         scale=scale,
@@ -244,6 +246,13 @@ def _replicate_factor(data: Measurements, weights: Array) -> float:
     if dof < _REPLICATES:
         return 1.0
     return float(np.sqrt(spread / dof)) if refuted(float(spread), int(dof)) else 1.0
+
+
+def _as_fitted(candidate: Candidate, fit: Fit) -> Candidate:
+    """A candidate with the tuning that it has in a fit."""
+    if not isinstance(candidate.effect, Tuned):
+        return candidate
+    return candidate.as_tuned(float(fit.values[fit.positions(candidate.effect)[0]]))
 
 
 def _outliers(stage: Stage, fit: Fit) -> tuple[Mask, Array, float]:
@@ -354,7 +363,7 @@ def _unfollowed(outcome: Outcome, after: Fit) -> float:
 
 
 def _hidden(
-    outcome: Outcome, causes: Sequence[Cause], suspects: list[Candidate]
+    outcome: Outcome, causes: Sequence[Cause], suspects: Sequence[Candidate]
 ) -> tuple[Hidden, ...]:
     """What every inactive cause would have to be to be found, nine times in ten."""
     found = []
@@ -362,7 +371,7 @@ def _hidden(
     for candidate in suspects:
         if not candidate.named or candidate.key in entered:
             continue
-        columns, parameters = outcome.view.where[candidate.key], candidate.effect.parameters
+        columns, parameters = outcome.view.where[candidate.key], candidate.amounts
         sizes = smallest_sizes(outcome.last, columns, len(suspects), ALPHA).tolist()
         size, parameter = min(
             zip(sizes, parameters, strict=True), key=lambda pair: pair[0] / pair[1].size

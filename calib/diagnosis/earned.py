@@ -57,7 +57,7 @@ def ledger(stage: Stage, fit: Fit, candidates: list[Candidate], by_time: bool) -
     rest = fit.span[:, np.abs(fit.span[own]).sum(axis=0) == 0.0]
     kept = np.ones(len(J), dtype=bool)
     kept[fit.r.size :] = np.abs(prior[:, own]).sum(axis=1) == 0.0
-    before = (r + J[:, own] @ fit.values[own])[kept]
+    before = (r + J[:, own] @ fit.moving[own])[kept]
     gone = _left_out(J[kept] @ rest, before, fit, fold)
     return Ledger(
         *(_cost(fit, e) for e in (left, gone)), *(_rms(stage, fit, e) for e in (left, gone))

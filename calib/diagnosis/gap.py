@@ -120,7 +120,7 @@ def share_closed(before: Array, after: Array, floor: float) -> float | None:
 
 def blocks_of_time(poses: Poses, count: int) -> IntArray:
     """Numbers (m,) of blocks of consecutive readings, equal in size."""
-    order = np.argsort(poses.elapsed, kind="stable")
+    order = np.argsort(poses.clock, kind="stable")
     block = np.empty(len(poses), dtype=int)
     block[order] = np.arange(len(poses)) * count // len(poses)
     return block

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.effects.protocol import Effect
+from calib.effects.tuned import Tuned
 from calib.model import Model
 from calib.poses import IntArray, Poses
 from calib.se3 import Array
@@ -24,18 +25,19 @@ class LinearModel(Model):
 
     at : Poses, where; readings : ndarray, shape (m, M, 3), m, with all values at zero, to first order
     columns : ndarray, shape (m, M, 3, P), derivatives by everything; known : dict, id of an effect ->
-        its columns
+        its columns; carried : dict, (kind, where) of an effect with a tuning -> those of its carrier
     """
 
     at: Poses
     readings_at_zero: Array
     columns: Array
     known: dict[int, IntArray]
+    carried: dict[tuple[str, str], IntArray]
 
     def with_effects(self, effects: tuple[Effect, ...]) -> Model:
         """The same robot under other effects; the model itself where one was not linearised."""
         exact = self.exact.with_effects(effects)
-        if any(id(effect) not in self.known for effect in effects):
+        if not all(self._knows(effect) for effect in effects):
             return exact
         return self._of(exact)
 
@@ -58,7 +60,11 @@ class LinearModel(Model):
             self.readings_at_zero,
             self.columns,
             self.known,
+            self.carried,
         )
+
+    def _knows(self, effect: Effect) -> bool:
+        return id(effect) in self.known or (effect.kind, effect.where) in self.carried
 
     def predict(self, values: Array, poses: Poses) -> Array:
         if poses is not self.at or values.ndim > 1:
@@ -69,16 +75,33 @@ class LinearModel(Model):
         if poses is not self.at or values.ndim > 1:
             return super()._jacobian(values, poses)
         J = self._own
-        return self.readings_at_zero + J @ values, J
+        moving = values.copy()
+        moving[self.tunings] = 0.0
+        return self.readings_at_zero + J @ moving, J
 
     @property
     def _own(self) -> Array:
         """Derivatives by the present parameters, (m, M, 3, p); the same array each time."""
         own = self._last.get("own")
         if own is None:
-            chosen = [self.known[id(effect)] for effect in self.effects]
-            own = self._last["own"] = self.columns[..., np.concatenate(chosen)]
+            own = np.concatenate([self.of(effect) for effect in self.effects], axis=-1)
+            self._last["own"] = own
         return np.asarray(own)
+
+    def of(self, effect: Effect) -> Array:
+        """Derivatives by an effect's parameters, (m, M, 3, k), by its tuning none."""
+        if not isinstance(effect, Tuned):
+            return self.columns[..., self.known[id(effect)]]
+        carrier = self.columns[..., self.carried[effect.kind, effect.where]]
+        functions = effect.functions(self.at, np.array(effect.tuning))
+        rows = times(carrier.reshape(len(functions), -1, carrier.shape[-1]), functions)
+        return np.pad(rows.reshape((*carrier.shape[:-1], -1)), [(0, 0)] * 3 + [(1, 0)])
+
+
+def times(carrier: Array, functions: Array) -> Array:
+    """Rows (m, R, f b) of a carrier's (m, R, b) times functions of the pose (m, f)."""
+    rows = carrier[:, :, None, :] * functions[:, None, :, None]
+    return np.asarray(rows.reshape((*carrier.shape[:2], -1)))
 
 
 def linearised(
@@ -86,15 +109,22 @@ def linearised(
 ) -> LinearModel:
     """A model to first order about some values, with suspects that it may be given.
 
-    values : ndarray, shape (p,); suspects : those that are not in the model stand at nothing
+    values : ndarray, shape (p,); suspects : those that are not in the model stand at nothing, and of
+        those with a tuning the carrier, which has them at any
     """
     exact = model.exact if isinstance(model, LinearModel) else model
-    whole, everything = exact.extended(values, suspects)
+    tuned = [e for e in (*exact.effects, *suspects) if isinstance(e, Tuned)]
+    carriers = {(e.kind, e.where): e.carrier for e in tuned}
+    fixed = [e for e in suspects if not isinstance(e, Tuned)]
+    whole, everything = exact.extended(values, [*fixed, *carriers.values()])
     points, J = whole.jacobian(everything, poses)
     known = {
         id(effect): np.arange(part.start, part.stop)
         for effect, part in zip(whole.effects, whole.slices, strict=True)
     }
+    carried = {key: known[id(carrier)] for key, carrier in carriers.items()}
+    moving = everything.copy()
+    moving[whole.tunings] = 0.0
     return LinearModel(
         exact.robot,
         exact.marker_names,
@@ -103,7 +133,8 @@ def linearised(
         exact.payload,
         exact.gravity,
         poses,
-        points - J @ everything,
+        points - J @ moving,
         J,
         known,
+        carried,
     )

@@ -76,8 +76,8 @@ def _postures(robot: Robot, poses: Poses, kept: Mask, where: str) -> Iterator[Mo
 def _known(data: Measurements, fit: Fit, where: str) -> Iterator[tuple[str, Sequence[Array]]]:
     """What else is known of each reading: its name in the results, and columns of shape (m,)."""
     poses, robot = data.poses, fit.model.robot
-    if poses.time is not None:
-        yield "time", [poses.elapsed]
+    if poses.clocked:
+        yield "time", [poses.clock]
     if poses.temperature is not None:
         yield "temperature", [poses.warming]
     loads = [np.linalg.norm(poses.wrench[:, :3], axis=-1)]

@@ -75,7 +75,10 @@ def variable_of(
     if kind == "load":
         return np.asarray(state.wrench.local[:, frame] @ load)
     if joint not in robot.joints:
-        return {"time": poses.time, "temperature": poses.temperature}.get(kind)
+        return {
+            "time": poses.clock if poses.clocked else None,
+            "temperature": poses.temperature,
+        }.get(kind)
     k = robot.joints.index(joint)
     if kind == "q":
         return poses.q[:, k]

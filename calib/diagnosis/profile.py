@@ -47,7 +47,7 @@ class Ground:
         """What the suspect would explain, variances found anew."""
         own = self.at[suspect.key]
         if suspect.spread is None:
-            return self._named(suspect, own)
+            return self._named(suspect, own).counted(suspect.tried)
         return self._curve(own, suspect.spread * suspect.effect.parameters[0].size ** 2)
 
     def _named(self, suspect: Candidate, own: IntArray) -> Score:
@@ -123,7 +123,7 @@ def ground(
     if without is not None:
         own = fit.positions(without.effect)
         span = span[:, np.abs(span[own]).sum(axis=0) == 0.0]
-        r = r + fit.J[..., own] @ fit.values[own]
+        r = r + fit.J[..., own] @ fit.moving[own]
         kept = np.abs(prior[:, own]).sum(axis=1) == 0.0
         of_prior = np.column_stack([prior @ span, -prior @ fit.values])[kept]
     chosen = list(suspects)

@@ -12,7 +12,6 @@ from calib.diagnosis.contest import Outcome, contest
 from calib.diagnosis.earned import BY_TIME, ledger
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, classes
-from calib.diagnosis.view import Columns
 
 _MOST_ROUNDS = 3
 
@@ -36,14 +35,14 @@ class Refused:
 
 
 def believed(
-    stage: Stage, outcome: Outcome, columns: Columns
+    stage: Stage, outcome: Outcome
 ) -> tuple[Outcome, tuple[Named, ...], Fit, tuple[Refused, ...]]:
     """The contest without what does not deserve its name: its outcome, names, fit, and what went.
 
     Each time something goes, the others are asked again: what it stood for may have another cause.
     """
     refused: dict[str, Refused] = {}
-    suspects = list(outcome.suspects)
+    lineup = outcome.lineup
     for _ in range(_MOST_ROUNDS):
         named, after = classes(stage, outcome)
         curves = [entry.candidate for entry in outcome.entries if not entry.candidate.named]
@@ -51,9 +50,9 @@ def believed(
         if not fresh:
             return outcome, named, after, tuple(refused.values())
         refused |= {c.key: Refused.of(c, why) for c, why in fresh}
-        suspects = [c for c in suspects if c.key not in refused]
+        lineup = lineup.without(refused)
         rest = [c for c in outcome.active if c.key not in refused]
-        outcome = contest(stage, suspects, columns, rest)
+        outcome = contest(stage, lineup, rest)
     return nothing(outcome), (), outcome.before, tuple(refused.values())
 
 
@@ -75,9 +74,10 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
 
 def implausible(fit: Fit, candidate: Candidate) -> str:
     """Why no such thing is met in practice, empty where it is."""
-    values = fit.values[fit.positions(candidate.effect)]
+    amounts = candidate.amounts
+    values = fit.values[fit.positions(candidate.effect)][-len(amounts) :]
     worst = int(np.argmax(np.abs(values) / candidate.limits))
-    p = candidate.effect.parameters[worst]
+    p = amounts[worst]
     if abs(values[worst]) <= p.limit:
         return ""
     return (

@@ -22,7 +22,6 @@ import numpy as np
 from calib.diagnosis.screen import VISIBLE, orthonormal
 from calib.diagnosis.stage import Fit
 from calib.poses import IntArray
-from calib.scatter.poses import by_size
 from calib.se3 import Array
 
 _CHUNK = 4096  # tunings at a time: memory
@@ -34,27 +33,26 @@ class Beside:
 
     g : ndarray, shape (m, R), the residual beside all that is modelled, brought back to the readings
     H : ndarray, shape (m, R, k), likewise an orthonormal basis of what is modelled
-    together : tuple of ndarray, shape (B, r), poses that err together
     """
 
     fit: Fit
     g: Array
     H: Array
-    together: tuple[IntArray, ...]
 
 
-def beside(fit: Fit) -> Beside:
-    """Project everything modelled out of the residual of a fit."""
+def beside(fit: Fit, modelled: Array | None = None) -> Beside:
+    """Project everything modelled out of the residual of a fit.
+
+    modelled : ndarray, shape (N, k), an orthonormal basis of it where one is known
+    """
     r, J = fit.equations
-    Q = orthonormal(J @ fit.span)
+    Q = orthonormal(J @ fit.span) if modelled is None else modelled
     left = r - Q @ (Q.T @ r)
     m, R = fit.r.shape
     g, H = left[: m * R].reshape(m, R), Q[: m * R].reshape(m, R, -1)
-    together: tuple[IntArray, ...] = (np.arange(m)[:, None],)
     if fit.mixing is not None:
         g, H = fit.mixing.back(g[..., None])[..., 0], fit.mixing.back(H)
-        together = tuple(index for index, _ in fit.mixing.blocks)
-    return Beside(fit, g, H, together)
+    return Beside(fit, g, H)
 
 
 def scores(
@@ -63,7 +61,7 @@ def scores(
     """Fall of the sum of squares at every tuning, (C,), and how many directions it takes, (C,).
 
     carrier : ndarray, shape (m, R, b), whitened rows of the carrier
-    functions : ndarray, shape (m, C, f); limits : ndarray, shape (f b,), largest believable amplitudes
+    functions : ndarray, shape (C, m, f); limits : ndarray, shape (f b,), largest believable amplitudes
     """
     b, f = carrier.shape[-1], functions.shape[-1]
     g = np.einsum("mrb,mr->mb", carrier, around.g)
@@ -86,40 +84,36 @@ def scores(
 
 
 def _summed(functions: Array, at_poses: Array) -> Array:
-    """``sum_p f_p(t) a_p``: functions (m, C, f) with a (m, b, k) to (C, f b, k)."""
-    (m, C, f), (_, b, k) = functions.shape, at_poses.shape
-    flat = functions.reshape(m, C * f).T @ at_poses.reshape(m, b * k)
+    """``sum_p f_p(t) a_p``: functions (C, m, f) with a (m, b, k) to (C, f b, k)."""
+    (C, m, f), (_, b, k) = functions.shape, at_poses.shape
+    flat = np.swapaxes(functions, -1, -2).reshape(C * f, m) @ at_poses.reshape(m, b * k)
     return np.asarray(flat.reshape(C, f * b, k))
 
 
 def _products(around: Beside, carrier: Array, functions: Array) -> Array:
     """``X^T X`` at every tuning, shape (C, f b, f b)."""
-    C, size = functions.shape[1], functions.shape[2] * carrier.shape[2]
-    total = np.zeros((C, size, size))
-    for index, first, second, product in _pairs(around, carrier):
-        del index
-        f, b = functions.shape[2], carrier.shape[2]
-        pairs = functions[first][:, :, :, None] * functions[second][:, :, None, :]
-        flat = pairs.reshape(len(first), -1).T @ product.reshape(len(first), -1)
-        blocks = flat.reshape(C, f, f, b, b).swapaxes(2, 3)
-        total += blocks.reshape(C, size, size)
+    (C, _, f), b = functions.shape, carrier.shape[2]
+    total = np.zeros((C, f * b, f * b))
+    for first, second, product in _pairs(around, carrier):
+        pairs = functions[:, first, :, None] * functions[:, second, None, :]
+        flat = pairs.swapaxes(1, 2).swapaxes(2, 3).reshape(C * f * f, -1)
+        blocks = (flat @ product.reshape(len(first), -1)).reshape(C, f, f, b, b)
+        total += blocks.swapaxes(2, 3).reshape(C, f * b, f * b)
     return total
 
 
-def _pairs(around: Beside, carrier: Array) -> Iterator[tuple[int, IntArray, IntArray, Array]]:
+def _pairs(around: Beside, carrier: Array) -> Iterator[tuple[IntArray, IntArray, Array]]:
     """Poses p and p' that err together, and ``J_p^T (W^T W)_pp' J_p'``, shape (pairs, b, b)."""
     mixing = around.fit.mixing
     if mixing is None:
         own = np.arange(len(carrier))
-        yield 0, own, own, np.swapaxes(carrier, -1, -2) @ carrier
+        yield own, own, np.swapaxes(carrier, -1, -2) @ carrier
         return
-    for number, (index, inverse) in enumerate(mixing.blocks):
-        B, r = index.shape
-        rows = carrier[index]  # (B, r, R, b)
-        R = rows.shape[2]
-        mixed = inverse.reshape(B, r * R, r, R)  # columns by reading
-        apart = np.einsum("Bxpr,Bprb->Bpxb", mixed, rows, optimize=True)
+    for index, inverse in mixing.blocks:
+        (B, r), R = index.shape, carrier.shape[1]
+        mixed = inverse.reshape(B, r * R, r, R)  # rows by reading
+        apart = np.einsum("Bxpr,Bprb->Bpxb", mixed, carrier[index], optimize=True)
         for i in range(r):
             for j in range(r):
                 product = np.swapaxes(apart[:, i], -1, -2) @ apart[:, j]
-                yield number, index[:, i], index[:, j], product
+                yield index[:, i], index[:, j], product

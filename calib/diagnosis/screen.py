@@ -8,7 +8,7 @@ there adds its noncentrality (Rao 1948; one QR of N serves all candidates).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from dataclasses import field as field_
 from functools import cached_property
 
@@ -156,6 +156,13 @@ class Score:
     def gain(self) -> float:
         """Evidence less its price."""
         return self.evidence - self.price
+
+    def counted(self, tried: int) -> Score:
+        """The score of the best of so many."""
+        if tried == 1:
+            return self
+        price = self.price + 2.0 * float(np.log(tried))
+        return replace(self, price=price, p=min(1.0, self.p * tried))
 
 
 NOTHING = Score(0.0, 0.0, 0.0, 1.0)

@@ -119,7 +119,7 @@ def _also_there(stage: Stage, fit: Fit, effect: Effect, doubted: Modulation) -> 
     own, (r, J) = fit.positions(effect), fit.equations
     rest = fit.span[:, np.abs(fit.span[own]).sum(axis=0) == 0.0]
     instead = _times(stage, fit, effect, doubted.plain)
-    without = r + J[:, own] @ fit.values[own]
+    without = r + J[:, own] @ fit.moving[own]
     beside = field(np.concatenate([J @ rest, instead], axis=1), J[:, own], without)
     return score(beside, np.arange(len(own))).p < _SURE
 
@@ -128,7 +128,7 @@ def _times(stage: Stage, fit: Fit, effect: Effect, functions: Array) -> Array:
     """Whitened rows of what an effect does times functions (m, k) of the reading, shape (N, k)."""
     own = fit.positions(effect)
     _, J = fit.model.jacobian(fit.values, stage.data.poses)
-    moved = (J[..., own] @ fit.values[own])[..., None] * functions[:, None, None, :]
+    moved = (J[..., own] @ fit.moving[own])[..., None] * functions[:, None, None, :]
     rows = stage.observation(fit.model, fit.weight).rows(moved)
     rows = rows if fit.mixing is None else fit.mixing(rows)
     rows = rows.reshape(-1, functions.shape[1])

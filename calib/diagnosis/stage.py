@@ -102,6 +102,13 @@ class Fit:
         rows = np.count_nonzero(np.abs(self.J).sum(axis=-1))
         return cost / scale**2 + float(2.0 * rows * np.log(scale))
 
+    @property
+    def moving(self) -> Array:
+        """The values, shape (p,), tunings at zero: rows follow ``J @ moving``, for they are no amounts."""
+        values = self.values.copy()
+        values[self.model.tunings] = 0.0
+        return values
+
     def positions(self, effect: Effect) -> IntArray:
         """Where an effect's parameters stand in the values."""
         return positions(self.model, effect)
@@ -162,8 +169,20 @@ class Stage:
         if not isinstance(fit.model, LinearModel):
             return fit
         model = fit.model.exact
-        full = self._fitted(model, fit.values, fit.span, fit.weight, fit.amplitudes, fit.pull)
+        span = self._with_tunings(model, fit)
+        full = self._fitted(model, fit.values, span, fit.weight, fit.amplitudes, fit.pull)
         return self._under_levels(replace(full, levels=fit.levels))
+
+    def _with_tunings(self, model: Model, fit: Fit) -> Array:
+        """Directions (p, k) of a fit, and of the tunings that its amplitudes make visible."""
+        free = np.setdiff1d(model.tunings, model.still)
+        if not len(free):
+            return fit.span
+        span = np.concatenate([fit.span, np.eye(len(fit.values))[:, free]], axis=1)
+        observation = self.observation(model, fit.weight)
+        kept = choose_directions(observation, fit.values, span).kept
+        held = np.arange(fit.span.shape[1])
+        return np.asarray(span[:, np.union1d(held, kept)])
 
     def about(self, fit: Fit, suspects: Sequence[Effect]) -> Stage:
         """The same stage to first order about a fit, for it and all suspects."""
@@ -250,7 +269,7 @@ def determined_by(observation: Points, start: Array) -> Array:
 
 def _amplitudes_of(fit: Fit) -> tuple[float, ...]:
     J = fit.J.reshape(-1, fit.J.shape[-1]) / fit.pull
-    r = fit.r.ravel() / fit.pull + J @ fit.values
+    r = fit.r.ravel() / fit.pull + J @ fit.moving
     return fitted_amplitudes(fit.model, fit.amplitudes, J, r, fit.span)
 
 

@@ -2,47 +2,106 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.linear import LinearModel
+from calib.diagnosis.linear import LinearModel, times
+from calib.diagnosis.scan import beside as beside_scan
 from calib.diagnosis.screen import DEPENDENT, Field, beside, orthonormal
 from calib.diagnosis.stage import Fit, Stage
+from calib.diagnosis.tunings import Bank, banks
+from calib.effects.tuned import Tuned
 from calib.poses import IntArray
 from calib.se3 import Array
 
+_MOST_LINES = 3  # of one kind at one place
+
 
 @dataclass(frozen=True, eq=False)
-class Columns:
-    """Derivatives of the readings by every candidate; fits that differ by errors have the same.
+class Lineup:
+    """All suspects, and derivatives of the readings by them; fits that differ by errors have the same.
 
-    J : ndarray, shape (m, M, 3, K), SI
-    where : dict, candidate -> ndarray of int, its columns
+    fixed : tuple of Candidate, those without a tuning; banks : tuple of Bank, the others
+    J : ndarray, shape (m, M, 3, K), SI; where : dict, key of a candidate without a tuning, or of a
+        bank's, -> ndarray of int, its columns or its carrier's
+    closed : keys of candidates that are not offered
     """
 
+    fixed: tuple[Candidate, ...]
+    banks: tuple[Bank, ...]
     J: Array
     where: dict[str, IntArray]
+    closed: frozenset[str] = frozenset()
 
-    def seen_from(self, stage: Stage, fit: Fit) -> View:
-        """The candidates beside a fit, weighted as its poses are."""
-        return View(fit, stage.observation(fit.model, fit.weight).rows(self.J), self.where)
+    @property
+    def asked(self) -> int:
+        """How many causes are asked, at whatever tuning."""
+        return len(self.fixed) + len(self.banks)
+
+    def without(self, keys: Collection[str]) -> Lineup:
+        """The others."""
+        fixed = tuple(c for c in self.fixed if c.key not in keys)
+        return replace(self, fixed=fixed, closed=self.closed | frozenset(keys))
+
+    def seen_from(self, stage: Stage, fit: Fit, active: Sequence[Candidate], fresh: bool) -> Lit:
+        """The suspects beside a fit, weighted as its poses are; and the lineup with tunings listed.
+
+        active : what is in; fresh : whether all tunings are tried, or those of the last short list
+        """
+        rows = stage.observation(fit.model, fit.weight).rows(self.J)
+        where = {c.key: self.where[c.key] for c in self.fixed}
+        view = View(fit, rows, where, self.fixed)
+        if not self.banks:
+            return Lit(view, self)
+        around, count = beside_scan(fit, view.modelled), view.counted
+        banks, suspects, tuned, end = [], list(self.fixed), [rows], rows.shape[-1]
+        for bank in self.banks:
+            carrier = rows[..., self.where[bank.candidate.key]]
+            own = bank.scanned(around, carrier, listed=not fresh)
+            banks.append(own)
+            there = [c for c in active if _same(c, bank.candidate)]
+            best, columns = own.best(around, carrier, count)
+            best = replace(best, line=1 + max((c.line for c in there), default=0))
+            offered = [(best, columns)] if best.line <= _MOST_LINES else []
+            offered = [pair for pair in offered if best.key not in self.closed]
+            for candidate, columns in [*((c, _rows(c, carrier, stage)) for c in there), *offered]:
+                suspects.append(candidate)
+                tuned.append(columns)
+                where[candidate.key] = np.arange(end, end + columns.shape[-1])
+                end += columns.shape[-1]
+        rows = np.concatenate(tuned, axis=-1)
+        return Lit(View(fit, rows, where, tuple(suspects)), replace(self, banks=tuple(banks)))
+
+
+class Lit(NamedTuple):
+    """Suspects as seen from a fit, and the lineup with the tunings that were best there."""
+
+    view: View
+    listed: Lineup
 
 
 @dataclass(frozen=True, eq=False)
 class View:
     """All candidates as seen from a fit.
 
-    fit : Fit; rows : ndarray, shape (m, R, K), whitened derivatives of every candidate
-    where : dict, candidate -> ndarray of int, its columns
+    fit : Fit; rows : ndarray, shape (m, R, K), whitened derivatives of every candidate, by its tuning none
+    where : dict, candidate -> ndarray of int, its columns; suspects : tuple of Candidate
     """
 
     fit: Fit
     rows: Array
     where: dict[str, IntArray]
+    suspects: tuple[Candidate, ...]
+
+    @property
+    def counted(self) -> int:
+        """Rows that count."""
+        return int(np.count_nonzero(np.abs(self.fit.J).sum(axis=-1)))
 
     @cached_property
     def columns(self) -> Array:
@@ -94,7 +153,7 @@ class View:
         U = Q[:, rank:]
         # The residual as it would be without the effect, to first order.
         r, J = fit.equations
-        r = r + J[:, own] @ fit.values[own]
+        r = r + J[:, own] @ fit.moving[own]
         held = 0 if member.named else len(own)  # rows of its prior, which go with it
         return Field(
             U.T @ candidates,
@@ -106,17 +165,30 @@ class View:
         )
 
 
-def columns_at(stage: Stage, fit: Fit, suspects: Sequence[Candidate]) -> Columns:
-    """Linearise every candidate at a fit; those that are in it stand where they are."""
-    return columns_of(stage.about(fit, [c.effect for c in suspects]), suspects)
+def lineup(stage: Stage, suspects: Sequence[Candidate], known: Sequence[Bank] = ()) -> Lineup:
+    """The suspects of a stage to first order.
 
-
-def columns_of(stage: Stage, suspects: Sequence[Candidate]) -> Columns:
-    """The candidates' columns in a stage to first order."""
+    known : banks of an earlier lineup at the same poses
+    """
     whole = stage.model
     if not isinstance(whole, LinearModel):
         raise TypeError("the stage is not to first order")
-    at = [whole.known[id(c.effect)] for c in suspects]
-    ends = np.cumsum([0, *map(len, at)])
-    where = {c.key: np.arange(a, b) for c, a, b in zip(suspects, ends, ends[1:], strict=False)}
-    return Columns(whole.columns[..., np.concatenate(at)], where)
+    tuned = {b.candidate.key: b for b in known or banks(suspects, stage.data.poses)}
+    fixed = tuple(c for c in suspects if not isinstance(c.effect, Tuned))
+    at = {c.key: whole.known[id(c.effect)] for c in fixed}
+    at |= {k: whole.carried[b.candidate.effect.kind, b.candidate.where] for k, b in tuned.items()}
+    ends = np.cumsum([0, *map(len, at.values())])
+    where = {key: np.arange(a, b) for key, a, b in zip(at, ends, ends[1:], strict=False)}
+    J = whole.columns[..., np.concatenate(list(at.values()))]
+    return Lineup(fixed, tuple(tuned.values()), J, where)
+
+
+def _same(one: Candidate, other: Candidate) -> bool:
+    return one.effect.kind == other.effect.kind and one.where == other.where
+
+
+def _rows(candidate: Candidate, carrier: Array, stage: Stage) -> Array:
+    """Rows (m, R, f b) of a candidate at its tuning."""
+    effect = candidate.effect
+    assert isinstance(effect, Tuned)
+    return times(carrier, effect.functions(stage.data.poses, np.array(effect.tuning)))

@@ -12,6 +12,7 @@ from calib.build import build
 from calib.cell import Cell
 from calib.covariance import Unidentifiable
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
+from calib.effects.tuned import Tuned
 from calib.diagnosis.screen import Field, field
 from calib.identify.estimators import Mask, choose_directions
 from calib.identify.identify import check_counts
@@ -94,6 +95,7 @@ def linearised(
     counted = data.seen & ~waiting[:, None]
     weights = cell.noise.whitening(along, data.sigma) * counted[..., None, None]
     everything, missing = candidates(cell, model, data)
+    everything = [c for c in everything if not isinstance(c.effect, Tuned)]
     suspects = tuple(c for c in everything if c.named)
     whole, start = model.extended(values, [c.effect for c in suspects])
     _, J = whole.jacobian(start, data.poses)

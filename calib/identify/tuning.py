@@ -70,7 +70,7 @@ def _fitted(points: Points, start: Array) -> tuple[Array, Array, Array]:
     """Values and span of the rest of the model, and the share of its residual each pose keeps, (m,)."""
     span = points.span()[:, choose_directions(points, start).kept]
     measured = points.counted.any(axis=1)
-    values, share = start, np.ones(len(measured))
+    values, share = start, np.ones(len(points.data))
     for _ in range(_ROUNDS):
         weighted = replace(points, weights=points.weights * share[:, None, None, None])
         values = levenberg_marquardt(weighted.flat, values, span).values

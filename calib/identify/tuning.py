@@ -51,14 +51,13 @@ def with_tunings(points: Points, start: Array) -> tuple[Model, Array]:
     r, J, carried = _linearised(replace(points, model=rest), values, tuned)
     r = share[:, None] * r
     X, poses = J @ span, points.data.poses
-    found: dict[int, Tuned] = {}
-    for again in (*range(len(tuned)), *range(len(tuned))):
-        open_ = [i for i in range(len(tuned)) if i not in found] or [again]
-        others = {i: e for i, e in found.items() if i not in open_}
-        Q = _basis([X, *(_columns(e, poses, carried[i], e.tuning) for i, e in others.items())])
-        scanned = [(i, *_scanned(tuned[i], poses, carried[i], r, Q)) for i in open_]
-        best, tuning, _ = max(scanned, key=lambda own: own[2])
-        found[best] = tuned[best].tuned(tuning)
+    Q, found = _basis([X]), dict[int, Tuned]()
+    alone = [_scanned(e, poses, c, r, Q) for e, c in zip(tuned, carried, strict=True)]
+    first, *others = sorted(range(len(tuned)), key=lambda i: -alone[i][1])
+    found[first] = tuned[first].tuned(alone[first][0])
+    for i in (*others, first, *others) if others else ():
+        beside = [_columns(e, poses, carried[j], e.tuning) for j, e in found.items() if j != i]
+        found[i] = tuned[i].tuned(_scanned(tuned[i], poses, carried[i], r, _basis([X, *beside]))[0])
     chosen = [found[i] for i in range(len(tuned))]
     own = [_columns(e, poses, c, e.tuning) for e, c in zip(chosen, carried, strict=True)]
     step = _solved([X, *own], r)

@@ -108,7 +108,7 @@ def candidates(
         if kind in GROUPS:
             continue
         for where in effect_type.places(context):
-            if _contained(model.effects, kind, where):
+            if _contained(model.effects, kind, where) or _renamed(model.effects, kind, where):
                 continue
             if kind in cell.excluded or f"{kind}:{where}" in cell.excluded:
                 missing.append(NotAsked(f"{kind}:{where}", EXCLUDED))
@@ -134,6 +134,12 @@ def _contained(active: Sequence[Effect], kind: str, where: str) -> bool:
         ):
             return True
     return False
+
+
+def _renamed(active: Sequence[Effect], kind: str, where: str) -> bool:
+    """Whether a cause is another by a second name: friction at a constant compliance is a backlash."""
+    varying = any(e.kind == "stiffness_vs_angle" and e.where == where for e in active)
+    return kind == "friction_windup" and not varying
 
 
 def depends_on(effect: Effect) -> str:

@@ -24,6 +24,7 @@ from calib.poses import Poses
 from calib.se3 import Array
 
 _HUBER = 3.0  # median lengths of a pose's residual beyond which it counts less
+_ROUNDS, _SETTLED = 8, 0.05
 _FINER = 8  # parts into which a step of the grid is divided around the best
 _NOTHING = 1e-8  # share of a column that the rest leaves, below which it is none
 _WITHIN = 3.841  # rise of the cost in variances, at the ends of an interval of 95 per cent
@@ -37,7 +38,8 @@ def with_tunings(points: Points, start: Array) -> tuple[Model, Array]:
     """The model with tunings from the data, and values at which the search begins.
 
     points : Points, of the model; start : ndarray, shape (p,), SI, base and markers in place
-    All else is fitted first. The effects are tuned one after the other, the one that gains most first,
+    All else is fitted first; of a pose that stands out only so much counts as others leave, for one
+    outlier is no jump. The effects are tuned one after the other, the one that gains most first,
     and each once more beside the others.
     """
     model = points.model
@@ -45,17 +47,17 @@ def with_tunings(points: Points, start: Array) -> tuple[Model, Array]:
     if not tuned:
         return model, start
     rest, known = points.model.without(tuned, start)
-    points, values, span = _fitted(replace(points, model=rest), known)
-    r, J, carried = _linearised(points, values, tuned)
+    values, span, share = _fitted(replace(points, model=rest), known)
+    r, J, carried = _linearised(replace(points, model=rest), values, tuned)
+    r = share[:, None] * r
     X, poses = J @ span, points.data.poses
-    found: dict[int, Tuned] = {}
-    for again in (*range(len(tuned)), *range(len(tuned))):
-        open_ = [i for i in range(len(tuned)) if i not in found] or [again]
-        others = {i: e for i, e in found.items() if i not in open_}
-        Q = _basis([X, *(_columns(e, poses, carried[i], e.tuning) for i, e in others.items())])
-        scanned = [(i, *_scanned(tuned[i], poses, carried[i], r, Q)) for i in open_]
-        best, tuning, _ = max(scanned, key=lambda own: own[2])
-        found[best] = tuned[best].tuned(tuning)
+    Q, found = _basis([X]), dict[int, Tuned]()
+    alone = [_scanned(e, poses, c, r, Q) for e, c in zip(tuned, carried, strict=True)]
+    first, *others = sorted(range(len(tuned)), key=lambda i: -alone[i][1])
+    found[first] = tuned[first].tuned(alone[first][0])
+    for i in (*others, first, *others) if others else ():
+        beside = [_columns(e, poses, carried[j], e.tuning) for j, e in found.items() if j != i]
+        found[i] = tuned[i].tuned(_scanned(tuned[i], poses, carried[i], r, _basis([X, *beside]))[0])
     chosen = [found[i] for i in range(len(tuned))]
     own = [_columns(e, poses, c, e.tuning) for e, c in zip(chosen, carried, strict=True)]
     step = _solved([X, *own], r)
@@ -63,15 +65,20 @@ def with_tunings(points: Points, start: Array) -> tuple[Model, Array]:
     return _together(model, tuned, chosen, values + span @ step[:k], step[k:])
 
 
-def _fitted(points: Points, start: Array) -> tuple[Points, Array, Array]:
-    """The rest of the model fitted, poses that stand out counting less: points, values, span."""
+def _fitted(points: Points, start: Array) -> tuple[Array, Array, Array]:
+    """Values and span of the rest of the model, and the share of its residual each pose keeps, (m,)."""
     span = points.span()[:, choose_directions(points, start).kept]
-    values = levenberg_marquardt(points.flat, start, span).values
-    length = np.linalg.norm(points.whitened(values)[0], axis=-1)
-    typical = _HUBER * float(np.median(length[points.counted.any(axis=1)]))
-    weight = np.minimum(1.0, typical / np.maximum(length, 1e-12))
-    points = replace(points, weights=points.weights * weight[:, None, None, None])
-    return points, levenberg_marquardt(points.flat, values, span).values, span
+    measured = points.counted.any(axis=1)
+    values, share = start, np.ones(len(points.data))
+    for _ in range(_ROUNDS):
+        weighted = replace(points, weights=points.weights * share[:, None, None, None])
+        values = levenberg_marquardt(weighted.flat, values, span).values
+        length = np.linalg.norm(points.whitened(values)[0], axis=-1)
+        before, typical = share, _HUBER * float(np.median(length[measured]))
+        share = np.minimum(1.0, typical / np.maximum(length, 1e-12))
+        if np.allclose(share, before, atol=_SETTLED):
+            break
+    return values, span, share
 
 
 def _linearised(
@@ -192,7 +199,7 @@ def profiled(
     model, points = observation.model, observation.points()
     out = np.full(len(values), np.nan)
     for effect, part in zip(model.effects, model.slices, strict=True):
-        fitted = span[part].any() or not getattr(effect, "smooth", True)
+        fitted = span[part.start].any() or part.start in model.still
         if isinstance(effect, Tuned) and fitted and not effect.rests(values[part]):
             own = _half_width(effect, part, points, values, span, std[part.start], factor)
             out[part.start] = own / _END

@@ -58,13 +58,13 @@ def held_names(outside: Entry) -> set[str]:
 
 
 def _tuned(effect: Entry, truth: Entry) -> bool:
-    """A value that it states, or an alias that it says, is near enough to the strongest true one."""
+    """A value that it states, or an alias that it says, is near enough to the true one."""
     tuned = truth.get("tuned")
     if tuned is None:
         return True
-    near, scale = tuned["tolerance"], SI[tuned["unit"]]
-    true = [value * scale for value in tuned["values"]]
-    return any(abs(value - true[0]) <= near * scale for value in _stated(effect, tuned["name"]))
+    scale = SI[tuned["unit"]]
+    true, near = tuned["value"] * scale, tuned["tolerance"] * scale
+    return any(abs(value - true) <= near for value in _stated(effect, tuned["name"]))
 
 
 def _stated(effect: Entry, name: str) -> list[float]:

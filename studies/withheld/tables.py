@@ -161,16 +161,15 @@ def _groups(title: str, rows: list[Row]) -> Part:
 
 
 def _effects(result: dict[str, Any]) -> Part:
-    """Effect by effect: named within the class, and intervals that hold the truth."""
-    families = [
-        f for f in ("single", "mixture", "whole") if f == "single" or f in result["families"]
-    ]
-    columns = [column for family in families for column in (family, "95 %")]
-    table = _table("Effect by effect (in %)", "effect", *columns, "intervals hold", "95 %")
-    named = {(row["family"], row["figure"]): row for row in result["causes"]}
+    """Effect by effect: found within the class, and intervals that hold the truth."""
+    found: dict[str, dict[str, Row]] = {"single": {}}
+    for row in result["causes"]:
+        if row["family"] != "outside":
+            found.setdefault(row["family"], {})[row["figure"]] = row
     held = {row["figure"]: row for row in result["coverage_by_effect"]}
-    for effect in sorted({*(name for family, name in named if family != "outside"), *held}):
-        cells = [cell for family in families for cell in _both(named.get((family, effect)))]
+    table = _table("Effect by effect (in %)", "effect", *found, "intervals hold", "95 %")
+    for effect in sorted({*held, *(name for rows in found.values() for name in rows)}):
+        cells = [_counted(rows[effect]) if effect in rows else _NONE for rows in found.values()]
         table.add_row(effect, *cells, *_both(held.get(effect)))
     return table, (
         "Visible causes found within their class. Intervals: of all rightly named ones.",

@@ -22,23 +22,18 @@ def tuning_of(scene: Scene, cause: Cause) -> dict[str, Any]:
     A line is 2 pi / range of the joint wide, in cycles a turn; between two readings a step may have
     been at any moment.
     """
-    fitted = ~scene.session.held
+    own = fitted_clock(scene)
     if cause.effect == "gear_ripple":
-        q = scene.session.q[fitted, scene.arm.names.index(cause.where)]
+        q = scene.session.q[~scene.session.held, scene.arm.names.index(cause.where)]
         line = 2.0 * np.pi / float(np.ptp(q))
-        tuned = {"name": "cycles", "values": _lines(cause), "tolerance": LINES * line}
-        return {"tuned": {**tuned, "unit": "1/turn"}}
+        return {"tuned": _near(cause, "cycles", "1/turn", LINES * line)}
     if cause.effect == "step":
-        at, own = cause.values["at"], fitted_clock(scene)
+        at, pace = cause.values["at"], float(own[-1]) / (len(own) - 1)
         gap = (float(own[own < at].max()), float(own[own >= at].min()))
-        pace = float(own[-1]) / (scene.count - 1 if "time" in scene.columns else len(own) - 1)
         shown = "s" if "time" in scene.columns else "readings"
-        tuned = {"name": "at", "values": [at], "tolerance": READINGS * pace}
-        return {"tuned": {**tuned, "unit": shown}, "between": {"at": gap}}
+        return {"tuned": _near(cause, "at", shown, READINGS * pace), "between": {"at": gap}}
     return {}
 
 
-def _lines(cause: Cause) -> list[float]:
-    """Cycles of the fundamental, and of its second harmonic where the cause has one."""
-    cycles = cause.values["cycles"]
-    return [k * cycles for k in (1, 2) if f"cos_{k}" in cause.values]
+def _near(cause: Cause, name: str, shown: str, tolerance: float) -> dict[str, Any]:
+    return {"name": name, "value": cause.values[name], "unit": shown, "tolerance": tolerance}

@@ -58,6 +58,7 @@ class Case:
     outliers : names of poses with gross errors
     moved : m, RMS of what the causes do
     background : how many of the causes, the last ones, are too small to be asked for
+    excess : m^2, by which a fit of the visible causes errs at held-out poses, None where not asked
     """
 
     family: str
@@ -74,6 +75,7 @@ class Case:
     outliers: tuple[str, ...] = field(default=())
     moved: float = 0.0
     background: int = 0
+    excess: float | None = None
 
 
 def families(rng: np.random.Generator, count: int) -> list[str]:

@@ -65,6 +65,8 @@ class Judgement:
         of a rightly named effect
     over_floor : held-out RMS after, over the true floor; infinite without an answer
     before_over_floor : the same before anything is added to the user's model
+    over_reach : after, over what a fit of the true visible causes leaves; over the floor where the key
+        does not say
     """
 
     case: str
@@ -94,6 +96,7 @@ class Judgement:
     covered: tuple[tuple[str, bool], ...]
     over_floor: float
     before_over_floor: float
+    over_reach: float
 
     @property
     def intervals(self) -> tuple[bool, ...]:
@@ -153,6 +156,9 @@ def judge(key: dict[str, Any], answer: dict[str, Any] | None) -> Judgement:
         covered=_covered(key, effects) if key["family"] in _COVERED else (),
         over_floor=_over_floor(key, given),
         before_over_floor=_ratio(key, (given.get("gap") or {}).get("heldout_before_mm")),
+        over_reach=_over_floor(key, given)
+        * key["floor_mm"]
+        / key.get("reachable_mm", key["floor_mm"]),
     )
 
 

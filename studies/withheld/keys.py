@@ -60,6 +60,7 @@ def key_of(case: Case, name: str, index: int, salt: str) -> dict[str, Any]:
     }
     if isinstance(case.conditions, RealConditions):
         key["draw"] = "real arms"
+        key["reachable_mm"] = float(np.hypot(_floor(case), np.sqrt(case.excess or 0.0))) * 1e3
     if scene.scatter is not None:
         key["conditions"]["arm_noise"] = "said" if scene.repeatability else "unsaid"
         key["arm_noise"] = _arm_noise(case)

@@ -168,9 +168,12 @@ def floors_by_robot(judged: Sequence[Judgement]) -> list[dict[str, Any]]:
 
 def _floors(judged: Iterable[Judgement]) -> dict[str, Any]:
     own = [j for j in judged if j.conditions["configurations"] >= MANY]
-    before = _quantiles([j.before_over_floor for j in own])
-    found = {"before_median": before["median"], "before_p90": before["p90"]}
-    return {**_quantiles([j.over_floor for j in own]), **found}
+    found = _quantiles([j.over_floor for j in own])
+    for name in ("before_over_floor", "over_reach"):
+        other = _quantiles([getattr(j, name) for j in own])
+        prefix = name.removesuffix("_over_floor").removeprefix("over_")
+        found |= {f"{prefix}_median": other["median"], f"{prefix}_p90": other["p90"]}
+    return found
 
 
 def _reaches(interval: list[float | None] | None, bar: float) -> bool:

@@ -103,8 +103,13 @@ def _heldout(scores: Scores) -> Part:
         name = f"single, visible, {row['robot']}"
         table.add_row(name, str(row["n"]), _two(row, "before_"), *map(_two, rows))
     floor = first["heldout_over_floor"]
+    fitted = (
+        f"Over what a fit of the true visible causes to the same data leaves: {_two(floor, 'reach_')}.",
+    )
     note = "Median, and ninth decile after the stroke. 1 is the noise itself; a failed run is infinite."
-    return table, (note, *(_floor_bars(floor) if floor["n"] else ()))
+    if not floor["n"]:
+        return table, (note,)
+    return table, (note, *_floor_bars(floor), *(fitted if len(floor["families"]) > 1 else ()))
 
 
 def _floor_bars(floor: Row) -> tuple[str, ...]:

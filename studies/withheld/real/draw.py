@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from studies.withheld.actions import State
 from studies.withheld.causes import Cause, direction
 from studies.withheld.draw import Case, NoSuchCase, draw_seen, sized, with_noise, with_scatter
+from studies.withheld.judge import VISIBLE
 from studies.withheld.real.arms import draw_arm
 from studies.withheld.real.causes import all_places, cause_at, draw_beyond, draw_real
 from studies.withheld.real.conditions import RealConditions, draw_conditions, draw_real_scene
-from studies.withheld.real.visible import beside_others, tangents
+from studies.withheld.real.reach import excess
+from studies.withheld.real.visible import beside_others, projected, tangents
 from studies.withheld.robots import Array
 from studies.withheld.scene import Scene
 from studies.withheld.visible import Projector, at_rest
@@ -199,8 +201,10 @@ def _case(
     everything = [*causes, *background]
     state = at_rest(scene, draft.mechanism, everything)
     rests = [draft.rest(cause) for cause in everything]
-    spans = [tangents(scene, draft.mechanism, still, draft.projector, c) for c in causes]
+    moves = [tangents(scene, draft.mechanism, still, cause) for cause in causes]
+    spans = [projected(draft.projector, columns) for columns in moves]
     spans += [rest[:, None] for rest in rests[len(causes) :]]
+    beside = beside_others(rests, spans)
     whole = draft.rest(*causes)
     assert scene.scatter is not None  # noqa: S101
     wander = scene.scatter.drawn(rng, scene.session.visit)
@@ -213,7 +217,7 @@ def _case(
         scene=scene,
         causes=tuple(everything),
         noncentrality=tuple(float(r @ r) for r in rests),
-        beside=beside_others(rests, spans),
+        beside=beside,
         together=float(whole @ whole),
         state=state,
         clean=state.readings,
@@ -222,4 +226,20 @@ def _case(
         outliers=outliers,
         moved=float(np.sqrt(np.mean(np.sum(shift**2, axis=-1)))),
         background=len(background),
+        excess=_excess(draft, everything, moves, beside),
     )
+
+
+def _excess(
+    draft: _Draft, everything: list[Cause], moves: list[Array], beside: tuple[float, ...]
+) -> float:
+    """Of a fit that has the visible causes and no others."""
+    seen = [b > VISIBLE for b, _ in zip(beside, moves, strict=False)]
+    none = np.zeros((*draft.still.readings.shape, 0))
+    columns = np.concatenate(
+        [none, *(own for own, big in zip(moves, seen, strict=True) if big)], axis=-1
+    )
+    big = [cause for cause, visible in zip(everything, seen, strict=False) if visible]
+    faint = [cause for cause in everything if cause not in big]
+    unseen = at_rest(draft.scene, draft.mechanism, faint).readings - draft.still.readings
+    return excess(draft.scene, draft.still, draft.projector, draft.seen, columns, unseen)

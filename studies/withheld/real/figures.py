@@ -75,13 +75,12 @@ def _each(judged: Sequence[Judgement]) -> list[Rate]:
     found = [
         _found(_EACH, "cause found", mixed, (0.75, 1.0)),
         *(_found(_EACH, _band(size), [c for c in mixed if _within(c, size)]) for size in _SIZES),
-        _found(_JOINT, "joint found", joints),
     ]
     several = [j for j in judged if j.family == "mixture" and j.visible]
     for low, high in ((3, 4), (5, 6), (7, 8)):
         own = [j for j in several if low <= len(j.causes) <= high]
         found.append(_found(_EACH, f"of {low} or {high} causes", _causes(own, "mixture")))
-    return found
+    return [*found, _found(_JOINT, "joint found", joints)]
 
 
 def _overall(judged: Sequence[Judgement]) -> list[Rate]:

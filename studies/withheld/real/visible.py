@@ -17,29 +17,31 @@ from studies.withheld.scene import Scene
 from studies.withheld.truth import Mechanism
 from studies.withheld.visible import Projector, at_rest
 
-_SAME = 1e-6  # relative size of a diagonal of R below which a column is a sum of others
+_SAME = 1e-3  # relative size of a diagonal of R below which a column is a sum of others
 
 
-def tangents(
-    scene: Scene, mechanism: Mechanism, still: State, projector: Projector, cause: Cause
-) -> Array:
-    """What each linear parameter of a cause moves alone, beside the model, (3 * points, parameters).
+def tangents(scene: Scene, mechanism: Mechanism, still: State, cause: Cause) -> Array:
+    """What each linear parameter of a cause moves alone, (N, M, 3, parameters), m, instrument frame.
 
     By differences of the simulator at the true size; cycles, time constants and moments stand at
     their true values.
     """
     if cause.effect in BEYOND or cause.effect in OUTSIDE:  # of which nobody fits a parameter
-        bent = at_rest(scene, mechanism, [cause])
-        return projector.left(bent.readings - still.readings)[:, None]
+        return (at_rest(scene, mechanism, [cause]).readings - still.readings)[..., None]
     names = [name for name in cause.values if name not in TUNED]
     tuned = {name: value for name, value in cause.values.items() if name in TUNED}
 
     def moved(values: dict[str, float]) -> Array:
         one = Cause(cause.effect, cause.where, {**dict.fromkeys(names, 0.0), **values, **tuned})
         bent = at_rest(scene, mechanism, [one.sized(cause.size)])
-        return projector.left(bent.readings - still.readings)
+        return np.asarray(bent.readings - still.readings)
 
-    return np.stack([moved({name: cause.values[name]}) for name in names], axis=1)
+    return np.stack([moved({name: cause.values[name]}) for name in names], axis=-1)
+
+
+def projected(projector: Projector, columns: Array) -> Array:
+    """Columns (N, M, 3, p) whitened and beside the model, shape (3 * points, p)."""
+    return np.stack([projector.left(column) for column in np.moveaxis(columns, -1, 0)], axis=1)
 
 
 def beside_others(rests: Sequence[Array], spans: Sequence[Array]) -> tuple[float, ...]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 pytest.importorskip("mujoco")
@@ -17,10 +17,12 @@ from studies.withheld.keys import key_of
 from studies.withheld.real import conditions as days
 from studies.withheld.real import draw
 from studies.withheld.real.conditions import RealConditions
+from studies.withheld.real.reach import excess
 from studies.withheld.real.visible import beside_others
 from studies.withheld.robots import HEAVY, Array
 from studies.withheld.scatter import Wander
-from studies.withheld.visible import Acting, at_rest
+from studies.withheld.scene import Scene
+from studies.withheld.visible import Acting, Projector, at_rest
 from tests.studies.withheld.scenes import PLAIN
 
 STEP = 1e-4
@@ -49,11 +51,15 @@ def case() -> Case:
         return draw.draw_real_case(np.random.default_rng(8), "mixture")
 
 
-def fitted(case: Case, *causes: Acting, scene: object = None) -> Array:
-    """Readings of the poses that are fitted, in a row."""
+def readings(case: Case, *causes: Acting, scene: Scene | None = None) -> Array:
+    """All readings of a scene in a row."""
     own = case.scene if scene is None else scene
-    readings = at_rest(own, own.mechanism(), causes).readings  # type: ignore[union-attr, arg-type]
-    return np.asarray(readings[case.seen & ~case.scene.session.held[:, None]].ravel())
+    return np.asarray(at_rest(own, own.mechanism(), causes).readings.ravel())
+
+
+def rows(case: Case, held: bool) -> NDArray[np.bool_]:
+    """Those of the poses that are fitted, or held out."""
+    return np.repeat(case.seen & (case.scene.session.held[:, None] == held), 3)
 
 
 def model_columns(case: Case) -> Array:
@@ -63,7 +69,8 @@ def model_columns(case: Case) -> Array:
     def slope(change: str, value: Array, unit: float) -> None:
         plus = replace(scene, **{change: getattr(scene, change) + value})
         minus = replace(scene, **{change: getattr(scene, change) - value})
-        found.append((fitted(case, scene=plus) - fitted(case, scene=minus)) / (2 * unit))
+        ends = [readings(case, scene=one) for one in (plus, minus)]
+        found.append((ends[0] - ends[1]) / (2 * unit))
 
     for change, shape in (("geometry", scene.geometry.shape), ("markers", scene.markers.shape)):
         for at in np.ndindex(shape):
@@ -81,10 +88,10 @@ def cause_columns(case: Case, cause: Cause) -> Array:
     """Derivatives by each linear parameter of one cause, its tuning known."""
     tuned = {n: v for n, v in cause.values.items() if n in TUNED}
     names = [n for n in cause.values if n not in TUNED]
-    still, found = fitted(case), []
+    still, found = readings(case), []
     for name in names:
         values = {**dict.fromkeys(names, 0.0), **tuned, name: cause.values[name] * cause.size}
-        found.append(fitted(case, Cause(cause.effect, cause.where, values)) - still)
+        found.append(readings(case, Cause(cause.effect, cause.where, values)) - still)
     return np.stack(found, axis=1)
 
 
@@ -97,9 +104,10 @@ def root_of_covariance(case: Case) -> Array:
     for k, std in enumerate(scene.scatter.std):
         unit = np.zeros((count, n + 6))
         unit[:, k] = STEP
-        ends = [fitted(case, Wander(s * unit[:, :n], s * unit[:, n:])) for s in (1.0, -1.0)]
+        ends = [readings(case, Wander(s * unit[:, :n], s * unit[:, n:])) for s in (1.0, -1.0)]
         columns.append((ends[0] - ends[1]) / (2 * STEP) * std)
-    A = np.stack(columns, axis=1).reshape(-1, 2, 3 * len(scene.markers), n + 6)
+    own = np.stack(columns, axis=1)[rows(case, held=False)]
+    A = own.reshape(-1, 2, 3 * len(scene.markers), n + 6)
     stays = [block.reshape(-1, n + 6) for block in A]
     return np.asarray(
         block_diag(
@@ -126,28 +134,71 @@ def gain(less: Array, more: Array, rows: Array) -> tuple[float, int]:
     return float(np.mean(before - after)), q - p
 
 
-def test_gains_of_simulated_data(case: Case) -> None:
-    """Chi-square gained by a cause has the mean: parameters + noncentrality, beside others or alone."""
-    key = key_of(case, "case", 0, "salt")
+@dataclass(frozen=True)
+class Linear:
+    """The linear problem: what whitens the fit, and columns at all readings."""
+
+    white: Array
+    model: Array
+    causes: list[Array]
+
+
+@pytest.fixture(scope="module")
+def linear(case: Case) -> Linear:
     white = np.linalg.inv(root_of_covariance(case))
-    still = fitted(case)
-    J = white @ model_columns(case)
-    T = [white @ cause_columns(case, cause) for cause in case.causes]
-    noise = np.random.default_rng(0).normal(size=(DRAWS, len(still)))
-    every = white @ (fitted(case, *case.causes) - still)
+    return Linear(white, model_columns(case), [cause_columns(case, c) for c in case.causes])
+
+
+def test_gains_of_simulated_data(case: Case, linear: Linear) -> None:
+    """Chi-square gained by a cause has the mean: parameters + noncentrality, beside others or alone."""
+    key, own = key_of(case, "case", 0, "salt"), rows(case, held=False)
+    J = linear.white @ linear.model[own]
+    T = [linear.white @ columns[own] for columns in linear.causes]
+    noise = np.random.default_rng(0).normal(size=(DRAWS, len(J)))
+
+    def shift(*causes: Cause) -> Array:
+        return np.asarray(linear.white @ (readings(case, *causes) - readings(case))[own])
+
     assert len(T) == len(key["effects"]) == 3
     for k, entry in enumerate(key["effects"]):
-        others: Sequence[Array] = [t for i, t in enumerate(T) if i != k]
-        own = white @ (fitted(case, case.causes[k]) - still)
-        for name, less, shift in (
-            ("beside", np.hstack([J, *others]), every),
-            ("noncentrality", J, own),
+        others = [t for i, t in enumerate(T) if i != k]
+        for name, less, moved in (
+            ("beside", np.hstack([J, *others]), shift(*case.causes)),
+            ("noncentrality", J, shift(case.causes[k])),
         ):
-            mean, count = gain(less, T[k], noise + shift)
+            mean, count = gain(less, T[k], noise + moved)
             expected = count + entry[name]
             spread = np.sqrt(2.0 * (count + 2.0 * entry[name]) / DRAWS)
             assert abs(mean - expected) < 4.0 * spread + 0.01 * expected, (name, entry["effect"])
         assert entry["beside"] <= entry["noncentrality"] * 1.001
+
+
+@pytest.mark.parametrize("visible", [3, 2])
+def test_what_a_fit_leaves(case: Case, linear: Linear, visible: int) -> None:
+    """Held-out errors of three thousand fits of what is visible, beside what is too faint."""
+    scene, (fit, held) = case.scene, (rows(case, held=h) for h in (False, True))
+    columns = np.hstack([linear.model, *linear.causes[:visible]])
+    J = linear.white @ columns[fit]
+    lengths = np.linalg.norm(J, axis=0)
+    back = np.linalg.pinv(J / lengths, rcond=1e-3) / lengths[:, None]
+    faint = readings(case, *case.causes[visible:]) - readings(case)
+    noise = np.random.default_rng(1).normal(size=(3000, len(J)))
+    wrong = (noise + linear.white @ faint[fit]) @ back.T @ columns[held].T - faint[held]
+    still = at_rest(scene, scene.mechanism(), ())
+    seen = case.seen & ~scene.session.held[:, None]
+    found = excess(
+        scene,
+        still,
+        Projector(scene, still, seen),
+        case.seen,
+        np.hstack(linear.causes[:visible]).reshape(*still.readings.shape, -1),
+        faint.reshape(still.readings.shape),
+    )
+    assert found == pytest.approx(3.0 * np.mean(wrong**2), rel=0.05)
+    if visible == 3:
+        assert min(case.beside) > 60.0
+        reached = np.hypot(key_of(case, "case", 0, "salt")["floor_mm"], 1e3 * np.sqrt(found))
+        assert key_of(case, "case", 0, "salt")["reachable_mm"] == pytest.approx(reached, rel=1e-3)
 
 
 def test_beside_others_by_hand() -> None:

@@ -48,7 +48,7 @@ from doe.enough import Enough, enough
 from studies.benchmarks.day import ARMS, Day, Setting, draw_day, write_day
 from studies.commands.common import console_for, one_line_faults
 from studies.tables import plain_table
-from studies.withheld.score import wilson
+from studies.withheld.figures import wilson
 
 PARTS = ("diagnose", "identify", "enough")
 GOALS = (0.8, 0.9, 1.1, 1.25)

@@ -2,8 +2,9 @@
 
 ``python -m studies.withheld make 600 --seed 1 FOLDER``, then ``run FOLDER --workers 2``, then
 ``score FOLDER --json score.json``. ``make .. --arm-noise`` draws arms that scatter from approach to
-approach. ``run FOLDER --answers aic`` lets a rival answer the same cases (``bic`` and ``black-box`` are
-the others); ``score`` sets all that answered side by side.
+approach; ``make .. --real-arms`` arms as real ones are, from several causes at once, in place of the
+first families. ``run FOLDER --answers aic`` lets a rival answer the same cases (``bic`` and
+``black-box`` are the others); ``score`` sets all that answered side by side.
 """
 
 from __future__ import annotations
@@ -29,13 +30,27 @@ def main() -> None:
 @_FOLDER
 @click.option("--seed", type=click.IntRange(min=0), required=True, help="Fresh for every check.")
 @click.option("--arm-noise", is_flag=True, help="Arms that scatter from approach to approach.")
-def make(count: int, folder: Path, seed: int, arm_noise: bool) -> None:
+@click.option(
+    "--real-arms",
+    is_flag=True,
+    help="The families of real arms: scatter, ripple, settling, warm-up, mixtures.",
+)
+def make(count: int, folder: Path, seed: int, arm_noise: bool, real_arms: bool) -> None:
     """Draw N cases into a new FOLDER and commit their keys."""
     from studies.withheld.make import make as make_cases
 
+    if arm_noise and real_arms:
+        raise click.UsageError("--arm-noise: real arms scatter in any case; leave it out")
     try:
         with click.progressbar(length=count, label="cases") as bar:
-            make_cases(folder, count, seed, lambda _: bar.update(1), arm_noise=arm_noise)
+            make_cases(
+                folder,
+                count,
+                seed,
+                lambda _: bar.update(1),
+                arm_noise=arm_noise,
+                real_arms=real_arms,
+            )
     except FileExistsError as error:
         raise click.ClickException(str(error)) from None
     click.echo(f"wrote {count} cases, their keys and {folder / 'commitment.json'}")

@@ -49,6 +49,9 @@ def cell_text(name: str, scene: Scene) -> str:
             f"repeatability_mm = {place * 1e3:.4g}",
             f"repeatability_urad = {turn * 1e6:.4g}",
         ]
+    if scene.ratios_said:
+        lines += ["", "[robot.gear_ratio]"]
+        lines += [f"{joint} = {ratio}" for joint, ratio in scene.ratios.items()]
     if arm.spring is not None:
         joint, before, after = arm.spring
         lines += [
@@ -80,6 +83,8 @@ def table_text(case: Case, poses: NDArray[np.int_]) -> str:
     shown = np.where(arm.slides, session.q * 1e3, np.degrees(session.q))
     header = ["pose", "marker", *joints, "x_mm", "y_mm", "z_mm"]
     header += ["fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"]
+    if scene.measured is not None:
+        header += [f"{j.name}_{'N' if j.slides else 'Nm'}" for j in arm.joints]
     header += ["temperature_degC"] if "temperature" in scene.columns else []
     header += ["time_s"] if "time" in scene.columns else []
     header += [f"approach_{n}" for n in arm.names] if "approach" in scene.columns else []
@@ -88,6 +93,8 @@ def table_text(case: Case, poses: NDArray[np.int_]) -> str:
     writer.writerow(header)
     for i in poses:
         state = [f"{v:.4f}" for v in scene.wrench[i]]
+        if scene.measured is not None:
+            state += [f"{v:.4f}" for v in scene.measured[i]]
         state += [f"{session.temperature[i]:.3f}"] if "temperature" in scene.columns else []
         state += [f"{session.time[i]:.1f}"] if "time" in scene.columns else []
         if "approach" in scene.columns:

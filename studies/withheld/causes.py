@@ -10,9 +10,12 @@ import numpy as np
 from studies.withheld.actions import Action, State
 from studies.withheld.catalogue import AXES, CATALOGUE, segment
 from studies.withheld.outside import OUTSIDE
+from studies.withheld.real.beyond import BEYOND
+from studies.withheld.real.effects import EFFECTS
 from studies.withheld.scene import Scene
 
 Values = dict[str, float]
+_ACTS = {**CATALOGUE, **EFFECTS, **{name: o.act for name, o in {**OUTSIDE, **BEYOND}.items()}}
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +39,11 @@ class Cause:
 
     def add_to(self, action: Action, scene: Scene, state: State) -> None:
         """Add what it does in a state."""
-        act = CATALOGUE[self.effect] if self.effect in CATALOGUE else OUTSIDE[self.effect].act
         factor = np.full(scene.count, self.size)
         if self.shape is not None:
             joint, phase = self.shape
             factor *= 1.0 + 0.35 * np.sin(2.0 * scene.session.q[:, joint] + phase)
-        action.add(act(scene, state, self.where, self.values), factor)
+        action.add(_ACTS[self.effect](scene, state, self.where, self.values), factor)
 
 
 def places(scene: Scene) -> dict[str, list[str]]:
@@ -49,7 +51,7 @@ def places(scene: Scene) -> dict[str, list[str]]:
     arm, names = scene.arm, list(scene.arm.names)
     turns = [j.name for j in arm.joints if not j.slides]
     soft = [j.name for j in arm.joints if j.compliance]
-    beyond = names[names.index(soft[0]) :]
+    beyond = names[names.index(soft[0]) :] if soft else []
     found = {
         "joint_compliance": [name for name in soft if name not in scene.modelled],
         "stiffness_vs_angle": [name for name in scene.modelled if name in scene.knots],
@@ -96,10 +98,15 @@ def draw_cause(rng: np.random.Generator, scene: Scene) -> Cause:
 def draw_outside(rng: np.random.Generator, scene: Scene) -> Cause:
     """A cause that the catalogue does not hold."""
     kinds = [name for name, o in OUTSIDE.items() if not o.needs or o.needs in scene.columns]
-    kind, arm = str(rng.choice(kinds)), scene.arm
+    return outside_of(rng, scene, str(rng.choice(kinds)))
+
+
+def outside_of(rng: np.random.Generator, scene: Scene, kind: str) -> Cause:
+    """One of a kind outside the catalogue."""
+    arm = scene.arm
     if kind.startswith("marker"):
         where = f"marker:m{rng.integers(len(scene.markers)) + 1}"
-        return Cause(kind, where, _direction(rng, ("x", "y", "z"), 5e-5))
+        return Cause(kind, where, direction(rng, ("x", "y", "z"), 5e-5))
     size = {"bent_beam": 1e-6, "creep": 0.3 * _drive(scene), "warm_encoder": 2e-5}.get(kind, 1e-4)
     values = {"a": size * float(rng.choice([-1.0, 1.0]))}
     if kind in ("cable_pull", "wandering_axis"):
@@ -118,7 +125,7 @@ def draw_outside(rng: np.random.Generator, scene: Scene) -> Cause:
         low, high = arm.limits[k]
         values["b"] = float(rng.uniform(0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high))
     if kind == "third_harmonic":
-        values = _direction(rng, ("a", "b"))
+        values = direction(rng, ("a", "b"))
     if kind in ("creep", "hardening_drive"):
         values["a"] = abs(values["a"])
     return Cause(kind, arm.names[k], values)
@@ -136,7 +143,8 @@ _RARE = ("joint_compliance", "gravity_sag", "link_geometry", "tracker_scale", "g
 Unit = Callable[[np.random.Generator, Scene, str, str], Values]
 
 
-def _direction(rng: np.random.Generator, names: tuple[str, ...], size: float = 1e-4) -> Values:
+def direction(rng: np.random.Generator, names: tuple[str, ...], size: float = 1e-4) -> Values:
+    """A vector of random direction over named parameters."""
     d = rng.normal(size=len(names))
     return dict(zip(names, (size * d / np.linalg.norm(d)).tolist(), strict=True))
 
@@ -170,7 +178,7 @@ _SINGLE = {
 
 
 def _any_six(rng: np.random.Generator, scene: Scene, where: str, kind: str) -> Values:
-    return _direction(rng, AXES)
+    return direction(rng, AXES)
 
 
 def _tool(rng: np.random.Generator, scene: Scene, where: str, kind: str) -> Values:
@@ -183,7 +191,7 @@ def _tool(rng: np.random.Generator, scene: Scene, where: str, kind: str) -> Valu
 
 def _harmonic(rng: np.random.Generator, scene: Scene, where: str, kind: str) -> Values:
     orders = [(1,), (2,), (1, 2)][int(rng.choice(3, p=[0.4, 0.25, 0.35]))]
-    return _direction(rng, tuple(f"{f}_{k}" for k in orders for f in ("cos", "sin")))
+    return direction(rng, tuple(f"{f}_{k}" for k in orders for f in ("cos", "sin")))
 
 
 def _coupling(rng: np.random.Generator, scene: Scene, where: str, kind: str) -> Values:
@@ -211,7 +219,7 @@ def _payload(rng: np.random.Generator, scene: Scene, where: str, kind: str) -> V
         return {"scale": 0.02 * sign}
     if rng.random() < 0.5:
         return {"mass": 0.05 * scene.payload * sign}
-    return _direction(rng, ("com_x", "com_y", "com_z"), 0.01)
+    return direction(rng, ("com_x", "com_y", "com_z"), 0.01)
 
 
 _UNIT: dict[str, Unit] = {

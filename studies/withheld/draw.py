@@ -57,6 +57,8 @@ class Case:
     seen : ndarray of bool, shape (N, M)
     outliers : names of poses with gross errors
     moved : m, RMS of what the causes do
+    background : how many of the causes, the last ones, are too small to be asked for
+    excess : m^2, by which a fit of the visible causes errs at held-out poses, None where not asked
     """
 
     family: str
@@ -72,6 +74,8 @@ class Case:
     seen: NDArray[np.bool_]
     outliers: tuple[str, ...] = field(default=())
     moved: float = 0.0
+    background: int = 0
+    excess: float | None = None
 
 
 def families(rng: np.random.Generator, count: int) -> list[str]:
@@ -113,6 +117,13 @@ def draw_scene(rng: np.random.Generator, arm: Arm, conditions: Conditions) -> Sc
     session = draw_session(
         rng, arm, conditions.configurations, HELD_OUT, conditions.missing != "approach"
     )
+    return scene_of_session(rng, arm, conditions, session)
+
+
+def scene_of_session(
+    rng: np.random.Generator, arm: Arm, conditions: Conditions, session: Session
+) -> Scene:
+    """The same about a session that was drawn."""
     geometry = np.zeros((arm.dof + 2, 6))
     if not conditions.known_geometry:
         geometry[1:, :3] = rng.normal(size=(arm.dof + 1, 3)) * 3e-4
@@ -176,11 +187,20 @@ def _wrench(arm: Arm, session: Session) -> Array:
     return wrench
 
 
-def with_scatter(rng: np.random.Generator, scene: Scene, still: State) -> Scene:
-    """The scene with an arm that scatters by one to three times the instrument; the cell may say it."""
-    shape = scatter_of(rng, scene.arm, still, in_joints=rng.random() < 0.5)
+def with_scatter(
+    rng: np.random.Generator,
+    scene: Scene,
+    still: State,
+    ratio: tuple[float, float] = RATIO,
+    in_joints: float = 0.5,
+) -> Scene:
+    """The scene with an arm that scatters by a ratio to the instrument; the cell may say it.
+
+    in_joints : share of the arms that scatter in their joints, the others at the tip
+    """
+    shape = scatter_of(rng, scene.arm, still, in_joints=rng.random() < in_joints)
     everywhere = np.ones(still.readings.shape[:2], dtype=bool)
-    wanted = np.exp(rng.uniform(*np.log(RATIO))) * scene.noise.rms(still.readings, everywhere)
+    wanted = np.exp(rng.uniform(*np.log(ratio))) * scene.noise.rms(still.readings, everywhere)
     reached = np.sqrt(np.mean(shape.squares(scene.arm, still)))
     scatter = shape.times(float(wanted / reached))
     said = scatter.repeatability(scene.arm, still) if rng.random() < 0.5 else None
@@ -191,13 +211,13 @@ def _filled(
     rng: np.random.Generator, family: str, conditions: Conditions, scene: Scene, arm_noise: bool
 ) -> Case:
     mechanism = scene.mechanism()
-    seen = _seen(rng, conditions, scene)
+    seen = draw_seen(rng, conditions, scene)
     still = at_rest(scene, mechanism, ())
     if arm_noise:
         scene = with_scatter(rng, scene, still)
     projector = Projector(scene, still, seen & ~scene.session.held[:, None])
     causes = [
-        _sized(rng, scene, mechanism, still, projector, draw, family == "outside")
+        sized(rng, scene, mechanism, still, projector, draw, family == "outside")
         for draw in _DRAWS[family]
     ]
     if len({(c.effect, c.where) for c in causes}) < len(causes):
@@ -212,7 +232,7 @@ def _filled(
     if scene.scatter is not None:
         wander = scene.scatter.drawn(rng, scene.session.visit)
         stood = at_rest(scene, mechanism, [*causes, wander])
-    noisy, outliers = _noise(rng, conditions, scene, stood.readings)
+    noisy, outliers = with_noise(rng, conditions, scene, stood.readings)
     shift = state.readings - still.readings
     return Case(
         family=family,
@@ -250,7 +270,7 @@ _DRAWS: dict[str, tuple[Draw, ...]] = {
 }
 
 
-def _sized(
+def sized(
     rng: np.random.Generator,
     scene: Scene,
     mechanism: Mechanism,
@@ -258,10 +278,11 @@ def _sized(
     projector: Projector,
     draw: Draw,
     outside: bool,
+    within: tuple[float, float] = NONCENTRALITY,
 ) -> Cause:
     """A cause scaled to a noncentrality drawn evenly in its logarithm. Raises NoSuchCase."""
     cause = draw(rng, scene)
-    low, high = np.log(NONCENTRALITY)
+    low, high = np.log(within)
     wanted = float(np.exp(rng.uniform(low, high)))
     for _ in range(_SIZE_ROUNDS):
         try:
@@ -272,7 +293,7 @@ def _sized(
         reached = float(rest @ rest)
         largest = float(np.sqrt(np.mean(np.sum(moved**2, axis=-1))))
         factor = np.sqrt(wanted / max(reached, 1e-12))
-        if largest * factor > scene.arm.largest or _absurd(scene, cause, cause.size * factor):
+        if largest * factor > scene.arm.largest or absurd(scene, cause, cause.size * factor):
             raise NoSuchCase
         if abs(factor - 1.0) < 0.01:
             return cause
@@ -282,7 +303,7 @@ def _sized(
     raise NoSuchCase
 
 
-def _absurd(scene: Scene, cause: Cause, size: float) -> bool:
+def absurd(scene: Scene, cause: Cause, size: float) -> bool:
     """Masses and compliances below nothing, weights far from what anyone would believe."""
     values = {name: size * value for name, value in cause.values.items()}
     if cause.effect == "link_weight":
@@ -300,7 +321,8 @@ def _absurd(scene: Scene, cause: Cause, size: float) -> bool:
     return False
 
 
-def _seen(rng: np.random.Generator, conditions: Conditions, scene: Scene) -> NDArray[np.bool_]:
+def draw_seen(rng: np.random.Generator, conditions: Conditions, scene: Scene) -> NDArray[np.bool_]:
+    """Which markers the instrument saw, shape (N, M); one at least of each reading."""
     seen = np.ones((scene.count, len(scene.markers)), dtype=bool)
     if conditions.hidden:
         seen = rng.random(seen.shape) > 0.10
@@ -308,7 +330,7 @@ def _seen(rng: np.random.Generator, conditions: Conditions, scene: Scene) -> NDA
     return seen
 
 
-def _noise(
+def with_noise(
     rng: np.random.Generator, conditions: Conditions, scene: Scene, clean: Array
 ) -> tuple[Array, tuple[str, ...]]:
     """Normal noise, and gross errors in 3 % of the fitted poses: one reflector, or all alike."""

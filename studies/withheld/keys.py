@@ -10,10 +10,15 @@ import numpy as np
 from studies.withheld.causes import Cause
 from studies.withheld.draw import Case
 from studies.withheld.outside import OUTSIDE
+from studies.withheld.real.beyond import BEYOND
+from studies.withheld.real.conditions import RealConditions
+from studies.withheld.real.effects import TUNED
+from studies.withheld.real.tuning import tuning_of
 from studies.withheld.scene import Scene
 from studies.withheld.units import SI, unit
 
 # What the answer parametrises in its own way: the total or the change, the frame of the drift.
+_BEYOND_CATALOGUE = {**OUTSIDE, **BEYOND}
 UNSCORED = ("stiffness_vs_angle", "gravity_sag", "tracker_drift")
 
 
@@ -53,15 +58,21 @@ def key_of(case: Case, name: str, index: int, salt: str) -> dict[str, Any]:
             "markers_mm": (scene.markers * 1e3).tolist(),
         },
     }
+    if isinstance(case.conditions, RealConditions):
+        key["draw"] = "real arms"
+        key["reachable_mm"] = float(np.hypot(_floor(case), np.sqrt(case.excess or 0.0))) * 1e3
     if scene.scatter is not None:
         key["conditions"]["arm_noise"] = "said" if scene.repeatability else "unsaid"
         key["arm_noise"] = _arm_noise(case)
     entries = [
-        _entry(scene, cause, alone, beside, case.family)
+        _entry(scene, cause, alone, beside)
         for cause, alone, beside in zip(case.causes, case.noncentrality, case.beside, strict=True)
     ]
+    faint = len(entries) - case.background
+    for entry in entries[faint:]:
+        entry["background"] = True
     if outside:
-        key["outside"] = entries[0]
+        key["outside"], key["effects"] = entries[0], entries[1:]
     else:
         key["effects"] = entries
     return key
@@ -92,7 +103,7 @@ def _arm_noise(case: Case) -> dict[str, Any]:
     }
 
 
-def _entry(scene: Scene, cause: Cause, alone: float, beside: float, family: str) -> dict[str, Any]:
+def _entry(scene: Scene, cause: Cause, alone: float, beside: float) -> dict[str, Any]:
     entry: dict[str, Any] = {
         "effect": cause.effect,
         "where": cause.where,
@@ -102,18 +113,22 @@ def _entry(scene: Scene, cause: Cause, alone: float, beside: float, family: str)
         "beside": beside,
         "parameters": [],
     }
-    if family == "outside":
+    if cause.effect in _BEYOND_CATALOGUE:
         entry["size"] = {n: v * cause.size for n, v in cause.values.items()}
         return entry
     if cause.shape is not None:
         entry["shape"] = {"joint": scene.arm.names[cause.shape[0]], "phase_rad": cause.shape[1]}
     slides = any(j.slides and j.name == cause.where for j in scene.arm.joints)
+    if cause.effect == "friction_windup":
+        entry["twins"] = [f"backlash:{cause.where}"]  # both follow the approach alone
+    entry |= tuning_of(scene, cause)
     for name, value in {**_absent(scene, cause), **cause.values}.items():
-        shown = unit(cause.effect, name, slides)
+        shown = unit(cause.effect, name, slides, "time" in scene.columns)
+        size = 1.0 if name in TUNED else cause.size
         entry["parameters"].append(
             {
                 "name": name,
-                "value": value * cause.size / SI[shown],
+                "value": value * size / SI[shown],
                 "unit": shown,
                 "scored": cause.effect not in UNSCORED and cause.shape is None,
             }
@@ -128,14 +143,23 @@ def _absent(scene: Scene, cause: Cause) -> dict[str, float]:
     if cause.effect == "joint_coupling":
         turns = [j.name for j in scene.arm.joints if not j.slides and j.name != cause.where]
         return {f"from_{name}": 0.0 for name in turns}
+    if cause.effect == "settling":
+        return {"per_move": 0.0, "per_speed": 0.0}
     return {}
 
 
 def _places(scene: Scene, cause: Cause) -> list[str]:
     """Names under which the place is right: moving base and moving instrument are one and the same."""
     where = cause.where
-    if cause.effect in ("base_drift", "tracker_drift", "settling_base"):
+    if cause.effect in ("base_drift", "tracker_drift", "settling_base", "random_walk"):
         return ["base", "instrument"]
+    if cause.effect in ("warm_up", "step") and where in ("base", "instrument"):
+        return ["base", "instrument"]
+    if cause.effect == "two_jumps":
+        return [where, "base", "instrument"]
+    if cause.effect == "cable_force":
+        # It bends the drives, and is a load: all of these say so.
+        return ["payload", "tool", "arm", *scene.modelled]
     upright = next(j.name for j in scene.arm.joints if not j.slides)
     if cause.effect in ("base_compliance", "bearing_compliance") and where in ("base", upright):
         # The first axis stands upright: its bearing tilts as the base does.
@@ -145,8 +169,10 @@ def _places(scene: Scene, cause: Cause) -> list[str]:
 
 def _depends(scene: Scene, cause: Cause) -> list[str]:
     """What the answer may say that the cause depends on; empty where this is not scored."""
-    if cause.effect not in OUTSIDE:
+    if cause.effect not in _BEYOND_CATALOGUE:
         return []
     names = scene.arm.names
     k = names.index(cause.where) if cause.where in names else 0
-    return [text.format(k=names[k], j=names[k - 1]) for text in OUTSIDE[cause.effect].depends]
+    return [
+        text.format(k=names[k], j=names[k - 1]) for text in _BEYOND_CATALOGUE[cause.effect].depends
+    ]

@@ -11,6 +11,7 @@ import numpy as np
 from studies.withheld.case_files import write_case
 from studies.withheld.draw import Case, draw_case, families
 from studies.withheld.keys import key_of
+from studies.withheld.real import draw as real
 from studies.withheld.seal import COMMITMENT, commit_keys, write_json
 
 
@@ -21,18 +22,21 @@ def make(
     progress: Callable[[int], None] = lambda _: None,
     *,
     arm_noise: bool = False,
+    real_arms: bool = False,
 ) -> None:
     """Write cases, keys, and last the commitment.
 
     arm_noise : the arms scatter from approach to approach
+    real_arms : in place of the first families, arms as real ones are (``studies.withheld.real``)
     Raises FileExistsError where the folder holds cases already.
     """
     if (folder / COMMITMENT).exists() or (folder / "cases").exists():
         raise FileExistsError(f"{folder}: holds cases already; name a new folder")
     (folder / "keys").mkdir(parents=True)
-    drawn = families(np.random.default_rng([seed, count]), count)
+    order = real.families if real_arms else families
+    drawn = order(np.random.default_rng([seed, count]), count)
     for index, family in enumerate(drawn):
-        case = numbered(seed, index, family, arm_noise)
+        case = numbered(seed, index, family, arm_noise, real_arms)
         name = f"case_{index:04d}"
         write_case(folder / "cases" / name, case)
         # The salt keeps the hash from being found by trying all that could have been drawn.
@@ -41,10 +45,15 @@ def make(
         )
         progress(index + 1)
     drawn_by = {"seed": seed, "count": count} | ({"arm_noise": True} if arm_noise else {})
+    drawn_by |= {"real_arms": True} if real_arms else {}
     write_json(folder / "keys" / "seed.json", drawn_by)
     commit_keys(folder)
 
 
-def numbered(seed: int, index: int, family: str, arm_noise: bool = False) -> Case:
+def numbered(
+    seed: int, index: int, family: str, arm_noise: bool = False, real_arms: bool = False
+) -> Case:
     """One case; each index has its own stream of random numbers."""
+    if real_arms:
+        return real.draw_real_case(np.random.default_rng([seed, index]), family)
     return draw_case(np.random.default_rng([seed, index]), family, arm_noise)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -33,6 +33,8 @@ class Scene:
     wrench : ndarray, shape (N, 6), N and N m, as the file shows it, about the tip's origin, base axes
     scatter : of the arm from approach to approach, None where it repeats exactly
     repeatability : as the cell says it, of one coordinate of the tip, m and rad, or None
+    measured : ndarray, shape (N, n), N m, torques that the file shows, or None
+    ratios : motor turns a turn of each joint that turns; ratios_said : the cell gives them
     """
 
     arm: Arm
@@ -55,6 +57,20 @@ class Scene:
     wrench: Array
     scatter: Scatter | None = None
     repeatability: tuple[float, float] | None = None
+    measured: Array | None = None
+    ratios: dict[str, int] = field(default_factory=dict)
+    ratios_said: bool = False
+
+    @property
+    def clock(self) -> Array:
+        """Time since the first reading, shape (N,), s; readings where the file has no time.
+
+        Of a hold-out that was read by itself nothing tells when: long after the others.
+        """
+        if "time" not in self.columns:
+            late = 0.0 if self.session.pause is None else 3.0 * self.session.pause
+            return np.arange(self.count) + late * self.session.held
+        return self.session.hours * 3600.0
 
     @property
     def count(self) -> int:

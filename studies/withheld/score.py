@@ -4,125 +4,19 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from scipy.stats import binom
 
+from studies.withheld.figures import FIRST, Questions, Rate
 from studies.withheld.judge import Judgement, judge
+from studies.withheld.real.figures import REAL, verdicts
 from studies.withheld.seal import Answered, opened
 
 BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
-_Z = 1.959964
-
-
-@dataclass(frozen=True)
-class Rate:
-    """hits of n, with the 95 % Wilson interval and the bar that it is to reach.
-
-    bar : (lowest, highest) rate wanted, or None
-    """
-
-    family: str
-    figure: str
-    hits: int
-    n: int
-    bar: tuple[float, float] | None = None
-
-    @property
-    def rate(self) -> float | None:
-        """Share, None of nothing."""
-        return self.hits / self.n if self.n else None
-
-    @property
-    def interval(self) -> tuple[float, float] | None:
-        """Wilson's interval."""
-        return wilson(self.hits, self.n) if self.n else None
-
-    @property
-    def met(self) -> bool | None:
-        """The interval reaches the bar."""
-        if self.bar is None or self.interval is None:
-            return None
-        return self.interval[1] >= self.bar[0] and self.interval[0] <= self.bar[1]
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        more = {"rate": self.rate, "ci95": self.interval, "met": self.met}
-        return {**asdict(self), **more}
-
-
-def wilson(hits: int, n: int) -> tuple[float, float]:
-    """95 % interval of a share."""
-    p, z2 = hits / n, _Z**2
-    centre = (p + z2 / (2 * n)) / (1 + z2 / n)
-    half = _Z / (1 + z2 / n) * math.sqrt(p * (1 - p) / n + z2 / (4 * n * n))
-    return max(0.0, centre - half), min(1.0, centre + half)
-
-
-Test = Callable[[Judgement], bool]
-# family, visible only, figure, test, bar
-_FIGURES: tuple[tuple[str, bool | None, str, Test, tuple[float, float] | None], ...] = (
-    ("null", None, "false alarms", lambda j: j.alarm, (0.0, 0.04)),
-    ("single", True, "something found", lambda j: j.gap, None),
-    ("single", True, "named exactly", lambda j: j.exact, (0.85, 1.0)),
-    (
-        "single",
-        True,
-        "named exactly, or has a twin",
-        lambda j: j.exact or (j.twin and j.found),
-        None,
-    ),
-    ("single", True, "within its class", lambda j: j.found, (0.93, 1.0)),
-    ("single", True, "the same, and nothing else", lambda j: j.found and not j.further, None),
-    ("single", True, "located", lambda j: j.located, (0.93, 1.0)),
-    ("single", True, "further effects named", lambda j: j.further, None),
-    ("single", True, "confidently misnamed", lambda j: j.misnamed, None),
-    ("single", False, "something found", lambda j: j.gap, None),
-    ("single", False, "within its class", lambda j: j.found, None),
-    ("single", False, "confidently misnamed", lambda j: j.misnamed, None),
-    ("pair", True, "both found", lambda j: j.found, (0.75, 1.0)),
-    ("pair", True, "named exactly", lambda j: j.exact, None),
-    ("pair", True, "both located", lambda j: j.located, None),
-    ("pair", False, "both found", lambda j: j.found, None),
-    ("outside", True, "something found", lambda j: j.gap, None),
-    ("outside", True, "unknown and located", lambda j: j.unknown_located, (0.85, 1.0)),
-    ("outside", True, "located", lambda j: j.located, None),
-    ("outside", True, "located with its variable", lambda j: j.depends, None),
-    ("outside", True, "confidently misnamed", lambda j: j.misnamed, (0.0, 0.04)),
-    ("shape", True, "right cause listed", lambda j: j.found, (0.85, 1.0)),
-    ("shape", True, "located", lambda j: j.located, None),
-    ("shape", True, "called explained", lambda j: j.explained, (0.0, 0.10)),
-)
-_HARD: dict[str, Test] = {
-    "plain": lambda j: (
-        not any(j.conditions[c] for c in ("wrong_sigma", "outliers", "hidden", "range_noise"))
-    ),
-    "sigma wrong": lambda j: bool(j.conditions["wrong_sigma"]),
-    "outliers": lambda j: bool(j.conditions["outliers"]),
-    "hidden markers": lambda j: bool(j.conditions["hidden"]),
-    "15 configurations": lambda j: j.conditions["configurations"] < 40,
-    "columns missing": lambda j: j.conditions["missing"] is not None,
-    "rigid joints": lambda j: bool(j.conditions["rigid"]),
-    "geometry known": lambda j: bool(j.conditions["known_geometry"]),
-    "range noise, said": lambda j: j.conditions["range_noise"] == "said",
-    "range noise, unsaid": lambda j: j.conditions["range_noise"] == "unsaid",
-    "arm noise, said": lambda j: j.conditions.get("arm_noise") == "said",
-    "arm noise, unsaid": lambda j: j.conditions.get("arm_noise") == "unsaid",
-}
-# The figures that are asked again of every robot and under every condition.
-_AGAIN = (
-    ("null", "false alarms"),
-    ("single, visible", "named exactly"),
-    ("single, visible", "within its class"),
-    ("single, visible", "located"),
-    ("pair, visible", "both found"),
-    ("outside, visible", "unknown and located"),
-    ("shape, visible", "right cause listed"),
-)
 MANY = 40  # configurations of a plan from which held-out errors are held against the floor
 
 
@@ -145,22 +39,25 @@ def score(folder: Path) -> dict[str, Any]:
 def score_of(keys: dict[str, Any], answered: Answered) -> dict[str, Any]:
     """The score of one program."""
     judged = [judged_or_failed(key, answered.answers[name]) for name, key in keys.items()]
+    real = any(key.get("draw") == "real arms" for key in keys.values())
+    asked = REAL if real else FIRST
     return {
         "cases": len(judged),
         "families": Counter(j.family for j in judged),
         "failed": sum(not j.answered for j in judged),
         "names": any(j.named for j in judged),
         "seconds": _quantiles([run["seconds"] for run in answered.runs.values()]),
-        "rates": [rate.as_dict() for rate in rates(judged)],
-        "robots": [rate.as_dict() for rate in by_robot(judged)],
-        "conditions": [rate.as_dict() for rate in by_condition(judged)],
+        "rates": [rate.as_dict() for rate in rates(judged, asked)],
+        "robots": [rate.as_dict() for rate in by_robot(judged, asked)],
+        "conditions": [rate.as_dict() for rate in by_condition(judged, asked)],
         "causes": [rate.as_dict() for rate in by_cause(judged)],
         "reliability": reliability(judged),
         "coverage": coverage(judged).as_dict(),
         "coverage_by_effect": [rate.as_dict() for rate in coverage_by_effect(judged)],
-        "heldout_over_floor": floors(judged),
-        "heldout_by_family": floors_by_family(judged),
+        "heldout_over_floor": floors(judged, asked),
+        "heldout_by_family": floors_by_family(judged, asked),
         "heldout_by_robot": floors_by_robot(judged),
+        "outside_verdicts": verdicts(judged),
         "answers": [_short(j) for j in judged],
     }
 
@@ -173,30 +70,30 @@ def judged_or_failed(key: dict[str, Any], answer: dict[str, Any] | None) -> Judg
         return judge(key, None)
 
 
-def rates(judged: Sequence[Judgement]) -> list[Rate]:
+def rates(judged: Sequence[Judgement], asked: Questions = FIRST) -> list[Rate]:
     """Family by family."""
-    found = []
-    for family, visible, figure, test, bar in _FIGURES:
-        some = [j for j in judged if j.family == family and visible in (None, j.visible)]
-        kind = {None: family, True: f"{family}, visible", False: f"{family}, faint"}[visible]
-        found.append(Rate(kind, figure, sum(map(test, some)), len(some), bar))
-    return found
+    return asked.rates(judged)
 
 
-def by_condition(judged: Sequence[Judgement]) -> list[Rate]:
+def by_condition(judged: Sequence[Judgement], asked: Questions = FIRST) -> list[Rate]:
     """The main figures again under each of the conditions that make a case hard."""
-    return [r for name, holds in _HARD.items() for r in _again(name, filter(holds, judged))]
+    groups = {name: list(filter(holds, judged)) for name, holds in asked.conditions.items()}
+    return [rate for name, some in groups.items() for rate in _again(name, some, asked)]
 
 
-def by_robot(judged: Sequence[Judgement]) -> list[Rate]:
+def by_robot(judged: Sequence[Judgement], asked: Questions = FIRST) -> list[Rate]:
     """The main figures again for each robot."""
-    robots = sorted({j.robot for j in judged})
-    return [r for name in robots for r in _again(name, (j for j in judged if j.robot == name))]
+    groups = {name: [j for j in judged if j.robot == name] for name in _robots(judged)}
+    return [rate for name, some in groups.items() for rate in _again(name, some, asked)]
 
 
-def _again(name: str, some: Iterable[Judgement]) -> list[Rate]:
-    found = {(rate.family, rate.figure): rate for rate in rates(list(some))}
-    return [Rate(name, figure, *_count(found[family, figure])) for family, figure in _AGAIN]
+def _robots(judged: Iterable[Judgement]) -> list[str]:
+    return sorted({j.robot for j in judged})
+
+
+def _again(name: str, some: Sequence[Judgement], asked: Questions) -> list[Rate]:
+    found = {(rate.family, rate.figure): rate for rate in asked.rates(some)}
+    return [Rate(name, figure, *_count(found[family, figure])) for family, figure in asked.again]
 
 
 def _count(rate: Rate) -> tuple[int, int]:
@@ -205,13 +102,16 @@ def _count(rate: Rate) -> tuple[int, int]:
 
 def by_cause(judged: Sequence[Judgement]) -> list[Rate]:
     """Of each cause what is named within its class, or outside the catalogue unknown and located."""
-    tests: dict[str, Test] = {"single": lambda j: j.found, "outside": lambda j: j.unknown_located}
     found = []
-    for family, test in tests.items():
-        some = [j for j in judged if j.family == family and j.visible]
-        for cause in sorted({j.truth[0].partition(":")[0] for j in some}):
-            own = [j for j in some if j.truth[0].startswith(f"{cause}:")]
-            found.append(Rate(family, cause, sum(map(test, own)), len(own)))
+    for family in ("single", "mixture", "whole", "outside"):
+        own = [j for j in judged if j.family == family]
+        told = [(c.name, c.found) for j in own for c in j.causes if c.visible]
+        if family == "outside":
+            told = [(j.truth[0], j.unknown_located) for j in own if j.visible]
+        groups: dict[str, list[bool]] = {}
+        for name, hit in told:
+            groups.setdefault(name.partition(":")[0], []).append(hit)
+        found += [Rate(family, name, sum(h), len(h)) for name, h in sorted(groups.items())]
     return found
 
 
@@ -240,18 +140,19 @@ def coverage_by_effect(judged: Iterable[Judgement]) -> list[Rate]:
     return [Rate("parameters", effect, sum(h), len(h)) for effect, h in own.items()]
 
 
-def floors(judged: Iterable[Judgement]) -> dict[str, Any]:
-    """Held-out RMS after over the true floor: single visible effects, at least 40 configurations."""
-    found = _floors(j for j in judged if j.family == "single" and j.visible)
-    median, ninth = found["median_ci95"], found["p90_ci95"]
-    found["met"] = None if not found["n"] else _reaches(median, 1.05) and _reaches(ninth, 1.2)
-    return found
+def floors(judged: Iterable[Judgement], asked: Questions = FIRST) -> dict[str, Any]:
+    """Held-out RMS after over the true floor: visible effects, at least 40 configurations."""
+    found = _floors(j for j in judged if j.family in asked.floors and j.visible)
+    ends = (found["median_ci95"], found["p90_ci95"])
+    reached = all(map(_reaches, ends, asked.floor_bars))
+    bars = {"families": list(asked.floors), "bars": list(asked.floor_bars)}
+    return {**found, **bars, "met": reached if found["n"] else None}
 
 
-def floors_by_family(judged: Sequence[Judgement]) -> list[dict[str, Any]]:
+def floors_by_family(judged: Sequence[Judgement], asked: Questions = FIRST) -> list[dict[str, Any]]:
     """The same family by family, with what the user's model alone leaves."""
     found = []
-    for family in dict.fromkeys(family for family, *_ in _FIGURES):
+    for family in asked.families:
         own = [j for j in judged if j.family == family and (j.visible or family == "null")]
         found.append({"family": family, **_floors(own)})
     return found
@@ -260,15 +161,19 @@ def floors_by_family(judged: Sequence[Judgement]) -> list[dict[str, Any]]:
 def floors_by_robot(judged: Sequence[Judgement]) -> list[dict[str, Any]]:
     """The same robot by robot, single visible effects."""
     own = [j for j in judged if j.family == "single" and j.visible]
-    robots = sorted({j.robot for j in judged})
-    return [{"robot": name, **_floors(j for j in own if j.robot == name)} for name in robots]
+    return [
+        {"robot": name, **_floors(j for j in own if j.robot == name)} for name in _robots(judged)
+    ]
 
 
 def _floors(judged: Iterable[Judgement]) -> dict[str, Any]:
     own = [j for j in judged if j.conditions["configurations"] >= MANY]
-    before = _quantiles([j.before_over_floor for j in own])
-    found = {"before_median": before["median"], "before_p90": before["p90"]}
-    return {**_quantiles([j.over_floor for j in own]), **found}
+    found = _quantiles([j.over_floor for j in own])
+    for name in ("before_over_floor", "over_reach"):
+        other = _quantiles([getattr(j, name) for j in own])
+        prefix = name.removesuffix("_over_floor").removeprefix("over_")
+        found |= {f"{prefix}_median": other["median"], f"{prefix}_p90": other["p90"]}
+    return found
 
 
 def _reaches(interval: list[float | None] | None, bar: float) -> bool:
@@ -299,4 +204,5 @@ def _short(j: Judgement) -> dict[str, Any]:
     names += ["exact", "found", "located", "misnamed"]
     shown = {name: getattr(j, name) for name in names}
     ends = {name: _finite(getattr(j, name)) for name in ("before_over_floor", "over_floor")}
-    return {**shown, **ends}
+    faint = [cause.name for cause in j.causes if not cause.visible]
+    return {**shown, **ends, "faint": faint, "missed": [c.name for c in j.causes if not c.found]}

@@ -24,6 +24,7 @@ class Session:
     temperature : ndarray, shape (N,), degC
     approach : ndarray, shape (N, n), sign of each joint's last motion
     motion : ndarray, shape (N, n), size of the move before, rad or m
+    pause : reading before which the arm stood so long that it came to rest there, None without
     """
 
     names: tuple[str, ...]
@@ -35,6 +36,7 @@ class Session:
     temperature: Array
     approach: Array
     motion: Array
+    pause: int | None = None
 
     def __len__(self) -> int:
         return len(self.names)
@@ -44,6 +46,21 @@ class Session:
         """Number of the approach of each reading, shape (N,): readings without a move share one."""
         moved = np.any(np.diff(self.q, axis=0, prepend=self.q[:1]) != 0.0, axis=1)
         return np.cumsum(moved)
+
+    @property
+    def moves(self) -> Array:
+        """How far each joint went in the arm's last move, with its sign, shape (N, n), rad or m.
+
+        Zero before the first move and after a pause; a reading without a move keeps that of the
+        reading before.
+        """
+        step = np.diff(self.q, axis=0, prepend=self.q[:1])
+        arrived: NDArray[np.bool_] = np.any(step != 0.0, axis=1)
+        if self.pause is not None:
+            step[self.pause], arrived[self.pause] = 0.0, True
+        row = np.where(arrived, np.arange(len(self)), 0)
+        moves: Array = step[np.maximum.accumulate(row)]
+        return moves
 
     @property
     def hours(self) -> Array:
@@ -61,10 +78,10 @@ def draw_session(
         readings tells it
     """
     total = configurations + held_out
-    joints = _configurations(rng, arm, total)
+    joints = draw_configurations(rng, arm, total)
     repeated = np.arange(4 if configurations > 20 else 2)
     visits = np.concatenate([np.arange(total), np.repeat(repeated, 2)])
-    visits = _without_repeats_in_a_row(rng, visits)
+    visits = in_any_order(rng, visits)
     config = np.repeat(visits, 2)
     q = joints[config]
     loaded = np.tile([False, True], len(visits))
@@ -72,7 +89,7 @@ def draw_session(
     time: Array = np.cumsum(rng.uniform(30.0, 60.0, N)).round(1)
     force = np.zeros((N, 3))
     force[loaded, 2] = -arm.load
-    approach, motion = _moves(rng, q, known_start)
+    approach, motion = approaches(rng, q, known_start)
     return Session(
         names=tuple(
             f"p{c:03d}_{'loaded' if load else 'free'}_{i:03d}"
@@ -83,13 +100,14 @@ def draw_session(
         force=force,
         hang=np.round(rng.uniform(-0.6, 0.6, 3) * arm.tool, 4),
         time=time,
-        temperature=_temperature(rng, time),
+        temperature=draw_temperature(rng, time),
         approach=approach,
         motion=motion,
     )
 
 
-def _configurations(rng: np.random.Generator, arm: Arm, total: int) -> Array:
+def draw_configurations(rng: np.random.Generator, arm: Arm, total: int) -> Array:
+    """Joints within their limits as the file will show them, shape (total, n), rad or m."""
     low, high = arm.limits.T
     if rng.random() < 0.5:
         unit = rng.random((total, arm.dof))
@@ -103,16 +121,15 @@ def _configurations(rng: np.random.Generator, arm: Arm, total: int) -> Array:
     return rounded
 
 
-def _without_repeats_in_a_row(
-    rng: np.random.Generator, visits: NDArray[np.int_]
-) -> NDArray[np.int_]:
+def in_any_order(rng: np.random.Generator, visits: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Visits in an order in which none follows itself."""
     while True:
         order = rng.permutation(visits)
         if np.all(np.diff(order)):
             return order
 
 
-def _temperature(rng: np.random.Generator, time: Array) -> Array:
+def draw_temperature(rng: np.random.Generator, time: Array) -> Array:
     """Up and down within the session: heat must not look like time."""
     phase = 2.0 * np.pi * (rng.uniform(1.2, 2.6) * time / time[-1] + rng.random())
     swing, ramp = rng.uniform(2.0, 4.0), rng.uniform(-1.5, 1.5)
@@ -121,7 +138,7 @@ def _temperature(rng: np.random.Generator, time: Array) -> Array:
     return shown
 
 
-def _moves(rng: np.random.Generator, q: Array, known_start: bool) -> tuple[Array, Array]:
+def approaches(rng: np.random.Generator, q: Array, known_start: bool) -> tuple[Array, Array]:
     """Sign of each joint's last motion and size of the move before each reading, shape (N, n)."""
     first = rng.choice([-1.0, 1.0], q.shape[1]) if known_start else np.zeros(q.shape[1])
     approach = np.zeros_like(q)

@@ -17,6 +17,7 @@ Scores = dict[str, dict[str, Any]]
 
 _BY_ANYONE = ("false alarms", "something found")  # figures of programs that name nothing, too
 _NONE = "-"
+_VERDICTS = ("no_gap", "explained", "ambiguous", "unknown", "none")
 
 
 def show(console: Console, result: dict[str, Any]) -> None:
@@ -102,14 +103,20 @@ def _heldout(scores: Scores) -> Part:
         name = f"single, visible, {row['robot']}"
         table.add_row(name, str(row["n"]), _two(row, "before_"), *map(_two, rows))
     floor = first["heldout_over_floor"]
+    fitted = (
+        f"Over what a fit of the true visible causes to the same data leaves: {_two(floor, 'reach_')}.",
+    )
     note = "Median, and ninth decile after the stroke. 1 is the noise itself; a failed run is infinite."
-    return table, (note, *(_floor_bars(floor) if floor["n"] else ()))
+    if not floor["n"]:
+        return table, (note,)
+    return table, (note, *_floor_bars(floor), *(fitted if len(floor["families"]) > 1 else ()))
 
 
 def _floor_bars(floor: Row) -> tuple[str, ...]:
+    families, (median, ninth) = ", ".join(floor["families"]), floor["bars"]
     return (
-        f"Bars, single visible: median at most 1.05, is {_ratio(floor['median'])} "
-        f"({_range(floor['median_ci95'])}); ninth decile at most 1.2, is",
+        f"Bars, {families} visible: median at most {median:g}, is {_ratio(floor['median'])} "
+        f"({_range(floor['median_ci95'])}); ninth decile at most {ninth:g}, is",
         f"{_ratio(floor['p90'])} ({_range(floor['p90_ci95'])}); met: {_met(floor['met'])}.",
     )
 
@@ -142,37 +149,49 @@ _HEADS = {
     "both found": "pair:\nboth found",
     "unknown and located": "outside:\nunknown and\nlocated",
     "right cause listed": "shape:\nright cause\nlisted",
+    "cause found": "mixture:\neach cause",
+    "joint found": "whole:\neach joint",
 }
 
 
 def _groups(title: str, rows: list[Row]) -> Part:
     """One line a group, one column a figure."""
-    table = _table(f"{title} (in %; visible causes)", "", *_HEADS.values())
+    asked = {row["figure"] for row in rows}
+    heads = {figure: head for figure, head in _HEADS.items() if figure in asked}
+    table = _table(f"{title} (in %; visible causes)", "", *heads.values())
     for name in dict.fromkeys(row["family"] for row in rows):
         own = {row["figure"]: row for row in rows if row["family"] == name}
-        table.add_row(name, *(_counted(own[figure]) for figure in _HEADS))
+        table.add_row(name, *(_counted(own[figure]) for figure in heads))
     return table, ()
 
 
 def _effects(result: dict[str, Any]) -> Part:
-    """Effect by effect: named within the class, and intervals that hold the truth."""
-    columns = ("effect", "in class", "95 %", "intervals hold", "95 %")
-    table = _table("Effect by effect (in %)", *columns)
-    named = {row["figure"]: row for row in result["causes"] if row["family"] == "single"}
+    """Effect by effect: found within the class, and intervals that hold the truth."""
+    found: dict[str, dict[str, Row]] = {"single": {}}
+    for row in result["causes"]:
+        if row["family"] != "outside":
+            found.setdefault(row["family"], {})[row["figure"]] = row
     held = {row["figure"]: row for row in result["coverage_by_effect"]}
-    for effect in sorted({*named, *held}):
-        table.add_row(effect, *_both(named.get(effect)), *_both(held.get(effect)))
-    return table, ("In class: single, visible. Intervals: of all rightly named, pairs included.",)
+    table = _table("Effect by effect (in %)", "effect", *found, "intervals hold", "95 %")
+    for effect in sorted({*held, *(name for rows in found.values() for name in rows)}):
+        cells = [_counted(rows[effect]) if effect in rows else _NONE for rows in found.values()]
+        table.add_row(effect, *cells, *_both(held.get(effect)))
+    return table, (
+        "Visible causes found within their class. Intervals: of all rightly named ones.",
+    )
 
 
 def _outside(result: dict[str, Any]) -> Part:
-    table = _table(
-        "Causes outside the catalogue (in %; visible)", "cause", "unknown, located", "95 %"
-    )
+    """Causes outside the catalogue: what is right, and every verdict."""
+    columns = ("cause", "unknown, located", "95 %", *_VERDICTS)
+    table = _table("Causes outside the catalogue (in %; visible; verdicts counted)", *columns)
     for row in result["causes"]:
         if row["family"] == "outside":
-            table.add_row(row["figure"], *_both(row))
-    return table, ()
+            counts = result["outside_verdicts"][row["figure"]]
+            table.add_row(row["figure"], *_both(row), *(str(counts.get(v, 0)) for v in _VERDICTS))
+    return table, (
+        "What the catalogue came to hold may be named as well: jumps, a third harmonic.",
+    )
 
 
 def _both(row: Row | None) -> tuple[str, str]:

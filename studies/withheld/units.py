@@ -20,6 +20,11 @@ SI = {
     "um/h": 1e-6,
     "urad/h": 1e-6,
     "um/(m K)": 1e-6,
+    "1/turn": 1.0,
+    "N m": 1.0,
+    "s": 1.0,
+    "min": 60.0,
+    "readings": 1.0,
 }
 
 _BY_PREFIX = {
@@ -37,6 +42,12 @@ _BY_PREFIX = {
     "from_": "urad/rad",
     "com_": "mm",
     "scale": "urad/rad",
+    "cycles": "1/turn",
+    "per_move": "urad/rad",
+    "per_speed": "urad",
+    "torque": "N m",
+    "tau": "min",
+    "at": "s",
 }
 _BY_EFFECT = {
     ("tracker_scale", "scale"): "ppm",
@@ -45,8 +56,10 @@ _BY_EFFECT = {
 _SLIDING = {"urad": "um", "urad/(N m)": "nm/N", "urad/rad": "um/m"}
 
 
-def unit(effect: str, name: str, slides: bool = False) -> str:
-    """Unit of a parameter; slides : it belongs to a prismatic joint."""
+def unit(effect: str, name: str, slides: bool = False, timed: bool = True) -> str:
+    """Unit of a parameter; slides : it belongs to a prismatic joint; timed : the file has a clock."""
+    if name in ("tau", "at") and not timed:
+        return "readings"
     if name in ("x", "y", "z", "rx", "ry", "rz"):
         turns = name.startswith("r")
         if effect == "tool_compliance":

@@ -63,15 +63,19 @@ class Projector:
     def __init__(self, scene: Scene, state: State, seen: NDArray[np.bool_]) -> None:
         self._seen = seen
         self._noise, self._points = scene.noise, state.readings[seen]
+        self._R = scene.R
         self._approaches = self._factors(scene, state)
-        # Columns stand in base axes, displacements in the instrument's.
-        columns = np.swapaxes(modelled_columns(scene, state)[seen], -1, -2) @ scene.R.T
-        J = np.swapaxes(self._noise.whitened(columns, self._points[:, None]), -1, -2)
-        J = self._decorrelated(J.reshape(-1, J_width(scene)))
+        J = self.white(modelled_columns(scene, state))
         J = J / np.maximum(np.linalg.norm(J, axis=0), 1e-300)
         Q, R, _ = qr(J, mode="economic", pivoting=True)
         diagonal = np.abs(np.diag(R))
         self._Q = Q[:, diagonal > _SAME * diagonal[0]]
+
+    def white(self, columns: Array) -> Array:
+        """Columns (N, M, 3, p) in base axes at the points of the fit, whitened, (3 * points, p)."""
+        turned = np.swapaxes(columns[self._seen], -1, -2) @ self._R.T
+        white = np.swapaxes(self._noise.whitened(turned, self._points[:, None]), -1, -2)
+        return self._decorrelated(white.reshape(-1, columns.shape[-1]))
 
     def left(self, moved: Array) -> Array:
         """What is left of readings moved by (N, M, 3), m, whitened, shape (3 * points,)."""
@@ -100,12 +104,6 @@ class Projector:
         for own, L in self._approaches:
             found[own] = solve_triangular(L, rows[own], lower=True)
         return found
-
-
-def J_width(scene: Scene) -> int:
-    """Number of columns before reduction."""
-    frames = 1 if scene.known_geometry else scene.arm.dof + 2
-    return 6 * frames + 3 * len(scene.markers) + len(scene.modelled)
 
 
 def given(rest: Array, other: Array) -> float:

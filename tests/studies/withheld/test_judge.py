@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
+from studies.withheld.figures import Rate, wilson
 from studies.withheld.judge import judge
 from studies.withheld.score import (
-    Rate,
     by_condition,
     by_robot,
     coverage,
@@ -19,7 +19,6 @@ from studies.withheld.score import (
     judged_or_failed,
     rates,
     reliability,
-    wilson,
 )
 
 CONDITIONS = {

@@ -25,7 +25,7 @@ ids = [arm.name for arm in ARMS]
 
 
 def test_nothing_of_the_model_is_imported() -> None:
-    for path in Path(next(iter(studies.withheld.__path__))).glob("*.py"):
+    for path in Path(next(iter(studies.withheld.__path__))).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             if isinstance(node, ast.ImportFrom):

@@ -41,7 +41,8 @@ class Candidate:
 
     effect : Effect, a curve where it has no name; named : whether it has one, in the catalogue
     depends_on : str, on what it depends most, as in the results
-    tried : int, forms among which this one was chosen; line : int, among causes of its kind at its place
+    tried : int, forms among which this one was chosen
+    line : int, its number among causes of its kind at its place
     """
 
     effect: Effect
@@ -78,8 +79,8 @@ class Candidate:
 
     def as_tuned(self, tuning: float) -> Candidate:
         """The same at another tuning."""
-        assert isinstance(self.effect, Tuned)
-        return replace(self, effect=self.effect.tuned(tuning))
+        effect = self.effect
+        return replace(self, effect=effect.tuned(tuning)) if isinstance(effect, Tuned) else self
 
     @cached_property
     def spread(self) -> Array | None:

@@ -9,7 +9,7 @@ at that fit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -26,14 +26,17 @@ ALPHA = 0.01
 """Probability of a false entry, over all candidates together."""
 _CHALLENGE = 1.0  # gain by which a rival must lead to take a place
 _NAMED_SHARE = 0.9  # of the leader's evidence at which a cause by name is preferred to a curve
-_CURVES_TOO = 0.5  # of the best curve's gain: a name with more is taken before curves are judged
+_CURVES_TOO = 0.2  # of the best curve's gain: a name with more is taken before curves are judged
 _MOST_CURVES = 4  # of which more than one seldom means a thing to anybody
 _CALLED = 12  # causes by name, of which some may stand for a curve
+_LENIENT = 3.0  # gain that a member may lack
 _MOST_ROUNDS = 60
+_SCANNED_ANEW = 4  # newcomers after which all tunings are tried again
 _RIVALS = 12
 _BEYOND_DOUBT = 200.0  # gain that no choice of variances takes away
 _STANDS = 0.8  # of the gain with which a member has proved itself, above which it need not again
 _APART = 0.7  # of its fall that a second newcomer keeps beside the first
+_MOST_AT_ONCE = 12
 _LEADING = (4, 2)  # causes by name, and curves, whose variances are found anew
 
 
@@ -57,6 +60,7 @@ class Outcome:
 
     before, fit : Fit, without and with all that entered; active : tuple of Candidate, what entered
     view : View, of all suspects from the fit; lineup : Lineup, the same with all their tunings
+    proved : dict, key of a member -> gain with which it last defended its place
     """
 
     before: Fit
@@ -64,6 +68,7 @@ class Outcome:
     active: tuple[Candidate, ...]
     view: View
     lineup: Lineup
+    proved: dict[str, float]
 
     @property
     def last(self) -> Field:
@@ -99,30 +104,46 @@ class Round:
         """Whether a score earns its holder a place."""
         return bool(found.gain > 2.0 * np.log(self.asked) and found.p * self.asked < ALPHA)
 
+    def stays(self, found: Score) -> bool:
+        """Whether a score keeps a member in its place: a little less, or the doubtful go in circles."""
+        return bool(
+            found.gain > 2.0 * np.log(self.asked) - _LENIENT and found.p * self.asked < 10.0 * ALPHA
+        )
 
-def contest(stage: Stage, lineup: Lineup, active: Sequence[Candidate] = ()) -> Outcome:
+
+def contest(
+    stage: Stage,
+    lineup: Lineup,
+    active: Sequence[Candidate] = (),
+    proved: Mapping[str, float] | None = None,
+) -> Outcome:
     """Add, exchange and remove candidates until nothing pays.
 
     stage : Stage, to first order
-    active : candidates to begin with, as an earlier contest left them; each must defend its place
+    active : candidates to begin with, as an earlier contest left them
+    proved : gains with which they defended their places there; without, each must do so again
     All tunings are tried at the beginning and before the end, in between those of a short list.
     """
     before = stage.fit(())
     fit = stage.fit([c.effect for c in active], before) if active else before
     view, listed = lineup.seen_from(stage, fit, active, fresh=True)
-    state, fresh = Round(stage, tuple(active), view, lineup.asked, {}), True
+    state, fresh = Round(stage, tuple(active), view, lineup.asked, dict(proved or {})), True
+    grown = 0
     tried = {frozenset(c.key for c in active)}
     for _ in range(_MOST_ROUNDS):
         found = _better(state)
         if found == state.active and fresh:
-            return Outcome(before, fit, found, view, lineup)
+            return Outcome(before, fit, found, view, lineup, state.proved)
         fresh = found == state.active
+        grown += len(set(found) - set(state.active))
         if not fresh:
             keys = frozenset(c.key for c in found)
             if keys in tried:
                 break
             tried.add(keys)
             fit = stage.fit([c.effect for c in found], fit)
+        fresh = fresh or grown >= _SCANNED_ANEW
+        grown = 0 if fresh else grown
         view, listed = (lineup if fresh else listed).seen_from(stage, fit, found, fresh)
         state = replace(state, active=found, view=view)
     # A contest that goes in circles is left with what pays where it stood.
@@ -131,7 +152,7 @@ def contest(stage: Stage, lineup: Lineup, active: Sequence[Candidate] = ()) -> O
         fit = stage.fit([c.effect for c in rest], fit)
         view, listed = listed.seen_from(stage, fit, rest, fresh=False)
         state = replace(state, active=rest, view=view)
-    return Outcome(before, fit, state.active, view, lineup)
+    return Outcome(before, fit, state.active, view, lineup, state.proved)
 
 
 def _idle(state: Round) -> Candidate | None:
@@ -140,7 +161,7 @@ def _idle(state: Round) -> Candidate | None:
     for c in state.active:
         linear = _linear(state.view.without(c), state.view, [c])[c.key]
         scores[c] = _defence(state, c, linear)
-    idle = [c for c in state.active if not state.pays(scores[c])]
+    idle = [c for c in state.active if not state.stays(scores[c])]
     return min(idle, key=lambda c: scores[c].gain) if idle else None
 
 
@@ -150,10 +171,10 @@ def _better(state: Round) -> tuple[Candidate, ...]:
     for member in active:
         beside = view.without(member)
         own = _linear(beside, view, [member])[member.key]
-        if own.gain > _STANDS * state.proved.get(member.key, np.inf) and state.pays(own):
+        if own.gain > _STANDS * state.proved.get(member.key, np.inf) and state.stays(own):
             continue
         rest = tuple(c for c in active if c is not member)
-        if not state.pays(_defence(state, member, own)):
+        if not state.stays(_defence(state, member, own)):
             return rest
         best = _challenger(state, member, own, beside)
         if best is not None:
@@ -174,6 +195,11 @@ def _challenger(state: Round, member: Candidate, own: Score, beside: Field) -> C
     rest = [c for c in state.active if c is not member]
     scores = _linear(beside, state.view, state.view.suspects)
     eligible = [c for c in _eligible(rest, state.view) if c is not member]
+    eligible = [
+        c for c in eligible if (c.effect.kind, c.where) != (member.effect.kind, member.where)
+    ]
+    if member.named:  # a curve comes in beside it, and it then stands or falls
+        eligible = [c for c in eligible if c.named]
     best = _leader(state, scores, [*eligible, member])
     named = best.named and not member.named
     if best is member or not (named or scores[best.key].gain > own.gain + _CHALLENGE):
@@ -182,21 +208,38 @@ def _challenger(state: Round, member: Candidate, own: Score, beside: Field) -> C
 
 
 def _newcomers(state: Round) -> list[Candidate]:
-    """What pays beside all that is in: the best, and others by name that hardly share with it."""
-    view, active = state.view, state.active
-    scores = _scores(state)
-    eligible = _eligible(active, view)
-    if not eligible:
-        return []
-    best = _leader(state, scores, eligible)
-    if not state.pays(scores[best.key]):
-        return []
-    if not best.named:
-        return _by_name(view.beside, state, best) or [best]
-    further = [c for c in eligible if c.named and c is not best and state.pays(scores[c.key])]
-    chosen = [best]
-    for c in sorted(further, key=lambda c: -scores[c.key].gain):
-        if all(_kept(view, c, other) > _APART for other in chosen):
+    """What pays beside all that is in: the best, and others by name that hardly share with it.
+
+    Where poses err together, what is missing counts as noise, and what pays all the same is believed;
+    only where nothing does are variances found anew with each that leads.
+    """
+    view = state.view
+    eligible = _eligible(state.active, view)
+    scores = _linear(view.beside, view, eligible)
+    chosen = _entering(state, scores, eligible)
+    if not chosen and view.fit.mixing is not None:
+        scores = _anew(state, scores, eligible)
+        chosen = _entering(state, scores, eligible)
+    state.proved.update({c.key: scores[c.key].gain for c in chosen if c.key in scores})
+    return chosen
+
+
+def _entering(
+    state: Round, scores: dict[str, Score], eligible: Sequence[Candidate]
+) -> list[Candidate]:
+    """Those that pay by their scores: names first, but where a curve explains far more."""
+    paying = sorted(
+        (c for c in eligible if state.pays(scores[c.key])), key=lambda c: -scores[c.key].gain
+    )
+    named = [c for c in paying if c.named]
+    curve = next((c for c in paying if not c.named), None)
+    if curve is not None:
+        first = scores[named[0].key] if named else NOTHING
+        if first.gain < _CURVES_TOO * scores[curve.key].gain:
+            return _by_name(state.view.beside, state, curve) or [curve]
+    chosen = named[:1]
+    for c in named[1:_MOST_AT_ONCE]:
+        if all(_kept(state.view, c, other) > _APART for other in chosen):
             chosen.append(c)
     return chosen
 
@@ -229,29 +272,21 @@ def _by_name(beside: Field, state: Round, curve: Candidate) -> list[Candidate]:
     return [named[i] for i in found]
 
 
-def _scores(state: Round) -> dict[str, Score]:
-    """Score of every suspect beside what is in.
-
-    Where poses err together only those that lead are worth a look: their variances are found anew.
-    """
+def _anew(
+    state: Round, scores: dict[str, Score], eligible: Sequence[Candidate]
+) -> dict[str, Score]:
+    """Scores of those that lead, each with variances found anew; of the others none."""
     view = state.view
-    suspects = view.suspects
-    scores = _linear(view.beside, view, suspects)
-    if view.fit.mixing is None:
-        return scores
-    alone = _linear(view.by_instrument.beside, view, suspects)
-    names, curves = (
-        list(dict.fromkeys(_leading(scores, suspects, named) + _leading(alone, suspects, named)))
+    alone = _linear(view.by_instrument.beside, view, eligible)
+    leading = [
+        c
         for named in (True, False)
-    )
-    found = {c.key: NOTHING for c in suspects}
-    here = ground(state.stage, view, names)
-    found |= {c.key: here.score(c) for c in names}
-    best = max((found[c.key].gain for c in names if state.pays(found[c.key])), default=0.0)
-    if best < _CURVES_TOO * max((alone[c.key].gain for c in curves), default=0.0):
-        here = ground(state.stage, view, curves)
-        found |= {c.key: here.score(c) for c in curves}
-    return found
+        for by in (scores, alone)
+        for c in _leading(by, eligible, named)
+    ]
+    leading = list(dict.fromkeys(leading))
+    here = ground(state.stage, view, leading)
+    return {c.key: NOTHING for c in eligible} | {c.key: here.score(c) for c in leading}
 
 
 def _defence(state: Round, member: Candidate, linear: Score) -> Score:

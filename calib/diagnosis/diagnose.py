@@ -44,7 +44,7 @@ from calib.visits import visits
 _REPLICATES = 10  # degrees of freedom of repeated readings worth believing
 _GROSS = 10.0  # times the mean square of a typical group
 _LEFT_OVER = 0.001  # the scatter of a few repeats is a weak witness
-_MOST_PASSES = 3  # contests, while outliers are judged anew
+_MOST_PASSES = 2  # contests, while outliers are judged anew
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +171,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         linear = stage.about(fit, [c.effect for c in suspects])
         active = [_as_fitted(c, fit) for c in outcome.active]
         asked = lineup(linear, suspects, asked.banks)
-        outcome = contest(linear, asked, active)
+        outcome = contest(linear, asked, active, outcome.proved)
     outcome, named, after, refused = believed(linear, outcome)
     before, after = stage.exact(outcome.before), stage.exact(after)
     noise = _noise(stage, after, factor)

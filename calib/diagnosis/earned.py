@@ -53,7 +53,8 @@ def ledger(stage: Stage, fit: Fit, candidates: list[Candidate], by_time: bool) -
     prior = fit.pull * prior_rows(fit.model, fit.amplitudes)
     J = np.concatenate([fit.J.reshape(-1, fit.J.shape[-1]), prior])
     r = np.concatenate([fit.r.ravel(), -prior @ fit.values])
-    left = _left_out(J @ fit.span, r, fit, fold)
+    A = J @ fit.span
+    left = _left_out(A, r, fit, fold)
     rest = fit.span[:, np.abs(fit.span[own]).sum(axis=0) == 0.0]
     kept = np.ones(len(J), dtype=bool)
     kept[fit.r.size :] = np.abs(prior[:, own]).sum(axis=1) == 0.0

@@ -16,7 +16,7 @@ from calib.se3 import Array
 
 _LENGTH = 0.5  # of a variable's range, over which a function forgets its value
 _APART = 2.0  # standard deviations of posture, likewise
-_MOST_CENTRES = 60
+_MOST_CENTRES = 30
 _SAME = 1e-9
 
 

@@ -52,7 +52,7 @@ def believed(
         refused |= {c.key: Refused.of(c, why) for c, why in fresh}
         lineup = lineup.without(refused)
         rest = [c for c in outcome.active if c.key not in refused]
-        outcome = contest(stage, lineup, rest)
+        outcome = contest(stage, lineup, rest, outcome.proved)
     return nothing(outcome), (), outcome.before, tuple(refused.values())
 
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.screen import VISIBLE, orthonormal
+from calib.diagnosis.screen import VISIBLE
 from calib.diagnosis.stage import Fit
 from calib.poses import IntArray
 from calib.se3 import Array
@@ -40,13 +40,9 @@ class Beside:
     H: Array
 
 
-def beside(fit: Fit, modelled: Array | None = None) -> Beside:
-    """Project everything modelled out of the residual of a fit.
-
-    modelled : ndarray, shape (N, k), an orthonormal basis of it where one is known
-    """
-    r, J = fit.equations
-    Q = orthonormal(J @ fit.span) if modelled is None else modelled
+def beside(fit: Fit) -> Beside:
+    """Project everything modelled out of the residual of a fit."""
+    (r, _), Q = fit.equations, fit.modelled
     left = r - Q @ (Q.T @ r)
     m, R = fit.r.shape
     g, H = left[: m * R].reshape(m, R), Q[: m * R].reshape(m, R, -1)

@@ -19,7 +19,7 @@ import numpy as np
 
 from calib.diagnosis.modulations import Modulation, modulations
 from calib.diagnosis.quadratic import chance_above, ratio_above
-from calib.diagnosis.screen import VISIBLE, Field, field, score
+from calib.diagnosis.screen import VISIBLE, Field, beside, field, score
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Effect
 from calib.poses import IntArray
@@ -90,25 +90,24 @@ def question(stage: Stage, fit: Fit, effect: Effect) -> Question | None:
     asked = tuple(modulations(stage, fit, effect.where))
     if not asked:
         return None
-    r, J = fit.equations
     X = _times(stage, fit, effect, np.column_stack([m.centred for m in asked]))
-    return Question(asked, field(J @ fit.span, X, r))
+    return Question(asked, beside(fit.modelled, X, fit.equations[0]))
 
 
-def _modulated(beside: Field, columns: IntArray) -> tuple[float, float]:
+def _modulated(rest: Field, columns: IntArray) -> tuple[float, float]:
     """p and fall of one modulation; where the residual refutes the noise, by its share of that."""
-    spread = beside.cost / beside.dof if beside.noise_refuted else 1.0
-    X = _PART * beside.X[:, columns]
-    d, vectors = np.linalg.eigh(X.T @ X)
-    seen = d > (VISIBLE * _PART * beside.lengths[columns].max()) ** 2
-    if not seen.any() or beside.dof <= np.count_nonzero(seen):
+    spread = rest.cost / rest.dof if rest.noise_refuted else 1.0
+    S, Xr = rest.products(columns)
+    d, vectors = np.linalg.eigh(_PART**2 * S)
+    seen = d > (VISIBLE * _PART * rest.lengths[columns].max()) ** 2
+    if not seen.any() or rest.dof <= np.count_nonzero(seen):
         return 1.0, 0.0
     d, vectors = d[seen], vectors[:, seen]
-    squares = (vectors.T @ (X.T @ beside.r)) ** 2 / d
+    squares = (_PART * vectors.T @ Xr) ** 2 / d
     w = d / (spread + d)
     statistic, fall = float(w @ squares) / spread, float(squares.sum())
-    if beside.noise_refuted:
-        return ratio_above(w, beside.dof, statistic), fall
+    if rest.noise_refuted:
+        return ratio_above(w, rest.dof, statistic), fall
     return chance_above(w, statistic), fall
 
 
@@ -120,8 +119,8 @@ def _also_there(stage: Stage, fit: Fit, effect: Effect, doubted: Modulation) -> 
     rest = fit.span[:, np.abs(fit.span[own]).sum(axis=0) == 0.0]
     instead = _times(stage, fit, effect, doubted.plain)
     without = r + J[:, own] @ fit.moving[own]
-    beside = field(np.concatenate([J @ rest, instead], axis=1), J[:, own], without)
-    return score(beside, np.arange(len(own))).p < _SURE
+    alone = field(np.concatenate([J @ rest, instead], axis=1), J[:, own], without)
+    return score(alone, np.arange(len(own))).p < _SURE
 
 
 def _times(stage: Stage, fit: Fit, effect: Effect, functions: Array) -> Array:

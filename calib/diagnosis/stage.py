@@ -13,7 +13,7 @@ from calib.cell import Repeatability
 from calib.covariance import covariance, gain
 from calib.diagnosis.linear import LinearModel, linearised
 from calib.diagnosis.prior import curves_in, fitted_amplitudes, prior_rows, weak
-from calib.diagnosis.screen import field
+from calib.diagnosis.screen import beside, orthonormal
 from calib.effects.protocol import Effect
 from calib.identify.estimators import choose_directions
 from calib.identify.outliers import fit_statistics
@@ -64,7 +64,7 @@ class Fit:
         none = Variances.none(self.model.robot.dof)
         return none if self.levels is None else self.levels.variances
 
-    @property
+    @cached_property
     def equations(self) -> tuple[Array, Array]:
         """Residuals (N,) and derivatives (N, p), the rows of the curves' prior last.
 
@@ -76,7 +76,12 @@ class Fit:
         flat = np.concatenate([J.reshape(-1, J.shape[-1]), prior])
         return np.concatenate([r.ravel(), -prior @ self.values]), flat
 
-    @property
+    @cached_property
+    def modelled(self) -> Array:
+        """An orthonormal basis of all that is modelled, of independent rows, shape (N, k)."""
+        return orthonormal(self.equations[1] @ self.span)
+
+    @cached_property
     def covariance(self) -> Array:
         """Covariance of the values, shape (p, p), the noise as stated.
 
@@ -93,8 +98,8 @@ class Fit:
 
     def minus_two_log_likelihood(self) -> float:
         """Of the readings, less a constant, at the levels of noise and at what is left by any step."""
-        r, J = self.equations
-        left = field(J @ self.span, np.zeros((len(r), 0)), r).r[: self.r.size]
+        r, _ = self.equations
+        left = beside(self.modelled, np.zeros((len(r), 0)), r).r[: self.r.size]
         cost = float(left @ left)
         if self.mixing is not None:
             return cost + self.mixing.log_determinant(self.J)
@@ -104,7 +109,7 @@ class Fit:
 
     @property
     def moving(self) -> Array:
-        """The values, shape (p,), tunings at zero: rows follow ``J @ moving``, for they are no amounts."""
+        """The values, shape (p,), with tunings, which are no amounts, at zero: rows follow ``J @ moving``."""
         values = self.values.copy()
         values[self.model.tunings] = 0.0
         return values

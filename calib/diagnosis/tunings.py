@@ -17,7 +17,7 @@ from calib.diagnosis.linear import times
 from calib.diagnosis.scan import Beside, scores
 from calib.effects.gear_ripple import GearRipple
 from calib.effects.tuned import Tuned
-from calib.poses import Poses
+from calib.poses import IntArray, Poses
 from calib.se3 import Array
 
 _LISTED = 6  # best tunings of each form that later rounds choose among
@@ -26,7 +26,7 @@ _CHUNK = 400  # tunings at a time: memory
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """One form of an effect at all its tunings.
+    """One form of an effect at some tunings.
 
     tunings : ndarray, shape (C,), SI; functions : ndarray, shape (C, m, f)
     """
@@ -35,7 +35,7 @@ class Form:
     tunings: Array
     functions: Array
 
-    def only(self, chosen: Array) -> Form:
+    def only(self, chosen: IntArray) -> Form:
         """The same at some of its tunings."""
         return Form(self.effect, self.tunings[chosen], self.functions[chosen])
 
@@ -44,64 +44,59 @@ class Form:
 class Bank:
     """All that is tried of a cause at one place.
 
-    candidate : Candidate, of any tuning; forms : tuple of Form, those that are looked at
-    tried : int, those that were tried first
+    candidate : Candidate, of any tuning; poses : Poses
+    forms : tuple of Form, those that are looked at: the first at all tunings, or as listed
     """
 
     candidate: Candidate
+    poses: Poses
     forms: tuple[Form, ...]
-    tried: int
 
-    def scanned(self, around: Beside, carrier: Array, listed: bool = False) -> Bank:
-        """The same with a short list of tunings, the best of each form first.
+    def scanned(self, around: Beside, carrier: Array) -> Bank:
+        """The same with a short list of tunings; of richer forms, those and their halves.
 
         carrier : ndarray, shape (m, R, b), its whitened rows
-        listed : whether a list that is short already is put in order
         """
-        found = []
-        for form in self.forms:
-            falls = _falls(form, around, carrier)
-            order = np.argsort(-falls) if listed else _peaks(falls)
-            found.append(form.only(order[:_LISTED]))
-        return replace(self, forms=tuple(found))
+        first = self.forms[0]
+        short = first.only(_peaks(_falls(first, around, carrier))[:_LISTED])
+        return replace(self, forms=(short, *_richer(short, self.poses)))
 
     def best(self, around: Beside, carrier: Array, rows: int) -> tuple[Candidate, Array]:
-        """The best of the forms at their first tunings, and its rows (m, R, f b).
+        """The best of all forms and tunings that are looked at, and its rows (m, R, f b).
 
         rows : int, that count: a direction more must pay for itself
         """
-        worth, chosen = -np.inf, self.forms[0]
+        worth, found = -np.inf, self.forms[0].only(np.array([0]))
         for form in self.forms:
-            first = form.only(np.array([0]))
-            gain = float(_falls(first, around, carrier)[0])
-            gain -= len(form.effect.amplitudes) * float(np.log(rows))
+            falls = _falls(form, around, carrier)
+            first = int(np.argmax(falls))
+            gain = float(falls[first]) - len(form.effect.amplitudes) * float(np.log(rows))
             if gain > worth:
-                worth, chosen = gain, first
-        effect = chosen.effect.tuned(float(chosen.tunings[0]))
-        return replace(self.candidate, effect=effect), times(carrier, chosen.functions[0])
+                worth, found = gain, form.only(np.array([first]))
+        effect = found.effect.tuned(float(found.tunings[0]))
+        return replace(self.candidate, effect=effect), times(carrier, found.functions[0])
 
 
 def banks(suspects: Sequence[Candidate], poses: Poses) -> tuple[Bank, ...]:
     """The banks of those suspects that have a tuning and that these poses can speak of."""
     found = []
     for suspect in suspects:
-        if not isinstance(suspect.effect, Tuned):
+        effect = suspect.effect
+        if not isinstance(effect, Tuned) or not len(grid := effect.grid(poses)):
             continue
-        forms = [
-            Form(form, grid, form.functions(poses, grid))
-            for form in _forms(suspect.effect)
-            if len(grid := form.grid(poses))
-        ]
-        if forms:
-            tried = sum(len(form.tunings) for form in forms)
-            found.append(Bank(replace(suspect, tried=tried), tuple(forms), tried))
+        form = Form(effect, grid, effect.functions(poses, grid))
+        # Beside the grid, the richer forms at what is listed of it.
+        tried = len(grid) + (2 * _LISTED if isinstance(effect, GearRipple) else 0)
+        found.append(Bank(replace(suspect, tried=tried), poses, (form,)))
     return tuple(found)
 
 
-def _forms(effect: Tuned) -> Iterator[Tuned]:
-    yield effect
-    if isinstance(effect, GearRipple):
-        yield effect.with_harmonics(2)
+def _richer(short: Form, poses: Poses) -> Iterator[Form]:
+    """A ripple with its second harmonic, which may be the line that was found."""
+    if isinstance(short.effect, GearRipple):
+        tunings = np.concatenate([short.tunings, 0.5 * short.tunings])
+        effect = short.effect.with_harmonics(2)
+        yield Form(effect, tunings, effect.functions(poses, tunings))
 
 
 def _falls(form: Form, around: Beside, carrier: Array) -> Array:
@@ -113,7 +108,7 @@ def _falls(form: Form, around: Beside, carrier: Array) -> Array:
     return np.concatenate(parts)
 
 
-def _peaks(falls: Array) -> Array:
+def _peaks(falls: Array) -> IntArray:
     """Positions of the local maxima, the highest first."""
     padded = np.pad(falls, 1, constant_values=-np.inf)
     peaks = np.flatnonzero((falls >= padded[:-2]) & (falls >= padded[2:]))

@@ -18,6 +18,7 @@ from calib.poses import Poses
 
 VerdictName = Literal["no_gap", "explained", "ambiguous", "unknown"]
 
+_BEYOND_DOUBT = 60.0  # gain of a cause without close rivals that no whole fit takes away
 _TRIED = 5  # close rivals that are fitted in full
 _ALIKE = 3  # twins that are fitted beside them
 _LARGEST = 4  # members of a class with what is listed for its likeness
@@ -66,6 +67,9 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
         rest = [c for key, c in chosen.items() if key != id(entry)]
         others = twins(outcome, entry)
         rivals = [c for c in _close(entry, others) if c not in rest]
+        if len(rivals) == 1 and entry.score.gain > _BEYOND_DOUBT:
+            found.append(Named(entry, ((entry.candidate, _IN_CLASS),)))
+            continue
         fits = {c: stage.fit([*(o.effect for o in rest), c.effect]) for c in rivals}
         without = stage.fit([c.effect for c in rest]) if rest else outcome.before
         prices, nothing = _prices([*fits.values(), without])

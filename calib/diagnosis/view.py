@@ -12,14 +12,14 @@ import numpy as np
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.linear import LinearModel, times
 from calib.diagnosis.scan import beside as beside_scan
-from calib.diagnosis.screen import DEPENDENT, Field, beside, orthonormal
+from calib.diagnosis.screen import DEPENDENT, Field, beside
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.tunings import Bank, banks
 from calib.effects.tuned import Tuned
 from calib.poses import IntArray
 from calib.se3 import Array
 
-_MOST_LINES = 3  # of one kind at one place
+_MOST_LINES = 2  # of one kind at one place
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +58,11 @@ class Lineup:
         view = View(fit, rows, where, self.fixed)
         if not self.banks:
             return Lit(view, self)
-        around, count = beside_scan(fit, view.modelled), view.counted
+        around, count = beside_scan(fit), view.counted
         banks, suspects, tuned, end = [], list(self.fixed), [rows], rows.shape[-1]
         for bank in self.banks:
             carrier = rows[..., self.where[bank.candidate.key]]
-            own = bank.scanned(around, carrier, listed=not fresh)
+            own = bank.scanned(around, carrier) if fresh else bank
             banks.append(own)
             there = [c for c in active if _same(c, bank.candidate)]
             best, columns = own.best(around, carrier, count)
@@ -89,7 +89,8 @@ class Lit(NamedTuple):
 class View:
     """All candidates as seen from a fit.
 
-    fit : Fit; rows : ndarray, shape (m, R, K), whitened derivatives of every candidate, by its tuning none
+    fit : Fit
+    rows : ndarray, shape (m, R, K), whitened derivatives of every candidate, by a tuning none
     where : dict, candidate -> ndarray of int, its columns; suspects : tuple of Candidate
     """
 
@@ -110,22 +111,17 @@ class View:
         return rows.reshape(-1, rows.shape[-1])
 
     @cached_property
-    def modelled(self) -> Array:
-        """An orthonormal basis of all that is modelled, shape (N, k)."""
-        return orthonormal(self.fit.equations[1] @ self.fit.span)
-
-    @cached_property
     def beside(self) -> Field:
         """Candidates and residual with all that is modelled projected out."""
         r, _ = self.fit.equations
         X = np.zeros((len(r), self.columns.shape[1]))
         X[: len(self.columns)] = self.columns
-        return beside(self.modelled, X, r)
+        return beside(self.fit.modelled, X, r)
 
     @cached_property
     def _turned(self) -> tuple[Array, Array]:
         """What is modelled, and the candidates, in the directions of the basis."""
-        Q, J = self.modelled, self.fit.equations[1] @ self.fit.span
+        Q, J = self.fit.modelled, self.fit.equations[1] @ self.fit.span
         return Q.T @ J, Q[: len(self.columns)].T @ self.columns
 
     @cached_property
@@ -157,7 +153,7 @@ class View:
         held = 0 if member.named else len(own)  # rows of its prior, which go with it
         return Field(
             U.T @ candidates,
-            U.T @ (self.modelled.T @ r),
+            U.T @ (self.fit.modelled.T @ r),
             whole.lengths,
             whole.rows - held,
             whole.dof + U.shape[1] - held,
@@ -190,5 +186,6 @@ def _same(one: Candidate, other: Candidate) -> bool:
 def _rows(candidate: Candidate, carrier: Array, stage: Stage) -> Array:
     """Rows (m, R, f b) of a candidate at its tuning."""
     effect = candidate.effect
-    assert isinstance(effect, Tuned)
+    if not isinstance(effect, Tuned):
+        raise TypeError(f"{candidate.key} has no tuning")
     return times(carrier, effect.functions(stage.data.poses, np.array(effect.tuning)))

@@ -30,7 +30,7 @@ _DEPENDENT = 1e-12
 _LOST = 1e-6  # share of a column's length: the root of what is left of twelve digits
 _MOVED = 1e-9  # of a lever's usual length
 _MOST_STEPS = 40
-SETTLED = 0.01
+SETTLED = 0.05
 """Fall of -2 log likelihood that is not worth another step."""
 _LEAST = 0.2**2  # nobody's instrument is five times better than its maker says
 

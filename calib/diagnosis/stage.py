@@ -109,7 +109,7 @@ class Fit:
 
     @property
     def moving(self) -> Array:
-        """The values, shape (p,), with tunings, which are no amounts, at zero: rows follow ``J @ moving``."""
+        """The values, shape (p,), tunings at zero, which are no amounts: rows are ``J @ moving``."""
         values = self.values.copy()
         values[self.model.tunings] = 0.0
         return values

@@ -32,7 +32,6 @@ _CALLED = 12  # causes by name, of which some may stand for a curve
 _LENIENT = 3.0  # gain that a member may lack
 _MOST_ROUNDS = 60
 _SCANNED_ANEW = 4  # newcomers after which all tunings are tried again
-_RIVALS = 12
 _BEYOND_DOUBT = 200.0  # gain that no choice of variances takes away
 _STANDS = 0.8  # of the gain with which a member has proved itself, above which it need not again
 _APART = 0.7  # of its fall that a second newcomer keeps beside the first
@@ -44,7 +43,7 @@ _LEADING = (4, 2)  # causes by name, and curves, whose variances are found anew
 class Entry:
     """A candidate that is in, judged with all others in place.
 
-    score : Score, its own; rivals : tuple of (Candidate, gain), the best in its place first
+    score : Score, its own; rivals : tuple of (Candidate, gain), all in its place, the best first
     fall : float, by which it lowers the sum of squares, in variances of the instrument
     """
 
@@ -153,6 +152,13 @@ def contest(
         view, listed = listed.seen_from(stage, fit, rest, fresh=False)
         state = replace(state, active=rest, view=view)
     return Outcome(before, fit, state.active, view, lineup, state.proved)
+
+
+def left_with(stage: Stage, outcome: Outcome, rest: Sequence[Candidate]) -> Outcome:
+    """The outcome with some of what entered, nothing asked anew."""
+    fit = stage.fit([c.effect for c in rest], outcome.fit)
+    view, _ = outcome.lineup.seen_from(stage, fit, rest, fresh=True)
+    return replace(outcome, fit=fit, active=tuple(rest), view=view)
 
 
 def _idle(state: Round) -> Candidate | None:
@@ -337,4 +343,4 @@ def _entry(view: View, member: Candidate, active: Sequence[Candidate]) -> Entry:
     if view.fit.mixing is not None:
         bare = view.by_instrument
         alone = _linear(bare.without(member), bare, [member])[member.key]
-    return Entry(member, own, alone.fall, tuple(gains[:_RIVALS]))
+    return Entry(member, own, alone.fall, tuple(gains))

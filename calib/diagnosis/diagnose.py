@@ -195,7 +195,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     gap = gap_of(before, after, counted, heldout, floor, reach(stage, after, heldout), by_time)
     if by_time:
         added = after.model.effects[len(model.effects) :]
-        gap = replace(gap, over_time=over_time(stage, added))
+        gap = replace(gap, over_time=over_time(linear, added))
     doubted = left or gap.open or any(c.misshapen for c in causes)
     doubted |= bool(causes) and noise.source == "residual"
     return Diagnosis(

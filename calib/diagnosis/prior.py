@@ -66,21 +66,3 @@ def fitted_amplitudes(
         if settled:
             break
     return tuple(found.tolist())
-
-
-def curves_price(
-    model: Model, amplitudes: Sequence[float], values: Array, cov: Array
-) -> tuple[float, int]:
-    """What curves add to -2 log marginal likelihood beside the sum of squares, and their coefficients.
-
-    values : ndarray, shape (p,); cov : ndarray, shape (p, p), of the fit at these amplitudes
-    """
-    held, at = prior_rows(model, amplitudes), np.zeros(len(values), dtype=bool)
-    for _, part in curves_in(model):
-        at[part] = True
-    if not at.any():
-        return 0.0, 0
-    precision = (held.T @ held)[np.ix_(at, at)]
-    price = float(values[at] @ precision @ values[at])
-    price -= float(np.linalg.slogdet(cov[np.ix_(at, at)] @ precision)[1])
-    return price, int(at.sum())

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.contest import Outcome, contest
+from calib.diagnosis.contest import Outcome, contest, left_with
 from calib.diagnosis.earned import BY_TIME, ledger
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, classes
 
-_MOST_ROUNDS = 3
+_MOST_ROUNDS = 30
+_ASKED_AGAIN = 2  # times that all others may take the place of what went
 
 
 @dataclass(frozen=True)
@@ -39,33 +40,44 @@ def believed(
 ) -> tuple[Outcome, tuple[Named, ...], Fit, tuple[Refused, ...]]:
     """The contest without what does not deserve its name: its outcome, names, fit, and what went.
 
-    Each time something goes, the others are asked again: what it stood for may have another cause.
+    What something stood for that goes may have another cause: the others are asked again, a few times.
     """
     refused: dict[str, Refused] = {}
-    lineup = outcome.lineup
-    for _ in range(_MOST_ROUNDS):
-        named, after = classes(stage, outcome)
-        curves = [entry.candidate for entry in outcome.entries if not entry.candidate.named]
-        fresh = _unworthy(stage, after, [*(n.candidate for n in named), *curves])
+    for again in range(_MOST_ROUNDS):
+        fresh = _unworthy(stage, outcome.fit, outcome.active)
         if not fresh:
-            return outcome, named, after, tuple(refused.values())
+            named, after = classes(stage, outcome)
+            fresh = [(n.candidate, why) for n in named if (why := implausible(after, n.candidate))]
+            if not fresh:
+                return outcome, named, after, tuple(refused.values())
         refused |= {c.key: Refused.of(c, why) for c, why in fresh}
-        lineup = lineup.without(refused)
         rest = [c for c in outcome.active if c.key not in refused]
-        outcome = contest(stage, lineup, rest, outcome.proved)
+        lineup = outcome.lineup.without(refused)
+        if again < _ASKED_AGAIN:
+            outcome = contest(stage, lineup, rest, outcome.proved)
+        else:
+            outcome = left_with(stage, replace(outcome, lineup=lineup), rest)
     return nothing(outcome), (), outcome.before, tuple(refused.values())
 
 
-def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple[Candidate, str]]:
-    """What must go next, and why; nothing where all may stay."""
+def _unworthy(
+    stage: Stage, fit: Fit, active: Sequence[Candidate]
+) -> list[tuple[Candidate, str]]:
+    """What must go next, and why; nothing where all may stay.
+
+    Of those that earn nothing the worse half, for what is left may then earn its place.
+    """
     found = [(c, why) for c in active if c.named and (why := implausible(fit, c))]
     if found or not active:
         return found
     accounts = [(c, ledger(stage, fit, [c], c.depends_on in BY_TIME)) for c in active]
-    worst, account = max(accounts, key=lambda pair: pair[1].with_it - pair[1].without)
-    if not account.earns:
-        left = "stretches of time" if worst.depends_on in BY_TIME else "configurations"
-        return [(worst, f"{left} that are left out are predicted no better with it")]
+    idle = [(c, a) for c, a in accounts if not a.earns]
+    idle.sort(key=lambda pair: pair[1].without - pair[1].with_it)
+    for c, _ in idle[: (len(idle) + 1) // 2]:
+        left = "stretches of time" if c.depends_on in BY_TIME else "configurations"
+        found.append((c, f"{left} that are left out are predicted no better with it"))
+    if found:
+        return found
     together = ledger(stage, fit, list(active), False)
     if len(active) > 1 and not together.earns:
         return [(c, "all found together predict left-out configurations no better") for c in active]

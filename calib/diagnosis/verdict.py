@@ -10,19 +10,16 @@ import numpy as np
 
 from calib.diagnosis.candidates import Candidate, as_fitted
 from calib.diagnosis.contest import Entry, Outcome
-from calib.diagnosis.prior import curves_price
-from calib.diagnosis.screen import refuted
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.twins import Twin, twins
 from calib.poses import Poses
 
 VerdictName = Literal["no_gap", "explained", "ambiguous", "unknown"]
 
-_BEYOND_DOUBT = 60.0  # gain of a cause without close rivals that no whole fit takes away
-_TRIED = 5  # close rivals that are fitted in full
-_ALIKE = 3  # twins that are fitted beside them
+_TRIED = 5  # close rivals that are looked at
+_ALIKE = 3  # twins beside them
 _LARGEST = 4  # members of a class with what is listed for its likeness
-_CLOSE = 30.0  # gain below the best at which a rival is not worth a fit
+_CLOSE = 30.0  # gain below the best at which a rival is none
 _SAME = 8.0  # difference of -2 log likelihood that tells nothing yet
 _MASS = 0.98  # of the likelihood that a class holds together
 # Estimated by maximum likelihood from 382 named effects of 560 simulated cases (studies.withheld, seeds
@@ -53,35 +50,27 @@ class Named:
 
 
 def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
-    """Close rivals of every named entry, fitted in full; and the fit with the best of each.
+    """Every named entry with its close rivals; and the fit with the best of each.
 
-    A linear screen can let a wrong geometry imitate an effect; only whole fits are compared.
+    All are compared to first order, whatever else is modelled free to make room for them.
     """
     chosen = {id(entry): entry.candidate for entry in outcome.entries}
     found: list[Named] = []
-    fit = outcome.fit
     direction = float(np.log(max(2, outcome.last.rows)))
     for entry in sorted(outcome.entries, key=lambda e: e.score.gain):
         if not entry.candidate.named:
             continue
         rest = [c for key, c in chosen.items() if key != id(entry)]
         others = twins(outcome, entry)
-        rivals = [c for c in _close(entry, others) if c not in rest]
-        if len(rivals) == 1 and entry.score.gain > _BEYOND_DOUBT:
-            found.append(Named(entry, ((entry.candidate, _IN_CLASS),)))
-            continue
-        fits = {c: stage.fit([*(o.effect for o in rest), c.effect]) for c in rivals}
-        without = stage.fit([c.effect for c in rest]) if rest else outcome.before
-        prices, nothing = _prices([*fits.values(), without])
-        if min(prices) >= nothing:
-            del chosen[id(entry)]  # linear evidence that no whole fit bears out
-            fit = without
-            continue
-        ordered = sorted(zip(fits, prices, strict=True), key=lambda pair: pair[1])
+        prices = {c.key: -gain for c, gain in entry.rivals}
+        rivals = [c for c in _close(entry, others) if c not in rest and c.key in prices]
+        ordered = sorted(((c, prices[c.key]) for c in rivals), key=lambda pair: pair[1])
         chosen[id(entry)] = ordered[0][0]
-        fit = fits[ordered[0][0]]
         found.append(Named(entry, _members(ordered, others, direction)))
     found.sort(key=lambda named: -named.entry.score.gain)
+    same = tuple(chosen.values()) == outcome.active
+    effects = [c.effect for c in chosen.values()]
+    fit = outcome.fit if same else stage.fit(effects, outcome.fit)
     return tuple(_as_fitted(named, fit, stage.data.poses) for named in found), fit
 
 
@@ -98,31 +87,6 @@ def _as_fitted(named: Named, fit: Fit, poses: Poses) -> Named:
     first, probability = named.members[0]
     first = as_fitted(first, fit.values[fit.positions(first.effect)], poses)
     return replace(named, members=((first, probability), *named.members[1:]))
-
-
-def _prices(fits: Sequence[Fit]) -> tuple[list[float], float]:
-    """-2 log likelihood (of curves the marginal one) and Schwarz's price, that of the last fit apart.
-
-    Infinite where a fit failed. Where the best residual refutes the stated noise, its size is taken for
-    the noise of all. Where whole poses err together, each fit has its own levels of noise.
-    """
-    scattered = any(fit.mixing is not None for fit in fits)
-    costs = np.array([float((fit.r**2).sum()) for fit in fits])
-    rows = np.array([max(2, np.count_nonzero(np.abs(fit.J).sum(axis=-1))) for fit in fits])
-    free = np.array([fit.span.shape[1] for fit in fits])
-    best = int(np.argmin(np.nan_to_num(costs, nan=np.inf) / np.maximum(1, rows - free)))
-    dof = max(1, int(rows[best] - free[best]))
-    scale = costs[best] / dof if refuted(float(costs[best]), dof) else 1.0
-    if scattered:
-        costs, scale = np.array([fit.minus_two_log_likelihood() for fit in fits]), 1.0
-    curved = [
-        curves_price(f.model, f.amplitudes, f.values, f.covariance if f.amplitudes else np.eye(0))
-        for f in fits
-    ]
-    smooth, coefficients = (np.array(part) for part in zip(*curved, strict=True))
-    prices = costs / scale + smooth + (free - coefficients) * np.log(rows)
-    *own, last = np.where(np.isfinite(prices), prices, np.inf).tolist()
-    return own, last
 
 
 def _members(

@@ -118,7 +118,8 @@ def _diagnosed(result: Diagnosis) -> Estimate:
     fit, scale, stage = result.after, result.scale, result.stage
     unnamed = [e.candidate for e in result.outcome.entries if not e.candidate.named]
     if unnamed:
-        fit = stage.fit([cause.named.candidate.effect for cause in result.causes])
+        named = [cause.named.candidate.effect for cause in result.causes]
+        fit = stage.exact(result.linear.fit(named, fit))
         scale = _scale(fit)
     levels, cov = fit.levels, fit.covariance * scale**2
     kept, lost = ~stage.dropped, np.diag(cov) <= 0.0

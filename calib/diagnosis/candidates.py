@@ -43,6 +43,7 @@ class Candidate:
     depends_on : str, on what it depends most, as in the results
     tried : int, forms among which this one was chosen
     line : int, its number among causes of its kind at its place
+    echo : str, key of the cause in whose place it stands with the same tuning; itself none
     """
 
     effect: Effect
@@ -50,6 +51,7 @@ class Candidate:
     depends_on: str
     tried: int = 1
     line: int = 1
+    echo: str = ""
 
     @property
     def where(self) -> str:
@@ -61,7 +63,8 @@ class Candidate:
         """``effect:where``, for a curve with its variable and what it moves."""
         if not isinstance(self.effect, Curve):
             further = f" #{self.line}" if self.line > 1 else ""
-            return f"{self.effect.kind}:{self.where}{further}"
+            echo = f" as {self.echo}" if self.echo else ""
+            return f"{self.effect.kind}:{self.where}{further}{echo}"
         variable, count = self.effect.variable, len(self.effect.parameters)
         about = f" along {np.round(variable.axis, 3)}" if isinstance(variable, Torque) else ""
         return f"{type(self.effect).__name__}:{self.where} by {self.depends_on}{about} ({count})"
@@ -71,6 +74,16 @@ class Candidate:
         """Its parameters but for a tuning, which is no size."""
         effect = self.effect
         return effect.amplitudes if isinstance(effect, Tuned) else effect.parameters
+
+    def is_like(self, other: Candidate) -> bool:
+        """Whether both are causes of one kind at one place, at whatever tuning."""
+        kinds = self.effect.kind, other.effect.kind
+        return self.named and kinds[0] == kinds[1] and self.where == other.where
+
+    @property
+    def unit_of_arm(self) -> bool:
+        """Whether it stands for all joints or links at once."""
+        return self.where == ARM
 
     @cached_property
     def limits(self) -> Array:

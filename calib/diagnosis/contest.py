@@ -21,6 +21,7 @@ from calib.diagnosis.profile import ground
 from calib.diagnosis.screen import NOTHING, Field, Score, score
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.view import Lineup, View
+from calib.effects.tuned import Tuned
 
 ALPHA = 0.01
 """Probability of a false entry, over all candidates together."""
@@ -29,8 +30,10 @@ _NAMED_SHARE = 0.9  # of the leader's evidence at which a cause by name is prefe
 _CURVES_TOO = 0.2  # of the best curve's gain: a name with more is taken before curves are judged
 _MOST_CURVES = 4  # of which more than one seldom means a thing to anybody
 _CALLED = 12  # causes by name, of which some may stand for a curve
+_COMES_BACK = 30.0  # gain, once it has gone: or the doubtful go in circles
 _LENIENT = 3.0  # gain that a member may lack
 _MOST_ROUNDS = 60
+_A_FAMILY = 3  # places at which a kind is asked
 _SCANNED_ANEW = 4  # newcomers after which all tunings are tried again
 _BEYOND_DOUBT = 200.0  # gain that no choice of variances takes away
 _STANDS = 0.8  # of the gain with which a member has proved itself, above which it need not again
@@ -91,6 +94,7 @@ class Round:
 
     active : what is in; view : all suspects from the fit with it
     proved : dict, key of a member -> gain with which it last defended its place against all
+    left : set, keys of those that went, which must do better to come back
     """
 
     stage: Stage
@@ -98,10 +102,39 @@ class Round:
     view: View
     asked: int
     proved: dict[str, float]
+    left: set[str]
 
-    def pays(self, found: Score) -> bool:
-        """Whether a score earns its holder a place."""
-        return bool(found.gain > 2.0 * np.log(self.asked) and found.p * self.asked < ALPHA)
+    def pays(self, found: Score, candidate: Candidate | None = None) -> bool:
+        """Whether a score earns its holder a place, a member of a family that is there among its kind."""
+        asked = self.asked
+        if candidate is not None and candidate.effect.kind in self.families:
+            asked = self.families[candidate.effect.kind]
+        if candidate is not None and candidate.key in self.left and found.gain < _COMES_BACK:
+            return False
+        return bool(found.gain > 2.0 * np.log(asked) and found.p * asked < ALPHA)
+
+    @cached_property
+    def families(self) -> dict[str, int]:
+        """Kinds that show at many places at once, and at how many each was asked.
+
+        One variance over all places of a kind: it pools evidence that no place has alone.
+        """
+        found = {}
+        for kind in dict.fromkeys(c.effect.kind for c in self.view.suspects if c.named):
+            members = [
+                c
+                for c in self.view.suspects
+                if c.effect.kind == kind and not (c.unit_of_arm or c.echo or c in self.active)
+            ]
+            if len(members) < _A_FAMILY:
+                continue
+            columns = np.concatenate([self.view.where[c.key] for c in members])
+            sizes = np.concatenate([[p.size for p in c.amounts] for c in members])
+            tried = sum(c.tried - 1 for c in members)
+            pooled = score(self.view.beside, columns, np.diag(sizes**2))
+            if not tried and self.pays(pooled):
+                found[kind] = len(members)
+        return found
 
     def stays(self, found: Score) -> bool:
         """Whether a score keeps a member in its place: a little less, or the doubtful go in circles."""
@@ -126,7 +159,7 @@ def contest(
     before = stage.fit(())
     fit = stage.fit([c.effect for c in active], before) if active else before
     view, listed = lineup.seen_from(stage, fit, active, fresh=True)
-    state, fresh = Round(stage, tuple(active), view, lineup.asked, dict(proved or {})), True
+    state, fresh = Round(stage, tuple(active), view, lineup.asked, dict(proved or {}), set()), True
     grown = 0
     tried = {frozenset(c.key for c in active)}
     for _ in range(_MOST_ROUNDS):
@@ -134,12 +167,14 @@ def contest(
         if found == state.active and fresh:
             return Outcome(before, fit, found, view, lineup, state.proved)
         fresh = found == state.active
+        found = _numbered(found)
         grown += len(set(found) - set(state.active))
         if not fresh:
             keys = frozenset(c.key for c in found)
             if keys in tried:
                 break
             tried.add(keys)
+            state.left.update({c.key for c in state.active} - keys)
             fit = stage.fit([c.effect for c in found], fit)
         fresh = fresh or grown >= _SCANNED_ANEW
         grown = 0 if fresh else grown
@@ -152,6 +187,17 @@ def contest(
         view, listed = listed.seen_from(stage, fit, rest, fresh=False)
         state = replace(state, active=rest, view=view)
     return Outcome(before, fit, state.active, view, lineup, state.proved)
+
+
+def _numbered(active: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """The same with causes of one kind at one place numbered from one."""
+    found: list[Candidate] = []
+    for c in active:
+        line = 1 + sum(other.is_like(c) for other in found)
+        found.append(
+            c if c.line == line or not isinstance(c.effect, Tuned) else replace(c, line=line)
+        )
+    return tuple(found)
 
 
 def left_with(stage: Stage, outcome: Outcome, rest: Sequence[Candidate]) -> Outcome:
@@ -201,9 +247,7 @@ def _challenger(state: Round, member: Candidate, own: Score, beside: Field) -> C
     rest = [c for c in state.active if c is not member]
     scores = _linear(beside, state.view, state.view.suspects)
     eligible = [c for c in _eligible(rest, state.view) if c is not member]
-    eligible = [
-        c for c in eligible if (c.effect.kind, c.where) != (member.effect.kind, member.where)
-    ]
+    eligible = [c for c in eligible if not c.is_like(member)]
     if member.named:  # a curve comes in beside it, and it then stands or falls
         eligible = [c for c in eligible if c.named]
     best = _leader(state, scores, [*eligible, member])
@@ -235,7 +279,7 @@ def _entering(
 ) -> list[Candidate]:
     """Those that pay by their scores: names first, but where a curve explains far more."""
     paying = sorted(
-        (c for c in eligible if state.pays(scores[c.key])), key=lambda c: -scores[c.key].gain
+        (c for c in eligible if state.pays(scores[c.key], c)), key=lambda c: -scores[c.key].gain
     )
     named = [c for c in paying if c.named]
     curve = next((c for c in paying if not c.named), None)
@@ -262,7 +306,7 @@ def _kept(view: View, candidate: Candidate, other: Candidate) -> float:
 def _eligible(active: Sequence[Candidate], view: View) -> list[Candidate]:
     """Who may come in beside those that are: of curves no more than a few."""
     full = sum(not c.named for c in active) >= _MOST_CURVES
-    return [c for c in view.suspects if c not in active and (c.named or not full)]
+    return [c for c in view.suspects if c not in active and not c.echo and (c.named or not full)]
 
 
 def _by_name(beside: Field, state: Round, curve: Candidate) -> list[Candidate]:
@@ -270,8 +314,9 @@ def _by_name(beside: Field, state: Round, curve: Candidate) -> list[Candidate]:
     if curve.spread is None:
         return []
     view = state.view
-    scores = _linear(beside, view, [c for c in view.suspects if c.named])
-    named = [c for c in view.suspects if c.named and scores[c.key].gain > 0.0]
+    names = [c for c in view.suspects if c.named and not c.echo]
+    scores = _linear(beside, view, names)
+    named = [c for c in names if scores[c.key].gain > 0.0]
     named = sorted(named, key=lambda c: -scores[c.key].gain)[:_CALLED]
     at = [view.where[c.key] for c in named]
     found = instead_of(beside, view.where[curve.key], curve.spread, at, state.pays)
@@ -334,7 +379,11 @@ def _leader(state: Round, scores: dict[str, Score], eligible: Sequence[Candidate
 
 def _entry(view: View, member: Candidate, active: Sequence[Candidate]) -> Entry:
     rest = [c for c in active if c is not member]
-    suspects = view.suspects
+    suspects = [
+        c
+        for c in view.suspects
+        if c is member or (not c.is_like(member) and c.echo in ("", member.key))
+    ]
     scores = _linear(view.without(member), view, suspects)
     gains = [(c, scores[c.key].gain) for c in suspects if c not in rest]
     gains.sort(key=lambda pair: -pair[1])

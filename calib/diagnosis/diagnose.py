@@ -104,6 +104,7 @@ class Diagnosis:
     not_asked : causes that the table's columns cannot speak of
     refused : what the contest held and what is not named all the same
     before, after : Fit, of the user's model and with all that was found; stage : what they fit
+    linear : Stage, the same to first order
     suspects : tuple of Candidate, all that was asked; outcome : Outcome, of the contest
     growth : Growth, of the noise with range, None where the residual shows none
     scale : float, actual over the standard deviation that the stage weighs by
@@ -126,6 +127,7 @@ class Diagnosis:
     after: Fit
     outcome: Outcome
     stage: Stage
+    linear: Stage
     suspects: tuple[Candidate, ...]
     heldout: Measurements | None
     growth: Growth | None
@@ -216,7 +218,8 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         after=after,
         outcome=outcome,
         stage=stage,
-        suspects=outcome.suspects,
+        linear=linear,
+        suspects=tuple(c for c in outcome.suspects if not c.echo),
         heldout=heldout,
         growth=grows,
         scale=scale,
@@ -369,10 +372,11 @@ def _hidden(
     found = []
     entered = {cause.named.candidate.key for cause in causes}
     for candidate in suspects:
-        if not candidate.named or candidate.key in entered:
+        if not candidate.named or candidate.echo or candidate.key in entered:
             continue
         columns, parameters = outcome.view.where[candidate.key], candidate.amounts
-        sizes = smallest_sizes(outcome.last, columns, len(suspects), ALPHA).tolist()
+        asked = len(suspects) * candidate.tried
+        sizes = smallest_sizes(outcome.last, columns, asked, ALPHA).tolist()
         size, parameter = min(
             zip(sizes, parameters, strict=True), key=lambda pair: pair[0] / pair[1].size
         )

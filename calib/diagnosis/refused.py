@@ -60,9 +60,7 @@ def believed(
     return nothing(outcome), (), outcome.before, tuple(refused.values())
 
 
-def _unworthy(
-    stage: Stage, fit: Fit, active: Sequence[Candidate]
-) -> list[tuple[Candidate, str]]:
+def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple[Candidate, str]]:
     """What must go next, and why; nothing where all may stay.
 
     Of those that earn nothing the worse half, for what is left may then earn its place.

@@ -81,8 +81,9 @@ def shape_doubt(stage: Stage, fit: Fit, effect: Effect, causes: int = 1) -> Doub
     if asked is None:
         return Doubt(1.0, "none", 0.0, True)
     first, p, fall = asked.answer
-    also_there = _also_there(stage, fit, effect, first)
-    return Doubt(min(1.0, causes * p), first.depends_on, fall, also_there)
+    p = min(1.0, causes * p)
+    also_there = p >= SHAPE_ALPHA or _also_there(stage, fit, effect, first)
+    return Doubt(p, first.depends_on, fall, also_there)
 
 
 def question(stage: Stage, fit: Fit, effect: Effect) -> Question | None:

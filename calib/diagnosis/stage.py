@@ -13,7 +13,7 @@ from calib.cell import Repeatability
 from calib.covariance import covariance, gain
 from calib.diagnosis.linear import LinearModel, linearised
 from calib.diagnosis.prior import curves_in, fitted_amplitudes, prior_rows, weak
-from calib.diagnosis.screen import beside, orthonormal
+from calib.diagnosis.screen import orthonormal
 from calib.effects.protocol import Effect
 from calib.identify.estimators import choose_directions
 from calib.identify.outliers import fit_statistics
@@ -95,17 +95,6 @@ class Fit:
         N = self.r.size
         of_prior = self.pull * gains[N:]
         return self.mixing.covariance(gains[:N].reshape(self.J.shape)) + of_prior.T @ of_prior
-
-    def minus_two_log_likelihood(self) -> float:
-        """Of the readings, less a constant, at the levels of noise and at what is left by any step."""
-        r, _ = self.equations
-        left = beside(self.modelled, np.zeros((len(r), 0)), r).r[: self.r.size]
-        cost = float(left @ left)
-        if self.mixing is not None:
-            return cost + self.mixing.log_determinant(self.J)
-        scale = self.variances.scale
-        rows = np.count_nonzero(np.abs(self.J).sum(axis=-1))
-        return cost / scale**2 + float(2.0 * rows * np.log(scale))
 
     @property
     def moving(self) -> Array:

@@ -45,7 +45,11 @@ def twins(outcome: Outcome, entry: Entry) -> list[Twin]:
     active = {c.key for c in outcome.active}
     found = []
     for suspect in outcome.suspects:
-        if not suspect.named or suspect.key in active or _contains(suspect, entry.candidate):
+        if not suspect.named or suspect.key in active or suspect.is_like(entry.candidate):
+            continue
+        if suspect.echo not in ("", entry.candidate.key):
+            continue
+        if _contains(suspect, entry.candidate):
             continue
         V = beside.directions(where[suspect.key])
         if V.shape[1] > U.shape[1] + _MORE:

@@ -65,11 +65,12 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
         prices = {c.key: -gain for c, gain in entry.rivals}
         rivals = [c for c in _close(entry, others) if c not in rest and c.key in prices]
         ordered = sorted(((c, prices[c.key]) for c in rivals), key=lambda pair: pair[1])
+        ordered = [(replace(c, echo="", line=1) if c.echo else c, price) for c, price in ordered]
         chosen[id(entry)] = ordered[0][0]
         found.append(Named(entry, _members(ordered, others, direction)))
     found.sort(key=lambda named: -named.entry.score.gain)
-    same = tuple(chosen.values()) == outcome.active
     effects = [c.effect for c in chosen.values()]
+    same = effects == [c.effect for c in outcome.active]
     fit = outcome.fit if same else stage.fit(effects, outcome.fit)
     return tuple(_as_fitted(named, fit, stage.data.poses) for named in found), fit
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -15,6 +15,7 @@ from calib.diagnosis.scan import beside as beside_scan
 from calib.diagnosis.screen import DEPENDENT, Field, beside
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.tunings import Bank, banks
+from calib.effects.timed import Timed
 from calib.effects.tuned import Tuned
 from calib.poses import IntArray
 from calib.se3 import Array
@@ -64,13 +65,17 @@ class Lineup:
             carrier = rows[..., self.where[bank.candidate.key]]
             own = bank.scanned(around, carrier) if fresh else bank
             banks.append(own)
-            there = [c for c in active if _same(c, bank.candidate)]
+            there = [c for c in active if c.is_like(bank.candidate)]
             best, columns = own.best(around, carrier, count)
             best = replace(best, line=1 + max((c.line for c in there), default=0))
             offered = [(best, columns)] if best.line <= _MOST_LINES else []
             offered = [pair for pair in offered if best.key not in self.closed]
-            for candidate, columns in [*((c, _rows(c, carrier, stage)) for c in there), *offered]:
-                suspects.append(candidate)
+            echoes = tuple(_echoes(bank.candidate, active))
+            suspects += [*there, *(c for c, _ in offered), *echoes]
+            for candidate, columns in [
+                *((c, _rows(c, carrier, stage)) for c in (*there, *echoes)),
+                *offered,
+            ]:
                 tuned.append(columns)
                 where[candidate.key] = np.arange(end, end + columns.shape[-1])
                 end += columns.shape[-1]
@@ -179,8 +184,13 @@ def lineup(stage: Stage, suspects: Sequence[Candidate], known: Sequence[Bank] = 
     return Lineup(fixed, tuple(tuned.values()), J, where)
 
 
-def _same(one: Candidate, other: Candidate) -> bool:
-    return one.effect.kind == other.effect.kind and one.where == other.where
+def _echoes(candidate: Candidate, active: Sequence[Candidate]) -> Iterator[Candidate]:
+    """A cause that is not in, at the tunings of its kind elsewhere: what it would be in their place."""
+    if any(c.is_like(candidate) for c in active):
+        return
+    for c in active:
+        if isinstance(c.effect, Timed) and c.effect.kind == candidate.effect.kind:
+            yield replace(candidate.as_tuned(c.effect.tuning), line=0, echo=c.key)
 
 
 def _rows(candidate: Candidate, carrier: Array, stage: Stage) -> Array:

@@ -41,15 +41,6 @@ class Mixing:
         """Independent rows of unit variance, from whitened ones, both (..., m, R, p)."""
         return self._applied([inverse for _, inverse in self.blocks], rows)
 
-    def log_determinant(self, J: Array) -> float:
-        """Of the covariance of the rows that count; J : ndarray, shape (m, R, p), zero for the others.
-
-        A row that does not count has the instrument's variance alone, which is taken out again.
-        """
-        idle = int(np.count_nonzero(np.abs(J).sum(axis=-1) == 0.0))
-        logs = [np.log(np.diagonal(i, axis1=-2, axis2=-1)).sum() for _, i in self.blocks]
-        return float(-2.0 * np.sum(logs) - idle * 2.0 * np.log(self.scale))
-
     def back(self, gains: Array) -> Array:
         """Gains on whitened rows, from those on the independent rows made of them, (..., m, R, p)."""
         return self._applied([np.swapaxes(i, -1, -2) for _, i in self.blocks], gains)

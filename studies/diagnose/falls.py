@@ -32,7 +32,7 @@ def falls(result: Diagnosis) -> Falls:
     data = stage.data.take(~stage.dropped) if result.heldout is None else result.heldout
     added = by_share(result)
     fits = [result.before]
-    fits += [stage.fit([c.effect for c in added[:n]]) for n in range(1, len(added))]
+    fits += [result.linear.fit([c.effect for c in added[:n]]) for n in range(1, len(added))]
     fits += [result.after] if added else []
     errors = np.array([rms(squared_errors(fit, data)) for fit in fits])
     return Falls(tuple(added), errors, result.heldout is not None)

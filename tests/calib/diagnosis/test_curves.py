@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,6 @@ from calib.build import build
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.curves import Curve
 from calib.diagnosis.functions import Polyline, neighbours, polyline
-from calib.diagnosis.prior import curves_price
 from calib.diagnosis.stage import Fit, Stage
 from calib.model import Model
 from calib.poses import IntArray
@@ -100,24 +97,3 @@ def test_every_candidate_has_a_key_of_its_own() -> None:
     cell, data, _ = measured("", [])
     suspects, _ = candidates(cell, build(cell, data.poses).model, data)
     assert len({c.key for c in suspects}) == len(suspects)
-
-
-def test_price_of_curves_is_that_of_the_marginal_likelihood() -> None:
-    """-2 log density of the readings with the coefficients integrated out, by dense matrices."""
-    cell, data, _ = measured("", [])
-    stage, curve = _stage_with_curve(cell, data)
-    fits = [stage.fit([curve]) for stage in (stage, replace(stage, weights=0.5 * stage.weights))]
-    for fit in fits:
-        own = fit.positions(curve)
-        J = fit.J.reshape(-1, fit.J.shape[-1])
-        plain = fit.span[:, np.abs(fit.span[own]).sum(axis=0) == 0.0]
-        Q = np.linalg.qr(J @ plain)[0]
-        X = J[:, own] - Q @ (Q.T @ J[:, own])
-        r = fit.r.ravel() + J[:, own] @ fit.values[own]
-        r = r - Q @ (Q.T @ r)
-        prior = np.linalg.inv(curve.spread) / fit.amplitudes[0] ** 2
-        cov = np.eye(len(r)) + X @ np.linalg.solve(prior, X.T)
-        dense = r @ np.linalg.solve(cov, r) + np.linalg.slogdet(cov)[1]
-        price, count = curves_price(fit.model, fit.amplitudes, fit.values, fit.covariance)
-        assert count == len(own)
-        assert float((fit.r**2).sum()) + price == pytest.approx(dense, rel=1e-6)

@@ -14,7 +14,7 @@ from calib.diagnosis.contest import ALPHA
 from calib.diagnosis.preference import instead_of
 from calib.diagnosis.screen import Field, Score, field, score
 from calib.diagnosis.stage import Stage
-from calib.diagnosis.view import columns_at
+from calib.diagnosis.view import lineup
 from calib.identify.identify import whitening
 from calib.identify.initial import initial_values
 from calib.moves import with_moves
@@ -153,7 +153,9 @@ def of_the_curve_that_leads(error: object, seed: int) -> tuple[str, list[str]]:
     stage = Stage(data, model, start, whitening(cell, model, start, data), nothing, robust=False)
     suspects, _ = candidates(cell, model, data)
     fit = stage.fit(())
-    view = columns_at(stage, fit, suspects).seen_from(stage, fit)
+    linear = stage.about(fit, [c.effect for c in suspects])
+    view = lineup(linear, suspects).seen_from(linear, fit, (), fresh=True).view
+    suspects = list(view.suspects)
     beside: Field = view.by_instrument.beside
     where: dict[str, IntArray] = view.where
     curves = [c for c in suspects if not c.named and c.where == "Z"]

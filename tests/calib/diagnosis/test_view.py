@@ -9,7 +9,7 @@ from calib.build import build
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.screen import field
 from calib.diagnosis.stage import Stage
-from calib.diagnosis.view import columns_at
+from calib.diagnosis.view import lineup
 from calib.identify.identify import whitening
 from calib.identify.initial import initial_values
 from tests.calib.diagnosis.test_diagnose import measured
@@ -26,7 +26,9 @@ def test_an_effect_taken_out_is_as_if_it_had_never_been_projected_out() -> None:
     named = next(c for c in suspects if c.key == "backlash:A3")
     curve = next(c for c in suspects if not c.named and c.depends_on == "q:A4")
     fit = stage.fit([named.effect, curve.effect])
-    seen = columns_at(stage, fit, suspects).seen_from(stage, fit)
+    linear = stage.about(fit, [c.effect for c in suspects])
+    active = (named, curve)
+    seen = lineup(linear, suspects).seen_from(linear, fit, active, fresh=True).view
     r, J = fit.equations
     for member in (named, curve):
         own = fit.positions(member.effect)
@@ -36,12 +38,13 @@ def test_an_effect_taken_out_is_as_if_it_had_never_been_projected_out() -> None:
         scratch = field(J @ rest, X, r + J[:, own] @ fit.values[own])
         found = seen.without(member)
         for name, columns in seen.where.items():
-            ours, theirs = found.X[:, columns], scratch.X[:, columns]
+            whole, theirs = found.take(columns), scratch.X[:, columns]
+            ours = whole.X
             scale = max(float((theirs**2).max()), 1e-9) * len(r)
             np.testing.assert_allclose(
                 ours.T @ ours, theirs.T @ theirs, atol=1e-6 * scale, err_msg=name
             )
             scale = np.sqrt(scale * scratch.cost)
-            np.testing.assert_allclose(ours.T @ found.r, theirs.T @ scratch.r, atol=1e-6 * scale)
+            np.testing.assert_allclose(ours.T @ whole.r, theirs.T @ scratch.r, atol=1e-6 * scale)
         assert found.cost == pytest.approx(scratch.cost)
         assert found.dof == scratch.dof

@@ -32,7 +32,7 @@ _MOST_CURVES = 4  # of which more than one seldom means a thing to anybody
 _CALLED = 12  # causes by name, of which some may stand for a curve
 _COMES_BACK = 30.0  # gain, once it has gone: or the doubtful go in circles
 _LENIENT = 3.0  # gain that a member may lack
-_MOST_ROUNDS = 60
+_MOST_ROUNDS = 60, 12  # of a contest from nothing, and of one that goes on from another
 _A_FAMILY = 3  # places at which a kind is asked
 _SCANNED_ANEW = 4  # newcomers after which all tunings are tried again
 _BEYOND_DOUBT = 200.0  # gain that no choice of variances takes away
@@ -105,7 +105,7 @@ class Round:
     left: set[str]
 
     def pays(self, found: Score, candidate: Candidate | None = None) -> bool:
-        """Whether a score earns its holder a place, a member of a family that is there among its kind."""
+        """Whether a score earns its holder a place: among all, or those of a family that shows."""
         asked = self.asked
         if candidate is not None and candidate.effect.kind in self.families:
             asked = self.families[candidate.effect.kind]
@@ -162,7 +162,7 @@ def contest(
     state, fresh = Round(stage, tuple(active), view, lineup.asked, dict(proved or {}), set()), True
     grown = 0
     tried = {frozenset(c.key for c in active)}
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(_MOST_ROUNDS[bool(active)]):
         found = _better(state)
         if found == state.active and fresh:
             return Outcome(before, fit, found, view, lineup, state.proved)
@@ -180,12 +180,6 @@ def contest(
         grown = 0 if fresh else grown
         view, listed = (lineup if fresh else listed).seen_from(stage, fit, found, fresh)
         state = replace(state, active=found, view=view)
-    # A contest that goes in circles is left with what pays where it stood.
-    while (idle := _idle(state)) is not None:
-        rest = tuple(c for c in state.active if c is not idle)
-        fit = stage.fit([c.effect for c in rest], fit)
-        view, listed = listed.seen_from(stage, fit, rest, fresh=False)
-        state = replace(state, active=rest, view=view)
     return Outcome(before, fit, state.active, view, lineup, state.proved)
 
 
@@ -205,16 +199,6 @@ def left_with(stage: Stage, outcome: Outcome, rest: Sequence[Candidate]) -> Outc
     fit = stage.fit([c.effect for c in rest], outcome.fit)
     view, _ = outcome.lineup.seen_from(stage, fit, rest, fresh=True)
     return replace(outcome, fit=fit, active=tuple(rest), view=view)
-
-
-def _idle(state: Round) -> Candidate | None:
-    """The member that pays least of those that do not pay."""
-    scores = {}
-    for c in state.active:
-        linear = _linear(state.view.without(c), state.view, [c])[c.key]
-        scores[c] = _defence(state, c, linear)
-    idle = [c for c in state.active if not state.stays(scores[c])]
-    return min(idle, key=lambda c: scores[c].gain) if idle else None
 
 
 def _better(state: Round) -> tuple[Candidate, ...]:

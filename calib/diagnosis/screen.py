@@ -76,7 +76,7 @@ class Field:
 
     def compressed(self) -> Field:
         """The same products and cost in as few rows as there are columns."""
-        R = np.linalg.qr(np.column_stack([self.X, self.r]), mode="r")
+        R = np.asarray(np.linalg.qr(np.column_stack([self.X, self.r]), mode="r"))
         return Field(R[:, :-1], R[:, -1], self.lengths, self.rows, self.dof)
 
     def take(self, columns: IntArray) -> Field:

@@ -153,7 +153,7 @@ def _triangle(problem: Turned, theta: Array) -> tuple[list[Array], list[Array], 
     if not R.size or (np.diag(R) < _LOST * scale).any():
         # Squares have lost what is left of some column: the rows themselves have not.
         rows = np.concatenate([*flat, problem.outside / np.sqrt(theta[0]), problem.held])
-        R = np.linalg.qr(rows, mode="r")
+        R = np.asarray(np.linalg.qr(rows, mode="r"))
     return factors, flat, np.asarray(R)
 
 

@@ -9,7 +9,7 @@ at that fit.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -234,7 +234,7 @@ def _challenger(state: Round, member: Candidate, own: Score, beside: Field) -> C
     eligible = [c for c in eligible if not c.is_like(member)]
     if member.named:  # a curve comes in beside it, and it then stands or falls
         eligible = [c for c in eligible if c.named]
-    best = _leader(state, scores, [*eligible, member])
+    best = _leader(scores, [*eligible, member], state.pays)
     named = best.named and not member.named
     if best is member or not (named or scores[best.key].gain > own.gain + _CHALLENGE):
         return None
@@ -350,7 +350,9 @@ def _leading(
     return [c for c in ordered if scores[c.key].evidence > 0.0]
 
 
-def _leader(state: Round, scores: dict[str, Score], eligible: Sequence[Candidate]) -> Candidate:
+def _leader(
+    scores: Mapping[str, Score], eligible: Sequence[Candidate], pays: Callable[[Score], bool]
+) -> Candidate:
     """The best candidate; a cause by name where that pays and explains nearly as much as a curve."""
     best = max(eligible, key=lambda c: scores[c.key].gain)
     named = [c for c in eligible if c.named]
@@ -358,7 +360,7 @@ def _leader(state: Round, scores: dict[str, Score], eligible: Sequence[Candidate
         return best
     first = max(named, key=lambda c: scores[c.key].gain)
     enough = scores[first.key].fall >= _NAMED_SHARE * scores[best.key].fall
-    return first if enough and state.pays(scores[first.key]) else best
+    return first if enough and pays(scores[first.key]) else best
 
 
 def _entry(view: View, member: Candidate, active: Sequence[Candidate]) -> Entry:

@@ -29,17 +29,22 @@ NAMED, CURVE = (_Suspect(cast(Effect, None), name, str(name)) for name in (True,
 CURVED = Score(50.0, 48.0, 4.6, 1e-10)
 
 
+def pays(found: Score) -> bool:
+    """Of a hundred that are asked."""
+    return found.gain > 2.0 * np.log(100) and found.p * 100 < 0.01
+
+
 def test_a_name_leads_where_it_explains_nearly_as_much() -> None:
     scores = {NAMED.key: Score(46.0, 46.0, 6.8, 1e-11), CURVE.key: CURVED}
-    assert _leader(scores, [NAMED, CURVE], 100) is NAMED
+    assert _leader(scores, [NAMED, CURVE], pays) is NAMED
     scores[NAMED.key] = Score(40.0, 40.0, 6.8, 1e-9)
-    assert _leader(scores, [NAMED, CURVE], 100) is CURVE
+    assert _leader(scores, [NAMED, CURVE], pays) is CURVE
 
 
 def test_a_name_that_does_not_pay_leads_nothing() -> None:
     """Six parameters for as much as a curve explains: none would enter, so the curve leads."""
     scores = {NAMED.key: Score(46.0, 46.0, 40.8, 1e-7), CURVE.key: CURVED}
-    assert _leader(scores, [NAMED, CURVE], 100) is CURVE
+    assert _leader(scores, [NAMED, CURVE], pays) is CURVE
 
 
 def test_probabilities_of_a_class_leave_room_for_what_is_not_in_it() -> None:

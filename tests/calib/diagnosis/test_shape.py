@@ -142,8 +142,17 @@ def test_backlash_is_not_there_beside_a_servo_that_has_not_settled(
     assert not doubt.also_there
 
 
-def test_a_servo_that_has_not_settled_is_unknown_by_its_motion(tmp_path: Path) -> None:
+def test_a_servo_that_has_not_settled_is_named(tmp_path: Path) -> None:
     cell, data, heldout = measured_day(tmp_path, settling("elbow"), 600.0, 1)
+    found = calib.diagnose(cell, data, heldout=heldout)
+    assert found.verdict == "explained"
+    assert [c.named.candidate.key for c in found.causes] == ["settling:elbow"]
+
+
+def test_a_lag_that_has_no_name_is_unknown_by_its_motion(tmp_path: Path) -> None:
+    """The same where the user rules settling out: what follows the move is no backlash either."""
+    cell, data, heldout = measured_day(tmp_path, settling("elbow"), 600.0, 1)
+    cell = replace(cell, excluded=("settling",))
     found = calib.diagnose(cell, data, heldout=heldout)
     assert found.verdict == "unknown"
     assert not found.causes

@@ -95,6 +95,7 @@ class Round:
     active : what is in; view : all suspects from the fit with it
     proved : dict, key of a member -> gain with which it last defended its place against all
     left : set, keys of those that went, which must do better to come back
+    new : set, keys of members that nobody has challenged yet
     """
 
     stage: Stage
@@ -103,6 +104,7 @@ class Round:
     asked: int
     proved: dict[str, float]
     left: set[str]
+    new: set[str]
 
     def pays(self, found: Score, candidate: Candidate | None = None) -> bool:
         """Whether a score earns its holder a place: among all, or those of a family that shows."""
@@ -159,7 +161,10 @@ def contest(
     before = stage.fit(())
     fit = stage.fit([c.effect for c in active], before) if active else before
     view, listed = lineup.seen_from(stage, fit, active, fresh=True)
-    state, fresh = Round(stage, tuple(active), view, lineup.asked, dict(proved or {}), set()), True
+    state, fresh = (
+        Round(stage, tuple(active), view, lineup.asked, dict(proved or {}), set(), set()),
+        True,
+    )
     grown = 0
     tried = {frozenset(c.key for c in active)}
     for _ in range(_MOST_ROUNDS[bool(active)]):
@@ -207,11 +212,14 @@ def _better(state: Round) -> tuple[Candidate, ...]:
     for member in active:
         beside = view.without(member)
         own = _linear(beside, view, [member])[member.key]
-        if own.gain > _STANDS * state.proved.get(member.key, np.inf) and state.stays(own):
+        stands = own.gain > _STANDS * state.proved.get(member.key, np.inf)
+        if stands and member.key not in state.new and state.stays(own):
             continue
         rest = tuple(c for c in active if c is not member)
-        if not state.stays(_defence(state, member, own)):
+        new = member.key in state.new
+        if not new and not state.stays(_defence(state, member, own)):
             return rest
+        state.new.discard(member.key)
         best = _challenger(state, member, own, beside)
         if best is not None:
             return (*rest, best)
@@ -255,6 +263,7 @@ def _newcomers(state: Round) -> list[Candidate]:
         scores = _anew(state, scores, eligible)
         chosen = _entering(state, scores, eligible)
     state.proved.update({c.key: scores[c.key].gain for c in chosen if c.key in scores})
+    state.new.update(c.key for c in chosen)
     return chosen
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.linear import LinearModel, times
 from calib.diagnosis.scan import beside as beside_scan
-from calib.diagnosis.screen import DEPENDENT, Field, beside
+from calib.diagnosis.screen import DEPENDENT, VISIBLE, Field, beside
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.tunings import Bank, banks
 from calib.effects.timed import Timed
@@ -130,6 +130,11 @@ class View:
         return Q.T @ J, Q[: len(self.columns)].T @ self.columns
 
     @cached_property
+    def _parameters(self) -> Array:
+        """Every parameter of the fit in the directions of the basis, determined or not, (k, p)."""
+        return np.asarray(self.fit.modelled.T @ self.fit.equations[1])
+
+    @cached_property
     def by_instrument(self) -> View:
         """The same as if nothing but the instrument erred."""
         return replace(self, fit=replace(self.fit, mixing=None))
@@ -138,20 +143,14 @@ class View:
         """The same with one of the fitted effects out again, a candidate like the others.
 
         What it alone explains comes back, as rows of their own: lengths and products are those of
-        ``X + U U^T X``, U the directions that it has beside the rest.
+        ``X + U U^T X``, U the directions that it has beside the rest. Parameters of the rest that are
+        not determined beside it may be so without it: what they can stand for, it does not alone.
         """
-        from scipy.linalg import qr
-
         fit, whole = self.fit, self.beside
         own = fit.positions(member.effect)
-        rest = np.abs(fit.span[own]).sum(axis=0) == 0.0
         modelled, candidates = self._turned
-        modelled = modelled[:, rest]
-        scale = np.linalg.norm(modelled, axis=0)
-        Q, R, _ = qr(modelled / np.where(scale > 0.0, scale, 1.0), pivoting=True)
-        pivots = np.abs(np.diag(R))
-        rank = int(np.count_nonzero(pivots > DEPENDENT * pivots.max(initial=0.0)))
-        U = Q[:, rank:]
+        rest = np.abs(fit.span[own]).sum(axis=0) == 0.0
+        U = _complement(modelled[:, rest], np.delete(self._parameters, own, axis=1))
         # The residual as it would be without the effect, to first order.
         r, J = fit.equations
         r = r + J[:, own] @ fit.moving[own]
@@ -191,6 +190,26 @@ def _echoes(candidate: Candidate, active: Sequence[Candidate]) -> Iterator[Candi
     for c in active:
         if isinstance(c.effect, Timed) and c.effect.kind == candidate.effect.kind:
             yield replace(candidate.as_tuned(c.effect.tuning), line=0, echo=c.key)
+
+
+def _complement(determined: Array, others: Array) -> Array:
+    """Directions (k, c) that columns (k, d), and what else is visible of others (k, p), leave free."""
+    from scipy.linalg import qr
+
+    Q, R, _ = qr(_unit(determined), pivoting=True)
+    pivots = np.abs(np.diag(R))
+    rank = int(np.count_nonzero(pivots > DEPENDENT * pivots.max(initial=0.0)))
+    free = Q[:, rank:]
+    if not free.shape[1]:
+        return np.asarray(free)
+    V, sizes, _ = np.linalg.svd(free.T @ _unit(others))
+    taken = int(np.count_nonzero(sizes > VISIBLE))
+    return np.asarray(free @ V[:, taken:])
+
+
+def _unit(columns: Array) -> Array:
+    lengths = np.linalg.norm(columns, axis=0)
+    return np.asarray(columns / np.where(lengths > 0.0, lengths, 1.0))
 
 
 def _rows(candidate: Candidate, carrier: Array, stage: Stage) -> Array:

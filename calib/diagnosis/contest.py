@@ -25,14 +25,14 @@ from calib.effects.tuned import Tuned
 
 ALPHA = 0.01
 """Probability of a false entry, over all candidates together."""
-_CHALLENGE = 1.0  # gain by which a rival must lead to take a place
+_CHALLENGE = 3.0  # gain by which a rival must lead to take a place
 _NAMED_SHARE = 0.9  # of the leader's evidence at which a cause by name is preferred to a curve
 _CURVES_TOO = 0.2  # of the best curve's gain: a name with more is taken before curves are judged
 _MOST_CURVES = 4  # of which more than one seldom means a thing to anybody
 _CALLED = 12  # causes by name, of which some may stand for a curve
 _COMES_BACK = 30.0  # gain, once it has gone: or the doubtful go in circles
 _LENIENT = 3.0  # gain that a member may lack
-_MOST_ROUNDS = 60, 12  # of a contest from nothing, and of one that goes on from another
+_MOST_ROUNDS = 40, 12  # of a contest from nothing, and of one that goes on from another
 _A_FAMILY = 3  # places at which a kind is asked
 _SCANNED_ANEW = 4  # newcomers after which all tunings are tried again
 _BEYOND_DOUBT = 200.0  # gain that no choice of variances takes away

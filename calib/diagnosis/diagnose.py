@@ -19,6 +19,7 @@ from calib.diagnosis.range_noise import Growth, growth
 from calib.diagnosis.refused import Refused, believed, nothing
 from calib.diagnosis.screen import refuted
 from calib.diagnosis.shape import Doubt, shape_doubt
+from calib.diagnosis.sparing import sparing
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, VerdictName, verdict
 from calib.diagnosis.view import lineup
@@ -175,7 +176,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         asked = lineup(linear, suspects, asked.banks)
         outcome = contest(linear, asked, active, outcome.proved)
     outcome, named, after, refused = believed(linear, outcome)
-    before, after = stage.exact(outcome.before), stage.exact(after)
+    before, after = stage.exact(outcome.before), stage.exact(sparing(linear, after))
     noise = _noise(stage, after, factor)
     floor = float(np.sqrt(3.0)) * noise.sigma
     counted = data.take(~stage.dropped)

@@ -158,6 +158,12 @@ class Stage:
                 break
         return fit
 
+    def along(self, fit: Fit) -> Fit:
+        """The same fit once more, along the directions that it has now."""
+        span, amplitudes = fit.span, fit.amplitudes
+        found = self._fitted(fit.model, fit.values, span, fit.weight, amplitudes, fit.pull)
+        return self._under_levels(replace(found, levels=fit.levels))
+
     def exact(self, fit: Fit) -> Fit:
         """A fit to first order, gone on with in full: same directions, weights and amplitudes."""
         if not isinstance(fit.model, LinearModel):

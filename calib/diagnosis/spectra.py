@@ -39,6 +39,7 @@ _ALIKE = 0.9  # correlation over the poses from which on two lines are one
 _PERHAPS = 0.7  # of their phases alone, worth an exact look
 _GEARED = 3.0  # cycles a turn below which no gear is meant
 _CHUNK = 400  # cycles at a time: memory
+_NONE = np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -202,12 +203,10 @@ class _View:
         return np.concatenate(parts) / self.scale**2
 
     def lines(self, fall: Array, alarm: float) -> tuple[Line, ...]:
-        """Lines above the alarm, the strongest first; looked for where the spectrum has peaks."""
-        padded = np.pad(fall, 1, constant_values=-np.inf)
-        peak = (fall >= padded[:-2]) & (fall >= padded[2:]) & (fall > 0.5 * alarm)
+        """Lines above the alarm, the strongest first; looked for about what is half as high."""
         slow = self.cycles < _GEARED
         view = self.beside_slow() if fall[slow].max(initial=0.0) > alarm else self
-        near, around = self.cycles[peak & ~slow], view.around
+        near, around = self.about(self.cycles[fall > 0.5 * alarm]), view.around
         at, falls = np.zeros(0), list[float]()
         while len(near) and len(falls) < _MOST_LINES:
             now = view.falls(around, near)
@@ -215,11 +214,18 @@ class _View:
             if now[best] <= alarm:
                 break
             fitted = view.fitted(np.append(at, near[best]))
-            at = fitted.at
+            at, around = fitted.at, view.also(fitted.X)
             falls.append(float(now[best]))
-            near = near[np.abs(near - near[best]) > self.width]
-            around = view.also(fitted.X)
+            near = self.about(near[now > 0.5 * alarm], but=at)
         return tuple(view.line(k, fitted, fall) for k, fall in enumerate(falls))
+
+    def about(self, chosen: Array, but: Array = _NONE) -> Array:
+        """Cycles within a line's width of those chosen, but none of a line and nothing slow."""
+        cycles = self.cycles[self.cycles >= _GEARED]
+        near, taken = (
+            (np.abs(cycles[:, None] - some) <= self.width).any(axis=1) for some in (chosen, but)
+        )
+        return np.asarray(cycles[near & ~taken])
 
     def beside_slow(self) -> _View:
         """The same where all that is slow is modelled."""
@@ -316,8 +322,9 @@ class _View:
         # Of exp(i (a + b) q) the sum over poses is a product of two matrices.
         fine = np.exp(1j * np.outer(np.arange(count) * step, self.q))
         coarse = np.exp(1j * np.outer(np.arange(count) * (count * step), self.q))
+        cycles = np.linspace(0.0, (count**2 - 1) * step, count**2)
         worth: Array = np.abs((coarse * energy) @ fine.T).ravel() / float(energy.sum())
-        return np.arange(count**2) * step, worth
+        return cycles, worth
 
     def repeats(self) -> float | None:
         """Cycles after which all poses are in step again, the first peak that is high enough."""

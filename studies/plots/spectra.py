@@ -92,8 +92,8 @@ def spectra(
     legend_below(figure, _key(panels, shared))
     caption = (
         "By how many standard deviations of the noise a ripple of so many cycles a turn stands out at "
-        "each joint, beside all else that was found; chance passes the dashed line in one such figure of "
-        "a hundred, and lines of one colour agree or are 2:1, as those of one type of gear do."
+        "each joint, beside all else found; chance passes the dashed line in one such figure of a "
+        "hundred, and lines of one colour agree or are 2:1, as those of one type of gear do."
     )
     header = (
         "joint", "cycles [1/turn]", "standard deviation [1/turn]", "amplitude [urad]",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
@@ -29,10 +29,12 @@ if TYPE_CHECKING:
 
 _MOST = 450.0  # cycles a turn
 _SLOW = 3.0  # cycles a turn up to which no gear is meant
-_LETTER = 5.6  # width of a letter, cycles a turn
+_LETTER = 6.8  # width of a letter, cycles a turn
 _CLEAR = 1.5  # times the false alarm from which on words clear its line
 _ASIDE = 7.0  # a label from its line, cycles a turn
-_ALONE, *_SHARED = SERIES
+_MOST_TICKS = 5
+_LOWEST = 1.0  # standard deviations
+_ALONE, _SHARED = replace(SERIES[0], color=INK), SERIES[1:]
 _OCTAVE = 2.0  # a gear errs once and twice a turn of its fast side
 
 
@@ -82,11 +84,16 @@ def spectra(
     looks = {
         line: look for family, look in zip(shared, cycle(_SHARED), strict=False) for line in family
     }
-    figure = sheet(7.2, 1.3 + 1.0 * len(panels))
+    figure = sheet(6.2, 1.3 + 1.0 * len(panels))
     axes = figure.subplots(len(panels), 1, sharex=True, sharey=True, squeeze=False).ravel()
     for i, (axis, panel) in enumerate(zip(axes, panels, strict=True)):
         _draw(axis, panel, [looks.get((i, k), _ALONE) for k in range(len(panel.marks))])
-    axes[0].set(xlim=(0.0, _MOST), ylim=(0.0, _highest(panels)))
+    axes[0].set(xlim=(0.0, _MOST), ylim=(_LOWEST, _highest(panels)))
+    axes[0].set_yscale("log")
+    axes[0].minorticks_off()
+    ticks = [t for t in (1, 3, 10, 30, 100, 1000) if t < _highest(panels)]
+    axes[0].set_yticks(ticks if len(ticks) < _MOST_TICKS else [t for t in ticks if t % 3])
+    axes[0].yaxis.set_major_formatter("{x:g}")
     axes[-1].set_xlabel("cycles in a turn of the joint [1/turn]")
     figure.supylabel("line over noise [standard deviations]", fontsize=10)
     legend_below(figure, _key(panels, shared))
@@ -125,7 +132,7 @@ def _draw(axis: Axes, panel: Panel, own: Sequence[Look]) -> None:
     """One joint; own : the look of each of its lines."""
     tidy(axis, "none")
     alarm = panel.false_alarm**0.5
-    axis.plot(panel.cycles, np.sqrt(np.maximum(panel.fall, 0.0)), color=SOFT, linewidth=0.7)
+    axis.plot(panel.cycles, np.sqrt(np.maximum(panel.fall, _LOWEST**2)), color=SOFT, linewidth=0.7)
     axis.axhline(alarm, color=INK, linewidth=1.1, linestyle=(0, (4, 2)))
     axis.set_title(elided(panel.joint), loc="left", pad=3.0)
     if panel.repeats is not None:
@@ -135,13 +142,13 @@ def _draw(axis: Axes, panel: Panel, own: Sequence[Look]) -> None:
     for mark, look, place in zip(panel.marks, own, places, strict=True):
         top = mark.fall**0.5
         drawn: Any = {"color": look.color, "marker": look.marker, "markersize": 5.5}
-        axis.plot([mark.cycles] * 2, [0.0, top], color=look.color, linewidth=1.6, zorder=3)
+        axis.plot([mark.cycles] * 2, [_LOWEST, top], color=look.color, linewidth=1.6, zorder=3)
         axis.plot([mark.cycles], [top], markeredgecolor="white", linestyle="", zorder=4, **drawn)
         if place is not None:
             at, side, text = place
-            axis.text(
-                at, max(top, _CLEAR * alarm), text, ha=side, va="center", color=INK, fontsize=9
-            )
+            height = max(top, _CLEAR * alarm)
+            words = axis.text(at, height, text, ha=side, va="center", color=INK, fontsize=9)
+            words.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.85})
 
 
 def _places(panel: Panel) -> list[tuple[float, str, str] | None]:
@@ -176,7 +183,7 @@ def _highest(panels: Sequence[Panel]) -> float:
     tops = [panel.false_alarm for panel in panels]
     tops += [float(p.fall[p.cycles >= _SLOW].max(initial=0.0)) for p in panels]
     tops += [mark.fall for panel in panels for mark in panel.marks]
-    return 1.25 * float(np.sqrt(max(tops)))
+    return 1.6 * float(np.sqrt(max(tops)))
 
 
 def _key(panels: Sequence[Panel], shared: Sequence[frozenset[tuple[int, int]]]) -> list[Any]:

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.diagnose import Cause, Hidden
+from calib.diagnosis.spectra import Spectrum
 from calib.files.levels import level_fields
+from calib.files.spectra import spectra_fields, with_aliases
 
 _MM = 1e3
 
 
-def diagnosis_fields(result: Diagnosis) -> dict[str, Any]:
-    """The fields of ``diagnose --json``, without provenance."""
+def diagnosis_fields(result: Diagnosis, spectra: Sequence[Spectrum] = ()) -> dict[str, Any]:
+    """The fields of ``diagnose --json``, without provenance.
+
+    spectra : of the same diagnosis, where they are asked for
+    """
     noise, gap, tip = result.noise, result.gap, result.after.model.robot.tip
+    effects = [_cause(cause, tip) for cause in result.causes]
+    with_aliases(effects, spectra)
     return {
         "verdict": result.verdict,
         "noise": {
@@ -26,7 +34,7 @@ def diagnosis_fields(result: Diagnosis) -> dict[str, Any]:
             else {"nearest": result.growth.nearest, "farthest": result.growth.farthest},
             **level_fields(result.after.levels, result.stage.scatter),
         },
-        "effects": [_cause(cause, tip) for cause in result.causes],
+        "effects": effects,
         "located": [
             {
                 "where": _where(place.where, tip),
@@ -71,6 +79,7 @@ def diagnosis_fields(result: Diagnosis) -> dict[str, Any]:
             if out
         ],
         "next_poses": [],
+        "spectra": spectra_fields(spectra),
     }
 
 

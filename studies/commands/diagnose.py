@@ -80,6 +80,7 @@ def diagnose(
     """
     import calib
     from calib.diagnosis import diagnose as diagnose_data
+    from calib.diagnosis.spectra import spectra
     from calib.errors import CalibError, InputError
     from calib.estimate import estimate_of
     from calib.files.diagnosis import diagnosis_fields
@@ -111,7 +112,7 @@ def diagnose(
     fields = {
         **envelope("diagnose", [*inputs, *extra], seed),
         "holdout": holdout,
-        **diagnosis_fields(result),
+        **diagnosis_fields(result, spectra(result)),
         "estimate": estimate_fields(estimate_of(result)),
     }
     if next_count:

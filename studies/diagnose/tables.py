@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from calib.diagnosis.candidates import EXCLUDED
+from studies.diagnose.aliasing import aliasing_sentences
 from studies.diagnose.hidden import hidden_table
 from studies.noise_words import UNFOLLOWED, noise_words
 from studies.tables import number, plain_table
@@ -37,6 +38,8 @@ def diagnosis_tables(name: str, fields: dict[str, Any]) -> Iterator[RenderableTy
     if fields.get("refused"):
         yield Text("\nRefused: found, and not named all the same")
         yield _refused(fields["refused"])
+    for sentence in aliasing_sentences(fields.get("spectra", ())):
+        yield Text(f"\n{sentence}")
     yield from _notes(fields)
     yield from hidden_table(fields["could_not_see"])
 

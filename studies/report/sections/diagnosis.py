@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from studies.diagnose.aliasing import aliasing_sentences
 from studies.diagnose.pictures import pictures
 from studies.diagnose.tables import loud, percent, refused_rows, unfollowed, verdict_sentence
 from studies.noise_words import UNFOLLOWED, noise_words
@@ -38,6 +39,8 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
     drawn = list(pictures(fields)) if fields["effects"] or fields["located"] else []
     for picture in drawn:
         yield Figure(picture)
+    for sentence in aliasing_sentences(fields.get("spectra", ())):
+        yield Text(f"{sentence}.", "note")
     if fields["located"]:
         yield Table(
             ("where", "depends on", "share of the gap"),

@@ -1,0 +1,359 @@
+"""The residual along each joint's axis over cycles a turn, and the lines in it.
+
+At every number of cycles c stands by how much ``dq = a cos(c q) + b sin(c q)`` would lower the sum of
+squares beside everything else modelled (:mod:`calib.diagnosis.scan`), in units of the noise: chi-square
+of two degrees of freedom where there is no line. The joint's own ripples are taken out of the model, so
+that those already found show again; other joints keep theirs, which else would leak.
+
+Lines are found one after the other, each beside those before it, and fitted together: a strong line
+shows by chance correlations all over a spectrum. So does what is slow, below three cycles a turn, where
+no gear is meant; where it stands out, lines are looked for beside it. Where a joint stands in equal
+steps s, c and ``|c - k 2 pi / s|`` are one and the same at these poses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from calib.diagnosis.diagnose import Diagnosis
+from calib.diagnosis.linear import times
+from calib.diagnosis.scan import Beside, scores
+from calib.diagnosis.screen import orthonormal
+from calib.diagnosis.stage import Fit, Stage
+from calib.effects.drive import along_axis
+from calib.effects.gear_ripple import GearRipple
+from calib.poses import IntArray, Poses
+from calib.robot import Robot
+from calib.se3 import Array
+from calib.threads import one_blas_thread
+
+_FEWEST, _MOST = 0.25, 450.0  # cycles a turn
+_STEP = 0.25  # of a line's width
+_CHANCE = 0.01  # of a false alarm, over all joints and cycles
+_MOST_LINES = 8  # of a joint
+_ROUNDS = 4  # of a fit of lines, from where the scan found them
+_ALIKE = 0.9  # correlation over the poses from which on two lines are one
+_PERHAPS = 0.7  # of their phases alone, worth an exact look
+_GEARED = 3.0  # cycles a turn below which no gear is meant
+_CHUNK = 400  # cycles at a time: memory
+_NONE = np.zeros(0)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line above the false alarm.
+
+    cycles, std : float, 1/turn; amplitude, amplitude_std : float, rad; fall : float, when it was found
+    aliases : tuple of float, other cycles that these poses cannot tell from it
+    """
+
+    cycles: float
+    std: float
+    amplitude: float
+    amplitude_std: float
+    fall: float
+    aliases: tuple[float, ...]
+
+    @property
+    def ratios(self) -> tuple[float, float]:
+        """Gear ratios that it would mean: of an error twice a turn of the fast side, and once."""
+        return 0.5 * self.cycles, self.cycles
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """The residual along one joint's axis.
+
+    cycles, fall : ndarray, shape (C,), 1/turn and variances of the noise
+    false_alarm : float, fall that chance exceeds once in a hundred, over all joints and cycles
+    width : float, of a line, 1/turn; repeats : float or None, cycles after which nothing new comes,
+        where the joint stands in equal steps
+    named : tuple of (cycles, aliases), of the joint's ripples in the model
+    """
+
+    joint: str
+    cycles: Array
+    fall: Array
+    false_alarm: float
+    width: float
+    repeats: float | None
+    lines: tuple[Line, ...]
+    named: tuple[tuple[float, tuple[float, ...]], ...]
+
+
+@one_blas_thread
+def spectra(result: Diagnosis) -> tuple[Spectrum, ...]:
+    """The spectrum of every joint that turns and moves, beside all that a diagnosis found."""
+    return spectra_of(result.stage, result.after, result.scale)
+
+
+def spectra_of(stage: Stage, fit: Fit, scale: float = 1.0) -> tuple[Spectrum, ...]:
+    """The same at any fit; scale : float, actual over the standard deviation that it weighs by."""
+    views = _views(stage, fit, scale)
+    tried = sum(len(view.cycles) for view in views)
+    alarm = -2.0 * float(np.log(_CHANCE / max(tried, 1)))
+    return tuple(view.spectrum(alarm) for view in views)
+
+
+def _views(stage: Stage, fit: Fit, scale: float) -> list[_View]:
+    """Every joint that turns and moves, with what its spectrum needs."""
+    robot, poses, kept = fit.model.robot, stage.data.poses, ~stage.dropped
+    moving = [
+        _ripple(robot, k)
+        for k in range(robot.dof)
+        if not robot.prismatic[k] and len(np.unique(poses.q[kept, k])) > 2
+    ]
+    if not moving:
+        return []
+    carriers = [ripple.carrier for ripple in moving]
+    whole, values = fit.model.extended(fit.values, carriers)
+    _, J = whole.jacobian(values, poses)
+    rows = stage.observation(fit.model, fit.weight).rows(J[..., -len(carriers) :])
+    found = []
+    for i, ripple in enumerate(moving):
+        own = _own(fit, ripple.where)
+        bare = _without(fit, np.concatenate(own)) if own else fit
+        named = tuple((fit.values[part[0]], fit.values[part[1:3]]) for part in own)
+        found.append(_View(ripple, poses, bare, bare.modelled, rows[..., i : i + 1], scale, named))
+    return found
+
+
+def _ripple(robot: Robot, joint: int) -> GearRipple:
+    axis = along_axis(robot, joint)[:, None]
+    return GearRipple(robot.joints[joint], _GEARED, joint + 1, axis, 1, None)
+
+
+def _own(fit: Fit, joint: str) -> list[IntArray]:
+    """Where each ripple of a joint stands in the values."""
+    return [
+        fit.positions(effect)
+        for effect in fit.model.effects
+        if isinstance(effect, GearRipple) and effect.where == joint
+    ]
+
+
+def _without(fit: Fit, own: IntArray) -> Fit:
+    """A fit from whose model some parameters are taken out, to first order."""
+    J = fit.J.copy()
+    J[..., own] = 0.0
+    return replace(fit, r=fit.r + fit.J[..., own] @ fit.moving[own], J=J)
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """One joint.
+
+    fit : Fit, without its ripples; Q : ndarray, shape (N, k), basis of what is modelled
+    carrier : ndarray, shape (m, R, 1), whitened; named : cycles and amounts (2,) of its ripples
+    """
+
+    ripple: GearRipple
+    poses: Poses
+    fit: Fit
+    Q: Array
+    carrier: Array
+    scale: float
+    named: tuple[tuple[float, Array], ...]
+
+    @cached_property
+    def width(self) -> float:
+        return self.ripple.width(self.poses)
+
+    @cached_property
+    def cycles(self) -> Array:
+        return np.arange(_FEWEST, _MOST, _STEP * self.width)
+
+    @cached_property
+    def left(self) -> Array:
+        """The residual beside the model, of independent rows, shape (N,)."""
+        r, _ = self.fit.equations
+        return np.asarray(r - self.Q @ (self.Q.T @ r))
+
+    @cached_property
+    def around(self) -> Beside:
+        return Beside(self.fit, *self.back(self.left, self.Q))
+
+    @property
+    def q(self) -> Array:
+        return self.poses.q[:, self.ripple.frame - 1]
+
+    def spectrum(self, alarm: float) -> Spectrum:
+        fall = self.falls(self.around, self.cycles)
+        return Spectrum(
+            joint=self.ripple.where,
+            cycles=self.cycles,
+            fall=fall,
+            false_alarm=alarm,
+            width=self.width,
+            repeats=self.repeats(),
+            lines=self.lines(fall, alarm),
+            named=tuple((float(c), self.aliases(c, a)) for c, a in self.named if a.any()),
+        )
+
+    def falls(self, around: Beside, cycles: Array) -> Array:
+        """Fall at some cycles (C,), in variances of the noise."""
+        limits = np.array([p.limit for p in self.ripple.amplitudes])
+        parts = [np.zeros(0)]
+        for i in range(0, len(cycles), _CHUNK):
+            functions = self.ripple.functions(self.poses, cycles[i : i + _CHUNK])
+            parts.append(scores(around, self.carrier, functions, limits)[0])
+        return np.concatenate(parts) / self.scale**2
+
+    def lines(self, fall: Array, alarm: float) -> tuple[Line, ...]:
+        """Lines above the alarm, the strongest first; looked for about what is half as high."""
+        slow = self.cycles < _GEARED
+        view = self.beside_slow() if fall[slow].max(initial=0.0) > alarm else self
+        near, around = self.about(self.cycles[fall > 0.5 * alarm]), view.around
+        at, falls = np.zeros(0), list[float]()
+        while len(near) and len(falls) < _MOST_LINES:
+            now = view.falls(around, near)
+            best = int(np.argmax(now))
+            if now[best] <= alarm:
+                break
+            fitted = view.fitted(np.append(at, near[best]))
+            at, around = fitted.at, view.also(fitted.X)
+            falls.append(float(now[best]))
+            near = self.about(near[now > 0.5 * alarm], but=at)
+        return tuple(view.line(k, fitted, fall) for k, fall in enumerate(falls))
+
+    def about(self, chosen: Array, but: Array = _NONE) -> Array:
+        """Cycles within a line's width of those chosen, but none of a line and nothing slow."""
+        cycles = self.cycles[self.cycles >= _GEARED]
+        near, taken = (
+            (np.abs(cycles[:, None] - some) <= self.width).any(axis=1) for some in (chosen, but)
+        )
+        return np.asarray(cycles[near & ~taken])
+
+    def beside_slow(self) -> _View:
+        """The same where all that is slow is modelled."""
+        cycles = np.arange(_FEWEST, _GEARED, 0.5 * self.width)
+        functions = self.ripple.functions(self.poses, cycles).transpose(1, 0, 2)
+        rows = times(self.carrier, functions.reshape(len(self.q), -1))
+        slow = orthonormal(self.beside_model(rows))
+        return replace(self, Q=np.concatenate([self.Q, slow], axis=1))
+
+    def line(self, k: int, fitted: _Fitted, fall: float) -> Line:
+        amounts, part = fitted.amounts[k], slice(3 * k, 3 * k + 3)
+        own = self.scale**2 * fitted.covariance[part, part]
+        towards = amounts / np.hypot(*amounts)
+        return Line(
+            cycles=float(fitted.at[k]),
+            std=float(np.sqrt(own[2, 2])),
+            amplitude=float(np.hypot(*amounts)),
+            amplitude_std=float(np.sqrt(towards @ own[:2, :2] @ towards)),
+            fall=fall,
+            aliases=self.aliases(float(fitted.at[k]), amounts),
+        )
+
+    def fitted(self, at: Array) -> _Fitted:
+        """Lines (L,) together, from where they were found: Gauss-Newton."""
+        amounts = np.zeros((len(at), 2))
+        for _ in range(_ROUNDS):
+            X = self.columns(at, amounts)
+            length = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+            found = np.linalg.lstsq(X / length, self.left, rcond=1e-6)[0] / length
+            found = found.reshape(-1, 3)
+            amounts = found[:, :2]
+            at = at + np.clip(found[:, 2], -_STEP * self.width, _STEP * self.width)
+        return _Fitted(at, amounts, self.columns(at, amounts))
+
+    def columns(self, at: Array, amounts: Array) -> Array:
+        """Derivatives by cosine, sine and cycles of each line, beside the model, (N, 3 L)."""
+        F, slopes = (f(self.poses, at) for f in (self.ripple.functions, self.ripple.slopes))
+        by_cycles = np.einsum("lmf,lf->lm", slopes, amounts)[..., None]
+        functions = np.concatenate([F, by_cycles], axis=-1).transpose(1, 0, 2)
+        return self.beside_model(times(self.carrier, functions.reshape(len(self.q), -1)))
+
+    def beside_model(self, rows: Array) -> Array:
+        """Whitened rows (m, R, k) as independent ones beside all that is modelled, (N, k)."""
+        mixing = self.fit.mixing
+        own = (rows if mixing is None else mixing(rows)).reshape(-1, rows.shape[-1])
+        flat = np.pad(own, [(0, len(self.left) - len(own)), (0, 0)])
+        return np.asarray(flat - self.Q @ (self.Q.T @ flat))
+
+    def also(self, X: Array) -> Beside:
+        """What is left beside the model and more columns (N, k), themselves beside the model."""
+        Q = orthonormal(X)
+        g, H = self.back(self.left - Q @ (Q.T @ self.left), Q)
+        return Beside(self.fit, g, np.concatenate([self.around.H, H], axis=-1))
+
+    def back(self, left: Array, Q: Array) -> tuple[Array, Array]:
+        """A residual (N,) and a basis (N, k) of independent rows, brought back to the readings."""
+        m, R = self.fit.r.shape
+        rows = np.column_stack([left, Q])[: m * R].reshape(m, R, -1)
+        if self.fit.mixing is not None:
+            rows = self.fit.mixing.back(rows)
+        return np.asarray(rows[..., 0]), np.asarray(rows[..., 1:])
+
+    def aliases(self, cycles: float, amounts: Array) -> tuple[float, ...]:
+        """Cycles at which a line would explain nearly all of this one at the poses measured."""
+        peaks = self.alike(cycles)
+        if not len(peaks):
+            return ()
+        own = self.columns(np.array([cycles]), amounts[None])[:, :2] @ amounts
+        alone = replace(self.around, g=self.back(own, self.Q[:, :0])[0])
+        near = peaks[:, None] + _STEP * self.width * np.linspace(-0.5, 0.5, 9)
+        share = self.falls(alone, near.ravel()).reshape(near.shape) * self.scale**2 / (own @ own)
+        best = np.argmax(share, axis=1)
+        alias = share.max(axis=1) > _ALIKE**2
+        return tuple(float(c) for c in near[np.arange(len(near)), best][alias])
+
+    def alike(self, cycles: float) -> Array:
+        """Peaks of the correlation of phases with a line elsewhere, whatever else is modelled."""
+        apart = np.abs(self.cycles - cycles)
+        worth = np.maximum(self.window(apart), self.window(self.cycles + cycles))
+        worth = np.where(apart > self.width, worth, 0.0)
+        padded = np.pad(worth, 1)
+        peak = (worth >= padded[:-2]) & (worth > padded[2:]) & (worth > _PERHAPS)
+        return np.asarray(self.cycles[peak])
+
+    def window(self, cycles: Array) -> Array:
+        """``|mean exp(i c q)|`` over the poses by what they say of the joint, shape (C,)."""
+        return np.interp(cycles, *self.windows)
+
+    @cached_property
+    def windows(self) -> tuple[Array, Array]:
+        """Cycles in equal steps up to twice the most, and the window there, both (K,)."""
+        step, energy = 0.5 * _STEP * self.width, (self.carrier**2).sum(axis=(1, 2))
+        count = int(np.ceil(np.sqrt(2.0 * _MOST / step))) + 1
+        # Of exp(i (a + b) q) the sum over poses is a product of two matrices.
+        fine = np.exp(1j * np.outer(np.arange(count) * step, self.q))
+        coarse = np.exp(1j * np.outer(np.arange(count) * (count * step), self.q))
+        cycles = np.linspace(0.0, (count**2 - 1) * step, count**2)
+        worth: Array = np.abs((coarse * energy) @ fine.T).ravel() / float(energy.sum())
+        return cycles, worth
+
+    def repeats(self) -> float | None:
+        """Cycles after which all poses are in step again, the first peak that is high enough."""
+        cycles, worth = self.windows
+        peak = (worth[1:-1] >= worth[:-2]) & (worth[1:-1] > worth[2:]) & (worth[1:-1] > _ALIKE)
+        again = np.flatnonzero(peak & (cycles[1:-1] > self.width)) + 1
+        if not len(again):
+            return None
+        k = again[0]
+        low, middle, high = worth[k - 1 : k + 2]
+        shift = 0.5 * (low - high) / (low - 2.0 * middle + high)
+        return float(cycles[k] + shift * (cycles[1] - cycles[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """L lines fitted together.
+
+    at : ndarray, shape (L,), cycles; amounts : ndarray, shape (L, 2)
+    X : ndarray, shape (N, 3 L), derivatives by cosine, sine and cycles, line by line
+    """
+
+    at: Array
+    amounts: Array
+    X: Array
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Of amounts and cycles, line by line, shape (3 L, 3 L), the noise of variance one."""
+        length = np.maximum(np.linalg.norm(self.X, axis=0), 1e-300)
+        X = self.X / length
+        return np.asarray(np.linalg.pinv(X.T @ X, hermitian=True) / np.outer(length, length))

@@ -28,6 +28,7 @@ from calib.model import Model
 from calib.poses import Measurements, Poses
 from calib.se3 import Array
 
+_MANY = 6  # parameters: more are a family
 _BY_ANGLE = ("gravity_compensator", "stiffness_vs_angle")  # beside all that is known of the pose
 PARTS = {"geometry": ("joint_offset", "link_geometry"), "stiffness_vs_angle": ("joint_compliance",)}
 """What an active effect contains already."""
@@ -44,6 +45,7 @@ class Candidate:
     tried : int, forms among which this one was chosen
     line : int, its number among causes of its kind at its place
     echo : str, key of the cause in whose place it stands with the same tuning; itself none
+    also : tuple of Candidate, other names for the same: no reading tells them from it
     """
 
     effect: Effect
@@ -52,6 +54,7 @@ class Candidate:
     tried: int = 1
     line: int = 1
     echo: str = ""
+    also: tuple[Candidate, ...] = ()
 
     @property
     def where(self) -> str:
@@ -79,6 +82,11 @@ class Candidate:
         """Whether both are causes of one kind at one place, at whatever tuning."""
         kinds = self.effect.kind, other.effect.kind
         return self.named and kinds[0] == kinds[1] and self.where == other.where
+
+    @property
+    def sparing(self) -> bool:
+        """Whether it is a family of parameters of which those count that pay."""
+        return self.named and len(self.amounts) > _MANY
 
     @property
     def unit_of_arm(self) -> bool:
@@ -118,11 +126,12 @@ def candidates(
     """
     context = context_of(cell, data.poses)
     found, missing = [], []
+    second: dict[str, tuple[Candidate, ...]] = {}
     for kind, effect_type in catalogue().items():
         if kind in GROUPS:
             continue
         for where in effect_type.places(context):
-            if _contained(model.effects, kind, where) or _renamed(model.effects, kind, where):
+            if _contained(model.effects, kind, where):
                 continue
             if kind in cell.excluded or f"{kind}:{where}" in cell.excluded:
                 missing.append(NotAsked(f"{kind}:{where}", EXCLUDED))
@@ -132,7 +141,12 @@ def candidates(
             except CalibError as error:
                 missing.append(NotAsked(f"{kind}:{where}", str(error)))
                 continue
-            found.append(Candidate(effect, True, depends_on(effect)))
+            own = Candidate(effect, True, depends_on(effect))
+            if not _renamed(model.effects, kind, where):
+                found.append(own)
+            elif _compliant(model.effects, where):
+                second[f"backlash:{where}"] = (own,)
+    found = [replace(c, also=second.get(c.key, ())) for c in found]
     ranges = np.linalg.norm(data.points[data.seen], axis=-1)
     unnamed = [Candidate(c, False, c.variable.name) for c in curves(context, data.poses, ranges)]
     return found + unnamed, missing
@@ -154,6 +168,11 @@ def _renamed(active: Sequence[Effect], kind: str, where: str) -> bool:
     """Whether a cause is another by a second name: friction at a constant compliance is a backlash."""
     varying = any(e.kind == "stiffness_vs_angle" and e.where == where for e in active)
     return kind == "friction_windup" and not varying
+
+
+def _compliant(active: Sequence[Effect], where: str) -> bool:
+    """Whether a joint yields in the model, so that friction winds it up."""
+    return any(e.kind == "joint_compliance" and e.where == where for e in active)
 
 
 def depends_on(effect: Effect) -> str:

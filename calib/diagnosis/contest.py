@@ -345,7 +345,7 @@ def _defence(state: Round, member: Candidate, linear: Score) -> Score:
 
 def _linear(beside: Field, view: View, suspects: Sequence[Candidate]) -> dict[str, Score]:
     return {
-        c.key: score(beside, view.where[c.key], c.spread, c.limits).counted(c.tried)
+        c.key: score(beside, view.where[c.key], c.spread, c.limits, c.sparing).counted(c.tried)
         for c in suspects
     }
 

@@ -169,15 +169,24 @@ NOTHING = Score(0.0, 0.0, 0.0, 1.0)
 
 
 def score(
-    field: Field, columns: IntArray, spread: Array | None = None, limits: Array | None = None
+    field: Field,
+    columns: IntArray,
+    spread: Array | None = None,
+    limits: Array | None = None,
+    sparing: bool = False,
 ) -> Score:
     """Score of a candidate with these columns.
 
     spread : ndarray, shape (k, k), covariance of a curve's coefficients a priori
     limits : ndarray, shape (k,), of a named cause's parameters, SI: one standard deviation a priori;
         any size without them
+    sparing : whether of a named cause's parameters only those count that pay
     """
-    return _named(field, columns, limits) if spread is None else _curve(field, columns, spread)
+    if spread is not None:
+        return _curve(field, columns, spread)
+    if sparing and limits is not None:
+        return _spared(field, columns, limits)
+    return _named(field, columns, limits)
 
 
 def _named(field: Field, columns: IntArray, limits: Array | None) -> Score:
@@ -205,6 +214,40 @@ def _named(field: Field, columns: IntArray, limits: Array | None) -> Score:
     rest = max(field.cost - fall, 1e-300)
     evidence = field.dof * float(np.log(field.cost / rest))
     return Score(fall, evidence, price, float(fdtrc(k, left, fall / k / (rest / left))))
+
+
+def _spared(field: Field, columns: IntArray, limits: Array) -> Score:
+    """Score of the parameters that pay, and for the choice of so many among all.
+
+    With the largest believable sizes as a normal prior, taking one out again lets the sum of squares
+    rise by its squared estimate over its variance.
+    """
+    from scipy.special import chdtrc, gammaln
+
+    S, Xr = field.products(columns)
+    cov = np.linalg.inv(S + np.diag(1.0 / limits**2))
+    values, left, K = cov @ Xr, np.ones(len(columns), dtype=bool), len(columns)
+    fall, price_each = float(Xr @ values), float(np.log(field.rows)) + 2.0 * float(np.log(2.0))
+    spread = field.cost / field.dof if field.noise_refuted else 1.0
+    while left.any():
+        worth = np.where(left, values**2 / np.maximum(np.diag(cov), 1e-300), np.inf)
+        i = int(np.argmin(worth))
+        if float(worth[i]) >= price_each * spread:
+            break
+        fall -= float(worth[i])
+        share = cov[:, i] / cov[i, i]
+        values, cov = values - share * values[i], cov - np.outer(share, cov[i])
+        left[i] = False
+    k = int(left.sum())
+    if k == 0:
+        return NOTHING
+    choices = float(gammaln(K + 1) - gammaln(k + 1) - gammaln(K - k + 1))
+    price = k * float(np.log(field.rows)) + 2.0 * choices
+    evidence = fall
+    if field.noise_refuted:
+        evidence = field.dof * float(np.log(field.cost / max(field.cost - fall, 1e-300)))
+    p = float(chdtrc(k, fall / spread)) * float(np.exp(min(choices, 700.0)))
+    return Score(fall, evidence, price, min(1.0, p))
 
 
 def _curve(field: Field, columns: IntArray, spread: Array) -> Score:

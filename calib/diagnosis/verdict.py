@@ -26,6 +26,7 @@ _MASS = 0.98  # of the likelihood that a class holds together
 # 4001 and 4002): likelihoods alone are too sure, for forms differ from the catalogue's.
 _TEMPER = 0.3
 _IN_CLASS = 0.95
+_SECOND_NAME = 0.2  # of a cause's probability: nothing but custom says which of two names is right
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,11 @@ class Named:
     def candidate(self) -> Candidate:
         """The most probable cause."""
         return self.members[0][0]
+
+    @property
+    def single(self) -> bool:
+        """Whether there is one cause, by whatever names."""
+        return len(self.members) == 1 + len(self.candidate.also)
 
     @property
     def probability(self) -> float:
@@ -112,7 +118,13 @@ def _members(
             chosen.append(i)
     weights = np.exp(-0.5 * _TEMPER * behind[chosen])
     shares = _IN_CLASS * weights / weights.sum()
-    return tuple(zip((rivals[i][0] for i in chosen), shares.tolist(), strict=True))
+    found = []
+    for i, share in zip(chosen, shares.tolist(), strict=True):
+        candidate = rivals[i][0]
+        part = _SECOND_NAME if candidate.also else 0.0
+        found.append((candidate, (1.0 - part) * share))
+        found += [(other, part * share / len(candidate.also)) for other in candidate.also]
+    return tuple(found)
 
 
 def verdict(named: Sequence[Named], outcome: Outcome, something_left: bool) -> VerdictName:
@@ -122,4 +134,4 @@ def verdict(named: Sequence[Named], outcome: Outcome, something_left: bool) -> V
         return "unknown" if something_left else "no_gap"
     if something_left or curves:
         return "unknown"
-    return "explained" if all(len(n.members) == 1 for n in named) else "ambiguous"
+    return "explained" if all(n.single for n in named) else "ambiguous"

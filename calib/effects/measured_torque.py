@@ -16,7 +16,7 @@ from calib.effects.protocol import Parameter
 from calib.poses import Poses
 from calib.se3 import Array
 
-_LARGEST = 2e-4  # rad/(N m): joints with torque sensors yield by 30 to 100 urad/(N m)
+_LARGEST = 5e-4  # rad/(N m): joints with torque sensors yield by 30 to 100 urad/(N m)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from calib.effects.tuned import Tuned
 from calib.poses import IntArray
 from calib.se3 import Array
 
-_MOST_LINES = 2  # of one kind at one place
+_MOST_LINES = 2  # of ripple at one joint; of steps one, or two would stand for any curve
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,8 @@ class Lineup:
             there = [c for c in active if c.is_like(bank.candidate)]
             best, columns = own.best(around, carrier, count)
             best = replace(best, line=1 + max((c.line for c in there), default=0))
-            offered = [(best, columns)] if best.line <= _MOST_LINES else []
+            most = 1 if isinstance(best.effect, Timed) else _MOST_LINES
+            offered = [(best, columns)] if best.line <= most else []
             offered = [pair for pair in offered if best.key not in self.closed]
             echoes = tuple(_echoes(bank.candidate, active))
             suspects += [*there, *(c for c, _ in offered), *echoes]

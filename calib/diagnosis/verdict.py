@@ -12,6 +12,7 @@ from calib.diagnosis.candidates import Candidate, as_fitted
 from calib.diagnosis.contest import Entry, Outcome
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.twins import Twin, twins
+from calib.effects.gear_ripple import GearRipple
 from calib.poses import Poses
 
 VerdictName = Literal["no_gap", "explained", "ambiguous", "unknown"]
@@ -34,10 +35,12 @@ class Named:
     """An effect that was found.
 
     members : tuple of (Candidate, probability), causes that the data cannot tell apart, best first
+    aliased : whether these poses show the same at another tuning
     """
 
     entry: Entry
     members: tuple[tuple[Candidate, float], ...]
+    aliased: bool = False
 
     @property
     def candidate(self) -> Candidate:
@@ -47,7 +50,7 @@ class Named:
     @property
     def single(self) -> bool:
         """Whether there is one cause, by whatever names."""
-        return len(self.members) == 1 + len(self.candidate.also)
+        return not self.aliased and len(self.members) == 1 + len(self.candidate.also)
 
     @property
     def probability(self) -> float:
@@ -92,8 +95,10 @@ def _close(entry: Entry, others: Sequence[Twin]) -> list[Candidate]:
 
 def _as_fitted(named: Named, fit: Fit, poses: Poses) -> Named:
     first, probability = named.members[0]
-    first = as_fitted(first, fit.values[fit.positions(first.effect)], poses)
-    return replace(named, members=((first, probability), *named.members[1:]))
+    values, effect = fit.values[fit.positions(first.effect)], first.effect
+    aliased = isinstance(effect, GearRipple) and len(effect.images(poses, values)) > 0
+    members = ((as_fitted(first, values, poses), probability), *named.members[1:])
+    return replace(named, members=members, aliased=aliased)
 
 
 def _members(

@@ -24,6 +24,8 @@ _FEWEST, _MOST = (
     450.0,
 )  # cycles a turn; ratios of strain-wave gears reach 160, their second 640
 _STEP = 0.25  # of a line's width
+_LINE = 2.0  # widths: farther away it is another line
+_SAME = 0.8  # of a ripple's square: so much at other cycles, and nobody tells which are right
 # rad: real arms show 20 to 150 urad.
 _SIZE, _LARGEST = 1e-4, 1.5e-3
 
@@ -93,6 +95,23 @@ class GearRipple(TunedTwist):
             return np.array([self.ratio, 2.0 * self.ratio])
         width = self.width(poses)
         return np.arange(_FEWEST, _MOST, _STEP * width) if np.isfinite(width) else np.zeros(0)
+
+    def images(self, poses: Poses, values: Array) -> Array:
+        """Other cycles at which these poses, a joint at equal steps, show the same ripple, shape (k,).
+
+        values : ndarray, shape (p,)
+        """
+        width = self.width(poses)
+        if not np.isfinite(width):
+            return np.zeros(0)
+        tried = np.arange(_FEWEST, _MOST, _STEP * width)
+        tried = tried[np.abs(tried - values[0]) > _LINE * width]
+        error = self.amounts(poses, values)[:, 0]
+        F = self.functions(poses, tried)
+        shared = np.swapaxes(F, -1, -2) @ error
+        inner = np.linalg.pinv(np.swapaxes(F, -1, -2) @ F, hermitian=True)
+        explained = np.einsum("ci,cij,cj->c", shared, inner, shared)
+        return np.asarray(tried[explained > _SAME * float(error @ error)])
 
     def width(self, poses: Poses) -> float:
         """Width of a line in cycles a turn, infinite where the joint stands still."""

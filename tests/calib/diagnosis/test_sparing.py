@@ -40,7 +40,7 @@ def test_nothing_is_chosen_from_noise() -> None:
 
 
 def test_friction_is_another_name_of_lost_motion() -> None:
-    """Where the joint yields, friction winds it up by as much: the class says so, and nothing is open."""
+    """Where the joint yields, friction winds it up by as much: the class says so."""
     cell, data, held = measured("backlash:A3", [3e-4])
     found = calib.diagnose(cell, data, heldout=held)
     assert found.verdict == "explained"

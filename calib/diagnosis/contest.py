@@ -9,37 +9,19 @@ at that fit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
-
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.preference import instead_of
-from calib.diagnosis.profile import ground
-from calib.diagnosis.screen import NOTHING, Field, Score, score
+from calib.diagnosis.rounds import Round, better, linear_scores
+from calib.diagnosis.screen import Field, Score
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.view import Lineup, View
 from calib.effects.tuned import Tuned
 
-ALPHA = 0.01
-"""Probability of a false entry, over all candidates together."""
-_CHALLENGE = 3.0  # gain by which a rival must lead to take a place
-_NAMED_SHARE = 0.9  # of the leader's evidence at which a cause by name is preferred to a curve
-_CURVES_TOO = 0.2  # of the best curve's gain: a name with more is taken before curves are judged
-_MOST_CURVES = 4  # of which more than one seldom means a thing to anybody
-_CALLED = 12  # causes by name, of which some may stand for a curve
-_COMES_BACK = 30.0  # gain, once it has gone: or the doubtful go in circles
-_LENIENT = 3.0  # gain that a member may lack
 _MOST_ROUNDS = 40, 12  # of a contest from nothing, and of one that goes on from another
-_A_FAMILY = 3  # places at which a kind is asked
 _SCANNED_ANEW = 4  # newcomers after which all tunings are tried again
-_BEYOND_DOUBT = 200.0  # gain that no choice of variances takes away
-_STANDS = 0.8  # of the gain with which a member has proved itself, above which it need not again
-_APART = 0.7  # of its fall that a second newcomer keeps beside the first
-_MOST_AT_ONCE = 12
-_LEADING = (4, 2)  # causes by name, and curves, whose variances are found anew
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,63 +70,6 @@ class Outcome:
         return tuple(_entry(self.view, c, self.active) for c in self.active)
 
 
-@dataclass(frozen=True, eq=False)
-class Round:
-    """Where a contest stands.
-
-    active : what is in; view : all suspects from the fit with it
-    proved : dict, key of a member -> gain with which it last defended its place against all
-    left : set, keys of those that went, which must do better to come back
-    new : set, keys of members that nobody has challenged yet
-    """
-
-    stage: Stage
-    active: tuple[Candidate, ...]
-    view: View
-    asked: int
-    proved: dict[str, float]
-    left: set[str]
-    new: set[str]
-
-    def pays(self, found: Score, candidate: Candidate | None = None) -> bool:
-        """Whether a score earns its holder a place: among all, or those of a family that shows."""
-        asked = self.asked
-        if candidate is not None and candidate.effect.kind in self.families:
-            asked = self.families[candidate.effect.kind]
-        if candidate is not None and candidate.key in self.left and found.gain < _COMES_BACK:
-            return False
-        return bool(found.gain > 2.0 * np.log(asked) and found.p * asked < ALPHA)
-
-    @cached_property
-    def families(self) -> dict[str, int]:
-        """Kinds that show at many places at once, and at how many each was asked.
-
-        One variance over all places of a kind: it pools evidence that no place has alone.
-        """
-        found = {}
-        for kind in dict.fromkeys(c.effect.kind for c in self.view.suspects if c.named):
-            members = [
-                c
-                for c in self.view.suspects
-                if c.effect.kind == kind and not (c.unit_of_arm or c.echo or c in self.active)
-            ]
-            if len(members) < _A_FAMILY:
-                continue
-            columns = np.concatenate([self.view.where[c.key] for c in members])
-            sizes = np.concatenate([[p.size for p in c.amounts] for c in members])
-            tried = sum(c.tried - 1 for c in members)
-            pooled = score(self.view.beside, columns, np.diag(sizes**2))
-            if not tried and self.pays(pooled):
-                found[kind] = len(members)
-        return found
-
-    def stays(self, found: Score) -> bool:
-        """Whether a score keeps a member in its place: a little less, or the doubtful go in circles."""
-        return bool(
-            found.gain > 2.0 * np.log(self.asked) - _LENIENT and found.p * self.asked < 10.0 * ALPHA
-        )
-
-
 def contest(
     stage: Stage,
     lineup: Lineup,
@@ -168,7 +93,7 @@ def contest(
     grown = 0
     tried = {frozenset(c.key for c in active)}
     for _ in range(_MOST_ROUNDS[bool(active)]):
-        found = _better(state)
+        found = better(state)
         if found == state.active and fresh:
             return Outcome(before, fit, found, view, lineup, state.proved)
         fresh = found == state.active
@@ -206,172 +131,6 @@ def left_with(stage: Stage, outcome: Outcome, rest: Sequence[Candidate]) -> Outc
     return replace(outcome, fit=fit, active=tuple(rest), view=view)
 
 
-def _better(state: Round) -> tuple[Candidate, ...]:
-    """The next set of effects; the present one where it stands."""
-    active, view = state.active, state.view
-    for member in active:
-        beside = view.without(member)
-        own = _linear(beside, view, [member])[member.key]
-        stands = own.gain > _STANDS * state.proved.get(member.key, np.inf)
-        if stands and member.key not in state.new and state.stays(own):
-            continue
-        rest = tuple(c for c in active if c is not member)
-        new = member.key in state.new
-        if not new and not state.stays(_defence(state, member, own)):
-            return rest
-        state.new.discard(member.key)
-        best = _challenger(state, member, own, beside)
-        if best is not None:
-            return (*rest, best)
-        state.proved[member.key] = own.gain
-    newcomers = _newcomers(state)
-    if newcomers:
-        return (*active, *newcomers)
-    for curve in (c for c in active if not c.named):
-        names = _by_name(view.without(curve), state, curve)
-        if names:
-            return (*(c for c in active if c is not curve and c not in names), *names)
-    return active
-
-
-def _challenger(state: Round, member: Candidate, own: Score, beside: Field) -> Candidate | None:
-    """What explains more in a member's place, or as much by name."""
-    rest = [c for c in state.active if c is not member]
-    scores = _linear(beside, state.view, state.view.suspects)
-    eligible = [c for c in _eligible(rest, state.view) if c is not member]
-    eligible = [c for c in eligible if not c.is_like(member)]
-    if member.named:  # a curve comes in beside it, and it then stands or falls
-        eligible = [c for c in eligible if c.named]
-    best = _leader(scores, [*eligible, member], state.pays)
-    named = best.named and not member.named
-    if best is member or not (named or scores[best.key].gain > own.gain + _CHALLENGE):
-        return None
-    return best
-
-
-def _newcomers(state: Round) -> list[Candidate]:
-    """What pays beside all that is in: the best, and others by name that hardly share with it.
-
-    Where poses err together, what is missing counts as noise, and what pays all the same is believed;
-    only where nothing does are variances found anew with each that leads.
-    """
-    view = state.view
-    eligible = _eligible(state.active, view)
-    scores = _linear(view.beside, view, eligible)
-    chosen = _entering(state, scores, eligible)
-    if not chosen and view.fit.mixing is not None:
-        scores = _anew(state, scores, eligible)
-        chosen = _entering(state, scores, eligible)
-    state.proved.update({c.key: scores[c.key].gain for c in chosen if c.key in scores})
-    state.new.update(c.key for c in chosen)
-    return chosen
-
-
-def _entering(
-    state: Round, scores: dict[str, Score], eligible: Sequence[Candidate]
-) -> list[Candidate]:
-    """Those that pay by their scores: names first, but where a curve explains far more."""
-    paying = sorted(
-        (c for c in eligible if state.pays(scores[c.key], c)), key=lambda c: -scores[c.key].gain
-    )
-    named = [c for c in paying if c.named]
-    curve = next((c for c in paying if not c.named), None)
-    if curve is not None:
-        first = scores[named[0].key] if named else NOTHING
-        if first.gain < _CURVES_TOO * scores[curve.key].gain:
-            return _by_name(state.view.beside, state, curve) or [curve]
-    chosen = named[:1]
-    for c in named[1:_MOST_AT_ONCE]:
-        if all(_kept(state.view, c, other) > _APART for other in chosen):
-            chosen.append(c)
-    return chosen
-
-
-def _kept(view: View, candidate: Candidate, other: Candidate) -> float:
-    """Share of a candidate's fall that is left beside another one, about."""
-    beside, a, b = view.beside, view.where[candidate.key], view.where[other.key]
-    T, U = beside.directions(a), beside.directions(b)
-    own, theirs = T.T @ beside.products(a)[1], U.T @ beside.products(b)[1]
-    left = own - T.T @ beside.crossed(a, b) @ U @ theirs
-    return float(left @ left) / max(float(own @ own), 1e-300)
-
-
-def _eligible(active: Sequence[Candidate], view: View) -> list[Candidate]:
-    """Who may come in beside those that are: of curves no more than a few."""
-    full = sum(not c.named for c in active) >= _MOST_CURVES
-    return [c for c in view.suspects if c not in active and not c.echo and (c.named or not full)]
-
-
-def _by_name(beside: Field, state: Round, curve: Candidate) -> list[Candidate]:
-    """The named causes that explain what a curve does; none where there are none, or for a name."""
-    if curve.spread is None:
-        return []
-    view = state.view
-    names = [c for c in view.suspects if c.named and not c.echo]
-    scores = _linear(beside, view, names)
-    named = [c for c in names if scores[c.key].gain > 0.0]
-    named = sorted(named, key=lambda c: -scores[c.key].gain)[:_CALLED]
-    at = [view.where[c.key] for c in named]
-    found = instead_of(beside, view.where[curve.key], curve.spread, at, state.pays)
-    return [named[i] for i in found]
-
-
-def _anew(
-    state: Round, scores: dict[str, Score], eligible: Sequence[Candidate]
-) -> dict[str, Score]:
-    """Scores of those that lead, each with variances found anew; of the others none."""
-    view = state.view
-    alone = _linear(view.by_instrument.beside, view, eligible)
-    leading = [
-        c
-        for named in (True, False)
-        for by in (scores, alone)
-        for c in _leading(by, eligible, named)
-    ]
-    leading = list(dict.fromkeys(leading))
-    here = ground(state.stage, view, leading)
-    return {c.key: NOTHING for c in eligible} | {c.key: here.score(c) for c in leading}
-
-
-def _defence(state: Round, member: Candidate, linear: Score) -> Score:
-    """Score of a member as a newcomer would have it: without it more counts as noise.
-
-    linear : Score, at the variances that are left beside it, which are too small
-    """
-    if state.view.fit.mixing is None or linear.gain > _BEYOND_DOUBT:
-        return linear
-    return ground(state.stage, state.view, [member], member).score(member)
-
-
-def _linear(beside: Field, view: View, suspects: Sequence[Candidate]) -> dict[str, Score]:
-    return {
-        c.key: score(beside, view.where[c.key], c.spread, c.limits, c.sparing).counted(c.tried)
-        for c in suspects
-    }
-
-
-def _leading(
-    scores: dict[str, Score], suspects: Sequence[Candidate], named: bool
-) -> list[Candidate]:
-    """The best of those with a name, or of those without."""
-    own = [c for c in suspects if c.named == named]
-    ordered = sorted(own, key=lambda c: -scores[c.key].gain)[: _LEADING[0 if named else 1]]
-    return [c for c in ordered if scores[c.key].evidence > 0.0]
-
-
-def _leader(
-    scores: Mapping[str, Score], eligible: Sequence[Candidate], pays: Callable[[Score], bool]
-) -> Candidate:
-    """The best candidate; a cause by name where that pays and explains nearly as much as a curve."""
-    best = max(eligible, key=lambda c: scores[c.key].gain)
-    named = [c for c in eligible if c.named]
-    if best.named or not named:
-        return best
-    first = max(named, key=lambda c: scores[c.key].gain)
-    enough = scores[first.key].fall >= _NAMED_SHARE * scores[best.key].fall
-    return first if enough and pays(scores[first.key]) else best
-
-
 def _entry(view: View, member: Candidate, active: Sequence[Candidate]) -> Entry:
     rest = [c for c in active if c is not member]
     suspects = [
@@ -379,12 +138,12 @@ def _entry(view: View, member: Candidate, active: Sequence[Candidate]) -> Entry:
         for c in view.suspects
         if c is member or (not c.is_like(member) and c.echo in ("", member.key))
     ]
-    scores = _linear(view.without(member), view, suspects)
+    scores = linear_scores(view.without(member), view, suspects)
     gains = [(c, scores[c.key].gain) for c in suspects if c not in rest]
     gains.sort(key=lambda pair: -pair[1])
     own = scores[member.key]
     alone = own
     if view.fit.mixing is not None:
         bare = view.by_instrument
-        alone = _linear(bare.without(member), bare, [member])[member.key]
+        alone = linear_scores(bare.without(member), bare, [member])[member.key]
     return Entry(member, own, alone.fall, tuple(gains))

@@ -11,12 +11,13 @@ from calib.build import build
 from calib.cell import Cell
 from calib.covariance import determined
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
-from calib.diagnosis.contest import ALPHA, Entry, Outcome, contest
+from calib.diagnosis.contest import Entry, Outcome, contest
 from calib.diagnosis.earned import BY_TIME
 from calib.diagnosis.gap import Gap, gap_of, over_time, reach
 from calib.diagnosis.power import smallest_sizes
 from calib.diagnosis.range_noise import Growth, growth
 from calib.diagnosis.refused import Refused, believed, nothing
+from calib.diagnosis.rounds import ALPHA
 from calib.diagnosis.screen import refuted
 from calib.diagnosis.shape import Doubt, shape_doubt
 from calib.diagnosis.sparing import sparing

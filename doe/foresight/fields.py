@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 from calib.diagnosis.alike import SURE
-from calib.diagnosis.contest import ALPHA
 from calib.diagnosis.power import POWER
+from calib.diagnosis.rounds import ALPHA
 from calib.effects.protocol import LoadEffect
 from doe.foresight.foresee import Foresight
 from doe.foresight.sight import Sight

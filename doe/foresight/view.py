@@ -12,8 +12,8 @@ from calib.build import build
 from calib.cell import Cell
 from calib.covariance import Unidentifiable
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
-from calib.effects.tuned import Tuned
 from calib.diagnosis.screen import Field, field
+from calib.effects.tuned import Tuned
 from calib.identify.estimators import Mask, choose_directions
 from calib.identify.identify import check_counts
 from calib.model import Model

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.contest import _leader
 from calib.diagnosis.diagnose import _replicate_factor
+from calib.diagnosis.rounds import _leader
 from calib.diagnosis.screen import Score
 from calib.diagnosis.verdict import _members
 from calib.effects.protocol import Effect

@@ -10,8 +10,8 @@ import pytest
 from calib.build import build
 from calib.cell import Cell
 from calib.diagnosis.candidates import candidates
-from calib.diagnosis.contest import ALPHA
 from calib.diagnosis.preference import instead_of
+from calib.diagnosis.rounds import ALPHA
 from calib.diagnosis.screen import Field, Score, field, score
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.view import lineup

@@ -116,12 +116,12 @@ def field(N: Array, X: Array, r: Array) -> Field:
     N : ndarray, shape (rows, p), whitened derivatives of what is modelled; X : ndarray, shape (rows, K)
     r : ndarray, shape (rows,), whitened residuals; rows of zeros count nothing
     """
-    return beside(orthonormal(N), X, r)
+    return beside(N, orthonormal(N), X, r)
 
 
-def beside(Q: Array, X: Array, r: Array) -> Field:
-    """The same with an orthonormal basis (rows, k) of what is modelled."""
-    rows = int(np.count_nonzero(np.abs(Q).sum(axis=1) + np.abs(X).sum(axis=1)))
+def beside(N: Array, Q: Array, X: Array, r: Array) -> Field:
+    """The same with an orthonormal basis Q (rows, k) of what is modelled."""
+    rows = int(np.count_nonzero(np.abs(N).sum(axis=1) + np.abs(X).sum(axis=1)))
     lengths = np.linalg.norm(X, axis=0)
     X, r = X - Q @ (Q.T @ X), r - Q @ (Q.T @ r)
     return Field(X, r, lengths, rows, rows - Q.shape[1])

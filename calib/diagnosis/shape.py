@@ -92,7 +92,8 @@ def question(stage: Stage, fit: Fit, effect: Effect) -> Question | None:
     if not asked:
         return None
     X = _times(stage, fit, effect, np.column_stack([m.centred for m in asked]))
-    return Question(asked, beside(fit.modelled, X, fit.equations[0]))
+    r, J = fit.equations
+    return Question(asked, beside(J, fit.modelled, X, r))
 
 
 def _modulated(rest: Field, columns: IntArray) -> tuple[float, float]:

@@ -119,10 +119,10 @@ class View:
     @cached_property
     def beside(self) -> Field:
         """Candidates and residual with all that is modelled projected out."""
-        r, _ = self.fit.equations
+        r, J = self.fit.equations
         X = np.zeros((len(r), self.columns.shape[1]))
         X[: len(self.columns)] = self.columns
-        return beside(self.fit.modelled, X, r)
+        return beside(J, self.fit.modelled, X, r)
 
     @cached_property
     def _turned(self) -> tuple[Array, Array]:

@@ -156,7 +156,7 @@ def _evidence(
     situation: Situation, data: _Data, rivalry: Rivalry, pairs: Sequence[tuple[int, int]]
 ) -> Evidence:
     model = situation.model
-    at = [positions(model, c.effect) for c in rivalry.members]
+    at = [np.setdiff1d(positions(model, c.effect), model.tunings) for c in rivalry.members]
     rows, own = padded(data.rows, situation), np.concatenate(at)
     # Each rival takes the place of all: to first order, whole refits differ by less than noise.
     y = data.r + rows[:, own] @ situation.values[own]

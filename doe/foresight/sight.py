@@ -48,7 +48,7 @@ class Sight:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Unknowns of the cause."""
-        return self.candidate.effect.parameters
+        return self.candidate.amounts
 
     @property
     def sizes(self) -> Array:
@@ -76,7 +76,7 @@ def sight_of(view: View, position: int) -> Sight:
     if not k or not in_view.any():  # what is left of a combination alone is rounding
         reason = _why_hidden(view, position)
         return Sight(candidate, 0, share, nowhere, nowhere, np.inf, np.inf, reason)
-    limit = entry_limit(k, view.field.rows, view.asked, ALPHA)
+    limit = entry_limit(k, view.field.rows, view.asked * candidate.tried, ALPHA)
     needed = needed_beyond(limit, k)
     smallest = np.divide(np.sqrt(needed), lengths, out=nowhere.copy(), where=in_view)
     moved = np.multiply(smallest, view.moved[columns], out=nowhere.copy(), where=in_view)
@@ -86,7 +86,7 @@ def sight_of(view: View, position: int) -> Sight:
 def _why_hidden(view: View, position: int) -> str:
     """It moves nothing, or what the model has moves the markers alike."""
     effect, columns = view.suspects[position].effect, view.columns[position]
-    sizes = np.array([p.size for p in effect.parameters])
+    sizes = np.array([p.size for p in view.suspects[position].amounts])
     if (view.moved[columns] * sizes).max() < _STILL_M:
         return _why_still(effect, view)
     kinds = _imitators(view, position)

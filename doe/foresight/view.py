@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -19,7 +20,7 @@ from calib.identify.identify import check_counts
 from calib.model import Model
 from calib.moves import before_the_first_move, with_moves
 from calib.observations import Points
-from calib.poses import IntArray, Measurements
+from calib.poses import IntArray, Measurements, Poses
 from calib.scatter import Variances, scatter_of
 from calib.se3 import Array
 from calib.simulate import beams
@@ -95,7 +96,7 @@ def linearised(
     counted = data.seen & ~waiting[:, None]
     weights = cell.noise.whitening(along, data.sigma) * counted[..., None, None]
     everything, missing = candidates(cell, model, data)
-    everything = [c for c in everything if not isinstance(c.effect, Tuned)]
+    everything = [c for c in map(_at_any_tuning(data.poses), everything) if c.tried]
     suspects = tuple(c for c in everything if c.named)
     whole, start = model.extended(values, [c.effect for c in suspects])
     _, J = whole.jacobian(start, data.poses)
@@ -106,9 +107,10 @@ def linearised(
     if observation.weighing is not None:
         rows = observation.weighing(rows)
     rows = rows.reshape(-1, J.shape[-1])
+    added = np.setdiff1d(np.arange(len(values), J.shape[-1]), whole.tunings)
     choice = choose_directions(Points(model, data, weights, known=known), values)
-    N, X = rows[:, choice.kept], rows[:, len(values) :]
-    ends = np.cumsum([0, *(len(c.effect.parameters) for c in suspects)])
+    N, X = rows[:, choice.kept], rows[:, added]
+    ends = np.cumsum([0, *(len(c.amounts) for c in suspects)])
     return View(
         cell,
         model,
@@ -124,9 +126,20 @@ def linearised(
         X,
         field(N, X, np.zeros(len(X))),
         tuple(np.arange(a, b) for a, b in pairwise(ends)),
-        np.sqrt((J[data.seen][..., len(values) :] ** 2).sum(axis=1).mean(axis=0)),
+        np.sqrt((J[data.seen][..., added] ** 2).sum(axis=1).mean(axis=0)),
         assumed,
     )
+
+
+def _at_any_tuning(poses: Poses) -> Callable[[Candidate], Candidate]:
+    """Causes with as many tunings as will be tried of them at these poses, zero where none can be."""
+
+    def counted(candidate: Candidate) -> Candidate:
+        effect = candidate.effect
+        tried = len(effect.grid(poses)) if isinstance(effect, Tuned) else 1
+        return replace(candidate, tried=tried)
+
+    return counted
 
 
 def readings_of(cell: Cell, plan: Plan) -> Measurements:

@@ -355,7 +355,8 @@ def _located(
             share = _share(outcome, after, entry, scale)
             found.append(Place(entry.candidate.where, entry.candidate.depends_on, share))
     if after.variances.configuration.any() or (refused and not found):
-        found.append(Place(ARM, "pose", _unfollowed(outcome, after)))
+        # Beside a cause its share is undefined: it is no effect that could be taken out again.
+        found.append(Place(ARM, "pose", np.nan if found else _unfollowed(outcome, after)))
     return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
 
 

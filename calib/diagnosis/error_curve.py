@@ -30,6 +30,7 @@ from calib.diagnosis.prior import curves_in, prior_rows
 from calib.diagnosis.screen import field
 from calib.diagnosis.stage import determined_by, positions
 from calib.diagnosis.variables import PoseVariable
+from calib.effects.gear_ripple import GearRipple
 from calib.identify.estimators import Mask
 from calib.identify.solver import levenberg_marquardt
 from calib.model import Model
@@ -84,13 +85,13 @@ class ErrorCurve:
 def error_curve(result: Diagnosis, candidate: Candidate) -> ErrorCurve | None:
     """The curve of one candidate that was found.
 
-    None where its place is no single frame (the arm as a whole, the instrument), or where it depends on
-    nothing that varies.
+    None where its place is no single frame (the arm as a whole, the instrument), where it depends on
+    nothing that varies, or for a gear ripple, which is too fine to be drawn and stands in the spectra.
     """
     after, poses = result.after, result.data.poses
     robot = after.model.robot
     frame = frame_of(candidate.where, robot)
-    if frame is None:
+    if frame is None or isinstance(candidate.effect, GearRipple):
         return None
     state = after.model.state(after.values, poses)
     values = after.values[positions(after.model, candidate.effect)]

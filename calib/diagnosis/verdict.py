@@ -48,9 +48,15 @@ class Named:
         return self.members[0][0]
 
     @property
+    def causes(self) -> tuple[Candidate, ...]:
+        """The members that differ in what they do: each cause once, by its first name."""
+        second = {other.key for c, _ in self.members for other in c.also}
+        return tuple(c for c, _ in self.members if c.key not in second)
+
+    @property
     def single(self) -> bool:
         """Whether there is one cause, by whatever names."""
-        return not self.aliased and len(self.members) == 1 + len(self.candidate.also)
+        return not self.aliased and len(self.causes) == 1
 
     @property
     def probability(self) -> float:

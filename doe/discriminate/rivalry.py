@@ -41,10 +41,10 @@ def rivalries(diagnosis: Diagnosis) -> tuple[Rivalry, ...]:
     Causes by name only: a curve bends to whatever is there, so that no pose tells it from its rivals.
     """
     chosen = _chosen(diagnosis)
-    ambiguous = any(len(cause.named.members) > 1 for cause in diagnosis.causes)
+    ambiguous = any(len(cause.named.causes) > 1 for cause in diagnosis.causes)
     found = []
     for cause in diagnosis.causes:
-        members = [member for member, _ in cause.named.members]
+        members = list(cause.named.causes)
         declared = len(members) > 1
         if not declared and not ambiguous:
             members = [cause.named.candidate, *_near(cause.named.entry, chosen)]
@@ -64,4 +64,4 @@ def _near(entry: Entry, chosen: Sequence[Candidate]) -> list[Candidate]:
     taken = {c.key for c in chosen}
     top = entry.rivals[0][1]
     near = [c for c, gain in entry.rivals if gain > top - _REACH and c.key not in taken]
-    return [c for c in near if c.named][:_NEAREST]
+    return [c for c in near if c.named and not c.echo][:_NEAREST]

@@ -167,7 +167,7 @@ def diagnosed(kinds: tuple[str, ...], effect: str, values: list[float]) -> tuple
 @pytest.fixture(scope="module")
 def alike() -> tuple[Cell, Diagnosis]:
     """A gear ratio, or the weight of the arm: over a short range of A2 both turn it alike."""
-    kinds = ("transmission_scale", "gravity_sag", "backlash", "link_weight")
+    kinds = ("transmission_scale", "backlash", "link_weight")
     return diagnosed(kinds, "transmission_scale:A2", [SCALE])
 
 

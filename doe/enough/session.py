@@ -37,6 +37,7 @@ def _followed(cell: Cell, now: Poses, coming: Poses) -> Poses:
     last = int(order[-1])
     way = np.concatenate([now.q[order], coming.q])
     approach, motion = (part[len(now) :] for part in moves(way))
+    ahead = np.arange(1.0, k + 1.0)
     return replace(
         now,
         names=(*now.names, *coming.names),
@@ -45,7 +46,9 @@ def _followed(cell: Cell, now: Poses, coming: Poses) -> Poses:
             [wrench_with_load(cell.robot, cell.gravity, p) for p in (now, coming)]
         ),
         temperature=_continued(now.temperature, last, np.zeros(k)),
-        time=_continued(now.time, last, _pace(now.time) * np.arange(1.0, k + 1.0, dtype=float)),
+        time=_continued(now.time, last, _pace(now.time) * ahead),
+        order=_continued(now.order, last, ahead),
+        torque=None,  # what the arm will measure nobody knows beforehand
         approach=None if now.approach is None else np.concatenate([now.approach, approach]),
         motion=None if now.motion is None else np.concatenate([now.motion, motion]),
         station=np.concatenate([now.station, np.full(k, now.station[last])]),

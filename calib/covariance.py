@@ -54,8 +54,8 @@ def identifiable(J: Array, sizes: Array, ids: tuple[str, ...]) -> Identifiable:
 
     if not np.isfinite(J).all():  # an arm so soft that it does not stand
         raise Unsolvable
-    R, order = qr(J * sizes, mode="r", pivoting=True)
-    R = R[: J.shape[1]]
+    # The triangle first: pivots of its columns are those of the rows, and there are fewer of them.
+    R, order = qr(np.linalg.qr(J * sizes, mode="r"), mode="r", pivoting=True)
     pivots = np.abs(np.diag(R))
     rank = int((pivots > max(_UNSEEN, _NUMERICAL * pivots.max(initial=0.0))).sum())
     lost = []

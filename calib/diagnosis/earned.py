@@ -8,9 +8,12 @@ the session, for readings close in time err alike.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.gap import blocks_of_time
@@ -43,26 +46,115 @@ class Ledger:
         return self.with_it < self.without
 
 
-def ledger(stage: Stage, fit: Fit, candidates: list[Candidate], by_time: bool) -> Ledger:
-    """What some of the fitted candidates do for poses left out.
+@dataclass(frozen=True, eq=False)
+class Books:
+    """What each of the fitted candidates does for poses left out, from one factorisation of the fit.
 
-    by_time : whether stretches of the session are left out, else configurations
+    stage : Stage; fit : Fit
     """
-    fold = _folds(stage.data.poses, by_time)
-    own = np.concatenate([fit.positions(c.effect) for c in candidates])
-    prior = fit.pull * prior_rows(fit.model, fit.amplitudes)
-    J = np.concatenate([fit.J.reshape(-1, fit.J.shape[-1]), prior])
-    r = np.concatenate([fit.r.ravel(), -prior @ fit.values])
-    A = J @ fit.span
-    left = _left_out(A, r, fit, fold)
-    rest = fit.span[:, np.abs(fit.span[own]).sum(axis=0) == 0.0]
-    kept = np.ones(len(J), dtype=bool)
-    kept[fit.r.size :] = np.abs(prior[:, own]).sum(axis=1) == 0.0
-    before = (r + J[:, own] @ fit.moving[own])[kept]
-    gone = _left_out(J[kept] @ rest, before, fit, fold)
-    return Ledger(
-        *(_cost(fit, e) for e in (left, gone)), *(_rms(stage, fit, e) for e in (left, gone))
-    )
+
+    stage: Stage
+    fit: Fit
+
+    def ledger(self, candidates: Sequence[Candidate], by_time: bool) -> Ledger:
+        """What some of the candidates do together.
+
+        by_time : whether stretches of the session are left out, else configurations
+        """
+        folds, kept = self._by_time if by_time else self._by_configuration, self._kept
+        fit, (m, R) = self.fit, self.fit.r.shape
+        own = np.concatenate([fit.positions(c.effect) for c in candidates])
+        lost = np.abs(fit.span[own]).sum(axis=0) > 0.0
+        # Directions that nothing of the rest sees: what the candidates alone explain.
+        u, _ = np.linalg.qr(kept.duals[lost].T)
+        r = kept.r + kept.J[:, own] @ fit.moving[own]
+        alone = kept.Q @ u
+        r = r - kept.Q @ (kept.Q.T @ r) + alone @ (alone.T @ r)
+        gone = folds.without(u, r[: m * R].reshape(m, R))
+        left = folds.left
+        return Ledger(
+            *(_cost(fit, e) for e in (left, gone)), *(_rms(self.stage, fit, e) for e in (left, gone))
+        )
+
+    @cached_property
+    def _kept(self) -> Kept:
+        fit = self.fit
+        prior = fit.pull * prior_rows(fit.model, fit.amplitudes)
+        J = np.concatenate([fit.J.reshape(-1, fit.J.shape[-1]), prior])
+        r = np.concatenate([fit.r.ravel(), -prior @ fit.values])
+        A = J @ fit.span
+        scale = np.linalg.norm(A, axis=0)
+        Q, T = np.linalg.qr(A / np.where(scale > 0.0, scale, 1.0))
+        return Kept(Q, J, r, np.linalg.inv(T))
+
+    @cached_property
+    def _by_configuration(self) -> Folds:
+        return self._over(_folds(self.stage.data.poses, by_time=False))
+
+    @cached_property
+    def _by_time(self) -> Folds:
+        return self._over(_folds(self.stage.data.poses, by_time=True))
+
+    def _over(self, fold: IntArray) -> Folds:
+        (m, R), kept = self.fit.r.shape, self._kept
+        r = (kept.r - kept.Q @ (kept.Q.T @ kept.r))[: m * R].reshape(m, R)
+        Q = kept.Q[: m * R].reshape(m, R, -1)
+        return Folds(tuple(_fold(Q, fold == f) for f in range(int(fold.max()) + 1)), r)
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """Q : ndarray, shape (N, k), orthonormal, of the fitted columns, J : (N, p), r : (N,), the prior's
+    rows last; duals : (k, k), rows that see one column, in the directions Q, and none of the others
+    """
+
+    Q: Array
+    J: Array
+    r: Array
+    duals: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """Poses that are left out together.
+
+    here : ndarray of bool, shape (m,); Q : ndarray, shape (n, k), their rows of the basis
+    inverse : ndarray, shape (k, k), ``(I - Q^T Q)^-1``
+    """
+
+    here: NDArray[np.bool_]
+    Q: Array
+    inverse: Array
+
+    def predicted(self, rows: Array) -> Array:
+        """``(I - Q Q^T)^-1`` of rows (n, c): what they leave when the others predict them."""
+        return np.asarray(rows + self.Q @ (self.inverse @ (self.Q.T @ rows)))
+
+
+@dataclass(frozen=True, eq=False)
+class Folds:
+    """All folds; r : ndarray, shape (m, R), residuals of the fit."""
+
+    folds: tuple[Fold, ...]
+    r: Array
+
+    @cached_property
+    def left(self) -> Array:
+        """Residuals (m, R) of poses predicted without their fold."""
+        return self.without(np.zeros((self.folds[0].Q.shape[1], 0)), self.r)
+
+    def without(self, u: Array, r: Array) -> Array:
+        """The same with directions u (k, c) no longer fitted, r (m, R) the residuals then.
+
+        ``(I - Q Q^T + W W^T)^-1`` by Woodbury, W the directions' rows in the fold.
+        """
+        out = np.zeros(r.shape)
+        for fold in self.folds:
+            W = fold.Q @ u
+            back, left = fold.predicted(W), fold.predicted(r[fold.here].reshape(-1, 1))
+            left = left - back @ np.linalg.solve(np.eye(u.shape[1]) + W.T @ back, W.T @ left)
+            out[fold.here] = left.reshape(-1, r.shape[1])
+        return out
 
 
 def _folds(poses: Poses, by_time: bool) -> IntArray:
@@ -74,22 +166,10 @@ def _folds(poses: Poses, by_time: bool) -> IntArray:
     return np.asarray(drawn[poses.configuration])
 
 
-def _left_out(A: Array, r: Array, fit: Fit, fold: IntArray) -> Array:
-    """Residuals (m, R) of poses predicted without their fold; columns A (N, k), residuals r (N,)."""
-    m, R = fit.r.shape
-    scale = np.linalg.norm(A, axis=0)
-    Q, _ = np.linalg.qr(A / np.where(scale > 0.0, scale, 1.0))
-    r = (r - Q @ (Q.T @ r))[: m * R].reshape(m, R)
-    Q = Q[: m * R].reshape(m, R, -1)
-    out = np.zeros((m, R))
-    for f in range(int(fold.max()) + 1):
-        here = fold == f
-        own = Q[here].reshape(-1, Q.shape[-1])
-        # (I - Q Q^T)^-1 r = r + Q (I - Q^T Q)^-1 Q^T r, in the few dimensions of the fit.
-        values, vectors = np.linalg.eigh(np.eye(own.shape[1]) - own.T @ own)
-        turned = vectors.T @ (own.T @ r[here].ravel()) / np.maximum(values, _FREE)
-        out[here] = (r[here].ravel() + own @ (vectors @ turned)).reshape(-1, R)
-    return out
+def _fold(Q: Array, here: NDArray[np.bool_]) -> Fold:
+    own = Q[here].reshape(-1, Q.shape[-1])
+    values, vectors = np.linalg.eigh(np.eye(own.shape[1]) - own.T @ own)
+    return Fold(here, own, (vectors / np.maximum(values, _FREE)) @ vectors.T)
 
 
 def _cost(fit: Fit, errors: Array) -> float:

@@ -91,7 +91,7 @@ def beside(field: Field, columns: IntArray) -> Field:
     """The field with some of its own columns projected out as well."""
     U = field.basis(columns)
     X, r = field.X - U @ (U.T @ field.X), field.r - U @ (U.T @ field.r)
-    return replace(field, X=X, r=r, dof=field.dof - U.shape[1])
+    return replace(field, columns=X, r=r, modelled=None, dof=field.dof - U.shape[1])
 
 
 def _extended(

@@ -3,14 +3,16 @@
 Variances that were estimated while an effect is missing take the effect for noise, and its score at
 those variances is too small. So the leading suspects are judged by the ratio of likelihoods, each
 with its own variances: ``max L(levels, suspect) / max L(levels)``, of the same readings, once all
-that is modelled is projected out of them (:mod:`calib.scatter.restricted`). Where nothing scatters
-it is the score.
+that is modelled is projected out of them (:mod:`calib.scatter.restricted`). To second order that takes
+no search and is never too much (:mod:`calib.scatter.around`): where it decides, it is enough. Where
+nothing scatters both are the score.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from calib.diagnosis.screen import CURVE_PRICE, NOTHING, VISIBLE, Score
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.view import View
 from calib.poses import IntArray
+from calib.scatter.around import Around
 from calib.scatter.restricted import Likelihood, Turned, maximised, triangle
 from calib.scatter.search import Levels, problem_of, searched
 from calib.se3 import Array
@@ -31,51 +34,77 @@ _SETTLED = 0.1  # of -2 log likelihood
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """What is modelled, with the columns of some suspects, and the levels without any of them.
+    """What is modelled, with the columns of some suspects.
 
     problem : Turned, of the modelled columns, the suspects' and the readings
     rows : int, that the arm moves, readings of one approach once: what a direction is paid by
     at : dict, key of a candidate -> ndarray of int, its columns in the problem
+    around : Around, the same at the levels of the fit; search : what finds the levels without suspects
     """
 
     problem: Turned
     rows: int
     at: dict[str, IntArray]
-    levels: Levels
+    around: Around
+    search: Callable[[], Levels]
+
+    @cached_property
+    def levels(self) -> Levels:
+        """Those without any of the suspects."""
+        return self.search()
+
+    def about(self, suspect: Candidate) -> Score:
+        """What a suspect would explain, variances found anew to second order."""
+        own = self.at[suspect.key]
+        if suspect.spread is None:
+            limits = suspect.limits
+            gain = self.around.gain(own, np.diag(1.0 / limits))
+            told = np.diag(gain.triangle) * limits
+            return self._priced(max(gain.fall + gain.promised, 0.0), told).counted(suspect.tried)
+        half = _half(suspect.spread * suspect.effect.parameters[0].size ** 2)
+        amplitude = _amplitude(*self.around.beside(own), half)
+        gain = self.around.gain(own, np.linalg.inv(half) / amplitude)
+        price = _freedom(np.diag(gain.triangle), half, amplitude)
+        return _of_curve(gain.fall + gain.promised - price, price)
 
     def score(self, suspect: Candidate) -> Score:
-        """What the suspect would explain, variances found anew."""
+        """What a suspect would explain, variances found anew."""
         own = self.at[suspect.key]
         if suspect.spread is None:
             return self._named(suspect, own).counted(suspect.tried)
         return self._curve(own, suspect.spread * suspect.effect.parameters[0].size ** 2)
 
     def _named(self, suspect: Candidate, own: IntArray) -> Score:
-        from scipy.special import chdtrc
-
         limits = suspect.limits
         problem = self._with(own, np.diag(1.0 / limits))
         _, found = maximised(problem, self.levels.theta, self.levels.free, _SETTLED)
-        fall = max(self.levels.value - found.value, 0.0)
         told = found.diagonal[problem.known : -1] * limits
+        return self._priced(max(self.levels.value - found.value, 0.0), told)
+
+    def _priced(self, fall: float, told: Array) -> Score:
+        """told : ndarray, shape (k,), what the readings and the prior say of each parameter, in its limit"""
+        from scipy.special import chdtrc
+
         k = max(int(np.count_nonzero(told > 1.0 + VISIBLE)), 1)
         return Score(fall, fall, k * float(np.log(self.rows)), float(chdtrc(k, fall)))
 
     def _curve(self, own: IntArray, spread: Array) -> Score:
-        jitter = 1e-9 * float(np.diag(spread).mean()) * np.eye(len(own))
-        half = np.asarray(np.linalg.cholesky(spread + jitter), dtype=np.float64)
-        inverse = np.asarray(np.linalg.inv(half), dtype=np.float64)
+        half = _half(spread)
+        inverse = np.linalg.inv(half)
         theta, best = self.levels.theta, (np.inf, 0.0)
         for _ in range(_TURNS):
-            amplitude = _amplitude(self._with(own, np.zeros((0, len(own)))), theta, half)
+            amplitude = _amplitude(*self._alone(own, theta), half)
             problem = self._with(own, inverse / amplitude)
             theta, found = maximised(problem, theta, self.levels.free, _SETTLED)
             best = min(best, _marginal(problem, found, half, amplitude))
         value, price = best
-        evidence = self.levels.value - value
-        if evidence <= 0.0:
-            return NOTHING
-        return Score(evidence + price, evidence, CURVE_PRICE, float(np.exp(-0.5 * evidence)))
+        return _of_curve(self.levels.value - value, price)
+
+    def _alone(self, own: IntArray, theta: Array) -> tuple[Array, Array]:
+        """Products (k, k) and (k,) of a curve's columns beside what is known, nothing held."""
+        problem = self._with(own, np.zeros((0, len(own))))
+        R, at = triangle(problem, theta), slice(problem.known, -1)
+        return R[at, at].T @ R[at, at], R[at, at].T @ R[at, -1]
 
     def _with(self, own: IntArray, prior: Array) -> Turned:
         """The problem with k columns beside the modelled ones, under rows of a prior (.., k)."""
@@ -87,14 +116,22 @@ class Ground:
         return self.problem.with_columns(chosen, known, np.concatenate([held, rows]))
 
 
-def _amplitude(problem: Turned, theta: Array, half: Array) -> float:
-    """That of a curve which the readings prefer, in plausible sizes."""
-    R = triangle(problem, theta)
-    own = slice(problem.known, R.shape[1] - 1)
-    S, z = R[own, own] @ half, R[own, -1]
-    d, vectors = np.linalg.eigh(S.T @ S)
+def _half(spread: Array) -> Array:
+    jitter = 1e-9 * float(np.diag(spread).mean()) * np.eye(len(spread))
+    return np.asarray(np.linalg.cholesky(spread + jitter))
+
+
+def _of_curve(evidence: float, price: float) -> Score:
+    if evidence <= 0.0:
+        return NOTHING
+    return Score(evidence + price, evidence, CURVE_PRICE, float(np.exp(-0.5 * evidence)))
+
+
+def _amplitude(S: Array, z: Array, half: Array) -> float:
+    """That of a curve which the readings prefer, in plausible sizes; their products (k, k) and (k,)."""
+    d, vectors = np.linalg.eigh(half.T @ S @ half)
     d = np.maximum(d, 0.0)
-    squares = (vectors.T @ (S.T @ z)) ** 2
+    squares = (vectors.T @ (half.T @ z)) ** 2
     t = _AMPLITUDES[:, None] ** 2
     evidence = (squares * t / (1.0 + t * d) - np.log1p(t * d)).sum(axis=1)
     return float(_AMPLITUDES[int(np.argmax(evidence))])
@@ -104,9 +141,13 @@ def _marginal(
     problem: Turned, found: Likelihood, half: Array, amplitude: float
 ) -> tuple[float, float]:
     """-2 log marginal likelihood with a curve's coefficients, and what their freedom costs."""
-    own = found.diagonal[problem.known : -1]
-    price = 2.0 * float(np.log(own).sum() + np.log(amplitude * np.diag(half)).sum())
+    price = _freedom(found.diagonal[problem.known : -1], half, amplitude)
     return found.value + price, price
+
+
+def _freedom(told: Array, half: Array, amplitude: float) -> float:
+    """What the freedom of a curve's coefficients costs; told : diagonal of their triangle."""
+    return 2.0 * float(np.log(told).sum() + np.log(amplitude * np.diag(half)).sum())
 
 
 def ground(
@@ -134,15 +175,16 @@ def ground(
     of_prior = np.insert(of_prior, [known] * len(columns), 0.0, axis=1)
     problem, start, may = problem_of(stage.scatter, weighted, r, wide, of_prior, stage.arm)
     levels = fit.levels
-    if without is not None or levels is None:
-        bare = np.append(np.arange(known), wide.shape[-1])
-        problem_alone = problem.with_columns(bare, known)
-        levels = searched(problem_alone, start, may, stage.scatter, levels)
+    free, theta = (levels.free, levels.theta) if levels is not None else (may[:0], start)
+
+    def search() -> Levels:
+        if without is None and levels is not None:
+            return levels
+        alone = problem.with_columns(np.append(np.arange(known), wide.shape[-1]), known)
+        return searched(alone, start, may, stage.scatter, levels)
+
+    problem = problem.with_columns(np.arange(wide.shape[-1] + 1), known)
     ends = known + np.cumsum([0, *(len(view.where[c.key]) for c in chosen)])
     at = {c.key: np.arange(a, b) for c, a, b in zip(chosen, ends, ends[1:], strict=False)}
-    return Ground(
-        problem.with_columns(np.arange(wide.shape[-1] + 1), known),
-        int(np.count_nonzero(np.abs(fit.J).sum(axis=-1))) - levels.instrument_rows,
-        at,
-        levels,
-    )
+    rows = int(np.count_nonzero(fit.J.any(axis=-1))) - problem.beyond_rigid
+    return Ground(problem, rows, at, Around(problem, theta, free), search)

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contest import Outcome, contest, left_with
-from calib.diagnosis.earned import BY_TIME, ledger
+from calib.diagnosis.earned import BY_TIME, Books
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, classes
 
@@ -68,7 +68,8 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
     found = [(c, why) for c in active if c.named and (why := implausible(fit, c))]
     if found or not active:
         return found
-    accounts = [(c, ledger(stage, fit, [c], c.depends_on in BY_TIME)) for c in active]
+    books = Books(stage, fit)
+    accounts = [(c, books.ledger([c], c.depends_on in BY_TIME)) for c in active]
     idle = [(c, a) for c, a in accounts if not a.earns]
     idle.sort(key=lambda pair: pair[1].without - pair[1].with_it)
     for c, _ in idle[: (len(idle) + 1) // 2]:
@@ -76,7 +77,7 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
         found.append((c, f"{left} that are left out are predicted no better with it"))
     if found:
         return found
-    together = ledger(stage, fit, list(active), False)
+    together = books.ledger(active, False)
     if len(active) > 1 and not together.earns:
         return [(c, "all found together predict left-out configurations no better") for c in active]
     return []

@@ -206,7 +206,10 @@ def _by_name(beside: Field, state: Round, curve: Candidate) -> list[Candidate]:
 def _anew(
     state: Round, scores: dict[str, Score], eligible: Sequence[Candidate]
 ) -> dict[str, Score]:
-    """Scores of those that lead, each with variances found anew; of the others none."""
+    """Scores of those that lead, each with variances found anew; of the others none.
+
+    Where to second order none pays, those in front are searched for: that is never too much.
+    """
     view = state.view
     alone = linear_scores(view.by_instrument.beside, view, eligible)
     leading = [
@@ -217,7 +220,11 @@ def _anew(
     ]
     leading = list(dict.fromkeys(leading))
     here = ground(state.stage, view, leading)
-    return {c.key: NOTHING for c in eligible} | {c.key: here.score(c) for c in leading}
+    found = {c.key: NOTHING for c in eligible} | {c.key: here.about(c) for c in leading}
+    if not any(state.pays(found[c.key], c) for c in leading):
+        for named in (True, False):
+            found |= {c.key: here.score(c) for c in _leading(found, leading, named)[:1]}
+    return found
 
 
 def _defence(state: Round, member: Candidate, linear: Score) -> Score:
@@ -227,7 +234,9 @@ def _defence(state: Round, member: Candidate, linear: Score) -> Score:
     """
     if state.view.fit.mixing is None or linear.gain > _BEYOND_DOUBT:
         return linear
-    return ground(state.stage, state.view, [member], member).score(member)
+    here = ground(state.stage, state.view, [member], member)
+    about = here.about(member)
+    return about if state.stays(about) else here.score(member)
 
 
 def linear_scores(beside: Field, view: View, suspects: Sequence[Candidate]) -> dict[str, Score]:

@@ -31,21 +31,38 @@ _AGREES = 0.01  # probability below which the residual refutes the stated noise
 class Field:
     """Columns and residual with everything modelled projected out.
 
-    X : ndarray, shape (N, K); r : ndarray, shape (N,), in standard deviations
-    lengths : ndarray, shape (K,), of the columns before the projection
+    columns : ndarray, shape (N, K), as they are; r : ndarray, shape (N,), in standard deviations
+    lengths : ndarray, shape (K,), of the columns before any projection
     rows : int, that count; dof : int, degrees of freedom of r
+    modelled : ndarray, shape (N, k), orthonormal, to be projected out of the columns; None where
+        nothing is
     whole : Field or None, whose rows come before these
+    Of the projected columns mostly products are asked, which need no projection: ``C^T C - H^T H``,
+    H the columns in the directions of what is modelled.
     """
 
-    X: Array
+    columns: Array
     r: Array
     lengths: Array
     rows: int
     dof: int
+    modelled: Array | None = None
     whole: Field | None = None
     _products: dict[bytes, tuple[Array, Array]] = field_(
         default_factory=dict, init=False, repr=False
     )
+
+    @cached_property
+    def X(self) -> Array:
+        """The columns with everything modelled projected out, shape (N, K)."""
+        return self._projected(np.arange(self.columns.shape[1]))
+
+    @cached_property
+    def hidden(self) -> Array:
+        """The columns in the directions of what is modelled, shape (k, K)."""
+        if self.modelled is None:
+            return np.zeros((0, self.columns.shape[1]))
+        return np.asarray(self.modelled.T @ self.columns)
 
     @cached_property
     def cost(self) -> float:
@@ -61,8 +78,11 @@ class Field:
         """``X^T X`` and ``X^T r`` of some columns, shapes (k, k) and (k,)."""
         key = columns.tobytes()
         if key not in self._products:
-            own = self.X[:, columns]
+            own = self.columns[:, columns]
             S, z = own.T @ own, own.T @ self.r
+            if self.modelled is not None:
+                H = self.hidden[:, columns]
+                S, z = S - H.T @ H, z - H.T @ (self.modelled.T @ self.r)
             if self.whole is not None:
                 S_whole, z_whole = self.whole.products(columns)
                 S, z = S + S_whole, z + z_whole
@@ -71,7 +91,9 @@ class Field:
 
     def crossed(self, these: IntArray, those: IntArray) -> Array:
         """``X^T X`` of some columns with others, shape (k, l)."""
-        own = self.X[:, these].T @ self.X[:, those]
+        own = self.columns[:, these].T @ self.columns[:, those]
+        if self.modelled is not None:
+            own = own - self.hidden[:, these].T @ self.hidden[:, those]
         return own if self.whole is None else own + self.whole.crossed(these, those)
 
     def compressed(self) -> Field:
@@ -81,11 +103,15 @@ class Field:
 
     def take(self, columns: IntArray) -> Field:
         """The field of some columns alone, all rows in one."""
-        X, r, part = self.X[:, columns], self.r, self.whole
+        X, r, part = self._projected(columns), self.r, self.whole
         while part is not None:
-            X, r = np.concatenate([part.X[:, columns], X]), np.concatenate([part.r, r])
+            X, r = np.concatenate([part._projected(columns), X]), np.concatenate([part.r, r])
             part = part.whole
         return Field(X, r, self.lengths[columns], self.rows, self.dof)
+
+    def _projected(self, columns: IntArray) -> Array:
+        own = self.columns[:, columns]
+        return own if self.modelled is None else own - self.modelled @ self.hidden[:, columns]
 
     def basis(self, columns: IntArray) -> Array:
         """Orthonormal directions (N, k) of some columns, those that cannot be seen left out."""
@@ -121,10 +147,9 @@ def field(N: Array, X: Array, r: Array) -> Field:
 
 def beside(N: Array, Q: Array, X: Array, r: Array) -> Field:
     """The same with an orthonormal basis Q (rows, k) of what is modelled."""
-    rows = int(np.count_nonzero(np.abs(N).sum(axis=1) + np.abs(X).sum(axis=1)))
+    rows = int(np.count_nonzero(N.any(axis=1) | X.any(axis=1)))
     lengths = np.linalg.norm(X, axis=0)
-    X, r = X - Q @ (Q.T @ X), r - Q @ (Q.T @ r)
-    return Field(X, r, lengths, rows, rows - Q.shape[1])
+    return Field(X, r - Q @ (Q.T @ r), lengths, rows, rows - Q.shape[1], Q)
 
 
 def orthonormal(N: Array) -> Array:

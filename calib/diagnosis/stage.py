@@ -17,7 +17,7 @@ from calib.diagnosis.screen import orthonormal
 from calib.effects.protocol import Effect
 from calib.identify.estimators import choose_directions
 from calib.identify.outliers import fit_statistics
-from calib.identify.solver import levenberg_marquardt
+from calib.identify.solver import least_squares, levenberg_marquardt
 from calib.model import Model
 from calib.observations import Points
 from calib.poses import IntArray, Measurements
@@ -212,6 +212,14 @@ class Stage:
     ) -> Fit:
         observation = self.observation(model, weight)
         prior = pull * prior_rows(model, amplitudes)
+        if isinstance(model, LinearModel):
+            r, J = observation.linearise(start)
+            step = span @ least_squares(
+                np.concatenate([r.ravel(), -prior @ start]),
+                np.concatenate([J.reshape(-1, J.shape[-1]), prior]) @ span,
+            )
+            r = r - J @ step
+            return Fit(model, start + step, span, weight, amplitudes, r, J, True, pull=pull)
 
         def linearise(values: Array) -> tuple[Array, Array]:
             r, J = observation.flat(values)

@@ -125,15 +125,26 @@ class View:
         return beside(J, self.fit.modelled, X, r)
 
     @cached_property
-    def _turned(self) -> tuple[Array, Array]:
-        """What is modelled, and the candidates, in the directions of the basis."""
-        Q, J = self.fit.modelled, self.fit.equations[1] @ self.fit.span
-        return Q.T @ J, Q[: len(self.columns)].T @ self.columns
-
-    @cached_property
     def _parameters(self) -> Array:
         """Every parameter of the fit in the directions of the basis, determined or not, (k, p)."""
         return np.asarray(self.fit.modelled.T @ self.fit.equations[1])
+
+    @cached_property
+    def _determined(self) -> Array:
+        """The directions that were fitted, likewise, (k, d)."""
+        return self._parameters @ self.fit.span
+
+    @cached_property
+    def _duals(self) -> Array | None:
+        """Rows (d, k): each sees one direction that was fitted and none of the others.
+
+        None where the directions depend on each other.
+        """
+        T = self._determined
+        if T.shape[0] != T.shape[1]:
+            return None
+        lengths = np.linalg.norm(T, axis=0)
+        return np.asarray(np.linalg.inv(T / lengths) / lengths[:, None])
 
     @cached_property
     def by_instrument(self) -> View:
@@ -149,20 +160,20 @@ class View:
         """
         fit, whole = self.fit, self.beside
         own = fit.positions(member.effect)
-        modelled, candidates = self._turned
         rest = np.abs(fit.span[own]).sum(axis=0) == 0.0
-        U = _complement(modelled[:, rest], np.delete(self._parameters, own, axis=1))
+        free = _free(self._determined[:, rest], None if self._duals is None else self._duals[~rest])
+        U = _unseen(free, np.delete(self._parameters, own, axis=1))
         # The residual as it would be without the effect, to first order.
         r, J = fit.equations
         r = r + J[:, own] @ fit.moving[own]
         held = 0 if member.named else len(own)  # rows of its prior, which go with it
         return Field(
-            U.T @ candidates,
+            U.T @ whole.hidden,
             U.T @ (self.fit.modelled.T @ r),
             whole.lengths,
             whole.rows - held,
             whole.dof + U.shape[1] - held,
-            whole,
+            whole=whole,
         )
 
 
@@ -193,19 +204,28 @@ def _echoes(candidate: Candidate, active: Sequence[Candidate]) -> Iterator[Candi
             yield replace(candidate.as_tuned(c.effect.tuning), line=0, echo=c.key)
 
 
-def _complement(determined: Array, others: Array) -> Array:
-    """Directions (k, c) that columns (k, d), and what else is visible of others (k, p), leave free."""
+def _free(determined: Array, duals: Array | None) -> Array:
+    """Orthonormal directions (k, c) that columns (k, d) leave free.
+
+    duals : ndarray, shape (c, k), that see none of the columns, where they are known
+    """
     from scipy.linalg import qr
 
+    if duals is not None:
+        return np.asarray(np.linalg.qr(_unit(duals.T))[0])
     Q, R, _ = qr(_unit(determined), pivoting=True)
     pivots = np.abs(np.diag(R))
     rank = int(np.count_nonzero(pivots > DEPENDENT * pivots.max(initial=0.0)))
-    free = Q[:, rank:]
+    return np.asarray(Q[:, rank:])
+
+
+def _unseen(free: Array, others: Array) -> Array:
+    """Of directions (k, c) those that what is visible of other parameters (k, p) leaves free."""
     if not free.shape[1]:
-        return np.asarray(free)
-    V, sizes, _ = np.linalg.svd(free.T @ _unit(others))
-    taken = int(np.count_nonzero(sizes > VISIBLE))
-    return np.asarray(free @ V[:, taken:])
+        return free
+    shown = free.T @ _unit(others)
+    squares, V = np.linalg.eigh(shown @ shown.T)
+    return np.asarray(free @ V[:, squares <= VISIBLE**2])
 
 
 def _unit(columns: Array) -> Array:

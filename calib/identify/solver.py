@@ -59,6 +59,13 @@ def damped_step(A: Array, g: Array, damping: Array) -> Array:
     return out
 
 
+def least_squares(r: Array, J: Array) -> Array:
+    """Values (k,) that minimise ``|r - J v|^2``, r (N,), J (N, k); twice, for squares lose digits."""
+    _, g, A = normal_equations(r, J)
+    values = damped_step(A, g, np.array(_DAMPING[1]))
+    return values + damped_step(A, J.T @ (r - J @ values), np.array(_DAMPING[1]))
+
+
 def levenberg_marquardt(
     linearise: Linearise, start: Array, span: Array, max_iterations: int = _MAX_ITERATIONS
 ) -> Minimum:

@@ -137,37 +137,74 @@ def turned(
 
 def triangle(problem: Turned, theta: Array) -> Array:
     """Triangle (f, f) of the independent rows at some variances."""
-    return _triangle(problem, theta)[2]
+    return independent(problem, theta).triangle_of(problem.outside.shape[1])
 
 
-def _triangle(problem: Turned, theta: Array) -> tuple[list[Array], list[Array], Array]:
-    """Inverse factors of every block's covariance, independent rows (.., f) of each, the triangle."""
-    factors = [_factor(b, theta) for b in problem.blocks]
-    flat = [_flat(Li @ b.F) for b, Li in zip(problem.blocks, factors, strict=True)]
-    G = problem.beside / theta[0] + problem.prior + sum(rows.T @ rows for rows in flat)
-    scale = np.sqrt(np.maximum(np.diag(G), 1e-300))
-    try:
-        R = np.linalg.cholesky(G / np.outer(scale, scale)).T * scale
-    except np.linalg.LinAlgError:
-        R = np.zeros((0, 0))
-    if not R.size or (np.diag(R) < _LOST * scale).any():
-        # Squares have lost what is left of some column: the rows themselves have not.
-        rows = np.concatenate([*flat, problem.outside / np.sqrt(theta[0]), problem.held])
-        R = np.asarray(np.linalg.qr(rows, mode="r"))
-    return factors, flat, np.asarray(R)
+@dataclass(frozen=True, eq=False)
+class Independent:
+    """The rows of a problem made independent of each other at some variances.
+
+    factors : inverse factor (B, d, d) of the covariance of each block; rows : (B d, f) of each
+    products : ndarray, shape (f, f), of all rows, those of the prior included
+    """
+
+    problem: Turned
+    theta: Array
+    factors: tuple[Array, ...]
+    rows: tuple[Array, ...]
+    products: Array
+
+    def triangle_of(self, count: int) -> Array:
+        """Triangle (k, k) of the first k columns, or of as many rows as there are."""
+        G = self.products[:count, :count]
+        scale = np.sqrt(np.maximum(np.diag(G), 1e-300))
+        try:
+            R = np.linalg.cholesky(G / np.outer(scale, scale)).T * scale
+        except np.linalg.LinAlgError:
+            R = np.zeros((0, 0))
+        if not R.size or (np.diag(R) < _LOST * scale).any():
+            # Squares have lost what is left of some column: the rows themselves have not.
+            own, s = self.problem, np.sqrt(self.theta[0])
+            rows = [r[:, :count] for r in (*self.rows, own.outside / s, own.held)]
+            R = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
+        return np.asarray(R)
+
+    def pulls(self, coefficients: Array) -> Array:
+        """``y^T P V_j P y`` by every variance j of residuals, shape (v, c).
+
+        coefficients : ndarray, shape (f, c), which combine columns and readings to them
+        """
+        found = np.zeros((len(self.theta), coefficients.shape[1]))
+        alone = self.problem.outside @ coefficients
+        found[0] = (alone**2).sum(axis=0) / float(self.theta[0]) ** 2
+        for block, Li, own in zip(self.problem.blocks, self.factors, self.rows, strict=True):
+            left = (own @ coefficients).reshape((*block.F.shape[:2], -1))
+            back = np.swapaxes(Li, -1, -2) @ left
+            each = ((np.swapaxes(block.Z, -1, -2) @ back) ** 2).sum(axis=0)
+            np.add.at(found, block.owner, each)
+            found[0] += (back**2).sum(axis=(0, 1))
+        return found
+
+
+def independent(problem: Turned, theta: Array) -> Independent:
+    """The rows of a problem made independent at variances theta (v,)."""
+    factors = tuple(_factor(b, theta) for b in problem.blocks)
+    rows = tuple(_flat(Li @ b.F) for b, Li in zip(problem.blocks, factors, strict=True))
+    products = problem.beside / theta[0] + problem.prior + sum(r.T @ r for r in rows)
+    return Independent(problem, theta, factors, rows, np.asarray(products))
 
 
 def likelihood(problem: Turned, theta: Array) -> Likelihood:
     """Of variances theta (v,), in the problem's units."""
     p, v = problem.known, len(theta)
     s2 = float(theta[0])
-    factors, rows, R = _triangle(problem, theta)
+    rows = independent(problem, theta)
+    R = rows.triangle_of(problem.outside.shape[1])
     diagonal = np.abs(np.diag(R))
     value = problem.beyond * np.log(s2) + 2.0 * np.log(diagonal[:p]).sum() + R[-1, -1] ** 2
     b = _solution(R)
-    back_from = np.zeros(
-        (R.shape[1], p + 1)
-    )  # the known columns made orthonormal, and what is left
+    # Combinations of columns: the known ones made orthonormal, and what is left of the readings.
+    back_from = np.zeros((R.shape[1], p + 1))
     back_from[:p, :p] = np.linalg.inv(R[:p, :p])
     back_from[:-1, p], back_from[-1, p] = -b, 1.0
     gradient, information = np.zeros(v), np.zeros((v, v))
@@ -175,7 +212,7 @@ def likelihood(problem: Turned, theta: Array) -> Likelihood:
     gradient[0] = problem.beyond / s2 - float((alone**2).sum()) / s2**2
     information[0, 0] = problem.beyond / s2**2
     S = np.eye(v)
-    for block, Li, own in zip(problem.blocks, factors, rows, strict=True):
+    for block, Li, own in zip(problem.blocks, rows.factors, rows.rows, strict=True):
         value -= 2.0 * np.log(np.diagonal(Li, axis1=-2, axis2=-1)).sum()
         F = (own @ back_from).reshape((*block.F.shape[:2], p + 1))
         Z, back = Li @ block.Z, np.swapaxes(Li, -1, -2)
@@ -214,41 +251,47 @@ def maximised(
     found = likelihood(problem, theta)
     if not len(free):
         return theta, found
-    low = np.zeros(len(theta))
-    low[0] = _LEAST
+    low = _lowest(theta)
     for _ in range(_MOST_STEPS):
-        step, promised = _step(found, theta - low, free)
+        move, promised = step(found, theta, free)
         if promised < settled:
             break
         for _ in range(6):
-            trial = np.maximum(theta + step, low)
+            trial = np.maximum(theta + move, low)
             fresh = likelihood(problem, trial)
             if fresh.value <= found.value:
                 break
-            step = 0.4 * step
+            move = 0.4 * move
         else:
             break
         theta, found = trial, fresh
     return theta, found
 
 
-def _step(found: Likelihood, above: Array, free: IntArray) -> tuple[Array, float]:
+def _lowest(theta: Array) -> Array:
+    low = np.zeros(len(theta))
+    low[0] = _LEAST
+    return low
+
+
+def step(found: Likelihood, theta: Array, free: IntArray) -> tuple[Array, float]:
     """Step of Fisher's scoring that leaves no variance below its bound, and the fall that it promises.
 
-    above : ndarray, shape (v,), by how much each is above its bound
+    theta : ndarray, shape (v,), where the likelihood was found; free : those that move
     """
     from scipy.optimize import nnls
 
+    above = theta - _lowest(theta)
     A, g = found.information[np.ix_(free, free)], found.gradient[free]
     size = np.sqrt(np.diag(A))
     C = np.linalg.cholesky(A / np.outer(size, size) + 1e-9 * np.eye(len(free)))
     x0 = above[free] * size
     target = C.T @ x0 - np.linalg.solve(C, g / size)
     x, _ = nnls(C.T, target)
-    step = np.zeros(len(above))
-    step[free] = (x - x0) / size
-    promised = -float(g @ step[free] + 0.5 * step[free] @ A @ step[free])
-    return step, promised
+    move = np.zeros(len(above))
+    move[free] = (x - x0) / size
+    promised = -float(g @ move[free] + 0.5 * move[free] @ A @ move[free])
+    return move, promised
 
 
 def _factor(block: Block, theta: Array) -> Array:

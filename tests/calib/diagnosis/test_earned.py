@@ -9,7 +9,7 @@ import pytest
 
 from calib.build import build
 from calib.diagnosis.candidates import candidates
-from calib.diagnosis.earned import _folds, ledger
+from calib.diagnosis.earned import Books, _folds
 from calib.diagnosis.stage import Stage
 from calib.identify.identify import whitening
 from calib.identify.initial import initial_values
@@ -44,9 +44,10 @@ def test_left_out_errors_are_those_of_refits(by_time: bool) -> None:
     wrong = next(c for c in suspects if c.key == "transmission_harmonic:A5")
     fit = stage.fit([right.effect, wrong.effect])
     both = predicted(stage, [right, wrong], by_time)
+    books = Books(stage, fit)
     for member, rest in ((right, wrong), (wrong, right)):
-        found = ledger(stage, fit, [member], by_time)
+        found = books.ledger([member], by_time)
         assert found.rms_with == pytest.approx(both, rel=0.02)
         assert found.rms_without == pytest.approx(predicted(stage, [rest], by_time), rel=0.02)
-    assert ledger(stage, fit, [right], by_time).earns
-    assert not ledger(stage, fit, [wrong], by_time).earns
+    assert books.ledger([right], by_time).earns
+    assert not books.ledger([wrong], by_time).earns

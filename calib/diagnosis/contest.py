@@ -1,10 +1,10 @@
 """The contest of all candidates for what the model does not explain.
 
-Round by round the linear screen looks at every candidate beside the model and the effects found so
-far; the best enters if its evidence pays for its parameters and survives Bonferroni over all that were
-asked; each effect that entered is then challenged again by every other candidate, and by nothing.
-After each change the whole model is fitted anew, nonlinearly and from the nominal values, and screened
-at that fit.
+Round by round the screen looks at every candidate beside the model and the effects found so far; those
+enter whose evidence pays for their parameters and survives Bonferroni over all that were asked; each
+effect that entered is then challenged again by every other candidate, and by nothing. After each
+change the whole model is fitted anew, to first order about the fit with which the contest began, and
+screened at that fit; what the contest ends with is fitted in full by whoever asked for it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.view import Lineup, View
 from calib.effects.tuned import Tuned
 
-_MOST_ROUNDS = 40, 12  # of a contest from nothing, and of one that goes on from another
+_MOST_ROUNDS = 40  # of a contest from nothing
+_MOST_MORE = 12  # of one that goes on from another
 _SCANNED_ANEW = 4  # newcomers after which all tunings are tried again
 
 
@@ -86,13 +87,10 @@ def contest(
     before = stage.fit(())
     fit = stage.fit([c.effect for c in active], before) if active else before
     view, listed = lineup.seen_from(stage, fit, active, fresh=True)
-    state, fresh = (
-        Round(stage, tuple(active), view, lineup.asked, dict(proved or {}), set(), set()),
-        True,
-    )
-    grown = 0
+    state = Round(stage, tuple(active), view, lineup.asked, dict(proved or {}))
+    fresh, grown = True, 0
     tried = {frozenset(c.key for c in active)}
-    for _ in range(_MOST_ROUNDS[bool(active)]):
+    for _ in range(_MOST_MORE if active else _MOST_ROUNDS):
         found = better(state)
         if found == state.active and fresh:
             return Outcome(before, fit, found, view, lineup, state.proved)

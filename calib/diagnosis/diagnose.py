@@ -173,7 +173,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
             break
         stage = replace(stage, dropped=out, robust=False)
         linear = stage.about(fit, [c.effect for c in suspects])
-        active = [_as_fitted(c, fit) for c in outcome.active]
+        active = [_tuned_as(c, fit) for c in outcome.active]
         asked = lineup(linear, suspects, asked.banks)
         outcome = contest(linear, asked, active, outcome.proved)
     outcome, named, after, refused = believed(linear, outcome)
@@ -203,7 +203,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     doubted = left or gap.open or any(c.misshapen for c in causes)
     doubted |= bool(causes) and noise.source == "residual"
     return Diagnosis(
-        verdict=verdict(named, outcome, doubted),
+        verdict=verdict(named, outcome, doubted, all(c.doubt.told for c in causes)),
         noise=noise,
         causes=tuple(c for c in causes if not c.displaced),
         located=located,
@@ -253,7 +253,7 @@ def _replicate_factor(data: Measurements, weights: Array) -> float:
     return float(np.sqrt(spread / dof)) if refuted(float(spread), int(dof)) else 1.0
 
 
-def _as_fitted(candidate: Candidate, fit: Fit) -> Candidate:
+def _tuned_as(candidate: Candidate, fit: Fit) -> Candidate:
     """A candidate with the tuning that it has in a fit."""
     if not isinstance(candidate.effect, Tuned):
         return candidate

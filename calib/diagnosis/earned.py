@@ -73,7 +73,8 @@ class Books:
         gone = folds.without(u, r[: m * R].reshape(m, R))
         left = folds.left
         return Ledger(
-            *(_cost(fit, e) for e in (left, gone)), *(_rms(self.stage, fit, e) for e in (left, gone))
+            *(_cost(fit, e) for e in (left, gone)),
+            *(_rms(self.stage, fit, e) for e in (left, gone)),
         )
 
     @cached_property
@@ -104,8 +105,10 @@ class Books:
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """Q : ndarray, shape (N, k), orthonormal, of the fitted columns, J : (N, p), r : (N,), the prior's
-    rows last; duals : (k, k), rows that see one column, in the directions Q, and none of the others
+    """A fit's rows, those of the prior last, and a basis of its columns.
+
+    Q : ndarray, shape (N, k), orthonormal; J : ndarray, shape (N, p); r : ndarray, shape (N,)
+    duals : ndarray, shape (k, k), in the directions Q: each sees one column and none of the others
     """
 
     Q: Array

@@ -23,7 +23,8 @@ from calib.se3 import Array
 class LinearModel(Model):
     """A model whose readings at some poses are taken to first order; elsewhere it is the model itself.
 
-    at : Poses, where; readings : ndarray, shape (m, M, 3), m, with all values at zero, to first order
+    at : Poses, where
+    readings_at_zero : ndarray, shape (m, M, 3), m, with all values at zero, to first order
     columns : ndarray, shape (m, M, 3, P), derivatives by everything; known : dict, id of an effect ->
         its columns; carried : dict, (kind, where) of an effect with a tuning -> those of its carrier
     """
@@ -36,31 +37,15 @@ class LinearModel(Model):
 
     def with_effects(self, effects: tuple[Effect, ...]) -> Model:
         """The same robot under other effects; the model itself where one was not linearised."""
-        exact = self.exact.with_effects(effects)
         if not all(self._knows(effect) for effect in effects):
-            return exact
-        return self._of(exact)
+            return self.exact.with_effects(effects)
+        return super().with_effects(effects)
 
     @property
     def exact(self) -> Model:
         """The model itself."""
         return Model(
             self.robot, self.marker_names, self.markers, self.effects, self.payload, self.gravity
-        )
-
-    def _of(self, exact: Model) -> LinearModel:
-        return LinearModel(
-            exact.robot,
-            exact.marker_names,
-            exact.markers,
-            exact.effects,
-            exact.payload,
-            exact.gravity,
-            self.at,
-            self.readings_at_zero,
-            self.columns,
-            self.known,
-            self.carried,
         )
 
     def _knows(self, effect: Effect) -> bool:

@@ -63,7 +63,8 @@ class Ground:
             return self._priced(max(gain.fall + gain.promised, 0.0), told).counted(suspect.tried)
         half = _half(suspect.spread * suspect.effect.parameters[0].size ** 2)
         amplitude = _amplitude(*self.around.beside(own), half)
-        gain = self.around.gain(own, np.linalg.inv(half) / amplitude)
+        prior: Array = np.linalg.inv(half) / amplitude
+        gain = self.around.gain(own, prior)
         price = _freedom(np.diag(gain.triangle), half, amplitude)
         return _of_curve(gain.fall + gain.promised - price, price)
 
@@ -82,7 +83,10 @@ class Ground:
         return self._priced(max(self.levels.value - found.value, 0.0), told)
 
     def _priced(self, fall: float, told: Array) -> Score:
-        """told : ndarray, shape (k,), what the readings and the prior say of each parameter, in its limit"""
+        """Score of a named cause.
+
+        told : ndarray, shape (k,), what the readings and the prior say of each parameter, in its limit
+        """
         from scipy.special import chdtrc
 
         k = max(int(np.count_nonzero(told > 1.0 + VISIBLE)), 1)
@@ -90,7 +94,7 @@ class Ground:
 
     def _curve(self, own: IntArray, spread: Array) -> Score:
         half = _half(spread)
-        inverse = np.linalg.inv(half)
+        inverse: Array = np.linalg.inv(half)
         theta, best = self.levels.theta, (np.inf, 0.0)
         for _ in range(_TURNS):
             amplitude = _amplitude(*self._alone(own, theta), half)

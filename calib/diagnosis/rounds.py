@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -48,8 +48,8 @@ class Round:
     view: View
     asked: int
     proved: dict[str, float]
-    left: set[str]
-    new: set[str]
+    left: set[str] = field(default_factory=set)
+    new: set[str] = field(default_factory=set)
 
     def pays(self, found: Score, candidate: Candidate | None = None) -> bool:
         """Whether a score earns its holder a place: among all, or those of a family that shows."""
@@ -64,7 +64,9 @@ class Round:
     def families(self) -> dict[str, int]:
         """Kinds that show at many places at once, and at how many each was asked.
 
-        One variance over all places of a kind: it pools evidence that no place has alone.
+        One variance over all places of a kind: it pools evidence that no place has alone. The family is
+        a licence and enters nothing itself: its members are asked among their own kind alone. Of causes
+        with a tuning, each at its own best, no common variance speaks.
         """
         found = {}
         for kind in dict.fromkeys(c.effect.kind for c in self.view.suspects if c.named):
@@ -73,13 +75,11 @@ class Round:
                 for c in self.view.suspects
                 if c.effect.kind == kind and not (c.unit_of_arm or c.echo or c in self.active)
             ]
-            if len(members) < _A_FAMILY:
+            if len(members) < _A_FAMILY or any(c.tried > 1 for c in members):
                 continue
             columns = np.concatenate([self.view.where[c.key] for c in members])
             sizes = np.concatenate([[p.size for p in c.amounts] for c in members])
-            tried = sum(c.tried - 1 for c in members)
-            pooled = score(self.view.beside, columns, np.diag(sizes**2))
-            if not tried and self.pays(pooled):
+            if self.pays(score(self.view.beside, columns, np.diag(sizes**2))):
                 found[kind] = len(members)
         return found
 

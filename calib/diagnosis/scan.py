@@ -24,8 +24,6 @@ from calib.diagnosis.stage import Fit
 from calib.poses import IntArray
 from calib.se3 import Array
 
-_CHUNK = 4096  # tunings at a time: memory
-
 
 @dataclass(frozen=True, eq=False)
 class Beside:

@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.diagnosis.elimination import idle
 from calib.poses import IntArray
 from calib.se3 import Array
 
@@ -250,20 +251,12 @@ def _spared(field: Field, columns: IntArray, limits: Array) -> Score:
     from scipy.special import chdtrc, gammaln
 
     S, Xr = field.products(columns)
-    cov = np.linalg.inv(S + np.diag(1.0 / limits**2))
-    values, left, K = cov @ Xr, np.ones(len(columns), dtype=bool), len(columns)
-    fall, price_each = float(Xr @ values), float(np.log(field.rows)) + 2.0 * float(np.log(2.0))
+    cov: Array = np.linalg.inv(S + np.diag(1.0 / limits**2))
+    values, K = cov @ Xr, len(columns)
     spread = field.cost / field.dof if field.noise_refuted else 1.0
-    while left.any():
-        worth = np.where(left, values**2 / np.maximum(np.diag(cov), 1e-300), np.inf)
-        i = int(np.argmin(worth))
-        if float(worth[i]) >= price_each * spread:
-            break
-        fall -= float(worth[i])
-        share = cov[:, i] / cov[i, i]
-        values, cov = values - share * values[i], cov - np.outer(share, cov[i])
-        left[i] = False
-    k = int(left.sum())
+    each = float(np.log(field.rows)) + 2.0 * float(np.log(2.0))
+    gone, rise = idle(values, cov, each * spread)
+    fall, k = float(Xr @ values) - rise, int(np.count_nonzero(~gone))
     if k == 0:
         return NOTHING
     choices = float(gammaln(K + 1) - gammaln(k + 1) - gammaln(K - k + 1))

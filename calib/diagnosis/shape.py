@@ -27,7 +27,10 @@ from calib.se3 import Array
 
 SHAPE_ALPHA = 0.03
 """Probability of doubting a right shape."""
+TOLD = 0.8
+"""Probability with which a wrong shape would be doubted, below which a right one is not shown."""
 _PART = 0.25  # of the effect's size, by which each function is expected to modulate a wrong one
+_PHASES = np.linspace(0.0, np.pi, 4, endpoint=False)
 _SURE = 0.01  # probability by chance below which an effect is there beside what doubts it
 
 
@@ -38,17 +41,24 @@ class Doubt:
     p : float, probability of as much by chance; depends_on : str, with what its size varies most
     fall : float, of the sum of squares
     also_there : bool, whether the effect is needed beside what its size varies with
+    power : float, probability of doubting an effect whose size varies with an angle by 35 %
     """
 
     p: float
     depends_on: str
     fall: float
     also_there: bool
+    power: float = 0.0
 
     @property
     def stands(self) -> bool:
         """Whether the shape is to be doubted."""
         return self.p < SHAPE_ALPHA
+
+    @property
+    def told(self) -> bool:
+        """Whether the readings would have shown another shape."""
+        return self.power >= TOLD
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +74,28 @@ class Question:
     @property
     def answer(self) -> tuple[Modulation, float, float]:
         """The modulation that speaks most against the effect, its p over all asked, and its fall."""
-        counts = [m.centred.shape[1] for m in self.asked]
-        columns = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
-        tests = [_modulated(self.beside, own) for own in columns]
+        tests = [_modulated(self.beside, own) for own in self._columns]
         counted = [p / m.chance for (p, _), m in zip(tests, self.asked, strict=True)]
         first = int(np.argmin(counted))
         return self.asked[first], min(1.0, counted[first]), tests[first][1]
+
+    def power(self, causes: int) -> float:
+        """Probability of a doubt where the size varies with an angle, whichever it is.
+
+        causes : int, among which the chance of a false doubt is shared
+        """
+        told = [
+            (m.chance, _told(self.beside, own, m.chance * SHAPE_ALPHA / causes))
+            for m, own in zip(self.asked, self._columns, strict=True)
+            if m.depends_on.startswith("q:")
+        ]
+        chances, powers = np.array(told or [(1.0, 0.0)]).T
+        return float(chances @ powers / chances.sum())
+
+    @property
+    def _columns(self) -> list[IntArray]:
+        counts = [m.centred.shape[1] for m in self.asked]
+        return np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
 
 
 def shape_doubt(stage: Stage, fit: Fit, effect: Effect, causes: int = 1) -> Doubt:
@@ -83,7 +109,7 @@ def shape_doubt(stage: Stage, fit: Fit, effect: Effect, causes: int = 1) -> Doub
     first, p, fall = asked.answer
     p = min(1.0, causes * p)
     also_there = p >= SHAPE_ALPHA or _also_there(stage, fit, effect, first)
-    return Doubt(p, first.depends_on, fall, also_there)
+    return Doubt(p, first.depends_on, fall, also_there, asked.power(causes))
 
 
 def question(stage: Stage, fit: Fit, effect: Effect) -> Question | None:
@@ -98,19 +124,44 @@ def question(stage: Stage, fit: Fit, effect: Effect) -> Question | None:
 
 def _modulated(rest: Field, columns: IntArray) -> tuple[float, float]:
     """p and fall of one modulation; where the residual refutes the noise, by its share of that."""
-    spread = rest.cost / rest.dof if rest.noise_refuted else 1.0
-    S, Xr = rest.products(columns)
-    d, vectors = np.linalg.eigh(_PART**2 * S)
-    seen = d > (VISIBLE * _PART * rest.lengths[columns].max()) ** 2
-    if not seen.any() or rest.dof <= np.count_nonzero(seen):
+    d, vectors, w = _weighted(rest, columns)
+    if not len(d) or rest.dof <= len(d):
         return 1.0, 0.0
-    d, vectors = d[seen], vectors[:, seen]
-    squares = (_PART * vectors.T @ Xr) ** 2 / d
-    w = d / (spread + d)
+    spread = _spread(rest)
+    squares = (_PART * vectors.T @ rest.products(columns)[1]) ** 2 / d
     statistic, fall = float(w @ squares) / spread, float(squares.sum())
     if rest.noise_refuted:
         return ratio_above(w, rest.dof, statistic), fall
     return chance_above(w, statistic), fall
+
+
+def _told(rest: Field, columns: IntArray, alpha: float) -> float:
+    """Power at a level alpha against one wave of an angle, the first two columns, at any phase.
+
+    The weighted sum is taken for a multiple of a chi-square of equal mean and variance.
+    """
+    from scipy.special import chdtri, chndtr
+
+    d, vectors, w = _weighted(rest, columns)
+    if not len(d):
+        return 0.0
+    scale, dof = float((w**2).sum() / w.sum()), float(w.sum() ** 2 / (w**2).sum())
+    waves = vectors[:2].T @ np.stack([np.cos(_PHASES), np.sin(_PHASES)])
+    noncentral = (w * d) @ waves**2 / scale / _spread(rest)
+    return float(np.mean(1.0 - chndtr(chdtri(dof, alpha), dof, noncentral)))
+
+
+def _weighted(rest: Field, columns: IntArray) -> tuple[Array, Array, Array]:
+    """Eigenvalues (k,) of what a modulation shows beside the rest, vectors (c, k), weights (k,)."""
+    d, vectors = np.linalg.eigh(_PART**2 * rest.products(columns)[0])
+    seen = d > (VISIBLE * _PART * rest.lengths[columns].max()) ** 2
+    d, vectors = d[seen], vectors[:, seen]
+    return d, vectors, d / (_spread(rest) + d)
+
+
+def _spread(rest: Field) -> float:
+    """Actual over stated variance, where the residual refutes it."""
+    return rest.cost / rest.dof if rest.noise_refuted else 1.0
 
 
 def _also_there(stage: Stage, fit: Fit, effect: Effect, doubted: Modulation) -> bool:

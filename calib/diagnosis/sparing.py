@@ -11,21 +11,21 @@ from dataclasses import replace
 
 import numpy as np
 
+from calib.diagnosis.elimination import idle
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import ARM
-from calib.se3 import Array
 
 
 def sparing(stage: Stage, fit: Fit) -> Fit:
     """A fit with such effects reduced to what pays; the fit itself where all of it does."""
     many = [e for e in fit.model.effects if e.where == ARM and len(e.parameters) > 1]
     asked = [i for e in many for i in fit.positions(e).tolist() if fit.span[i].any()]
-    idle = _idle(fit, asked)
-    if not idle:
+    left_out = _idle(fit, asked)
+    if not left_out:
         return fit
-    kept = np.abs(fit.span[idle]).sum(axis=0) == 0.0
+    kept = np.abs(fit.span[left_out]).sum(axis=0) == 0.0
     values = fit.values.copy()
-    values[idle] = 0.0
+    values[left_out] = 0.0
     return stage.along(replace(fit, values=values, span=fit.span[:, kept]))
 
 
@@ -36,18 +36,5 @@ def _idle(fit: Fit, asked: list[int]) -> list[int]:
     rows = int(np.count_nonzero(np.abs(fit.J).sum(axis=-1)))
     price = float(np.log(max(2, rows)))
     own = np.array(asked)
-    cov: Array = fit.covariance[np.ix_(own, own)]
-    values = fit.values[own]
-    gone: list[int] = []
-    while len(gone) < len(own):
-        left = np.setdiff1d(np.arange(len(own)), gone)
-        worth = values[left] ** 2 / np.maximum(np.diag(cov)[left], 1e-300)
-        first = int(np.argmin(worth))
-        i = int(left[first])
-        if float(worth[first]) >= price:
-            break
-        share = cov[:, i] / cov[i, i]
-        values = values - share * values[i]
-        cov = cov - np.outer(share, cov[i])
-        gone.append(i)
-    return [int(own[i]) for i in gone]
+    gone, _ = idle(fit.values[own], fit.covariance[np.ix_(own, own)], price)
+    return [int(i) for i in own[gone]]

@@ -138,11 +138,16 @@ def _members(
     return tuple(found)
 
 
-def verdict(named: Sequence[Named], outcome: Outcome, something_left: bool) -> VerdictName:
-    """The word for it."""
+def verdict(
+    named: Sequence[Named], outcome: Outcome, something_left: bool, told: bool
+) -> VerdictName:
+    """The word for it.
+
+    told : whether the readings would have shown causes of another form than the catalogue's
+    """
     curves = [entry for entry in outcome.entries if not entry.candidate.named]
     if not named and not curves:
         return "unknown" if something_left else "no_gap"
     if something_left or curves:
         return "unknown"
-    return "explained" if all(n.single for n in named) else "ambiguous"
+    return "explained" if told and all(n.single for n in named) else "ambiguous"

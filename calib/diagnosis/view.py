@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -49,7 +48,9 @@ class Lineup:
         fixed = tuple(c for c in self.fixed if c.key not in keys)
         return replace(self, fixed=fixed, closed=self.closed | frozenset(keys))
 
-    def seen_from(self, stage: Stage, fit: Fit, active: Sequence[Candidate], fresh: bool) -> Lit:
+    def seen_from(
+        self, stage: Stage, fit: Fit, active: Sequence[Candidate], fresh: bool
+    ) -> tuple[View, Lineup]:
         """The suspects beside a fit, weighted as its poses are; and the lineup with tunings listed.
 
         active : what is in; fresh : whether all tunings are tried, or those of the last short list
@@ -58,37 +59,27 @@ class Lineup:
         where = {c.key: self.where[c.key] for c in self.fixed}
         view = View(fit, rows, where, self.fixed)
         if not self.banks:
-            return Lit(view, self)
-        around, count = beside_scan(fit), view.counted
-        banks, suspects, tuned, end = [], list(self.fixed), [rows], rows.shape[-1]
+            return view, self
+        around, listed, tuned = beside_scan(fit), [], []
         for bank in self.banks:
             carrier = rows[..., self.where[bank.candidate.key]]
             own = bank.scanned(around, carrier) if fresh else bank
-            banks.append(own)
+            listed.append(own)
             there = [c for c in active if c.is_like(bank.candidate)]
-            best, columns = own.best(around, carrier, count)
+            tuned += [(c, _rows(c, carrier, stage)) for c in there]
+            best, columns = own.best(around, carrier, view.counted)
             best = replace(best, line=1 + max((c.line for c in there), default=0))
             most = 1 if isinstance(best.effect, Timed) else _MOST_LINES
-            offered = [(best, columns)] if best.line <= most else []
-            offered = [pair for pair in offered if best.key not in self.closed]
-            echoes = tuple(_echoes(bank.candidate, active))
-            suspects += [*there, *(c for c, _ in offered), *echoes]
-            for candidate, columns in [
-                *((c, _rows(c, carrier, stage)) for c in (*there, *echoes)),
-                *offered,
-            ]:
-                tuned.append(columns)
-                where[candidate.key] = np.arange(end, end + columns.shape[-1])
-                end += columns.shape[-1]
-        rows = np.concatenate(tuned, axis=-1)
-        return Lit(View(fit, rows, where, tuple(suspects)), replace(self, banks=tuple(banks)))
-
-
-class Lit(NamedTuple):
-    """Suspects as seen from a fit, and the lineup with the tunings that were best there."""
-
-    view: View
-    listed: Lineup
+            if best.line <= most and best.key not in self.closed:
+                tuned.append((best, columns))
+            echoes = _echoes(bank.candidate, active)
+            tuned += [(c, _rows(c, carrier, stage)) for c in echoes]
+        ends = rows.shape[-1] + np.cumsum([0, *(columns.shape[-1] for _, columns in tuned)])
+        for (c, _), a, b in zip(tuned, ends, ends[1:], strict=False):
+            where[c.key] = np.arange(a, b)
+        suspects = (*self.fixed, *(c for c, _ in tuned))
+        rows = np.concatenate([rows, *(columns for _, columns in tuned)], axis=-1)
+        return View(fit, rows, where, suspects), replace(self, banks=tuple(listed))
 
 
 @dataclass(frozen=True, eq=False)

@@ -96,6 +96,8 @@ def _cause(cause: Cause, tip: str) -> dict[str, Any]:
         "probability": _known(cause.named.probability),
         "p_value": cause.p,
         "shape_p_value": cause.doubt.p,
+        "shape_power": cause.doubt.power,
+        "shape_told": cause.doubt.told,
         "class": [
             {
                 "effect": member.effect.kind,

@@ -67,7 +67,7 @@ class Around:
         return G[p:, p:] - B.T @ B, np.asarray(solve_triangular(R, B))
 
     def beside(self, own: IntArray) -> tuple[Array, Array]:
-        """Products of columns ``own`` (k,) beside the known ones, (k, k), and with the readings, (k,)."""
+        """Products (k, k) of columns ``own`` beside the known ones, and (k,) with the readings."""
         S, at = self._products[0], own - self.problem.known
         return S[np.ix_(at, at)], S[at, -1]
 
@@ -77,7 +77,10 @@ class Around:
         S, right = self.beside(own)
         A, at = S + prior.T @ prior, own - p
         scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
-        L = np.linalg.cholesky(A / np.outer(scale, scale) + 1e-12 * np.eye(len(at))) * scale[:, None]
+        L = (
+            np.linalg.cholesky(A / np.outer(scale, scale) + 1e-12 * np.eye(len(at)))
+            * scale[:, None]
+        )
         z = np.linalg.solve(L, right)
         values = np.linalg.solve(L.T, z)
         coefficients = np.zeros((self.problem.outside.shape[1], 1))
@@ -100,7 +103,10 @@ class Around:
         return self._promised(np.zeros(len(self.theta)))
 
     def _promised(self, pulled: Array) -> float:
-        """Fall by finding the variances anew; pulled : ndarray, shape (v,), change of ``y P V_j P y``."""
+        """Fall by finding the variances anew.
+
+        pulled : ndarray, shape (v,), by how much ``y^T P V_j P y`` is changed
+        """
         if not len(self.free):
             return 0.0
         found = self._bare

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -14,6 +13,7 @@ from calib.cell import Cell
 from calib.covariance import Unidentifiable
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.screen import Field, field
+from calib.effects.protocol import Effect
 from calib.effects.tuned import Tuned
 from calib.identify.estimators import Mask, choose_directions
 from calib.identify.identify import check_counts
@@ -96,7 +96,8 @@ def linearised(
     counted = data.seen & ~waiting[:, None]
     weights = cell.noise.whitening(along, data.sigma) * counted[..., None, None]
     everything, missing = candidates(cell, model, data)
-    everything = [c for c in map(_at_any_tuning(data.poses), everything) if c.tried]
+    everything = [replace(c, tried=_tunings(c.effect, data.poses)) for c in everything]
+    everything = [c for c in everything if c.tried]
     suspects = tuple(c for c in everything if c.named)
     whole, start = model.extended(values, [c.effect for c in suspects])
     _, J = whole.jacobian(start, data.poses)
@@ -131,15 +132,9 @@ def linearised(
     )
 
 
-def _at_any_tuning(poses: Poses) -> Callable[[Candidate], Candidate]:
-    """Causes with as many tunings as will be tried of them at these poses, zero where none can be."""
-
-    def counted(candidate: Candidate) -> Candidate:
-        effect = candidate.effect
-        tried = len(effect.grid(poses)) if isinstance(effect, Tuned) else 1
-        return replace(candidate, tried=tried)
-
-    return counted
+def _tunings(effect: Effect, poses: Poses) -> int:
+    """How many will be tried of an effect at these poses, none where they tell nothing of it."""
+    return len(effect.grid(poses)) if isinstance(effect, Tuned) else 1
 
 
 def readings_of(cell: Cell, plan: Plan) -> Measurements:

@@ -64,7 +64,13 @@ def verdict_sentence(fields: dict[str, Any]) -> str:
     if verdict == "explained":
         return f"the gap is explained by {causes}"
     if verdict == "ambiguous":
-        return f"the gap is explained by {causes}; these data cannot tell which"
+        untold = [_name(e) for e in fields["effects"] if not e.get("shape_told", True)]
+        if not untold:
+            return f"the gap is explained by {causes}; these data cannot tell which"
+        return (
+            f"the gap is explained by {causes}; these data cannot tell whether "
+            f"{_listed(untold)} {'varies' if len(untold) == 1 else 'vary'} with the joints' angles"
+        )
     if fields["effects"]:
         return f"the gap is more than {causes}; the rest has no cause in the catalogue"
     if not places or (unfollowed(places[0]) and len(places) == 1):

@@ -15,7 +15,7 @@ from studies.report.parts import Figure, Part, Section, Table, Text, folded, joi
 _MEANS = {
     "no_gap": "The measurements show nothing beyond the model and the noise.",
     "explained": "Each cause is named, and nothing is left to explain.",
-    "ambiguous": "These data cannot tell the listed causes apart.",
+    "ambiguous": "Nothing is left to explain, but other causes or forms would do as well.",
     "unknown": "Something is there that no cause in the catalogue does.",
 }
 

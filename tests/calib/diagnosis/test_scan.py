@@ -21,20 +21,20 @@ from calib.scatter import Variances
 from tests.calib.diagnosis.test_diagnose import measured
 
 
-def stage_of_a_day(scatters: bool) -> tuple[calib.Cell, Stage]:
-    """Free and loaded readings of each configuration, which err together where the arm scatters."""
+def stage_of_a_day() -> tuple[calib.Cell, Stage]:
+    """Free and loaded readings of each configuration."""
     cell, data, _ = measured("backlash:A3", [2e-4])
     model = build(cell, data.poses).model
     start = initial_values(model, data)
     weights = whitening(cell, model, start, data)
     stage = Stage(data, model, start, weights, np.zeros(len(data), dtype=bool), robust=False)
-    return (replace(cell, repeatability=None), stage) if not scatters else (cell, stage)
+    return cell, stage
 
 
 @pytest.mark.parametrize("scatters", [False, True])
 @pytest.mark.parametrize("name", ["gear_ripple:A2", "warm_up:base", "step:A3"])
 def test_a_scan_is_the_score_of_every_tuning(name: str, scatters: bool) -> None:
-    cell, stage = stage_of_a_day(scatters)
+    cell, stage = stage_of_a_day()
     fit = stage.fit(())
     if scatters:
         n = cell.robot.dof
@@ -88,7 +88,7 @@ def test_what_has_a_tuning_is_found_with_it(
 
 def test_a_joint_read_at_equal_steps_shows_images_of_a_ripple() -> None:
     """Steps of ten degrees: 36 cycles a turn more or less look the same."""
-    cell, stage = stage_of_a_day(False)
+    cell, stage = stage_of_a_day()
     ripple = place_effect("gear_ripple", "A3", context_of(cell, stage.data.poses))
     assert isinstance(ripple, GearRipple)
     values = np.array([100.0, 5e-5, -3e-5])

@@ -63,8 +63,7 @@ class Ground:
             return self._priced(max(gain.fall + gain.promised, 0.0), told).counted(suspect.tried)
         half = _half(suspect.spread * suspect.effect.parameters[0].size ** 2)
         amplitude = _amplitude(*self.around.beside(own), half)
-        prior: Array = np.linalg.inv(half) / amplitude
-        gain = self.around.gain(own, prior)
+        gain = self.around.gain(own, _inverse(half) / amplitude)
         price = _freedom(np.diag(gain.triangle), half, amplitude)
         return _of_curve(gain.fall + gain.promised - price, price)
 
@@ -94,7 +93,7 @@ class Ground:
 
     def _curve(self, own: IntArray, spread: Array) -> Score:
         half = _half(spread)
-        inverse: Array = np.linalg.inv(half)
+        inverse = _inverse(half)
         theta, best = self.levels.theta, (np.inf, 0.0)
         for _ in range(_TURNS):
             amplitude = _amplitude(*self._alone(own, theta), half)
@@ -123,6 +122,10 @@ class Ground:
 def _half(spread: Array) -> Array:
     jitter = 1e-9 * float(np.diag(spread).mean()) * np.eye(len(spread))
     return np.asarray(np.linalg.cholesky(spread + jitter))
+
+
+def _inverse(half: Array) -> Array:
+    return np.asarray(np.linalg.inv(half), dtype=np.float64)
 
 
 def _of_curve(evidence: float, price: float) -> Score:

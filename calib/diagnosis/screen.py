@@ -251,7 +251,7 @@ def _spared(field: Field, columns: IntArray, limits: Array) -> Score:
     from scipy.special import chdtrc, gammaln
 
     S, Xr = field.products(columns)
-    cov: Array = np.linalg.inv(S + np.diag(1.0 / limits**2))
+    cov = np.asarray(np.linalg.inv(S + np.diag(1.0 / limits**2)), dtype=np.float64)
     values, K = cov @ Xr, len(columns)
     spread = field.cost / field.dof if field.noise_refuted else 1.0
     each = float(np.log(field.rows)) + 2.0 * float(np.log(2.0))

@@ -22,7 +22,7 @@ from calib.effects.tuned import Tuned
 
 _MOST_ROUNDS = 40  # of a contest from nothing
 _MOST_MORE = 12  # of one that goes on from another
-_SCANNED_ANEW = 4  # newcomers after which all tunings are tried again
+_SCANNED_ANEW = 8  # newcomers after which all tunings are tried again
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ from calib.cell import Cell
 from calib.covariance import determined
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.contest import Entry, Outcome, contest
-from calib.diagnosis.earned import BY_TIME
-from calib.diagnosis.gap import Gap, gap_of, over_time, reach
+from calib.diagnosis.earned import BY_TIME, Books
+from calib.diagnosis.gap import Gap, gap_of, reach
 from calib.diagnosis.power import smallest_sizes
 from calib.diagnosis.range_noise import Growth, growth
 from calib.diagnosis.refused import Refused, believed, nothing
@@ -199,7 +199,8 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     gap = gap_of(before, after, counted, heldout, floor, reach(stage, after, heldout), by_time)
     if by_time:
         added = after.model.effects[len(model.effects) :]
-        gap = replace(gap, over_time=over_time(linear, added))
+        account = Books(stage, after).ledger(added, by_time=True)
+        gap = replace(gap, over_time=(account.rms_without, account.rms_with))
     doubted = left or gap.open or any(c.misshapen for c in causes)
     doubted |= bool(causes) and noise.source == "residual"
     return Diagnosis(

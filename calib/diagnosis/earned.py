@@ -15,10 +15,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.gap import blocks_of_time
 from calib.diagnosis.prior import prior_rows
 from calib.diagnosis.stage import Fit, Stage
+from calib.effects.protocol import Effect
 from calib.poses import IntArray, Poses
 from calib.se3 import Array
 
@@ -30,7 +30,7 @@ BY_TIME = ("time", "temperature")
 
 @dataclass(frozen=True, eq=False)
 class Ledger:
-    """Squared errors of what was left out, with and without some candidates.
+    """Squared errors of what was left out, with and without some effects.
 
     with_it, without : float, in variances of the readings; rms_with, rms_without : float, m, 3-D
     """
@@ -48,7 +48,7 @@ class Ledger:
 
 @dataclass(frozen=True, eq=False)
 class Books:
-    """What each of the fitted candidates does for poses left out, from one factorisation of the fit.
+    """What each of the fitted effects does for poses left out, from one factorisation of the fit.
 
     stage : Stage; fit : Fit
     """
@@ -56,16 +56,16 @@ class Books:
     stage: Stage
     fit: Fit
 
-    def ledger(self, candidates: Sequence[Candidate], by_time: bool) -> Ledger:
-        """What some of the candidates do together.
+    def ledger(self, effects: Sequence[Effect], by_time: bool) -> Ledger:
+        """What some of the effects do together.
 
         by_time : whether stretches of the session are left out, else configurations
         """
         folds, kept = self._by_time if by_time else self._by_configuration, self._kept
         fit, (m, R) = self.fit, self.fit.r.shape
-        own = np.concatenate([fit.positions(c.effect) for c in candidates])
+        own = np.concatenate([fit.positions(effect) for effect in effects])
         lost = np.abs(fit.span[own]).sum(axis=0) > 0.0
-        # Directions that nothing of the rest sees: what the candidates alone explain.
+        # Directions that nothing of the rest sees: what the effects alone explain.
         u, _ = np.linalg.qr(kept.duals[lost].T)
         r = kept.r + kept.J[:, own] @ fit.moving[own]
         alone = kept.Q @ u

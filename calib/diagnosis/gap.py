@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from calib.diagnosis.stage import Fit, Stage
-from calib.effects.protocol import Effect
 from calib.identify.noise_level import believed_sigma
 from calib.poses import IntArray, Measurements, Poses
 from calib.scatter import Variances, scatter_of
 from calib.se3 import Array
 
 _DRAWS = 2000
-_QUARTERS = 4
 _FEWEST = 3  # groups to draw from
 _CLOSED = 1.25  # times the floor: parameters estimated from few poses add to the noise
 
@@ -96,20 +93,6 @@ def reach(stage: Stage, fit: Fit, heldout: Measurements | None) -> float:
     arm = scatter_of(fit.model, fit.values, heldout.poses, none)
     squares = arm.point_variance(fit.variances.approach)[heldout.seen]
     return float(np.sqrt(3.0 * sigma**2 + squares.mean()))
-
-
-def over_time(stage: Stage, effects: Sequence[Effect]) -> tuple[float, float]:
-    """Error without and with the effects, m, each quarter of the session predicted from the others."""
-    data, block = stage.data, blocks_of_time(stage.data.poses, _QUARTERS)
-    errors: tuple[list[Array], list[Array]] = ([], [])
-    for b in range(_QUARTERS):
-        left_out = block == b
-        rest = replace(stage, dropped=stage.dropped | left_out)
-        part = data.take(left_out & ~stage.dropped)
-        for found, chosen in zip(errors, ((), effects), strict=True):
-            found.append(squared_errors(rest.fit(chosen), part))
-    before, after = (rms(np.concatenate(found)) for found in errors)
-    return before, after
 
 
 def share_closed(before: Array, after: Array, floor: float) -> float | None:

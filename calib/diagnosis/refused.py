@@ -69,7 +69,7 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
     if found or not active:
         return found
     books = Books(stage, fit)
-    accounts = [(c, books.ledger([c], c.depends_on in BY_TIME)) for c in active]
+    accounts = [(c, books.ledger([c.effect], c.depends_on in BY_TIME)) for c in active]
     idle = [(c, a) for c, a in accounts if not a.earns]
     idle.sort(key=lambda pair: pair[1].without - pair[1].with_it)
     for c, _ in idle[: (len(idle) + 1) // 2]:
@@ -77,7 +77,7 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
         found.append((c, f"{left} that are left out are predicted no better with it"))
     if found:
         return found
-    together = books.ledger(active, False)
+    together = books.ledger([c.effect for c in active], False)
     if len(active) > 1 and not together.earns:
         return [(c, "all found together predict left-out configurations no better") for c in active]
     return []

@@ -140,16 +140,19 @@ class Stage:
     def fit(self, effects: Sequence[Effect], like: Fit | None = None) -> Fit:
         """Fit from the nominal values: a fit without the effects may have wandered.
 
-        like : Fit, of nearly the same effects, whose levels of noise the search begins with
+        like : Fit, of nearly the same effects, with whose weights, amplitudes and levels of noise the
+            search begins
         Weights of poses, amplitudes of curves and levels of noise follow from the fit, and it from
         them.
         """
         model, values = self.model.extended(self.start, effects)
-        weight = np.ones(len(self.data))
-        span = determined_by(self.observation(model, weight), values)
-        pull = 1.0 if like is None else like.pull
-        fit = self._fitted(model, values, span, weight, weak(model), pull)
-        if like is not None:
+        full = np.ones(len(self.data))
+        span = determined_by(self.observation(model, full), values)
+        if like is None:
+            fit = self._fitted(model, values, span, full, weak(model))
+        else:
+            amplitudes = _amplitudes_in(model, like)
+            fit = self._fitted(model, values, span, like.weight, amplitudes, like.pull)
             fit = replace(fit, levels=like.levels)
         for _ in range(_TURNS):
             fit = self._settled(fit)
@@ -263,6 +266,16 @@ class Stage:
         length = np.sqrt(self.statistics(fit))
         typical = float(np.median(length[~self.dropped]))
         return np.asarray(np.minimum(full, _HUBER * typical / np.maximum(length, 1e-12)))
+
+
+def _amplitudes_in(model: Model, like: Fit) -> tuple[float, ...]:
+    """Those of a model's curves: as another fit has them, weak for those that it lacks."""
+    known = {
+        id(effect): amplitude
+        for (effect, _), amplitude in zip(curves_in(like.model), like.amplitudes, strict=True)
+    }
+    own = zip(curves_in(model), weak(model), strict=True)
+    return tuple(known.get(id(effect), amplitude) for (effect, _), amplitude in own)
 
 
 def determined_by(observation: Points, start: Array) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.linear import LinearModel, times
@@ -116,14 +117,20 @@ class View:
         return beside(J, self.fit.modelled, X, r)
 
     @cached_property
-    def _parameters(self) -> Array:
-        """Every parameter of the fit in the directions of the basis, determined or not, (k, p)."""
-        return np.asarray(self.fit.modelled.T @ self.fit.equations[1])
+    def _turned(self) -> tuple[Array, Array]:
+        """Every parameter, determined or not, (k, p), and the residual, (k,), along the basis."""
+        Q, (r, J) = self.fit.modelled, self.fit.equations
+        return Q.T @ J, Q.T @ r
+
+    @cached_property
+    def _shown(self) -> Array:
+        """Every parameter along the basis, of length one, (k, p)."""
+        return _unit(self._turned[0])
 
     @cached_property
     def _determined(self) -> Array:
-        """The directions that were fitted, likewise, (k, d)."""
-        return self._parameters @ self.fit.span
+        """The directions that were fitted, along the basis, (k, d)."""
+        return self._turned[0] @ self.fit.span
 
     @cached_property
     def _duals(self) -> Array | None:
@@ -151,16 +158,16 @@ class View:
         """
         fit, whole = self.fit, self.beside
         own = fit.positions(member.effect)
-        rest = np.abs(fit.span[own]).sum(axis=0) == 0.0
-        free = _free(self._determined[:, rest], None if self._duals is None else self._duals[~rest])
-        U = _unseen(free, np.delete(self._parameters, own, axis=1))
+        lost = np.abs(fit.span[own]).sum(axis=0) > 0.0
+        U = _free(self._determined, self._duals, lost)
+        U = _unseen(U, np.delete(U.T @ self._shown, own, axis=1))
         # The residual as it would be without the effect, to first order.
-        r, J = fit.equations
-        r = r + J[:, own] @ fit.moving[own]
+        parameters, r = self._turned
+        r = r + parameters[:, own] @ fit.moving[own]
         held = 0 if member.named else len(own)  # rows of its prior, which go with it
         return Field(
             U.T @ whole.hidden,
-            U.T @ (self.fit.modelled.T @ r),
+            U.T @ r,
             whole.lengths,
             whole.rows - held,
             whole.dof + U.shape[1] - held,
@@ -195,26 +202,26 @@ def _echoes(candidate: Candidate, active: Sequence[Candidate]) -> Iterator[Candi
             yield replace(candidate.as_tuned(c.effect.tuning), line=0, echo=c.key)
 
 
-def _free(determined: Array, duals: Array | None) -> Array:
-    """Orthonormal directions (k, c) that columns (k, d) leave free.
+def _free(columns: Array, duals: Array | None, lost: NDArray[np.bool_]) -> Array:
+    """Orthonormal directions (k, c) that columns (k, d) leave free without some of them.
 
-    duals : ndarray, shape (c, k), that see none of the columns, where they are known
+    duals : ndarray, shape (d, k): each sees one column and none of the others; None where they depend
     """
     from scipy.linalg import qr
 
     if duals is not None:
-        return np.asarray(np.linalg.qr(_unit(duals.T))[0])
-    Q, R, _ = qr(_unit(determined), pivoting=True)
+        return np.asarray(np.linalg.qr(_unit(duals[lost].T))[0])
+    Q, R, _ = qr(_unit(columns[:, ~lost]), pivoting=True)
     pivots = np.abs(np.diag(R))
     rank = int(np.count_nonzero(pivots > DEPENDENT * pivots.max(initial=0.0)))
     return np.asarray(Q[:, rank:])
 
 
-def _unseen(free: Array, others: Array) -> Array:
-    """Of directions (k, c) those that what is visible of other parameters (k, p) leaves free."""
-    if not free.shape[1]:
-        return free
-    shown = free.T @ _unit(others)
+def _unseen(free: Array, shown: Array) -> Array:
+    """Of directions (k, c) those that what is visible of other parameters leaves free.
+
+    shown : ndarray, shape (c, p), of length one, in these directions
+    """
     squares, V = np.linalg.eigh(shown @ shown.T)
     return np.asarray(free @ V[:, squares <= VISIBLE**2])
 

@@ -46,8 +46,8 @@ def test_left_out_errors_are_those_of_refits(by_time: bool) -> None:
     both = predicted(stage, [right, wrong], by_time)
     books = Books(stage, fit)
     for member, rest in ((right, wrong), (wrong, right)):
-        found = books.ledger([member], by_time)
+        found = books.ledger([member.effect], by_time)
         assert found.rms_with == pytest.approx(both, rel=0.02)
         assert found.rms_without == pytest.approx(predicted(stage, [rest], by_time), rel=0.02)
-    assert books.ledger([right], by_time).earns
-    assert not books.ledger([wrong], by_time).earns
+    assert books.ledger([right.effect], by_time).earns
+    assert not books.ledger([wrong.effect], by_time).earns

@@ -28,7 +28,7 @@ def test_an_effect_taken_out_is_as_if_it_had_never_been_projected_out() -> None:
     fit = stage.fit([named.effect, curve.effect])
     linear = stage.about(fit, [c.effect for c in suspects])
     active = (named, curve)
-    seen = lineup(linear, suspects).seen_from(linear, fit, active, fresh=True).view
+    seen, _ = lineup(linear, suspects).seen_from(linear, fit, active, fresh=True)
     r, J = fit.equations
     for member in (named, curve):
         own = fit.positions(member.effect)

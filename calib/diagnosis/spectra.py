@@ -6,9 +6,9 @@ of two degrees of freedom where there is no line. The joint's own ripples are ta
 that those already found show again; other joints keep theirs, which else would leak.
 
 Lines are found one after the other, each beside those before it, and fitted together: a strong line
-shows by chance correlations all over a spectrum. So does what is slow, below three cycles a turn, where
-no gear is meant; where it stands out, lines are looked for beside it. Where a joint stands in equal
-steps s, c and ``|c - k 2 pi / s|`` are one and the same at these poses.
+shows by chance correlations all over a spectrum. So does what is slow, below three cycles a turn; where
+it stands out, lines are looked for beside it. Below fifteen no gear is meant. Where a joint stands in
+equal steps s, c and ``|c - k 2 pi / s|`` are one and the same at these poses.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from calib.diagnosis.scan import Beside, scores
 from calib.diagnosis.screen import orthonormal
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.drive import along_axis
-from calib.effects.gear_ripple import GearRipple
+from calib.effects.gear_ripple import FEWEST, GearRipple
 from calib.poses import IntArray, Poses
 from calib.robot import Robot
 from calib.se3 import Array
@@ -37,7 +37,7 @@ _MOST_LINES = 8  # of a joint
 _ROUNDS = 4  # of a fit of lines, from where the scan found them
 _ALIKE = 0.9  # correlation over the poses from which on two lines are one
 _PERHAPS = 0.7  # of their phases alone, worth an exact look
-_GEARED = 3.0  # cycles a turn below which no gear is meant
+_SLOW = 3.0  # cycles a turn below which what stands out is no line
 _CHUNK = 400  # cycles at a time: memory
 _NONE = np.zeros(0)
 
@@ -123,7 +123,7 @@ def _views(stage: Stage, fit: Fit, scale: float) -> list[_View]:
 
 def _ripple(robot: Robot, joint: int) -> GearRipple:
     axis = along_axis(robot, joint)[:, None]
-    return GearRipple(robot.joints[joint], _GEARED, joint + 1, axis, 1, None)
+    return GearRipple(robot.joints[joint], FEWEST, joint + 1, axis, 1, None)
 
 
 def _own(fit: Fit, joint: str) -> list[IntArray]:
@@ -204,7 +204,7 @@ class _View:
 
     def lines(self, fall: Array, alarm: float) -> tuple[Line, ...]:
         """Lines above the alarm, the strongest first; looked for about what is half as high."""
-        slow = self.cycles < _GEARED
+        slow = self.cycles < _SLOW
         view = self.beside_slow() if fall[slow].max(initial=0.0) > alarm else self
         near, around = self.about(self.cycles[fall > 0.5 * alarm]), view.around
         at, falls = np.zeros(0), list[float]()
@@ -221,7 +221,7 @@ class _View:
 
     def about(self, chosen: Array, but: Array = _NONE) -> Array:
         """Cycles within a line's width of those chosen, but none of a line and nothing slow."""
-        cycles = self.cycles[self.cycles >= _GEARED]
+        cycles = self.cycles[self.cycles >= FEWEST]
         near, taken = (
             (np.abs(cycles[:, None] - some) <= self.width).any(axis=1) for some in (chosen, but)
         )
@@ -229,7 +229,7 @@ class _View:
 
     def beside_slow(self) -> _View:
         """The same where all that is slow is modelled."""
-        cycles = np.arange(_FEWEST, _GEARED, 0.5 * self.width)
+        cycles = np.arange(_FEWEST, _SLOW, 0.5 * self.width)
         functions = self.ripple.functions(self.poses, cycles).transpose(1, 0, 2)
         rows = times(self.carrier, functions.reshape(len(self.q), -1))
         slow = orthonormal(self.beside_model(rows))

@@ -1,8 +1,9 @@
 """Gear errors that repeat many times in a turn: ``dq = cos_1 cos(c q) + sin_1 sin(c q)``, q as read.
 
 A strain-wave gear of ratio N errs twice a turn of its wave generator, c = 2 N a turn of the joint, and
-once; a motor's encoder once in its own turn, c = N. The second harmonic is at twice the cycles. Below
-three cycles a turn such errors are a ``transmission_harmonic``.
+once; a motor's encoder once in its own turn, c = N. The second harmonic is at twice the cycles. Once
+and twice a turn of the joint such errors are a ``transmission_harmonic``; between that and the ratio of
+a slow gear nothing that turns has its period, and a smooth error would only borrow the name.
 """
 
 from __future__ import annotations
@@ -19,10 +20,9 @@ from calib.poses import Poses
 from calib.se3 import Array
 
 _USUAL = 200.0  # cycles a turn: a strain-wave gear of ratio 100
-_FEWEST, _MOST = (
-    3.0,
-    450.0,
-)  # cycles a turn; ratios of strain-wave gears reach 160, their second 640
+FEWEST = 15.0
+"""Cycles a turn of the joint below which no gear is meant."""
+_MOST = 450.0  # ratios of strain-wave gears reach 160, their second harmonic 640
 _STEP = 0.25  # of a line's width
 _LINE = 2.0  # widths: farther away it is another line
 _SAME = 0.8  # of a ripple's square: so much at other cycles, and nobody tells which are right
@@ -94,7 +94,7 @@ class GearRipple(TunedTwist):
         if self.ratio is not None:
             return np.array([self.ratio, 2.0 * self.ratio])
         width = self.width(poses)
-        return np.arange(_FEWEST, _MOST, _STEP * width) if np.isfinite(width) else np.zeros(0)
+        return np.arange(FEWEST, _MOST, _STEP * width) if np.isfinite(width) else np.zeros(0)
 
     def images(self, poses: Poses, values: Array) -> Array:
         """Other cycles at which these poses, a joint at equal steps, show the same ripple, shape (k,).
@@ -104,7 +104,7 @@ class GearRipple(TunedTwist):
         width = self.width(poses)
         if not np.isfinite(width):
             return np.zeros(0)
-        tried = np.arange(_FEWEST, _MOST, _STEP * width)
+        tried = np.arange(FEWEST, _MOST, _STEP * width)
         tried = tried[np.abs(tried - values[0]) > _LINE * width]
         error = self.amounts(poses, values)[:, 0]
         F = self.functions(poses, tried)

@@ -5,7 +5,7 @@
 FOLDER holds ``cell.toml`` and ``measurements.csv``; without one, every set under ``POSECAL_DATA``.
 Each is diagnosed with three tenths of its configurations held out, drawn by seeds 0, 1, .. Held-out
 errors count every pose. "not worse" counts the splits whose held-out error did not rise; "named" and
-"located" say in how many splits. Seconds are those of one process with one thread of linear algebra.
+"located" say in how many splits. Seconds are those of the processor, with one thread of linear algebra.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ def one_split(folder: Path, seed: int) -> dict[str, Any]:
     cell = calib.load_cell(folder / "cell.toml")
     data = calib.load_measurements(cell, folder / "measurements.csv")
     kept, held = data.split(HELD_OUT, np.random.default_rng(seed))
-    begun = time.perf_counter()
+    begun = time.process_time()
     found = diagnosis_fields(diagnose(cell, kept, heldout=held))
-    return {**found, "seconds": time.perf_counter() - begun, "poses": len(kept), "seed": seed}
+    return {**found, "seconds": time.process_time() - begun, "poses": len(kept), "seed": seed}
 
 
 def row(name: str, splits: list[dict[str, Any]]) -> list[str]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.files.columns import ANGLES, LENGTHS, OTHERS, WRENCH
+from calib.files.columns import ANGLES, LENGTHS, OTHERS, TORQUES, WRENCH
 from calib.files.exports.krl_axes import axis_sheet
 from calib.files.exports.sheet import Sheet, read_sheet, text_lines
 from calib.robot import Robot
@@ -70,7 +70,7 @@ def read_joints(
         if titles.count(title) > 1:
             raise InputError(path, "header", f"column {title!r} stands twice", "rename one")
     pose = next((titles.index(t) for n in _POSE for t in titles if t.lower() == n), None)
-    carried = [i for i, t in enumerate(titles) if t in _CARRIED or t.startswith("approach_")]
+    carried = [i for i, t in enumerate(titles) if t in _CARRIED or _of_a_joint(t, titles)]
     rest = [i for i in range(len(titles)) if i != pose and i not in carried]
     wanted = None if robot is None or rename is not None else robot.joints
     joints = [i for i in rest if _is_joint(sheet, i, titles[i], wanted)]
@@ -78,7 +78,11 @@ def read_joints(
     rows = [_row(sheet, row, pose, joints, carried, titles) for row in range(len(sheet.rows))]
     _check_names(path, rows)
     ignored = tuple(titles[i] for i in rest if i not in joints and titles[i])
-    return JointTable(path, names, tuple(titles[i] for i in carried), rows, ignored)
+    stems = [_parted(titles[i])[0] for i in joints]
+    called = dict(zip(stems, (_parted(name)[0] for name in names), strict=True))
+    return JointTable(
+        path, names, tuple(_following(titles[i], called) for i in carried), rows, ignored
+    )
 
 
 def _title(text: str) -> str:
@@ -93,6 +97,23 @@ def _parted(title: str) -> tuple[str, str]:
     """A joint's name and its unit, "" where the title has none."""
     name, _, unit = title.rpartition("_")
     return (name, unit) if name and unit in UNITS else (title, "")
+
+
+def _of_a_joint(title: str, titles: Sequence[str]) -> bool:
+    """Whether a column says more of a joint in the table: from where it came, or its torque."""
+    if title.startswith("approach_"):
+        return True
+    joint, _, unit = title.rpartition("_")
+    return unit in TORQUES and any(_parted(t)[0] == joint for t in titles if t != title)
+
+
+def _following(title: str, called: Mapping[str, str]) -> str:
+    """The title of a column of a joint under the joint's new name; any other as it is."""
+    if title.startswith("approach_"):
+        joint = title.removeprefix("approach_")
+        return f"approach_{called.get(joint, joint)}"
+    joint, _, unit = title.rpartition("_")
+    return f"{called[joint]}_{unit}" if unit in TORQUES and joint in called else title
 
 
 def _is_joint(sheet: Sheet, column: int, title: str, wanted: Sequence[str] | None) -> bool:

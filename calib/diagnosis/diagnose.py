@@ -46,6 +46,7 @@ from calib.visits import visits
 _REPLICATES = 10  # degrees of freedom of repeated readings worth believing
 _GROSS = 10.0  # times the mean square of a typical group
 _LEFT_OVER = 0.001  # the scatter of a few repeats is a weak witness
+_ALONE = 0.9  # of what scatters, that one joint must hold to be named in place of the arm
 _MOST_PASSES = 2  # contests, while outliers are judged anew
 
 
@@ -194,7 +195,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     causes = tuple(
         _cause(stage, outcome, n, after, scale, len(suspects), len(named)) for n in named
     )
-    located = _located(outcome, after, causes, scale, bool(refused))
+    located = _located(stage, outcome, after, causes, scale, bool(refused))
     by_time = any(place.depends_on in BY_TIME for place in located)
     gap = gap_of(before, after, counted, heldout, floor, reach(stage, after, heldout), by_time)
     if by_time:
@@ -333,7 +334,12 @@ def _share(outcome: Outcome, after: Fit, entry: Entry, scale: float) -> float:
 
 
 def _located(
-    outcome: Outcome, after: Fit, causes: tuple[Cause, ...], scale: float, refused: bool
+    stage: Stage,
+    outcome: Outcome,
+    after: Fit,
+    causes: tuple[Cause, ...],
+    scale: float,
+    refused: bool,
 ) -> tuple[Place, ...]:
     """Places of all that was found, largest share first.
 
@@ -357,8 +363,21 @@ def _located(
             found.append(Place(entry.candidate.where, entry.candidate.depends_on, share))
     if after.variances.configuration.any() or (refused and not found):
         # Beside a cause its share is undefined: it is no effect that could be taken out again.
-        found.append(Place(ARM, "pose", np.nan if found else _unfollowed(outcome, after)))
+        share = np.nan if found else _unfollowed(outcome, after)
+        found.append(Place(_scattering(stage, after), "pose", share))
     return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
+
+
+def _scattering(stage: Stage, after: Fit) -> str:
+    """The joint that nearly all comes from which differs from pose to pose; else the arm."""
+    variances, robot = after.variances.configuration, after.model.robot
+    each = [
+        float(stage.scatter.point_variance(variances * (np.arange(len(variances)) == k)).mean())
+        for k in range(len(variances))
+    ]
+    first = int(np.argmax(each))
+    alone = first < robot.dof and each[first] > _ALONE * sum(each)
+    return robot.joints[first] if alone else ARM
 
 
 def _unfollowed(outcome: Outcome, after: Fit) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.linear import times
 from calib.diagnosis.scan import Beside, scores
-from calib.effects.gear_ripple import GearRipple
+from calib.effects.gear_ripple import FEWEST, GearRipple
 from calib.effects.tuned import Tuned
 from calib.poses import IntArray, Poses
 from calib.se3 import Array
@@ -95,6 +95,7 @@ def _richer(short: Form, poses: Poses) -> Iterator[Form]:
     """A ripple with its second harmonic, which may be the line that was found."""
     if isinstance(short.effect, GearRipple):
         tunings = np.concatenate([short.tunings, 0.5 * short.tunings])
+        tunings = tunings[tunings >= FEWEST]
         effect = short.effect.with_harmonics(2)
         yield Form(effect, tunings, effect.functions(poses, tunings))
 

@@ -118,6 +118,8 @@ def searched(
         state = more
     while (less := _leaving(problem, *state, start)) is not None:
         state = less
+    if scatter.has_approaches:
+        state = _moved(problem, *state, may, scatter.joints + 2)
     theta, found, free = state
     if found.value > alone - _entry_price(len(may)):
         theta, found, free = start, likelihood(problem, start), np.zeros(0, dtype=int)
@@ -189,6 +191,28 @@ def _leaving(
         if poorer.value - found.value < _PAYS:
             return fresh, poorer, rest
     return None
+
+
+def _moved(
+    problem: Turned, theta: Array, found: Likelihood, free: IntArray, may: IntArray, count: int
+) -> State:
+    """With what scatters at each approach, or at each configuration, where it is likelier to.
+
+    count : int, variances of each: one that came in first may stand in the place of the other
+    """
+    state = theta, found, free
+    for j in free[free > 0]:
+        theta, found, free = state
+        other = j + count if j <= count else j - count
+        if other in free or other not in may:
+            continue
+        swapped = theta.copy()
+        swapped[other], swapped[j] = theta[j], 0.0
+        rest = np.sort(np.append(free[free != j], other))
+        fresh, better = maximised(problem, swapped, rest, 0.1)
+        if better.value < found.value:
+            state = fresh, better, rest
+    return state
 
 
 def _variances(theta: Array, scatter: Scatter) -> Variances:

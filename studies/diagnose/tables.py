@@ -33,8 +33,8 @@ def diagnosis_tables(name: str, fields: dict[str, Any]) -> Iterator[RenderableTy
     if fields["located"]:
         yield Text("")
         yield _located(fields["located"], fields["effects"])
-        if any(unfollowed(place) for place in fields["located"]):
-            yield Text(f"arm by pose: {UNFOLLOWED}")
+        for place in filter(unfollowed, fields["located"]):
+            yield Text(f"{place['where']} by pose: {UNFOLLOWED}")
     if fields.get("refused"):
         yield Text("\nRefused: found, and not named all the same")
         yield _refused(fields["refused"])
@@ -84,7 +84,7 @@ def verdict_sentence(fields: dict[str, Any]) -> str:
 
 def unfollowed(place: dict[str, Any]) -> bool:
     """Whether it is what differs from pose to pose and follows no column."""
-    return bool(place["where"] == "arm" and place["depends_on"] == "pose")
+    return bool(place["depends_on"] == "pose")
 
 
 def _nowhere(fields: dict[str, Any]) -> str:
@@ -92,7 +92,9 @@ def _nowhere(fields: dict[str, Any]) -> str:
     if fields.get("refused"):
         return "more is left than noise, and nothing that was tried predicts other poses better"
     if fields["located"]:
-        return "the arm errs from pose to pose as no cause in the catalogue and no column does"
+        where = fields["located"][0]["where"]
+        who = "the arm" if where == "arm" else where
+        return f"{who} errs from pose to pose as no cause in the catalogue and no column does"
     return "more is left than noise, and neither its place nor its cause was found"
 
 

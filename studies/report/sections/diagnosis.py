@@ -47,8 +47,8 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
             [(p["where"], p["depends_on"], percent(p["share_of_gap"])) for p in fields["located"]],
             "Where the gap sits",
         )
-        if any(unfollowed(place) for place in fields["located"]):
-            yield Text(f"Arm by pose: {UNFOLLOWED}.", "note")
+        for place in filter(unfollowed, fields["located"]):
+            yield Text(f"{place['where']} by pose: {UNFOLLOWED}.", "note")
     if fields.get("refused"):
         rows = refused_rows(fields["refused"])
         yield Table(("cause", "why"), rows, "Refused: found, and not named all the same",

@@ -6,6 +6,7 @@ The arm stands in MuJoCo, drawn as the sealed cases are; the user brings files a
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -114,8 +115,13 @@ class Day:
     approached: Array
 
 
-def draw_day(setting: Setting, index: int, seed: int) -> Day:
-    """One day; even ones scatter in the joints, odd ones at the tip."""
+def draw_day(
+    setting: Setting, index: int, seed: int, truth: Callable[[Array], Array] = np.copy
+) -> Day:
+    """One day; even ones scatter in the joints, odd ones at the tip.
+
+    truth : where joints (N, n) truly stand that are read
+    """
     arm = ARMS[setting.arm]
     numbers = (setting.scatter * 1e6, setting.approaches, setting.poses, setting.markers)
     which = [seed, index, list(ARMS).index(setting.arm), *(round(v) for v in numbers)]
@@ -128,9 +134,9 @@ def draw_day(setting: Setting, index: int, seed: int) -> Day:
     q = _joints(rng, arm, setting.poses)[visits]
     targets = _joints(rng, arm, TARGETS)
     mechanism = Mechanism(arm, geometry, markers, weighs=False)
-    still, there = (_at(mechanism, joints, R, p) for joints in (q, targets))
+    still, there = (_at(mechanism, joints, R, p) for joints in (truth(q), truth(targets)))
     scatter = _scatter(rng, arm, still, setting.scatter, in_joints=index % 2 == 0)
-    stood = _at(mechanism, q, R, p, scatter, rng).readings
+    stood = _at(mechanism, truth(q), R, p, scatter, rng).readings
     return Day(
         arm=arm,
         scatter=scatter,
@@ -144,7 +150,7 @@ def draw_day(setting: Setting, index: int, seed: int) -> Day:
         read=stood + rng.normal(size=stood.shape) * SIGMA,
         targets=targets,
         reached=there.readings,
-        approached=_at(mechanism, targets, R, p, scatter, rng).readings,
+        approached=_at(mechanism, truth(targets), R, p, scatter, rng).readings,
     )
 
 

@@ -4,7 +4,8 @@
 ``score FOLDER --json score.json``. ``make .. --arm-noise`` draws arms that scatter from approach to
 approach; ``make .. --real-arms`` arms as real ones are, from several causes at once, in place of the
 first families. ``run FOLDER --answers aic`` lets a rival answer the same cases (``bic`` and
-``black-box`` are the others); ``score`` sets all that answered side by side.
+``black-box`` are the others); ``score`` sets all that answered side by side. ``run .. --first N`` where
+time is short: only the first cases are answered and count.
 """
 
 from __future__ import annotations
@@ -68,7 +69,15 @@ def make(count: int, folder: Path, seed: int, arm_noise: bool, real_arms: bool) 
     help=f"Who answers: {', '.join(COMMANDS)}, or any other name with a --command.",
 )
 @click.option("--command", help="Own program, with {cell} {data} {heldout} {answer}.")
-def run(folder: Path, workers: int, limit: float, program: str, command: str | None) -> None:
+@click.option("--first", type=click.IntRange(min=1), help="Only so many cases, in their order.")
+def run(
+    folder: Path,
+    workers: int,
+    limit: float,
+    program: str,
+    command: str | None,
+    first: int | None,
+) -> None:
     """Let the diagnosis, or a rival, answer every case, and commit the answers."""
     from studies.withheld.run import run as run_cases
     from studies.withheld.seal import COMMITMENT, answers_folder, case_names
@@ -81,13 +90,14 @@ def run(folder: Path, workers: int, limit: float, program: str, command: str | N
         raise click.UsageError(f"--answers {program}: use letters, digits, - and _")
     if not (folder / COMMITMENT).exists():
         raise click.ClickException(f"{folder}: holds no sealed cases; make them first")
-    with click.progressbar(length=len(case_names(folder)), label="answers") as bar:
+    with click.progressbar(length=len(case_names(folder)[:first]), label="answers") as bar:
         runs = run_cases(
             folder,
             program=program,
             command=command,
             workers=workers,
             limit=limit,
+            first=first,
             progress=lambda: bar.update(1),
         )
     failed = [name for name, one in runs.items() if one["status"] != "answered"]

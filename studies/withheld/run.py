@@ -49,6 +49,7 @@ def run(
     command: str | None = None,
     workers: int = 1,
     limit: float = 120.0,
+    first: int | None = None,
     progress: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
     """Let one program answer every case anew and commit its answers; those of others stay.
@@ -56,10 +57,10 @@ def run(
     program : name of the answers, which lie in a folder of that name
     command : template with {cell}, {data}, {heldout} and {answer}, which are absolute paths; by
         default that of ``COMMANDS``
-    limit : s, for one case
+    limit : s, for one case; first : how many cases, all without
     Returns what became of each case: "answered", "failed" or "too slow", and its seconds.
     """
-    names = case_names(folder)
+    names = case_names(folder)[:first]
     parts = shlex.split(COMMANDS[program] if command is None else command)
     answers = answers_folder(folder, program).resolve()
     commitment_of(folder, program).unlink(missing_ok=True)

@@ -38,7 +38,7 @@ def score(folder: Path) -> dict[str, Any]:
 
 def score_of(keys: dict[str, Any], answered: Answered) -> dict[str, Any]:
     """The score of one program."""
-    judged = [judged_or_failed(key, answered.answers[name]) for name, key in keys.items()]
+    judged = [judged_or_failed(keys[name], answer) for name, answer in answered.answers.items()]
     real = any(key.get("draw") == "real arms" for key in keys.values())
     asked = REAL if real else FIRST
     return {

@@ -82,7 +82,10 @@ def commit_answers(
 
 @dataclass(frozen=True)
 class Answered:
-    """What one program said and did: answer by case, None for a run that failed, and its runs."""
+    """What one program said and did: answer by case, None for a run that failed, and its runs.
+
+    Of all cases, or of the first.
+    """
 
     answers: dict[str, Any]
     runs: dict[str, Any]
@@ -111,10 +114,12 @@ def opened(folder: Path) -> tuple[dict[str, Any], dict[str, Answered]]:
 
 def _committed(folder: Path, program: str) -> Answered:
     """The answers of one program, as they were committed."""
-    committed = read_json(commitment_of(folder, program))
+    committed, names = read_json(commitment_of(folder, program)), case_names(folder)
+    if sorted(committed["runs"]) != names[: len(committed["runs"])]:
+        raise BrokenSeal(f"{folder}: answers are of chosen cases; all of them, or the first, count")
     if committed["keys"] != digest(folder / COMMITMENT):
         raise BrokenSeal(f"{folder / COMMITMENT}: changed after the answers were committed")
-    answers: dict[str, Any] = dict.fromkeys(case_names(folder))
+    answers: dict[str, Any] = {}
     for name, run in committed["runs"].items():
         path = answers_folder(folder, program) / f"{name}.json"
         _same(path, run["sha256"])

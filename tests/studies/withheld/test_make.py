@@ -317,6 +317,15 @@ def test_late_answer_is_refused(answered: Path) -> None:
         opened(answered)
 
 
+def test_the_first_cases_count_and_chosen_ones_do_not(answered: Path) -> None:
+    runs = {f"case_{i:04d}": {"status": "answered", "seconds": 1.0} for i in (0, 2)}
+    commit_answers(answered, {"case_0000": runs["case_0000"]}, ["by hand"])
+    assert score(answered)["cases"] == 1
+    commit_answers(answered, runs, ["by hand"])
+    with pytest.raises(BrokenSeal, match="chosen cases"):
+        opened(answered)
+
+
 def test_slow_program_counts_as_no_answer(folder: Path, tmp_path: Path) -> None:
     make(tmp_path / "one", 1, 5)
     command = f'{sys.executable} -c "import time; time.sleep(20)"'

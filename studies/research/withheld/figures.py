@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 from studies.research.withheld.judge import Judgement
 
-_Z = 1.959964
 Bar: TypeAlias = tuple[float, float]
 Test: TypeAlias = Callable[[Judgement], bool]
 
@@ -32,7 +31,7 @@ class Rate:
         """Share, None of nothing."""
         return self.hits / self.n if self.n else None
 
-    @property
+    @cached_property
     def interval(self) -> tuple[float, float] | None:
         """Wilson's interval."""
         return wilson(self.hits, self.n) if self.n else None
@@ -52,10 +51,10 @@ class Rate:
 
 def wilson(hits: int, n: int) -> tuple[float, float]:
     """95 % interval of a share."""
-    p, z2 = hits / n, _Z**2
-    centre = (p + z2 / (2 * n)) / (1 + z2 / n)
-    half = _Z / (1 + z2 / n) * math.sqrt(p * (1 - p) / n + z2 / (4 * n * n))
-    return max(0.0, centre - half), min(1.0, centre + half)
+    from scipy.stats import binomtest
+
+    low, high = binomtest(hits, n).proportion_ci(method="wilson")
+    return float(low), float(high)
 
 
 # family, visible only, figure, test, bar

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from statistics import NormalDist
 from typing import Any
 
 import pytest
@@ -195,6 +196,15 @@ def test_outside() -> None:
     sure = judge(key("outside", outside=cause), answer("explained", named(-40, 1)))
     assert sure.misnamed
     assert sure.intervals == ()
+
+
+@pytest.mark.parametrize(("hits", "n"), [(0, 1), (0, 37), (1, 3), (30, 37), (37, 37), (7, 20000)])
+def test_wilson_solves_its_equation(hits: int, n: int) -> None:
+    """Both ends are where ``(share - p)^2 = z^2 p (1 - p) / n``, a quadratic in p."""
+    share, z2n = hits / n, NormalDist().inv_cdf(0.975) ** 2 / n
+    middle = (share + z2n / 2) / (1 + z2n)
+    half = math.sqrt(z2n * share * (1 - share) + z2n**2 / 4) / (1 + z2n)
+    assert wilson(hits, n) == pytest.approx((middle - half, middle + half), rel=0, abs=1e-12)
 
 
 def test_wilson() -> None:

@@ -23,8 +23,9 @@ _LARGEST = 4  # members of a class with what is listed for its likeness
 _CLOSE = 30.0  # gain below the best at which a rival is none
 _SAME = 8.0  # difference of -2 log likelihood that tells nothing yet
 _MASS = 0.98  # of the likelihood that a class holds together
-# Estimated by maximum likelihood from 382 named effects of 560 simulated cases (studies.withheld, seeds
-# 4001 and 4002): likelihoods alone are too sure, for forms differ from the catalogue's.
+# Estimated by maximum likelihood from 382 named effects of 560 simulated cases (seeds 4001 and
+# 4002 of studies.research.withheld): likelihoods alone are too sure, for forms differ from the
+# catalogue's.
 _TEMPER = 0.3
 _IN_CLASS = 0.95
 _SECOND_NAME = 0.2  # of a cause's probability: nothing but custom says which of two names is right

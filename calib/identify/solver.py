@@ -2,7 +2,7 @@
 
 SciPy's ``least_squares`` solves one problem a call; Monte Carlo studies need a thousand small ones,
 and array operations over all of them are seven to fifty times faster than a loop
-(``studies.benchmarks.montecarlo``).
+(``studies.research.benchmarks.montecarlo``).
 """
 
 from __future__ import annotations

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 import calib
 from calib import Cell, Measurements
 from calib.se3 import Array
-from studies.withheld.robots import HEAVY, Arm, Joint
-from studies.withheld.texts import urdf
-from studies.withheld.truth import Mechanism
+from studies.research.withheld.robots import HEAVY, Arm, Joint
+from studies.research.withheld.texts import urdf
+from studies.research.withheld.truth import Mechanism
 
 _TURN = (-2.8, 2.8)
 

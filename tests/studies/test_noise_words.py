@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from studies.benchmarks.day import Setting, draw_day, write_day
 from studies.cli import main
 from studies.noise_words import noise_words
+from studies.research.benchmarks.day import Setting, draw_day, write_day
 
 OLD = {"sigma_mm": 0.01, "believed_sigma_mm": 0.01, "source": "cell"}
 

@@ -10,13 +10,13 @@ import numpy as np
 
 import calib
 from calib import Cell, Measurements
-from studies.withheld.actions import Action, State
-from studies.withheld.case_files import write_case
-from studies.withheld.catalogue import turned
-from studies.withheld.draw import Case, Conditions, draw_scene
-from studies.withheld.robots import ARMS, Array
-from studies.withheld.scene import Scene, hung
-from studies.withheld.visible import Projector, at_rest
+from studies.research.withheld.actions import Action, State
+from studies.research.withheld.case_files import write_case
+from studies.research.withheld.catalogue import turned
+from studies.research.withheld.draw import Case, Conditions, draw_scene
+from studies.research.withheld.robots import ARMS, Array
+from studies.research.withheld.scene import Scene, hung
+from studies.research.withheld.visible import Projector, at_rest
 
 PLAIN = Conditions(
     wrong_sigma=False,

@@ -23,7 +23,7 @@ from calib.covariance import accuracy
 from calib.noise import Noise
 from calib.targets import targets_of
 from doe.enough import Enough, enough
-from studies.benchmarks.day import Setting, draw_day, write_day
+from studies.research.benchmarks.day import Setting, draw_day, write_day
 from tests.doe.enough.day import RIGID, cell_of_day, of_poses, whole_day
 from tests.helpers import with_effects
 

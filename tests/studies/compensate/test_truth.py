@@ -20,12 +20,12 @@ from calib import Cell, Measurements
 from calib.compensate import Compensation
 from calib.estimate import Estimate, estimate_of
 from calib.se3 import Array
-from studies.withheld.causes import Cause
-from studies.withheld.draw import Case, draw_scene
-from studies.withheld.robots import ARMS, HEAVY, LIGHT, Arm
-from studies.withheld.visible import at_rest
+from studies.research.withheld.causes import Cause
+from studies.research.withheld.draw import Case, draw_scene
+from studies.research.withheld.robots import ARMS, HEAVY, LIGHT, Arm
+from studies.research.withheld.visible import at_rest
 from tests.calib.test_compensate import band, missed, wanted
-from tests.studies.withheld.scenes import PLAIN, as_files, case_of
+from tests.studies.research.withheld.scenes import PLAIN, as_files, case_of
 
 CONDITIONS = replace(PLAIN, configurations=45, known_geometry=False)
 

@@ -1,0 +1,245 @@
+"""A day of measurements with a truth of its own: geometry, an arm that scatters, and nothing else.
+
+The arm stands in MuJoCo, drawn as the sealed cases are; the user brings files and knows none of it.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from studies.research.withheld.actions import Action, State
+from studies.research.withheld.robots import LIGHT, Arm, Array, Joint
+from studies.research.withheld.scatter import Scatter, scatter_of
+from studies.research.withheld.texts import urdf
+from studies.research.withheld.truth import Mechanism
+
+SIGMA = 10e-6  # m, of one coordinate of the instrument
+TARGETS = 200
+_NEAR_HALF_A_TURN = 3.0  # rad: beyond, one placement has two rotation vectors
+
+
+def _turning(
+    name: str, xyz: tuple[float, float, float], axis: tuple[float, float, float], degrees: float
+) -> Joint:
+    limit = float(np.radians(degrees))
+    return Joint(name, xyz, axis, -limit, limit, 3.0, (0.0, 0.0, 0.1))
+
+
+SEVEN = Arm(
+    "seven",
+    "base",
+    "flange",
+    (
+        _turning("s1", (0, 0, 0.16), (0, 0, 1), 170),
+        _turning("s2", (0, 0, 0.20), (0, 1, 0), 120),
+        _turning("s3", (0, 0, 0.21), (0, 0, 1), 170),
+        _turning("e1", (0, 0, 0.21), (0, -1, 0), 120),
+        _turning("w1", (0, 0, 0.21), (0, 0, 1), 170),
+        _turning("w2", (0, 0, 0.19), (0, 1, 0), 120),
+        _turning("w3", (0, 0, 0.08), (0, 0, 1), 175),
+    ),
+    (0, 0, 0.05),
+    (0, 0, 0),
+    sigma=SIGMA,
+    load=0.0,
+    tool=0.15,
+    largest=1e-3,
+    payload=0.0,
+)
+SCARA = Arm(
+    "scara",
+    "base",
+    "flange",
+    (
+        _turning("J1", (0, 0, 0.34), (0, 0, 1), 130),
+        _turning("J2", (0.325, 0, 0), (0, 0, 1), 140),
+        Joint("Z", (0.275, 0, 0), (0, 0, 1), -0.21, 0.0, 1.5, (0, 0, 0), slides=True),
+        _turning("J4", (0, 0, 0), (0, 0, 1), 360),
+    ),
+    (0, 0, -0.05),
+    (3.141593, 0, 0),
+    sigma=SIGMA,
+    load=0.0,
+    tool=0.10,
+    largest=1e-3,
+    payload=0.0,
+)
+ARMS = {"6R": LIGHT, "7R": SEVEN, "SCARA": SCARA}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What days have in common.
+
+    arm : of ``ARMS``; scatter : m, 3-D RMS of the tip from approach to approach
+    approaches : of each pose, others between; poses, markers : how many
+    """
+
+    arm: str
+    scatter: float
+    approaches: int
+    poses: int
+    markers: int
+
+
+@dataclass(frozen=True, eq=False)
+class Day:
+    """The true arm of one day and what was read.
+
+    scatter : of the arm; markers, guesses : ndarray, shape (M, 3), m, true and as the cell has them
+    R, p : placement of the base in the instrument's frame
+    names : of the readings; q : ndarray, shape (N, n), rad or m, in order
+    exact, read : ndarray, shape (N, M, 3), m, without scatter and noise, and as measured
+    targets : ndarray, shape (T, n); reached, approached : ndarray, shape (T, M, 3), m, where the arm
+        stands at them without scatter, and where one approach of each takes it
+    """
+
+    arm: Arm
+    scatter: Scatter
+    markers: Array
+    guesses: Array
+    R: Array
+    p: Array
+    names: tuple[str, ...]
+    q: Array
+    exact: Array
+    read: Array
+    targets: Array
+    reached: Array
+    approached: Array
+
+
+def draw_day(
+    setting: Setting, index: int, seed: int, truth: Callable[[Array], Array] = np.copy
+) -> Day:
+    """One day; even ones scatter in the joints, odd ones at the tip.
+
+    truth : where joints (N, n) truly stand that are read
+    """
+    arm = ARMS[setting.arm]
+    numbers = (setting.scatter * 1e6, setting.approaches, setting.poses, setting.markers)
+    which = [seed, index, list(ARMS).index(setting.arm), *(round(v) for v in numbers)]
+    rng = np.random.default_rng(which)
+    geometry = rng.normal(size=(arm.dof + 2, 6)) * np.repeat([3e-4, 4e-4], 3)
+    guesses = _markers(rng, arm, setting.markers)
+    markers = guesses + rng.normal(size=guesses.shape) * 1e-3
+    R, p = _placement(rng)
+    visits = _visits(rng, setting.poses, setting.approaches)
+    q = _joints(rng, arm, setting.poses)[visits]
+    targets = _joints(rng, arm, TARGETS)
+    mechanism = Mechanism(arm, geometry, markers, weighs=False)
+    still, there = (_at(mechanism, joints, R, p) for joints in (truth(q), truth(targets)))
+    scatter = _scatter(rng, arm, still, setting.scatter, in_joints=index % 2 == 0)
+    stood = _at(mechanism, truth(q), R, p, scatter, rng).readings
+    return Day(
+        arm=arm,
+        scatter=scatter,
+        markers=markers,
+        guesses=guesses,
+        R=R,
+        p=p,
+        names=tuple(f"p{k:03d}_{i:03d}" for i, k in enumerate(visits)),
+        q=q,
+        exact=still.readings,
+        read=stood + rng.normal(size=stood.shape) * SIGMA,
+        targets=targets,
+        reached=there.readings,
+        approached=_at(mechanism, truth(targets), R, p, scatter, rng).readings,
+    )
+
+
+def _at(
+    mechanism: Mechanism,
+    q: Array,
+    R: Array,
+    p: Array,
+    scatter: Scatter | None = None,
+    rng: np.random.Generator | None = None,
+) -> State:
+    """The weightless arm at joints, each approached once where it scatters."""
+    action = Action.none(mechanism.arm, len(q), len(mechanism.markers))
+    if scatter is not None and rng is not None:
+        scatter.drawn(rng, np.arange(len(q))).add_to(action, None, None)
+    return mechanism.rest(q, lambda _: action, (R, p))
+
+
+def _scatter(
+    rng: np.random.Generator, arm: Arm, still: State, size: float, in_joints: bool
+) -> Scatter:
+    shape = scatter_of(rng, arm, still, in_joints)
+    at_tip = replace(still, points=still.o[:, -1:])
+    return shape.times(size / float(np.sqrt(np.mean(shape.squares(arm, at_tip)))))
+
+
+def _placement(rng: np.random.Generator) -> tuple[Array, Array]:
+    while True:
+        turn = Rotation.random(rng=rng)
+        if turn.magnitude() < _NEAR_HALF_A_TURN:
+            away = rng.normal(size=3)
+            return turn.as_matrix(), rng.uniform(2.0, 5.0) * away / np.linalg.norm(away)
+
+
+def _markers(rng: np.random.Generator, arm: Arm, count: int) -> Array:
+    """Reflectors about the tool at uneven heights, mm as the cell shows them."""
+    turn = rng.uniform(0, 2 * np.pi) + np.arange(count) * 2 * np.pi / count
+    across = np.stack([np.cos(turn), np.sin(turn)], axis=1) * rng.uniform(0.4, 0.7)
+    along = rng.uniform(0.5, 1.1, (count, 1))
+    return np.asarray(np.round(np.hstack([across, along]) * arm.tool, 4))
+
+
+def _joints(rng: np.random.Generator, arm: Arm, count: int) -> Array:
+    """Anywhere within the limits, rounded as the files show them."""
+    low, high = arm.limits.T
+    unit = np.where(arm.slides, 1e-3, np.pi / 180.0)
+    drawn = low + rng.random((count, arm.dof)) * (high - low)
+    return np.asarray(np.clip(np.round(drawn / unit, 6) * unit, low, high))
+
+
+def _visits(rng: np.random.Generator, poses: int, approaches: int) -> Array:
+    """Rounds over all poses, each in an order of its own, never the same pose twice in a row."""
+    while True:
+        order = np.concatenate([rng.permutation(poses) for _ in range(approaches)])
+        if np.all(np.diff(order)):
+            return order
+
+
+def write_day(folder: Path, day: Day) -> None:
+    """The files that a user brings, targets.csv, and exact.csv with what a perfect day had read."""
+    shown = np.where(day.arm.slides, day.q * 1e3, np.degrees(day.q))
+    aims = np.where(day.arm.slides, day.targets * 1e3, np.degrees(day.targets))
+    joints = [f"{j.name}_{'mm' if j.slides else 'deg'}" for j in day.arm.joints]
+    (folder / "robot.urdf").write_text(urdf(day.arm, masses=False), encoding="utf-8")
+    (folder / "cell.toml").write_text(_cell(day), encoding="utf-8")
+    target = [[f"t{i}", *_digits(q)] for i, q in enumerate(aims)]
+    _table(folder / "targets.csv", ["pose", *joints], target)
+    head = ["pose", "marker", *joints, "x_mm", "y_mm", "z_mm"]
+    for name, points in (("measurements.csv", day.read), ("exact.csv", day.exact)):
+        rows = [
+            [pose, f"m{m}", *_digits(q), *_digits(point * 1e3)]
+            for pose, q, own in zip(day.names, shown, points, strict=True)
+            for m, point in enumerate(own, 1)
+        ]
+        _table(folder / name, head, rows)
+
+
+def _cell(day: Day) -> str:
+    markers = [f"m{i} = {(m * 1e3).round(4).tolist()}" for i, m in enumerate(day.guesses, 1)]
+    lines = ["schema = 1", 'name = "a day"', "[robot]", 'urdf = "robot.urdf"']
+    lines += [f'base = "{day.arm.base}"', f'tip = "{day.arm.tip}"', "[markers_mm]", *markers]
+    lines += ["[instrument]", f"sigma_mm = {SIGMA * 1e3:g}", "[design]", 'targets = "targets.csv"']
+    return "\n".join([*lines, "[model]", 'effects = ["base", "tool", "geometry"]', ""])
+
+
+def _digits(values: Array) -> list[str]:
+    return [f"{v:.7f}" for v in values]
+
+
+def _table(path: Path, head: list[str], rows: list[list[str]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        csv.writer(stream, lineterminator="\n").writerows([head, *rows])

@@ -1,0 +1,129 @@
+"""Sealed cases for the diagnosis: make them, let it answer, score the answers.
+
+``python -m studies.research.withheld make 600 --seed 1 FOLDER``, then ``run FOLDER --workers 2``, then
+``score FOLDER --json score.json``. ``make .. --arm-noise`` draws arms that scatter from approach to
+approach; ``make .. --real-arms`` arms as real ones are, from several causes at once, in place of the
+first families. ``run FOLDER --answers aic`` lets a rival answer the same cases (``bic`` and
+``black-box`` are the others); ``score`` sets all that answered side by side. ``run .. --first N`` where
+time is short: only the first cases are answered and count.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from studies.research.withheld.run import COMMANDS
+from studies.research.withheld.seal import DIAGNOSIS, BrokenSeal, write_json
+
+_FOLDER = click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
+
+
+@click.group(help="Sealed cases for `posecal diagnose`, their answers and the score.")
+def main() -> None:
+    """Group of the three steps."""
+
+
+@main.command()
+@click.argument("count", type=click.IntRange(min=1), metavar="N")
+@_FOLDER
+@click.option("--seed", type=click.IntRange(min=0), required=True, help="Fresh for every check.")
+@click.option("--arm-noise", is_flag=True, help="Arms that scatter from approach to approach.")
+@click.option(
+    "--real-arms",
+    is_flag=True,
+    help="The families of real arms: scatter, ripple, settling, warm-up, mixtures.",
+)
+def make(count: int, folder: Path, seed: int, arm_noise: bool, real_arms: bool) -> None:
+    """Draw N cases into a new FOLDER and commit their keys."""
+    from studies.research.withheld.make import make as make_cases
+
+    if arm_noise and real_arms:
+        raise click.UsageError("--arm-noise: real arms scatter in any case; leave it out")
+    try:
+        with click.progressbar(length=count, label="cases") as bar:
+            make_cases(
+                folder,
+                count,
+                seed,
+                lambda _: bar.update(1),
+                arm_noise=arm_noise,
+                real_arms=real_arms,
+            )
+    except FileExistsError as error:
+        raise click.ClickException(str(error)) from None
+    click.echo(f"wrote {count} cases, their keys and {folder / 'commitment.json'}")
+
+
+@main.command()
+@_FOLDER
+@click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True)
+@click.option("--limit", type=float, default=120.0, show_default=True, help="Seconds for one case.")
+@click.option(
+    "--answers",
+    "program",
+    default=DIAGNOSIS,
+    show_default=True,
+    help=f"Who answers: {', '.join(COMMANDS)}, or any other name with a --command.",
+)
+@click.option("--command", help="Own program, with {cell} {data} {heldout} {answer}.")
+@click.option("--first", type=click.IntRange(min=1), help="Only so many cases, in their order.")
+def run(
+    folder: Path,
+    workers: int,
+    limit: float,
+    program: str,
+    command: str | None,
+    first: int | None,
+) -> None:
+    """Let the diagnosis, or a rival, answer every case, and commit the answers."""
+    from studies.research.withheld.run import run as run_cases
+    from studies.research.withheld.seal import COMMITMENT, answers_folder, case_names
+
+    if command is None and program not in COMMANDS:
+        raise click.UsageError(
+            f"--answers {program}: nobody of that name; choose {', '.join(COMMANDS)}, or give --command"
+        )
+    if not program.replace("-", "").replace("_", "").isalnum():
+        raise click.UsageError(f"--answers {program}: use letters, digits, - and _")
+    if not (folder / COMMITMENT).exists():
+        raise click.ClickException(f"{folder}: holds no sealed cases; make them first")
+    with click.progressbar(length=len(case_names(folder)[:first]), label="answers") as bar:
+        runs = run_cases(
+            folder,
+            program=program,
+            command=command,
+            workers=workers,
+            limit=limit,
+            first=first,
+            progress=lambda: bar.update(1),
+        )
+    failed = [name for name, one in runs.items() if one["status"] != "answered"]
+    click.echo(f"{len(runs) - len(failed)} answered, {len(failed)} without an answer")
+    for name in failed:
+        click.echo(
+            f"  {name}: {runs[name]['status']}, see {answers_folder(folder, program) / name}.log"
+        )
+
+
+@main.command()
+@_FOLDER
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Write the score.")
+def score(folder: Path, json_path: Path | None) -> None:
+    """Check both commitments, open the keys and score."""
+    from studies.research.withheld.score import score as score_cases
+    from studies.research.withheld.tables import show
+
+    try:
+        result = score_cases(folder)
+    except BrokenSeal as error:
+        raise click.ClickException(str(error)) from None
+    show(Console(width=120, highlight=False), result)
+    if json_path is not None:
+        write_json(json_path, result)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,227 @@
+"""One answer against its key."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from studies.research.withheld.match import (
+    LARGEST_CLASS,
+    held_names,
+    is_listed,
+    is_named,
+    is_true,
+    name_of,
+)
+from studies.research.withheld.units import SI
+
+__all__ = ["LARGEST_CLASS", "CauseJudged", "Judgement", "judge"]
+
+VISIBLE = 60.0  # noncentrality above which a cause counts as visible
+CONFIDENT = 0.9
+_Z = 1.96
+_SEEN = {"mixture": max, "whole": max}
+_COVERED = ("single", "pair", "mixture", "whole")
+
+
+@dataclass(frozen=True)
+class CauseJudged:
+    """One cause of a case: its name, its noncentrality beside the others, and whether it is found."""
+
+    name: str
+    beside: float
+    found: bool
+
+    @property
+    def visible(self) -> bool:
+        """Its noncentrality is above 60."""
+        return self.beside > VISIBLE
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What is right and wrong about one answer.
+
+    visible : every cause's noncentrality, beside the others, is above 60; of a mixture or a whole
+        arm that of one is
+    twin : another effect moves everything alike, so that its own name is a matter of luck
+    answered : there is an answer
+    gap : it says that there is something
+    alarm : it says so where nothing is; that an arm scatters is true of one that does
+    exact : it names the causes and nothing else, each by its own name
+    found : every cause is named, or is in a class of at most four
+    located : the place of largest share is right; of two causes, the first two
+    unknown_located : it calls the cause unknown, and its place is right; or names it, where the
+        catalogue holds it by now
+    depends : what the located cause depends on is right too
+    misnamed : an effect that is not there is explained with confidence
+    sure_wrong : an effect that is not there is named with confidence, whatever the verdict
+    causes : each by itself
+    explained : it says that nothing is left to explain
+    further : it names effects that are not there
+    statements : probability and truth of each named effect
+    covered : effect, and whether the 95 % interval of a parameter holds the truth, of each parameter
+        of a rightly named effect
+    over_floor : held-out RMS after, over the true floor; infinite without an answer
+    before_over_floor : the same before anything is added to the user's model
+    over_reach : after, over what a fit of the true visible causes leaves; over the floor where the key
+        does not say
+    """
+
+    case: str
+    family: str
+    robot: str
+    conditions: dict[str, Any]
+    truth: tuple[str, ...]
+    noncentrality: float
+    visible: bool
+    twin: bool
+    answered: bool
+    verdict: str
+    named: tuple[str, ...]
+    gap: bool
+    alarm: bool
+    exact: bool
+    found: bool
+    located: bool
+    unknown_located: bool
+    depends: bool
+    misnamed: bool
+    sure_wrong: bool
+    causes: tuple[CauseJudged, ...]
+    explained: bool
+    further: bool
+    statements: tuple[tuple[float, bool], ...]
+    covered: tuple[tuple[str, bool], ...]
+    over_floor: float
+    before_over_floor: float
+    over_reach: float
+
+    @property
+    def intervals(self) -> tuple[bool, ...]:
+        """Whether each interval holds the truth."""
+        return tuple(held for _, held in self.covered)
+
+
+def judge(key: dict[str, Any], answer: dict[str, Any] | None) -> Judgement:
+    """Compare an answer, None where the run failed, with its key."""
+    truths, outside = key["effects"], key["outside"]
+    main = [truth for truth in truths if not truth.get("background")]
+    causes = main or ([outside] if outside else [])
+    given = answer or {}
+    effects = list(given.get("effects") or [])
+    places = [str(entry.get("where")) for entry in given.get("located") or []]
+    located = bool(causes) and all(
+        any(place in cause["places"] for place in places[: len(causes)]) for cause in causes
+    )
+    verdict = str(given.get("verdict", "none"))
+    wrong = [e for e in effects if not is_true(e, truths, outside)]
+    sure = [e for e in wrong if (e.get("probability") or 0.0) >= CONFIDENT]
+    held = outside is not None and any(name_of(e) in held_names(outside) for e in effects)
+    return Judgement(
+        case=key["case"],
+        family=key["family"],
+        robot=key["robot"],
+        conditions=key["conditions"],
+        truth=tuple(name_of(cause) for cause in causes),
+        noncentrality=key["noncentrality"],
+        visible=bool(causes)
+        and _SEEN.get(key["family"], min)(cause["beside"] for cause in causes) > VISIBLE,
+        twin=any(len(cause["places"]) > 1 or cause.get("twins") for cause in causes),
+        answered=answer is not None,
+        verdict=verdict,
+        named=tuple(name_of(effect) for effect in effects),
+        gap=answer is not None and verdict != "no_gap",
+        alarm=not (causes or _silent(key, given)),
+        exact=bool(main) and _exactly(main, truths, effects),
+        found=bool(main) and all(any(is_listed(e, t) for e in effects) for t in main),
+        located=located,
+        unknown_located=located and (verdict == "unknown" or (held and not wrong)),
+        depends=located and _depends_right(causes, given),
+        misnamed=verdict == "explained"
+        and any((e.get("probability") or 0.0) > CONFIDENT for e in wrong),
+        sure_wrong=bool(sure),
+        causes=tuple(
+            CauseJudged(name_of(t), t["beside"], any(is_listed(e, t) for e in effects))
+            for t in main
+        ),
+        explained=verdict == "explained",
+        further=len(wrong) > 0 and len(effects) > len(main),
+        statements=tuple(
+            (float(e["probability"]), any(is_named(e, truth) for truth in truths))
+            for e in effects
+            if e.get("probability") is not None
+        ),
+        covered=_covered(key, effects) if key["family"] in _COVERED else (),
+        over_floor=_over_floor(key, given),
+        before_over_floor=_ratio(key, (given.get("gap") or {}).get("heldout_before_mm")),
+        over_reach=_over_floor(key, given)
+        * key["floor_mm"]
+        / key.get("reachable_mm", key["floor_mm"]),
+    )
+
+
+def _exactly(
+    main: list[dict[str, Any]], truths: list[dict[str, Any]], effects: list[dict[str, Any]]
+) -> bool:
+    """Each cause is named once, and nothing but what is there."""
+    once = all(sum(is_named(e, truth) for e in effects) == 1 for truth in main)
+    return once and all(any(is_named(e, truth) for truth in truths) for e in effects)
+
+
+def _depends_right(causes: list[dict[str, Any]], answer: dict[str, Any]) -> bool:
+    first = answer["located"][0].get("depends_on")
+    return any(first in cause["depends_on"] for cause in causes)
+
+
+def _silent(key: dict[str, Any], answer: dict[str, Any]) -> bool:
+    """Nothing found but what is there: that poses differ where the arm scatters, a background."""
+    if answer.get("verdict") == "no_gap":
+        return True
+    background = [truth for truth in key["effects"] if truth.get("background")]
+    if not (background or "arm_noise" in key["conditions"]):
+        return False
+    effects, places = answer.get("effects") or [], answer.get("located") or []
+    rippled = {truth["where"] for truth in background}
+    return (
+        answer.get("verdict") in ("unknown", *(("explained", "ambiguous") if effects else ()))
+        and all(is_true(effect, background, None) for effect in effects)
+        and all(p.get("depends_on") == "pose" or p.get("where") in rippled for p in places)
+    )
+
+
+def _covered(key: dict[str, Any], effects: list[dict[str, Any]]) -> tuple[tuple[str, bool], ...]:
+    """Parameters given with a standard deviation; others make no claim, unknown units a false one."""
+    held = []
+    for truth in key["effects"]:
+        for effect in (e for e in effects if is_named(e, truth)):
+            given = {p["name"]: p for p in effect.get("parameters") or []}
+            for parameter in truth["parameters"]:
+                answer = given.get(parameter["name"])
+                if not parameter["scored"] or answer is None:
+                    continue
+                if answer.get("value") is None or answer.get("std") is None:
+                    continue
+                scale = SI.get(answer.get("unit"), math.nan) / SI[parameter["unit"]]
+                off = _off(answer["value"] * scale, truth, parameter)
+                held.append((str(truth["effect"]), off <= _Z * answer["std"] * scale))
+    return tuple(held)
+
+
+def _off(value: float, truth: dict[str, Any], parameter: dict[str, Any]) -> float:
+    """Distance from the truth, or from all that the data cannot tell from it."""
+    low, high = truth.get("between", {}).get(parameter["name"], [parameter["value"]] * 2)
+    return max(float(low) - value, value - float(high), 0.0)
+
+
+def _over_floor(key: dict[str, Any], answer: dict[str, Any]) -> float:
+    gap = answer.get("gap") or {}
+    after = gap.get("heldout_after_mm")
+    if after is None and _silent(key, answer):
+        after = gap.get("heldout_before_mm")  # nothing was added, so before is after
+    return _ratio(key, after)
+
+
+def _ratio(key: dict[str, Any], rms_mm: float | None) -> float:
+    return math.inf if rms_mm is None else float(rms_mm) / float(key["floor_mm"])

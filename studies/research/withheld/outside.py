@@ -1,0 +1,140 @@
+"""Causes that no catalogue holds. Each says where it sits and on what it may be said to depend."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from studies.research.withheld.actions import Action, State
+from studies.research.withheld.catalogue import Effect, Values, index, turned
+from studies.research.withheld.robots import Array
+from studies.research.withheld.scene import Scene
+
+
+def marker_drift(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """One reflector creeps out of its nest."""
+    return _marker(scene, where, values, scene.session.hours)
+
+
+def marker_heat(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """One reflector's post grows with temperature."""
+    return _marker(scene, where, values, scene.session.temperature - 20.0)
+
+
+def marker_load(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """One reflector's post gives way when the tool is loaded."""
+    return _marker(scene, where, values, (scene.session.force[:, 2] != 0.0).astype(float))
+
+
+def third_harmonic(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """Three periods a turn."""
+    q = 3.0 * scene.session.q[:, index(scene, where)]
+    return turned(scene, where, values["a"] * np.cos(q) + values["b"] * np.sin(q))
+
+
+def damaged_teeth(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """A bump of the gear about one angle, 25 degrees wide."""
+    q = scene.session.q[:, index(scene, where)]
+    return turned(scene, where, values["a"] * np.exp(-0.5 * ((q - values["b"]) / 0.22) ** 2))
+
+
+def creep(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """A drive that follows the torque of the last minutes instead of the present one."""
+    k, time = index(scene, where), scene.session.time
+    lagged = np.zeros(scene.count)
+    for i in range(1, scene.count):
+        keep = np.exp(-(time[i] - time[i - 1]) / 240.0)
+        lagged[i] = keep * lagged[i - 1] + (1.0 - keep) * state.torque[i - 1, k]
+    return turned(scene, where, values["a"] * lagged)
+
+
+def cable_pull(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """A hose bundle that pulls on a joint as that joint and its neighbour stand."""
+    k = index(scene, where)
+    q, other = scene.session.q[:, k], scene.session.q[:, k - 1]
+    return turned(scene, where, values["a"] * np.sin(q + 0.5) * np.cos(other + values["b"]))
+
+
+def wandering_axis(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """An axis that tilts with the angle of the joint before it."""
+    k, action = index(scene, where), scene.nothing()
+    across = np.cross(scene.arm.axes[k], [0.6, 0.5, 0.4])
+    size = values["a"] * np.sin(2.0 * scene.session.q[:, k - 1] + values["b"])
+    action.twist[:, k + 1, 3:] = np.outer(size, across)
+    return action
+
+
+def overshoot(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """A joint that stops the farther off, the larger the move was."""
+    k = index(scene, where)
+    return turned(scene, where, values["a"] * scene.session.motion[:, k])
+
+
+def warm_encoder(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """A zero that follows the temperature."""
+    return turned(scene, where, values["a"] * (scene.session.temperature - 20.0))
+
+
+def hardening_drive(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """A drive that is soft at small torque: lost motion that saturates."""
+    torque = state.torque[:, index(scene, where)]
+    knee = 0.15 * max(float(np.abs(torque).max()), 1e-9)
+    return turned(scene, where, values["a"] * np.tanh(torque / knee))
+
+
+def slipped_joint(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """A joint whose zero jumps once in the session."""
+    after = scene.session.hours > values["b"] * scene.session.hours[-1]
+    return turned(scene, where, values["a"] * after)
+
+
+def bent_beam(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """Distances that are wrong with the square of the range."""
+    action = scene.nothing()
+    away = np.linalg.norm(state.aimed, axis=-1, keepdims=True)
+    action.reading[:] = values["a"] * away * state.aimed
+    return action
+
+
+def settling_base(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """A base that moves once, in the middle of the session."""
+    action = scene.nothing()
+    after = scene.session.hours > values["b"] * scene.session.hours[-1]
+    action.twist[:, 0] = np.outer(after, [0.3, 0.2, -1.0, 0.4, -0.3, 0.2]) * values["a"]
+    return action
+
+
+@dataclass(frozen=True)
+class Outside:
+    """act : the cause; depends : what the answer may name, {k} the joint and {j} the one before it."""
+
+    act: Effect
+    depends: tuple[str, ...]
+    needs: str = ""
+
+
+_TURN = ("q:{k}",)
+OUTSIDE: dict[str, Outside] = {
+    "marker_drift": Outside(marker_drift, ("time",), "time"),
+    "marker_heat": Outside(marker_heat, ("temperature",), "temperature"),
+    "marker_load": Outside(marker_load, ("load",)),
+    "third_harmonic": Outside(third_harmonic, _TURN),
+    "damaged_teeth": Outside(damaged_teeth, _TURN),
+    "creep": Outside(creep, ("load", "time"), "time"),
+    "cable_pull": Outside(cable_pull, ("q:{k}", "q:{j}")),
+    "wandering_axis": Outside(wandering_axis, ("q:{j}", "q:{k}")),
+    "overshoot": Outside(overshoot, ("motion:{k}",), "time"),
+    "warm_encoder": Outside(warm_encoder, ("temperature",), "temperature"),
+    "hardening_drive": Outside(hardening_drive, ("load",)),
+    "slipped_joint": Outside(slipped_joint, ("time",), "time"),
+    "bent_beam": Outside(bent_beam, ("range",)),
+    "settling_base": Outside(settling_base, ("time",), "time"),
+}
+
+
+def _marker(scene: Scene, where: str, values: Values, by: Array) -> Action:
+    action = scene.nothing()
+    marker = int(where.removeprefix("marker:m")) - 1
+    action.marker[:, marker] = np.outer(by, [values["x"], values["y"], values["z"]])
+    return action

@@ -1,0 +1,256 @@
+"""Drawing the case of a real arm: its scatter, its background, its causes and their sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from studies.research.withheld.actions import State
+from studies.research.withheld.causes import Cause, direction
+from studies.research.withheld.draw import (
+    Case,
+    NoSuchCase,
+    draw_seen,
+    sized,
+    with_noise,
+    with_scatter,
+)
+from studies.research.withheld.judge import VISIBLE
+from studies.research.withheld.real.arms import draw_arm
+from studies.research.withheld.real.causes import all_places, cause_at, draw_beyond, draw_real
+from studies.research.withheld.real.conditions import (
+    RealConditions,
+    draw_conditions,
+    draw_real_scene,
+)
+from studies.research.withheld.real.reach import excess
+from studies.research.withheld.real.visible import beside_others, projected, tangents
+from studies.research.withheld.robots import Array
+from studies.research.withheld.scene import Scene
+from studies.research.withheld.visible import Projector, at_rest
+
+SHARES = {"null": 0.20, "single": 0.34, "mixture": 0.20, "whole": 0.12, "outside": 0.14}
+SCATTER = (0.3, 3.0)
+"""3-D RMS of the arm's own scatter at the markers over the instrument's, even in the logarithm."""
+MIXED = (3, 8)
+WHOLE = ("backlash", "gear_ripple", "transmission_harmonic", "joint_compliance")
+_BACKGROUND = (1.0, 20.0)  # noncentrality of each ripple of a background
+_TOGETHER = (100.0, 6000.0)  # of a whole arm's family
+# Of what size, SI, nothing is that anyone would believe: the length of all such parameters together.
+_BELIEVED = {
+    "gear_ripple": ({"cos_1", "sin_1", "cos_2", "sin_2"}, 300e-6),
+    "warm_up": ({"offset", "rx", "ry", "rz"}, 1e-3),
+    "step": ({"offset", "rx", "ry", "rz"}, 3e-3),
+    "settling": ({"per_move", "per_speed"}, 2e-3),
+    "backlash": ({"half_width"}, 1e-3),
+    "thermal_expansion": ({"growth"}, 60e-6),
+    "transmission_harmonic": ({"cos_1", "sin_1", "cos_2", "sin_2"}, 2e-3),
+}
+_TRIES = 8
+
+
+def families(rng: np.random.Generator, count: int) -> list[str]:
+    """The family of each case: fixed shares in an order that tells nothing."""
+    ends = np.round(np.cumsum([0.0, *SHARES.values()]) * count).astype(int)
+    whole = [f for f, (a, b) in zip(SHARES, pairwise(ends), strict=True) for _ in range(b - a)]
+    return [whole[i] for i in rng.permutation(count)]
+
+
+def draw_real_case(rng: np.random.Generator, family: str) -> Case:
+    """A case of one family."""
+    while True:
+        arm = draw_arm(rng)
+        conditions = draw_conditions(rng)
+        scene = draw_real_scene(rng, arm, conditions)
+        if family == "whole":
+            scene = replace(scene, compliance=scene.compliance * 0.0, modelled=(), knots={})
+        try:
+            return _filled(rng, family, conditions, scene)
+        except NoSuchCase:
+            continue
+
+
+class _Draft:
+    """A scene at rest, and how to measure what moves it."""
+
+    def __init__(self, rng: np.random.Generator, conditions: RealConditions, scene: Scene) -> None:
+        self.rng, self.mechanism = rng, scene.mechanism()
+        self.seen: NDArray[np.bool_] = draw_seen(rng, conditions, scene)
+        self.still: State = at_rest(scene, self.mechanism, ())
+        self.scene = with_scatter(rng, scene, self.still, SCATTER, in_joints=1.0)
+        self.projector = Projector(self.scene, self.still, self.seen & ~scene.session.held[:, None])
+
+    def sized(self, draw: Draw, within: tuple[float, float] | None, outside: bool = False) -> Cause:
+        """A cause of drawn noncentrality; others are tried where one cannot have it."""
+        bounds = {} if within is None else {"within": within}
+        for _ in range(_TRIES):
+            try:
+                cause = sized(
+                    self.rng, self.scene, self.mechanism, self.still, self.projector, draw, outside,
+                    **bounds,
+                )  # fmt: skip
+            except NoSuchCase:
+                continue
+            if not _too_rough(cause):
+                return cause
+        raise NoSuchCase
+
+    def rest(self, *causes: Cause) -> Array:
+        """What causes move, whitened and beside the model."""
+        bent = at_rest(self.scene, self.mechanism, causes)
+        return self.projector.left(bent.readings - self.still.readings)
+
+
+Draw = Callable[[np.random.Generator, Scene], Cause]
+
+
+def _filled(
+    rng: np.random.Generator, family: str, conditions: RealConditions, scene: Scene
+) -> Case:
+    try:
+        draft = _Draft(rng, conditions, scene)
+        causes = _CAUSES[family](draft)
+        background = _background(draft, causes) if conditions.background else []
+        return _case(draft, family, conditions, causes, background)
+    except RuntimeError:  # too soft for its loads
+        raise NoSuchCase from None
+
+
+def _null(draft: _Draft) -> list[Cause]:
+    return []
+
+
+def _single(draft: _Draft) -> list[Cause]:
+    return [draft.sized(draw_real, None)]
+
+
+def _outside(draft: _Draft) -> list[Cause]:
+    return [draft.sized(draw_beyond, None, outside=True)]
+
+
+def _mixture(draft: _Draft) -> list[Cause]:
+    """Three to eight causes, each of a size of its own, no two of one kind at one place."""
+    count, found = int(draft.rng.integers(*MIXED, endpoint=True)), dict[tuple[str, str], Cause]()
+    for _ in range(4 * count):
+        if len(found) == count:
+            return list(found.values())
+        cause = draft.sized(draw_real, None)
+        found.setdefault((cause.effect, cause.where), cause)
+    raise NoSuchCase
+
+
+def _whole(draft: _Draft) -> list[Cause]:
+    """The same kind at every joint, of one spread over the joints."""
+    scene, rng = draft.scene, draft.rng
+    found = all_places(scene)
+    kind = str(rng.choice([kind for kind in WHOLE if len(found.get(kind, [])) > 2]))
+    drawn = [_member(rng, scene, kind, where) for where in found[kind]]
+    low, high = np.log(_TOGETHER)
+    wanted = float(np.exp(rng.uniform(low, high)))
+    for _ in range(3):
+        rest = draft.rest(*drawn)
+        factor = float(np.sqrt(wanted / max(float(rest @ rest), 1e-12)))
+        drawn = [cause.sized(factor) for cause in drawn]
+    moved = at_rest(scene, draft.mechanism, drawn).readings - draft.still.readings
+    if np.sqrt(np.mean(np.sum(moved**2, axis=-1))) > scene.arm.largest or any(
+        map(_too_rough, drawn)
+    ):
+        raise NoSuchCase
+    return drawn
+
+
+def _member(rng: np.random.Generator, scene: Scene, kind: str, where: str) -> Cause:
+    if kind == "gear_ripple":
+        return cause_at(rng, scene, kind, where).sized(float(rng.lognormal(0.0, 0.4)))
+    if kind == "backlash":
+        return Cause(kind, where, {"half_width": 1e-4 * float(rng.normal())})
+    if kind == "joint_compliance":
+        typical = next(j.compliance for j in scene.arm.joints if j.name == where)
+        return Cause(kind, where, {"compliance": typical * float(rng.lognormal(0.0, 0.5))})
+    return Cause(kind, where, direction(rng, ("cos_1", "sin_1", "cos_2", "sin_2")))
+
+
+_CAUSES: dict[str, Callable[[_Draft], list[Cause]]] = {
+    "null": _null,
+    "single": _single,
+    "mixture": _mixture,
+    "whole": _whole,
+    "outside": _outside,
+}
+
+
+def _background(draft: _Draft, causes: list[Cause]) -> list[Cause]:
+    """Fine ripples at the joints that have none of their own."""
+    own = {c.where for c in causes if c.effect == "gear_ripple"}
+    joints = [name for name in draft.scene.ratios if name not in own]
+    return [draft.sized(partial(_ripple_at, where=joint), _BACKGROUND) for joint in joints]
+
+
+def _ripple_at(rng: np.random.Generator, scene: Scene, where: str) -> Cause:
+    return cause_at(rng, scene, "gear_ripple", where)
+
+
+def _too_rough(cause: Cause) -> bool:
+    names, most = _BELIEVED.get(cause.effect, (set[str](), np.inf))
+    own = [value * cause.size for name, value in cause.values.items() if name in names]
+    return float(np.linalg.norm(own)) > most
+
+
+def _case(
+    draft: _Draft,
+    family: str,
+    conditions: RealConditions,
+    causes: list[Cause],
+    background: list[Cause],
+) -> Case:
+    scene, still, rng = draft.scene, draft.still, draft.rng
+    everything = [*causes, *background]
+    state = at_rest(scene, draft.mechanism, everything)
+    rests = [draft.rest(cause) for cause in everything]
+    moves = [tangents(scene, draft.mechanism, still, cause) for cause in causes]
+    spans = [projected(draft.projector, columns) for columns in moves]
+    spans += [rest[:, None] for rest in rests[len(causes) :]]
+    beside = beside_others(rests, spans)
+    whole = draft.rest(*causes)
+    assert scene.scatter is not None  # noqa: S101
+    wander = scene.scatter.drawn(rng, scene.session.visit)
+    stood = at_rest(scene, draft.mechanism, [*everything, wander])
+    noisy, outliers = with_noise(rng, conditions, scene, stood.readings)
+    shift = state.readings - still.readings
+    return Case(
+        family=family,
+        conditions=conditions,
+        scene=scene,
+        causes=tuple(everything),
+        noncentrality=tuple(float(r @ r) for r in rests),
+        beside=beside,
+        together=float(whole @ whole),
+        state=state,
+        clean=state.readings,
+        noisy=noisy,
+        seen=draft.seen,
+        outliers=outliers,
+        moved=float(np.sqrt(np.mean(np.sum(shift**2, axis=-1)))),
+        background=len(background),
+        excess=_excess(draft, everything, moves, beside),
+    )
+
+
+def _excess(
+    draft: _Draft, everything: list[Cause], moves: list[Array], beside: tuple[float, ...]
+) -> float:
+    """Of a fit that has the visible causes and no others."""
+    seen = [b > VISIBLE for b, _ in zip(beside, moves, strict=False)]
+    none = np.zeros((*draft.still.readings.shape, 0))
+    columns = np.concatenate(
+        [none, *(own for own, big in zip(moves, seen, strict=True) if big)], axis=-1
+    )
+    big = [cause for cause, visible in zip(everything, seen, strict=False) if visible]
+    faint = [cause for cause in everything if cause not in big]
+    unseen = at_rest(draft.scene, draft.mechanism, faint).readings - draft.still.readings
+    return excess(draft.scene, draft.still, draft.projector, draft.seen, columns, unseen)

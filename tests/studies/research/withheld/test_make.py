@@ -1,0 +1,334 @@
+"""Drawing, writing and sealing cases."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from rich.console import Console
+
+pytest.importorskip("mujoco")
+
+import calib
+from studies.research.withheld.__main__ import main
+from studies.research.withheld.case_files import write_case
+from studies.research.withheld.causes import Cause, places
+from studies.research.withheld.draw import NONCENTRALITY, SHARES, draw_case, families
+from studies.research.withheld.keys import key_of
+from studies.research.withheld.make import make
+from studies.research.withheld.robots import ARMS
+from studies.research.withheld.run import RIVALS, run
+from studies.research.withheld.score import score
+from studies.research.withheld.seal import (
+    BrokenSeal,
+    commit_answers,
+    opened,
+    programs,
+    read_json,
+    write_json,
+)
+from studies.research.withheld.tables import show
+from studies.research.withheld.visible import Projector, at_rest
+from tests.studies.research.withheld.scenes import scene_of
+
+COUNT = 10
+# Says that there is no gap, except where it fails.
+PROGRAM = """
+import json, sys
+cell, data, heldout, answer = sys.argv[1:]
+if "case_0001" in cell:
+    sys.exit(2)
+gap = {"heldout_before_mm": 0.03, "heldout_after_mm": 0.03}
+with open(answer, "w") as file:
+    json.dump({"verdict": "no_gap", "effects": [], "located": [], "gap": gap}, file)
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("sealed") / "cases"
+    make(path, COUNT, 11)
+    return path
+
+
+@pytest.fixture(scope="module")
+def once(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The cases with answers."""
+    copy = tmp_path_factory.mktemp("answered") / "cases"
+    shutil.copytree(folder, copy)
+    program = copy.parent / "program.py"
+    program.write_text(PROGRAM)
+    run(copy, command=f"{sys.executable} {program} {{cell}} {{data}} {{heldout}} {{answer}}")
+    return copy
+
+
+@pytest.fixture
+def answered(once: Path, tmp_path: Path) -> Path:
+    """A copy of them to spoil."""
+    return Path(shutil.copytree(once, tmp_path / "copy"))
+
+
+def test_same_seed_same_cases(folder: Path, tmp_path: Path) -> None:
+    make(tmp_path / "again", COUNT, 11)
+    for path in sorted((folder / "cases").rglob("*.*")):
+        again = tmp_path / "again" / path.relative_to(folder)
+        assert path.read_bytes() == again.read_bytes(), path.name
+    for path in sorted((folder / "keys").glob("case_*.json")):
+        one, two = read_json(path), read_json(tmp_path / "again" / "keys" / path.name)
+        assert one.pop("salt") != two.pop("salt")
+        assert one == two
+    make(tmp_path / "other", 2, 12)
+    other = tmp_path / "other" / "cases" / "case_0000" / "measurements.csv"
+    assert other.read_bytes() != (folder / "cases" / "case_0000" / "measurements.csv").read_bytes()
+
+
+def test_folder_is_not_overwritten(folder: Path) -> None:
+    with pytest.raises(FileExistsError):
+        make(folder, 1, 1)
+
+
+def test_files_are_read_by_the_program(folder: Path) -> None:
+    """Every file is a valid input, and names no cause."""
+    for case in sorted((folder / "cases").iterdir()):
+        cell = calib.load_cell(case / "cell.toml")
+        key = read_json(folder / "keys" / f"{case.name}.json")
+        fitted = calib.load_measurements(cell, case / "measurements.csv")
+        held = calib.load_measurements(cell, case / "heldout.csv")
+        assert len(held.poses) == 40
+        assert len(fitted.poses) == (106 if key["conditions"]["configurations"] == 45 else 38)
+        text = (case / "cell.toml").read_text()
+        assert not any(f"{e['effect']}:{e['where']}" in text for e in key["effects"])
+
+
+def test_nulls_hold_nothing(tmp_path: Path) -> None:
+    """The user's own model fits a null down to its noise, whatever the conditions."""
+    fitted = []
+    for seed in range(6):
+        case = draw_case(np.random.default_rng([3, seed]), "null")
+        if case.outliers:
+            continue
+        write_case(tmp_path / str(seed), case)
+        cell = calib.load_cell(tmp_path / str(seed) / "cell.toml")
+        data = calib.load_measurements(cell, tmp_path / str(seed) / "measurements.csv")
+        result = calib.identify(cell, data)
+        squares = np.sum(result.distances["fitted_all"] ** 2)
+        truth = case.scene.noise.rms(case.clean, case.seen & ~case.scene.session.held[:, None])
+        fitted.append(np.sqrt(3.0 * squares / result.dof) / truth)
+    np.testing.assert_allclose(fitted, 1.0, atol=0.12)
+
+
+@pytest.mark.parametrize("family", SHARES)
+def test_sizes_by_noncentrality(family: str) -> None:
+    case = draw_case(np.random.default_rng(4), family)
+    low, high = NONCENTRALITY
+    assert len(case.causes) == {"null": 0, "pair": 2}.get(family, 1)
+    assert all(0.9 * low < value < 1.1 * high for value in case.noncentrality)
+    assert all(b <= a * 1.001 for a, b in zip(case.noncentrality, case.beside, strict=True))
+    key = key_of(case, "case", 0, "salt")
+    assert bool(key["outside"]) == (family == "outside")
+    assert all(("shape" in effect) == (family == "shape") for effect in key["effects"])
+    json.dumps(key, allow_nan=False)
+
+
+def test_what_is_modelled_is_invisible() -> None:
+    """A compliance that the model has, a turned base and a moved marker leave nothing."""
+    scene = scene_of(ARMS[1])
+    mechanism = scene.mechanism()
+    still = at_rest(scene, mechanism, ())
+    seen = np.ones(still.points.shape[:2], dtype=bool)
+    projector = Projector(scene, still, seen)
+    modelled = scene.modelled[0]
+    for effect, where, name, size in (
+        ("joint_compliance", modelled, "compliance", 1e-8),
+        ("link_geometry", scene.arm.names[0], "rz", 1e-6),
+        ("backlash", modelled, "half_width", 1e-5),
+    ):
+        moved = (
+            at_rest(scene, mechanism, [Cause(effect, where, {name: size})]).readings
+            - still.readings
+        )
+        share = np.linalg.norm(projector.left(moved)) * scene.noise.sigma / np.linalg.norm(moved)
+        assert (share > 0.1) == (effect == "backlash"), effect
+
+
+def test_families_and_places() -> None:
+    drawn = Counter(families(np.random.default_rng(0), 600))
+    assert drawn == {"null": 150, "single": 210, "pair": 78, "shape": 78, "outside": 84}
+    for arm in ARMS:
+        scene = scene_of(arm)
+        assert set(places(scene).get("joint_compliance", [])).isdisjoint(scene.modelled)
+
+
+def test_answers_are_committed_and_scored(answered: Path) -> None:
+    result = score(answered)
+    assert result["cases"] == COUNT
+    assert result["failed"] == 1
+    assert result["answers"][1]["verdict"] == "none"
+    nulls = next(row for row in result["rates"] if row["family"] == "null")
+    key = read_json(answered / "keys" / "case_0001.json")
+    assert nulls["hits"] == (key["family"] == "null")  # no answer is no proof of no gap
+
+
+def perfect(key: dict[str, Any]) -> dict[str, Any]:
+    """The answer of one who knows the key."""
+    causes = key["effects"] or ([key["outside"]] if key["outside"] else [])
+    effects = [
+        {
+            "effect": cause["effect"],
+            "where": cause["where"],
+            "probability": 1.0,
+            "class": [{"effect": cause["effect"], "where": cause["where"]}],
+            "parameters": [{**p, "std": abs(p["value"]) + 1.0} for p in cause["parameters"]],
+        }
+        for cause in key["effects"]
+    ]
+    verdicts = {"null": "no_gap", "outside": "unknown", "shape": "unknown"}
+    return {
+        "verdict": verdicts.get(key["family"], "explained"),
+        "effects": effects,
+        "located": [
+            {"where": c["where"], "depends_on": (c["depends_on"] or ["none"])[0]} for c in causes
+        ],
+        "gap": {"heldout_after_mm": key["heldout_noise_rms_mm"]},
+    }
+
+
+def test_who_knows_the_keys_scores_fully(answered: Path) -> None:
+    runs = {}
+    for path in (answered / "keys").glob("case_*.json"):
+        write_json(answered / "answers" / "diagnosis" / path.name, perfect(read_json(path)))
+        runs[path.stem] = {"status": "answered", "seconds": 1.0}
+    commit_answers(answered, runs, ["by hand"])
+    result = score(answered)
+    assert result["failed"] == 0
+    for row in result["rates"]:
+        if row["bar"] is not None and row["n"]:
+            assert row["rate"] == row["bar"][row["bar"][0] > 0.0], row
+    assert result["coverage"]["rate"] == 1.0
+    assert all(row["hits"] == row["n"] for row in result["reliability"])
+    assert 0.8 < result["heldout_over_floor"]["median"] < 1.2
+
+
+def test_programs_side_by_side(answered: Path) -> None:
+    """A rival who knows the keys beside a program that sees no gap: each its own score, one print."""
+    own = answered / "answers" / "wizard"
+    own.mkdir()
+    keys = [read_json(path) for path in sorted((answered / "keys").glob("case_*.json"))]
+    for key in keys:
+        write_json(own / f"{key['case']}.json", perfect(key))
+    runs = {key["case"]: {"status": "answered", "seconds": 1.0} for key in keys}
+    commit_answers(answered, runs, ["by hand"], "wizard")
+    for name in RIVALS:  # as many columns as there will be
+        shutil.copytree(own, answered / "answers" / name)
+        commit_answers(answered, runs, ["by hand"], name)
+    result = score(answered)
+    assert (result["program"], set(result["rivals"])) == ("diagnosis", {*RIVALS, "wizard"})
+    del result["rivals"]["aic"]  # an own program in its place, of a longer name
+    wizard = result["rivals"]["wizard"]
+    assert (result["failed"], wizard["failed"]) == (1, 0)
+    exact = {row["family"]: row for row in wizard["rates"] if row["figure"] == "named exactly"}
+    assert all(row["hits"] == row["n"] for row in exact.values())
+    assert sum(row["n"] for row in wizard["coverage_by_effect"]) == wizard["coverage"]["n"] > 0
+    alarms = [row for row in wizard["robots"] if row["figure"] == "false alarms"]
+    assert sum(row["n"] for row in alarms) == sum(key["family"] == "null" for key in keys)
+    json.dumps(result, allow_nan=False)
+    console = Console(width=120, record=True, file=io.StringIO())
+    show(console, result)
+    printed = console.export_text()
+    assert "…" not in printed
+    assert max(map(len, printed.splitlines())) <= 120
+    line = next(x for x in printed.splitlines() if "false alarms" in x)
+    assert line.split()[-1] == "0.0"
+    runs.pop("case_0000")
+    (own / "case_0003.json").unlink()
+    with pytest.raises(BrokenSeal, match="case_0003"):
+        opened(answered)
+
+
+def test_rivals_answer_in_folders_of_their_own(answered: Path, tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM)
+    before = (answered / "answers" / "diagnosis.json").read_bytes()
+    command = f"{sys.executable} {program} {{cell}} {{data}} {{heldout}} {{answer}}"
+    run(answered, program="other", command=command)
+    assert (answered / "answers" / "diagnosis.json").read_bytes() == before
+    assert programs(answered) == ["diagnosis", "other"]
+    found = score(answered)
+    assert found["rivals"]["other"]["rates"] == found["rates"]
+
+
+def test_stepwise_rival_through_the_command(tmp_path: Path) -> None:
+    make(tmp_path / "one", 1, 5)
+    runs = run(tmp_path / "one", program="bic")
+    assert runs["case_0000"]["status"] == "answered"
+    assert score(tmp_path / "one")["heldout_by_family"][0]["n"] <= 1
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["run", "nowhere"], "no sealed cases"),
+        (["run", "nowhere", "--answers", "aicc"], "nobody of that name"),
+        (["run", "nowhere", "--answers", "a/b", "--command", "true"], "use letters"),
+        (["score", "nowhere"], "no sealed cases"),
+    ],
+)
+def test_faults_in_one_line(options: list[str], said: str, tmp_path: Path) -> None:
+    options[1] = str(tmp_path / options[1])
+    done = CliRunner().invoke(main, options)
+    assert done.exit_code in (1, 2)
+    assert said in done.output
+    assert "Traceback" not in done.output
+
+
+def test_no_score_before_answers(folder: Path) -> None:
+    with pytest.raises(BrokenSeal, match="not committed"):
+        opened(folder)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "keys/case_0000.json",
+        "answers/diagnosis/case_0000.json",
+        "cases/case_0000/heldout.csv",
+        "commitment.json",
+    ],
+)
+def test_tampering_is_seen(answered: Path, name: str) -> None:
+    path = answered / name
+    path.write_text(path.read_text().replace("0", "1", 1))
+    with pytest.raises(BrokenSeal, match=path.name):
+        opened(answered)
+
+
+def test_late_answer_is_refused(answered: Path) -> None:
+    path = answered / "answers" / "diagnosis" / "case_0001.json"
+    path.write_text(json.dumps({"verdict": "no_gap"}))
+    with pytest.raises(BrokenSeal, match="case_0001"):
+        opened(answered)
+
+
+def test_the_first_cases_count_and_chosen_ones_do_not(answered: Path) -> None:
+    runs = {f"case_{i:04d}": {"status": "answered", "seconds": 1.0} for i in (0, 2)}
+    commit_answers(answered, {"case_0000": runs["case_0000"]}, ["by hand"])
+    assert score(answered)["cases"] == 1
+    commit_answers(answered, runs, ["by hand"])
+    with pytest.raises(BrokenSeal, match="chosen cases"):
+        opened(answered)
+
+
+def test_slow_program_counts_as_no_answer(folder: Path, tmp_path: Path) -> None:
+    make(tmp_path / "one", 1, 5)
+    command = f'{sys.executable} -c "import time; time.sleep(20)"'
+    runs = run(tmp_path / "one", command=command, limit=0.2)
+    assert runs["case_0000"]["status"] == "too slow"
+    assert opened(tmp_path / "one")[1]["diagnosis"].answers == {"case_0000": None}

@@ -37,6 +37,7 @@ from calib.identify.noise_level import (
     replicate_spread,
 )
 from calib.identify.outliers import judge, threshold
+from calib.identify.tuning import profiled
 from calib.moves import before_the_first_move, in_one_session
 from calib.poses import Measurements
 from calib.se3 import Array
@@ -192,8 +193,9 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
             noise = _noise(stage, after, factor)
     scale = noise.factor / factor if noise.source != "cell" and after.mixing is None else 1.0
     left = _something_left(stage, outcome, after) or bool(refused and not outcome.active)
+    std = _deviations(stage, after, scale) if named else np.zeros(0)
     causes = tuple(
-        _cause(stage, outcome, n, after, scale, len(suspects), len(named)) for n in named
+        _cause(stage, outcome, n, after, scale, std, len(suspects), len(named)) for n in named
     )
     located = _located(stage, outcome, after, causes, scale, bool(refused))
     by_time = any(place.depends_on in BY_TIME for place in located)
@@ -309,16 +311,28 @@ def _cause(
     named: Named,
     after: Fit,
     scale: float,
+    std: Array,
     asked: int,
     causes: int,
 ) -> Cause:
     effect = named.candidate.effect
-    own, cov = after.positions(effect), after.covariance
+    own = after.positions(effect)
     share = _share(outcome, after, named.entry, scale)
     p = min(1.0, named.entry.score.p * asked)
-    std = np.where(determined(after.span), scale * np.sqrt(np.diag(cov)), np.nan)
     doubt = shape_doubt(stage, after, effect, causes)
     return Cause(named, doubt, after.values[own], std[own], p, share)
+
+
+def _deviations(stage: Stage, after: Fit, scale: float) -> Array:
+    """Standard deviations of all values, shape (p,), NaN where the data do not determine the value.
+
+    Of tunings those of the profile likelihood, where that is no parabola.
+    """
+    std = np.where(determined(after.span), scale * np.sqrt(np.diag(after.covariance)), np.nan)
+    observation = stage.observation(after.model, after.weight)
+    observation = replace(observation, scatter=stage.scatter.at(after.variances))
+    profile = profiled(observation, after.values, after.span, std, scale)
+    return np.where(np.isfinite(profile), profile, std)
 
 
 def _share(outcome: Outcome, after: Fit, entry: Entry, scale: float) -> float:

@@ -208,7 +208,7 @@ def _anew(
 ) -> dict[str, Score]:
     """Scores of those that lead, each with variances found anew; of the others none.
 
-    Where to second order none pays, those in front are searched for: that is never too much.
+    Where to second order, which is never too much, none pays, they are searched for.
     """
     view = state.view
     alone = linear_scores(view.by_instrument.beside, view, eligible)
@@ -222,8 +222,7 @@ def _anew(
     here = ground(state.stage, view, leading)
     found = {c.key: NOTHING for c in eligible} | {c.key: here.about(c) for c in leading}
     if not any(state.pays(found[c.key], c) for c in leading):
-        for named in (True, False):
-            found |= {c.key: here.score(c) for c in _leading(found, leading, named)[:1]}
+        found |= {c.key: here.score(c) for c in leading}
     return found
 
 

@@ -17,7 +17,7 @@ from calib.se3 import Array
 from doe.constraints import Constraint, scene_of, visible
 from doe.information import Regressor
 from doe.levels import Levels
-from doe.packed import pack, packed_size
+from doe.optimal.packed import pack, packed_size
 
 CHUNK = 2048
 """Configurations handled at once: a power of two keeps Sobol points balanced, and it fits the cache."""

@@ -16,12 +16,12 @@ from calib.model import Model
 from calib.poses import IntArray, Poses, poses_at
 from calib.se3 import Array
 from calib.targets import check_targets, targets_of
-from doe.allowed import Allowed
-from doe.blocks import Blocks
 from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question, catalogue
 from doe.information import Regressor
 from doe.nominal import nominal
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
 from doe.pool import Pool, drawn, rounded
 from doe.probe import PROBE, check_identifiable, is_silent, probe_of
 from doe.refusals import CannotIdentify

@@ -12,21 +12,21 @@ from numpy.typing import NDArray
 
 from calib.poses import IntArray
 from calib.se3 import Array
-from doe.allowed import Allowed
 from doe.assess import open_parameters
-from doe.branch import Proof, prove
-from doe.certify import survivors
 from doe.criteria.determinant import Determinant
-from doe.exchange import greedy
-from doe.packed import pack
+from doe.optimal.allowed import Allowed
+from doe.optimal.branch import Proof, prove
+from doe.optimal.certify import survivors
+from doe.optimal.exchange import greedy
+from doe.optimal.packed import pack
+from doe.optimal.relax import Relaxation, relax
+from doe.optimal.robust import robust_exchange, smallest_left
+from doe.optimal.search import best_plan
 from doe.plan import Certificate, Landscape
 from doe.polish import polish
 from doe.pool import Pool, drawn, judge
 from doe.problem import Problem
 from doe.refusals import CannotIdentify
-from doe.relax import Relaxation, relax
-from doe.robust import robust_exchange, smallest_left
-from doe.search import best_plan
 
 _PROVABLE = 400  # surviving candidates up to which branch and bound is tried
 _NODES = 400

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.se3 import Array
 from doe.criteria.protocol import Conic, Criterion, Question
-from doe.packed import pack
+from doe.optimal.packed import pack
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,6 @@ from calib.targets import targets_of
 from calib.threads import one_blas_thread
 from calib.unexplained import Unexplained, scatter_at
 from calib.visits import visits
-from doe.blocks import Blocks
 from doe.constraints import constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question
 from doe.criteria.task import Task
@@ -36,7 +35,8 @@ from doe.enough.sight import Rows, Sight
 from doe.enough.unnoticed import unnoticed
 from doe.information import Regressor
 from doe.nominal import nominal
-from doe.packed import pack
+from doe.optimal.blocks import Blocks
+from doe.optimal.packed import pack
 from doe.pool import drawn, pool_of
 from doe.problem import target_rows
 

@@ -19,11 +19,11 @@ from calib.covariance import (
 from calib.model import Model
 from calib.poses import IntArray, Poses
 from calib.se3 import Array
-from doe.allowed import Allowed
-from doe.blocks import Blocks
 from doe.criteria import Criterion
 from doe.enough.unnoticed import Unnoticed
-from doe.exchange import greedy
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.optimal.exchange import greedy
 
 _SURE = 0.95
 _MANY = 1e6  # degrees of freedom: known

@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from calib.se3 import Array
-from doe.allowed import Allowed
-from doe.blocks import Blocks
-from doe.criteria import Criterion
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.optimal.function import InformationFunction
 
 _MOST_STEPS = 80
 _CENTRING = 0.15
@@ -21,7 +21,7 @@ _TO_BOUNDARY = 0.98
 
 
 def newton_weights(
-    criterion: Criterion, blocks: Blocks, allowed: Allowed, precision: float
+    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, precision: float
 ) -> Array:
     """Weights w of all candidates, shape (q,), that maximise the criterion; levels are given.
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.poses import IntArray
 from calib.se3 import Array
-from doe.packed import pack, unpack
+from doe.optimal.packed import pack, unpack
 
 
 @dataclass(frozen=True, eq=False)

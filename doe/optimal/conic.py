@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from calib.se3 import Array
-from doe.allowed import Allowed
-from doe.blocks import Blocks
-from doe.criteria import Criterion
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.optimal.function import InformationFunction
 
 
 def conic_weights(
-    criterion: Criterion, blocks: Blocks, allowed: Allowed, at: Array
+    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, at: Array
 ) -> tuple[Array, Array | None] | None:
     """Weights of all candidates, shape (q,), and a supergradient from the dual where there is one.
 

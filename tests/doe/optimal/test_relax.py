@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from doe.allowed import Allowed
-from doe.blocks import Blocks
-from doe.branch import prove
-from doe.certify import bound, survivors
-from doe.conic import conic_weights
-from doe.exchange import exchange, greedy
-from doe.newton import newton_weights
-from doe.relax import relax
-from doe.robust import robust_exchange, smallest_left
-from doe.search import best_plan
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.optimal.branch import prove
+from doe.optimal.certify import bound, survivors
+from doe.optimal.conic import conic_weights
+from doe.optimal.exchange import exchange, greedy
+from doe.optimal.newton import newton_weights
+from doe.optimal.relax import relax
+from doe.optimal.robust import robust_exchange, smallest_left
+from doe.optimal.search import best_plan
 from tests.doe.problems import best_by_exhaustion, criteria, grouped, plans, random_blocks
 
 P = 4
@@ -215,7 +215,7 @@ def test_near_singular_plans_do_not_break_the_search() -> None:
     rng = np.random.default_rng(3)
     J = np.repeat(rng.normal(size=(1, 1, P)), 30, axis=0)
     J[:4, 0] = np.eye(P)
-    from doe.packed import pack
+    from doe.optimal.packed import pack
 
     blocks = Blocks(pack(np.swapaxes(J, -1, -2) @ J), 1e-10 * np.eye(P), 1)
     allowed = grouped(30, 1, 4)

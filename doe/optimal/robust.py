@@ -10,21 +10,21 @@ import numpy as np
 
 from calib.poses import IntArray
 from calib.se3 import Array
-from doe.allowed import Allowed
-from doe.blocks import Blocks
-from doe.criteria import Criterion
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.optimal.function import InformationFunction
 
 _TRIED = 60  # candidates of the largest scores that are tried in place of each pose
 _WORTH = 1e-6
 
 
-def smallest_left(criterion: Criterion, M: Array, blocks: Array) -> float:
+def smallest_left(criterion: InformationFunction, M: Array, blocks: Array) -> float:
     """The criterion after the worst loss of one pose; blocks : ndarray, shape (N, p, p)."""
     return float(criterion.value(M - blocks + 1e-12 * np.eye(len(M))).min())
 
 
 def robust_exchange(
-    criterion: Criterion, blocks: Blocks, allowed: Allowed, plan: IntArray
+    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, plan: IntArray
 ) -> IntArray:
     """Exchange single poses while the criterion after the worst loss grows."""
     plan = plan.copy()
@@ -41,7 +41,12 @@ def robust_exchange(
 
 
 def _better(
-    criterion: Criterion, blocks: Blocks, allowed: Allowed, plan: IntArray, slot: int, best: float
+    criterion: InformationFunction,
+    blocks: Blocks,
+    allowed: Allowed,
+    plan: IntArray,
+    slot: int,
+    best: float,
 ) -> tuple[int, float] | None:
     M, own = blocks.total(plan), blocks.matrices(plan)
     here = allowed.members[allowed.group[plan[slot]]]

@@ -8,12 +8,12 @@ import numpy as np
 
 from calib.poses import IntArray
 from calib.se3 import Array
-from doe.allowed import Allowed
-from doe.blocks import Blocks
-from doe.certify import survivors
-from doe.criteria import Criterion
-from doe.exchange import exchange, greedy, rounded_weights
-from doe.relax import Relaxation
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.optimal.certify import survivors
+from doe.optimal.exchange import exchange, greedy, rounded_weights
+from doe.optimal.function import InformationFunction
+from doe.optimal.relax import Relaxation
 
 _STARTS, _FEWEST_STARTS = 12, 3
 _KICKS, _FEWEST_KICKS = 30, 6
@@ -36,7 +36,7 @@ class Found:
 
 
 def best_plan(
-    criterion: Criterion,
+    criterion: InformationFunction,
     blocks: Blocks,
     allowed: Allowed,
     relaxed: Relaxation,
@@ -81,7 +81,7 @@ def _short_list(
 
 
 def _kicked(
-    criterion: Criterion,
+    criterion: InformationFunction,
     blocks: Blocks,
     allowed: Allowed,
     plan: IntArray,

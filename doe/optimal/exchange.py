@@ -14,10 +14,10 @@ import numpy as np
 
 from calib.poses import IntArray
 from calib.se3 import Array
-from doe.allowed import Allowed
-from doe.blocks import Blocks
-from doe.criteria import Criterion
-from doe.packed import pack
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.optimal.function import InformationFunction
+from doe.optimal.packed import pack
 
 _BATCH = 24
 _PATIENCE = 2  # batches looked at after the first one that holds something better
@@ -26,7 +26,7 @@ _WORTH = 1e-7  # relative gain below which an exchange is rounding
 
 
 def exchange(
-    criterion: Criterion,
+    criterion: InformationFunction,
     blocks: Blocks,
     allowed: Allowed,
     plan: IntArray,
@@ -48,7 +48,7 @@ def exchange(
 
 
 def _singles(
-    criterion: Criterion, blocks: Blocks, allowed: Allowed, plan: IntArray
+    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, plan: IntArray
 ) -> tuple[IntArray, float]:
     M = blocks.total(plan)
     value = float(criterion.value(M))
@@ -68,7 +68,7 @@ def _singles(
 
 
 def _better(
-    criterion: Criterion,
+    criterion: InformationFunction,
     blocks: Blocks,
     allowed: Allowed,
     plan: IntArray,
@@ -112,7 +112,7 @@ def _above(G: Array, base: Array, rows: Array) -> Array:
     return np.asarray(rows @ pack(G) + float((G * base).sum()))
 
 
-def greedy(criterion: Criterion, blocks: Blocks, allowed: Allowed) -> IntArray:
+def greedy(criterion: InformationFunction, blocks: Blocks, allowed: Allowed) -> IntArray:
     """Fill a plan up, each time with the candidate that adds most.
 
     Levels that are to be chosen are settled first, by the plan that is best to first order.
@@ -155,7 +155,7 @@ def rounded_weights(
 
 
 def _move_level(
-    criterion: Criterion, blocks: Blocks, allowed: Allowed, plan: IntArray, value: float
+    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, plan: IntArray, value: float
 ) -> IntArray | None:
     """The first exchange of a whole level that pays, its poses chosen greedily."""
     group = allowed.group[plan]

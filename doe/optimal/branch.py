@@ -16,12 +16,12 @@ import numpy as np
 
 from calib.poses import IntArray
 from calib.se3 import Array
-from doe.allowed import Allowed
-from doe.blocks import Blocks
-from doe.certify import bound, survivors
-from doe.criteria import Criterion
-from doe.exchange import exchange
-from doe.newton import newton_weights
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.optimal.certify import bound, survivors
+from doe.optimal.exchange import exchange
+from doe.optimal.function import InformationFunction
+from doe.optimal.newton import newton_weights
 
 _PRECISION = 1e-6
 _FRACTION = 1e-3  # weights closer to 0 or 1 than this count as whole
@@ -55,7 +55,7 @@ class _Node:
 
 
 def prove(
-    criterion: Criterion,
+    criterion: InformationFunction,
     blocks: Blocks,
     allowed: Allowed,
     plan: IntArray,
@@ -88,7 +88,7 @@ def prove(
 
 
 def _branch(
-    criterion: Criterion, blocks: Blocks, allowed: Allowed, node: _Node, value: float
+    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, node: _Node, value: float
 ) -> tuple[float, list[_Node], tuple[IntArray, float] | None]:
     """Bound of a node, the nodes below it, and a better plan if one was met."""
     taken = np.bincount(allowed.group[node.inside], minlength=len(allowed.positions))
@@ -125,7 +125,9 @@ def _branch(
     return found, [_Node(into, rest), _Node(node.inside, rest)], better
 
 
-def _pull(criterion: Criterion, part: Blocks, rules: Allowed, M: Array, w: Array) -> Array:
+def _pull(
+    criterion: InformationFunction, part: Blocks, rules: Allowed, M: Array, w: Array
+) -> Array:
     """What it costs to force each candidate in or out, to second order, shape (q,).
 
     A weight moved by delta, the others following, costs ``delta^2 / (2 K_jj)`` with K the inverse of
@@ -148,7 +150,7 @@ def _pull(criterion: Criterion, part: Blocks, rules: Allowed, M: Array, w: Array
 
 
 def _rounded(
-    criterion: Criterion,
+    criterion: InformationFunction,
     blocks: Blocks,
     allowed: Allowed,
     rules: Allowed,
@@ -170,7 +172,7 @@ def _rounded(
 
 
 def _judged(
-    criterion: Criterion, blocks: Blocks, plan: IntArray, value: float
+    criterion: InformationFunction, blocks: Blocks, plan: IntArray, value: float
 ) -> tuple[IntArray, float] | None:
     found = float(criterion.value(blocks.total(plan)))
     return (plan, found) if found > value * (1.0 + _SAME) else None

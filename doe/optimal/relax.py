@@ -16,12 +16,12 @@ import numpy as np
 
 from calib.poses import IntArray
 from calib.se3 import Array
-from doe.allowed import Allowed
-from doe.blocks import Blocks
-from doe.certify import bound
-from doe.conic import conic_weights
-from doe.criteria import Criterion
-from doe.newton import newton_weights
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.optimal.certify import bound
+from doe.optimal.conic import conic_weights
+from doe.optimal.function import InformationFunction
+from doe.optimal.newton import newton_weights
 
 GAP = 1e-4
 """Certified gap, relative, at which the relaxation stops."""
@@ -59,7 +59,7 @@ class Relaxation:
 
 
 def relax(
-    criterion: Criterion,
+    criterion: InformationFunction,
     blocks: Blocks,
     allowed: Allowed,
     *,
@@ -104,7 +104,7 @@ def relax(
 
 
 def _master(
-    criterion: Criterion, part: Blocks, rules: Allowed, met: Array, precision: float
+    criterion: InformationFunction, part: Blocks, rules: Allowed, met: Array, precision: float
 ) -> tuple[Array, Array | None]:
     if criterion.smooth and not rules.chooses_levels:
         try:
@@ -118,7 +118,9 @@ def _master(
     return np.bincount(chosen, minlength=len(part)).astype(float), None
 
 
-def _warm_start(criterion: Criterion, blocks: Blocks, allowed: Allowed) -> tuple[IntArray, Array]:
+def _warm_start(
+    criterion: InformationFunction, blocks: Blocks, allowed: Allowed
+) -> tuple[IntArray, Array]:
     """Candidates and information of a few Frank-Wolfe steps from uniform weights."""
     uniform = np.full(len(blocks), allowed.size / len(blocks))
     M = blocks.total(np.arange(len(blocks)), uniform)

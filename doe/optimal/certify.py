@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from calib.se3 import Array
-from doe.allowed import Allowed
-from doe.blocks import Blocks
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
 
 
 def bound(G: Array, blocks: Blocks, allowed: Allowed) -> float:

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from calib.poses import Poses, poses_at
 from calib.se3 import Array
 from doe.assess import Assessment
-from doe.levels import Levels
 from doe.problem import Problem
-from doe.reapproach import Reapproaches
-from doe.reference import Reference
+from doe.problem.levels import Levels
+from doe.visits.reapproach import Reapproaches
+from doe.visits.reference import Reference
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,8 @@ import numpy as np
 from calib.poses import IntArray
 from calib.se3 import Array
 from doe.constraints import scene_of
-from doe.pool import rounded
 from doe.problem import Problem
+from doe.problem.pool import rounded
 
 _TRIES = 48  # neighbours of each pose in one round
 _ROUNDS = 14

@@ -24,9 +24,9 @@ from doe.optimal.robust import robust_exchange, smallest_left
 from doe.optimal.search import best_plan
 from doe.plan import Certificate, Landscape
 from doe.polish import polish
-from doe.pool import Pool, drawn, judge
 from doe.problem import Problem
-from doe.refusals import CannotIdentify
+from doe.problem.pool import Pool, drawn, judge
+from doe.problem.refusals import CannotIdentify
 
 _PROVABLE = 400  # surviving candidates up to which branch and bound is tried
 _NODES = 400

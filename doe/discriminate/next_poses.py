@@ -19,7 +19,7 @@ from doe.discriminate.interventions import interventions, padded
 from doe.discriminate.rivalry import Rivalry, rivalries
 from doe.discriminate.search import search_of
 from doe.discriminate.situation import Offer, Situation, data_rows, offer_of, situation_of
-from doe.order import visiting_order
+from doe.visits.order import visiting_order
 
 TOLD = 0.95
 """Predicted probability at which two rivals count as told apart."""

@@ -20,8 +20,8 @@ from calib.se3 import Array
 from calib.simulate import beams
 from doe.constraints import constraints_of, scene_of, visible
 from doe.discriminate.session import Hung, Session, session_of
-from doe.levels import Levels, levels_of
-from doe.pool import rounded
+from doe.problem.levels import Levels, levels_of
+from doe.problem.pool import rounded
 
 _DRAWN = 8192
 _CHUNK = 512

@@ -33,12 +33,12 @@ from doe.enough.match import match
 from doe.enough.session import session
 from doe.enough.sight import Rows, Sight
 from doe.enough.unnoticed import unnoticed
-from doe.information import Regressor
-from doe.nominal import nominal
 from doe.optimal.blocks import Blocks
 from doe.optimal.packed import pack
-from doe.pool import drawn, pool_of
-from doe.problem import target_rows
+from doe.problem.information import Regressor
+from doe.problem.nominal import nominal
+from doe.problem.pool import drawn, pool_of
+from doe.problem.problem import target_rows
 
 Mask = NDArray[np.bool_]
 

@@ -22,7 +22,7 @@ from calib.threads import one_blas_thread
 from doe.foresight.foresee import Foresight
 from doe.foresight.sight import sight_of
 from doe.foresight.view import View, linearised
-from doe.nominal import soft
+from doe.problem.nominal import soft
 
 _WORTH = 5.0  # times its smallest size at which a cause must be told apart for a way to be named
 _PULL = 200.0  # N

@@ -25,7 +25,7 @@ from calib.scatter import Variances, scatter_of
 from calib.se3 import Array
 from calib.simulate import beams
 from doe.constraints import scene_of, visible
-from doe.nominal import soft
+from doe.problem.nominal import soft
 
 
 @dataclass(frozen=True, eq=False)

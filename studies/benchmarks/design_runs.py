@@ -32,7 +32,6 @@ from calib.threads import one_blas_thread
 from doe.criteria import Criterion
 from doe.criteria.determinant import Determinant
 from doe.criteria.trace import Trace
-from doe.levels import levels_of
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.branch import prove
@@ -40,9 +39,10 @@ from doe.optimal.certify import survivors
 from doe.optimal.packed import pack, packed_size
 from doe.optimal.relax import Relaxation, relax
 from doe.optimal.search import Found, best_plan
-from doe.pool import Pool, drawn, pool_of
 from doe.problem import RIDGE, Problem, problem_of
-from doe.wish import Wish
+from doe.problem.levels import levels_of
+from doe.problem.pool import Pool, drawn, pool_of
+from doe.problem.wish import Wish
 from studies.demo import embedded_cell, embedded_text
 
 Row = dict[str, Any]  # heading -> figure

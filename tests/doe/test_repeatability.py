@@ -19,7 +19,7 @@ from calib.poses import poses_at
 from calib.se3 import Array, skew
 from doe.assess import assess
 from doe.problem import problem_of
-from doe.wish import Wish
+from doe.problem.wish import Wish
 from studies.compare import compare
 from studies.compare.experiment import FULL, POINTS
 from tests.helpers import cell_of, random_robot, with_effects

@@ -16,8 +16,8 @@ from calib.errors import CalibError
 from calib.files.cell import load_cell
 from calib.files.write_tables import plan_csv
 from doe.constraints import scene_of, visible
-from doe.reference import spacing, with_reference
 from doe.results import design_fields
+from doe.visits.reference import spacing, with_reference
 from studies.demo import INPUTS, embedded_text
 from tests.helpers import with_effects
 

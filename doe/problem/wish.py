@@ -14,8 +14,8 @@ from calib.errors import CalibError
 from calib.model import Model
 from calib.poses import IntArray, Poses
 from calib.se3 import Array
-from doe.levels import Levels
-from doe.refusals import CannotIdentify
+from doe.problem.levels import Levels
+from doe.problem.refusals import CannotIdentify
 
 _LARGEST_FACTOR = 1e9  # of one parameter in a combination, for values in their units
 

@@ -15,10 +15,10 @@ from calib.poses import poses_at
 from calib.se3 import Array
 from calib.statics import loads_of
 from doe.constraints import Constraint
-from doe.information import Regressor
-from doe.pool import Chunk, drawn, fallen_of, judge
-from doe.refusals import CannotIdentify, at_level, no_candidate
-from doe.wish import Wish
+from doe.problem.information import Regressor
+from doe.problem.pool import Chunk, drawn, fallen_of, judge
+from doe.problem.refusals import CannotIdentify, at_level, no_candidate
+from doe.problem.wish import Wish
 
 PROBE = 2000
 """Feasible configurations that are enough to know a cell by."""

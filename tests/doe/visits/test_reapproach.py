@@ -20,8 +20,8 @@ from calib.errors import CalibError
 from calib.files.cell import load_cell
 from calib.visits import visits
 from doe.assess import assess
-from doe.reapproach import reapproaches_of, with_reapproaches
 from doe.results import design_fields
+from doe.visits.reapproach import reapproaches_of, with_reapproaches
 from studies.cli import main
 from studies.demo import INPUTS, embedded_text
 from tests.helpers import with_effects

@@ -15,9 +15,9 @@ from calib.errors import CalibError
 from calib.poses import IntArray
 from calib.se3 import Array
 from doe.constraints import Constraint, scene_of, visible
-from doe.information import Regressor
-from doe.levels import Levels
 from doe.optimal.packed import pack, packed_size
+from doe.problem.information import Regressor
+from doe.problem.levels import Levels
 
 CHUNK = 2048
 """Configurations handled at once: a power of two keeps Sobol points balanced, and it fits the cache."""

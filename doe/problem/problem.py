@@ -18,14 +18,14 @@ from calib.se3 import Array
 from calib.targets import check_targets, targets_of
 from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question, catalogue
-from doe.information import Regressor
-from doe.nominal import nominal
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
-from doe.pool import Pool, drawn, rounded
-from doe.probe import PROBE, check_identifiable, is_silent, probe_of
-from doe.refusals import CannotIdentify
-from doe.wish import Wish, direction_of, rival_rows, subset_of, with_rivals
+from doe.problem.information import Regressor
+from doe.problem.nominal import nominal
+from doe.problem.pool import Pool, drawn, rounded
+from doe.problem.probe import PROBE, check_identifiable, is_silent, probe_of
+from doe.problem.refusals import CannotIdentify
+from doe.problem.wish import Wish, direction_of, rival_rows, subset_of, with_rivals
 
 RIDGE = 1e-10
 """Information that every plan has, in units of the pool's mean: singular plans get a tiny value."""

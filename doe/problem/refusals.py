@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.cell import Cell
 from calib.errors import CalibError
-from doe.levels import Levels
+from doe.problem.levels import Levels
 
 
 class CannotIdentify(CalibError):

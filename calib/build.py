@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects import GROUPS, Context, Effect, catalogue
 from calib.effects.protocol import (
@@ -21,7 +22,6 @@ from calib.errors import EffectCannotAct, UnknownEffect
 from calib.model import Model
 from calib.poses import Poses
 from calib.reduction import Dropped, irreducible
-from calib.se3 import Array
 from calib.statics import loads_of
 
 _MOST_KNOTS = 8  # distinct angles up to this number become knots of their own

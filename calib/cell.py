@@ -9,9 +9,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.noise import Noise
 from calib.robot import Robot
-from calib.se3 import Array
 from calib.statics import Payload
 
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.coupling import coupled
 from calib.effects.protocol import (
     Constant,
@@ -23,7 +24,6 @@ from calib.effects.protocol import (
 )
 from calib.kinematics import link_origins, spatial_columns
 from calib.robot import Robot
-from calib.se3 import Array
 from calib.statics import Loads, transmitted
 
 

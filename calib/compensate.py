@@ -28,6 +28,7 @@ from typing import TypeAlias
 import numpy as np
 
 from calib.api import Plan, poses_of
+from calib.arrays import Array, IntArray
 from calib.build import lacking
 from calib.cell import Cell
 from calib.covariance import errors_at, working_points
@@ -42,8 +43,8 @@ from calib.inverse import Goal, Reached, reach, tip_of
 from calib.kinematics import forward
 from calib.model import Model
 from calib.moves import moves, with_moves
-from calib.poses import IntArray, Poses, hung
-from calib.se3 import Array, rotate, so3_log
+from calib.poses import Poses, hung
+from calib.se3 import rotate, so3_log
 from calib.targets import check_targets
 from calib.threads import one_blas_thread
 from calib.unexplained import Unexplained, scatter_at

@@ -15,10 +15,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, IntArray
 from calib.kinematics import Frames, spatial_columns
-from calib.se3 import Array
 from calib.statics import Loads, Transmitted, rigid_change
 
 _SETTLED = 1e-9  # relative change
@@ -27,7 +26,7 @@ _MOST_ROUNDS = 30
 
 def coupled(
     own: Array,
-    acts_at: NDArray[np.int_],
+    acts_at: IntArray,
     loaded: Array,
     elastic: Mapping[int, Array],
     loads: Loads,

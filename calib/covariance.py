@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, IntArray, Mask
 from calib.effects.tool import Tool
 from calib.errors import Unsolvable
 from calib.model import Model
 from calib.poses import Poses
-from calib.se3 import Array
 
 _UNSEEN = 0.05  # a standard deviation of twenty plausible sizes: the data say nothing
 _NUMERICAL = 1e-9  # relative to the largest column
@@ -36,7 +35,7 @@ class Identifiable:
     unidentifiable : tuple of Unidentifiable
     """
 
-    kept: NDArray[np.int_]
+    kept: IntArray
     rank: int
     unidentifiable: tuple[Unidentifiable, ...]
 
@@ -86,7 +85,7 @@ def covariance(J: Array, span: Array) -> Array:
     return np.asarray(half @ half.T)
 
 
-def determined(span: Array) -> NDArray[np.bool_]:
+def determined(span: Array) -> Mask:
     """Whether the data speak of each value by itself, shape (p,).
 
     span : ndarray, shape (p, k), directions that are estimated
@@ -102,7 +101,7 @@ def gain(J: Array, span: Array) -> Array:
     return np.asarray(half @ (J @ half).T)
 
 
-def ignorance(J: Array, span: Array, sizes: Array, lost: NDArray[np.bool_]) -> Array:
+def ignorance(J: Array, span: Array, sizes: Array, lost: Mask) -> Array:
     """What values that were not estimated add to the covariance of all, shape (p, p), SI.
 
     J : ndarray, shape (N, p), independent rows of unit variance

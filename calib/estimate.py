@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, Mask
 from calib.covariance import ignorance
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.screen import refuted
@@ -15,11 +15,9 @@ from calib.diagnosis.stage import Fit
 from calib.identify.identification import Identification
 from calib.model import Model
 from calib.scatter import Variances
-from calib.se3 import Array
 from calib.unexplained import Fitted, Unexplained, left_held_out, left_in_fit
 
 Result: TypeAlias = Identification | Diagnosis
-Mask: TypeAlias = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

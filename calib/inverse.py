@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.arrays import Array, IntArray, Mask
 from calib.errors import CalibError
 from calib.kinematics import Frames
 from calib.model import Model
-from calib.poses import IntArray, Poses
+from calib.poses import Poses
 from calib.robot import Robot
-from calib.se3 import Array, cross, rotate, so3_log
+from calib.se3 import cross, rotate, so3_log
 
 _ROUNDS = 25
 _SETTLED = 1e-10  # rad or m, largest step of a joint
@@ -40,9 +41,9 @@ class Reached:
     q: Array
     R: Array
     o: Array
-    held: NDArray[np.bool_]
+    held: Mask
     lost: IntArray
-    settled: NDArray[np.bool_]
+    settled: Mask
 
     @property
     def arrays(self) -> tuple[NDArray[Any], ...]:

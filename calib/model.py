@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from calib import statics
+from calib.arrays import Array
 from calib.columns import arm_columns
 from calib.effects.base import Base, to_station
 from calib.effects.protocol import (
@@ -40,7 +41,7 @@ from calib.effects.tuned import Tuned
 from calib.kinematics import Frames, forward, link_origins, point_velocity
 from calib.poses import Poses
 from calib.robot import Robot
-from calib.se3 import Array, rotate
+from calib.se3 import rotate
 
 _EQUILIBRIUM_M = 1e-10  # markers at rest: a tenth of a nanometre
 _UNSTABLE_M = 1e-7

@@ -9,10 +9,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.poses import IntArray, Measurements, Poses, poses_at
-from calib.se3 import Array
+from calib.arrays import Array, IntArray, Mask
+from calib.poses import Measurements, Poses, poses_at
 
 _MOVED = 1e-5  # rad or m: less is the trembling of a servo, and turns no gear round
 
@@ -54,7 +53,7 @@ def with_moves(poses: Poses) -> Poses:
     )
 
 
-def before_the_first_move(poses: Poses) -> NDArray[np.bool_]:
+def before_the_first_move(poses: Poses) -> Mask:
     """Readings whose approach should follow from the order and does not, shape (m,)."""
     if poses.approach is None or not poses.approach_derived:
         return np.zeros(len(poses), dtype=bool)

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, IntArray, Mask
 from calib.errors import CalibError
-from calib.se3 import Array
-
-IntArray: TypeAlias = NDArray[np.int_]
 
 _SAME_JOINTS = 1e-7  # rad or m; finer than any controller prints
 
@@ -159,7 +156,7 @@ class Measurements:
 
     poses: Poses
     points: Array
-    seen: NDArray[np.bool_]
+    seen: Mask
     sigma: Array
     warnings: tuple[str, ...] = ()
 

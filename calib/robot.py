@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

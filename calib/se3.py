@@ -11,12 +11,9 @@ Conventions, fixed here for the whole project:
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+from calib.arrays import Array
 
 _SMALL_ANGLE = 1e-4  # below it the series is exact to rounding
 

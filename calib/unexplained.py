@@ -5,17 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, IntArray, Mask
 from calib.covariance import working_points
 from calib.diagnosis.screen import refuted
 from calib.model import Model
-from calib.poses import IntArray, Measurements, Poses
+from calib.poses import Measurements, Poses
 from calib.scatter import Variances, scatter_of
 from calib.scatter.poses import by_size
-from calib.se3 import Array
-
-Mask = NDArray[np.bool_]
 
 _FREE = 1e-4  # of a row's freedom: less, and nothing but its own configuration tells of it
 

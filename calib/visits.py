@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.arrays import IntArray
 from calib.moves import in_order
-from calib.poses import IntArray, Poses
+from calib.poses import Poses
 
 
 def visits(poses: Poses) -> IntArray:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, Mask
 from calib.poses import Poses, poses_at
-from calib.se3 import Array
 from doe.assess import Assessment
 from doe.problem import Problem
 from doe.problem.levels import Levels
@@ -92,7 +91,7 @@ class Landscape:
 
     q: Array
     share: Array
-    chosen: NDArray[np.bool_]
+    chosen: Mask
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.poses import IntArray
-from calib.se3 import Array
+from calib.arrays import Array, IntArray, Mask
 from doe.assess import open_parameters
 from doe.criteria.determinant import Determinant
 from doe.optimal.allowed import Allowed
@@ -123,7 +121,7 @@ def _check_regular(problem: Problem, M: Array) -> None:
         _refuse(problem, lost)
 
 
-def _refuse(problem: Problem, lost: NDArray[np.bool_]) -> None:
+def _refuse(problem: Problem, lost: Mask) -> None:
     ids = [p.id for p, gone in zip(problem.model.parameters, lost, strict=True) if gone]
     wish = problem.wish
     more = "more poses" if wish.levels is None else "more levels, more poses"

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.arrays import Array, Mask
 from calib.build import build
 from calib.cell import Cell
 from calib.covariance import determined
@@ -26,7 +27,6 @@ from calib.diagnosis.verdict import Named, VerdictName, verdict
 from calib.diagnosis.view import lineup
 from calib.effects.protocol import ARM
 from calib.effects.tuned import Tuned
-from calib.identify.estimators import Mask
 from calib.identify.identify import check_counts, whitening
 from calib.identify.initial import initial_values
 from calib.identify.mistakes import refuse_mistakes
@@ -39,7 +39,6 @@ from calib.identify.noise_level import (
 from calib.identify.outliers import judge, threshold
 from calib.moves import before_the_first_move, in_one_session
 from calib.poses import Measurements
-from calib.se3 import Array
 from calib.threads import one_blas_thread
 from calib.visits import visits
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.kinematics import forward, link_origins
 from calib.poses import Poses
 from calib.robot import Robot
-from calib.se3 import Array
 from calib.statics import Payload, loads_of, transmitted
 
 

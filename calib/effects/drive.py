@@ -8,6 +8,7 @@ from typing import Self
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.effects.protocol import (
     Context,
     ElasticEffect,
@@ -20,7 +21,6 @@ from calib.effects.protocol import (
 )
 from calib.poses import Poses
 from calib.robot import Robot
-from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)

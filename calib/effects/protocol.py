@@ -27,11 +27,11 @@ from typing import ClassVar, Self, TypeAlias
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.errors import EffectCannotAct
 from calib.kinematics import Frames
 from calib.poses import Poses
 from calib.robot import Robot
-from calib.se3 import Array
 from calib.statics import Loads, Payload, Transmitted
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.80665)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
+from calib.arrays import Array
 from calib.build import context_of, parse_effect, parse_excluded
 from calib.cell import Capsule, Cell, Load, Repeatability
 from calib.errors import InputError, UnknownEffect
@@ -30,7 +31,6 @@ from calib.files.schema import (
 )
 from calib.noise import Noise
 from calib.robot import Robot
-from calib.se3 import Array
 from calib.statics import Payload
 
 _LARGEST_FILE = 2_000_000  # bytes; the parser of the standard library is slow

@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.build import context_of, place_effect
 from calib.cell import Cell
 from calib.effects import catalogue
@@ -22,7 +23,6 @@ from calib.errors import CalibError, InputError
 from calib.estimate import Estimate
 from calib.model import Model
 from calib.scatter import Variances
-from calib.se3 import Array
 from calib.unexplained import Unexplained
 
 _LARGEST_FILE = 200_000_000  # bytes

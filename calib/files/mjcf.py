@@ -11,13 +11,14 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.in_mujoco import mujoco_for
 from calib.files.mjcf_mesh import mesh_files
 from calib.files.mjcf_strip import strip
 from calib.files.mjcf_tree import Chain, chain_of, joints_of, label, read_mjcf
 from calib.robot import Robot
-from calib.se3 import Array, rotate, so3_about, transform
+from calib.se3 import rotate, so3_about, transform
 
 
 @dataclass(frozen=True, eq=False)

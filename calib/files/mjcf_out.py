@@ -11,11 +11,12 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.files.mjcf import MjcfBody, compiled
 from calib.files.mjcf_tree import compiler_settings, joints_of, read_mjcf
 from calib.files.urdf_out import MARKER
 from calib.robot import Robot
-from calib.se3 import Array, displacement, inverse, rotate
+from calib.se3 import displacement, inverse, rotate
 
 _ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler", "fromto")
 _FOLDERS = ("meshdir", "texturedir")

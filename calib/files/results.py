@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.files.levels import level_fields
 from calib.identify import ADVICE, Identification, Residuals
 from calib.identify.common import Shared
@@ -13,7 +14,6 @@ from calib.identify.pairs import pair_errors
 from calib.kinematics import forward
 from calib.poses import Poses
 from calib.robot import Robot
-from calib.se3 import Array
 
 _MM = 1e3
 _RMS_KEYS = ("nominal", "fitted_all", "fitted", "heldout", "heldout_trimmed")

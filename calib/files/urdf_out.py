@@ -7,9 +7,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.files.urdf import MOVING, UrdfJoint, chain_of, origin_of, parse
 from calib.robot import Robot
-from calib.se3 import Array, displacement, rotate, rpy_from_rotation
+from calib.se3 import displacement, rotate, rpy_from_rotation
 
 MARKER = "marker_"  # how links and sites of markers begin
 

@@ -8,11 +8,11 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.cell import Cell
 from calib.files.columns import WRENCH, torque_columns
 from calib.poses import Measurements, Poses
 from calib.robot import Robot
-from calib.se3 import Array
 from calib.statics import wrench_with_load
 
 

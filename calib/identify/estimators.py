@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, Mask
 from calib.covariance import Identifiable, identifiable
 from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
@@ -17,9 +17,6 @@ from calib.identify.solver import Minimum, levenberg_marquardt
 from calib.identify.two_step import alternate
 from calib.model import Model
 from calib.observations import Observation
-from calib.se3 import Array
-
-Mask = NDArray[np.bool_]
 
 _TURNS = 12  # rigid parameters and elastic differences in turn: each gains three digits
 _SETTLED = 1e-6  # of a plausible size

@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, Mask
 from calib.covariance import Unidentifiable, correlation
 from calib.effects.base import Base
 from calib.identify.common import Shared, shared, variables_of
@@ -18,7 +18,6 @@ from calib.observations import Approach
 from calib.poses import Measurements, Poses
 from calib.reduction import Dropped
 from calib.scatter import Levels, Scatter
-from calib.se3 import Array
 
 Status = Literal["converged", "not_converged", "rank_deficient"]
 Method = Literal["joint", "two-step"]
@@ -47,11 +46,11 @@ class Residuals:
 
     data: Measurements
     vectors: Array
-    outlier: NDArray[np.bool_]
+    outlier: Mask
     statistic: Array
     limit: float
 
-    def lengths(self, poses: NDArray[np.bool_] | None = None) -> Array:
+    def lengths(self, poses: Mask | None = None) -> Array:
         """Distances of the visible points, shape (n,), m.
 
         poses : ndarray of bool, shape (m,), whose points; all by default

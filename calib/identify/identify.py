@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from calib.arrays import Array, Mask
 from calib.build import build, lacking, refuse_idle_effects
 from calib.cell import Cell
 from calib.covariance import clustered, covariance, ignorance
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.errors import CalibError, TooFewPoses, Unsolvable
-from calib.identify.estimators import Differences, Estimator, Mask, Readings, steps
+from calib.identify.estimators import Differences, Estimator, Readings, steps
 from calib.identify.identification import Identification, Method, Residuals, Status
 from calib.identify.initial import initial_values
 from calib.identify.mistakes import refuse_mistakes, refuse_unreachable
@@ -34,7 +35,7 @@ from calib.observations import (
 )
 from calib.poses import Measurements
 from calib.scatter import Levels, Scatter, Variances, levels_of, scatter_of
-from calib.se3 import Array, rotate
+from calib.se3 import rotate
 from calib.threads import one_blas_thread
 
 _NO_UNIT = 1e5  # arm lengths between points, beyond which no wrong unit explains them

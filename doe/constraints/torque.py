@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array, Mask
 from calib.cell import Cell, Load
-from calib.se3 import Array, skew
+from calib.se3 import skew
 from doe.constraints.protocol import Constraint
-from doe.constraints.scene import BoolArray, Scene, turned
+from doe.constraints.scene import Scene, turned
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +23,7 @@ class JointTorque(Constraint):
     efforts: Array
     name: str = "joint_torque"
 
-    def allows(self, scene: Scene) -> BoolArray:
+    def allows(self, scene: Scene) -> Mask:
         readings = static_torques(scene)
         return np.asarray((np.abs(readings) <= self.efforts).all(axis=(0, 2)))
 

@@ -18,9 +18,8 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.model import Model
-from calib.poses import IntArray
-from calib.se3 import Array
 from doe.optimal.function import Conic, InformationFunction
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 from doe.criteria.protocol import Conic, Criterion
 from doe.optimal.packed import pack
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.cell import Cell
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.stage import positions
 from calib.errors import CalibError
 from calib.poses import Poses, poses_at
-from calib.se3 import Array
 from calib.threads import one_blas_thread
 from doe.discriminate.evidence import Evidence, Known
 from doe.discriminate.interventions import interventions, padded

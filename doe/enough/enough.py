@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, IntArray, Mask
 from calib.build import build, refuse_idle_effects
 from calib.cell import Cell
 from calib.covariance import task_error
@@ -17,9 +17,8 @@ from calib.estimate import estimate_of
 from calib.identify import Identification, identify
 from calib.identify.noise_level import believed_sigma
 from calib.model import Model
-from calib.poses import IntArray, Measurements, Poses
+from calib.poses import Measurements, Poses
 from calib.scatter import Variances
-from calib.se3 import Array
 from calib.targets import targets_of
 from calib.threads import one_blas_thread
 from calib.unexplained import Unexplained, scatter_at
@@ -39,8 +38,6 @@ from doe.problem.information import Regressor
 from doe.problem.nominal import nominal
 from doe.problem.pool import drawn, pool_of
 from doe.problem.problem import target_rows
-
-Mask = NDArray[np.bool_]
 
 _CANDIDATES = 500
 _MOST_FRESH = 30

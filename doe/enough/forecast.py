@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.covariance import (
     covariance,
     errors_at,
@@ -17,8 +18,7 @@ from calib.covariance import (
     working_points,
 )
 from calib.model import Model
-from calib.poses import IntArray, Poses
-from calib.se3 import Array
+from calib.poses import Poses
 from doe.criteria import Criterion
 from doe.enough.unnoticed import Unnoticed
 from doe.optimal.allowed import Allowed

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.moves import in_order, moves
-from calib.poses import IntArray, Measurements, Poses
-from calib.se3 import Array
+from calib.poses import Measurements, Poses
 from calib.statics import wrench_with_load
 from doe.foresight.view import readings_of
 

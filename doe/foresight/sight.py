@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.power import detection, entry_limit, needed_beyond
 from calib.diagnosis.rounds import ALPHA
 from calib.diagnosis.screen import VISIBLE, field
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect, Parameter
-from calib.se3 import Array
 from calib.statics import loads_of
 from doe.foresight.view import View
 

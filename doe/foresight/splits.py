@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.build import build
 from calib.diagnosis.alike import likeness
 from calib.effects.base import Base
@@ -17,7 +18,6 @@ from calib.errors import CalibError
 from calib.moves import with_moves
 from calib.poses import Poses
 from calib.robot import Robot
-from calib.se3 import Array
 from calib.threads import one_blas_thread
 from doe.foresight.foresee import Foresight
 from doe.foresight.sight import sight_of

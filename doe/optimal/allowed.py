@@ -12,8 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.poses import IntArray
-from calib.se3 import Array
+from calib.arrays import Array, IntArray
 
 
 @dataclass(frozen=True, eq=False)

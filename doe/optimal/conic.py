@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.function import InformationFunction

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.function import InformationFunction

@@ -10,8 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from calib.poses import IntArray
-from calib.se3 import Array
+from calib.arrays import Array, IntArray
 
 
 @lru_cache(maxsize=32)

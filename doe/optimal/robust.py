@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.poses import IntArray
-from calib.se3 import Array
+from calib.arrays import Array, IntArray
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.function import InformationFunction

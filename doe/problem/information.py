@@ -10,14 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.api import readings
+from calib.arrays import Array, Mask
 from calib.cell import Cell
 from calib.model import Model
 from calib.poses import Poses, poses_at
 from calib.scatter import Scatter, Variances, scatter_of
-from calib.se3 import Array
 from calib.simulate import beams
 
 
@@ -42,7 +41,7 @@ class Regressor:
         readings_each = 1 if self.silent or self.cell.load is None else 2
         return int(min(3 * len(self.cell.markers) * readings_each, self.T.shape[1]))
 
-    def rows(self, q: Array, visible: NDArray[np.bool_] | None = None) -> Array:
+    def rows(self, q: Array, visible: Mask | None = None) -> Array:
         """Independent rows of all readings of each visit, in standard deviations, (m, rows, p).
 
         q : ndarray, shape (m, dof), a visit each; visible : ndarray, shape (m, M), markers in sight,
@@ -67,7 +66,7 @@ class Regressor:
         stacked = rows.reshape(-1, len(q), *rows.shape[1:])
         return np.concatenate(list(stacked), axis=1)
 
-    def levers(self, q: Array, visible: NDArray[np.bool_]) -> Array:
+    def levers(self, q: Array, visible: Mask) -> Array:
         """How a visit's readings follow the tip, in the instrument's standard deviations, (m, rows, 6).
 
         q : ndarray, shape (m, dof); visible : ndarray of bool, shape (m, M)
@@ -87,7 +86,7 @@ class Regressor:
         return replace(found, approach=visit, configuration=visit)
 
     def _whitened(
-        self, model: Model, poses: Poses, points: Array, seen: NDArray[np.bool_] | None, J: Array
+        self, model: Model, poses: Poses, points: Array, seen: Mask | None, J: Array
     ) -> Array:
         """Columns (m, M, 3, k) in the instrument's standard deviations, shape (m, 3 M, k)."""
         noise = self.cell.noise
@@ -100,7 +99,7 @@ class Regressor:
             J = J * seen[:, :, None, None]
         return np.asarray(J.reshape(len(poses), -1, J.shape[-1]))
 
-    def information(self, q: Array, visible: NDArray[np.bool_] | None = None) -> Array:
+    def information(self, q: Array, visible: Mask | None = None) -> Array:
         """Information matrix of each configuration, shape (m, p, p)."""
         rows = self.rows(q, visible)
         return np.swapaxes(rows, -1, -2) @ rows
@@ -111,5 +110,5 @@ class Regressor:
         return replace(self, T=self.T @ np.linalg.inv(L).T)
 
 
-def _tiled(visible: NDArray[np.bool_], poses: Poses, q: Array) -> NDArray[np.bool_]:
+def _tiled(visible: Mask, poses: Poses, q: Array) -> Mask:
     return np.tile(visible, (len(poses) // len(q), 1))

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.errors import CalibError
-from calib.poses import IntArray
-from calib.se3 import Array
 
 _GRID = 25  # even steps over the range of the joint, from which levels are chosen
 _MOST = 100  # levels that may be chosen

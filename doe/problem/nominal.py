@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.model import Model
 from calib.poses import Poses
-from calib.se3 import Array
 
 _SOFTEST_M = 1e-3  # what an assumed compliance moves the markers by at most
 

@@ -8,12 +8,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import CalibError
-from calib.poses import IntArray
-from calib.se3 import Array
 from doe.constraints import Constraint, scene_of, visible
 from doe.optimal.packed import pack, packed_size
 from doe.problem.information import Regressor
@@ -114,7 +112,7 @@ class Chunk:
     q: Array
     packed: Array
     level: IntArray
-    visible: NDArray[np.bool_]
+    visible: Mask
     drawn: int
     fallen: dict[str, IntArray]
 

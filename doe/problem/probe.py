@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, Mask
 from calib.cell import Cell
 from calib.covariance import identifiable
 from calib.errors import CalibError
 from calib.model import Model
 from calib.poses import poses_at
-from calib.se3 import Array
 from calib.statics import loads_of
 from doe.constraints import Constraint
 from doe.problem.information import Regressor
@@ -27,7 +26,7 @@ _PER_LEVEL, _LONGEST = 20, 65_536
 
 def probe_of(
     regressor: Regressor, constraints: tuple[Constraint, ...], wish: Wish, seed: int
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Mask]:
     """Feasible configurations of every level, shape (m, dof), and their visible markers, shape (m, M).
 
     What the cell is like. Raises CalibError where a level has none.

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.poses import IntArray
-from calib.se3 import Array
+from calib.arrays import Array, IntArray
 
 _STARTS = 8
 

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.errors import CalibError
-from calib.poses import IntArray, Poses
-from calib.se3 import Array
+from calib.poses import Poses
 from doe.constraints import scene_of, visible
 from doe.problem import Problem
 

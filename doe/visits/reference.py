@@ -6,12 +6,11 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, Mask
 from calib.cell import Cell
 from calib.errors import CalibError
 from calib.poses import Poses
-from calib.se3 import Array
 from doe.constraints import scene_of, visible
 from doe.problem import Problem
 
@@ -58,7 +57,7 @@ def with_reference(
     return replace(poses.take(order), names=tuple(names)), reference
 
 
-def reference_pose(problem: Problem, q: Array, repeats: int, may: NDArray[np.bool_]) -> int:
+def reference_pose(problem: Problem, q: Array, repeats: int, may: Mask) -> int:
     """Of the poses (m, dof) that show the most markers, the one whose repeats add most.
 
     may : ndarray of bool, shape (m,), the poses to choose from; the result counts these alone

@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from calib.arrays import Array
 from studies.withheld.actions import Action, State
-from studies.withheld.robots import LIGHT, Arm, Array, Joint
+from studies.withheld.robots import LIGHT, Arm, Joint
 from studies.withheld.scatter import Scatter, scatter_of
 from studies.withheld.texts import urdf
 from studies.withheld.truth import Mechanism

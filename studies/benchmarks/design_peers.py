@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.poses import IntArray
-from calib.se3 import Array
+from calib.arrays import Array, IntArray
 from calib.threads import one_blas_thread
 from doe.criteria.determinant import Determinant
 from doe.optimal.allowed import Allowed

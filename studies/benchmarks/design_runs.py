@@ -26,8 +26,8 @@ import numpy as np
 import scipy.linalg  # noqa: F401 -- with its threads, before they are limited
 
 from calib import Cell
+from calib.arrays import Array
 from calib.files.write import json_text
-from calib.se3 import Array
 from calib.threads import one_blas_thread
 from doe.criteria import Criterion
 from doe.criteria.determinant import Determinant

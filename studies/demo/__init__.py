@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from calib import Cell, Measurements, load_cell, load_plan, readings
+from calib.arrays import Array
 from calib.build import build, context_of, place_effect
 from calib.model import Model
 from calib.moves import with_moves
 from calib.poses import Poses, poses_at
-from calib.se3 import Array
 from calib.simulate import simulate
 from calib.statics import wrench_with_load
 from calib.targets import sobol_poses

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.robot import Robot
-from calib.se3 import Array, transform
+from calib.se3 import transform
 
 LENGTHS_M = (1.0, 0.8, 0.6)
 """l_1, l_2, l_3 of the paper's simulation study [m]."""

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import calib
 from calib import Cell, Measurements
-from calib.se3 import Array
+from calib.arrays import Array
 from studies.withheld.robots import HEAVY, Arm, Joint
 from studies.withheld.texts import urdf
 from studies.withheld.truth import Mechanism

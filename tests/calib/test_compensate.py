@@ -11,6 +11,7 @@ from scipy.stats import chi2, f
 
 import calib
 from calib import CalibError, Cell, Poses
+from calib.arrays import Array
 from calib.build import build
 from calib.compensate import Compensation
 from calib.covariance import errors_at, ignorance
@@ -18,7 +19,7 @@ from calib.estimate import Estimate, estimate_of
 from calib.inverse import tip_of
 from calib.kinematics import forward
 from calib.poses import poses_at
-from calib.se3 import Array, rotate, so3_log
+from calib.se3 import rotate, so3_log
 from calib.simulate import simulate
 from calib.unexplained import Unexplained
 from studies.demo import embedded_plan, simulated

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.arrays import Array
 from calib.effects import EFFECTS, Context
 from calib.effects.drive import error_unit
 from calib.errors import EffectCannotAct
 from calib.kinematics import forward
 from calib.model import Model
 from calib.poses import Poses
-from calib.se3 import Array, displacement, so3_exp, transform
+from calib.se3 import displacement, so3_exp, transform
 from tests.helpers import GRAVITY, model_of, random_context, random_poses, random_robot
 
 COUNT = 8

@@ -10,13 +10,13 @@ import pytest
 
 import calib
 from calib import Cell, Identification, Measurements, Poses
+from calib.arrays import Array
 from calib.build import build
 from calib.effects import EFFECTS
 from calib.errors import EffectCannotAct
 from calib.moves import with_moves
 from calib.noise import Noise
 from calib.poses import hung, poses_at
-from calib.se3 import Array
 from calib.statics import Payload
 from tests.helpers import cell_of, random_poses, random_robot, with_effects
 

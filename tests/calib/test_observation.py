@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 import calib
 from calib import Cell, Poses
+from calib.arrays import Array
 from calib.build import build
 from calib.cell import Load
 from calib.errors import CalibError
 from calib.observations import Points, Pose
 from calib.poses import Measurements
-from calib.se3 import Array
 from tests.helpers import cell_of, central_difference, random_poses, random_robot, with_effects
 
 

@@ -9,11 +9,11 @@ import pytest
 
 import calib
 from calib import Cell, Measurements
+from calib.arrays import Array
 from calib.build import build
 from calib.errors import CalibError
 from calib.identify.solver import levenberg_marquardt
 from calib.robot import Robot
-from calib.se3 import Array
 from tests.calib.test_identify import MARKERS, RIGID, measured, random_configurations
 from tests.helpers import cell_of, random_robot, with_effects
 

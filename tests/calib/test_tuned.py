@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import calib
+from calib.arrays import Array
 from calib.effects import EFFECTS, Context
 from calib.effects.gear_ripple import GearRipple
 from calib.effects.tuned import Tuned
@@ -16,7 +17,7 @@ from calib.errors import EffectCannotAct, InputError
 from calib.model import Model
 from calib.moves import with_moves
 from calib.poses import Poses, poses_at
-from calib.se3 import Array, displacement
+from calib.se3 import displacement
 from calib.statics import Payload
 from tests.calib.test_effects import model_with, seen, tips
 from tests.helpers import (

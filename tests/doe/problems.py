@@ -6,8 +6,7 @@ import itertools
 
 import numpy as np
 
-from calib.poses import IntArray
-from calib.se3 import Array
+from calib.arrays import Array, IntArray
 from doe.criteria import Criterion
 from doe.criteria.average import Average
 from doe.criteria.combination import Combination

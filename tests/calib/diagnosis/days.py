@@ -10,11 +10,12 @@ import numpy as np
 
 import calib
 from calib import Cell, Measurements
+from calib.arrays import Array
 from studies.withheld.actions import Action, State
 from studies.withheld.case_files import write_case
 from studies.withheld.catalogue import turned
 from studies.withheld.draw import Case, Conditions, draw_scene
-from studies.withheld.robots import ARMS, Array
+from studies.withheld.robots import ARMS
 from studies.withheld.scene import Scene, hung
 from studies.withheld.visible import Projector, at_rest
 

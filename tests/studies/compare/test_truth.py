@@ -14,6 +14,7 @@ from click.testing import CliRunner
 
 import calib
 from calib import Cell, Poses, statics
+from calib.arrays import Array
 from calib.build import build
 from calib.errors import CalibError
 from calib.identify import Identification
@@ -21,7 +22,6 @@ from calib.model import Model
 from calib.noise import Noise
 from calib.poses import Measurements, poses_at
 from calib.robot import Robot
-from calib.se3 import Array
 from calib.statics import Loads, Payload, Transmitted
 from studies.cli import main
 from studies.compare import Comparison, compare, scratch

@@ -13,13 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.arrays import Array
+
 pytest.importorskip("mujoco")
 
 import calib
 from calib import Cell, Measurements
 from calib.compensate import Compensation
 from calib.estimate import Estimate, estimate_of
-from calib.se3 import Array
 from studies.withheld.causes import Cause
 from studies.withheld.draw import Case, draw_scene
 from studies.withheld.robots import ARMS, HEAVY, LIGHT, Arm

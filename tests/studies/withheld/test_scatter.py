@@ -13,6 +13,8 @@ import pytest
 from click.testing import CliRunner
 from scipy.stats import chi2
 
+from calib.arrays import Array
+
 pytest.importorskip("mujoco")
 
 from studies.withheld.__main__ import main
@@ -20,7 +22,7 @@ from studies.withheld.case_files import cell_text, write_case
 from studies.withheld.draw import Case, draw_case, with_scatter
 from studies.withheld.keys import key_of
 from studies.withheld.make import numbered
-from studies.withheld.robots import ARMS, RAIL, Array
+from studies.withheld.robots import ARMS, RAIL
 from studies.withheld.scatter import RATIO, Scatter
 from studies.withheld.scene import Scene
 from studies.withheld.seal import read_json

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.arrays import Array
+
 pytest.importorskip("mujoco")
 
 import calib
@@ -16,7 +18,7 @@ from studies.withheld.actions import frame_columns
 from studies.withheld.catalogue import CATALOGUE
 from studies.withheld.causes import Cause
 from studies.withheld.outside import OUTSIDE
-from studies.withheld.robots import ARMS, HEAVY, RAIL, Arm, Array
+from studies.withheld.robots import ARMS, HEAVY, RAIL, Arm
 from studies.withheld.texts import G
 from studies.withheld.visible import at_rest
 from tests.studies.withheld.scenes import as_files, case_of, scene_of

@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.arrays import Array
+
 pytest.importorskip("mujoco")
 
 from studies.withheld.actions import frame_columns
@@ -14,7 +16,7 @@ from studies.withheld.causes import Cause
 from studies.withheld.real.arms import SCARA, SEVEN
 from studies.withheld.real.beyond import BEYOND
 from studies.withheld.real.effects import EFFECTS
-from studies.withheld.robots import HEAVY, Array
+from studies.withheld.robots import HEAVY
 from studies.withheld.scene import Scene
 from studies.withheld.visible import at_rest
 from tests.studies.withheld.real.scenes import HELD_OUT, day_of

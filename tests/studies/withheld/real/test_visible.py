@@ -9,6 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from calib.arrays import Array
+
 pytest.importorskip("mujoco")
 
 from studies.withheld.causes import Cause
@@ -19,7 +21,7 @@ from studies.withheld.real import draw
 from studies.withheld.real.conditions import RealConditions
 from studies.withheld.real.reach import excess
 from studies.withheld.real.visible import beside_others
-from studies.withheld.robots import HEAVY, Array
+from studies.withheld.robots import HEAVY
 from studies.withheld.scatter import Wander
 from studies.withheld.scene import Scene
 from studies.withheld.visible import Acting, Projector, at_rest

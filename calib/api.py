@@ -10,10 +10,10 @@ from typing import TypeAlias
 import numpy as np
 
 from calib.arrays import Array
-from calib.build import build
 from calib.cell import Cell
 from calib.errors import CalibError
 from calib.model import Model
+from calib.model.build import build
 from calib.observations import Approach, orientable, pose_from_points
 from calib.poses import Measurements, Poses, hung, poses_at
 

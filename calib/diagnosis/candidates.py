@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array
-from calib.build import context_of, place_effect
 from calib.cell import Cell
 from calib.diagnosis.curves import Curve, curves
 from calib.diagnosis.variables import Torque
@@ -26,6 +25,7 @@ from calib.effects.protocol import (
 from calib.effects.tuned import Tuned
 from calib.errors import CalibError
 from calib.model import Model
+from calib.model.build import context_of, place_effect
 from calib.poses import Measurements, Poses
 
 _MANY = 6  # parameters: more are a family

@@ -8,9 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.build import build
 from calib.cell import Cell
-from calib.covariance import determined
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.contest import Entry, Outcome, contest
 from calib.diagnosis.earned import BY_TIME, Books
@@ -37,10 +35,12 @@ from calib.identify.noise_level import (
     replicate_spread,
 )
 from calib.identify.outliers import judge, threshold
-from calib.moves import before_the_first_move, in_one_session
+from calib.model.build import build
+from calib.model.covariance import determined
 from calib.poses import Measurements
+from calib.poses.moves import before_the_first_move, in_one_session
+from calib.poses.visits import visits
 from calib.threads import one_blas_thread
-from calib.visits import visits
 
 _REPLICATES = 10  # degrees of freedom of repeated readings worth believing
 _GROSS = 10.0  # times the mean square of a typical group

@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.covariance import covariance
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.curves import TwistCurve
 from calib.diagnosis.diagnose import Diagnosis
@@ -34,6 +33,7 @@ from calib.diagnosis.variables import PoseVariable
 from calib.effects.gear_ripple import GearRipple
 from calib.identify.solver import levenberg_marquardt
 from calib.model import Model
+from calib.model.covariance import covariance
 from calib.poses import Poses
 
 _KNOTS = 8

@@ -10,7 +10,6 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Repeatability
-from calib.covariance import covariance, gain
 from calib.diagnosis.linear import LinearModel, linearised
 from calib.diagnosis.prior import curves_in, fitted_amplitudes, prior_rows, weak
 from calib.diagnosis.screen import orthonormal
@@ -19,6 +18,7 @@ from calib.identify.estimators import choose_directions
 from calib.identify.outliers import fit_statistics
 from calib.identify.solver import least_squares, levenberg_marquardt
 from calib.model import Model
+from calib.model.covariance import covariance, gain
 from calib.observations import Points
 from calib.poses import Measurements
 from calib.scatter import Levels, Scatter, Variances, levels_of, scatter_of

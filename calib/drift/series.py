@@ -10,7 +10,7 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask
 from calib.observations.rigid import rigid_motions
 from calib.poses import Measurements
-from calib.visits import alike, visits
+from calib.poses.visits import alike, visits
 
 _BLIND = 1e-6  # share of the largest: information on a motion that the markers do not show
 

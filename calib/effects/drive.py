@@ -8,6 +8,7 @@ from typing import Self
 
 import numpy as np
 
+from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.effects.protocol import (
     Context,
@@ -20,7 +21,6 @@ from calib.effects.protocol import (
     turning_joints,
 )
 from calib.poses import Poses
-from calib.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)

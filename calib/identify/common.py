@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arm.robot import Robot
 from calib.arrays import Array, Mask
 from calib.poses import Measurements, Poses
-from calib.robot import Robot
 
 SURELY = 0.01
 """Probability by chance below which outliers share something."""

@@ -8,7 +8,6 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.covariance import Identifiable, identifiable
 from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
@@ -16,6 +15,7 @@ from calib.identify.identification import Method
 from calib.identify.solver import Minimum, levenberg_marquardt
 from calib.identify.two_step import alternate
 from calib.model import Model
+from calib.model.covariance import Identifiable, identifiable
 from calib.observations import Observation
 
 _TURNS = 12  # rigid parameters and elastic differences in turn: each gains three digits

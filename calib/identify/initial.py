@@ -10,15 +10,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.arm.kinematics import forward
+from calib.arm.se3 import nearest_rotation, rotate, skew, so3_exp, so3_log, so3_right_jacobian
 from calib.arrays import Array, Mask
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.identify.solver import levenberg_marquardt
-from calib.kinematics import forward
 from calib.model import Model
 from calib.observations.shape import free_components
 from calib.poses import Measurements
-from calib.se3 import nearest_rotation, rotate, skew, so3_exp, so3_log, so3_right_jacobian
 
 _STARTS = 256
 _FOLLOWED = 12  # the best of them

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.covariance import covariance
+from calib.model.covariance import covariance
 
 _ALPHA = 1e-3
 _MOST = 0.12  # share of the poses that may be called outliers

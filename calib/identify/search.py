@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.covariance import Identifiable
 from calib.errors import CalibError
 from calib.identify.estimators import Estimator, choose_directions, rigid_directions
 from calib.identify.outliers import (
@@ -19,6 +18,7 @@ from calib.identify.outliers import (
     wrongly_out,
 )
 from calib.identify.solver import Minimum
+from calib.model.covariance import Identifiable
 from calib.observations import Observation
 
 _ROUNDS = 12  # times that outliers are judged anew

@@ -14,13 +14,13 @@ from typing import Literal
 
 import numpy as np
 
+from calib.arm.se3 import fit_rigid, rotate, so3_exp, so3_log, transform
 from calib.arrays import Array, Mask
 from calib.effects.tool import Tool
 from calib.observations.points import Points
 from calib.observations.protocol import Observation
 from calib.observations.rigid import orientable, pose_from_points, rigid_motions
 from calib.observations.shape import free_components, kept_in_place, shape_response
-from calib.se3 import fit_rigid, rotate, so3_exp, so3_log, transform
 
 Weighting = Literal["full", "normalised", "plain"]
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.covariance import covariance, gain
 from calib.model import Model
+from calib.model.covariance import covariance, gain
 from calib.poses import Measurements
 from calib.scatter.poses import Mixing, Scatter
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.arm.se3 import skew
 from calib.arrays import Array, Mask
-from calib.se3 import skew
 
 _COLLINEAR = 1e-3  # ratio of marker spreads below which no orientation can be computed
 

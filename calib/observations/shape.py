@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.arm.se3 import fit_rigid, rotate, so3_exp
 from calib.arrays import Array, Mask
 from calib.effects.tool import Tool
 from calib.model import Model
 from calib.observations.rigid import orientable, pose_from_points, rigid_motions
 from calib.poses import Measurements
-from calib.se3 import fit_rigid, rotate, so3_exp
 
 _ROUNDS = 50
 _SETTLED_M = 1e-11

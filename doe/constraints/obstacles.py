@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from calib.arm.se3 import from_xyz_rpy
 from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.se3 import from_xyz_rpy
 from doe.constraints.distances import (
     point_box,
     point_segment,

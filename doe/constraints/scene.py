@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calib.arm.kinematics import Frames, forward, link_origins
 from calib.arrays import Array
 from calib.cell import Capsule, Cell
 from calib.errors import CalibError
-from calib.kinematics import Frames, forward, link_origins
 
 BASE = 0
 

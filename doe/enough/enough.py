@@ -8,21 +8,21 @@ from dataclasses import replace
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
-from calib.build import build, refuse_idle_effects
 from calib.cell import Cell
-from calib.covariance import task_error
+from calib.compensation.estimate import estimate_of
+from calib.compensation.unexplained import Unexplained, scatter_at
 from calib.effects.tool import Tool
 from calib.errors import EffectCannotAct, TooFewPoses
-from calib.estimate import estimate_of
 from calib.identify import Identification, identify
 from calib.identify.noise_level import believed_sigma
 from calib.model import Model
+from calib.model.build import build, refuse_idle_effects
+from calib.model.covariance import task_error
 from calib.poses import Measurements, Poses
+from calib.poses.visits import visits
 from calib.scatter import Variances
 from calib.targets import targets_of
 from calib.threads import one_blas_thread
-from calib.unexplained import Unexplained, scatter_at
-from calib.visits import visits
 from doe.constraints import constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question
 from doe.criteria.task import Task

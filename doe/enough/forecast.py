@@ -9,7 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.covariance import (
+from calib.model import Model
+from calib.model.covariance import (
     covariance,
     errors_at,
     identifiable,
@@ -17,7 +18,6 @@ from calib.covariance import (
     task_error,
     working_points,
 )
-from calib.model import Model
 from calib.poses import Poses
 from doe.criteria import Criterion
 from doe.enough.unnoticed import Unnoticed

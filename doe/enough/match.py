@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.api import readings
+from calib.arm.statics import wrench_with_load
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.poses import Poses
-from calib.statics import wrench_with_load
-from calib.visits import alike, visits
+from calib.poses.visits import alike, visits
 
 _AS_TOLD = np.radians(0.01)  # rad: robots go where they are told, and plans are rounded to this
 _AS_TOLD_M = 1e-5

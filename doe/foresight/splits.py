@@ -10,14 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from calib.arm.robot import Robot
 from calib.arrays import Array
-from calib.build import build
 from calib.diagnosis.alike import likeness
 from calib.effects.base import Base
 from calib.errors import CalibError
-from calib.moves import with_moves
+from calib.model.build import build
 from calib.poses import Poses
-from calib.robot import Robot
+from calib.poses.moves import with_moves
 from calib.threads import one_blas_thread
 from doe.foresight.foresee import Foresight
 from doe.foresight.sight import sight_of

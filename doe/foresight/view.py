@@ -9,9 +9,7 @@ import numpy as np
 
 from calib.api import Plan, in_turn, poses_of
 from calib.arrays import Array, IntArray, Mask
-from calib.build import build
 from calib.cell import Cell
-from calib.covariance import Unidentifiable
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.screen import Field, field
 from calib.effects.protocol import Effect
@@ -19,9 +17,11 @@ from calib.effects.tuned import Tuned
 from calib.identify.estimators import choose_directions
 from calib.identify.identify import check_counts
 from calib.model import Model
-from calib.moves import before_the_first_move, with_moves
+from calib.model.build import build
+from calib.model.covariance import Unidentifiable
 from calib.observations import Points
 from calib.poses import Measurements, Poses
+from calib.poses.moves import before_the_first_move, with_moves
 from calib.scatter import Variances, scatter_of
 from calib.simulate import beams
 from doe.constraints import scene_of, visible

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calib.arm.statics import loads_of
 from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.covariance import identifiable
 from calib.errors import CalibError
 from calib.model import Model
+from calib.model.covariance import identifiable
 from calib.poses import poses_at
-from calib.statics import loads_of
 from doe.constraints import Constraint
 from doe.problem.information import Regressor
 from doe.problem.pool import Chunk, drawn, fallen_of, judge

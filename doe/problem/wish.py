@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.build import parse_effect
 from calib.cell import Cell
 from calib.diagnosis.candidates import PARTS
 from calib.effects import catalogue
 from calib.errors import CalibError
 from calib.model import Model
+from calib.model.build import parse_effect
 from calib.poses import Poses
 from doe.problem.levels import Levels
 from doe.problem.refusals import CannotIdentify

@@ -11,9 +11,9 @@ import numpy as np
 
 from calib.api import as_vector
 from calib.arrays import Array
-from calib.build import build
 from calib.cell import Cell
 from calib.errors import CalibError
+from calib.model.build import build
 from calib.poses import Poses
 from calib.targets import targets_of
 from calib.threads import one_blas_thread

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from calib.api import in_turn
 from calib.arrays import Array
-from calib.build import build, refuse_idle_effects
 from calib.cell import Cell, Repeatability
 from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
 from calib.model import Model
+from calib.model.build import build, refuse_idle_effects
 from calib.noise import Noise
 from calib.observations import (
     Approach,

@@ -21,9 +21,9 @@ import numpy as np
 import calib
 from calib import Cell, Measurements, Poses
 from calib.arrays import Array
-from calib.build import build
 from calib.effects.protocol import ElasticEffect
 from calib.model import Model
+from calib.model.build import build
 from calib.observations import Points
 from calib.poses import hung
 from calib.simulate import simulate

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calib.arm.kinematics import forward
+from calib.arm.se3 import fit_rigid, rotate, so3_log, transform
 from calib.arrays import Array
-from calib.kinematics import forward
-from calib.se3 import fit_rigid, rotate, so3_log, transform
 from studies.paper.arm import arm_of_equation_21
 from studies.plots.style import BLUE, FAINT, SOFT, VERMILLION, Picture, sheet, styled
 from studies.plots.view import (

@@ -12,12 +12,12 @@ import pytest
 import calib
 import doe
 from calib import Cell, readings
+from calib.arm.se3 import skew
 from calib.arrays import Array
-from calib.build import build
 from calib.cell import Load, Repeatability
 from calib.model import Model
+from calib.model.build import build
 from calib.poses import poses_at
-from calib.se3 import skew
 from doe.assess import assess
 from doe.problem import problem_of
 from doe.problem.wish import Wish

@@ -11,10 +11,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import calib
+from calib.arm.kinematics import forward
 from calib.arrays import Array
-from calib.build import build
 from calib.files.write_tables import measurements_csv, plan_csv
-from calib.kinematics import forward
+from calib.model.build import build
 from calib.poses import Measurements, poses_at
 from tests.bad_inputs.run import posecal
 

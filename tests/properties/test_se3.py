@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from calib import se3
+from calib.arm import se3
 from calib.arrays import Array
 from tests.helpers import central_difference
 

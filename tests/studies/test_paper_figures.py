@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from calib import Cell, Poses
-from calib.kinematics import forward
+from calib.arm.kinematics import forward
 from studies.paper import figures
 from studies.paper.arm import LENGTHS_M, arm_of_equation_21
 from studies.plots import Picture

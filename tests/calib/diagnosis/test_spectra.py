@@ -11,7 +11,6 @@ import pytest
 
 from calib import Cell, Measurements
 from calib.arrays import Array
-from calib.build import build, context_of, place_effect
 from calib.diagnosis.spectra import Spectrum, spectra_of
 from calib.diagnosis.stage import Stage
 from calib.effects.gear_ripple import GearRipple
@@ -19,6 +18,7 @@ from calib.files.spectra import spectra_fields, with_aliases
 from calib.files.write import json_text
 from calib.identify.identify import whitening
 from calib.identify.initial import initial_values
+from calib.model.build import build, context_of, place_effect
 from calib.poses import Poses
 from tests.calib.test_identify_tunings import arm, read, session
 

@@ -14,11 +14,11 @@ from click.testing import CliRunner
 import calib
 import doe
 from calib import Cell
-from calib.build import build
 from calib.cell import Repeatability
 from calib.errors import CalibError
 from calib.files.cell import load_cell
-from calib.visits import visits
+from calib.model.build import build
+from calib.poses.visits import visits
 from doe.assess import assess
 from doe.results import design_fields
 from doe.visits.reapproach import reapproaches_of, with_reapproaches

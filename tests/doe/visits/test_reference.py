@@ -11,10 +11,10 @@ import pytest
 import calib
 import doe
 from calib import Cell, readings
-from calib.build import build
 from calib.errors import CalibError
 from calib.files.cell import load_cell
 from calib.files.write_tables import plan_csv
+from calib.model.build import build
 from doe.constraints import scene_of, visible
 from doe.results import design_fields
 from doe.visits.reference import spacing, with_reference

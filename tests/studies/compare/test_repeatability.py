@@ -13,8 +13,8 @@ import calib
 from calib import Cell, Measurements, Poses
 from calib.api import in_turn
 from calib.arrays import Array
-from calib.build import build
 from calib.cell import Repeatability
+from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import poses_at
 from studies.compare import compare

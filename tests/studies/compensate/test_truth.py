@@ -19,13 +19,13 @@ pytest.importorskip("mujoco")
 
 import calib
 from calib import Cell, Measurements
-from calib.compensate import Compensation
-from calib.estimate import Estimate, estimate_of
+from calib.compensation.commands import Compensation
+from calib.compensation.estimate import Estimate, estimate_of
 from studies.withheld.causes import Cause
 from studies.withheld.draw import Case, draw_scene
 from studies.withheld.robots import ARMS, HEAVY, LIGHT, Arm
 from studies.withheld.visible import at_rest
-from tests.calib.test_compensate import band, missed, wanted
+from tests.calib.compensation.test_compensate import band, missed, wanted
 from tests.studies.withheld.scenes import PLAIN, as_files, case_of
 
 CONDITIONS = replace(PLAIN, configurations=45, known_geometry=False)

@@ -7,12 +7,12 @@ import pytest
 
 import calib
 from calib import Cell
-from calib.build import build
-from calib.estimate import estimate_of
+from calib.compensation.estimate import estimate_of
+from calib.compensation.unexplained import Fitted, left_out
+from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Measurements, poses_at
 from calib.simulate import simulate
-from calib.unexplained import Fitted, left_out
 from tests.helpers import cell_of, random_robot
 
 GEOMETRY = ("base", "tool", "geometry")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.covariance import covariance, determined
+from calib.model.covariance import covariance, determined
 
 
 def test_values_whose_direction_is_in_the_span_are_determined(rng: np.random.Generator) -> None:

@@ -9,12 +9,12 @@ import pytest
 
 import calib
 from calib import Cell
-from calib.build import build, context_of
 from calib.effects.link_geometry import LinkGeometry
 from calib.errors import EffectCannotAct
 from calib.model import Model
+from calib.model.build import build, context_of
+from calib.model.reduction import generic_configurations
 from calib.poses import poses_at
-from calib.reduction import generic_configurations
 from tests.helpers import cell_of, random_robot, with_effects
 
 MARKERS = np.array(
@@ -80,8 +80,8 @@ def test_reduced_set_is_complete_and_irreducible(
 
 
 def _all(kind: str, cell: Cell):  # type: ignore[no-untyped-def]
-    from calib.build import context_of
     from calib.effects import EFFECTS
+    from calib.model.build import context_of
 
     context = context_of(cell, None)
     return [EFFECTS[kind].at(context, where) for where in EFFECTS[kind].places(context)]

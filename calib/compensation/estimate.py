@@ -8,14 +8,14 @@ from typing import TypeAlias
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.covariance import ignorance
+from calib.compensation.unexplained import Fitted, Unexplained, left_held_out, left_in_fit
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.screen import refuted
 from calib.diagnosis.stage import Fit
 from calib.identify.identification import Identification
 from calib.model import Model
+from calib.model.covariance import ignorance
 from calib.scatter import Variances
-from calib.unexplained import Fitted, Unexplained, left_held_out, left_in_fit
 
 Result: TypeAlias = Identification | Diagnosis
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.arm.kinematics import Frames, forward
+from calib.arm.robot import Robot
+from calib.arm.se3 import cross, rotate, skew
 from calib.arrays import Array
-from calib.kinematics import Frames, forward
 from calib.poses import Poses
-from calib.robot import Robot
-from calib.se3 import cross, rotate, skew
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 A target is a nominal joint command; what is wanted is the pose that the nominal robot, rigid and free
 of error, gives its tip there. The identified arm is bent by the load of the target itself, so the
 command ``q + dq`` solves ``f(q + dq, w) = f_nominal(q)`` with the equilibrium in it
-(:mod:`calib.inverse`).
+(:mod:`calib.compensation.inverse`).
 
 Frames. Wanted and reached poses are compared in the robot base frame, as identified: where the
 instrument stands and how it errs does not shift the arm. The constants that no marker shows (where the
@@ -28,26 +28,26 @@ from typing import TypeAlias
 import numpy as np
 
 from calib.api import Plan, poses_of
+from calib.arm.kinematics import forward
+from calib.arm.se3 import rotate, so3_log
 from calib.arrays import Array, IntArray
-from calib.build import lacking
 from calib.cell import Cell
-from calib.covariance import errors_at, working_points
+from calib.compensation.estimate import Estimate, estimate_of
+from calib.compensation.inverse import Goal, Reached, reach, tip_of
+from calib.compensation.unexplained import Unexplained, scatter_at
 from calib.diagnosis.diagnose import Diagnosis
 from calib.effects.protocol import ReadingEffect
 from calib.effects.timed import Timed
 from calib.effects.tool import Tool
 from calib.errors import CalibError
-from calib.estimate import Estimate, estimate_of
 from calib.identify.identification import Identification
-from calib.inverse import Goal, Reached, reach, tip_of
-from calib.kinematics import forward
 from calib.model import Model
-from calib.moves import moves, with_moves
+from calib.model.build import lacking
+from calib.model.covariance import errors_at, working_points
 from calib.poses import Poses, hung
-from calib.se3 import rotate, so3_log
+from calib.poses.moves import moves, with_moves
 from calib.targets import check_targets
 from calib.threads import one_blas_thread
-from calib.unexplained import Unexplained, scatter_at
 
 Known: TypeAlias = Estimate | Identification | Diagnosis | str | Path
 

@@ -3,7 +3,7 @@
 A marker j at pose i is read at ``T_station_base(i) * arm(q_i, effects) * p_j`` (paper, equation 6),
 as the instrument reads it. The arm is displaced frame by frame by its effects; elastic ones follow
 the wrench that the displaced arm transmits, found by fixed-point iteration. Derivatives are those of
-:mod:`calib.columns`.
+:mod:`calib.model.columns`.
 """
 
 from __future__ import annotations
@@ -16,9 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from calib import statics
+from calib.arm import statics
+from calib.arm.kinematics import Frames, forward, link_origins, point_velocity
+from calib.arm.robot import Robot
+from calib.arm.se3 import rotate
 from calib.arrays import Array
-from calib.columns import arm_columns
 from calib.effects.base import Base, to_station
 from calib.effects.protocol import (
     Constant,
@@ -38,10 +40,8 @@ from calib.effects.protocol import (
 )
 from calib.effects.tool import Tool
 from calib.effects.tuned import Tuned
-from calib.kinematics import Frames, forward, link_origins, point_velocity
+from calib.model.columns import arm_columns
 from calib.poses import Poses
-from calib.robot import Robot
-from calib.se3 import rotate
 
 _EQUILIBRIUM_M = 1e-10  # markers at rest: a tenth of a nanometre
 _UNSTABLE_M = 1e-7

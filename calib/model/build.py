@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arm.statics import loads_of
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects import GROUPS, Context, Effect, catalogue
@@ -20,9 +21,8 @@ from calib.effects.protocol import (
 from calib.effects.tuned import Tuned
 from calib.errors import EffectCannotAct, UnknownEffect
 from calib.model import Model
+from calib.model.reduction import Dropped, irreducible
 from calib.poses import Poses
-from calib.reduction import Dropped, irreducible
-from calib.statics import loads_of
 
 _MOST_KNOTS = 8  # distinct angles up to this number become knots of their own
 _SAME_ANGLE = 1e-3  # rad: angles closer than this are one level

@@ -16,9 +16,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from calib.arm.kinematics import Frames, spatial_columns
+from calib.arm.statics import Loads, Transmitted, rigid_change
 from calib.arrays import Array, IntArray
-from calib.kinematics import Frames, spatial_columns
-from calib.statics import Loads, Transmitted, rigid_change
 
 _SETTLED = 1e-9  # relative change
 _MOST_ROUNDS = 30

@@ -2,7 +2,7 @@
 
 Derivatives are velocity fields: a parameter that displaces frame k moves all beyond it by
 ``A + phi x x``, and through the loads it also changes the deflection of every elastic frame
-(:mod:`calib.coupling`).
+(:mod:`calib.arm.coupling`).
 """
 
 from __future__ import annotations
@@ -11,8 +11,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from calib.arm.coupling import coupled
+from calib.arm.kinematics import link_origins, spatial_columns
+from calib.arm.robot import Robot
+from calib.arm.statics import Loads, transmitted
 from calib.arrays import Array
-from calib.coupling import coupled
 from calib.effects.protocol import (
     Constant,
     Effect,
@@ -22,9 +25,6 @@ from calib.effects.protocol import (
     TwistEffect,
     WeightEffect,
 )
-from calib.kinematics import link_origins, spatial_columns
-from calib.robot import Robot
-from calib.statics import Loads, transmitted
 
 
 def arm_columns(

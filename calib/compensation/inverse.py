@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.arm.kinematics import Frames
+from calib.arm.robot import Robot
+from calib.arm.se3 import cross, rotate, so3_log
 from calib.arrays import Array, IntArray, Mask
 from calib.errors import CalibError
-from calib.kinematics import Frames
 from calib.model import Model
 from calib.poses import Poses
-from calib.robot import Robot
-from calib.se3 import cross, rotate, so3_log
 
 _ROUNDS = 25
 _SETTLED = 1e-10  # rad or m, largest step of a joint

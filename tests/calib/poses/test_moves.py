@@ -10,12 +10,12 @@ import pytest
 
 import calib
 from calib import Cell, Poses
-from calib.build import build
 from calib.errors import CalibError, EffectCannotAct
 from calib.files.write_tables import measurements_csv
-from calib.moves import in_one_session, moves, with_moves
+from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Measurements, poses_at
+from calib.poses.moves import in_one_session, moves, with_moves
 from tests.helpers import cell_of, random_robot, with_effects
 
 Q = np.array([[0.0, 0.0], [0.5, 0.0], [0.5, 0.0], [0.2, 1.0], [0.2, 1.0], [0.2, 0.7]])

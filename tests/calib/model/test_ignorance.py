@@ -7,8 +7,8 @@ import pytest
 
 import calib
 from calib import Cell, Poses
-from calib.covariance import accuracy, covariance, errors_at, ignorance
-from calib.estimate import estimate_of
+from calib.compensation.estimate import estimate_of
+from calib.model.covariance import accuracy, covariance, errors_at, ignorance
 from calib.targets import targets_of
 from doe.enough import enough
 from studies.demo import embedded_plan, simulated

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
-from calib.covariance import working_points
 from calib.diagnosis.screen import refuted
 from calib.model import Model
+from calib.model.covariance import working_points
 from calib.poses import Measurements, Poses
 from calib.scatter import Variances, scatter_of
 from calib.scatter.poses import by_size

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from calib.arrays import IntArray
-from calib.moves import in_order
 from calib.poses import Poses
+from calib.poses.moves import in_order
 
 
 def visits(poses: Poses) -> IntArray:

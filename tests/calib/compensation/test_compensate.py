@@ -11,17 +11,17 @@ from scipy.stats import chi2, f
 
 import calib
 from calib import CalibError, Cell, Poses
+from calib.arm.kinematics import forward
+from calib.arm.se3 import rotate, so3_log
 from calib.arrays import Array
-from calib.build import build
-from calib.compensate import Compensation
-from calib.covariance import errors_at, ignorance
-from calib.estimate import Estimate, estimate_of
-from calib.inverse import tip_of
-from calib.kinematics import forward
+from calib.compensation.commands import Compensation
+from calib.compensation.estimate import Estimate, estimate_of
+from calib.compensation.inverse import tip_of
+from calib.compensation.unexplained import Unexplained
+from calib.model.build import build
+from calib.model.covariance import errors_at, ignorance
 from calib.poses import poses_at
-from calib.se3 import rotate, so3_log
 from calib.simulate import simulate
-from calib.unexplained import Unexplained
 from studies.demo import embedded_plan, simulated
 from tests.helpers import cell_of, random_robot
 

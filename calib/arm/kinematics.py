@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arm.robot import Robot
+from calib.arm.se3 import cross, rotate, so3_about, so3_exp, so3_right_jacobian
 from calib.arrays import Array
-from calib.robot import Robot
-from calib.se3 import cross, rotate, so3_about, so3_exp, so3_right_jacobian
 
 _UNTURNED = np.eye(3)
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.effects.base import Base
 from calib.effects.protocol import Constant, ConstantTwist, Effect
@@ -20,7 +21,6 @@ from calib.effects.tool import Tool
 from calib.effects.tracker_scale import TrackerScale
 from calib.model import Model
 from calib.poses import poses_at
-from calib.robot import Robot
 
 _DEPENDENT = 3e-3
 """Sine of the angle to the span of the others below which a column is dropped.

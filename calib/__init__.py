@@ -10,14 +10,14 @@ A cell file names the robot, the markers, the instrument and what the model cont
 
 from calib.api import observation, parameters, predict, readings
 from calib.cell import Cell
-from calib.compensate import Compensation, compensate
+from calib.compensation.commands import Compensation, compensate
 from calib.diagnosis import Diagnosis, diagnose
 from calib.errors import CalibError
 from calib.files.cell import load_cell
 from calib.files.tables import load_measurements, load_plan, load_targets
 from calib.identify import Identification, identify
-from calib.moves import in_one_session
 from calib.poses import Measurements, Poses
+from calib.poses.moves import in_one_session
 from calib.simulate import simulate
 
 __all__ = [

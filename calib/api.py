@@ -9,13 +9,13 @@ from typing import TypeAlias
 
 import numpy as np
 
-from calib.build import build
+from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import CalibError
 from calib.model import Model
+from calib.model.build import build
 from calib.observations import Approach, orientable, pose_from_points
 from calib.poses import Measurements, Poses, hung, poses_at
-from calib.se3 import Array
 
 Plan: TypeAlias = Poses | Measurements | str | Path | Array
 """Poses, measurements, a plan's file, or joint values (m, n) in rad and m."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 
 
 @dataclass(frozen=True)

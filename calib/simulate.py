@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.arm.se3 import rotate, so3_exp
+from calib.arrays import Array, IntArray
 from calib.cell import Repeatability
 from calib.model import Model
 from calib.noise import Noise
-from calib.poses import IntArray, Measurements, Poses
-from calib.se3 import Array, rotate, so3_exp
-from calib.visits import visits
+from calib.poses import Measurements, Poses
+from calib.poses.visits import visits
 
 
 def simulate(

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import CalibError
 from calib.files.tables import load_targets
 from calib.poses import Poses, hung, poses_at
-from calib.se3 import Array
 
 _COUNT = 200
 _OUTSIDE = 1e-4  # rad or m: rounding of limits

@@ -7,6 +7,6 @@ plan.poses, plan.efficiency
 from doe.design import design
 from doe.discriminate import NextPoses, next_poses
 from doe.plan import Design
-from doe.refusals import CannotIdentify
+from doe.problem.refusals import CannotIdentify
 
 __all__ = ["CannotIdentify", "Design", "NextPoses", "design", "next_poses"]

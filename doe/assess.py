@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, Mask
 from calib.effects.tool import Tool
-from calib.se3 import Array
 from doe.constraints import scene_of, visible
 from doe.problem import RIDGE, Problem
 
@@ -70,7 +69,7 @@ def assess(problem: Problem, q: Array) -> Assessment:
     )
 
 
-def open_parameters(problem: Problem, M: Array) -> NDArray[np.bool_]:
+def open_parameters(problem: Problem, M: Array) -> Mask:
     """Parameters that a plan's information leaves open, shape (p,)."""
     values, vectors = np.linalg.eigh(M)
     sized = problem.regressor.T / problem.model.sizes[:, None]
@@ -114,7 +113,7 @@ def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
     }
 
 
-def _without_markers(problem: Problem, q: Array, seen: NDArray[np.bool_]) -> dict[str, float]:
+def _without_markers(problem: Problem, q: Array, seen: Mask) -> dict[str, float]:
     """Task RMS with all but one marker, m; the lost marker's position is no unknown then."""
     model, T = problem.model, problem.regressor.T
     if len(model.marker_names) == 1:

@@ -9,9 +9,9 @@ import numpy as np
 
 from doe.assess import assess
 from doe.plan import Design, Step
-from doe.pool import Pool
 from doe.problem import Problem
-from doe.refusals import CannotIdentify
+from doe.problem.pool import Pool
+from doe.problem.refusals import CannotIdentify
 from doe.solve import Clock, Effort, choose
 
 _STEPS = 8

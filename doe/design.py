@@ -8,27 +8,27 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.build import parse_effect
 from calib.cell import Cell
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from calib.errors import CalibError, InputError
 from calib.files.tables import load_plan
+from calib.model.build import parse_effect
 from calib.poses import Poses
 from calib.threads import one_blas_thread
 from doe.assess import assess
 from doe.criteria import UNASKED, catalogue
 from doe.curve import accuracy_curve
-from doe.levels import levels_of
 from doe.notes import notes_of
-from doe.order import travel, visiting_order
 from doe.plan import Candidates, Design, Rival, level_values, named
-from doe.pool import Pool, chunked, drawn, pool_of
 from doe.problem import Problem, problem_of
-from doe.reapproach import reapproaches_of, with_reapproaches
-from doe.reference import spacing, with_reference
-from doe.refusals import at_level, no_candidate
+from doe.problem.levels import levels_of
+from doe.problem.pool import Pool, chunked, drawn, pool_of
+from doe.problem.refusals import at_level, no_candidate
+from doe.problem.wish import Wish
 from doe.solve import Clock, Effort, check_count, choose, finish
-from doe.wish import Wish
+from doe.visits.order import travel, visiting_order
+from doe.visits.reapproach import reapproaches_of, with_reapproaches
+from doe.visits.reference import spacing, with_reference
 
 _MOST_POSES = 10_000
 CANDIDATES = 20_000

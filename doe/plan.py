@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, Mask
 from calib.poses import Poses, poses_at
-from calib.se3 import Array
 from doe.assess import Assessment
-from doe.levels import Levels
 from doe.problem import Problem
-from doe.reapproach import Reapproaches
-from doe.reference import Reference
+from doe.problem.levels import Levels
+from doe.visits.reapproach import Reapproaches
+from doe.visits.reference import Reference
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +91,7 @@ class Landscape:
 
     q: Array
     share: Array
-    chosen: NDArray[np.bool_]
+    chosen: Mask
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.poses import IntArray
-from calib.se3 import Array
+from calib.arrays import Array, IntArray
 from doe.constraints import scene_of
-from doe.pool import rounded
 from doe.problem import Problem
+from doe.problem.pool import rounded
 
 _TRIES = 48  # neighbours of each pose in one round
 _ROUNDS = 14

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from calib.arm.robot import Robot
+from calib.arrays import Array
 from calib.files.results import at_targets
-from calib.robot import Robot
-from calib.se3 import Array
 from doe.assess import Assessment
 from doe.plan import Design, Step
 

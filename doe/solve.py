@@ -8,25 +8,23 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.poses import IntArray
-from calib.se3 import Array
-from doe.allowed import Allowed
+from calib.arrays import Array, IntArray, Mask
 from doe.assess import open_parameters
-from doe.branch import Proof, prove
-from doe.certify import survivors
 from doe.criteria.determinant import Determinant
-from doe.exchange import greedy
-from doe.packed import pack
+from doe.optimal.allowed import Allowed
+from doe.optimal.branch import Proof, prove
+from doe.optimal.certify import survivors
+from doe.optimal.exchange import greedy
+from doe.optimal.packed import pack
+from doe.optimal.relax import Relaxation, relax
+from doe.optimal.robust import robust_exchange, smallest_left
+from doe.optimal.search import best_plan
 from doe.plan import Certificate, Landscape
 from doe.polish import polish
-from doe.pool import Pool, drawn, judge
 from doe.problem import Problem
-from doe.refusals import CannotIdentify
-from doe.relax import Relaxation, relax
-from doe.robust import robust_exchange, smallest_left
-from doe.search import best_plan
+from doe.problem.pool import Pool, drawn, judge
+from doe.problem.refusals import CannotIdentify
 
 _PROVABLE = 400  # surviving candidates up to which branch and bound is tried
 _NODES = 400
@@ -123,7 +121,7 @@ def _check_regular(problem: Problem, M: Array) -> None:
         _refuse(problem, lost)
 
 
-def _refuse(problem: Problem, lost: NDArray[np.bool_]) -> None:
+def _refuse(problem: Problem, lost: Mask) -> None:
     ids = [p.id for p, gone in zip(problem.model.parameters, lost, strict=True) if gone]
     wish = problem.wish
     more = "more poses" if wish.levels is None else "more levels, more poses"

@@ -10,14 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from calib import Cell
+from calib.arm.robot import Robot
+from calib.arm.se3 import so3_exp, transform
+from calib.arm.statics import Payload
+from calib.arrays import Array
 from calib.effects import EFFECTS, Context
 from calib.files.write_tables import measurements_csv
 from calib.model import Model
 from calib.noise import Noise
 from calib.poses import Poses, poses_at
-from calib.robot import Robot
-from calib.se3 import Array, so3_exp, transform
-from calib.statics import Payload
 from studies.demo import INPUTS, embedded_cell, embedded_plan, embedded_text, simulated
 
 GRAVITY = np.array([0.0, 0.0, -9.80665])

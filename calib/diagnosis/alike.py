@@ -24,9 +24,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.diagnosis.screen import VISIBLE, Field
-from calib.poses import IntArray
-from calib.se3 import Array
 
 SURE = 0.95
 """Probability of preferring the right one at which two causes count as told apart."""

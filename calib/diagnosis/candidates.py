@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.build import context_of, place_effect
+from calib.arrays import Array
 from calib.cell import Cell
 from calib.diagnosis.curves import Curve, curves
 from calib.diagnosis.variables import Torque
@@ -25,8 +25,8 @@ from calib.effects.protocol import (
 from calib.effects.tuned import Tuned
 from calib.errors import CalibError
 from calib.model import Model
+from calib.model.build import context_of, place_effect
 from calib.poses import Measurements, Poses
-from calib.se3 import Array
 
 _MANY = 6  # parameters: more are a family
 _BY_ANGLE = ("gravity_compensator", "stiffness_vs_angle")  # beside all that is known of the pose

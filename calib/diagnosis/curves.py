@@ -14,6 +14,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.diagnosis.functions import Function, neighbours, polyline
 from calib.diagnosis.variables import (
     Angle,
@@ -38,7 +39,6 @@ from calib.effects.protocol import (
 )
 from calib.errors import EffectCannotAct
 from calib.poses import Poses
-from calib.se3 import Array
 
 _KNOTS = 12
 _KNOTS_EACH = 8  # where several directions share the evidence

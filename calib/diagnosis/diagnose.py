@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.build import build
+from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.covariance import determined
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.contest import Entry, Outcome, contest
 from calib.diagnosis.earned import BY_TIME, Books
@@ -26,7 +25,6 @@ from calib.diagnosis.verdict import Named, VerdictName, verdict
 from calib.diagnosis.view import lineup
 from calib.effects.protocol import ARM
 from calib.effects.tuned import Tuned
-from calib.identify.estimators import Mask
 from calib.identify.identify import check_counts, whitening
 from calib.identify.initial import initial_values
 from calib.identify.mistakes import refuse_mistakes
@@ -38,11 +36,12 @@ from calib.identify.noise_level import (
 )
 from calib.identify.outliers import judge, threshold
 from calib.identify.tuning import profiled
-from calib.moves import before_the_first_move, in_one_session
+from calib.model.build import build
+from calib.model.covariance import determined
 from calib.poses import Measurements
-from calib.se3 import Array
+from calib.poses.moves import before_the_first_move, in_one_session
+from calib.poses.visits import visits
 from calib.threads import one_blas_thread
-from calib.visits import visits
 
 _REPLICATES = 10  # degrees of freedom of repeated readings worth believing
 _GROSS = 10.0  # times the mean square of a typical group

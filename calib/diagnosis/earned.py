@@ -13,14 +13,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, IntArray, Mask
 from calib.diagnosis.gap import blocks_of_time
 from calib.diagnosis.prior import prior_rows
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Effect
-from calib.poses import IntArray, Poses
-from calib.se3 import Array
+from calib.poses import Poses
 
 _FOLDS = 10
 _QUARTERS = 4
@@ -125,7 +124,7 @@ class Fold:
     inverse : ndarray, shape (k, k), ``(I - Q^T Q)^-1``
     """
 
-    here: NDArray[np.bool_]
+    here: Mask
     Q: Array
     inverse: Array
 
@@ -169,7 +168,7 @@ def _folds(poses: Poses, by_time: bool) -> IntArray:
     return np.asarray(drawn[poses.configuration])
 
 
-def _fold(Q: Array, here: NDArray[np.bool_]) -> Fold:
+def _fold(Q: Array, here: Mask) -> Fold:
     own = Q[here].reshape(-1, Q.shape[-1])
     values, vectors = np.linalg.eigh(np.eye(own.shape[1]) - own.T @ own)
     return Fold(here, own, (vectors / np.maximum(values, _FREE)) @ vectors.T)

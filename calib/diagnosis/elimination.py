@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.se3 import Array
+from calib.arrays import Array, Mask
 
 
-def idle(values: Array, cov: Array, price: float) -> tuple[NDArray[np.bool_], float]:
+def idle(values: Array, cov: Array, price: float) -> tuple[Mask, float]:
     """Which go, shape (k,), and by how much the sum of squares rises without them.
 
     values : ndarray, shape (k,), estimates; cov : ndarray, shape (k, k), their covariance

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.covariance import covariance
+from calib.arrays import Array, Mask
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.curves import TwistCurve
 from calib.diagnosis.diagnose import Diagnosis
@@ -31,11 +31,10 @@ from calib.diagnosis.screen import field
 from calib.diagnosis.stage import determined_by, positions
 from calib.diagnosis.variables import PoseVariable
 from calib.effects.gear_ripple import GearRipple
-from calib.identify.estimators import Mask
 from calib.identify.solver import levenberg_marquardt
 from calib.model import Model
+from calib.model.covariance import covariance
 from calib.poses import Poses
-from calib.se3 import Array
 
 _KNOTS = 8
 _ABSORBED = (

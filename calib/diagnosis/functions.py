@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 
 _LENGTH = 0.5  # of a variable's range, over which a function forgets its value
 _APART = 2.0  # standard deviations of posture, likewise

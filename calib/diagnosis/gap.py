@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.diagnosis.stage import Fit, Stage
 from calib.identify.noise_level import believed_sigma
-from calib.poses import IntArray, Measurements, Poses
+from calib.poses import Measurements, Poses
 from calib.scatter import Variances, scatter_of
-from calib.se3 import Array
 
 _DRAWS = 2000
 _FEWEST = 3  # groups to draw from

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.effects.protocol import Effect
 from calib.effects.tuned import Tuned
 from calib.model import Model
-from calib.poses import IntArray, Poses
-from calib.se3 import Array
+from calib.poses import Poses
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arm.robot import Robot
+from calib.arrays import Array, Mask
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.drive import along_axis
-from calib.identify.estimators import Mask
 from calib.poses import Measurements, Poses
-from calib.robot import Robot
-from calib.se3 import Array
 
 _STILL = 1e-6  # scatter, over size, of what does not vary
 _OWN, _OTHERS, _KNOWN = 0.6, 0.15, 0.25

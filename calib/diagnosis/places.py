@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.arm.robot import Robot
+from calib.arrays import Array
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.variables import last_moves
 from calib.effects.drive import along_axis
 from calib.effects.protocol import PoseEffect, State, TwistEffect, displaced
-from calib.robot import Robot
-from calib.se3 import Array
 
 _BESIDE = 1e-6  # share of a squared displacement that counts as none
 _ARM = 0.3  # m, at which a rotation counts as much as a shift

@@ -6,9 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.diagnosis.screen import VISIBLE, Field
-from calib.poses import IntArray
-from calib.se3 import Array
 
 POWER = 0.9
 

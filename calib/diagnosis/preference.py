@@ -14,10 +14,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.diagnosis.quadratic import chance_above, ratio_above
 from calib.diagnosis.screen import VISIBLE, Field, Score, score
-from calib.poses import IntArray
-from calib.se3 import Array
 
 _MOST = 3  # causes in one curve
 _LEFT = 0.05  # probability below which something of a curve is left

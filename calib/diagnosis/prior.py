@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.diagnosis.curves import Curve
 from calib.model import Model
-from calib.se3 import Array
 
 _LEAST_FREE = 0.5  # coefficients that the data determine
 _LEAST = 1e-9  # rad or m

@@ -16,16 +16,15 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.prior import prior_rows
 from calib.diagnosis.screen import CURVE_PRICE, NOTHING, VISIBLE, Score
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.view import View
-from calib.poses import IntArray
 from calib.scatter.around import Around
 from calib.scatter.restricted import Likelihood, Turned, maximised, triangle
 from calib.scatter.search import Levels, problem_of, searched
-from calib.se3 import Array
 
 _AMPLITUDES = np.geomspace(1e-4, 1e2, 25)  # of a curve's plausible size
 _TURNS = 2  # amplitude and variances in turn

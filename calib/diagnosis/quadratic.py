@@ -10,7 +10,7 @@ from math import log, sqrt
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 
 _ROUNDS, _PARTS = 12, 32
 _AT_THE_MEAN = 1e-3  # standard deviations from the mean within which the formula loses its digits

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.poses import Measurements
-from calib.se3 import Array
 
 _AGREES = 1e-3  # probability of as strong a trend by chance
 _ROUNDS = 20

@@ -8,13 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.arrays import IntArray
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.preference import instead_of
 from calib.diagnosis.profile import ground
 from calib.diagnosis.screen import NOTHING, Field, Score, score
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.view import View
-from calib.poses import IntArray
 
 ALPHA = 0.01
 """Probability of a false entry, over all candidates together."""

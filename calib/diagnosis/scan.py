@@ -19,10 +19,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.diagnosis.screen import VISIBLE
 from calib.diagnosis.stage import Fit
-from calib.poses import IntArray
-from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)

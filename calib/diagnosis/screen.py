@@ -14,9 +14,8 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.diagnosis.elimination import idle
-from calib.poses import IntArray
-from calib.se3 import Array
 
 VISIBLE = 1e-3
 """Share of a column's length that must be left beside the modelled ones for it to count."""

@@ -17,13 +17,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.diagnosis.modulations import Modulation, modulations
 from calib.diagnosis.quadratic import chance_above, ratio_above
 from calib.diagnosis.screen import VISIBLE, Field, beside, field, score
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Effect
-from calib.poses import IntArray
-from calib.se3 import Array
 
 SHAPE_ALPHA = 0.03
 """Probability of doubting a right shape."""

@@ -18,6 +18,8 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.arm.robot import Robot
+from calib.arrays import Array, IntArray
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.linear import times
 from calib.diagnosis.scan import Beside, scores
@@ -25,9 +27,7 @@ from calib.diagnosis.screen import orthonormal
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.drive import along_axis
 from calib.effects.gear_ripple import FEWEST, GearRipple
-from calib.poses import IntArray, Poses
-from calib.robot import Robot
-from calib.se3 import Array
+from calib.poses import Poses
 from calib.threads import one_blas_thread
 
 _FEWEST, _MOST = 0.25, 450.0  # cycles a turn

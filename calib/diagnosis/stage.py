@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Repeatability
-from calib.covariance import covariance, gain
 from calib.diagnosis.linear import LinearModel, linearised
 from calib.diagnosis.prior import curves_in, fitted_amplitudes, prior_rows, weak
 from calib.diagnosis.screen import orthonormal
@@ -19,11 +18,11 @@ from calib.identify.estimators import choose_directions
 from calib.identify.outliers import fit_statistics
 from calib.identify.solver import least_squares, levenberg_marquardt
 from calib.model import Model
+from calib.model.covariance import covariance, gain
 from calib.observations import Points
-from calib.poses import IntArray, Measurements
+from calib.poses import Measurements
 from calib.scatter import Levels, Scatter, Variances, levels_of, scatter_of
 from calib.scatter.poses import Mixing
-from calib.se3 import Array
 
 _HUBER = 2.0  # median lengths of a pose's residual beyond which it counts less
 _ROUNDS = 4
@@ -122,7 +121,7 @@ class Stage:
     model: Model
     start: Array
     weights: Array
-    dropped: NDArray[np.bool_]
+    dropped: Mask
     robust: bool = True
     arm: Repeatability | None = None
 

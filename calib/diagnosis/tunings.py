@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.linear import times
 from calib.diagnosis.scan import Beside, scores
 from calib.effects.gear_ripple import FEWEST, GearRipple
 from calib.effects.tuned import Tuned
-from calib.poses import IntArray, Poses
-from calib.se3 import Array
+from calib.poses import Poses
 
 _LISTED = 6  # best tunings of each form that later rounds choose among
 _CHUNK = 400  # tunings at a time: memory

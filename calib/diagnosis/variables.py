@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib.kinematics import forward, link_origins
+from calib.arm.kinematics import forward, link_origins
+from calib.arm.robot import Robot
+from calib.arm.statics import Payload, loads_of, transmitted
+from calib.arrays import Array
 from calib.poses import Poses
-from calib.robot import Robot
-from calib.se3 import Array
-from calib.statics import Payload, loads_of, transmitted
 
 
 @dataclass(frozen=True, eq=False)

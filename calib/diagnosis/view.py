@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, IntArray, Mask
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.linear import LinearModel, times
 from calib.diagnosis.scan import beside as beside_scan
@@ -17,8 +17,6 @@ from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.tunings import Bank, banks
 from calib.effects.timed import Timed
 from calib.effects.tuned import Tuned
-from calib.poses import IntArray
-from calib.se3 import Array
 
 _MOST_LINES = 2  # of ripple at one joint; of steps one, or two would stand for any curve
 
@@ -202,7 +200,7 @@ def _echoes(candidate: Candidate, active: Sequence[Candidate]) -> Iterator[Candi
             yield replace(candidate.as_tuned(c.effect.tuning), line=0, echo=c.key)
 
 
-def _free(columns: Array, duals: Array | None, lost: NDArray[np.bool_]) -> Array:
+def _free(columns: Array, duals: Array | None, lost: Mask) -> Array:
     """Orthonormal directions (k, c) that columns (k, d) leave free without some of them.
 
     duals : ndarray, shape (d, k): each sees one column and none of the others; None where they depend

@@ -15,9 +15,9 @@ from typing import Literal
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.drift.series import Series, columns_about, inverse, series_of
 from calib.poses import Measurements
-from calib.se3 import Array
 
 Verdict = Literal["steady", "drift", "moved"]
 

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, IntArray, Mask
 from calib.observations.rigid import rigid_motions
-from calib.poses import IntArray, Measurements
-from calib.se3 import Array
-from calib.visits import alike, visits
+from calib.poses import Measurements
+from calib.poses.visits import alike, visits
 
 _BLIND = 1e-6  # share of the largest: information on a motion that the markers do not show
 
@@ -60,7 +59,7 @@ class Series:
     information: Array
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
+    def seen(self) -> Mask:
         """Which markers were seen at each reading, shape (V, M)."""
         return np.asarray(self.information.any(axis=(-1, -2)))
 
@@ -80,7 +79,7 @@ class Series:
         common = self.seen[0] & self.seen
         return tuple(self._motion(v, common[v]) for v in range(1, len(common)) if common[v].any())
 
-    def _motion(self, v: int, both: NDArray[np.bool_]) -> Motion:
+    def _motion(self, v: int, both: Mask) -> Motion:
         from scipy.special import chdtrc
 
         first, later = self.information[0], self.information[v]

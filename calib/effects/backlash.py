@@ -11,10 +11,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.effects.drive import DriveError, error_unit
 from calib.effects.protocol import Parameter
 from calib.poses import Poses
-from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,9 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.arm.se3 import rotate, skew, so3_exp, so3_right_jacobian
+from calib.arrays import Array
 from calib.effects.protocol import Context, Effect, Parameter
-from calib.se3 import Array, rotate, skew, so3_exp, so3_right_jacobian
 
 
 @dataclass(frozen=True, eq=False)

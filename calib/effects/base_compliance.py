@@ -7,10 +7,10 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.effects.bearing_compliance import tilt_across
 from calib.effects.protocol import Context, ElasticEffect, Parameter
 from calib.poses import Poses
-from calib.se3 import Array
 
 _LARGEST = 1e-5  # rad/(N m): a robot on a table or a light pedestal
 

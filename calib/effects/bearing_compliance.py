@@ -7,6 +7,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.effects.protocol import (
     Context,
     ElasticEffect,
@@ -15,7 +16,6 @@ from calib.effects.protocol import (
     turning_joints,
 )
 from calib.poses import Poses
-from calib.se3 import Array
 
 # rad/(N m): crossed roller bearings of small gears tilt by 5 to 20 urad/(N m) (makers' catalogues),
 # large ones by less than one.

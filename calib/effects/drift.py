@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.arm.se3 import rotate, skew, so3_exp, so3_right_jacobian
+from calib.arrays import Array
 from calib.effects.protocol import Parameter
 from calib.poses import Poses
-from calib.se3 import Array, rotate, skew, so3_exp, so3_right_jacobian
 
 _HOUR = 3600.0  # s
 _READINGS_AN_HOUR = 100.0  # of a plausible session

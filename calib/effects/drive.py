@@ -8,6 +8,8 @@ from typing import Self
 
 import numpy as np
 
+from calib.arm.robot import Robot
+from calib.arrays import Array
 from calib.effects.protocol import (
     Context,
     ElasticEffect,
@@ -19,8 +21,6 @@ from calib.effects.protocol import (
     turning_joints,
 )
 from calib.poses import Poses
-from calib.robot import Robot
-from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)

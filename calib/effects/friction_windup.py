@@ -11,10 +11,10 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.effects.drive import along_axis
 from calib.effects.protocol import Context, Parameter, SpringEffect, joint_index
 from calib.poses import Poses
-from calib.se3 import Array
 
 # N m or N: small arms wind up by 0.1 N m, large ones by tens, most of it lost in the gear.
 _SIZE, _LARGEST = 5.0, 500.0

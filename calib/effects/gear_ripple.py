@@ -13,11 +13,11 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.effects.drive import along_axis
 from calib.effects.protocol import Context, Parameter, joint_index, turning_joints
 from calib.effects.tuned import ANY_TUNING, TunedTwist
 from calib.poses import Poses
-from calib.se3 import Array
 
 _USUAL = 200.0  # cycles a turn: a strain-wave gear of ratio 100
 FEWEST = 15.0

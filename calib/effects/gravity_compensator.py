@@ -21,10 +21,11 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.arm.kinematics import forward
+from calib.arm.se3 import across, cross, rotate, so3_exp
+from calib.arrays import Array
 from calib.effects.protocol import Context, Parameter, SpringEffect, joint_index, turning_joints
-from calib.kinematics import forward
 from calib.poses import Poses
-from calib.se3 import Array, across, cross, rotate, so3_exp
 
 _ABOVE, _ALONG = 1 / 5, 1 / 20  # of the arm's reach: distances of the default anchors
 _TOO_STEEP = 0.1  # sine of a direction to the joint's axis below which it is no direction across

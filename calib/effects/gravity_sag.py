@@ -15,12 +15,13 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.arm.kinematics import forward
+from calib.arm.robot import Robot
+from calib.arm.se3 import across, cross, rotate
+from calib.arrays import Array
 from calib.effects.drive import along_axis, error_unit
 from calib.effects.protocol import ARM, Context, Parameter, PoseEffect, Strand, joint_index
-from calib.kinematics import forward
 from calib.poses import Poses
-from calib.robot import Robot
-from calib.se3 import Array, across, cross, rotate
 
 _SIZE = 1e-4  # rad, or m
 _LARGEST = 1e-2  # of a light arm's joint, 10 urad/(N m), under 1000 N m

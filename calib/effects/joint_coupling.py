@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
+from calib.arm.robot import Robot
+from calib.arrays import Array
 from calib.effects.drive import DriveError, along_axis, error_unit, variable_unit
 from calib.effects.protocol import Context, Parameter, joint_index, needs
 from calib.poses import Poses
-from calib.robot import Robot
-from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from calib.arrays import Array
 from calib.effects.drive import AlongJoint, error_unit
 from calib.effects.protocol import Constant, Parameter
-from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
+from calib.arm.statics import Loads
 from calib.effects.protocol import Context, Parameter, WeightEffect, joint_index, needs
 from calib.poses import Poses
-from calib.statics import Loads
 
 _SHARE = 0.1  # of a link's mass: plausible error
 

@@ -11,10 +11,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.effects.drive import DriveError, compliance_unit
 from calib.effects.protocol import Parameter
 from calib.poses import Poses
-from calib.se3 import Array
 
 _LARGEST = 5e-4  # rad/(N m): joints with torque sensors yield by 30 to 100 urad/(N m)
 

@@ -13,9 +13,9 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.arm.statics import Loads, Payload
 from calib.effects.protocol import Context, Parameter, WeightEffect
 from calib.poses import Poses
-from calib.statics import Loads, Payload
 
 _SHARE = 0.1  # of a mass or a wrench: plausible error
 _UNKNOWN = 10.0  # kg: plausible mass of a forgotten tool

@@ -27,12 +27,12 @@ from typing import ClassVar, Self, TypeAlias
 
 import numpy as np
 
+from calib.arm.kinematics import Frames
+from calib.arm.robot import Robot
+from calib.arm.statics import Loads, Payload, Transmitted
+from calib.arrays import Array
 from calib.errors import EffectCannotAct
-from calib.kinematics import Frames
 from calib.poses import Poses
-from calib.robot import Robot
-from calib.se3 import Array
-from calib.statics import Loads, Payload, Transmitted
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.80665)
 ARM = "arm"

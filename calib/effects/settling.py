@@ -11,10 +11,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.effects.drive import DriveError, error_unit, variable_unit
 from calib.effects.protocol import Parameter
 from calib.poses import Poses
-from calib.se3 import Array
 
 # 0.05 deg of a move of a radian or so was seen.
 _SIZE, _LARGEST = 1e-3, 1e-2

@@ -7,10 +7,10 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.effects.drive import ElasticDrive, along_axis, compliance_unit
 from calib.effects.protocol import Context, Parameter, joint_index, needs
 from calib.poses import Poses
-from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)

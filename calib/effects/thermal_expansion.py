@@ -11,10 +11,10 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.arm.robot import Robot
+from calib.arrays import Array
 from calib.effects.protocol import ARM, Context, Parameter, PoseEffect, Strand, joint_index, needs
 from calib.poses import Poses
-from calib.robot import Robot
-from calib.se3 import Array
 
 # 1/K: aluminium grows by 23e-6, and a link beside its motor warms by more than the thermometer shows.
 _LARGEST = 4e-4

@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.effects.drive import along_axis, error_unit
 from calib.effects.protocol import ConstantTwist, Context, Parameter, joint_index
 from calib.effects.tuned import Tuned
 from calib.poses import Poses
-from calib.se3 import Array
 
 SECONDS = "s"
 MARKER = "marker:"

@@ -7,9 +7,9 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.effects.protocol import Context, ElasticEffect, Parameter
 from calib.poses import Poses
-from calib.se3 import Array
 
 _LARGEST = 5e-4  # rad/(N m): a changer or a slender tool
 

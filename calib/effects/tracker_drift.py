@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
+from calib.arrays import Array
 from calib.effects.drift import drift_parameters, moved_as_one, since_the_first
 from calib.effects.protocol import Context, Parameter, ReadingEffect
 from calib.poses import Poses
-from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.effects.protocol import Parameter, ReadingEffect
 from calib.poses import Poses
-from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)

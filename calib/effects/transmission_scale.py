@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from calib.arrays import Array
 from calib.effects.drive import DriveError, error_unit, variable_unit
 from calib.effects.protocol import Parameter
 from calib.poses import Poses
-from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.effects.drift import moved_as_one
 from calib.effects.protocol import (
     Context,
@@ -28,7 +29,6 @@ from calib.effects.protocol import (
 )
 from calib.errors import EffectCannotAct
 from calib.poses import Poses
-from calib.se3 import Array
 
 ANY_TUNING = 1e9
 """No bound on a tuning: the data alone speak of it."""

@@ -11,11 +11,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.effects.protocol import Context, Effect, Parameter
 from calib.effects.timed import SECONDS, Timed, everything, function_of, placement
 from calib.effects.tuned import ANY_TUNING, TunedReading, TunedTwist
 from calib.poses import Poses
-from calib.se3 import Array
 
 _USUAL = {SECONDS: 3600.0}
 _USUAL_READINGS = 100.0

@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from calib.build import context_of, parse_effect, parse_excluded
+from calib.arm.robot import Robot
+from calib.arm.statics import Payload
+from calib.arrays import Array
 from calib.cell import Capsule, Cell, Load, Repeatability
 from calib.errors import InputError, UnknownEffect
 from calib.files.read import read_text
@@ -28,10 +30,8 @@ from calib.files.schema import (
     RobotTable,
     Sigma,
 )
+from calib.model.build import context_of, parse_effect, parse_excluded
 from calib.noise import Noise
-from calib.robot import Robot
-from calib.se3 import Array
-from calib.statics import Payload
 
 _LARGEST_FILE = 2_000_000  # bytes; the parser of the standard library is slow
 _DEEPEST = 50  # parts of a key

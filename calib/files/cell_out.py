@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calib.build import build, parse_effect
 from calib.cell import Cell
 from calib.diagnosis.candidates import PARTS
 from calib.effects import Effect
 from calib.effects.protocol import ARM
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from calib.errors import CalibError, InputError
+from calib.model.build import build, parse_effect
 from calib.poses import Poses
 
 if TYPE_CHECKING:

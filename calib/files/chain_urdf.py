@@ -7,9 +7,10 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
+from calib.arm.robot import Robot
+from calib.arm.se3 import displacement, transform
+from calib.arrays import Array
 from calib.files.urdf_out import words, write_markers, write_origin
-from calib.robot import Robot
-from calib.se3 import Array, displacement, transform
 
 _WIDE = 1e3  # m
 _NO_INERTIA = {f"i{axes}": "0" for axes in ("xx", "xy", "xz", "yy", "yz", "zz")}

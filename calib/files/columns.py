@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from calib.arm.robot import Robot
+from calib.arrays import Array, IntArray
 from calib.errors import InputError
 from calib.files.csv_table import Table
-from calib.poses import IntArray
-from calib.robot import Robot
-from calib.se3 import Array
 
 ANGLES = {"deg": math.pi / 180, "rad": 1.0}
 LENGTHS = {"mm": 1e-3, "m": 1.0}

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 
 from calib.cell import Cell
-from calib.compensate import Compensation
+from calib.compensation.commands import Compensation
 from calib.errors import InputError
 from calib.files.columns import joint_columns
 from calib.files.csv_table import Table, read_table

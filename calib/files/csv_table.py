@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.read import check_file, fault_of_name
-from calib.se3 import Array
 
 _LARGEST_FILE = 100_000_000  # bytes, some 700 000 rows, a gigabyte in memory
 _LARGEST_NUMBER = 1e12  # in any unit

@@ -11,19 +11,19 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from calib.build import context_of, place_effect
+from calib.arrays import Array
 from calib.cell import Cell
+from calib.compensation.estimate import Estimate
+from calib.compensation.unexplained import Unexplained
 from calib.effects import catalogue
 from calib.effects.gear_ripple import GearRipple
 from calib.effects.protocol import ConstantTwist, Context, Effect
 from calib.effects.tool import Tool
 from calib.effects.tuned import Tuned
 from calib.errors import CalibError, InputError
-from calib.estimate import Estimate
 from calib.model import Model
+from calib.model.build import context_of, place_effect
 from calib.scatter import Variances
-from calib.se3 import Array
-from calib.unexplained import Unexplained
 
 _LARGEST_FILE = 200_000_000  # bytes
 _LARGEST_VALUE = 1e12  # SI, as in tables: times may count from 1970

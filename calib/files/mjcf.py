@@ -11,13 +11,14 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from calib.arm.robot import Robot
+from calib.arm.se3 import rotate, so3_about, transform
+from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.in_mujoco import mujoco_for
 from calib.files.mjcf_mesh import mesh_files
 from calib.files.mjcf_strip import strip
 from calib.files.mjcf_tree import Chain, chain_of, joints_of, label, read_mjcf
-from calib.robot import Robot
-from calib.se3 import Array, rotate, so3_about, transform
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +27,7 @@ class MjcfJoint:
 
     anchor, axis : ndarray, shape (3,), m and unit vector, in the frame of the body
     ref : float, rad or m, the reading at which the body stands as the file says
-    limits, effort : as in :class:`~calib.robot.Robot`
+    limits, effort : as in :class:`~calib.arm.robot.Robot`
     """
 
     name: str

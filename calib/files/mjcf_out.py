@@ -11,11 +11,12 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from calib.arm.robot import Robot
+from calib.arm.se3 import displacement, inverse, rotate
+from calib.arrays import Array
 from calib.files.mjcf import MjcfBody, compiled
 from calib.files.mjcf_tree import compiler_settings, joints_of, read_mjcf
 from calib.files.urdf_out import MARKER
-from calib.robot import Robot
-from calib.se3 import Array, displacement, inverse, rotate
 
 _ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler", "fromto")
 _FOLDERS = ("meshdir", "texturedir")
@@ -28,7 +29,7 @@ def corrected_mjcf(
 
     source : path of the nominal MJCF; what it includes is written in place
     corrections : ndarray, shape (n + 2, 6), m and rad, displacement of each frame as in
-        :class:`~calib.robot.Robot`; that of the base is not part of the robot and is ignored
+        :class:`~calib.arm.robot.Robot`; that of the base is not part of the robot and is ignored
     markers : dict, name -> ndarray, shape (3,), m, tip frame: written as sites ``marker_<name>``
     target : Path, where the text is to be written; folders of meshes are named as seen from there
 

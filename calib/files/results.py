@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from calib.arm.kinematics import forward
+from calib.arm.robot import Robot
+from calib.arrays import Array
 from calib.files.levels import level_fields
 from calib.identify import ADVICE, Identification, Residuals
 from calib.identify.common import Shared
 from calib.identify.pairs import pair_errors
-from calib.kinematics import forward
 from calib.poses import Poses
-from calib.robot import Robot
-from calib.se3 import Array
 
 _MM = 1e3
 _RMS_KEYS = ("nominal", "fitted_all", "fitted", "heldout", "heldout_trimmed")
@@ -172,7 +172,7 @@ def _bases(result: Identification) -> dict[str, Any]:
 
 
 def _shortest(rotation: np.ndarray[Any, np.dtype[np.float64]]) -> list[float]:
-    from calib.se3 import so3_exp, so3_log
+    from calib.arm.se3 import so3_exp, so3_log
 
     return list(so3_log(so3_exp(rotation)))
 

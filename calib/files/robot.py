@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from calib.arm.robot import Robot
 from calib.files.mjcf import load_mjcf, mjcf_files
 from calib.files.urdf import load_urdf
-from calib.robot import Robot
 
 READERS = {"urdf": load_urdf, "mjcf": load_mjcf}
 

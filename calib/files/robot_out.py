@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects.base import Base
 from calib.effects.protocol import Constant
@@ -15,7 +16,6 @@ from calib.files.robot import load_robot
 from calib.files.urdf_out import corrected_urdf
 from calib.files.urdf_to_mjcf import mjcf_of_urdf
 from calib.model import Model
-from calib.se3 import Array
 
 Form = Literal["urdf", "mjcf"]
 

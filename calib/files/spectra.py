@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.diagnosis.spectra import Line, Spectrum
-from calib.se3 import Array
 
 _MOST = 800  # numbers of cycles in a file: several at each pixel of a figure
 _URAD = 1e-6

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.arm.robot import Robot
+from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.columns import (
@@ -22,10 +24,8 @@ from calib.files.columns import (
     torque_columns,
 )
 from calib.files.csv_table import LONGEST_LINE, Table, read_table
-from calib.moves import with_moves
-from calib.poses import IntArray, Measurements, Poses, hung, poses_at
-from calib.robot import Robot
-from calib.se3 import Array
+from calib.poses import Measurements, Poses, hung, poses_at
+from calib.poses.moves import with_moves
 
 _FARTHEST = 1e4  # m: no instrument of this trade reads as far
 

@@ -9,11 +9,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from calib.arm.robot import Robot
+from calib.arm.se3 import from_xyz_rpy, rotate
+from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.read import fault_of_name
 from calib.files.xml import read_xml
-from calib.robot import Robot
-from calib.se3 import Array, from_xyz_rpy, rotate
 
 _LARGEST_NUMBER = 1e9  # in SI units
 _MOST_JOINTS = 100  # that move

@@ -7,9 +7,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from calib.arm.robot import Robot
+from calib.arm.se3 import displacement, rotate, rpy_from_rotation
+from calib.arrays import Array
 from calib.files.urdf import MOVING, UrdfJoint, chain_of, origin_of, parse
-from calib.robot import Robot
-from calib.se3 import Array, displacement, rotate, rpy_from_rotation
 
 MARKER = "marker_"  # how links and sites of markers begin
 
@@ -21,7 +22,7 @@ def corrected_urdf(
 
     source : path of the nominal URDF
     corrections : ndarray, shape (n + 2, 6), m and rad, displacement of each frame as in
-        :class:`~calib.robot.Robot`; that of the base is not part of the robot and is ignored
+        :class:`~calib.arm.robot.Robot`; that of the base is not part of the robot and is ignored
     markers : dict, name -> ndarray, shape (3,), m, tip frame: written as links ``marker_<name>``
 
     The tip's displacement goes into the last fixed joint, or into the markers where there is none.

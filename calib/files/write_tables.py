@@ -8,12 +8,12 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from calib.arm.robot import Robot
+from calib.arm.statics import wrench_with_load
+from calib.arrays import Array
 from calib.cell import Cell
 from calib.files.columns import WRENCH, torque_columns
 from calib.poses import Measurements, Poses
-from calib.robot import Robot
-from calib.se3 import Array
-from calib.statics import wrench_with_load
 
 
 def _joint_header(robot: Robot) -> list[str]:

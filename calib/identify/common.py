@@ -14,11 +14,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arm.robot import Robot
+from calib.arrays import Array, Mask
 from calib.poses import Measurements, Poses
-from calib.robot import Robot
-from calib.se3 import Array
 
 SURELY = 0.01
 """Probability by chance below which outliers share something."""
@@ -109,7 +108,7 @@ def _ranges(data: Measurements) -> Array:
     return np.asarray(lengths.sum(axis=1) / np.maximum(data.seen.sum(axis=1), 1))
 
 
-def shared(variables: tuple[Variable, ...], outlier: NDArray[np.bool_]) -> Shared | None:
+def shared(variables: tuple[Variable, ...], outlier: Mask) -> Shared | None:
     """The one variable in which the outliers stand together, None where chance explains them.
 
     outlier : ndarray of bool, shape (m,)
@@ -131,7 +130,7 @@ def shared(variables: tuple[Variable, ...], outlier: NDArray[np.bool_]) -> Share
     return _extrapolated(variables, outlier)
 
 
-def _closest(v: Variable, outlier: NDArray[np.bool_], c: int, tried: int) -> Shared | None:
+def _closest(v: Variable, outlier: Mask, c: int, tried: int) -> Shared | None:
     """The c outliers whose interval holds the fewest poses; None where it holds half of all."""
     n, k = len(outlier), int(outlier.sum())
     own, every = np.sort(v.values[outlier]), np.sort(v.values)
@@ -158,7 +157,7 @@ def within(n: int, k: int, c: int, s: int) -> float:
     return float(min(1.0, np.exp(logs).sum()))
 
 
-def _extrapolated(variables: tuple[Variable, ...], outlier: NDArray[np.bool_]) -> Shared | None:
+def _extrapolated(variables: tuple[Variable, ...], outlier: Mask) -> Shared | None:
     """An outlier that lies alone far beyond all other poses; p is that any falls on such a pose.
 
     That the model is extrapolated there is so whatever the chance.

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.covariance import Identifiable, identifiable
+from calib.arrays import Array, Mask
 from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
@@ -16,10 +15,8 @@ from calib.identify.identification import Method
 from calib.identify.solver import Minimum, levenberg_marquardt
 from calib.identify.two_step import alternate
 from calib.model import Model
+from calib.model.covariance import Identifiable, identifiable
 from calib.observations import Observation
-from calib.se3 import Array
-
-Mask = NDArray[np.bool_]
 
 _TURNS = 12  # rigid parameters and elastic differences in turn: each gains three digits
 _SETTLED = 1e-6  # of a plausible size

@@ -7,18 +7,17 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.covariance import Unidentifiable, correlation
+from calib.arrays import Array, Mask
 from calib.effects.base import Base
 from calib.identify.common import Shared, shared, variables_of
 from calib.identify.noise_level import NoiseLevel
 from calib.model import Model
+from calib.model.covariance import Unidentifiable, correlation
+from calib.model.reduction import Dropped
 from calib.observations import Approach
 from calib.poses import Measurements, Poses
-from calib.reduction import Dropped
 from calib.scatter import Levels, Scatter
-from calib.se3 import Array
 
 Status = Literal["converged", "not_converged", "rank_deficient"]
 Method = Literal["joint", "two-step"]
@@ -47,11 +46,11 @@ class Residuals:
 
     data: Measurements
     vectors: Array
-    outlier: NDArray[np.bool_]
+    outlier: Mask
     statistic: Array
     limit: float
 
-    def lengths(self, poses: NDArray[np.bool_] | None = None) -> Array:
+    def lengths(self, poses: Mask | None = None) -> Array:
         """Distances of the visible points, shape (n,), m.
 
         poses : ndarray of bool, shape (m,), whose points; all by default
@@ -68,7 +67,7 @@ class Identification:
     model : Model; values : ndarray, shape (p,), SI, in the order of ``model.parameters``
     covariance : ndarray, shape (p, p), SI, base and tool included; zero for what was not estimated
     ignorance : ndarray, shape (p, p), SI, what values that were not estimated add to it, at their
-        plausible sizes (:func:`calib.covariance.ignorance`)
+        plausible sizes (:func:`calib.model.covariance.ignorance`)
     unidentifiable : tuple of Unidentifiable, what the poses do not determine
     absorbed : tuple of Dropped, constants that others stand for at any pose
     undecided : tuple of str, poses that are outliers by one fit and none by the next

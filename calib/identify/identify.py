@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.build import build, lacking, refuse_idle_effects
+from calib.arm.se3 import rotate
+from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.covariance import clustered, covariance, ignorance
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.errors import CalibError, TooFewPoses, Unsolvable
-from calib.identify.estimators import Differences, Estimator, Mask, Readings, steps
+from calib.identify.estimators import Differences, Estimator, Readings, steps
 from calib.identify.identification import Identification, Method, Residuals, Status
 from calib.identify.initial import initial_values
 from calib.identify.mistakes import refuse_mistakes, refuse_unreachable
@@ -22,7 +22,8 @@ from calib.identify.search import Found, search
 from calib.identify.solver import levenberg_marquardt
 from calib.identify.tuning import profiled, with_tunings
 from calib.model import Model
-from calib.moves import of_one_clock
+from calib.model.build import build, lacking, refuse_idle_effects
+from calib.model.covariance import clustered, covariance, ignorance
 from calib.observations import (
     Approach,
     Observation,
@@ -33,8 +34,8 @@ from calib.observations import (
     with_measured_shape,
 )
 from calib.poses import Measurements
+from calib.poses.moves import of_one_clock
 from calib.scatter import Levels, Scatter, Variances, levels_of, scatter_of
-from calib.se3 import Array, rotate
 from calib.threads import one_blas_thread
 
 _NO_UNIT = 1e5  # arm lengths between points, beyond which no wrong unit explains them

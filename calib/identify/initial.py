@@ -9,24 +9,16 @@ anywhere, turned anyhow, and one marker is enough.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arm.kinematics import forward
+from calib.arm.se3 import nearest_rotation, rotate, skew, so3_exp, so3_log, so3_right_jacobian
+from calib.arrays import Array, Mask
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.identify.solver import levenberg_marquardt
-from calib.kinematics import forward
 from calib.model import Model
 from calib.observations.shape import free_components
 from calib.poses import Measurements
-from calib.se3 import (
-    Array,
-    nearest_rotation,
-    rotate,
-    skew,
-    so3_exp,
-    so3_log,
-    so3_right_jacobian,
-)
 
 _STARTS = 256
 _FOLLOWED = 12  # the best of them
@@ -66,11 +58,11 @@ def initial_values(model: Model, data: Measurements) -> Array:
 
 def _place(
     points: Array,
-    seen: NDArray[np.bool_],
+    seen: Mask,
     R_tip: Array,
     p_tip: Array,
     markers: Array,
-    free: NDArray[np.bool_],
+    free: Mask,
     has_base: bool,
 ) -> tuple[Array, Array, Array]:
     """Rotation and translation of the base in the readings' frame, and the markers in the tip's."""

@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.poses import Measurements
 from calib.scatter import Levels
-from calib.se3 import Array
 
 _DISAGREE = 0.01  # p value at which two estimates of the noise are taken to differ
 _FEWEST = 10  # degrees of freedom of a repeat estimate worth using

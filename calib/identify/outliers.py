@@ -12,10 +12,9 @@ when it lies beyond what the largest of m such draws would reach once in a thous
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.covariance import covariance
-from calib.se3 import Array
+from calib.arrays import Array, Mask
+from calib.model.covariance import covariance
 
 _ALPHA = 1e-3
 _MOST = 0.12  # share of the poses that may be called outliers
@@ -24,9 +23,7 @@ _FEW = 30  # poses below which quartiles mean little and poses are tested one by
 _SINGULAR = 0.02  # directions in which a pose is fitted through itself say nothing
 
 
-def pose_statistics(
-    r: Array, J: Array, kept: NDArray[np.bool_], span: Array
-) -> tuple[Array, Array]:
+def pose_statistics(r: Array, J: Array, kept: Mask, span: Array) -> tuple[Array, Array]:
     """Mean square of the residual of each pose over its predicted variance, and its rows, (m,) each.
 
     r : ndarray, shape (m, rows), whitened; zero rows for hidden markers
@@ -37,7 +34,7 @@ def pose_statistics(
     return fit_statistics(r, J, kept, covariance(J[kept].reshape(-1, J.shape[-1]), span))
 
 
-def fit_statistics(r: Array, J: Array, kept: NDArray[np.bool_], cov: Array) -> tuple[Array, Array]:
+def fit_statistics(r: Array, J: Array, kept: Mask, cov: Array) -> tuple[Array, Array]:
     """The same for a fit of the kept rows, and whatever else held it, with covariance (p, p)."""
     return _mean_squares(r, J, cov, np.where(kept, -1.0, 1.0))
 
@@ -80,7 +77,7 @@ def threshold(statistics: Array, rows: int) -> float:
     return float(middle * largest * (1.0 + 1.0 / np.sqrt(m)))
 
 
-def judge(statistics: Array, limit: float) -> NDArray[np.bool_]:
+def judge(statistics: Array, limit: float) -> Mask:
     """Which poses are outliers, shape (m,): beyond the limit, and at most 12 per cent of them."""
     most = int(_MOST * len(statistics))
     order = np.argsort(-statistics)
@@ -94,9 +91,7 @@ def small_set(poses: int) -> bool:
     return _FEWEST <= poses < _FEW
 
 
-def next_outlier(
-    statistics: Array, rows: Array, kept: NDArray[np.bool_], cost: float, dof: int
-) -> int | None:
+def next_outlier(statistics: Array, rows: Array, kept: Mask, cost: float, dof: int) -> int | None:
     """The worst of the kept poses of a small set, if the fit without it says so, else None.
 
     statistics, rows : ndarray, shape (m,), mean squares and numbers of rows of the poses, as of
@@ -118,9 +113,7 @@ def next_outlier(
     return worst if float(fdtrc(k, left, F)) < _ALPHA / m else None
 
 
-def wrongly_out(
-    statistics: Array, rows: Array, kept: NDArray[np.bool_], cost: float, dof: int
-) -> int | None:
+def wrongly_out(statistics: Array, rows: Array, kept: Mask, cost: float, dof: int) -> int | None:
     """The pose of a small set that was left out and agrees best with the fit without it, else None.
 
     The test of :func:`next_outlier`, the other way round; arguments, shapes (m,), as there. A pose

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.poses import IntArray, Measurements
-from calib.se3 import Array
+from calib.arrays import Array, IntArray
+from calib.poses import Measurements
 
 _NEAR_M = 0.05  # pairs closer than this say little of the arm
 _MOST = 400_000

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.covariance import Identifiable
+from calib.arrays import Array, Mask
 from calib.errors import CalibError
-from calib.identify.estimators import Estimator, Mask, choose_directions, rigid_directions
+from calib.identify.estimators import Estimator, choose_directions, rigid_directions
 from calib.identify.outliers import (
     judge,
     next_outlier,
@@ -18,8 +18,8 @@ from calib.identify.outliers import (
     wrongly_out,
 )
 from calib.identify.solver import Minimum
+from calib.model.covariance import Identifiable
 from calib.observations import Observation
-from calib.se3 import Array
 
 _ROUNDS = 12  # times that outliers are judged anew
 

@@ -11,9 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.se3 import Array
+from calib.arrays import Array, Mask
 
 Linearise = Callable[[Array], tuple[Array, Array]]
 """values (..., p) -> residuals (..., N) and their derivatives (..., N, p)."""
@@ -38,7 +37,7 @@ class Minimum:
 
     values: Array
     cost: Array
-    converged: NDArray[np.bool_]
+    converged: Mask
     iterations: int
 
 

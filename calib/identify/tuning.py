@@ -15,13 +15,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.effects.tuned import Tuned
 from calib.identify.estimators import choose_directions
 from calib.identify.solver import levenberg_marquardt
 from calib.model import Model
 from calib.observations import Observation, Points
 from calib.poses import Poses
-from calib.se3 import Array
 
 _HUBER = 3.0  # median lengths of a pose's residual beyond which it counts less
 _ROUNDS, _SETTLED = 8, 0.05

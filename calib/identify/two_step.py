@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.identify.solver import Linearise, Minimum, damped_step, normal_equations
-from calib.se3 import Array
 
 _SETTLED = 1e-6  # length of a turn in standard deviations of the estimate
 _MOST_TURNS = 200_000

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.observations.protocol import Observation
-from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,14 +13,14 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arm.se3 import fit_rigid, rotate, so3_exp, so3_log, transform
+from calib.arrays import Array, Mask
 from calib.effects.tool import Tool
 from calib.observations.points import Points
 from calib.observations.protocol import Observation
 from calib.observations.rigid import orientable, pose_from_points, rigid_motions
 from calib.observations.shape import free_components, kept_in_place, shape_response
-from calib.se3 import Array, fit_rigid, rotate, so3_exp, so3_log, transform
 
 Weighting = Literal["full", "normalised", "plain"]
 
@@ -61,7 +61,7 @@ class Pose(Observation):
         return np.asarray((self.scale @ self.computed[1]) @ flat)
 
     @cached_property
-    def usable(self) -> NDArray[np.bool_]:
+    def usable(self) -> Mask:
         """Poses whose visible markers fix an orientation, shape (m,)."""
         return orientable(self.shape.reshape(-1, *self.shape.shape[-2:])[0], self.counted)
 

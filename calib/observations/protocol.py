@@ -8,13 +8,12 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.covariance import covariance, gain
+from calib.arrays import Array, Mask
 from calib.model import Model
+from calib.model.covariance import covariance, gain
 from calib.poses import Measurements
 from calib.scatter.poses import Mixing, Scatter
-from calib.se3 import Array
 
 if TYPE_CHECKING:
     from calib.observations.points import Points
@@ -98,7 +97,7 @@ class Observation(ABC):
         follow = gain(J.reshape(-1, J.shape[-1]), span).T.reshape(*r.shape, -1)
         return follow if self.weighing is None else self.weighing.back(follow)
 
-    def only(self, kept: NDArray[np.bool_]) -> Self:
+    def only(self, kept: Mask) -> Self:
         """The observation with the other poses weighted out; kept has shape (m,)."""
         return replace(self, weights=self.weights * kept[:, None, None, None])
 
@@ -110,6 +109,6 @@ class Observation(ABC):
         return Points(self.model, self.data, self.weights, centred, scatter=scatter)
 
     @property
-    def counted(self) -> NDArray[np.bool_]:
+    def counted(self) -> Mask:
         """Markers that count, shape (m, M)."""
         return np.asarray(self.data.seen & self.weights.any(axis=(-1, -2)))

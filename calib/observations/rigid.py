@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.se3 import Array, skew
+from calib.arm.se3 import skew
+from calib.arrays import Array, Mask
 
 _COLLINEAR = 1e-3  # ratio of marker spreads below which no orientation can be computed
 
@@ -17,7 +17,7 @@ def rigid_motions(points: Array) -> Array:
     return columns.reshape((*points.shape[:-2], -1, 6))
 
 
-def orientable(markers: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def orientable(markers: Array, seen: Mask) -> Mask:
     """Whether the visible markers of a pose span a plane, shape (m,)."""
     weight = seen.astype(float)[..., None]
     mean = (weight * markers).sum(axis=1, keepdims=True) / np.maximum(
@@ -30,7 +30,7 @@ def orientable(markers: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def pose_from_points(
-    points: Array, origin: Array, seen: NDArray[np.bool_], weights: Array | None = None
+    points: Array, origin: Array, seen: Mask, weights: Array | None = None
 ) -> Array:
     """Least-squares pose change for changes of the points, shape (..., m, 6, 3 M).
 

@@ -7,19 +7,19 @@ the poses that fit all points best (generalised Procrustes). Its error is common
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arm.se3 import fit_rigid, rotate, so3_exp
+from calib.arrays import Array, Mask
 from calib.effects.tool import Tool
 from calib.model import Model
 from calib.observations.rigid import orientable, pose_from_points, rigid_motions
 from calib.poses import Measurements
-from calib.se3 import Array, fit_rigid, rotate, so3_exp
 
 _ROUNDS = 50
 _SETTLED_M = 1e-11
 
 
-def free_components(model: Model) -> NDArray[np.bool_]:
+def free_components(model: Model) -> Mask:
     """Components of the markers that are parameters of the model, shape (M, 3)."""
     free = np.zeros(model.markers.shape, dtype=bool)
     for effect in model.effects:
@@ -55,7 +55,7 @@ def with_measured_shape(model: Model, data: Measurements, values: Array) -> Arra
     return placed
 
 
-def _laid(shape: Array, markers: Array, free: NDArray[np.bool_]) -> Array:
+def _laid(shape: Array, markers: Array, free: Mask) -> Array:
     """The shape moved onto the markers, and then so that what is not free coincides."""
     T = fit_rigid(np.broadcast_to(markers, shape.shape), shape)
     laid = rotate(T[..., None, :3, :3], shape) + T[..., None, :3, 3]
@@ -68,12 +68,12 @@ def _laid(shape: Array, markers: Array, free: NDArray[np.bool_]) -> Array:
     return laid
 
 
-def _back(shape: Array, free: NDArray[np.bool_]) -> Array:
+def _back(shape: Array, free: Mask) -> Array:
     """Smallest rigid motion that takes changes of the components that are not free back, (6, c)."""
     return np.asarray(-np.linalg.pinv(rigid_motions(shape)[~free.reshape(-1)], rcond=1e-9))
 
 
-def shape_response(T: Array, shape: Array, seen: NDArray[np.bool_]) -> Array:
+def shape_response(T: Array, shape: Array, seen: Mask) -> Array:
     """How the shape follows the points of each pose to first order, (..., m, 3 M, 3 M), m/m.
 
     T : ndarray, shape (..., m, 4, 4), poses; shape : ndarray, shape (..., M, 3), m, tip axes
@@ -94,7 +94,7 @@ def shape_response(T: Array, shape: Array, seen: NDArray[np.bool_]) -> Array:
     return np.asarray(turned.reshape((*batch, m, 3 * M, 3 * M)))
 
 
-def kept_in_place(shape: Array, free: NDArray[np.bool_]) -> Array:
+def kept_in_place(shape: Array, free: Mask) -> Array:
     """What becomes of a change of the shape once components that are not free are back, (3 M, 3 M)."""
     fixed = ~free.reshape(-1)
     change = np.eye(3 * len(shape))

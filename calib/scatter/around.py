@@ -14,9 +14,8 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.poses import IntArray
+from calib.arrays import Array, IntArray
 from calib.scatter.restricted import Independent, Likelihood, Turned, independent, likelihood, step
-from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,13 +16,14 @@ from typing import Any
 
 import numpy as np
 
+from calib.arm.kinematics import Frames, forward
+from calib.arm.se3 import cross, rotate
+from calib.arrays import Array, IntArray
 from calib.cell import Repeatability
-from calib.kinematics import Frames, forward
 from calib.model import Model
-from calib.poses import IntArray, Poses
+from calib.poses import Poses
+from calib.poses.visits import visits
 from calib.scatter.variances import Variances, lever_of
-from calib.se3 import Array, cross, rotate
-from calib.visits import visits
 
 
 @dataclass(frozen=True, eq=False)

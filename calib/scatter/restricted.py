@@ -21,9 +21,8 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.poses import IntArray
+from calib.arrays import Array, IntArray
 from calib.scatter.poses import Scatter, by_size
-from calib.se3 import Array
 
 _RIGID = 6
 _DEPENDENT = 1e-12

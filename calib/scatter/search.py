@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.cell import Repeatability
-from calib.poses import IntArray
 from calib.scatter.poses import Scatter
 from calib.scatter.restricted import Likelihood, Turned, likelihood, maximised, turned
 from calib.scatter.variances import Variances
-from calib.se3 import Array
 
 _PAYS = 6.0  # fall of -2 log likelihood; half a chi-square at the bound: once in seventy by chance
 _TRIED = 2  # of the most, or the least, promising

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.cell import Repeatability
-from calib.poses import IntArray
-from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)

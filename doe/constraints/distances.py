@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 
 _PARALLEL = 1e-16  # sin^2 of an angle that rounding cannot tell from zero
 _ACROSS = 1e-12  # m; a segment that runs less than this along an axis of a box stays level with it

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.se3 import Array
 from doe.constraints.protocol import Constraint
-from doe.constraints.scene import BoolArray, Scene
+from doe.constraints.scene import Scene
 
 _SLACK = 1e-9
 
@@ -26,7 +26,7 @@ class HangingLoad(Constraint):
     max_tilt: float
     name: str = "hanging_load"
 
-    def allows(self, scene: Scene) -> BoolArray:
+    def allows(self, scene: Scene) -> Mask:
         sine = np.abs(scene.frames.R[:, -1, :, 0] @ self.down)
         return np.asarray(sine <= np.sin(self.max_tilt) + _SLACK)
 

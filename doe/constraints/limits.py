@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.se3 import Array
 from doe.constraints.protocol import Constraint
-from doe.constraints.scene import BoolArray, Scene
+from doe.constraints.scene import Scene
 
 _SLACK = 1e-9  # rad or m; a limit that is converted from degrees is still reached
 
@@ -21,7 +21,7 @@ class JointLimits(Constraint):
     limits: Array
     name: str = "joint_limits"
 
-    def allows(self, scene: Scene) -> BoolArray:
+    def allows(self, scene: Scene) -> Mask:
         low, high = self.limits[:, 0] - _SLACK, self.limits[:, 1] + _SLACK
         return np.asarray(((scene.q >= low) & (scene.q <= high)).all(axis=1))
 

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from calib.arm.se3 import from_xyz_rpy
+from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.se3 import Array, from_xyz_rpy
 from doe.constraints.distances import (
     point_box,
     point_segment,
@@ -22,7 +23,7 @@ from doe.constraints.distances import (
     segment_halfspace,
 )
 from doe.constraints.protocol import Constraint
-from doe.constraints.scene import BoolArray, Scene
+from doe.constraints.scene import Scene
 
 _MM = 1e-3
 
@@ -46,7 +47,7 @@ class Obstacle(Constraint):
         """Centre (3,) and radius [m] of a ball that holds it; None for what has no end."""
         return None
 
-    def allows(self, scene: Scene) -> BoolArray:
+    def allows(self, scene: Scene) -> Mask:
         free = np.ones(len(scene), dtype=bool)
         for capsule in scene.capsules:
             if capsule.moves:

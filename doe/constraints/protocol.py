@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
-from doe.constraints.scene import BoolArray, Scene
+from calib.arrays import Mask
+from doe.constraints.scene import Scene
 
 
 class Constraint(ABC):
@@ -20,5 +21,5 @@ class Constraint(ABC):
     name: str
 
     @abstractmethod
-    def allows(self, scene: Scene) -> BoolArray:
+    def allows(self, scene: Scene) -> Mask:
         """Whether each of the n configurations may be measured, shape (n,)."""

@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calib.arm.kinematics import Frames, forward, link_origins
+from calib.arrays import Array
 from calib.cell import Capsule, Cell
 from calib.errors import CalibError
-from calib.kinematics import Frames, forward, link_origins
-from calib.se3 import Array
-
-BoolArray: TypeAlias = NDArray[np.bool_]
 
 BASE = 0
 

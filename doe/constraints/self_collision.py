@@ -7,16 +7,11 @@ from itertools import combinations
 
 import numpy as np
 
+from calib.arrays import Mask
 from calib.cell import Cell
 from doe.constraints.distances import segment_segment
 from doe.constraints.protocol import Constraint
-from doe.constraints.scene import (
-    BoolArray,
-    PlacedCapsule,
-    Scene,
-    named_capsules,
-    scene_of,
-)
+from doe.constraints.scene import PlacedCapsule, Scene, named_capsules, scene_of
 
 _PROBE = 500  # configurations
 _ALWAYS = 0.99  # of them
@@ -37,7 +32,7 @@ class SelfCollision(Constraint):
     exempt: tuple[tuple[str, str], ...] = ()
     name: str = "self_collision"
 
-    def allows(self, scene: Scene) -> BoolArray:
+    def allows(self, scene: Scene) -> Mask:
         free = np.ones(len(scene), dtype=bool)
         for i, j in self.pairs:
             free &= ~overlap(scene.capsules[i], scene.capsules[j], free)
@@ -63,7 +58,7 @@ def self_collision(cell: Cell) -> SelfCollision | None:
     return SelfCollision(tuple(checked), tuple(exempt))
 
 
-def overlap(a: PlacedCapsule, b: PlacedCapsule, among: BoolArray) -> BoolArray:
+def overlap(a: PlacedCapsule, b: PlacedCapsule, among: Mask) -> Mask:
     """Whether two capsules meet, shape (n,); False where ``among`` is."""
     between = a.centre - b.centre
     near = np.einsum("ni,ni->n", between, between) <= (a.reach + b.reach) ** 2

@@ -6,16 +6,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array, Mask
 from doe.constraints.distances import point_segment, segment_segment
 from doe.constraints.obstacles import Obstacle, obstacles_of
-from doe.constraints.scene import BoolArray, PlacedCapsule, Scene, turned
+from doe.constraints.scene import PlacedCapsule, Scene, turned
 
 _SKIN = 1e-6  # m; a marker this close to a surface is mounted on it
 _SLACK = 1e-12
 
 
-def visible(scene: Scene) -> BoolArray:
+def visible(scene: Scene) -> Mask:
     """Whether each marker is seen at each configuration, shape (n, M).
 
     Hidden by a capsule across the beam, unless the marker itself sits in it; by a box or a ball
@@ -37,7 +37,7 @@ def hidden_by(scene: Scene) -> dict[tuple[int, int], str]:
     return {(int(i), j): why for why, j, hidden in _hidings(scene) for i in np.flatnonzero(hidden)}
 
 
-def _hidings(scene: Scene) -> Iterator[tuple[str, int, BoolArray]]:
+def _hidings(scene: Scene) -> Iterator[tuple[str, int, Mask]]:
     """Cause, marker, and the configurations (n,) where it is the first to hide that marker."""
     cell = scene.cell
     if cell.instrument is None:
@@ -56,7 +56,7 @@ def _hidings(scene: Scene) -> Iterator[tuple[str, int, BoolArray]]:
             yield f"behind {obstacle.name}", j, hidden
 
 
-def _facing(scene: Scene, j: int) -> BoolArray:
+def _facing(scene: Scene, j: int) -> Mask:
     """Whether the beam meets marker j within its acceptance, shape (n,)."""
     cell, normal = scene.cell, scene.cell.marker_normals[j]
     if np.isnan(normal).any() or cell.instrument is None:
@@ -68,9 +68,7 @@ def _facing(scene: Scene, j: int) -> BoolArray:
     return np.asarray(cosine >= (least - _SLACK) * np.linalg.norm(beam, axis=1))
 
 
-def _behind_capsule(
-    marker: Array, capsule: PlacedCapsule, instrument: Array, among: BoolArray
-) -> BoolArray:
+def _behind_capsule(marker: Array, capsule: PlacedCapsule, instrument: Array, among: Mask) -> Mask:
     near = point_segment(capsule.centre, instrument, marker) < capsule.reach
     at = np.flatnonzero(near & among)
     start, end = capsule.start[at], capsule.end[at]
@@ -84,9 +82,7 @@ def _stands_in_the_way(obstacle: Obstacle, instrument: Array) -> bool:
     return obstacle.ball is not None and bool(obstacle.from_point(instrument[None])[0] > 0.0)
 
 
-def _behind_obstacle(
-    marker: Array, obstacle: Obstacle, instrument: Array, among: BoolArray
-) -> BoolArray:
+def _behind_obstacle(marker: Array, obstacle: Obstacle, instrument: Array, among: Mask) -> Mask:
     hidden = np.zeros(len(among), dtype=bool)
     if obstacle.ball is None:
         return hidden

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arm.se3 import skew
+from calib.arrays import Array, Mask
 from calib.cell import Cell, Load
-from calib.se3 import Array, skew
 from doe.constraints.protocol import Constraint
-from doe.constraints.scene import BoolArray, Scene, turned
+from doe.constraints.scene import Scene, turned
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +23,7 @@ class JointTorque(Constraint):
     efforts: Array
     name: str = "joint_torque"
 
-    def allows(self, scene: Scene) -> BoolArray:
+    def allows(self, scene: Scene) -> Mask:
         readings = static_torques(scene)
         return np.asarray((np.abs(readings) <= self.efforts).all(axis=(0, 2)))
 
@@ -40,7 +41,7 @@ def joint_torque(cell: Cell) -> JointTorque | None:
 def static_torques(scene: Scene) -> Array:
     """Torque [N m] or force [N] along each joint, shape (2, n, dof): free, and with the load.
 
-    What :func:`calib.statics.transmitted` gives in all six components, at several times the cost.
+    What :func:`calib.arm.statics.transmitted` gives in all six components, at several times the cost.
     """
     cell, robot = scene.cell, scene.cell.robot
     load = cell.load or Load(0.0, (0.0, 0.0, 0.0))

@@ -8,9 +8,9 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 from doe.criteria.protocol import Conic, Criterion, Question
-from doe.packed import pack
+from doe.optimal.packed import pack
 
 
 @dataclass(frozen=True, eq=False)

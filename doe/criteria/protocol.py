@@ -1,14 +1,8 @@
-"""What a criterion is: an information function of the plan's information matrix.
+"""What a criterion is: an information function that knows the robot's question.
 
-A criterion ``Phi(M)`` is concave, grows with M and is homogeneous of degree one: twice the
-measurements, twice the value (Pukelsheim, Optimal Design of Experiments, 1993, chapter 5). From this
-alone follows the certificate that all of ``doe`` rests on. At any positive definite M, with G a
-supergradient there,
-
-    Phi(M') <= <G, M'>    for every information matrix M' ,
-
-so no plan is better than the largest ``<G, M'>``, which a sort of the candidates finds. A new criterion
-is one file with one such class and one entry in ``doe.criteria.CRITERIA``.
+What makes an information function, and why that alone lets the certificate hold, is told in
+:mod:`doe.optimal.function`. A new criterion is one file with one such class and one entry in
+``doe.criteria.CRITERIA``.
 
 Matrices are in the coordinates y of ``theta = T y``, in which the mean information of the pool is the
 identity; a criterion that speaks of the parameters themselves carries T.
@@ -16,18 +10,17 @@ identity; a criterion that speaks of the parameters themselves carries T.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.model import Model
-from calib.poses import IntArray
-from calib.se3 import Array
-from doe.packed import pack
+from doe.optimal.function import Conic, InformationFunction
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,27 +65,11 @@ class Question:
         return np.arange(len(self.T)) if self.subset is None else self.subset
 
 
-@dataclass(frozen=True, eq=False)
-class Conic:
-    """A criterion for cvxpy.
+class Criterion(InformationFunction):
+    """An information function that a robot's question sets up, and that people read in a unit."""
 
-    objective : expression to maximise, with the maximiser of the criterion; constraints : list
-    witness : callable, after the solution: a supergradient taken from the dual variables, for criteria
-        with a kink at the optimum; None where the gradient serves
-    """
-
-    objective: Any
-    constraints: list[Any] = field(default_factory=list)
-    witness: Callable[[], Array] | None = None
-
-
-class Criterion(ABC):
-    """How much a plan tells, ``Phi(M)``: the more the better."""
-
-    name: ClassVar[str]
     unit: ClassVar[str]
     larger_is_better: ClassVar[bool] = False
-    smooth: ClassVar[bool] = False
 
     @property
     def plain(self) -> Criterion:
@@ -110,40 +87,8 @@ class Criterion(ABC):
         """The criterion for a question. Raises CalibError where it lacks something."""
 
     @abstractmethod
-    def value(self, M: Array) -> Array:
-        """``Phi(M)`` of positive definite matrices (..., p, p), shape (...)."""
-
-    @abstractmethod
-    def gradient(self, M: Array) -> Array:
-        """A matrix G >= 0 of shape (p, p) with ``Phi(M') <= <G, M'>`` for all M', tight at M.
-
-        Tight: ``<G, M> = Phi(M)``, nearly so for criteria with a kink.
-        """
-
-    def screen(self, base: Array, packed: Array, rank: int) -> Array:
-        """Upper bound on ``Phi(base + M_j)`` of packed candidates, shape (n,): the gradient at base.
-
-        base : ndarray, shape (p, p); rank : int, of every M_j at most
-        """
-        G = self.gradient(base)
-        return np.asarray(packed @ pack(G) + (G * base).sum())
-
-    @abstractmethod
-    def conic(self, M: Any, at: Array) -> Conic:
-        """The criterion in cvxpy.
-
-        M : symmetric expression of shape (p, p)
-        at : ndarray, shape (R, p, p), where it has been, the last one now
-        """
-
-    @abstractmethod
     def shown(self, value: float) -> float:
         """The value as people read it, in ``unit``."""
 
-    def curvature(self, M: Array, columns: Array) -> tuple[float, Array, Array]:
-        """A convex cost of the same optimum over weights of columns, where ``smooth`` says so.
 
-        columns : ndarray, shape (q, p, p)
-        Returns the cost at M, its gradient (q,) and rows (q, k) with Hessian ``rows @ rows^T``.
-        """
-        raise NotImplementedError(f"criterion {self.name} is not smooth")
+__all__ = ["Conic", "Criterion", "Question"]

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 from doe.criteria.protocol import Conic, Criterion
-from doe.packed import pack
+from doe.optimal.packed import pack
 
 _SHARPNESS = 60.0  # exponent with which the default supergradient weighs the smallest ones
 _LEAST = 1e-300  # a variance is above zero, whatever rounding makes of it

@@ -7,8 +7,8 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.errors import CalibError
-from calib.se3 import Array
 from doe.criteria.protocol import Conic, Criterion, Question
 
 

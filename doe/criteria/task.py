@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 from doe.criteria.protocol import Criterion, Question
 from doe.criteria.trace import Trace
 

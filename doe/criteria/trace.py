@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 from doe.criteria.protocol import Conic, Criterion
 
 

@@ -23,9 +23,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.diagnosis.screen import VISIBLE
-from calib.poses import IntArray
-from calib.se3 import Array
 
 _FREE = 10.0  # plausible sizes to which what is modelled is known beforehand
 _IMITATES = 100.0  # plausible sizes that a rival may take to imitate another

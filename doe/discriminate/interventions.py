@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.arm.se3 import so3_exp
+from calib.arrays import Array
 from calib.effects.base import Base
 from calib.effects.protocol import ReadingEffect
 from calib.effects.thermal_expansion import translations
-from calib.se3 import Array, so3_exp
 from doe.discriminate.session import Hung
 from doe.discriminate.situation import Situation
 

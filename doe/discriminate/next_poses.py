@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.cell import Cell
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.stage import positions
 from calib.errors import CalibError
 from calib.poses import Poses, poses_at
-from calib.se3 import Array
 from calib.threads import one_blas_thread
 from doe.discriminate.evidence import Evidence, Known
 from doe.discriminate.interventions import interventions, padded
 from doe.discriminate.rivalry import Rivalry, rivalries
 from doe.discriminate.search import search_of
 from doe.discriminate.situation import Offer, Situation, data_rows, offer_of, situation_of
-from doe.order import visiting_order
+from doe.visits.order import visiting_order
 
 TOLD = 0.95
 """Predicted probability at which two rivals count as told apart."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from calib.robot import Robot
+from calib.arm.robot import Robot
 from doe.discriminate.next_poses import NextPoses
 from doe.results import joint_fields
 

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.se3 import Array
+from calib.arrays import Array, Mask
 from doe.discriminate.evidence import Evidence, Known, margins
 from doe.discriminate.situation import Offer
 
@@ -28,7 +27,7 @@ class Contested:
 
     evidence: Evidence
     handicap: Array
-    hopeful: NDArray[np.bool_]
+    hopeful: Mask
 
     def margins(self, S: Array) -> Array:
         """Of the hopeful pairs, shape (..., hopeful)."""

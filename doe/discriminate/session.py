@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.kinematics import forward
-from calib.moves import moves
+from calib.arm.kinematics import forward
+from calib.arm.robot import Robot
+from calib.arm.se3 import cross, rotate, skew
+from calib.arrays import Array
 from calib.poses import Poses, poses_at
-from calib.robot import Robot
-from calib.se3 import Array, cross, rotate, skew
+from calib.poses.moves import moves
 
 _FORCE, _MASS = 1.0, 0.1  # N, kg: loads closer than this are one
 _MOST_LOADS = 3

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, IntArray
 from calib.cell import Cell, Load
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.candidates import depends_on
@@ -16,12 +16,11 @@ from calib.model import Model
 from calib.observations import Points
 from calib.poses import Poses
 from calib.scatter import Variances, scatter_of
-from calib.se3 import Array
 from calib.simulate import beams
 from doe.constraints import constraints_of, scene_of, visible
 from doe.discriminate.session import Hung, Session, session_of
-from doe.levels import Levels, levels_of
-from doe.pool import rounded
+from doe.problem.levels import Levels, levels_of
+from doe.problem.pool import rounded
 
 _DRAWN = 8192
 _CHUNK = 512
@@ -164,12 +163,12 @@ class Offer:
     q: Array
     mean: Array
     half: Array | None
-    joint: NDArray[np.int_]
+    joint: IntArray
 
     def __len__(self) -> int:
         return len(self.q)
 
-    def rows(self, index: NDArray[np.int_] | slice, before: Array) -> Array:
+    def rows(self, index: IntArray | slice, before: Array) -> Array:
         """Rows of candidates that are reached from joint values ``before`` (dof,)."""
         if self.half is None:
             return self.mean[index]

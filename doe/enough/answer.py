@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.compensation.unexplained import Unexplained
 from calib.identify import Identification
 from calib.model import Model
-from calib.unexplained import Unexplained
 from doe.curve import stops_paying
 from doe.enough.forecast import Step
 from doe.enough.match import Match

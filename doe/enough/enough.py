@@ -6,25 +6,23 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.build import build, refuse_idle_effects
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
-from calib.covariance import task_error
+from calib.compensation.estimate import estimate_of
+from calib.compensation.unexplained import Unexplained, scatter_at
 from calib.effects.tool import Tool
 from calib.errors import EffectCannotAct, TooFewPoses
-from calib.estimate import estimate_of
 from calib.identify import Identification, identify
 from calib.identify.noise_level import believed_sigma
 from calib.model import Model
-from calib.poses import IntArray, Measurements, Poses
+from calib.model.build import build, refuse_idle_effects
+from calib.model.covariance import task_error
+from calib.poses import Measurements, Poses
+from calib.poses.visits import visits
 from calib.scatter import Variances
-from calib.se3 import Array
 from calib.targets import targets_of
 from calib.threads import one_blas_thread
-from calib.unexplained import Unexplained, scatter_at
-from calib.visits import visits
-from doe.blocks import Blocks
 from doe.constraints import constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question
 from doe.criteria.task import Task
@@ -34,13 +32,12 @@ from doe.enough.match import match
 from doe.enough.session import session
 from doe.enough.sight import Rows, Sight
 from doe.enough.unnoticed import unnoticed
-from doe.information import Regressor
-from doe.nominal import nominal
-from doe.packed import pack
-from doe.pool import drawn, pool_of
-from doe.problem import target_rows
-
-Mask = NDArray[np.bool_]
+from doe.optimal.blocks import Blocks
+from doe.optimal.packed import pack
+from doe.problem.information import Regressor
+from doe.problem.nominal import nominal
+from doe.problem.pool import drawn, pool_of
+from doe.problem.problem import target_rows
 
 _CANDIDATES = 500
 _MOST_FRESH = 30

@@ -8,7 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.covariance import (
+from calib.arrays import Array, IntArray
+from calib.model import Model
+from calib.model.covariance import (
     covariance,
     errors_at,
     identifiable,
@@ -16,14 +18,12 @@ from calib.covariance import (
     task_error,
     working_points,
 )
-from calib.model import Model
-from calib.poses import IntArray, Poses
-from calib.se3 import Array
-from doe.allowed import Allowed
-from doe.blocks import Blocks
+from calib.poses import Poses
 from doe.criteria import Criterion
 from doe.enough.unnoticed import Unnoticed
-from doe.exchange import greedy
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.optimal.exchange import greedy
 
 _SURE = 0.95
 _MANY = 1e6  # degrees of freedom: known

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.api import readings
+from calib.arm.statics import wrench_with_load
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
-from calib.poses import IntArray, Poses
-from calib.se3 import Array
-from calib.statics import wrench_with_load
-from calib.visits import alike, visits
+from calib.poses import Poses
+from calib.poses.visits import alike, visits
 
 _AS_TOLD = np.radians(0.01)  # rad: robots go where they are told, and plans are rounded to this
 _AS_TOLD_M = 1e-5
@@ -66,7 +65,7 @@ def match(cell: Cell, plan: Poses, data: Poses) -> Match:
     return Match(np.flatnonzero(left), int(whole.sum()), tuple(warnings))
 
 
-def _counted(data: Poses, known: NDArray[np.bool_]) -> list[int]:
+def _counted(data: Poses, known: Mask) -> list[int]:
     """Readings that may be the plan's: the first of each stay and load, and all known by name."""
     keys = np.column_stack([visits(data), alike(data)])
     _, first = np.unique(keys, axis=0, return_index=True)
@@ -74,7 +73,7 @@ def _counted(data: Poses, known: NDArray[np.bool_]) -> list[int]:
     return [int(i) for i in (*first, *rest)]
 
 
-def _equally_loaded(given: Array, wanted: Array) -> NDArray[np.bool_]:
+def _equally_loaded(given: Array, wanted: Array) -> Mask:
     """Whether the arm is as loaded as it should be, (m, n): free or loaded, not to the newton."""
     lengths = (np.linalg.norm(forces, axis=1) for forces in (given, wanted))
     least = 0.5 * np.maximum.outer(*lengths)

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from calib.arm.statics import wrench_with_load
+from calib.arrays import Array, IntArray
 from calib.cell import Cell
-from calib.moves import in_order, moves
-from calib.poses import IntArray, Measurements, Poses
-from calib.se3 import Array
-from calib.statics import wrench_with_load
+from calib.poses import Measurements, Poses
+from calib.poses.moves import in_order, moves
 from doe.foresight.view import readings_of
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.api import readings
+from calib.arrays import Array, Mask
 from calib.cell import Cell
 from calib.identify.identify import whitening
 from calib.model import Model
@@ -15,10 +15,7 @@ from calib.observations import Points
 from calib.poses import Measurements, poses_at
 from calib.scatter import Variances, scatter_of
 from calib.scatter.poses import Mixing
-from calib.se3 import Array
 from doe.enough.forecast import Told, root
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

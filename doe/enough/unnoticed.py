@@ -6,17 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.cell import Cell
-from calib.covariance import task_error
+from calib.compensation.unexplained import scatter_at
 from calib.identify import Identification
 from calib.model import Model
+from calib.model.covariance import task_error
 from calib.observations import Points
 from calib.poses import Poses
 from calib.scatter import Variances, scatter_of
 from calib.scatter.restricted import maximised
 from calib.scatter.search import problem_of
-from calib.se3 import Array
-from calib.unexplained import scatter_at
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.api import Plan
+from calib.arrays import Array
 from calib.cell import Cell
 from calib.diagnosis.alike import Likeness, likeness
-from calib.se3 import Array
 from calib.threads import one_blas_thread
 from doe.foresight.sight import Sight, sight_of
 from doe.foresight.view import View, view_of

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arm.statics import loads_of
+from calib.arrays import Array
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.power import detection, entry_limit, needed_beyond
 from calib.diagnosis.rounds import ALPHA
 from calib.diagnosis.screen import VISIBLE, field
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect, Parameter
-from calib.se3 import Array
-from calib.statics import loads_of
 from doe.foresight.view import View
 
 _STILL_M = 1e-10  # largest movement of the markers by what moves nothing

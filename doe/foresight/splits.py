@@ -10,19 +10,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.build import build
+from calib.arm.robot import Robot
+from calib.arrays import Array
 from calib.diagnosis.alike import likeness
 from calib.effects.base import Base
 from calib.errors import CalibError
-from calib.moves import with_moves
+from calib.model.build import build
 from calib.poses import Poses
-from calib.robot import Robot
-from calib.se3 import Array
+from calib.poses.moves import with_moves
 from calib.threads import one_blas_thread
 from doe.foresight.foresee import Foresight
 from doe.foresight.sight import sight_of
 from doe.foresight.view import View, linearised
-from doe.nominal import soft
+from doe.problem.nominal import soft
 
 _WORTH = 5.0  # times its smallest size at which a cause must be told apart for a way to be named
 _PULL = 200.0  # N

@@ -8,24 +8,24 @@ from itertools import pairwise
 import numpy as np
 
 from calib.api import Plan, in_turn, poses_of
-from calib.build import build
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
-from calib.covariance import Unidentifiable
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.screen import Field, field
 from calib.effects.protocol import Effect
 from calib.effects.tuned import Tuned
-from calib.identify.estimators import Mask, choose_directions
+from calib.identify.estimators import choose_directions
 from calib.identify.identify import check_counts
 from calib.model import Model
-from calib.moves import before_the_first_move, with_moves
+from calib.model.build import build
+from calib.model.covariance import Unidentifiable
 from calib.observations import Points
-from calib.poses import IntArray, Measurements, Poses
+from calib.poses import Measurements, Poses
+from calib.poses.moves import before_the_first_move, with_moves
 from calib.scatter import Variances, scatter_of
-from calib.se3 import Array
 from calib.simulate import beams
 from doe.constraints import scene_of, visible
-from doe.nominal import soft
+from doe.problem.nominal import soft
 
 
 @dataclass(frozen=True, eq=False)

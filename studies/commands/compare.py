@@ -89,10 +89,10 @@ def compare(
       posecal compare cell.toml plan_a.csv plan_b.csv --monte-carlo 1000
     """
     import calib
-    from calib.build import build
     from calib.errors import InputError
     from calib.files.values import load_values
     from calib.files.write import write_files
+    from calib.model.build import build
     from studies.compare import compare as compare_plans
     from studies.compare import engine
     from studies.compare.results import comparison_fields

@@ -79,10 +79,10 @@ def diagnose(
       posecal diagnose cell.toml plan.csv --plan-only
     """
     import calib
+    from calib.compensation.estimate import estimate_of
     from calib.diagnosis import diagnose as diagnose_data
     from calib.diagnosis.spectra import spectra
     from calib.errors import CalibError, InputError
-    from calib.estimate import estimate_of
     from calib.files.diagnosis import diagnosis_fields
     from calib.files.estimate import estimate_fields
     from calib.files.write import write_files

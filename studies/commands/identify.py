@@ -113,7 +113,7 @@ def identify(
       posecal identify cell.toml measurements.csv --holdout 0.3 --json result.json
     """
     import calib
-    from calib.estimate import estimate_of
+    from calib.compensation.estimate import estimate_of
     from calib.files.estimate import estimate_fields
     from calib.files.results import identification_fields
     from calib.files.write import write_files
@@ -208,8 +208,8 @@ def shared_points(data: Measurements, held: Measurements) -> tuple[str, ...]:
 
 def _expected_accuracy(cell: Cell, result: Identification) -> dict[str, Any]:
     """What the parameters' uncertainty leaves at the target poses."""
-    from calib.covariance import errors_at, task_error
     from calib.files.results import at_targets
+    from calib.model.covariance import errors_at, task_error
     from calib.targets import targets_of
 
     targets, weights = targets_of(cell)

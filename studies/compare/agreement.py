@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 
 _RANK = 1e-9  # eigenvalue of the correlation matrix below which a direction is fixed
 BELIEVED = 0.01

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.cell import Cell
-from calib.covariance import gain
-from calib.poses import IntArray, Poses
-from calib.se3 import Array
+from calib.model.covariance import gain
+from calib.poses import Poses
 from calib.targets import targets_of
 from studies.compare.experiment import POINTS, WAYS, Experiment, experiment_of
 from studies.compare.prediction import Prediction, accuracy_at, predict

@@ -10,11 +10,11 @@ from typing import Literal, get_args
 import numpy as np
 
 from calib.api import as_vector
-from calib.build import build
+from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import CalibError
+from calib.model.build import build
 from calib.poses import Poses
-from calib.se3 import Array
 from calib.targets import targets_of
 from calib.threads import one_blas_thread
 from studies.compare.agreement import FEWEST, Agreement, agreement

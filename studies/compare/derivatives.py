@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.model import Model
 from calib.poses import Poses
-from calib.se3 import Array
 
 _MOVED_M = 1e-5  # by a step: far above where equilibria settle, far below where arms bend
 _SEEN_M = 1e-6  # all points together: what moves them less is lost in how equilibria settle

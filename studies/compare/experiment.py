@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.api import in_turn
-from calib.build import build, refuse_idle_effects
+from calib.arrays import Array
 from calib.cell import Cell, Repeatability
 from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
 from calib.model import Model
+from calib.model.build import build, refuse_idle_effects
 from calib.noise import Noise
 from calib.observations import (
     Approach,
@@ -27,7 +28,6 @@ from calib.observations import (
 )
 from calib.poses import Measurements, Poses
 from calib.scatter import Scatter, Variances, scatter_of
-from calib.se3 import Array
 from calib.simulate import approached, beams, tip_origins
 from doe.constraints import scene_of, visible
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects import Effect
 from calib.effects.backlash import Backlash
@@ -30,7 +31,6 @@ from calib.errors import CalibError
 from calib.files.in_mujoco import mujoco_for
 from calib.model import Model
 from calib.poses import Poses
-from calib.se3 import Array
 
 _AT_REST = 1e-12  # rad or m, largest motion of a joint between the last two rounds
 _ROUNDS = 60

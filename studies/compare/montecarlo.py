@@ -19,8 +19,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.arrays import Array
 from calib.identify.solver import levenberg_marquardt
-from calib.se3 import Array
 from calib.threads import one_blas_thread
 from studies.compare.engines import interrupts_in
 from studies.compare.experiment import Experiment

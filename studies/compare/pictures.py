@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.covariance import correlation
-from calib.se3 import Array
+from calib.arrays import Array
+from calib.model.covariance import correlation
 from calib.threads import one_blas_thread
 from studies.compare.anatomy import by_markers, by_poses, influence_by_effect
 from studies.compare.compare import Comparison, PlanStudy, Verdict

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.covariance import accuracy
+from calib.arrays import Array, IntArray
 from calib.identify.estimators import choose_directions
-from calib.poses import IntArray, Poses
-from calib.se3 import Array
+from calib.model.covariance import accuracy
+from calib.poses import Poses
 from studies.compare.experiment import FULL, POINTS, Experiment, Way
 
 

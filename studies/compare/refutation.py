@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.identify.solver import levenberg_marquardt
-from calib.se3 import Array
 from studies.compare.agreement import BELIEVED, Agreement, agreement
 from studies.compare.experiment import Experiment
 from studies.compare.montecarlo import refits

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 import calib
+from calib.arrays import Array
 from calib.cell import Cell
-from calib.se3 import Array
 from studies.compare.experiment import POINTS, Experiment, Way
 from studies.compare.prediction import Prediction
 

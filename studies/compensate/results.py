@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from calib import Compensation
-from calib.robot import Robot
-from calib.se3 import Array
+from calib.arm.robot import Robot
+from calib.arrays import Array
 from doe.results import joint_fields
 
 _MM = 1e3

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from calib import Cell, Measurements, load_cell, load_plan, readings
-from calib.build import build, context_of, place_effect
+from calib.arm.statics import wrench_with_load
+from calib.arrays import Array
 from calib.model import Model
-from calib.moves import with_moves
+from calib.model.build import build, context_of, place_effect
 from calib.poses import Poses, poses_at
-from calib.se3 import Array
+from calib.poses.moves import with_moves
 from calib.simulate import simulate
-from calib.statics import wrench_with_load
 from calib.targets import sobol_poses
 
 INPUTS = ("cell.toml", "kr270.urdf", "plan.csv")

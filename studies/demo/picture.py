@@ -10,9 +10,9 @@ import click
 import numpy as np
 
 from calib import Cell, load_cell, load_plan
+from calib.arm.kinematics import forward
+from calib.arrays import Array
 from calib.files.write import write_files
-from calib.kinematics import forward
-from calib.se3 import Array
 from studies.identify.point_errors import point_errors
 from studies.plots import view as draw
 from studies.plots.style import (

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.gap import rms, squared_errors
-from calib.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)

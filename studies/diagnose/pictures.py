@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 from studies.plots.error_curve import Panel, error_curve
 from studies.plots.spectra import Mark, spectra
 from studies.plots.spectra import Panel as Spectrum

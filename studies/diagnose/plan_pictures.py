@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.effects.protocol import ARM
-from calib.se3 import Array
 from doe.foresight import Foresight, Sight
 from studies.plots.style import (
     FAINT,

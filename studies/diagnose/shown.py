@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from calib.arm.robot import Robot
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.error_curve import ErrorCurve, error_curve
 from calib.poses import Measurements
-from calib.robot import Robot
 from calib.threads import one_blas_thread
 from studies.diagnose.falls import falls
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.se3 import Array
+from calib.arrays import Array
 
 HELD_OUT = " (held out)"
 """After the name of a held-out pose that is called as a fitted one."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 from studies.plots.style import (
     SOFT,
     Picture,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 from studies.plots.style import (
     INK,
     SOFT,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.se3 import Array
+from calib.arrays import Array
 from studies.plots.style import (
     BLUE,
     VERMILLION,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 from studies.plots.style import BLUE, GREEN, INK, VERMILLION
 
 if TYPE_CHECKING:
@@ -180,7 +180,7 @@ def arc(
     panel: Axes, view: View, centre: Array, start: Array, axis: Array, angle: float, **style: Any
 ) -> Array:
     """The arc of a joint angle [rad] with an arrow: start is a vector (3,) m; returns its middle."""
-    from calib.se3 import rotate, so3_exp
+    from calib.arm.se3 import rotate, so3_exp
 
     axis = axis / np.linalg.norm(axis)
     turns = so3_exp(np.linspace(0.0, angle, 41)[:, None] * axis)

@@ -10,8 +10,8 @@ from typing import TypeAlias
 import numpy as np
 
 from calib import Cell, Poses
+from calib.arrays import Array
 from calib.errors import InputError
-from calib.se3 import Array
 
 _OUTSIDE = 1e-4  # rad or m beyond a limit: rounding of the plan
 _LONGEST_NAME = 60  # characters of a pose shown in a program

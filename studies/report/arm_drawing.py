@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from calib.poses import IntArray
-from calib.se3 import Array
+from calib.arrays import Array, IntArray
 from studies.plots.view import View
 from studies.report.arm_scene import ArmScene
 

@@ -7,12 +7,13 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
-from calib.build import build, parse_effect
+from calib.arm.se3 import rotate
+from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.errors import CalibError
 from calib.identify.initial import initial_values
-from calib.poses import IntArray, Measurements, Poses
-from calib.se3 import Array, rotate
+from calib.model.build import build, parse_effect
+from calib.poses import Measurements, Poses
 from doe.constraints import Scene, hidden_by, scene_of
 from studies.report.surroundings import Surroundings, surroundings, whole_mm
 

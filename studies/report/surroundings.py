@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arm.se3 import across
+from calib.arrays import Array, IntArray
 from calib.cell import Cell
-from calib.poses import IntArray
-from calib.se3 import Array, across
 from doe.constraints.obstacles import Box, HalfSpace, Obstacle, Sphere, obstacles_of
 
 _CELLS = 5  # of the floor along the arm's length, at least

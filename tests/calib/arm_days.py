@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import calib
 from calib import Cell, Measurements
-from calib.se3 import Array
+from calib.arrays import Array
 from studies.research.withheld.robots import HEAVY, Arm, Joint
 from studies.research.withheld.texts import urdf
 from studies.research.withheld.truth import Mechanism

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.se3 import Array
+from calib.arrays import Array
 
 
 def text(values: Array) -> str:

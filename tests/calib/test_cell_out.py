@@ -11,9 +11,9 @@ import pytest
 
 import calib
 from calib import Cell, Poses
-from calib.build import build, context_of, place_effect
 from calib.effects import Effect
 from calib.files.cell_out import contains, extended_cell
+from calib.model.build import build, context_of, place_effect
 from studies import demo
 
 SOURCE = Path(demo.__file__).parent

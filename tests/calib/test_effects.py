@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.arm.kinematics import forward
+from calib.arm.se3 import displacement, so3_exp, transform
+from calib.arrays import Array
 from calib.effects import EFFECTS, Context
 from calib.effects.drive import error_unit
 from calib.errors import EffectCannotAct
-from calib.kinematics import forward
 from calib.model import Model
 from calib.poses import Poses
-from calib.se3 import Array, displacement, so3_exp, transform
 from tests.helpers import GRAVITY, model_of, random_context, random_poses, random_robot
 
 COUNT = 8
@@ -155,8 +156,8 @@ def test_links_grow_along_their_own_translation(where: str, scene: tuple[Context
 
 def test_sag_under_unknown_masses(scene: tuple[Context, Poses]) -> None:
     """The torque of random masses, by the statics of a robot that has them, at every joint."""
-    from calib.kinematics import link_origins
-    from calib.statics import Payload, loads_of, transmitted
+    from calib.arm.kinematics import link_origins
+    from calib.arm.statics import Payload, loads_of, transmitted
 
     context, _ = scene
     robot = context.robot
@@ -225,7 +226,7 @@ def test_scale_and_point_of_a_measured_load(scene: tuple[Context, Poses]) -> Non
 
 def test_default_anchors_hold_the_link_up() -> None:
     """The default spring pulls a lying link up, whatever the robot's zero position and size."""
-    from calib.build import context_of
+    from calib.model.build import context_of
     from studies.demo import embedded_cell
 
     context = context_of(embedded_cell(), None)

@@ -9,13 +9,14 @@ import pytest
 
 import calib
 from calib import Cell, Measurements, Poses
-from calib.build import build
-from calib.covariance import accuracy
+from calib.arm.se3 import displacement, so3_exp
+from calib.arrays import Array
 from calib.errors import CalibError, TooFewPoses
 from calib.identify.initial import initial_values
+from calib.model.build import build
+from calib.model.covariance import accuracy
 from calib.noise import Noise
 from calib.poses import poses_at
-from calib.se3 import Array, displacement, so3_exp
 from studies.demo import simulated
 from tests.helpers import cell_of, random_robot, with_effects
 

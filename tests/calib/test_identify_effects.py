@@ -10,14 +10,14 @@ import pytest
 
 import calib
 from calib import Cell, Identification, Measurements, Poses
-from calib.build import build
+from calib.arm.statics import Payload
+from calib.arrays import Array
 from calib.effects import EFFECTS
 from calib.errors import EffectCannotAct
-from calib.moves import with_moves
+from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import hung, poses_at
-from calib.se3 import Array
-from calib.statics import Payload
+from calib.poses.moves import with_moves
 from tests.helpers import cell_of, random_poses, random_robot, with_effects
 
 ARM = ("base", "tool", "geometry", "joint_compliance:A2,A3,A4,A5,A6")

@@ -12,12 +12,13 @@ import pytest
 
 import calib
 from calib import Cell, Identification, Measurements
+from calib.arm.se3 import so3_exp
+from calib.arrays import Array
+from calib.compensation.estimate import estimate_of
 from calib.errors import CalibError, EffectCannotAct
-from calib.estimate import estimate_of
 from calib.files.estimate import estimate_fields, load_estimate
-from calib.moves import with_moves
 from calib.poses import Poses, poses_at
-from calib.se3 import Array, so3_exp
+from calib.poses.moves import with_moves
 from tests.calib.test_effects import seen, tips
 from tests.helpers import cell_of, random_context, random_robot, with_effects
 

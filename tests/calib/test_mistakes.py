@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import calib
-from calib.build import build
-from calib.covariance import identifiable
+from calib.arrays import Array
 from calib.errors import ImplausibleData, Unsolvable
 from calib.identify.initial import initial_values
 from calib.identify.mistakes import Mistake, recognised
-from calib.se3 import Array
+from calib.model.build import build
+from calib.model.covariance import identifiable
 from studies.research.withheld.robots import HEAVY, Arm
 from tests.bad_inputs.run import posecal
 from tests.calib.arm_days import SCARA, SEVEN, Day, day

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import calib
+from calib.arm.kinematics import forward, link_origins
+from calib.arm.statics import Payload, loads_of, transmitted
+from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.mjcf import load_mjcf, mjcf_files
-from calib.kinematics import forward, link_origins
 from calib.poses import poses_at
-from calib.se3 import Array
-from calib.statics import Payload, loads_of, transmitted
 from tests.calib.mjcf_arms import random_mjcf
 from tests.helpers import GRAVITY
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from calib import Cell
+from calib.arm.kinematics import forward
+from calib.arm.robot import Robot
+from calib.arrays import Array
 from calib.files.mjcf import load_mjcf
 from calib.files.robot_out import corrected_robot
 from calib.files.urdf import load_urdf
-from calib.kinematics import forward
-from calib.robot import Robot
-from calib.se3 import Array
 from tests.calib.mjcf_arms import random_mjcf
 from tests.calib.test_mjcf import CASES, in_mujoco, place, set_joints
 from tests.calib.test_mujoco import body_positions

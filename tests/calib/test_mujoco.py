@@ -12,14 +12,14 @@ import pytest
 
 import calib
 from calib import Cell, Poses
-from calib.build import build, context_of
+from calib.arm.kinematics import forward, link_origins
+from calib.arm.statics import Payload, loads_of, transmitted
+from calib.arrays import Array
 from calib.effects import EFFECTS
 from calib.files.urdf import load_urdf
 from calib.files.urdf_out import corrected_urdf
-from calib.kinematics import forward, link_origins
+from calib.model.build import build, context_of
 from calib.poses import poses_at
-from calib.se3 import Array
-from calib.statics import Payload, loads_of, transmitted
 from studies.demo import embedded_text, simulated
 from tests.helpers import GRAVITY, with_effects
 

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 import calib
 from calib import Cell, Poses
-from calib.build import build
+from calib.arrays import Array
 from calib.cell import Load
 from calib.errors import CalibError
+from calib.model.build import build
 from calib.observations import Points, Pose
 from calib.poses import Measurements
-from calib.se3 import Array
 from tests.helpers import cell_of, central_difference, random_poses, random_robot, with_effects
 
 
@@ -89,7 +89,7 @@ def test_observation_is_the_derivative_of_the_prediction(
         if approach == "points":
             out = points.reshape(30, -1)
         else:
-            from calib.se3 import fit_rigid, so3_log
+            from calib.arm.se3 import fit_rigid, so3_log
 
             T0 = fit_rigid(calib.predict(cell, both_readings, np.zeros(42)), cell.markers)
             T = fit_rigid(points, cell.markers)

@@ -11,11 +11,11 @@ import pytest
 
 import calib
 from calib import effects, plugins
+from calib.arrays import Array
 from calib.effects.drive import DriveError
 from calib.effects.protocol import Parameter
 from calib.errors import CalibError
 from calib.poses import Poses
-from calib.se3 import Array
 from tests.calib.diagnosis.test_diagnose import measured
 
 

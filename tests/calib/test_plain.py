@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 import calib
 from calib import Cell
-from calib.build import build
+from calib.model.build import build
 from calib.poses import poses_at
 from calib.simulate import simulate
 from tests.helpers import with_effects

@@ -9,11 +9,11 @@ import pytest
 
 import calib
 from calib import Cell, Measurements
-from calib.build import build
+from calib.arm.robot import Robot
+from calib.arrays import Array
 from calib.errors import CalibError
 from calib.identify.solver import levenberg_marquardt
-from calib.robot import Robot
-from calib.se3 import Array
+from calib.model.build import build
 from tests.calib.test_identify import MARKERS, RIGID, measured, random_configurations
 from tests.helpers import cell_of, random_robot, with_effects
 
@@ -168,7 +168,7 @@ def test_held_out_points_keep_their_own_deviation(kr270: Cell) -> None:
 
 
 def test_what_was_not_estimated_counts_in_the_expected_accuracy(kr270: Cell) -> None:
-    from calib.covariance import accuracy
+    from calib.model.covariance import accuracy
 
     rng = np.random.default_rng(6)
     cell = cell_of(kr270.robot, MARKERS, RIGID)

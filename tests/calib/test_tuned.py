@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 
 import calib
+from calib.arm.se3 import displacement
+from calib.arm.statics import Payload
+from calib.arrays import Array
 from calib.effects import EFFECTS, Context
 from calib.effects.gear_ripple import GearRipple
 from calib.effects.tuned import Tuned
 from calib.errors import EffectCannotAct, InputError
 from calib.model import Model
-from calib.moves import with_moves
 from calib.poses import Poses, poses_at
-from calib.se3 import Array, displacement
-from calib.statics import Payload
+from calib.poses.moves import with_moves
 from tests.calib.test_effects import model_with, seen, tips
 from tests.helpers import (
     cell_of,
@@ -233,7 +234,7 @@ def test_no_torques_no_effect_of_them() -> None:
     rng = np.random.default_rng(3)
     cell = cell_of(random_robot(rng, 4), np.zeros((1, 3)), ("base", "measured_torque:j2"))
     with pytest.raises(EffectCannotAct, match=r"no torques .* add columns <joint>_Nm"):
-        calib.build.build(cell, poses_at(np.zeros((5, 4))))
+        calib.model.build.build(cell, poses_at(np.zeros((5, 4))))
 
 
 def test_gear_ratios_of_the_cell(tmp_path: Path) -> None:

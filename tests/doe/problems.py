@@ -6,10 +6,7 @@ import itertools
 
 import numpy as np
 
-from calib.poses import IntArray
-from calib.se3 import Array
-from doe.allowed import Allowed
-from doe.blocks import Blocks
+from calib.arrays import Array, IntArray
 from doe.criteria import Criterion
 from doe.criteria.average import Average
 from doe.criteria.combination import Combination
@@ -19,7 +16,9 @@ from doe.criteria.rivals import Rivals
 from doe.criteria.subset import Subset
 from doe.criteria.task import Task
 from doe.criteria.worst_task import WorstTask
-from doe.packed import pack
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.optimal.packed import pack
 
 RIDGE = 1e-10
 

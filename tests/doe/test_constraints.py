@@ -12,13 +12,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calib import Cell, load_cell
+from calib.arm.kinematics import forward, link_origins
+from calib.arm.robot import Robot
+from calib.arm.se3 import so3_exp, transform
+from calib.arm.statics import Payload, loads_of, transmitted
+from calib.arrays import Array
 from calib.cell import Capsule, Load
 from calib.errors import CalibError
-from calib.kinematics import forward, link_origins
 from calib.poses import hung, poses_at
-from calib.robot import Robot
-from calib.se3 import Array, so3_exp, transform
-from calib.statics import Payload, loads_of, transmitted
 from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.constraints.distances import (
     point_box,

@@ -14,9 +14,9 @@ import pytest
 import doe
 from calib import CalibError, Cell, Poses, observation, parameters
 from calib.api import readings
-from calib.build import build
 from calib.cell import Capsule, Load
-from calib.covariance import accuracy
+from calib.model.build import build
+from calib.model.covariance import accuracy
 from calib.poses import hung, poses_at
 from calib.targets import targets_of
 from doe import CannotIdentify

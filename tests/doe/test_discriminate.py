@@ -15,13 +15,14 @@ from scipy.special import ndtr, ndtri
 import calib
 import doe
 from calib import Cell
+from calib.arm.kinematics import forward
+from calib.arm.se3 import cross, rotate
+from calib.arrays import Array
 from calib.cell import Load
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.stage import positions
 from calib.diagnosis.verdict import Named
 from calib.errors import CalibError
-from calib.kinematics import forward
-from calib.se3 import Array, cross, rotate
 from doe.constraints import constraints_of, scene_of
 from doe.discriminate.evidence import Evidence, margins
 from doe.discriminate.next_poses import TOLD

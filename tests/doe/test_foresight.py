@@ -9,10 +9,10 @@ import pytest
 
 import calib
 from calib import Cell, Poses
-from calib.build import build
 from calib.diagnosis.screen import score
-from calib.moves import with_moves
+from calib.model.build import build
 from calib.poses import Measurements, poses_at
+from calib.poses.moves import with_moves
 from calib.simulate import simulate
 from doe.foresight import Foresight, foresee
 from doe.foresight.fields import foresight_fields

@@ -10,7 +10,7 @@ import pytest
 import doe
 from calib import Cell
 from doe.problem import problem_of
-from doe.wish import Wish
+from doe.problem.wish import Wish
 
 ELASTIC = ("stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
 LEVELS = "A2=-140,-99.85,-56.9,-25.24,-0.01x3"

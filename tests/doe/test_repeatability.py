@@ -12,14 +12,15 @@ import pytest
 import calib
 import doe
 from calib import Cell, readings
-from calib.build import build
+from calib.arm.se3 import skew
+from calib.arrays import Array
 from calib.cell import Load, Repeatability
 from calib.model import Model
+from calib.model.build import build
 from calib.poses import poses_at
-from calib.se3 import Array, skew
 from doe.assess import assess
 from doe.problem import problem_of
-from doe.wish import Wish
+from doe.problem.wish import Wish
 from studies.compare import compare
 from studies.compare.experiment import FULL, POINTS
 from tests.helpers import cell_of, random_robot, with_effects

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 import calib
-from calib.build import build
-from calib.estimate import Estimate
+from calib.compensation.estimate import Estimate
+from calib.compensation.unexplained import Unexplained
 from calib.files.estimate import estimate_fields, load_estimate
 from calib.files.write import json_text
-from calib.unexplained import Unexplained
+from calib.model.build import build
 from studies.commands.common import envelope
 from studies.compensate.results import compensation_fields
 from studies.demo import embedded_cell, embedded_plan

@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 
 import calib
-from calib.build import build, parse_effect
 from calib.files.tables import holds_points, load_plan, load_targets
 from calib.files.urdf import load_urdf
 from calib.files.urdf_out import corrected_urdf
 from calib.files.values import load_values
 from calib.files.write import json_text
 from calib.files.write_tables import measurements_csv
-from doe.levels import levels_of
-from doe.wish import Wish, direction_of, subset_of, with_rivals
+from calib.model.build import build, parse_effect
+from doe.problem.levels import levels_of
+from doe.problem.wish import Wish, direction_of, subset_of, with_rivals
 from studies.commands.design import candidates_of, two_effects
 from studies.commands.identify import held_out
 from studies.demo import embedded_cell, embedded_plan, embedded_text, simulated

@@ -14,8 +14,8 @@ import numpy as np
 from click.testing import CliRunner
 
 from calib import load_cell, load_plan
-from calib.build import build
 from calib.files.write_tables import measurements_csv
+from calib.model.build import build
 from calib.simulate import simulate
 from studies.cli import main
 

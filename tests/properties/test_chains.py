@@ -11,11 +11,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib.build import build
+from calib.arm.kinematics import forward
+from calib.arrays import Array
 from calib.files.write_tables import measurements_csv, plan_csv
-from calib.kinematics import forward
+from calib.model.build import build
 from calib.poses import Measurements, poses_at
-from calib.se3 import Array
 from tests.bad_inputs.run import posecal
 
 KINDS = ("revolute", "continuous", "prismatic")

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from calib.arm.statics import Payload
+from calib.arrays import Array
 from calib.effects import EFFECTS
 from calib.effects.protocol import LoadEffect
 from calib.model import Model
 from calib.poses import Poses
-from calib.se3 import Array
-from calib.statics import Payload
 from tests.helpers import central_difference, model_of, random_context, random_poses, random_robot
 
 SOFT = ["joint_compliance", "tool_compliance"]  # without these, loads move nothing

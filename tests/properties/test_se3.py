@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from calib import se3
+from calib.arm import se3
+from calib.arrays import Array
 from tests.helpers import central_difference
 
 vectors = arrays(np.float64, 3, elements=st.floats(-1.8, 1.8))
@@ -19,7 +20,7 @@ twists = st.tuples(vectors, vectors, scales).map(
 
 
 @given(twists)
-def test_displacement_and_its_logarithm_are_inverse(xi: se3.Array) -> None:
+def test_displacement_and_its_logarithm_are_inverse(xi: Array) -> None:
     T = se3.displacement(xi)
     np.testing.assert_allclose(T[:3, 3], xi[:3], atol=0.0)
     np.testing.assert_allclose(se3.so3_log(T[:3, :3]), xi[3:], atol=1e-12)

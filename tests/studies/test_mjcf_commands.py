@@ -13,8 +13,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 import calib
+from calib.arm.se3 import fit_rigid, rotate, so3_exp
+from calib.arrays import Array
 from calib.files.cell_out import extended_cell
-from calib.se3 import Array, fit_rigid, rotate, so3_exp
 from studies.cli import main
 
 SIGMA = 1e-5  # m

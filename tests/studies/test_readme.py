@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from calib.build import context_of
 from calib.effects import EFFECTS
+from calib.model.build import context_of
 from calib.poses import poses_at
 from studies.cli import main
 from studies.demo import embedded_cell

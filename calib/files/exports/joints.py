@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from calib.arm.robot import Robot
 from calib.errors import InputError
 from calib.files.columns import ANGLES, LENGTHS, OTHERS, TORQUES, WRENCH
 from calib.files.exports.krl_axes import axis_sheet
 from calib.files.exports.sheet import Sheet, read_sheet, text_lines
-from calib.robot import Robot
 
 UNITS = (*ANGLES, *LENGTHS)
 _POSE = ("pose", "name", "id")

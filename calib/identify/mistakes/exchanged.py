@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.identify.mistakes.placed import missed_by, placed, some, telling
 from calib.model import Model
-from calib.poses import IntArray, Measurements
-from calib.se3 import Array
+from calib.poses import Measurements
 
 _POSES = 60
 _ROUNDS = 12

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.arrays import Array, IntArray, Mask
 from calib.identify.initial import initial_values
 from calib.model import Model
-from calib.poses import IntArray, Measurements
-from calib.se3 import Array
+from calib.poses import Measurements
 
 _GROSS = 10.0  # times the median miss: a pose beyond it has an error of its own
 _ROUNDS = 4
@@ -30,7 +29,7 @@ class Placed:
 
     values: Array
     missed: Array
-    kept: NDArray[np.bool_]
+    kept: Mask
     spread: float
 
     @property

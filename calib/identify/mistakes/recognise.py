@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.errors import CalibError, ImplausibleData
 from calib.identify.mistakes.exchanged import exchanged
 from calib.identify.mistakes.placed import Placed, missed_by, placed, some, telling
 from calib.identify.mistakes.table import slips
 from calib.model import Model
 from calib.poses import Measurements
-from calib.se3 import Array
 
 _FAR = 0.015
 """Of the arm's reach: no pose of a healthy day is missed by as much. The worst real pose at hand, of an

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.arm.robot import Robot
+from calib.arrays import Array, IntArray
 from calib.effects.base import Base
 from calib.model import Model
 from calib.observations.shape import free_components
-from calib.poses import IntArray, Measurements
-from calib.robot import Robot
-from calib.se3 import Array
+from calib.poses import Measurements
 
 _INCH, _DEGREE = 0.0254, np.pi / 180.0
 _PARALLEL = 0.99  # cosine between axes

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from calib import Cell
-from calib.se3 import Array
+from calib.arrays import Array
 from studies.identify.common import shared_sentence
 from studies.identify.pictures import instrument_sigma, residual_pictures, workspace_pictures
 from studies.identify.point_errors import PointErrors, point_errors

@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from calib.arrays import Array
 from studies.research.withheld.actions import Action, State
-from studies.research.withheld.robots import LIGHT, Arm, Array, Joint
+from studies.research.withheld.robots import LIGHT, Arm, Joint
 from studies.research.withheld.scatter import Scatter, scatter_of
 from studies.research.withheld.texts import urdf
 from studies.research.withheld.truth import Mechanism

@@ -40,9 +40,9 @@ import click
 import numpy as np
 
 import calib
+from calib.arrays import Array
 from calib.files.diagnosis import diagnosis_fields
 from calib.files.write import json_text, write_files
-from calib.se3 import Array
 from calib.threads import one_blas_thread
 from doe.enough import Enough, enough
 from studies.commands.common import console_for, one_line_faults

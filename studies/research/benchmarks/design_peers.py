@@ -11,16 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.poses import IntArray
-from calib.se3 import Array
+from calib.arrays import Array, IntArray
 from calib.threads import one_blas_thread
-from doe.allowed import Allowed
-from doe.blocks import Blocks
 from doe.criteria.determinant import Determinant
-from doe.exchange import exchange, greedy, rounded_weights
-from doe.packed import unpack
-from doe.relax import relax
-from doe.search import best_plan
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.optimal.exchange import exchange, greedy, rounded_weights
+from doe.optimal.packed import unpack
+from doe.optimal.relax import relax
+from doe.optimal.search import best_plan
 from studies.research.benchmarks.design_runs import (
     Row,
     any_of,

@@ -26,23 +26,23 @@ import numpy as np
 import scipy.linalg  # noqa: F401 -- with its threads, before they are limited
 
 from calib import Cell
+from calib.arrays import Array
 from calib.files.write import json_text
-from calib.se3 import Array
 from calib.threads import one_blas_thread
-from doe.allowed import Allowed
-from doe.blocks import Blocks
-from doe.branch import prove
-from doe.certify import survivors
 from doe.criteria import Criterion
 from doe.criteria.determinant import Determinant
 from doe.criteria.trace import Trace
-from doe.levels import levels_of
-from doe.packed import pack, packed_size
-from doe.pool import Pool, drawn, pool_of
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.optimal.branch import prove
+from doe.optimal.certify import survivors
+from doe.optimal.packed import pack, packed_size
+from doe.optimal.relax import Relaxation, relax
+from doe.optimal.search import Found, best_plan
 from doe.problem import RIDGE, Problem, problem_of
-from doe.relax import Relaxation, relax
-from doe.search import Found, best_plan
-from doe.wish import Wish
+from doe.problem.levels import levels_of
+from doe.problem.pool import Pool, drawn, pool_of
+from doe.problem.wish import Wish
 from studies.demo import embedded_cell, embedded_text
 
 Row = dict[str, Any]  # heading -> figure

@@ -38,13 +38,14 @@ from scipy.optimize import least_squares
 
 import calib
 from calib import Cell, Identification, Measurements
-from calib.build import build
+from calib.arm.kinematics import forward
+from calib.arm.robot import Robot
+from calib.arm.se3 import so3_exp, transform
+from calib.arrays import Array
 from calib.effects.base import Base
 from calib.files.write import json_text, write_files
 from calib.identify.initial import initial_values
-from calib.kinematics import forward
-from calib.robot import Robot
-from calib.se3 import Array, so3_exp, transform
+from calib.model.build import build
 from studies.commands.common import one_line_faults
 
 SIZES, HELD_FROM = (100, 300), 300

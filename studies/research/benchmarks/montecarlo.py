@@ -29,8 +29,8 @@ import numpy as np
 from rich.table import Table
 from scipy.optimize import least_squares
 
+from calib.arrays import Array
 from calib.files.write import json_text, write_files
-from calib.se3 import Array
 from calib.threads import one_blas_thread
 from studies.commands.common import console_for, one_line_faults
 from studies.compare import engine

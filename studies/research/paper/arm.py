@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.robot import Robot
-from calib.se3 import Array, transform
+from calib.arm.robot import Robot
+from calib.arm.se3 import transform
+from calib.arrays import Array
 
 LENGTHS_M = (1.0, 0.8, 0.6)
 """l_1, l_2, l_3 of the paper's simulation study [m]."""
@@ -19,7 +20,7 @@ def arm_of_equation_21(lengths: tuple[float, float, float] = LENGTHS_M) -> Robot
     Joint 1 turns about +z; joints 2 and 3 about -y, so that positive angles lift the links as in
     ``z = l_1 + l_2 sin q_2 + l_3 sin(q_2 + q_3)``. At q = 0 all frames are parallel to the base.
 
-    >>> from calib.kinematics import forward
+    >>> from calib.arm.kinematics import forward
     >>> frames = forward(arm_of_equation_21(), np.array([[0.0, 0.0, np.pi / 2]]))
     >>> [float(x) for x in frames.o[0, -1].round(9)]
     [0.8, 0.0, 1.6]

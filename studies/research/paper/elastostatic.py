@@ -20,12 +20,12 @@ import numpy as np
 
 import calib
 from calib import Cell, Measurements, Poses
-from calib.build import build
+from calib.arrays import Array
 from calib.effects.protocol import ElasticEffect
 from calib.model import Model
+from calib.model.build import build
 from calib.observations import Points
 from calib.poses import hung
-from calib.se3 import Array
 from calib.simulate import simulate
 from studies.commands.common import console_for
 from studies.demo import embedded_cell, embedded_plan

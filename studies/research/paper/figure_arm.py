@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calib.kinematics import forward
-from calib.se3 import Array, fit_rigid, rotate, so3_log, transform
+from calib.arm.kinematics import forward
+from calib.arm.se3 import fit_rigid, rotate, so3_log, transform
+from calib.arrays import Array
 from studies.plots.style import BLUE, FAINT, SOFT, VERMILLION, Picture, sheet, styled
 from studies.plots.view import (
     LIGHT,

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calib import Cell, Poses
-from calib.build import build
+from calib.arm.se3 import inverse, rotate, transform
+from calib.arrays import Array
 from calib.model import Model
+from calib.model.build import build
 from calib.poses import hung
-from calib.se3 import Array, inverse, rotate, transform
 from studies.demo import true_values
 from studies.plots.style import (
     INK,

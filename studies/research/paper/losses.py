@@ -14,8 +14,8 @@ import click
 import numpy as np
 
 from calib import Cell
+from calib.arrays import Array
 from calib.noise import Noise
-from calib.se3 import Array
 from studies.commands.common import console_for
 from studies.compare.experiment import Experiment, experiment_of
 from studies.compare.prediction import predict

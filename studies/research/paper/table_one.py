@@ -17,14 +17,14 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.arm.statics import Payload
+from calib.arrays import Array
 from calib.effects.joint_offset import JointOffset
 from calib.effects.link_geometry import LinkGeometry
 from calib.effects.protocol import Context
 from calib.model import Model
 from calib.noise import Noise
 from calib.poses import poses_at
-from calib.se3 import Array
-from calib.statics import Payload
 from studies.commands.common import console_for
 from studies.compare.agreement import agreement
 from studies.compare.experiment import PLAIN, POINTS, WAYS, Experiment, noise_weights

@@ -18,9 +18,9 @@ from scipy.optimize import minimize
 
 import calib
 from calib import Cell, Identification, Measurements
+from calib.arrays import Array
 from calib.identify.identification import Residuals
 from calib.poses import Poses
-from calib.se3 import Array
 from studies.research.rivals.answer import answer
 
 _FOLDS = 5

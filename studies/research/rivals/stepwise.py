@@ -16,13 +16,12 @@ import numpy as np
 
 import calib
 from calib import Cell, Identification, Measurements
-from calib.build import context_of, place_effect
+from calib.arrays import Array, IntArray
 from calib.effects import EFFECTS, GROUPS, Effect
 from calib.errors import CalibError, EffectCannotAct
 from calib.identify.identify import whitening
+from calib.model.build import context_of, place_effect
 from calib.observations import Points
-from calib.poses import IntArray
-from calib.se3 import Array
 from studies.research.rivals.answer import answer
 
 _VISIBLE = 1e-6  # squared share of a unit column that must be left beside the others to count

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calib.arrays import Array
 from calib.diagnosis.alike import SURE, likeness
 from calib.diagnosis.power import detection, entry_limit, needed_beyond
 from calib.diagnosis.screen import Field, field
-from calib.se3 import Array
 
 ROWS = 400
 RNG = np.random.default_rng(3)

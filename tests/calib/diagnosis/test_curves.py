@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from calib import Cell, Measurements
-from calib.build import build
+from calib.arrays import IntArray
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.curves import Curve
 from calib.diagnosis.functions import Polyline, neighbours, polyline
 from calib.diagnosis.stage import Fit, Stage
 from calib.model import Model
-from calib.poses import IntArray
+from calib.model.build import build
 from tests.calib.diagnosis.test_diagnose import measured
 
 

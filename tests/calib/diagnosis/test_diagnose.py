@@ -12,9 +12,9 @@ from click.testing import CliRunner
 
 import calib
 from calib import Cell, Measurements
-from calib.build import build
-from calib.moves import with_moves
+from calib.model.build import build
 from calib.poses import poses_at
+from calib.poses.moves import with_moves
 from calib.simulate import simulate
 from studies.cli import main
 from studies.demo import embedded_cell

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.build import build
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.earned import Books, _folds
 from calib.diagnosis.stage import Stage
 from calib.identify.identify import whitening
 from calib.identify.initial import initial_values
+from calib.model.build import build
 from calib.poses import Measurements
 from tests.calib.diagnosis.test_diagnose import measured
 

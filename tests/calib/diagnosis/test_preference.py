@@ -7,7 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from calib.build import build
+from calib.arm.robot import Robot
+from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.preference import instead_of
@@ -17,10 +18,9 @@ from calib.diagnosis.stage import Stage
 from calib.diagnosis.view import lineup
 from calib.identify.identify import whitening
 from calib.identify.initial import initial_values
-from calib.moves import with_moves
-from calib.poses import IntArray, Measurements, poses_at
-from calib.robot import Robot
-from calib.se3 import Array
+from calib.model.build import build
+from calib.poses import Measurements, poses_at
+from calib.poses.moves import with_moves
 from tests.helpers import cell_of
 
 ROWS, KNOTS, ASKED = 240, 10, 100

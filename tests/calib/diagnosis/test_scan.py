@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import calib
-from calib.build import build, context_of, place_effect
 from calib.diagnosis.linear import times
 from calib.diagnosis.scan import beside, scores
 from calib.diagnosis.screen import field, score
@@ -17,6 +16,7 @@ from calib.effects.gear_ripple import GearRipple
 from calib.effects.tuned import Tuned
 from calib.identify.identify import whitening
 from calib.identify.initial import initial_values
+from calib.model.build import build, context_of, place_effect
 from calib.scatter import Variances
 from tests.calib.diagnosis.test_diagnose import measured
 

@@ -12,15 +12,15 @@ import pytest
 
 import calib
 from calib import Cell, Measurements
-from calib.build import build, context_of, place_effect
+from calib.arrays import Array
 from calib.diagnosis.shape import SHAPE_ALPHA, question, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Effect
 from calib.identify.identify import whitening
 from calib.identify.initial import initial_values
-from calib.moves import in_one_session
+from calib.model.build import build, context_of, place_effect
 from calib.poses import Poses
-from calib.se3 import Array
+from calib.poses.moves import in_one_session
 from tests.calib.diagnosis.days import lost_motion, measured_day, settling
 from tests.calib.diagnosis.test_diagnose import measured
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import calib
+from calib.arrays import Array
 from calib.diagnosis.screen import Field, score
-from calib.se3 import Array
 from tests.calib.diagnosis.test_diagnose import measured
 
 

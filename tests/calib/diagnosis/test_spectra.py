@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calib import Cell, Measurements
-from calib.build import build, context_of, place_effect
+from calib.arrays import Array
 from calib.diagnosis.spectra import Spectrum, spectra_of
 from calib.diagnosis.stage import Stage
 from calib.effects.gear_ripple import GearRipple
@@ -18,8 +18,8 @@ from calib.files.spectra import spectra_fields, with_aliases
 from calib.files.write import json_text
 from calib.identify.identify import whitening
 from calib.identify.initial import initial_values
+from calib.model.build import build, context_of, place_effect
 from calib.poses import Poses
-from calib.se3 import Array
 from tests.calib.test_identify_tunings import arm, read, session
 
 STEP = np.radians(10.0)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.build import build
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.screen import field
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.view import lineup
 from calib.identify.identify import whitening
 from calib.identify.initial import initial_values
+from calib.model.build import build
 from tests.calib.diagnosis.test_diagnose import measured
 
 

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, kstest
 
-from calib.build import build
+from calib.arm.se3 import so3_exp
+from calib.arrays import Array
 from calib.drift import Drift, drift_of
-from calib.moves import with_moves
+from calib.model.build import build
 from calib.poses import Measurements, Poses, poses_at
-from calib.se3 import Array, so3_exp
+from calib.poses.moves import with_moves
 from calib.simulate import simulate
 from tests.helpers import cell_of, random_robot
 

@@ -9,11 +9,11 @@ import pytest
 
 import calib
 from calib import Cell, Poses
-from calib.build import build
 from calib.cell import Repeatability
 from calib.diagnosis.candidates import candidates
 from calib.errors import InputError
 from calib.files.cell_out import extended_cell
+from calib.model.build import build
 from calib.poses import Measurements
 from studies.demo import INPUTS, embedded_text
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from calib import Cell
-from calib.build import build
+from calib.compensation.estimate import Estimate
+from calib.compensation.unexplained import Unexplained
 from calib.errors import InputError
-from calib.estimate import Estimate
 from calib.files.estimate import estimate_fields, load_estimate
 from calib.files.write import json_text
+from calib.model.build import build
 from calib.scatter import Variances
-from calib.unexplained import Unexplained
 
 UNIX = 1_763_700_000.0  # s, November 2025
 

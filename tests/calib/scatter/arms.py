@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.poses import Poses, poses_at
-from calib.se3 import Array
 
 
 @dataclass(frozen=True)

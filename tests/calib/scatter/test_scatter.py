@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calib.arm.se3 import so3_exp
+from calib.arm.statics import Payload
+from calib.arrays import Array
 from calib.cell import Repeatability
 from calib.model import Model
 from calib.poses import Poses
 from calib.scatter import Scatter, Variances, levels_of, scatter_of
 from calib.scatter.restricted import likelihood, maximised, turned
-from calib.se3 import Array, so3_exp
-from calib.statics import Payload
 from tests.calib.scatter.arms import Day, visits_of
 from tests.helpers import random_robot
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from calib import Cell, Measurements, readings
-from calib.build import build
+from calib.arm.statics import wrench_with_load
 from calib.effects.protocol import ElasticEffect
-from calib.moves import with_moves
+from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Poses
+from calib.poses.moves import with_moves
 from calib.simulate import simulate
-from calib.statics import wrench_with_load
 from tests.helpers import with_effects
 
 RIGID = ("base", "tool", "joint_offset:A2,A3")

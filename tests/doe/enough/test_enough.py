@@ -19,7 +19,7 @@ from calib import (
     load_measurements,
     load_targets,
 )
-from calib.covariance import accuracy
+from calib.model.covariance import accuracy
 from calib.noise import Noise
 from calib.targets import targets_of
 from doe.enough import Enough, enough

@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 import calib
 import doe
 from calib import Cell, Poses
+from calib.arm.se3 import fit_rigid, rotate, transform
+from calib.arrays import Array
 from calib.errors import CalibError
 from calib.noise import Noise
 from calib.observations import with_measured_shape
 from calib.poses import Measurements, poses_at
-from calib.se3 import Array, fit_rigid, rotate, transform
 from studies.compare import compare
 from studies.compare.agreement import agreement, band
 from studies.compare.anatomy import by_markers, by_poses, influence, influence_by_effect

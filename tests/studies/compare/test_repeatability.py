@@ -12,11 +12,11 @@ from scipy.stats import chi2
 import calib
 from calib import Cell, Measurements, Poses
 from calib.api import in_turn
-from calib.build import build
+from calib.arrays import Array
 from calib.cell import Repeatability
+from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import poses_at
-from calib.se3 import Array
 from studies.compare import compare
 from studies.compare.agreement import agreement
 from studies.compare.experiment import experiment_of

@@ -13,16 +13,17 @@ import pytest
 from click.testing import CliRunner
 
 import calib
-from calib import Cell, Poses, statics
-from calib.build import build
+from calib import Cell, Poses
+from calib.arm import statics
+from calib.arm.robot import Robot
+from calib.arm.statics import Loads, Payload, Transmitted
+from calib.arrays import Array
 from calib.errors import CalibError
 from calib.identify import Identification
 from calib.model import Model
+from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Measurements, poses_at
-from calib.robot import Robot
-from calib.se3 import Array
-from calib.statics import Loads, Payload, Transmitted
 from studies.cli import main
 from studies.compare import Comparison, compare, scratch
 from studies.compare.derivatives import derivatives

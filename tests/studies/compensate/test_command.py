@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 import calib
-from calib.estimate import estimate_of
+from calib.compensation.estimate import estimate_of
 from calib.files.estimate import estimate_fields, load_estimate
 from calib.files.write import json_text
 from studies.cli import main

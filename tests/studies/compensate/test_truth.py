@@ -13,18 +13,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.arrays import Array
+
 pytest.importorskip("mujoco")
 
 import calib
 from calib import Cell, Measurements
-from calib.compensate import Compensation
-from calib.estimate import Estimate, estimate_of
-from calib.se3 import Array
+from calib.compensation.commands import Compensation
+from calib.compensation.estimate import Estimate, estimate_of
 from studies.research.withheld.causes import Cause
 from studies.research.withheld.draw import Case, draw_scene
 from studies.research.withheld.robots import ARMS, HEAVY, LIGHT, Arm
 from studies.research.withheld.visible import at_rest
-from tests.calib.test_compensate import band, missed, wanted
+from tests.calib.compensation.test_compensate import band, missed, wanted
 from tests.studies.research.withheld.scenes import PLAIN, as_files, case_of
 
 CONDITIONS = replace(PLAIN, configurations=45, known_geometry=False)

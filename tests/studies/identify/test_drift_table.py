@@ -12,11 +12,11 @@ import pytest
 from click.testing import CliRunner, Result
 
 from calib import load_cell, load_plan, readings
-from calib.build import build
+from calib.arm.statics import wrench_with_load
 from calib.files.write_tables import measurements_csv
-from calib.moves import with_moves
+from calib.model.build import build
+from calib.poses.moves import with_moves
 from calib.simulate import simulate
-from calib.statics import wrench_with_load
 from studies.cli import main
 from studies.demo import INPUTS, embedded_text
 

@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from calib import CalibError, Cell, Measurements, Poses
+from calib.arm.se3 import displacement, rotate, so3_exp
+from calib.arrays import Array
 from calib.cell import Capsule
 from calib.poses import poses_at
-from calib.se3 import Array, displacement, rotate, so3_exp
 from calib.targets import sobol_poses
 from doe.constraints import hidden_by, scene_of, visible
 from studies.demo import embedded_text, simulated

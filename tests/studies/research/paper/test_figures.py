@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from calib import Cell, Poses
-from calib.kinematics import forward
+from calib.arm.kinematics import forward
 from studies.plots import Picture
 from studies.plots.style import svg_text
 from studies.plots.view import View

@@ -13,6 +13,8 @@ import pytest
 from click.testing import CliRunner
 from scipy.stats import chi2
 
+from calib.arrays import Array
+
 pytest.importorskip("mujoco")
 
 from studies.research.withheld.__main__ import main
@@ -20,7 +22,7 @@ from studies.research.withheld.case_files import cell_text, write_case
 from studies.research.withheld.draw import Case, draw_case, with_scatter
 from studies.research.withheld.keys import key_of
 from studies.research.withheld.make import numbered
-from studies.research.withheld.robots import ARMS, RAIL, Array
+from studies.research.withheld.robots import ARMS, RAIL
 from studies.research.withheld.scatter import RATIO, Scatter
 from studies.research.withheld.scene import Scene
 from studies.research.withheld.seal import read_json

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.arrays import Array
+
 pytest.importorskip("mujoco")
 
 import calib
@@ -16,7 +18,7 @@ from studies.research.withheld.actions import frame_columns
 from studies.research.withheld.catalogue import CATALOGUE
 from studies.research.withheld.causes import Cause
 from studies.research.withheld.outside import OUTSIDE
-from studies.research.withheld.robots import ARMS, HEAVY, RAIL, Arm, Array
+from studies.research.withheld.robots import ARMS, HEAVY, RAIL, Arm
 from studies.research.withheld.texts import G
 from studies.research.withheld.visible import at_rest
 from tests.studies.research.withheld.scenes import as_files, case_of, scene_of

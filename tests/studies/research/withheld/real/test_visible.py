@@ -9,6 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from calib.arrays import Array
+
 pytest.importorskip("mujoco")
 
 from studies.research.withheld.causes import Cause
@@ -19,7 +21,7 @@ from studies.research.withheld.real import draw
 from studies.research.withheld.real.conditions import RealConditions
 from studies.research.withheld.real.reach import excess
 from studies.research.withheld.real.visible import beside_others
-from studies.research.withheld.robots import HEAVY, Array
+from studies.research.withheld.robots import HEAVY
 from studies.research.withheld.scatter import Wander
 from studies.research.withheld.scene import Scene
 from studies.research.withheld.visible import Acting, Projector, at_rest

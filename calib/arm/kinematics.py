@@ -1,0 +1,134 @@
+"""Forward kinematics with displaced frames, and the spatial columns its derivatives are made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arm.robot import Robot
+from calib.arm.se3 import cross, rotate, so3_about, so3_exp, so3_right_jacobian
+from calib.arrays import Array
+
+_UNTURNED = np.eye(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """One displacement ``D(xi)`` of every frame: the axes before it, and the frames after it.
+
+    xi : ndarray, shape (..., m or 1, n + 2, 6), m and rad
+    R_before : ndarray, shape (..., m, n + 2, 3, 3), axes in which its translation acts
+    R : the same after it
+    o : ndarray, shape (..., m, n + 2, 3), m, origins after it
+    """
+
+    xi: Array
+    R_before: Array
+    R: Array
+    o: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Frames 0 (base) .. n + 1 (tip) of the displaced arm, in base axes, before joint motion.
+
+    constant : Stage, what holds at every pose: errors of the geometry
+    present : Stage, what depends on the state: deflection, gear errors, heat
+    R_link : ndarray, shape (..., m, n + 2, 3, 3), after joint motion: the frames that carry links
+    """
+
+    constant: Stage
+    present: Stage
+    R_link: Array
+
+    @property
+    def R(self) -> Array:
+        """Axes of the frames, shape (..., m, n + 2, 3, 3)."""
+        return self.present.R
+
+    @property
+    def o(self) -> Array:
+        """Origins of the frames, shape (..., m, n + 2, 3), m."""
+        return self.present.o
+
+
+def forward(
+    robot: Robot, q: Array, constant: Array | None = None, present: Array | None = None
+) -> Frames:
+    """Frames of ``prod_k [C_k D(constant_k) D(present_k) exp(a_k q_k)] C_tip D D``, after ``D_0 D_0``.
+
+    q : ndarray, shape (m, n), rad or m
+    constant : ndarray, shape (..., n + 2, 6), m and rad, displacement of each frame at every pose
+    present : ndarray, shape (..., m, n + 2, 6), m and rad, displacement at each pose
+    """
+    m, count = len(q), robot.dof + 2
+    first = np.zeros((1, count, 6)) if constant is None else constant[..., None, :, :]
+    second = np.zeros((m, count, 6)) if present is None else present
+    batch = (*np.broadcast_shapes(first.shape[:-3], second.shape[:-3]), m)
+    moves = [np.asarray(xi.any(axis=(*range(xi.ndim - 2), -1))) for xi in (first, second)]
+    # Axes: nominal, after the constant displacement, after the present one, after the joint's motion.
+    # A displacement that moves no frame shares the arrays of the stage before it.
+    nominal, moved = np.empty((*batch, count, 3, 3)), np.empty((*batch, count, 3, 3))
+    axes = [nominal, *(np.empty_like(nominal) if own.any() else nominal for own in moves)]
+    axes[2] = axes[2] if moves[1].any() else axes[1]
+    origins = [np.empty((*batch, count, 3))]
+    origins.append(np.empty_like(origins[0]) if moves[1].any() else origins[0])
+    rotation: Array = np.broadcast_to(np.eye(3), (*batch, 3, 3))
+    origin: Array = np.zeros((*batch, 3))
+    for k in range(count):
+        if k > 0:
+            C = robot.origins[k - 1]
+            if C[:3, 3].any():
+                origin = origin + rotate(rotation, C[:3, 3])
+            if not np.array_equal(C[:3, :3], _UNTURNED):
+                rotation = (rotation.reshape(-1, 3) @ C[:3, :3]).reshape(rotation.shape)
+        nominal[..., k, :, :] = rotation
+        for stage, xi in enumerate((first, second)):
+            if moves[stage][k]:
+                origin = origin + rotate(rotation, xi[..., k, :3])
+                rotation = rotation @ so3_exp(xi[..., k, 3:])
+            axes[stage + 1][..., k, :, :], origins[stage][..., k, :] = rotation, origin
+        if 0 < k <= robot.dof:
+            axis, value = robot.axes[k - 1], q[:, k - 1]
+            if robot.prismatic[k - 1]:
+                origin = origin + rotate(rotation, axis * value[:, None])
+            else:
+                rotation = rotation @ so3_about(axis, value)
+        moved[..., k, :, :] = rotation
+    return Frames(
+        Stage(first, axes[0], axes[1], origins[0]),
+        Stage(second, axes[1], axes[2], origins[1]),
+        moved,
+    )
+
+
+def link_origins(robot: Robot, frames: Frames, q: Array) -> Array:
+    """Origins of the frames that carry the links, shape (..., m, n + 2, 3): prismatic travel in."""
+    if not robot.prismatic.any():
+        return frames.o
+    travel = np.zeros((len(q), robot.dof + 2, 3))
+    travel[:, 1:-1] = robot.prismatic[:, None] * robot.axes * q[:, :, None]
+    return frames.o + rotate(frames.R, travel)
+
+
+def spatial_columns(stage: Stage, frame: int, basis: Array) -> Array:
+    """Velocity field of the arm beyond a frame, for each column of displacement there.
+
+    A displacement ``basis @ d`` of the frame moves a point x beyond it by ``A + phi x x``.
+
+    basis : ndarray, shape (..., m or 1, 6, p), d xi / d parameter
+    Returns ndarray, shape (..., m, p, 6): (A, phi) in base axes.
+    """
+    turn = stage.R[..., frame, :, :]
+    if stage.xi[..., frame, 3:].any():
+        turn = turn @ so3_right_jacobian(stage.xi[..., frame, 3:])
+    phi = np.swapaxes(turn @ basis[..., 3:, :], -1, -2)
+    slide = np.swapaxes(stage.R_before[..., frame, :, :] @ basis[..., :3, :], -1, -2)
+    A = slide - cross(phi, stage.o[..., frame, None, :])
+    return np.concatenate(np.broadcast_arrays(A, phi), axis=-1)
+
+
+def point_velocity(columns: Array, points: Array) -> Array:
+    """``A + phi x point`` for columns (..., p, 6) and points (..., p or 1, 3)."""
+    return columns[..., :3] + cross(columns[..., 3:], points)

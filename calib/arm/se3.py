@@ -1,0 +1,185 @@
+"""Rotations and rigid motions, batched over leading axes.
+
+Conventions, fixed here for the whole project:
+
+- ``R_a_b`` and ``p_a_b`` take a point from frame b to frame a: ``p_a = R_a_b p_b + p_a_b``.
+- A small displacement has six components ``(x, y, z, rx, ry, rz)``: a translation in metres,
+  then a rotation vector in radians, both in the axes of the frame where it acts.
+- Displacements act on the right, ``T D`` with ``D = [exp(r) | t]``: first order a twist, and
+  exactly what the ``origin`` of a URDF joint can hold.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.arrays import Array
+
+_SMALL_ANGLE = 1e-4  # below it the series is exact to rounding
+
+
+def skew(v: Array) -> Array:
+    """Matrix of the cross product, ``skew(v) @ w == cross(v, w)`` (paper, equation 10).
+
+    v : ndarray, shape (..., 3) -> ndarray, shape (..., 3, 3)
+    """
+    x, y, z = np.moveaxis(np.asarray(v, dtype=float), -1, 0)
+    zero = np.zeros_like(x)
+    rows = [zero, -z, y, z, zero, -x, -y, x, zero]
+    return np.stack(rows, axis=-1).reshape((*x.shape, 3, 3))
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross product, shape (..., 3), of a and b, with broadcasting.
+
+    Several times faster than numpy's.
+    """
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+def across(axis: Array) -> Array:
+    """Two unit vectors across a unit vector of shape (3,) and across each other, shape (2, 3).
+
+    The first is the coordinate axis that lies most across, less its part along ``axis``.
+    """
+    chosen = np.eye(3)[int(np.abs(axis).argmin())]
+    u = chosen - axis * (axis @ chosen)
+    u = u / np.linalg.norm(u)
+    return np.stack([u, cross(axis, u)])
+
+
+def rotate(R: Array, v: Array) -> Array:
+    """Apply rotations to vectors: shapes (..., 3, 3) and (..., 3), broadcast."""
+    out: Array = np.einsum("...ij,...j->...i", R, v)  # half the time of matmul
+    return out
+
+
+def _angle_terms(angle: Array) -> tuple[Array, Array, Array]:
+    """sin(a)/a, (1 - cos a)/a^2 and (a - sin a)/a^3, by series near zero."""
+    small = angle < _SMALL_ANGLE
+    a = np.where(small, 1.0, angle)
+    a2 = angle**2
+    s = np.where(small, 1.0 - a2 / 6.0, np.sin(a) / a)
+    c = np.where(small, 0.5 - a2 / 24.0, 2.0 * np.sin(a / 2.0) ** 2 / a**2)
+    d = np.where(small, 1.0 / 6.0 - a2 / 120.0, (a - np.sin(a)) / a**3)
+    return s, c, d
+
+
+def so3_exp(r: Array) -> Array:
+    """Rotation matrix of a rotation vector (Rodrigues).
+
+    r : ndarray, shape (..., 3), rad -> ndarray, shape (..., 3, 3)
+    """
+    K = skew(r)
+    s, c, _ = _angle_terms(np.linalg.norm(r, axis=-1))
+    return np.eye(3) + s[..., None, None] * K + c[..., None, None] * (K @ K)
+
+
+def so3_about(axis: Array, angle: Array) -> Array:
+    """Rotation matrices about one fixed unit axis of shape (3,), angles (...) in rad -> (..., 3, 3)."""
+    K = skew(axis)
+    s, c = np.sin(angle)[..., None, None], (2.0 * np.sin(angle / 2.0) ** 2)[..., None, None]
+    return np.asarray(np.eye(3) + s * K + c * (K @ K))
+
+
+def so3_log(R: Array) -> Array:
+    """Rotation vector of a rotation matrix, angle in [0, pi].
+
+    R : ndarray, shape (..., 3, 3) -> ndarray, shape (..., 3), rad
+
+    Through the unit quaternion of the largest component, so it is accurate near zero and pi.
+    """
+    R = np.asarray(R, dtype=float)
+    trace = np.trace(R, axis1=-2, axis2=-1)
+    diagonal = np.diagonal(R, axis1=-2, axis2=-1)
+    # Rows of the symmetric 4x4 matrix 4 q q^T, q = (w, x, y, z); its largest row is q up to scale.
+    Q = np.empty((*R.shape[:-2], 4, 4))
+    Q[..., 0, 0] = 1.0 + trace
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        Q[..., i + 1, i + 1] = 1.0 + 2.0 * diagonal[..., i] - trace
+        Q[..., 0, i + 1] = Q[..., i + 1, 0] = R[..., k, j] - R[..., j, k]
+        Q[..., j + 1, k + 1] = Q[..., k + 1, j + 1] = R[..., j, k] + R[..., k, j]
+    best = np.argmax(np.diagonal(Q, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(Q, best[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    q = np.where(q[..., :1] < 0.0, -q, q)
+    sine = np.linalg.norm(q[..., 1:], axis=-1)
+    angle = 2.0 * np.arctan2(sine, q[..., 0])
+    scale = np.where(sine < _SMALL_ANGLE, 2.0 + sine**2 / 3.0, angle / np.where(sine == 0, 1, sine))
+    out: Array = scale[..., None] * q[..., 1:]
+    return out
+
+
+def so3_right_jacobian(r: Array) -> Array:
+    """J with ``exp(r + dr) = exp(r) exp(J dr)`` to first order.
+
+    r : ndarray, shape (..., 3), rad -> ndarray, shape (..., 3, 3)
+    """
+    K = skew(r)
+    _, c, d = _angle_terms(np.linalg.norm(r, axis=-1))
+    return np.eye(3) - c[..., None, None] * K + d[..., None, None] * (K @ K)
+
+
+def transform(R: Array, p: Array) -> Array:
+    """Homogeneous matrix of a rotation and a translation, shape (..., 4, 4)."""
+    T = np.zeros((*np.broadcast_shapes(R.shape[:-2], p.shape[:-1]), 4, 4))
+    T[..., :3, :3] = R
+    T[..., :3, 3] = p
+    T[..., 3, 3] = 1.0
+    return T
+
+
+def inverse(T: Array) -> Array:
+    """Inverse of homogeneous rigid transforms, shape (..., 4, 4)."""
+    R_inverse = np.swapaxes(T[..., :3, :3], -1, -2)
+    return transform(R_inverse, -rotate(R_inverse, T[..., :3, 3]))
+
+
+def displacement(xi: Array) -> Array:
+    """``D(xi) = [exp(rx, ry, rz) | x, y, z]``, shape (..., 6) -> (..., 4, 4)."""
+    return transform(so3_exp(xi[..., 3:]), xi[..., :3])
+
+
+def from_xyz_rpy(xyz: Array, rpy: Array) -> Array:
+    """Transform of a URDF origin: ``R = Rz(yaw) Ry(pitch) Rx(roll)``, metres and radians."""
+    roll, pitch, yaw = (so3_exp(axis * angle) for axis, angle in zip(np.eye(3), rpy, strict=True))
+    return transform(yaw @ pitch @ roll, np.asarray(xyz, dtype=float))
+
+
+def rpy_from_rotation(R: Array) -> Array:
+    """Roll, pitch, yaw, shape (3,), rad, of a single rotation matrix, shape (3, 3).
+
+    At pitch +-90 degrees yaw is set to zero.
+    """
+    pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
+    if np.hypot(R[0, 0], R[1, 0]) < 1e-9:
+        return np.array([np.arctan2(-R[1, 2], R[1, 1]), pitch, 0.0])
+    return np.array([np.arctan2(R[2, 1], R[2, 2]), pitch, np.arctan2(R[1, 0], R[0, 0])])
+
+
+def fit_rigid(points_a: Array, points_b: Array, weights: Array | None = None) -> Array:
+    """Least-squares rigid motion ``T_a_b`` that takes points b onto points a (Kabsch, SVD).
+
+    points_a, points_b : ndarray, shape (..., n, 3), m; weights : ndarray, shape (..., n)
+    Returns ndarray, shape (..., 4, 4). Source: Umeyama, IEEE TPAMI 13(4), 1991, without scale.
+    """
+    w = np.ones(points_a.shape[:-1]) if weights is None else np.asarray(weights, dtype=float)
+    w = w / w.sum(axis=-1, keepdims=True)
+    mean_a = np.einsum("...n,...ni->...i", w, points_a)
+    mean_b = np.einsum("...n,...ni->...i", w, points_b)
+    centred_a, centred_b = points_a - mean_a[..., None, :], points_b - mean_b[..., None, :]
+    H = np.einsum("...n,...ni,...nj->...ij", w, centred_a, centred_b)
+    R = nearest_rotation(H)
+    return transform(R, mean_a - rotate(R, mean_b))
+
+
+def nearest_rotation(M: Array) -> Array:
+    """Rotation closest to a 3x3 matrix in the Frobenius norm, shape (..., 3, 3)."""
+    U, _, Vt = np.linalg.svd(M)
+    sign = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
+    U = U.copy()
+    U[..., :, 2] *= np.where(sign == 0, 1.0, sign)[..., None]
+    out: Array = U @ Vt
+    return out

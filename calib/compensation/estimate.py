@@ -1,0 +1,178 @@
+"""What a result knows of the robot: the model, its values, and how sure they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from calib.arrays import Array, Mask
+from calib.compensation.unexplained import Fitted, Unexplained, left_held_out, left_in_fit
+from calib.diagnosis.diagnose import Diagnosis
+from calib.diagnosis.screen import refuted
+from calib.diagnosis.stage import Fit
+from calib.identify.identification import Identification
+from calib.model import Model
+from calib.model.covariance import ignorance
+from calib.scatter import Variances
+
+Result: TypeAlias = Identification | Diagnosis
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """An identified model in the form in which one result is handed on to the next command.
+
+    model : Model; values : ndarray, shape (p,), SI
+    covariance : ndarray, shape (p, p), SI; what the poses did not determine enters with a plausible
+        size, less what the other parameters took up of it
+    start : float, s, time of the session's first pose, from which drift counts
+    unexplained : Unexplained
+    variances : Variances or None, of the arm's scatter, which is new at every target
+    undetermined : tuple of str, ids of the parameters that keep their nominal values
+    notes : tuple of str, what a user of the values should know
+    clock_unit : str, of the session's clock, "s" or "reading"
+    converged : bool
+    """
+
+    model: Model
+    values: Array
+    covariance: Array
+    start: float
+    unexplained: Unexplained
+    undetermined: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    converged: bool = True
+    variances: Variances | None = None
+    clock_unit: str = "s"
+
+
+def estimate_of(result: Result) -> Estimate:
+    """What an identification or a diagnosis knows."""
+    return _identified(result) if isinstance(result, Identification) else _diagnosed(result)
+
+
+def _identified(result: Identification) -> Estimate:
+    kept = ~result.fit.outlier
+    fitted, lost = result.fit.data.take(kept), np.diag(result.covariance) <= 0.0
+    scanned = np.zeros(len(lost), dtype=bool)
+    scanned[result.model.still] = True
+    levels = result.levels
+    fit = Fitted(
+        model=result.model,
+        values=result.values,
+        covariance=result.covariance,
+        span=np.eye(len(lost))[:, ~lost],
+        data=fitted,
+        weights=result.weights[kept],
+        sigma=result.noise.believed * _instrument(result),
+        variances=None if levels is None else levels.variances,
+    )
+    held = result.heldout
+    unseen = held is not None and held.data.seen.any()
+    rest = left_held_out(fit, held.data) if held is not None and unseen else left_in_fit(fit)
+    return Estimate(
+        fit.model,
+        fit.values,
+        result.knowledge,
+        fitted.poses.start,
+        rest,
+        _names(fit.model, lost & ~scanned),
+        _untold(result),
+        converged=result.status != "not_converged",
+        variances=fit.variances,
+        clock_unit=fitted.poses.clock_unit,
+    )
+
+
+def _instrument(result: Identification) -> float:
+    """Actual over stated noise of the instrument, as far as the data tell it from the rest."""
+    noise, levels = result.noise, result.levels
+    told = levels is not None and (
+        levels.instrument_only or (levels.instrument_seen and levels.variances.any)
+    )
+    if told or noise.source != "residual":
+        return noise.factor
+    return noise.replicate_factor or 1.0  # the residual is what is to be explained
+
+
+def _untold(result: Identification) -> tuple[str, ...]:
+    """That the instrument cannot be told from the model where the residual exceeds the noise."""
+    levels = result.levels
+    if levels is None or levels.instrument_seen or result.noise.replicate_factor is not None:
+        return ()
+    louder = result.noise.source == "residual" and result.noise.factor > 1.0
+    if not (louder or levels.variances.any):
+        return ()
+    return (
+        "the residual exceeds the stated noise, and these data cannot tell the instrument from the arm "
+        "and the model: all of the excess is expected to remain; read poses again, or more markers",
+    )
+
+
+def _diagnosed(result: Diagnosis) -> Estimate:
+    """The model with all causes that have a name; what is merely located stays unexplained."""
+    fit, scale, stage = result.after, result.scale, result.stage
+    unnamed = [e.candidate for e in result.outcome.entries if not e.candidate.named]
+    if unnamed:
+        named = [cause.named.candidate.effect for cause in result.causes]
+        fit = stage.exact(result.linear.fit(named, fit))
+        scale = _scale(fit)
+    levels, cov = fit.levels, fit.covariance * scale**2
+    kept, lost = ~stage.dropped, np.diag(cov) <= 0.0
+    sigma = result.noise.sigma
+    if levels is None or not levels.instrument_only:
+        sigma = sigma / result.scale  # the residual is what is to be explained
+    fitted = Fitted(
+        model=fit.model,
+        values=fit.values,
+        covariance=cov,
+        span=fit.span,
+        data=result.data.take(kept),
+        weights=stage.weights[kept],
+        sigma=sigma,
+        variances=None if levels is None else levels.variances,
+    )
+    if result.heldout is None or not result.heldout.seen.any():
+        rest = left_in_fit(fitted)
+    else:
+        rest = left_held_out(fitted, result.heldout)
+    return Estimate(
+        fit.model,
+        fit.values,
+        cov + ignorance(fit.equations[1], fit.span, fit.model.sizes, lost),
+        result.data.poses.start,
+        rest,
+        _names(fit.model, lost),
+        _doubts(result),
+        fit.converged,
+        fitted.variances,
+        result.data.poses.clock_unit,
+    )
+
+
+def _doubts(result: Diagnosis) -> tuple[str, ...]:
+    notes = []
+    for cause in result.causes:
+        first, *others = [f"{c.effect.kind}:{c.where}" for c, _ in cause.named.members]
+        if others:
+            notes.append(
+                f"{first} stands for {' or '.join(others)} too, which the data cannot tell from it"
+            )
+    for entry in result.outcome.entries:
+        if not entry.candidate.named:
+            place = f"{entry.candidate.where} by {entry.candidate.depends_on}"
+            notes.append(f"not corrected: the gap located at {place}, which has no named cause")
+    return tuple(notes)
+
+
+def _scale(fit: Fit) -> float:
+    """Actual over stated standard deviation, from the residual where that refutes the stated one."""
+    cost = float((fit.r**2).sum())
+    dof = int(np.count_nonzero(np.abs(fit.J).sum(axis=-1))) - fit.span.shape[1]
+    return float(np.sqrt(cost / dof)) if refuted(cost, dof) else 1.0
+
+
+def _names(model: Model, chosen: Mask) -> tuple[str, ...]:
+    return tuple(p.id for p, own in zip(model.parameters, chosen, strict=True) if own)

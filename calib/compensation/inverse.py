@@ -1,0 +1,194 @@
+"""Joint values at which the arm as identified stands in a wanted pose, its deflection included."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.arm.kinematics import Frames
+from calib.arm.robot import Robot
+from calib.arm.se3 import cross, rotate, so3_log
+from calib.arrays import Array, IntArray, Mask
+from calib.errors import CalibError
+from calib.model import Model
+from calib.poses import Poses
+
+_ROUNDS = 25
+_SETTLED = 1e-10  # rad or m, largest step of a joint
+_STILL = 1e-8  # the same where other targets take longer
+_SWINGS = (0.4, 0.2, 0.1, 0.05, 0.02)
+"""The most a direction may ask of a joint, rad or share of the reach; less where that went astray."""
+_FARTHEST = 0.6  # the same of the whole way
+_WEAKEST = 2e-3  # over the swing: lever, in lengths of the tool, below which a direction is none
+_TOOL = 0.1  # of the reach: length of a tool of which only the tip's origin is known
+_POSITION_FIRST = 1e-3  # weight of orientation where the joints are too few for both
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """Where the arm ends, m targets.
+
+    q : ndarray, shape (m, n), rad or m
+    R, o : ndarray, shapes (m, 3, 3) and (m, 3), m, tip frame in base axes
+    held : ndarray of bool, shape (m, n), joints that stopped at a limit
+    lost : ndarray of int, shape (m,), directions given up because the arm hardly moves along them
+    settled : ndarray of bool, shape (m,); where it is false, q is the command as given
+    """
+
+    q: Array
+    R: Array
+    o: Array
+    held: Mask
+    lost: IntArray
+    settled: Mask
+
+    @property
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """All of it, target by target."""
+        return self.q, self.R, self.o, self.held, self.lost, self.settled
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """Wanted tip frames in base axes and the points that are to be in place.
+
+    R, o : ndarray, shapes (m, 3, 3) and (m, 3), m
+    points : ndarray, shape (k, 3), m, tip frame
+    """
+
+    R: Array
+    o: Array
+    points: Array
+
+    @property
+    def centre(self) -> Array:
+        """Mean of the points, shape (3,), m, tip frame."""
+        return np.asarray(self.points.mean(axis=0))
+
+    def length(self, robot: Robot) -> float:
+        """What a radian weighs beside a metre: how far the points lie from their mean, RMS, m."""
+        spread = float(np.sqrt(((self.points - self.centre) ** 2).sum(axis=1).mean()))
+        tool = spread if spread > 0.0 else _TOOL * robot.reach
+        return tool if robot.dof >= 6 else _POSITION_FIRST * tool
+
+    def take(self, index: IntArray) -> Goal:
+        """The goals of some targets."""
+        return Goal(self.R[index], self.o[index], self.points)
+
+
+def tip_of(model: Model, values: Array, poses: Poses) -> Frames:
+    """Frames of the arm at rest under its loads. Raises CalibError where it finds no rest."""
+    frames = model.state(values, poses).frames
+    if not np.isfinite(frames.o).all():
+        raise CalibError("the arm finds no equilibrium: its compliances are far too large")
+    return frames
+
+
+def reach(model: Model, values: Array, poses: Poses, goal: Goal) -> Reached:
+    """Move every pose until its tip frame is the goal's, by Gauss-Newton steps on the arm at rest.
+
+    Where the arm cannot, the square distance of the points from their places is least, orientation
+    weighed by their spread; an arm of fewer than six joints puts their mean in place first.
+    Directions in which the joints would have to swing far are left alone, and a joint that would pass
+    its limit stays there. The arm's velocities are those of its displaced frames: how the deflection
+    follows a step is left to the next one.
+
+    Raises CalibError where the arm finds no equilibrium.
+    """
+    found = _descend(model, values, poses, goal, _SWINGS[0])
+    for swing in _SWINGS[1:]:
+        again = _astray(model, found, poses)
+        if not len(again):
+            return found
+        _put(found, again, _descend(model, values, poses.take(again), goal.take(again), swing))
+    again = _astray(model, found, poses)
+    if len(again):
+        _put(found, again, _unmoved(model, values, poses.take(again)))
+    return found
+
+
+def _unmoved(model: Model, values: Array, poses: Poses) -> Reached:
+    arm, none = tip_of(model, values, poses), np.zeros(poses.q.shape, dtype=bool)
+    never = np.zeros(len(poses), dtype=bool)
+    return Reached(poses.q, arm.R[:, -1], arm.o[:, -1], none, np.zeros(len(poses), int), never)
+
+
+def _put(found: Reached, where: IntArray, others: Reached) -> None:
+    for mine, theirs in zip(found.arrays, others.arrays, strict=True):
+        mine[where] = theirs
+
+
+def _astray(model: Model, found: Reached, poses: Poses) -> IntArray:
+    """Targets whose search did not settle, or went far away."""
+    way = np.abs((found.q - poses.q) / _units(model.robot)).max(axis=1)
+    return np.flatnonzero(~found.settled | (way > _FARTHEST))
+
+
+def _units(robot: Robot) -> Array:
+    """Joints that slide count in units of the reach, so that both kinds weigh alike."""
+    return np.where(robot.prismatic, robot.reach, 1.0)
+
+
+def _descend(model: Model, values: Array, poses: Poses, goal: Goal, swing: float) -> Reached:
+    """From the commands as given; ``swing`` is the most that a direction may ask of the joints."""
+    robot, m, units = model.robot, len(poses), _units(model.robot)
+    limits = np.minimum(robot.limits[:, 0], poses.q), np.maximum(robot.limits[:, 1], poses.q)
+    q, held = poses.q.copy(), np.zeros(poses.q.shape, dtype=bool)
+    rank, size = np.full(m, -1), np.full(m, np.inf)
+    for _ in range(_ROUNDS):
+        now = np.flatnonzero(size > _SETTLED)
+        if not len(now):
+            break
+        arm = tip_of(model, values, replace(poses.take(now), q=q[now]))
+        free = ~held[now] * units
+        J, error = _equations(robot, arm, goal.take(now))
+        step, rank[now] = _step(J * free[:, None], error, swing, goal.length(robot), rank[now])
+        asked = q[now] + step * free
+        moved = np.clip(asked, limits[0][now], limits[1][now])
+        size[now] = np.abs(moved - q[now]).max(axis=1)
+        stopped = (moved != asked) & ~held[now]
+        q[now], held[now] = moved, held[now] | stopped
+        renewed = now[stopped.any(axis=1)]
+        rank[renewed], size[renewed] = -1, np.inf
+    arm = tip_of(model, values, replace(poses, q=q))
+    lost = np.minimum(6, robot.dof - held.sum(axis=1)) - rank
+    return Reached(q, arm.R[:, -1].copy(), arm.o[:, -1].copy(), held, lost, size < _STILL)
+
+
+def _equations(robot: Robot, arm: Frames, goal: Goal) -> tuple[Array, Array]:
+    """How place and, times the tool's length, orientation move with the joints, and what they lack.
+
+    Returns J (m, 6, n) and the error (m, 6), both of the mean of the points, base axes, m.
+    """
+    length, R = goal.length(robot), arm.R[:, -1]
+    there = arm.o[:, -1] + rotate(R, goal.centre)
+    wanted = goal.o + rotate(goal.R, goal.centre)
+    turn = so3_log(goal.R @ np.swapaxes(R, -1, -2))
+    axes = rotate(arm.R[:, 1:-1], robot.axes)
+    turning = cross(axes, there[:, None] - arm.o[:, 1:-1])
+    slides = robot.prismatic[:, None]
+    parts = np.where(slides, axes, turning), np.where(slides, 0.0, length * axes)
+    J = np.swapaxes(np.concatenate(parts, axis=-1), -1, -2)
+    return J, np.concatenate([wanted - there, length * turn], axis=1)
+
+
+def _step(
+    J: Array, error: Array, swing: float, length: float, rank: IntArray
+) -> tuple[Array, IntArray]:
+    """Least-squares step (m, n) in the directions that count, and how many these are.
+
+    Directions count from the strongest to the first that asks for more than the swing.
+
+    rank : ndarray of int, shape (m,), as judged at an earlier step, -1 to judge now
+    """
+    U, s, Vt = np.linalg.svd(J, full_matrices=False)
+    along = rotate(np.swapaxes(U, -1, -2), error)
+    least = np.maximum(np.abs(along), _WEAKEST * length) / swing
+    judged = np.cumprod(s > least, axis=-1).sum(axis=-1)
+    rank = np.where(rank < 0, judged, rank)
+    kept = np.arange(s.shape[-1]) < rank[:, None]
+    weights = np.where(kept, along / np.where(kept, s, 1.0), 0.0)
+    return rotate(np.swapaxes(Vt, -1, -2), weights), rank

@@ -1,0 +1,152 @@
+"""What a fitted model leaves beside the noise, the arm's scatter and its parameters' uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arrays import Array, IntArray, Mask
+from calib.diagnosis.screen import refuted
+from calib.model import Model
+from calib.model.covariance import working_points
+from calib.poses import Measurements, Poses
+from calib.scatter import Variances, scatter_of
+from calib.scatter.poses import by_size
+
+_FREE = 1e-4  # of a row's freedom: less, and nothing but its own configuration tells of it
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """3-D RMS per point [m] of what the model leaves beside noise, scatter and its uncertainty.
+
+    source : "held-out poses", every one of them, those that stand out too: nothing shows that targets
+        are better; else "left-out configurations" of the fitted poses, less the outliers
+    """
+
+    rms: float
+    source: str
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A fit, and what is known of the noise in its readings.
+
+    covariance : ndarray, shape (p, p), SI; span : ndarray, shape (p, k), directions that were fitted
+    data : Measurements, that were fitted; weights : ndarray, shape (m, M, 3, 3), zero for hidden points
+    sigma : float, m, of one coordinate of the instrument alone
+    variances : Variances or None, of the arm's scatter
+    """
+
+    model: Model
+    values: Array
+    covariance: Array
+    span: Array
+    data: Measurements
+    weights: Array
+    sigma: float
+    variances: Variances | None
+
+
+def scatter_at(model: Model, values: Array, poses: Poses, variances: Variances | None) -> Array:
+    """Squared error (m, M) [m^2] that the arm's scatter adds where it is approached anew."""
+    model = working_points(model)
+    if variances is None or not variances.any:
+        return np.zeros((len(poses), len(model.markers)))
+    total = variances.approach + variances.configuration
+    return scatter_of(model, values, poses, variances).point_variance(total)
+
+
+def left_in_fit(fit: Fitted) -> Unexplained:
+    """``u^2 = rms^2 - s^2 - 3 sigma^2 - scatter^2`` at configurations that are left out in turn.
+
+    A fit bends towards its own poses, and hides what a pose beside them will show. None where the
+    residual agrees with the noise, or, where the arm scatters, the left-out ones agree with that.
+    """
+    error, share = _shares(fit, fit.data)
+    vectors, growth, known = left_out(fit)
+    seen = fit.data.seen & known[:, None]
+    if not seen.any():
+        return Unexplained(0.0, "left-out configurations")
+    there = (vectors**2).sum(axis=-1)
+    expected = 3.0 * fit.sigma**2 + _scatter(fit, fit.data) + share * growth[:, None]
+    excess = float((there - expected)[seen].mean())
+    if fit.variances is not None and fit.variances.any:
+        surely = _beyond(there, expected, seen, fit.data.poses.configuration)
+    else:
+        rows = 3 * int(fit.data.seen.sum())
+        surely = refuted(float(error.sum()) / fit.sigma**2, rows - fit.span.shape[1])
+    return Unexplained(float(np.sqrt(excess)) if surely and excess > 0.0 else 0.0,
+                       "left-out configurations")  # fmt: skip
+
+
+def left_held_out(fit: Fitted, heldout: Measurements) -> Unexplained:
+    """``u^2 = rms^2 - s^2 - 3 sigma^2 - scatter^2`` at poses that the parameters never saw."""
+    error, share = _shares(fit, heldout)
+    expected, seen = 3.0 * fit.sigma**2 + share + _scatter(fit, heldout), heldout.seen
+    excess = float((error - expected)[seen].mean())
+    if fit.variances is not None and fit.variances.any:
+        surely = _beyond(error, expected, seen, heldout.poses.configuration)
+    else:
+        surely = refuted(3.0 * float((error / expected)[seen].sum()), 3 * int(seen.sum()))
+    return Unexplained(float(np.sqrt(excess)) if surely and excess > 0.0 else 0.0, "held-out poses")
+
+
+def left_out(fit: Fitted) -> tuple[Array, Array, Mask]:
+    """Errors at each configuration by what the others say, to first order, without a refit.
+
+    With Q an orthonormal basis of the fitted columns, rows F that are left out miss by
+    ``(I - Q_F Q_F^T)^-1 r_F``. Returns these errors (m, M, 3), m; by how much more the parameters'
+    uncertainty counts there, (m,); and whether the others tell of the configuration at all, (m,).
+    """
+    points, J = fit.model.jacobian(fit.values, fit.data.poses)
+    seen = fit.data.seen[..., None]
+    W = fit.weights
+    r = (W @ ((fit.data.points - points) * seen)[..., None])[..., 0]
+    A = (W @ (J @ fit.span)).reshape(-1, fit.span.shape[1])
+    Q, _ = np.linalg.qr(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300))
+    m, R = len(r), r[0].size
+    r = (r.ravel() - Q @ (Q.T @ r.ravel())).reshape(m, R)
+    Q = Q.reshape(m, R, -1)
+    errors, growth, known = np.zeros((m, R)), np.ones(m), np.zeros(m, dtype=bool)
+    for index in by_size(fit.data.poses.configuration):
+        B, own = len(index), Q[index].reshape(len(index), -1, Q.shape[-1])
+        held = own @ np.swapaxes(own, -1, -2)
+        freedom, axes = np.linalg.eigh(np.eye(held.shape[-1]) - held)
+        known[index] = (freedom[:, 0] > _FREE)[:, None]
+        freedom = np.maximum(freedom, _FREE)
+        turned = np.swapaxes(axes, -1, -2) @ r[index].reshape(B, -1, 1)
+        errors[index] = (axes @ (turned / freedom[..., None])).reshape(*index.shape, R)
+        inside = np.trace(held, axis1=-2, axis2=-1)
+        growth[index] = ((1.0 / freedom - 1.0).sum(axis=-1) / np.maximum(inside, 1e-300))[:, None]
+    hidden = ~fit.data.seen[..., None, None]
+    back = np.linalg.solve(W + hidden * np.eye(3), errors.reshape(*fit.data.seen.shape, 3, 1))
+    return np.asarray(back[..., 0] * seen), growth, known
+
+
+def _shares(fit: Fitted, data: Measurements) -> tuple[Array, Array]:
+    """Squared error of every point (m, M), and what the parameters' uncertainty adds to it, m^2."""
+    points, J = fit.model.jacobian(fit.values, data.poses)
+    error = ((data.points - points) ** 2).sum(axis=-1) * data.seen
+    return error, np.einsum("mjip,pq,mjiq->mj", J, fit.covariance, J, optimize=True)
+
+
+def _scatter(fit: Fitted, data: Measurements) -> Array:
+    """What the arm's scatter adds to each point (m, M), m^2."""
+    if fit.variances is None or not fit.variances.any:
+        return np.zeros(data.seen.shape)
+    total = fit.variances.approach + fit.variances.configuration
+    return scatter_of(fit.model, fit.values, data.poses, fit.variances).point_variance(total)
+
+
+def _beyond(error: Array, expected: Array, seen: Mask, configuration: IntArray) -> bool:
+    """Whether errors exceed what is expected where the points of a configuration err together."""
+    ratios = np.array(
+        [
+            (error[own] / expected[own]).mean()
+            for c in np.unique(configuration)
+            if (own := seen & (configuration == c)[:, None]).any()
+        ]
+    )
+    return refuted(3.0 * float(ratios.sum()), 3 * len(ratios)) and float(ratios.mean()) > 1.0

@@ -1,0 +1,292 @@
+"""From a cell and the poses in hand to the model with its active effects."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arm.statics import loads_of
+from calib.arrays import Array
+from calib.cell import Cell
+from calib.effects import GROUPS, Context, Effect, catalogue
+from calib.effects.protocol import (
+    ARM,
+    ElasticEffect,
+    LoadEffect,
+    PoseEffect,
+    ReadingEffect,
+)
+from calib.effects.tuned import Tuned
+from calib.errors import EffectCannotAct, UnknownEffect
+from calib.model import Model
+from calib.model.reduction import Dropped, irreducible
+from calib.poses import Poses
+
+_MOST_KNOTS = 8  # distinct angles up to this number become knots of their own
+_SAME_ANGLE = 1e-3  # rad: angles closer than this are one level
+_PROBED = 200  # poses at which it is tried whether an effect acts
+_MOVES_NOTHING = 1e-10  # m: largest movement of a marker by an effect that does not act
+_MOST_NAMED = 4  # absorbing parameters that a refusal names
+_COVARIATES = {
+    "temperature": ("the poses have no temperature", "add column temperature_degC"),
+    "time": ("the poses have no time", "add column time_s"),
+    "approach": (
+        "nothing says from which side the joints came",
+        "add columns approach_<joint>, or give measured poses in their order",
+    ),
+    "motion": (
+        "nothing says how far the joints went before",
+        "give measured poses in their order",
+    ),
+    "torque": ("the poses have no torques that the arm measured", "add columns <joint>_Nm"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Built:
+    """A model and how it came about.
+
+    model : Model, with an irreducible set of constant parameters
+    dropped : tuple of Dropped, constants that others absorb
+    """
+
+    model: Model
+    dropped: tuple[Dropped, ...]
+
+
+def parse_effect(text: str, key: str = "[model] effects") -> tuple[str, tuple[str, ...] | None]:
+    """``name`` or ``name:where[,where]`` -> name and places, None for everywhere.
+
+    key : str, of the cell file, where it stands
+    Raises UnknownEffect, naming the closest known one.
+    """
+    name, colon, rest = text.partition(":")
+    name = name.strip()
+    if name == "cross_compliance":
+        raise UnknownEffect(
+            "cross_compliance: off-diagonal terms of the compliance matrix are not modelled; use "
+            "bearing_compliance, base_compliance or tool_compliance for elasticity across a joint"
+        )
+    if name not in catalogue():
+        close = difflib.get_close_matches(name, catalogue(), n=1)
+        hint = f"did you mean {close[0]!r}?" if close else f"known are: {', '.join(catalogue())}"
+        raise UnknownEffect(f"unknown effect {name!r} in {key}; {hint}")
+    places = tuple(place.strip() for place in rest.split(",")) if colon else None
+    return name, places
+
+
+def parse_excluded(text: str, context: Context) -> tuple[str, ...]:
+    """What ``name`` or ``name:where[,where]`` in ``[diagnosis] exclude`` rules out: causes one by one.
+
+    Raises UnknownEffect, naming the closest known effect or place.
+    """
+    key = "[diagnosis] exclude"
+    name, places = parse_effect(text, key)
+    if name in GROUPS:
+        raise UnknownEffect(f"{name!r} in {key} is no cause; it belongs to [model] effects")
+    known = catalogue()[name].places(context)
+    for where in places or ():
+        if where not in known:
+            close = difflib.get_close_matches(where, known, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"places are: {', '.join(known)}"
+            raise UnknownEffect(f"{name} has no place {where!r} in {key}; {hint}")
+    return (name,) if places is None else tuple(f"{name}:{where}" for where in places)
+
+
+def place_effect(name: str, where: str, context: Context) -> Effect:
+    """An effect of the catalogue at a place.
+
+    Raises UnknownEffect where the robot has no such place, EffectCannotAct where something that the
+    effect needs is missing.
+    """
+    kind = catalogue()[name]
+    robot = context.robot
+    places = kind.places(context)
+    on_joints = not places or any(place in robot.joints for place in places)
+    if where in places or (on_joints and where in robot.joints):
+        slides = where in robot.joints and robot.prismatic[robot.joints.index(where)]
+        if kind.turns and slides:
+            raise EffectCannotAct(
+                f"{name}:{where}", f"{where} is a prismatic joint", "name a joint that turns"
+            )
+        effect = kind.at(context, where)
+        for covariate in kind.uses:
+            if covariate in context.lacking:
+                raise EffectCannotAct(f"{name}:{where}", *_COVARIATES[covariate])
+        return effect
+    parts = [part for mark in "*/-+" for part in where.split(mark) if mark in where]
+    if name.endswith("compliance") and len(parts) > 1 and all(p in robot.joints for p in parts):
+        raise UnknownEffect(
+            f"{name}:{where}: off-diagonal terms of the compliance matrix are not modelled; name one "
+            f"joint at a time, as in {name}:{parts[0]},{parts[1]}"
+        )
+    known = ", ".join(places) or "none on this robot"
+    raise UnknownEffect(f"{name} has no place {where!r} in [model] effects; places are: {known}")
+
+
+def default_knots(q: Array) -> Array:
+    """Angles at which ``stiffness_vs_angle`` gets coefficients, shape (k,), rad, ascending.
+
+    q : ndarray, shape (m,), rad, the angles in hand; their own where they are few, else five evenly
+    """
+    q = np.sort(q)
+    starts = np.flatnonzero(np.diff(q, prepend=-np.inf) > _SAME_ANGLE)
+    if len(starts) <= _MOST_KNOTS:
+        return np.array([level.mean() for level in np.split(q, starts[1:])])
+    return np.linspace(q[0], q[-1], 5)
+
+
+def context_of(cell: Cell, poses: Poses | None) -> Context:
+    """What the effects may ask for: the cell, and knots from the poses where it gives none."""
+    knots = dict(cell.knots)
+    for index, joint in enumerate(cell.robot.joints):
+        if joint not in knots and poses is not None and len(poses):
+            knots[joint] = default_knots(poses.q[:, index])
+        elif joint not in knots and joint in cell.design.get("level_values", {}):
+            knots[joint] = cell.design["level_values"][joint]
+    return Context(
+        cell.robot,
+        cell.markers,
+        cell.marker_names,
+        poses.stations if poses is not None else ("base",),
+        knots,
+        dict(cell.anchors),
+        cell.gravity,
+        cell.payload,
+        _brings_load(cell, poses),
+        frozenset() if poses is None else lacking(poses),
+        "s" if poses is None else poses.clock_unit,
+        dict(cell.gear_ratios),
+    )
+
+
+def _brings_load(cell: Cell, poses: Poses | None) -> bool:
+    """Whether the poses carry a load beside the payload; a cell's plan does if it has a [load]."""
+    if poses is None:
+        return cell.load is not None
+    return bool(poses.wrench.any() or poses.load_mass.any())
+
+
+def lacking(poses: Poses) -> frozenset[str]:
+    """What effects may ask for and the poses do not have."""
+    missing = frozenset(name for name in _COVARIATES if getattr(poses, name) is None)
+    return missing if poses.order is None else missing - {"time"}
+
+
+def build(cell: Cell, poses: Poses | None = None) -> Built:
+    """The model of a cell for the poses in hand: a plan's or a data set's.
+
+    Raises UnknownEffect, EffectCannotAct where an effect lacks what it needs.
+    """
+    context = context_of(cell, poses)
+    effects: list[Effect] = []
+    for text in cell.effects:
+        name, places = parse_effect(text)
+        if name in GROUPS and places is not None:
+            raise UnknownEffect(f"{name!r} is a group and takes no places, found {text!r}")
+        # The arm as a whole is what its links are one by one.
+        taken = {ARM} | {e.where for e in effects if _same_unknown(e.kind, name)}
+        for where in places or [w for w in catalogue()[name].places(context) if w not in taken]:
+            if any(e.kind == name and e.where == where for e in effects):
+                raise UnknownEffect(f"{name}:{where} stands twice in [model] effects")
+            effects.append(place_effect(name, where, context))
+    full = Model(
+        cell.robot, cell.marker_names, cell.markers, tuple(effects), cell.payload, cell.gravity
+    )
+    built = Built(*irreducible(full))
+    _refuse_absorbed(_placed(cell, context), full, built)
+    return built
+
+
+def _refuse_absorbed(placed: set[tuple[str, str]], full: Model, built: Built) -> None:
+    """An effect that the user placed and that others stand for whole must not vanish in silence."""
+    absorbed = {d.id: d.absorbed_by for d in built.dropped}
+    for effect in full.effects:
+        ids = [p.id for p in effect.parameters]
+        if (effect.kind, effect.where) in placed and all(i in absorbed for i in ids):
+            others = list(dict.fromkeys(name for i in ids for name, _ in absorbed[i]))
+            more = len(others) - _MOST_NAMED
+            named = ", ".join(others[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+            raise EffectCannotAct(
+                f"{effect.kind}:{effect.where}",
+                f"{named} {'move' if len(others) > 1 else 'moves'} the markers in the same way",
+                "take it out of [model] effects, or take out the other",
+            )
+
+
+def _placed(cell: Cell, context: Context) -> set[tuple[str, str]]:
+    """(effect, where) of all effects that the cell names with a place, or that have only one."""
+    found = set()
+    for name, places in map(parse_effect, cell.effects):
+        own = catalogue()[name].places(context)
+        single = own if len(own) == 1 and name not in GROUPS else ()
+        found |= {(name, where) for where in places or single}
+    return found
+
+
+def _same_unknown(kind: str, other: str) -> bool:
+    """A joint with a compliance by angle needs no constant one beside it."""
+    return kind == other or {kind, other} == {"joint_compliance", "stiffness_vs_angle"}
+
+
+def refuse_idle_effects(cell: Cell, model: Model, poses: Poses) -> None:
+    """Refuse effects that the user placed and that move no marker at the poses.
+
+    Effects named for everywhere may stand idle at some places; what they lack is reported with the
+    parameters that cannot be identified.
+
+    Raises EffectCannotAct.
+    """
+    kinds = (ElasticEffect, LoadEffect, PoseEffect, ReadingEffect)
+    acting = (e for e in model.effects if isinstance(e, kinds))
+    part = model.with_effects(tuple(_amid(e, poses) for e in acting))
+    if not part.effects:
+        return
+    placed = _placed(cell, context_of(cell, poses))
+    soft = part.initial
+    elastic = part.where(ElasticEffect)
+    soft[elastic] = part.sizes[elastic]
+    few = poses.take(np.unique(np.linspace(0, len(poses) - 1, _PROBED).astype(int)))
+    _, J = part.jacobian(soft, few)
+    moved = np.abs(J).max(axis=(0, 1, 2)) * part.sizes
+    for effect, columns in zip(part.effects, part.slices, strict=True):
+        if (effect.kind, effect.where) in placed and moved[columns].max() < _MOVES_NOTHING:
+            raise _idle(effect, part, poses)
+
+
+def _amid(effect: Effect, poses: Poses) -> Effect:
+    """The effect, a tuned one in the middle of what is worth trying at these poses."""
+    grid = effect.grid(poses) if isinstance(effect, Tuned) else ()
+    if not isinstance(effect, Tuned) or not len(grid):
+        return effect
+    return effect.tuned(grid[len(grid) // 2])
+
+
+def _idle(effect: Effect, model: Model, poses: Poses) -> EffectCannotAct:
+    """Why an effect moves nothing; ``model`` holds what is not constant in the user's model."""
+    name = f"{effect.kind}:{effect.where}"
+    reason = "it moves no marker at any of these poses"
+    if isinstance(effect, LoadEffect) and not len(model.where(ElasticEffect)):
+        return EffectCannotAct(
+            name,
+            "nothing in the model is elastic",
+            "add joint_compliance, or take it out of [model] effects",
+        )
+    if effect.uses:
+        known = " and ".join(effect.uses)
+        return EffectCannotAct(
+            name, reason, f"take it out of [model] effects, or measure where {known} differs"
+        )
+    if not isinstance(effect, ElasticEffect | LoadEffect):
+        return EffectCannotAct(name, reason, "take it out of [model] effects, or move more joints")
+    if loads_of(model.robot, poses, model.payload, model.gravity).absent:
+        return EffectCannotAct(
+            name,
+            "nothing loads the arm",
+            "give wrench columns (fz_N ..), [payload], or link masses in the robot's file",
+        )
+    return EffectCannotAct(
+        name, reason, "take it out of [model] effects, or load the arm so that it is stressed"
+    )

@@ -1,0 +1,139 @@
+"""How the tip moves with each parameter of the arm.
+
+Derivatives are velocity fields: a parameter that displaces frame k moves all beyond it by
+``A + phi x x``, and through the loads it also changes the deflection of every elastic frame
+(:mod:`calib.arm.coupling`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from calib.arm.coupling import coupled
+from calib.arm.kinematics import link_origins, spatial_columns
+from calib.arm.robot import Robot
+from calib.arm.statics import Loads, transmitted
+from calib.arrays import Array
+from calib.effects.protocol import (
+    Constant,
+    Effect,
+    LoadEffect,
+    SpringEffect,
+    State,
+    TwistEffect,
+    WeightEffect,
+)
+
+
+def arm_columns(
+    robot: Robot,
+    parts: Sequence[tuple[Effect, slice]],
+    values: Array,
+    state: State,
+    given: Loads,
+    loads: Loads,
+    elastic: Mapping[int, Array],
+) -> Array:
+    """Velocity field of the tip for each parameter that moves the arm, (..., m, 6, k), base axes.
+
+    parts : each effect and where its parameters stand in the values
+    values : ndarray, shape (..., p), SI
+    given, loads : Loads, without and with the errors of weights and wrenches
+    elastic : dict, frame -> ndarray, shape (..., m, 6, 6), flexibility
+    The k columns are the parameters of the twist and load effects, in their order. One that displaces
+    several frames gets the sum of what it does at each.
+    """
+    at: dict[tuple[int, bool], list[tuple[slice, Array]]] = {}
+    pulls: list[tuple[slice, Array]] = []
+    count = 0
+    for effect, part in parts:
+        if not isinstance(effect, TwistEffect | LoadEffect):
+            continue
+        own = slice(count, count + len(effect.parameters))
+        count = own.stop
+        if isinstance(effect, TwistEffect):
+            for frame, basis in effect.strands(state, values[..., part]):
+                at.setdefault((frame, isinstance(effect, Constant)), []).append((own, basis))
+        else:
+            pulls.append((own, _wrenches(robot, effect, state, given)))
+    acts_at = [frame for frame, _ in at]
+    moves = [
+        _fields(state, frame, fixed, _joined([basis for _, basis in strands]))
+        for (frame, fixed), strands in at.items()
+    ]
+    m = len(state.poses)
+    wrench = _joined([w for _, w in pulls]) if pulls else np.zeros((m, robot.dof + 2, 6, 0))
+    pulled = np.zeros((m, 6, wrench.shape[-1]))
+    if elastic:
+        *moves, pulled = _with_deflection(
+            moves, acts_at, pulled, wrench, elastic, loads, state, robot.tip_frame
+        )
+    batch = np.broadcast_shapes(*(moved.shape[:-1] for moved in (*moves, pulled)))
+    columns = np.zeros((*batch, count))
+    for moved, strands in zip((*moves, pulled), (*at.values(), pulls), strict=True):
+        begin = 0
+        for own, basis in strands:
+            end = begin + basis.shape[-1]
+            columns[..., own] += moved[..., begin:end]
+            begin = end
+    return columns
+
+
+def _fields(state: State, frame: int, fixed: bool, basis: Array) -> Array:
+    """Velocity fields (..., m, 6, p) of twists (..., m, 6, p) of one frame.
+
+    fixed : whether they act before what depends on the pose
+    """
+    stage = state.frames.constant if fixed else state.frames.present
+    return np.swapaxes(spatial_columns(stage, frame, basis), -1, -2)
+
+
+def _wrenches(robot: Robot, effect: Effect, state: State, given: Loads) -> Array:
+    """What a load effect adds to all frames, shape (..., m, n + 2, 6, p), in their axes."""
+    if isinstance(effect, SpringEffect):
+        return effect.wrench_basis(state.poses)
+    if not isinstance(effect, WeightEffect):
+        raise TypeError(f"{effect.kind} is neither a spring nor a weight")
+    carriers = link_origins(robot, state.frames, state.poses.q)
+    changes = effect.changes(state.poses, given)
+    local = [transmitted(change, state.frames, carriers).local for change in changes]
+    return np.stack(local, axis=-1)
+
+
+def _with_deflection(
+    moves: Sequence[Array],
+    acts_at: Sequence[int],
+    pulled: Array,
+    wrench: Array,
+    elastic: Mapping[int, Array],
+    loads: Loads,
+    state: State,
+    tip: int,
+) -> list[Array]:
+    """The same fields with the deflections that they cause.
+
+    The arm answers linearly: where a frame has many columns, its answer to the six unit motions does
+    for all of them.
+    """
+    unit = np.broadcast_to(np.eye(6), (len(state.poses), 6, 6))
+    shown = [moved if moved.shape[-1] <= 6 else unit for moved in moves]
+    counts = [own.shape[-1] for own in (*shown, pulled)]
+    own = _joined([*shown, pulled])
+    none = np.zeros((*wrench.shape[:-1], own.shape[-1] - wrench.shape[-1]))
+    loaded = _joined([none, wrench])
+    frames = np.repeat([*acts_at, tip], counts)
+    answer = coupled(own, frames, loaded, elastic, loads, state.frames, state.wrench)
+    *parts, rest = np.split(answer, np.cumsum(counts)[:-1], axis=-1)
+    moved = [
+        part if first.shape[-1] <= 6 else part @ first
+        for part, first in zip(parts, moves, strict=True)
+    ]
+    return [*moved, rest]
+
+
+def _joined(blocks: Sequence[Array]) -> Array:
+    """Columns side by side; leading axes that only some of them have are repeated."""
+    batch = np.broadcast_shapes(*(block.shape[:-1] for block in blocks))
+    return np.concatenate([np.broadcast_to(b, (*batch, b.shape[-1])) for b in blocks], axis=-1)

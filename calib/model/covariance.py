@@ -1,0 +1,196 @@
+"""Covariance of the estimate, the subset that can be estimated, and the accuracy at targets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.arrays import Array, IntArray, Mask
+from calib.effects.tool import Tool
+from calib.errors import Unsolvable
+from calib.model import Model
+from calib.poses import Poses
+
+_UNSEEN = 0.05  # a standard deviation of twenty plausible sizes: the data say nothing
+_NUMERICAL = 1e-9  # relative to the largest column
+_NAMED = 0.1
+_OUTSIDE = 1e-6  # length of a unit vector's part outside the span
+
+
+@dataclass(frozen=True)
+class Unidentifiable:
+    """Parameters that the poses do not determine, by their ids, and why."""
+
+    names: tuple[str, ...]
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiable:
+    """What a set of poses can determine.
+
+    kept : ndarray of int, positions of the directions (columns of the span) that are estimated
+    rank : int
+    unidentifiable : tuple of Unidentifiable
+    """
+
+    kept: IntArray
+    rank: int
+    unidentifiable: tuple[Unidentifiable, ...]
+
+
+def identifiable(J: Array, sizes: Array, ids: tuple[str, ...]) -> Identifiable:
+    """Directions that the weighted rows determine better than twenty plausible sizes.
+
+    J : ndarray, shape (N, k), in standard deviations per unit of each direction
+    sizes : ndarray, shape (k,), plausible size of each direction
+    ids : tuple of str, its name
+
+    Raises Unsolvable where rows are no numbers.
+    """
+    from scipy.linalg import qr, solve_triangular
+
+    if not np.isfinite(J).all():  # an arm so soft that it does not stand
+        raise Unsolvable
+    # The triangle first: pivots of its columns are those of the rows, and there are fewer of them.
+    R, order = qr(np.linalg.qr(J * sizes, mode="r"), mode="r", pivoting=True)
+    pivots = np.abs(np.diag(R))
+    rank = int((pivots > max(_UNSEEN, _NUMERICAL * pivots.max(initial=0.0))).sum())
+    lost = []
+    shares = (
+        solve_triangular(R[:rank, :rank], R[:rank, rank:]) if rank else np.zeros((0, len(order)))
+    )
+    for column, position in enumerate(order[rank:]):
+        share = shares[:, column]
+        seen = np.linalg.norm(R[:, rank + column]) > _UNSEEN
+        least = _NAMED * np.abs(share).max(initial=0.0)
+        largest = np.argsort(-np.abs(share))[:4]
+        named = [ids[order[i]] for i in largest if seen and abs(share[i]) > least]
+        reason = (
+            f"at these poses it moves the markers as {', '.join(named)} do together"
+            if named
+            else "it moves no marker at these poses"
+        )
+        lost.append(Unidentifiable((ids[position],), reason))
+    return Identifiable(np.sort(order[:rank]), rank, tuple(lost))
+
+
+def covariance(J: Array, span: Array) -> Array:
+    """Covariance of all p values for independent rows of unit variance, shape (p, p).
+
+    J : ndarray, shape (N, p); span : ndarray, shape (p, k), directions that are estimated
+    """
+    half = _half(J, span)
+    return np.asarray(half @ half.T)
+
+
+def determined(span: Array) -> Mask:
+    """Whether the data speak of each value by itself, shape (p,).
+
+    span : ndarray, shape (p, k), directions that are estimated
+    Where the unit vector of a value leaves the span, its entry in the covariance tells nothing.
+    """
+    Q, _ = np.linalg.qr(span)
+    return np.asarray(1.0 - (Q**2).sum(axis=1) <= _OUTSIDE**2)
+
+
+def gain(J: Array, span: Array) -> Array:
+    """How least-squares values follow the rows, shape (p, N), for rows of any noise."""
+    half = _half(J, span)
+    return np.asarray(half @ (J @ half).T)
+
+
+def ignorance(J: Array, span: Array, sizes: Array, lost: Mask) -> Array:
+    """What values that were not estimated add to the covariance of all, shape (p, p), SI.
+
+    J : ndarray, shape (N, p), independent rows of unit variance
+    span : ndarray, shape (p, k), directions that are estimated
+    sizes : ndarray, shape (p,), SI, plausible sizes; lost : ndarray of bool, shape (p,)
+
+    A lost value stays at nominal and is off by its plausible size; least squares put as much of that
+    into the others as moves the rows alike. So it adds nothing where it shows as it did in the rows,
+    and its own size where it shows by itself. The sum with :func:`covariance` is that of the whole
+    under a normal prior of those sizes on the lost values and none on the others; a prior on all could
+    only lower it.
+    """
+    own = np.diag(sizes)[:, lost]
+    scale = np.linalg.norm(J @ span, axis=0)
+    absorbed = np.linalg.lstsq(J @ span / scale, J @ own, rcond=None)[0]
+    V = own - (span / scale) @ absorbed
+    return np.asarray(V @ V.T)
+
+
+def _half(J: Array, span: Array) -> Array:
+    """H (p, k) with ``H H^T = span (span^T J^T J span)^-1 span^T``."""
+    scale = np.linalg.norm(J @ span, axis=0)
+    R = np.linalg.qr(J @ span / scale, mode="r")
+    return np.asarray(span @ (np.linalg.inv(R) / scale[:, None]))
+
+
+def clustered(r: Array, J: Array, span: Array) -> Array:
+    """Covariance of all p values when the rows of one pose err together, shape (p, p).
+
+    r : ndarray, shape (m, rows), residuals; J : ndarray, shape (m, rows, p); any common unit
+    Sandwich over the poses (Liang and Zeger, Biometrika 73(1), 1986) with the usual correction
+    m / (m - 1) (N - 1) / (N - k), N the number of rows that count. It takes the scatter from the
+    residuals themselves and wants several times more poses than k.
+    """
+    m, k = len(r), span.shape[1]
+    projected = J @ span
+    flat = projected.reshape(-1, k)
+    scale = np.linalg.norm(flat, axis=0)
+    inverse = np.linalg.inv(np.linalg.qr(flat / scale, mode="r")) / scale[:, None]
+    scores = np.einsum("mrk,mr->mk", projected, r) @ inverse @ inverse.T
+    half = scores @ span.T
+    N = int(np.count_nonzero(np.abs(flat).sum(axis=1)))
+    return np.asarray(half.T @ half * (m / (m - 1) * (N - 1) / (N - k)))
+
+
+def correlation(cov: Array) -> Array:
+    """Correlation matrix, shape (p, p), of the covariance, shape (p, p).
+
+    Rows of parameters that were not estimated are zero off the diagonal.
+    """
+    std = np.sqrt(np.diag(cov))
+    out = cov / np.where(std == 0.0, 1.0, std)[:, None] / np.where(std == 0.0, 1.0, std)
+    np.fill_diagonal(out, 1.0)
+    return out
+
+
+def working_points(model: Model) -> Model:
+    """The model at the points where its accuracy counts: the markers, or the tip's origin where the
+    markers are not part of the model.
+    """
+    if any(isinstance(e, Tool) for e in model.effects):
+        return model
+    return replace(model, marker_names=("tip",), markers=np.zeros((1, 3)))
+
+
+def errors_at(model: Model, values: Array, cov: Array, targets: Poses) -> Array:
+    """Expected position error at each target from the estimate's uncertainty, RMS, shape (m,), m.
+
+    3-D per point, in the instrument's frame, at the points of :func:`working_points`.
+    """
+    model = working_points(model)
+    _, J = model.jacobian(values, targets)
+    squared = np.einsum("mjip,pq,mjiq->m", J, cov, J, optimize=True) / len(model.markers)
+    return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
+
+
+def task_error(errors: Array, weights: Array) -> tuple[float, float]:
+    """RMS and worst of the errors at targets, in their unit (``rho_0``, Wu et al. 2012).
+
+    errors, weights : ndarray, shape (m,)
+    """
+    return (
+        float(np.sqrt(weights @ errors**2 / weights.sum())),
+        float(errors[weights > 0].max()),
+    )
+
+
+def accuracy(
+    model: Model, values: Array, cov: Array, targets: Poses, weights: Array
+) -> tuple[float, float]:
+    """Expected position error [m] at targets, RMS and worst: ``task_error`` of ``errors_at``."""
+    return task_error(errors_at(model, values, cov, targets), weights)

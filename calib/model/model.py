@@ -1,0 +1,327 @@
+"""The forward model: robot, markers and active effects -> predicted points and their Jacobian.
+
+A marker j at pose i is read at ``T_station_base(i) * arm(q_i, effects) * p_j`` (paper, equation 6),
+as the instrument reads it. The arm is displaced frame by frame by its effects; elastic ones follow
+the wrench that the displaced arm transmits, found by fixed-point iteration. Derivatives are those of
+:mod:`calib.model.columns`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from calib.arm import statics
+from calib.arm.kinematics import Frames, forward, link_origins, point_velocity
+from calib.arm.robot import Robot
+from calib.arm.se3 import rotate
+from calib.arrays import Array
+from calib.effects.base import Base, to_station
+from calib.effects.protocol import (
+    Constant,
+    Displacement,
+    Effect,
+    ElasticEffect,
+    LoadEffect,
+    MarkerEffect,
+    Parameter,
+    PoseEffect,
+    ReadingEffect,
+    SpringEffect,
+    State,
+    TwistEffect,
+    WeightEffect,
+    displaced,
+)
+from calib.effects.tool import Tool
+from calib.effects.tuned import Tuned
+from calib.model.columns import arm_columns
+from calib.poses import Poses
+
+_EQUILIBRIUM_M = 1e-10  # markers at rest: a tenth of a nanometre
+_UNSTABLE_M = 1e-7
+_MAX_ROUNDS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A robot with markers and active effects. At :attr:`initial` values it is the nominal model.
+
+    robot : Robot
+    marker_names : tuple of str; markers : ndarray, shape (M, 3), m, tip frame
+    effects : tuple of Effect; their parameters, one after the other, are the vector of values
+    payload : Payload
+    gravity : ndarray, shape (3,), m/s^2, base axes
+    """
+
+    robot: Robot
+    marker_names: tuple[str, ...]
+    markers: Array
+    effects: tuple[Effect, ...]
+    payload: statics.Payload
+    gravity: Array
+    # The last linearisation: a fit, its judgement and its covariance ask for the same one.
+    _last: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The p parameters in the order of all value vectors and columns."""
+        return tuple(p for e in self.effects for p in e.parameters)
+
+    @cached_property
+    def slices(self) -> tuple[slice, ...]:
+        """Where each effect's parameters stand."""
+        ends = np.cumsum([0, *(len(e.parameters) for e in self.effects)])
+        return tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(ends))
+
+    @property
+    def _parts(self) -> Iterator[tuple[Effect, slice]]:
+        """Each effect and where its parameters stand."""
+        return zip(self.effects, self.slices, strict=True)
+
+    def where(self, *kinds: type[Effect]) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
+        """Positions of the parameters of some kinds of effect."""
+        found = [np.arange(s.start, s.stop) for e, s in self._parts if isinstance(e, kinds)]
+        return np.concatenate(found) if found else np.zeros(0, dtype=int)
+
+    def with_effects(self, effects: tuple[Effect, ...]) -> Model:
+        """The same robot under other effects."""
+        return replace(self, effects=effects)
+
+    def extended(self, values: Array, effects: Iterable[Effect]) -> tuple[Model, Array]:
+        """The model with those of the effects that it lacks, and its values with their initial ones.
+
+        values : ndarray, shape (p,), SI
+        """
+        present = {id(effect) for effect in self.effects}
+        extra = tuple(e for e in dict.fromkeys(effects) if id(e) not in present)
+        model = self.with_effects((*self.effects, *extra))
+        return model, np.concatenate([values, *(effect.initial for effect in extra)])
+
+    @property
+    def initial(self) -> Array:
+        """Values of the nominal model, shape (p,), SI: zero, but where a search for tunings begins."""
+        return np.concatenate([np.zeros(0), *(effect.initial for effect in self.effects)])
+
+    @cached_property
+    def tunings(self) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
+        """Positions of the parameters that are tunings."""
+        return np.array([s.start for e, s in self._parts if isinstance(e, Tuned)], dtype=int)
+
+    @cached_property
+    def still(self) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
+        """Positions of the tunings by which readings have no derivative: a scan alone finds them."""
+        own = [s.start for e, s in self._parts if isinstance(e, Tuned) and not e.smooth]
+        return np.array(own, dtype=int)
+
+    def without(self, effects: Iterable[Effect], values: Array) -> tuple[Model, Array]:
+        """The model without some of its effects, and its values (p,) without theirs."""
+        gone = {id(effect) for effect in effects}
+        kept = [(e, s) for e, s in self._parts if id(e) not in gone]
+        own = [values[s] for _, s in kept]
+        return self.with_effects(tuple(e for e, _ in kept)), np.concatenate([np.zeros(0), *own])
+
+    @cached_property
+    def sizes(self) -> Array:
+        """Plausible sizes of the parameters, shape (p,), SI."""
+        return np.array([p.size for p in self.parameters])
+
+    # -- state ---------------------------------------------------------------------------------
+
+    def state(self, values: Array, poses: Poses) -> State:
+        """Equilibrium of the arm under its loads; NaN where there is none, the arm being too soft.
+
+        values : ndarray, shape (..., p), SI; leading axes are independent models (trials)
+        """
+        loads = self.loads(values, poses)
+        extra = self._springs(values, poses)
+        constant, given = self.constant_displacements(values), self._given(values, poses)
+        frames = forward(self.robot, poses.q, constant, given)
+        yields = bool(np.take(values, self.where(ElasticEffect), axis=-1).any())
+        tips: Array | None = None
+        for _ in range(_MAX_ROUNDS):
+            carriers = link_origins(self.robot, frames, poses.q)
+            wrench = statics.transmitted(loads, frames, carriers).with_extra(extra)
+            state = State(poses, frames, wrench)
+            points = self._tip_points(frames, values, poses)
+            if tips is not None and np.abs(points - tips).max(initial=0.0) < _EQUILIBRIUM_M:
+                break
+            if not yields:
+                break
+            moved = np.abs(points - tips) if tips is not None else np.full_like(points, np.inf)
+            tips = points
+            present = self._deflections(values, state)
+            present = present if given is None else present + given
+            frames = forward(self.robot, poses.q, constant, present)
+        else:
+            lost = moved.max(axis=(-1, -2, -3), initial=0.0) > _UNSTABLE_M
+            state.frames.present.o[np.broadcast_to(lost, moved.shape[:-3])] = np.nan
+        return state
+
+    def loads(self, values: Array, poses: Poses) -> statics.Loads:
+        """What pulls on the arm at each pose, the errors of weights and wrenches included.
+
+        values : ndarray, shape (..., p), SI
+        """
+        loads = statics.loads_of(self.robot, poses, self.payload, self.gravity)
+        changed = loads
+        for effect, part in self._parts:
+            if isinstance(effect, WeightEffect) and values[..., part].any():
+                changed = changed.changed(effect.changes(poses, loads), values[..., part])
+        return changed
+
+    def _springs(self, values: Array, poses: Poses) -> Array:
+        """Wrenches of springs beside the joints, shape (..., m, n + 2, 6), in frame axes."""
+        total = np.zeros((len(poses), self.robot.dof + 2, 6))
+        for effect, part in self._parts:
+            if isinstance(effect, SpringEffect):
+                basis = effect.wrench_basis(poses)
+                total = total + np.einsum("mfip,...p->...mfi", basis, values[..., part])
+        return total
+
+    def _given(self, values: Array, poses: Poses) -> Array | None:
+        """Displacements known before the arm bends, (..., m, n + 2, 6), None where there are none."""
+        chosen = [(e, part) for e, part in self._parts if isinstance(e, PoseEffect)]
+        moved = [
+            own
+            for e, part in chosen
+            if not e.rests(values[..., part])
+            for own in e.displacements(poses, values[..., part])
+        ]
+        return self._summed(values, poses, moved) if moved else None
+
+    def _deflections(self, values: Array, state: State) -> Array:
+        """Displacements of what is elastic, shape (..., m, n + 2, 6)."""
+        chosen = [(e, part) for e, part in self._parts if isinstance(e, ElasticEffect)]
+        moved = [
+            own
+            for e, part in chosen
+            for own in displaced(e.strands(state, values[..., part]), values[..., part])
+        ]
+        return self._summed(values, state.poses, moved)
+
+    def _summed(self, values: Array, poses: Poses, moved: list[Displacement]) -> Array:
+        xi = np.zeros((*values.shape[:-1], len(poses), self.robot.dof + 2, 6))
+        for frame, own in moved:
+            xi[..., frame, :] += own
+        return xi
+
+    def constant_displacements(self, values: Array) -> Array:
+        """Displacement of each frame that holds at every pose, shape (..., n + 2, 6), m and rad."""
+        xi = np.zeros((*values.shape[:-1], self.robot.dof + 2, 6))
+        for effect, part in self._parts:
+            if isinstance(effect, Constant):
+                xi[..., effect.frame, :] += values[..., part] @ effect.columns.T
+        return xi
+
+    # -- points --------------------------------------------------------------------------------
+
+    def marker_positions(self, values: Array) -> Array:
+        """Markers in the tip frame, shape (..., M, 3), m."""
+        offsets = np.zeros((*values.shape[:-1], *self.markers.shape))
+        for effect, part in self._parts:
+            if isinstance(effect, Tool):
+                offsets[..., effect.marker, list(effect.components)] = values[..., part]
+        return self.markers + offsets
+
+    def placement(self, values: Array, poses: Poses) -> tuple[Array, Array]:
+        """R_station_base (..., m, 3, 3) and p_station_base (..., m, 3), m, at each pose."""
+        batch = values.shape[:-1]
+        R = np.broadcast_to(np.eye(3), (*batch, len(poses), 3, 3)).copy()
+        p = np.zeros((*batch, len(poses), 3))
+        for effect, part in self._parts:
+            if isinstance(effect, Base):
+                R_base, p_base = Base.placement(values[..., part])
+                here = poses.station == effect.station
+                R[..., here, :, :] = R_base[..., None, :, :]
+                p[..., here, :] = p_base[..., None, :]
+        return R, p
+
+    def _tip_points(self, frames: Frames, values: Array, poses: Poses) -> Array:
+        markers = self.marker_positions(values)[..., None, :, :]
+        moved = [(e, part) for e, part in self._parts if isinstance(e, MarkerEffect)]
+        if moved:
+            markers = np.repeat(markers, len(poses), axis=-3)
+        for effect, part in moved:
+            offset = effect.displacements(poses, values[..., part])
+            markers[..., effect.marker(self.marker_names), :] += offset
+        R, o = frames.R[..., -1, None, :, :], frames.o[..., -1, None, :]
+        return rotate(R, markers) + o
+
+    def predict(self, values: Array, poses: Poses) -> Array:
+        """Readings of the markers, shape (..., m, M, 3), m, in the frames of the stations."""
+        points = self._tip_points(self.state(values, poses).frames, values, poses)
+        return self.readings(values, poses, points)
+
+    def readings(self, values: Array, poses: Poses, points: Array) -> Array:
+        """What the instrument reads of points (..., m, M, 3), m, in base axes."""
+        readings = to_station(*self.placement(values, poses), points)
+        for effect, part in self._parts:
+            if isinstance(effect, ReadingEffect) and not effect.rests(values[..., part]):
+                readings, _, _ = effect.linearise(values[..., part], poses, readings)
+        return readings
+
+    # -- derivatives ---------------------------------------------------------------------------
+
+    def jacobian(self, values: Array, poses: Poses) -> tuple[Array, Array]:
+        """Predicted points (..., m, M, 3) and their derivatives (..., m, M, 3, p), SI, read-only."""
+        last = self._last.get("found")  # one read and one write: threads may share a model
+        if last is None or last[0] is not poses or not np.array_equal(last[1], values):
+            points, J = self._jacobian(values, poses)
+            points.flags.writeable = J.flags.writeable = False
+            last = self._last["found"] = (poses, values.copy(), points, J)
+        return last[2], last[3]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_last": {}}  # the memo does not travel
+
+    def _jacobian(self, values: Array, poses: Poses) -> tuple[Array, Array]:
+        state = self.state(values, poses)
+        points = self._tip_points(state.frames, values, poses)
+        R, p = self.placement(values, poses)
+        J = np.zeros((*points.shape, len(self.parameters)))
+        arm = self.where(TwistEffect, LoadEffect)
+        if len(arm):
+            given = statics.loads_of(self.robot, poses, self.payload, self.gravity)
+            soft, loads = self._flexibilities(values, poses), self.loads(values, poses)
+            fields = np.swapaxes(
+                arm_columns(self.robot, tuple(self._parts), values, state, given, loads, soft),
+                -1,
+                -2,
+            )
+            moved = point_velocity(fields[..., None, :, :], points[..., None, :])
+            J[..., arm] = np.swapaxes(moved, -1, -2)
+        for effect, part in self._parts:
+            if isinstance(effect, Tool):
+                R_tip = state.frames.R[..., -1, :, :]
+                J[..., effect.marker, :, part] = R_tip[..., list(effect.components)]
+            elif isinstance(effect, MarkerEffect):
+                R_tip, marker = state.frames.R[..., -1, :, :], effect.marker(self.marker_names)
+                J[..., marker, :, part] = R_tip @ effect.columns(poses, values[..., part])
+        if values[..., self.where(Base)].any():
+            J = R[..., None, :, :] @ J
+        for effect, part in self._parts:
+            if isinstance(effect, Base):
+                here = poses.station == effect.station
+                J[..., here, :, :, part] = Base.columns(values[..., part], points[..., here, :, :])
+        readings = to_station(R, p, points)
+        for effect, part in self._parts:
+            if isinstance(effect, ReadingEffect):
+                readings, turn, own = effect.linearise(values[..., part], poses, readings)
+                J = J if effect.rests(values[..., part]) else turn @ J
+                J[..., part] = own
+        return readings, J
+
+    def _flexibilities(self, values: Array, poses: Poses) -> dict[int, Array]:
+        """Flexibility of each frame that is elastic at the present values, shape (..., m, 6, 6)."""
+        total: dict[int, Array] = {}
+        for effect, part in self._parts:
+            if isinstance(effect, ElasticEffect) and values[..., part].any():
+                K = np.einsum("mijp,...p->...mij", effect.flexibility(poses), values[..., part])
+                total[effect.frame] = total.get(effect.frame, 0.0) + K
+        return {frame: K for frame, K in total.items() if K.any()}

@@ -1,0 +1,157 @@
+"""A complete and irreducible set of constant parameters, for a chain of any kind.
+
+Six errors of every segment, together with base and markers, describe each error in many ways. At
+generic poses the columns that others can imitate are found and dropped: base first, then markers,
+then joint offsets are kept, of the rest what adds most (QR with pivoting on columns scaled to one),
+and the instrument's scale if lengths leave it anything. Nothing about the robot's architecture is
+assumed, so parallel or intersecting axes and prismatic joints need no table of their own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arm.robot import Robot
+from calib.arrays import Array
+from calib.effects.base import Base
+from calib.effects.protocol import Constant, ConstantTwist, Effect
+from calib.effects.tool import Tool
+from calib.effects.tracker_scale import TrackerScale
+from calib.model import Model
+from calib.poses import poses_at
+
+_DEPENDENT = 3e-3
+"""Sine of the angle to the span of the others below which a column is dropped.
+
+Axes that are parallel by design are so to some 1e-3 in a real, corrected robot. What a column at this
+angle would show of a millimetre is three micrometres, at three hundred times the usual uncertainty.
+"""
+_NOTHING = 1e-9  # norm of a column that moves no marker, relative to the largest
+_NAMED = 0.05  # smallest share of an absorbing parameter that is worth naming
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """A parameter left out because others move the markers in the same way.
+
+    id : str
+    absorbed_by : tuple of (id, coefficient): this much of each other parameter per unit, SI
+    """
+
+    id: str
+    absorbed_by: tuple[tuple[str, float], ...]
+
+
+def generic_configurations(robot: Robot, count: int) -> Array:
+    """Joint values at which nothing is special, shape (count, n): fixed seed, limits ignored."""
+    span = np.where(robot.prismatic, robot.reach, np.pi)
+    draws = np.random.default_rng(0).uniform(-1.0, 1.0, (count, robot.dof))
+    return np.asarray(draws * span)
+
+
+def _generic_values(model: Model) -> Array:
+    """Nominal values, but unknown markers anywhere: a first guess may lie on an axis."""
+    values = model.initial
+    tools = model.where(Tool)
+    values[tools] = np.random.default_rng(1).uniform(-0.1, 0.1, len(tools)) * model.robot.reach
+    return values
+
+
+def irreducible(model: Model) -> tuple[Model, tuple[Dropped, ...]]:
+    """Drop the constant parameters that base, markers and the other constants absorb."""
+    constant = [e for e in model.effects if _is_constant(e)]
+    extra_stations = [e for e in constant if isinstance(e, Base) and e.station > 0]
+    constant = [e for e in constant if e not in extra_stations]
+    if not constant:
+        return model, ()
+    rigid = model.with_effects(tuple(constant))
+    count = 20 + 2 * len(rigid.parameters) // (3 * len(model.markers))
+    poses = poses_at(generic_configurations(model.robot, count))
+    _, J = rigid.jacobian(_generic_values(rigid), poses)
+    X = J.reshape(-1, J.shape[-1])
+    norms = np.linalg.norm(X, axis=0)
+    X = X / np.where(norms < _NOTHING * norms.max(), np.inf, norms)
+    kept = _select(X, _priorities(rigid))
+    dropped = _explain(rigid, X, norms, kept)
+    gone = {d.id for d in dropped}
+    effects = tuple(_without(e, gone) for e in model.effects)
+    return model.with_effects(tuple(e for e in effects if e is not None)), dropped
+
+
+def _is_constant(effect: Effect) -> bool:
+    return isinstance(effect, Base | Tool | Constant | TrackerScale)
+
+
+def _priorities(model: Model) -> Array:
+    """Group of each parameter: the lower is kept first."""
+    groups: list[int] = []
+    for effect in model.effects:
+        if isinstance(effect, Base | Tool):
+            groups += [0 if isinstance(effect, Base) else 1] * len(effect.parameters)
+        elif isinstance(effect, ConstantTwist):
+            offset = _axis_component(model.robot, effect)
+            groups += [2 if c == offset else 3 for c in effect.components]
+        elif isinstance(effect, TrackerScale):
+            groups.append(4)
+        else:
+            groups.append(2)
+    return np.array(groups)
+
+
+def _axis_component(robot: Robot, effect: ConstantTwist) -> int:
+    """Component of a frame's displacement that is its joint's own variable, else -1."""
+    if not 0 < effect.frame <= robot.dof:
+        return -1
+    joint = effect.frame - 1
+    axis = np.abs(robot.axes[joint])
+    largest = int(axis.argmax())
+    if axis[largest] < 1.0 - 1e-9:
+        return -1
+    return largest if robot.prismatic[joint] else largest + 3
+
+
+def _select(X: Array, groups: Array) -> list[int]:
+    from scipy.linalg import qr
+
+    basis = np.zeros((len(X), 0))
+    kept: list[int] = []
+    for group in np.unique(groups):
+        members = np.flatnonzero(groups == group)
+        rest = X[:, members]
+        for _ in range(2):  # twice is enough for orthogonality to rounding
+            rest = rest - basis @ (basis.T @ rest)
+        Q, R, order = qr(rest, mode="economic", pivoting=True)
+        rank = int((np.abs(np.diag(R)) > _DEPENDENT).sum())
+        kept += sorted(members[order[:rank]])
+        basis = np.column_stack([basis, Q[:, :rank]])
+    return sorted(kept)
+
+
+def _explain(model: Model, X: Array, norms: Array, kept: list[int]) -> tuple[Dropped, ...]:
+    gone = [i for i in range(X.shape[1]) if i not in kept]
+    shares = np.linalg.lstsq(X[:, kept], X[:, gone], rcond=None)[0]
+    names = [p.id for p in model.parameters]
+    return tuple(
+        Dropped(
+            names[i],
+            tuple(
+                (names[j], float(share * norms[i] / norms[j]))
+                for j, share in zip(kept, column, strict=True)
+                if abs(share) > _NAMED
+            ),
+        )
+        for i, column in zip(gone, shares.T, strict=True)
+    )
+
+
+def _without(effect: Effect, gone: set[str]) -> Effect | None:
+    kept = tuple(i for i, p in enumerate(effect.parameters) if p.id not in gone)
+    if len(kept) == len(effect.parameters):
+        return effect
+    if not kept:
+        return None
+    if isinstance(effect, ConstantTwist | Tool):
+        return effect.only(kept)
+    return effect

@@ -1,0 +1,5 @@
+"""What is known of each reading: joints, loads, covariates, the move before it, and what it repeats."""
+
+from calib.poses.poses import Measurements, Poses, hung, poses_at
+
+__all__ = ["Measurements", "Poses", "hung", "poses_at"]

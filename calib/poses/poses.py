@@ -1,0 +1,192 @@
+"""What is known of each reading before anything is measured: joints, loads, covariates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from calib.arrays import Array, IntArray, Mask
+from calib.errors import CalibError
+
+_SAME_JOINTS = 1e-7  # rad or m; finer than any controller prints
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """The readings of a plan or of a data set, m of them.
+
+    names : tuple of str, identifiers
+    q : ndarray, shape (m, n), rad or m, joint values as read
+    wrench : ndarray, shape (m, 6), N and N m, on the robot, moment about the tip frame's origin,
+        both in base axes; zero where the file has none
+    temperature : ndarray, shape (m,), degC, or None
+    time : ndarray, shape (m,), s, or None
+    start : float, s, the time of the first pose of the session, from which drift counts
+    order : ndarray, shape (m,), number of the reading in the session, from zero, or None
+    approach : ndarray, shape (m, n), sign of the last motion of each joint, or None
+    approach_derived : bool, whether it follows from the order of measurement
+    motion : ndarray, shape (m, n), rad or m, how far each joint went in the move before, or None
+    torque : ndarray, shape (m, n), N m or N, that the arm measured along each joint, or None
+    station : ndarray of int, shape (m,), index into ``stations``
+    stations : tuple of str, names of the instrument's frames
+    load_mass : ndarray, shape (m,), kg hung at ``load_com`` (tip frame, m)
+    """
+
+    names: tuple[str, ...]
+    q: Array
+    wrench: Array
+    temperature: Array | None
+    time: Array | None
+    start: float
+    order: Array | None
+    approach: Array | None
+    approach_derived: bool
+    motion: Array | None
+    torque: Array | None
+    station: IntArray
+    stations: tuple[str, ...]
+    load_mass: Array
+    load_com: Array
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def take(self, index: Any) -> Poses:
+        """The poses of an index array or mask, in that order."""
+        chosen = np.arange(len(self))[index]
+        changed: dict[str, Any] = {"names": tuple(self.names[i] for i in chosen)}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray) and field.name != "load_com":
+                changed[field.name] = value[chosen]
+        return replace(self, **changed)
+
+    @property
+    def elapsed(self) -> Array:
+        """Time since the first pose of the session, shape (m,), s; zero where none is given."""
+        return np.zeros(len(self)) if self.time is None else self.time - self.start
+
+    @property
+    def clock_unit(self) -> str:
+        """Unit of :attr:`clock`, "s" or, where no time is given, "reading"."""
+        return "s" if self.time is not None or self.order is None else "reading"
+
+    @property
+    def clock(self) -> Array:
+        """Clock of the session, shape (m,): time since its first reading, s, else the reading's number.
+
+        Zero where neither is known.
+        """
+        return self.elapsed if self.time is not None or self.order is None else self.order
+
+    @property
+    def clocked(self) -> bool:
+        """Whether the order of measurement is known."""
+        return self.time is not None or self.order is not None
+
+    def clock_in(self, unit: str) -> Array | None:
+        """The clock, shape (m,), None where it does not run in this unit."""
+        return self.clock if self.clocked and unit == self.clock_unit else None
+
+    @property
+    def warming(self) -> Array:
+        """Temperature above the 20 degC of the nominal model, shape (m,), K; zero if not given."""
+        return np.zeros(len(self)) if self.temperature is None else self.temperature - 20.0
+
+    @cached_property
+    def configuration(self) -> IntArray:
+        """Number of the configuration of each pose, shape (m,): poses with equal joints share it."""
+        rounded = np.round(self.q / _SAME_JOINTS).astype(np.int64)
+        _, group = np.unique(rounded, axis=0, return_inverse=True)
+        return group.reshape(-1)
+
+    @cached_property
+    def repeated(self) -> IntArray:
+        """Number of the repeat group of each pose, shape (m,): equal in all but time and heat."""
+        keys = [self.configuration, self.station, self.load_mass, *self.wrench.T]
+        if self.approach is not None:
+            keys += list(self.approach.T)
+        _, group = np.unique(np.column_stack(keys), axis=0, return_inverse=True)
+        return group.reshape(-1)
+
+
+def poses_at(q: Array, names: Sequence[str] | None = None, **given: Any) -> Poses:
+    """Poses at joint values q of shape (m, n), rad or m, without load; fields as keywords."""
+    m = len(q)
+    blank: dict[str, Any] = {
+        "names": tuple(names) if names is not None else tuple(f"p{i:04d}" for i in range(m)),
+        "q": np.asarray(q, dtype=float),
+        "wrench": np.zeros((m, 6)),
+        "temperature": None,
+        "time": None,
+        "start": 0.0,
+        "order": None,
+        "approach": None,
+        "approach_derived": False,
+        "motion": None,
+        "torque": None,
+        "station": np.zeros(m, dtype=int),
+        "stations": ("base",),
+        "load_mass": np.zeros(m),
+        "load_com": np.zeros(3),
+    }
+    return Poses(**(blank | given))
+
+
+def hung(poses: Poses, mass: float, com: Sequence[float]) -> Poses:
+    """The same poses with a mass [kg] hung at a point of the tip frame [m]."""
+    return replace(poses, load_mass=np.full(len(poses), mass), load_com=np.array(com, dtype=float))
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """Measured marker points of m poses and M markers.
+
+    poses : Poses
+    points : ndarray, shape (m, M, 3), m, in the frame of each pose's station; zero where hidden
+    seen : ndarray of bool, shape (m, M)
+    sigma : ndarray, shape (m, M), m, standard deviation of a point where the file gives one, else
+        NaN
+    warnings : tuple of str, what a reader should know about the file
+    """
+
+    poses: Poses
+    points: Array
+    seen: Mask
+    sigma: Array
+    warnings: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def take(self, index: Any) -> Measurements:
+        """The measurements of an index array or mask over the poses."""
+        return replace(
+            self,
+            poses=self.poses.take(index),
+            points=self.points[index],
+            seen=self.seen[index],
+            sigma=self.sigma[index],
+        )
+
+    def split(self, fraction: float, rng: np.random.Generator) -> tuple[Measurements, Measurements]:
+        """Set aside a fraction of the configurations, whole: (kept, held out).
+
+        fraction : float in (0, 1), of the configurations, rounded to at least one
+
+        Raises CalibError where nothing would be left.
+        """
+        group = self.poses.configuration
+        count = int(group.max()) + 1
+        size = max(1, round(fraction * count))
+        if size >= count:
+            raise CalibError(
+                f"a hold-out of {fraction:g} leaves none of {count} configurations to fit; take less"
+            )
+        held = rng.permutation(count)[:size]
+        out = np.isin(group, held)
+        return self.take(~out), self.take(out)

@@ -1,0 +1,9 @@
+"""Optimal designs of any kind: arrays of information in, weights, plans and proofs out.
+
+What stands here knows no robot. Candidates are information matrices
+(:class:`~doe.optimal.blocks.Blocks`), plans are sets of them by simple rules
+(:class:`~doe.optimal.allowed.Allowed`), and an information function says what is best
+(:class:`~doe.optimal.function.InformationFunction`). Best weights come from
+:mod:`~doe.optimal.relax`, whole plans from :mod:`~doe.optimal.search`, and the proof of how good they
+are from :mod:`~doe.optimal.certify` and :mod:`~doe.optimal.branch`.
+"""

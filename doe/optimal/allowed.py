@@ -1,0 +1,122 @@
+"""Which sets of candidates make a plan: how many in all, how many at each level, repeats or not.
+
+The linear oracle :meth:`Allowed.best` finds the plan of the largest sum of scores. It is exact, which
+makes every bound built on it a bound over whole plans.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from calib.arrays import Array, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Allowed:
+    """Plans of ``used`` levels with so many poses each.
+
+    Without levels there is one group, from which all poses come.
+
+    group : ndarray of int, shape (n,), level of each candidate, 0 .. L - 1
+    positions : ndarray, shape (L,), rad or m, ascending: where the levels are
+    counts : ndarray of int, shape (L,), poses at each level; all alike where levels are to be chosen
+    used : int, levels that a plan uses: at most L, fewer when they are to be chosen
+    separation : float, rad or m, the least distance of two levels that are used together
+    repeats : bool, whether a candidate may be used more than once
+    """
+
+    group: IntArray
+    positions: Array
+    counts: IntArray
+    used: int
+    separation: float = 0.0
+    repeats: bool = False
+
+    @property
+    def size(self) -> int:
+        """Number of poses of a plan."""
+        return (
+            int(self.counts.sum()) if not self.chooses_levels else int(self.counts[0]) * self.used
+        )
+
+    @property
+    def chooses_levels(self) -> bool:
+        """Whether the levels are part of the choice."""
+        return self.used < len(self.positions)
+
+    @cached_property
+    def members(self) -> tuple[IntArray, ...]:
+        """Candidates of each level."""
+        order = np.argsort(self.group, kind="stable")
+        ends = np.searchsorted(self.group[order], np.arange(len(self.positions) + 1))
+        return tuple(order[a:b] for a, b in itertools.pairwise(ends))
+
+    def take(self, index: IntArray) -> Allowed:
+        """The same rules over some of the candidates."""
+        return replace(self, group=self.group[index])
+
+    def best(self, scores: Array) -> tuple[float, IntArray]:
+        """Largest sum of scores of a plan, and its candidates, shape (size,)."""
+        tops = [self._top(scores, level) for level in range(len(self.positions))]
+        short = np.array([len(top) for top in tops]) < self.counts
+        totals = np.where(short, -np.inf, [scores[top].sum() for top in tops])
+        used = self._best_levels(totals)
+        return float(totals[used].sum()), np.concatenate([tops[level] for level in used])
+
+    def _top(self, scores: Array, level: int) -> IntArray:
+        """Best candidates of a level, none where it has too few."""
+        members, k = self.members[level], int(self.counts[level])
+        if k == 0 or len(members) < (1 if self.repeats else k):
+            return members[:0]
+        own = scores[members]
+        if self.repeats:
+            return np.repeat(members[own.argmax()], k)
+        return members[np.argpartition(own, len(own) - k)[len(own) - k :]]
+
+    def _best_levels(self, totals: Array) -> IntArray:
+        """Levels of the largest sum that keep their distance: dynamic programming along the joint."""
+        if not self.chooses_levels:
+            return np.arange(len(totals))
+        L = len(totals)
+        # Number of levels below each one that are far enough away to go with it.
+        far = np.searchsorted(self.positions, self.positions - self.separation + 1e-12, "right")
+        far = np.minimum(far, np.arange(L))
+        best = np.full((self.used + 1, L + 1), -np.inf)
+        best[0] = 0.0
+        taken = np.zeros((self.used + 1, L + 1), dtype=bool)
+        for count in range(1, self.used + 1):
+            for level in range(L):
+                with_it = totals[level] + best[count - 1, far[level]]
+                best[count, level + 1] = max(best[count, level], with_it)
+                taken[count, level + 1] = with_it > best[count, level]
+        used, level = [], L
+        for count in range(self.used, 0, -1):
+            while level > 0 and not taken[count, level]:
+                level -= 1
+            level -= 1
+            used.append(level)
+            level = int(far[level])
+        return np.array(used[::-1])
+
+    def admits(self, plan: IntArray) -> bool:
+        """Whether candidates make a plan by the rules."""
+        counts = np.bincount(self.group[plan], minlength=len(self.positions))
+        used = np.flatnonzero(counts)
+        apart = np.diff(self.positions[used]).min(initial=np.inf) >= self.separation - 1e-9
+        full = len(used) == self.used and bool((counts[used] == self.counts[used]).all())
+        return bool(apart) and full and (self.repeats or len(np.unique(plan)) == len(plan))
+
+    def thresholds(self, scores: Array) -> Array:
+        """Score that a candidate of each level must reach to enter the best plan, shape (L,)."""
+        tops = [self._top(scores, level) for level in range(len(self.positions))]
+        return np.array([scores[top].min() if len(top) else np.inf for top in tops])
+
+    def forced(self, scores: Array) -> Array:
+        """Upper bound on the sum of scores of a plan that contains each candidate, shape (n,)."""
+        total, _ = self.best(scores)
+        below = np.maximum(self.thresholds(scores)[self.group] - scores, 0.0)
+        return np.asarray(total - below)

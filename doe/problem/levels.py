@@ -1,0 +1,172 @@
+"""Levels of one joint: given ones, or a grid from which they are chosen."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from calib.arrays import Array, IntArray
+from calib.cell import Cell
+from calib.errors import CalibError
+
+_GRID = 25  # even steps over the range of the joint, from which levels are chosen
+_MOST = 100  # levels that may be chosen
+_AT_LEVEL = 1e-6  # rad or m
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """Values of one joint at which the poses of a plan stand.
+
+    joint : int
+    values : ndarray, shape (L,), rad or m, ascending: the levels, or the grid to choose them from
+    used, per_level : int
+    separation : float, rad or m, least distance of two levels that are used
+    """
+
+    joint: int
+    values: Array
+    used: int
+    per_level: int
+    separation: float = 0.0
+
+    @property
+    def poses(self) -> int:
+        """Number of poses of a plan."""
+        return self.used * self.per_level
+
+    @property
+    def chosen(self) -> bool:
+        """Whether the levels are given, so that nothing is left to choose."""
+        return self.used == len(self.values)
+
+    def of(self, q: Array) -> IntArray:
+        """Level of each configuration (m, dof), -1 where its joint stands at none."""
+        distance = np.abs(q[:, self.joint, None] - self.values)
+        return np.where(distance.min(axis=1) < _AT_LEVEL, distance.argmin(axis=1), -1)
+
+    def only(self, values: Array) -> Levels:
+        """The same with its levels settled, shape (k,), rad or m."""
+        return Levels(self.joint, values, len(values), self.per_level)
+
+
+def parse_levels(text: str) -> tuple[str, dict[str, Any]]:
+    """``A2=5x3`` (five levels of three poses) or ``A2=-140,-57,-10x3`` -> joint and its table.
+
+    Raises CalibError.
+    """
+    joint, equals, rest = text.partition("=")
+    values, x, per_level = rest.rpartition("x")
+    try:
+        if not (joint and equals and x):
+            raise ValueError
+        table: dict[str, Any] = {"poses_per_level": int(per_level)}
+        if "," in values:
+            table["values_deg"] = [float(value) for value in values.split(",")]
+        else:
+            table["count"] = int(values)
+        if min(table["poses_per_level"], table.get("count", 1)) < 1:
+            raise ValueError
+        if not np.isfinite(table.get("values_deg", 0.0)).all():
+            raise ValueError
+    except ValueError:
+        raise CalibError(
+            f"levels {text!r} are not understood; write A2=5x3 for five levels of A2 with three poses "
+            "each, or A2=-140,-57,-10x3 to give the angles"
+        ) from None
+    return joint.strip(), table
+
+
+def levels_of(cell: Cell, given: str | None, poses: int | None) -> Levels | None:
+    """Levels as asked for, else those of the cell's [design]; None for none.
+
+    With the cell's levels a number of poses says how many stand at each.
+
+    Raises CalibError where they do not fit the robot or the number of poses.
+    """
+    tables = dict(cell.design.get("levels") or {})
+    if given is not None:
+        joint, table = parse_levels(given)
+        kept = tables.get(joint, {})
+        if "values_deg" not in table and len(kept.get("values_deg") or ()) == table["count"]:
+            table = {"poses_per_level": table["poses_per_level"], "values_deg": kept["values_deg"]}
+        tables = {joint: {"min_separation_deg": kept.get("min_separation_deg", 0.0), **table}}
+    if not tables:
+        return None
+    if len(tables) > 1:
+        raise CalibError(
+            f"levels of {' and '.join(tables)}: one joint at a time; keep the one that matters"
+        )
+    (joint, table), *_ = tables.items()
+    if joint not in cell.robot.joints:
+        raise CalibError(
+            f"levels of {joint}: no such joint; joints are {', '.join(cell.robot.joints)}"
+        )
+    levels = _levels(cell, cell.robot.joints.index(joint), table)
+    if given is None and poses is not None and poses % levels.used == 0:
+        levels = replace(levels, per_level=poses // levels.used)
+    if poses is not None and levels.used > poses:
+        raise CalibError(
+            f"{levels.used} levels of {joint} need at least {levels.used} poses, not {poses}; "
+            "ask for more poses or fewer levels"
+        )
+    if poses is not None and levels.poses != poses:
+        raise CalibError(
+            f"{levels.used} levels of {joint} x {levels.per_level} poses are "
+            f"{levels.poses} poses, not {poses}; change one of them"
+        )
+    return levels
+
+
+def _levels(cell: Cell, joint: int, table: dict[str, Any]) -> Levels:
+    name, unit = cell.robot.joints[joint], _unit(cell, joint)
+    low, high = cell.robot.sample_limits()[joint]
+    per_level = int(table["poses_per_level"])
+    separation = float(table.get("min_separation_deg") or 0.0) * unit
+    if table.get("values_deg") is not None:
+        values = np.sort(np.array(table["values_deg"], dtype=float)) * unit
+        if not len(values):
+            raise CalibError(f"levels of {name}: values_deg is empty; give some, or a count")
+        for value in values[(values < low - _AT_LEVEL) | (values > high + _AT_LEVEL)]:
+            raise CalibError(
+                f"level {value / unit:g} of {name} is outside its limits "
+                f"{low / unit:g} .. {high / unit:g}; move it inside"
+            )
+        if (np.diff(values) < _AT_LEVEL).any():
+            raise CalibError(f"levels of {name} contain the same value twice; give each once")
+        return Levels(joint, values, len(values), per_level)
+    used = int(table["count"])
+    if used > _MOST:
+        raise CalibError(f"{used} levels of {name} are too many to choose; ask for at most {_MOST}")
+    if separation * (used - 1) > high - low + _AT_LEVEL:
+        raise CalibError(
+            f"{used} levels of {name} cannot be {separation / unit:g} apart within "
+            f"{low / unit:g} .. {high / unit:g}; ask for fewer or closer ones"
+        )
+    return Levels(joint, _grid(cell, joint, used, separation), used, per_level, separation)
+
+
+def _grid(cell: Cell, joint: int, used: int, separation: float) -> Array:
+    """Even steps from limit to limit, and the knots of the joint's model where it has some."""
+    step = _unit(cell, joint) * 1e-2
+    low, high = cell.robot.sample_limits()[joint]
+    even = [np.linspace(low, high, max(_GRID, 2 * used + 1))]
+    # A grid as coarse as the levels themselves, so that some choice keeps its distance.
+    even.append(np.linspace(low, high, used) if separation and used > 1 else np.zeros(0))
+    knots = cell.knots.get(cell.robot.joints[joint], np.zeros(0))
+    inside = knots[(knots >= low) & (knots <= high)]
+    candidates = np.concatenate([np.round(np.concatenate(even) / step) * step, inside])
+    candidates = np.unique(np.clip(candidates, low, high))
+    apart = [candidates[0]]
+    for a, b in itertools.pairwise(candidates):
+        if b - a > 0.5 * step:
+            apart.append(b)
+    return np.array(apart)
+
+
+def _unit(cell: Cell, joint: int) -> float:
+    """SI per degree, or per millimetre of a joint that slides."""
+    return 1e-3 if cell.robot.prismatic[joint] else np.pi / 180.0

@@ -1,0 +1,186 @@
+"""Candidate poses: drawn over the joint box or read from a file, judged by the cell's constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from calib.arrays import Array, IntArray, Mask
+from calib.cell import Cell
+from calib.errors import CalibError
+from doe.constraints import Constraint, scene_of, visible
+from doe.optimal.packed import pack, packed_size
+from doe.problem.information import Regressor
+from doe.problem.levels import Levels
+
+CHUNK = 2048
+"""Configurations handled at once: a power of two keeps Sobol points balanced, and it fits the cache."""
+_LARGEST = 8e9  # bytes of information blocks
+_STEP = 1e-2  # degrees or millimetres
+_WORKERS = 2
+
+
+def rounded(cell: Cell, q: Array) -> Array:
+    """Joint values (m, dof) in steps of a hundredth of a degree or millimetre, inside the limits.
+
+    What is typed into the controller is what was judged.
+    """
+    step = np.where(cell.robot.prismatic, 1e-3, np.pi / 180.0) * _STEP
+    low, high = cell.robot.sample_limits().T
+    first, last = np.ceil(low / step - 1e-6), np.floor(high / step + 1e-6)
+    inside = np.clip(np.round(q / step), first, np.maximum(first, last)) * step
+    return np.where(first > last, np.clip(q, low, high), inside)
+
+
+def drawn(cell: Cell, count: int, levels: Levels | None, seed: int) -> Iterator[Array]:
+    """Scrambled Sobol configurations in chunks of shape (m, dof), the levels in turn; count in all."""
+    from scipy.stats import qmc
+
+    low, high = cell.robot.sample_limits().T
+    free = [k for k in range(cell.robot.dof) if levels is None or k != levels.joint]
+    sampler = qmc.Sobol(len(free), scramble=True, rng=np.random.default_rng(seed)) if free else None
+    for start in range(0, count, CHUNK):
+        m = min(CHUNK, count - start)
+        q = np.tile(low, (m, 1))
+        if sampler is not None:
+            q[:, free] += sampler.random(CHUNK)[:m] * (high - low)[free]
+        q = rounded(cell, q)
+        if levels is not None:
+            turn = np.arange(start, start + m) % len(levels.values)
+            q[:, levels.joint] = levels.values[turn]
+        yield q
+
+
+def chunked(q: Array) -> Iterator[Array]:
+    """Configurations of a file, shape (m, dof), in chunks."""
+    for start in range(0, len(q), CHUNK):
+        yield q[start : start + CHUNK]
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """Candidates that may be measured.
+
+    q : ndarray, shape (n, dof), rad or m
+    packed : ndarray, shape (n, p (p + 1) / 2), information of each
+    level : ndarray of int, shape (n,), zero without levels
+    drawn : int, candidates before the constraints
+    removed : dict, constraint -> candidates that it removed, each counted where it fell first
+    removed_at : dict, constraint -> ndarray of int, the same by level
+    """
+
+    q: Array
+    packed: Array
+    level: IntArray
+    drawn: int
+    removed: dict[str, int]
+    removed_at: dict[str, IntArray]
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def without(self, q: Array) -> Pool:
+        """The candidates that are none of these configurations (m, dof)."""
+        known = {tuple(row) for row in np.round(q, 9)}
+        fresh = np.array([tuple(row) not in known for row in np.round(self.q, 9)], dtype=bool)
+        return replace(
+            self,
+            q=self.q[fresh],
+            packed=self.packed[fresh],
+            level=self.level[fresh],
+            removed={**self.removed, "already measured": int((~fresh).sum())},
+        )
+
+    def joined(self, part: Chunk) -> Pool:
+        """The pool with further candidates at its end, the counts as they were."""
+        return replace(
+            self,
+            q=np.concatenate([self.q, part.q]),
+            packed=np.concatenate([self.packed, part.packed]),
+            level=np.concatenate([self.level, part.level]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """A chunk of candidates after the constraints; ``fallen`` holds, by constraint, levels removed."""
+
+    q: Array
+    packed: Array
+    level: IntArray
+    visible: Mask
+    drawn: int
+    fallen: dict[str, IntArray]
+
+
+def judge(
+    regressor: Regressor, constraints: tuple[Constraint, ...], levels: Levels | None, q: Array
+) -> Chunk:
+    """Remove the configurations, shape (m, dof), that may not be measured, and linearise the others."""
+    cell = regressor.cell
+    count, total = 1 if levels is None else len(levels.values), len(q)
+    level = np.zeros(total, dtype=int) if levels is None else levels.of(q)
+    fallen = {}
+    if (level < 0).any():
+        fallen["levels"] = np.bincount([0] * int((level < 0).sum()), minlength=count)
+        q, level = q[level >= 0], level[level >= 0]
+    for constraint in constraints:
+        if not len(q):
+            break
+        kept = constraint.allows(scene_of(cell, q))
+        fallen[constraint.name] = np.bincount(level[~kept], minlength=count)
+        if not kept.all():
+            q, level = q[kept], level[kept]
+    if not len(q):
+        empty = np.zeros((0, packed_size(regressor.T.shape[1])))
+        return Chunk(q, empty, level, np.ones((0, len(cell.markers)), bool), total, fallen)
+    seen = visible(scene_of(cell, q))
+    packed = pack(regressor.information(q, None if seen.all() else seen))
+    return Chunk(q, packed, level, seen, total, fallen)
+
+
+def fallen_of(parts: list[Chunk]) -> dict[str, IntArray]:
+    """Configurations that each constraint removed, by level, over all chunks."""
+    names = dict.fromkeys(name for part in parts for name in part.fallen)
+    none = np.zeros(1, dtype=int)
+    return {name: sum((part.fallen.get(name, none) for part in parts), none) for name in names}
+
+
+def pool_of(
+    regressor: Regressor,
+    constraints: tuple[Constraint, ...],
+    levels: Levels | None,
+    chunks: Iterable[Array],
+    count: int,
+) -> Pool:
+    """Candidates of all chunks, count in all, judged and linearised in two threads.
+
+    Raises CalibError where their information would not fit into memory.
+    """
+    p = regressor.T.shape[1]
+    if 8.0 * count * packed_size(p) > _LARGEST:
+        most = int(_LARGEST / 8.0 / packed_size(p))
+        raise CalibError(
+            f"{count} candidates for {p} parameters need "
+            f"{8e-9 * count * packed_size(p):.0f} GB; ask for at most {most}"
+        )
+    with ThreadPoolExecutor(_WORKERS) as executor:
+        parts = list(executor.map(partial(judge, regressor, constraints, levels), chunks))
+    packed = np.empty((sum(len(part.q) for part in parts), packed_size(p)))
+    start = 0
+    for part in parts:
+        packed[start : start + len(part.q)] = part.packed
+        start += len(part.q)
+    removed_at = fallen_of(parts)
+    return Pool(
+        np.concatenate([part.q for part in parts]),
+        packed,
+        np.concatenate([part.level for part in parts]),
+        sum(part.drawn for part in parts),
+        {name: int(counts.sum()) for name, counts in removed_at.items()},
+        removed_at,
+    )

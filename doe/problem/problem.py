@@ -1,0 +1,163 @@
+"""The design problem of a cell: model, candidates, rules and criterion, ready to be solved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from calib.api import readings
+from calib.arrays import Array, IntArray
+from calib.cell import Cell
+from calib.effects.tool import Tool
+from calib.errors import CalibError, InputError
+from calib.model import Model
+from calib.model.build import build, refuse_idle_effects
+from calib.poses import Poses, poses_at
+from calib.targets import check_targets, targets_of
+from doe.constraints import Constraint, constraints_of, scene_of, visible
+from doe.criteria import Criterion, Question, catalogue
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.problem.information import Regressor
+from doe.problem.nominal import nominal
+from doe.problem.pool import Pool, drawn, rounded
+from doe.problem.probe import PROBE, check_identifiable, is_silent, probe_of
+from doe.problem.refusals import CannotIdentify
+from doe.problem.wish import Wish, direction_of, rival_rows, subset_of, with_rivals
+
+RIDGE = 1e-10
+"""Information that every plan has, in units of the pool's mean: singular plans get a tiny value."""
+_REGION = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Everything but the candidates.
+
+    cell : Cell; with the rivals in its model where there are some
+    wish : Wish
+    regressor : Regressor, in coordinates in which the mean information of a probe is the identity
+    constraints : tuple of Constraint
+    criterion : Criterion
+    targets, target_weights : Poses and ndarray, shape (K,), summing to one
+    """
+
+    cell: Cell
+    wish: Wish
+    regressor: Regressor
+    constraints: tuple[Constraint, ...]
+    criterion: Criterion
+    targets: Poses
+    target_weights: Array
+
+    @property
+    def model(self) -> Model:
+        """The model that is to be identified."""
+        return self.regressor.model
+
+    @cached_property
+    def fixed(self) -> Array:
+        """Information of what is measured in any case, shape (p, p), made positive definite."""
+        p = self.regressor.T.shape[1]
+        M = RIDGE * np.eye(p)
+        if self.wish.fixed is not None:
+            M = M + self.information(self.wish.fixed.q).sum(axis=0)
+        return M
+
+    def information(self, q: Array) -> Array:
+        """Information matrix of configurations, hidden markers left out, shape (m, p, p)."""
+        return self.regressor.information(q, visible(scene_of(self.cell, q)))
+
+    def blocks(self, pool: Pool) -> Blocks:
+        """Information of a pool beside what is fixed."""
+        return Blocks(pool.packed, self.fixed, self.regressor.rank)
+
+    def rules(self, level: IntArray) -> Allowed:
+        """Which sets of candidates make a plan, for candidates at these levels."""
+        levels = self.wish.levels
+        if levels is None:
+            counts = np.array([self.wish.poses])
+            return Allowed(level, np.zeros(1), counts, 1, repeats=self.wish.repeats)
+        counts = np.full(len(levels.values), levels.per_level)
+        return Allowed(
+            level, levels.values, counts, levels.used, levels.separation, self.wish.repeats
+        )
+
+    @cached_property
+    def target_rows(self) -> Array:
+        """Rows of the targets, (K, r, p), m per y, the mean over markers in them."""
+        return target_rows(self.regressor, self.targets, self.at_markers)
+
+    @property
+    def at_markers(self) -> bool:
+        """Whether the error at the targets counts at the markers."""
+        return counts_at_markers(self.model, self.wish)
+
+
+def counts_at_markers(model: Model, wish: Wish) -> bool:
+    """As wished, else whether the markers are unknowns."""
+    known = not any(isinstance(e, Tool) for e in model.effects)
+    return not known if wish.at_markers is None else wish.at_markers
+
+
+def target_rows(regressor: Regressor, targets: Poses, at_markers: bool) -> Array:
+    """``J`` at target poses, shape (K, rows, p), m per y, the mean over the markers in it."""
+    model = replace(regressor.model)
+    if not at_markers:
+        model = replace(model, marker_names=("tip",), markers=np.zeros((1, 3)))
+    _, J = model.jacobian(regressor.values, targets)
+    rows = J.reshape(len(targets), -1, J.shape[-1]) @ regressor.T
+    return np.asarray(rows / np.sqrt(len(model.markers)))
+
+
+def problem_of(cell: Cell, wish: Wish, seed: int = 0) -> Problem:
+    """Set up the model, its coordinates and the criterion.
+
+    Raises CalibError: unknown effects, targets outside the limits, no feasible candidate, parameters
+    that no plan determines (CannotIdentify), a criterion that lacks what it needs.
+    """
+    if wish.rivals is not None:
+        cell = with_rivals(cell, wish.rivals)
+    constraints = constraints_of(cell)
+    angles = readings(cell, _angles(cell, wish, seed))
+    model = build(cell, angles).model
+    regressor = Regressor(cell, model, nominal(model, angles), np.diag(model.sizes))
+    probe, seen = probe_of(regressor, constraints, wish, seed)
+    try:
+        refuse_idle_effects(cell, model, readings(cell, poses_at(probe)))
+    except CalibError as error:
+        raise CannotIdentify((), str(error)) from None
+    rows = regressor.rows(probe, seen)
+    check_identifiable(cell, model, rows, wish)
+    regressor = replace(regressor, silent=is_silent(cell, rows))
+    regressor = regressor.whitened((np.swapaxes(rows, -1, -2) @ rows).mean(axis=0))
+    targets, weights = targets_of(cell)
+    try:
+        check_targets(cell, targets)
+    except CalibError as error:
+        where = cell.design.get("targets") or cell.path
+        raise InputError(where, "", str(error)) from None
+    weights = weights / weights.sum()
+    question = Question(
+        model,
+        regressor.T,
+        subset_of(model, wish),
+        direction_of(model, wish),
+        lambda: target_rows(regressor, targets, counts_at_markers(model, wish)),
+        weights,
+        regressor.information(probe[:_REGION], seen[:_REGION]),
+        None if wish.rivals is None else rival_rows(model, wish.rivals),
+    )
+    criterion = catalogue()[wish.criterion].of(question)
+    return Problem(cell, wish, regressor, constraints, criterion, targets, weights)
+
+
+def _angles(cell: Cell, wish: Wish, seed: int) -> Poses:
+    """Poses from which angle-dependent effects take their knots: the levels, else the whole range."""
+    probe = np.concatenate(list(drawn(cell, PROBE, wish.levels, seed + 1)))
+    ends = rounded(cell, cell.robot.sample_limits().T)
+    if wish.levels is not None:
+        ends[:, wish.levels.joint] = wish.levels.values[[0, -1]]
+    return poses_at(np.concatenate([probe, ends]))

@@ -1,0 +1,1 @@
+"""In which order the poses of a plan are visited, and which of them again."""

@@ -1,0 +1,124 @@
+"""Poses that are visited again later: only they tell how well the arm comes back.
+
+Two visits of one pose differ by what both approaches were off by, and by the instrument: with H the
+levers of the tip on the whitened readings, times the repeatability of each of its coordinates, the
+differences have the covariance ``2 (I + H H^T)``. So with ``K = H^T H (I + H^T H)^-1`` a second visit
+brings the Fisher information ``2 |K_ab|^2`` on the logarithms of the repeatabilities a and b, of
+translation and rotation, and ``2 |K|^2`` on a factor that is common to both: two for each coordinate
+that is read well beyond the instrument's noise, of which three markers show six and one shows three.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.arrays import Array, IntArray
+from calib.cell import Cell
+from calib.errors import CalibError
+from calib.poses import Poses
+from doe.constraints import scene_of, visible
+from doe.problem import Problem
+
+_SEEN = 1e-6  # of the largest lever: a direction that moves the markers less is not read
+_NO_DIFFERENCE = 0.5  # coordinates
+
+
+@dataclass(frozen=True)
+class Reapproaches:
+    """Poses of the plan that are visited a second time.
+
+    poses : tuple of str, the plan's own; again : tuple of str, each one's second visit
+    dof : float, coordinates that tell of the repeatability, each for as much as the instrument lets it
+    translation, rotation : float, relative standard deviations with which each is known beside the
+        other, NaN where the markers do not tell them apart, or one is none
+    """
+
+    poses: tuple[str, ...]
+    again: tuple[str, ...]
+    dof: float
+    translation: float
+    rotation: float
+
+    @property
+    def common(self) -> float:
+        """Relative standard deviation of the repeatability if the ratio of both is known."""
+        return float(1.0 / np.sqrt(2.0 * self.dof))
+
+
+def reapproaches_of(cell: Cell, count: int | None) -> int:
+    """How many poses are visited again; the cell's if None. Raises CalibError."""
+    found = cell.design.get("reapproaches") if count is None else count
+    if found is not None and found < 0:
+        raise CalibError(f"{found} poses cannot be visited again; ask for 1 or more, or 0")
+    return int(found or 0)
+
+
+def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses, Reapproaches]:
+    """The poses, then some of them once more in the same order.
+
+    So a second visit comes late and from elsewhere, and the way between them stays short. The last
+    pose is never among them: nothing would lie between its visits.
+
+    Raises CalibError where the plan has too few poses.
+    """
+    chosen = _spread(problem, poses, count)
+    own = tuple(poses.names[i] for i in chosen)
+    again = tuple(f"{name}_again" for name in own)
+    order = np.concatenate([np.arange(len(poses)), chosen])
+    found = replace(poses.take(order), names=(*poses.names, *again))
+    K = shares(problem, poses.q[chosen])
+    alone = _alone(K) if (np.linalg.matrix_rank(K, tol=_SEEN) == 6).any() else (np.nan, np.nan)
+    return found, Reapproaches(own, again, float((K**2).sum()), *alone)
+
+
+def shares(problem: Problem, q: Array) -> Array:
+    """What a visit of each configuration (m, dof) tells of the tip's coordinates, K, shape (m, 6, 6).
+
+    Where the repeatability is not known it is taken for much larger than the instrument's noise.
+    """
+    H = problem.regressor.levers(q, visible(scene_of(problem.cell, q)))
+    arm = problem.cell.repeatability
+    if arm is None or not problem.cell.scatters:
+        sizes = np.sqrt((H**2).mean(axis=(0, 1)).reshape(2, 3).mean(axis=1))
+        H = H / np.repeat(np.where(sizes > 0.0, sizes, 1.0), 3)
+        return np.asarray(np.linalg.pinv(H, rcond=_SEEN) @ H)
+    H = H * np.repeat([arm.translation, arm.rotation], 3)
+    G = np.swapaxes(H, -1, -2) @ H
+    return np.asarray(np.linalg.solve(np.eye(6) + G, G))
+
+
+def _alone(K: Array) -> tuple[float, float]:
+    """Relative standard deviations of translation and rotation; NaN for one that is none."""
+    information = 2.0 * (K.reshape(-1, 2, 3, 2, 3) ** 2).sum(axis=(0, 2, 4))
+    found = np.full(2, np.nan)
+    some = np.diag(information) > 0.0
+    found[some] = np.sqrt(np.diag(np.linalg.inv(information[np.ix_(some, some)])))
+    return float(found[0]), float(found[1])
+
+
+def _spread(problem: Problem, poses: Poses, count: int) -> IntArray:
+    """Of the poses that tell most of the repeatability, those farthest from each other, (count,).
+
+    Arms return worse in some postures than in others: the figure is to hold for the workspace.
+    """
+    first = np.unique(poses.configuration, return_index=True)[1]
+    may = np.sort(first[poses.configuration[first] != poses.configuration[-1]])
+    if count > len(may):
+        raise CalibError(
+            f"{count} poses cannot be visited again: {len(may)} of {len(poses)} can, as the arm stands "
+            "at the last one; ask for fewer, or for more poses"
+        )
+    told = (shares(problem, poses.q[may]) ** 2).sum(axis=(1, 2))
+    low, high = problem.cell.robot.sample_limits().T
+    at = poses.q[may] / np.maximum(high - low, 1e-9)
+    apart = np.abs(at[:, None] - at).max(axis=-1)
+    chosen: list[int] = []
+    for _ in range(count):
+        free = np.setdiff1d(np.arange(len(may)), chosen)
+        free = free[told[free] >= told[free].max() - _NO_DIFFERENCE]
+        away = apart[np.ix_(free, chosen)].min(axis=1) if chosen else apart[free].mean(axis=1)
+        chosen.append(int(free[away.argmax()]))
+    found: IntArray = may[np.sort(chosen)]
+    return found

@@ -1,0 +1,73 @@
+"""What a fit leaves: left-out configurations against refits, and noise that is the instrument's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import calib
+from calib import Cell
+from calib.compensation.estimate import estimate_of
+from calib.compensation.unexplained import Fitted, left_out
+from calib.model.build import build
+from calib.noise import Noise
+from calib.poses import Measurements, poses_at
+from calib.simulate import simulate
+from tests.helpers import cell_of, random_robot
+
+GEOMETRY = ("base", "tool", "geometry")
+MARKERS = np.array([[0.2, 0.0, 0.05], [0.18, 0.1, -0.04], [0.22, -0.06, -0.08]])
+
+
+def session(poses: int, louder: float, markers: int, seed: int) -> tuple[Cell, Measurements]:
+    """Cell, and readings with an instrument so many times noisier than it says."""
+    rng = np.random.default_rng(seed)
+    robot = random_robot(rng, 6)
+    cell = cell_of(robot, MARKERS[:markers], GEOMETRY)
+    model = build(cell).model
+    values = model.sizes * rng.uniform(-0.3, 0.3, len(model.parameters))
+    noise = Noise(*(louder * s for s in (cell.noise.along, cell.noise.across, 0.0, 0.0)))
+    measured = poses_at(rng.uniform(*robot.limits.T, size=(poses, 6)))
+    return cell, simulate(model, values, measured, noise, rng)
+
+
+def test_left_out_configurations_are_those_of_refits() -> None:
+    """Poses are taken out and the rest identified: what they then miss by was foreseen."""
+    cell, data = session(30, 1.0, 3, 1)
+    found = calib.identify(cell, data)
+    assert not found.fit.outlier.any()
+    span = np.eye(len(found.values))[:, found.std > 0.0]
+    fit = Fitted(found.model, found.values, found.covariance, span, data, found.weights, 1e-5, None)
+    errors, growth, known = left_out(fit)
+    assert known.all()
+    assert growth.min() > 1.0
+    for i in (0, 7, 19):
+        rest = calib.identify(cell, data.take(np.delete(np.arange(30), i)))
+        own = data.take([i])
+        missed = own.points - rest.predict(own.poses)
+        np.testing.assert_allclose(errors[i], missed[0], atol=0.02 * np.abs(missed).max())
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_noisy_instrument_is_no_model_error(seed: int) -> None:
+    """Three times noisier than stated, three markers: the shape of the marker set tells."""
+    cell, data = session(60, 3.0, 3, seed)
+    found = calib.identify(cell, data)
+    assert found.noise.source == "residual"
+    known = estimate_of(found)
+    assert known.unexplained.rms == 0.0
+    assert known.notes == ()
+    assert found.noise.sigma == pytest.approx(3.0 * cell.noise.along, rel=0.1)
+
+
+def test_one_marker_cannot_tell_and_says_so() -> None:
+    cell, data = session(60, 3.0, 1, 0)
+    known = estimate_of(calib.identify(cell, data))
+    total = known.unexplained.rms
+    if known.variances is not None:
+        tip = known.variances.approach + known.variances.configuration
+        total = float(np.sqrt(total**2 + 3.0 * tip[-2]))
+    assert total > 2.0 * np.sqrt(3.0) * cell.noise.along
+    assert "cannot tell the instrument from the arm" in " ".join(known.notes)
+    quiet, data = session(60, 1.0, 1, 0)
+    assert estimate_of(calib.identify(quiet, data)).notes == ()

@@ -1,0 +1,225 @@
+"""Relaxation, certificate, exchange and branch and bound against exhaustive search."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.optimal.branch import prove
+from doe.optimal.certify import bound, survivors
+from doe.optimal.conic import conic_weights
+from doe.optimal.exchange import exchange, greedy
+from doe.optimal.newton import newton_weights
+from doe.optimal.relax import relax
+from doe.optimal.robust import robust_exchange, smallest_left
+from doe.optimal.search import best_plan
+from tests.doe.problems import best_by_exhaustion, criteria, grouped, plans, random_blocks
+
+P = 4
+NAMES = list(criteria(np.random.default_rng(0), P))
+RULES = {
+    "free": grouped(40, 1, 6),
+    "levels": grouped(40, 4, 2),
+    "repeats": grouped(40, 4, 2, repeats=True),
+    "levels to choose": grouped(48, 8, 2, used=3, separation=2.0),
+    "levels at any distance": grouped(48, 8, 2, used=3),
+}
+
+
+def setting(name: str, rules: str, seed: int = 2) -> tuple:
+    rng = np.random.default_rng(seed)
+    allowed = RULES[rules]
+    return criteria(rng, P)[name], random_blocks(rng, len(allowed.group), P), allowed
+
+
+def random_plan(rng: np.random.Generator, allowed: Allowed) -> np.ndarray:
+    _, plan = allowed.best(rng.uniform(size=len(allowed.group)))
+    return plan
+
+
+@pytest.mark.parametrize("rules", RULES)
+@pytest.mark.parametrize("name", NAMES)
+def test_certified_to_the_gap(name: str, rules: str) -> None:
+    criterion, blocks, allowed = setting(name, rules)
+    relaxed = relax(criterion, blocks, allowed)
+    assert -1e-9 <= relaxed.gap <= 1e-4
+    # The weights are a weighted plan: sums, caps, and the matrix that belongs to them.
+    sums = np.bincount(allowed.group[relaxed.index], relaxed.weights, len(allowed.positions))
+    assert sums.sum() == pytest.approx(allowed.size, rel=1e-5)
+    if not allowed.chooses_levels:
+        np.testing.assert_allclose(sums, allowed.counts, rtol=1e-4)
+    if not allowed.repeats:
+        assert relaxed.weights.max() <= 1.0 + 1e-5
+    np.testing.assert_allclose(relaxed.M, blocks.total(relaxed.index, relaxed.weights))
+    assert bound(relaxed.G, blocks, allowed) == pytest.approx(relaxed.bound, rel=1e-9)
+
+
+@pytest.mark.parametrize("rules", RULES)
+@pytest.mark.parametrize("name", NAMES)
+def test_no_plan_surpasses_the_bound_at_any_matrix(name: str, rules: str) -> None:
+    criterion, blocks, allowed = setting(name, rules)
+    rng = np.random.default_rng(7)
+    totals = np.array([blocks.total(random_plan(rng, allowed)) for _ in range(300)])
+    found, _ = exchange(criterion, blocks, allowed, random_plan(rng, allowed))
+    best = max(criterion.value(totals).max(), criterion.value(blocks.total(found)))
+    for M in (totals[0], totals.mean(axis=0), np.eye(P)):
+        assert bound(criterion.gradient(M), blocks, allowed) >= best * (1.0 - 1e-9)
+    assert relax(criterion, blocks, allowed).bound >= best * (1.0 - 1e-9)
+
+
+@pytest.mark.parametrize("name", ["D", "A", "c", "task"])
+@pytest.mark.parametrize("rules", ["free", "levels", "repeats"])
+def test_both_masters_agree(name: str, rules: str) -> None:
+    """The interior point method against cvxpy and clarabel."""
+    criterion, blocks, allowed = setting(name, rules)
+    everyone = np.arange(len(blocks))
+    by_newton = blocks.total(everyone, newton_weights(criterion, blocks, allowed, 1e-6))
+    solved = conic_weights(criterion, blocks, allowed, np.eye(P)[None])
+    assert solved is not None
+    by_cone = blocks.total(everyone, solved[0])
+    assert criterion.value(by_newton) == pytest.approx(float(criterion.value(by_cone)), rel=1e-5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("rules", RULES)
+def test_exchange_never_worsens(name: str, rules: str) -> None:
+    criterion, blocks, allowed = setting(name, rules)
+    rng = np.random.default_rng(9)
+    for _ in range(5):
+        start = random_plan(rng, allowed)
+        before = float(criterion.value(blocks.total(start)))
+        plan, value = exchange(criterion, blocks, allowed, start)
+        assert value >= before
+        assert value == pytest.approx(float(criterion.value(blocks.total(plan))), rel=1e-9)
+        assert allowed.admits(plan)
+        counts = np.bincount(allowed.group[plan], minlength=len(allowed.positions))
+        used = np.flatnonzero(counts)
+        assert (counts[used] == allowed.counts[used]).all()
+        assert len(used) == allowed.used
+        assert np.diff(allowed.positions[used]).min(initial=np.inf) >= allowed.separation
+        assert allowed.repeats or len(set(plan)) == len(plan)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_exchange_ends_where_no_single_exchange_helps(name: str) -> None:
+    criterion, blocks, allowed = setting(name, "levels")
+    plan, value = exchange(criterion, blocks, allowed, greedy(criterion, blocks, allowed))
+    for slot in range(len(plan)):
+        for j in allowed.members[allowed.group[plan[slot]]]:
+            if j not in plan:
+                other = plan.copy()
+                other[slot] = j
+                assert criterion.value(blocks.total(other)) <= value * (1.0 + 1e-6)
+
+
+SMALL = {
+    "free": grouped(14, 1, 4),
+    "levels": grouped(15, 3, 2),
+    "repeats": grouped(9, 3, 2, repeats=True),
+    "levels to choose": grouped(16, 8, 1, used=4, separation=2.0),
+}
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("rules", SMALL)
+@pytest.mark.parametrize("name", ["D", "A", "task", "E", "task-worst"])
+def test_search_against_exhaustion(name: str, rules: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    allowed = SMALL[rules]
+    criterion, blocks = criteria(rng, P)[name], random_blocks(rng, len(allowed.group), P)
+    optimum, _ = best_by_exhaustion(criterion, blocks, allowed)
+    relaxed = relax(criterion, blocks, allowed)
+    value = best_plan(criterion, blocks, allowed, relaxed, seed=0).value
+    assert relaxed.bound >= optimum * (1.0 - 1e-9)
+    assert value <= optimum * (1.0 + 1e-9)
+    assert value >= 0.999 * optimum
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("rules", ["free", "levels"])
+@pytest.mark.parametrize("name", ["D", "A", "task"])
+def test_branch_and_bound_against_exhaustion(name: str, rules: str, seed: int) -> None:
+    """From the worst plan of all it must still end at the best one, and say so."""
+    rng = np.random.default_rng(10 + seed)
+    allowed = SMALL[rules]
+    criterion, blocks = criteria(rng, P)[name], random_blocks(rng, len(allowed.group), P)
+    optimum, _ = best_by_exhaustion(criterion, blocks, allowed)
+    worst = min(plans(allowed), key=lambda plan: float(criterion.value(blocks.total(plan))))
+    relaxed = relax(criterion, blocks, allowed)
+    proof = prove(criterion, blocks, allowed, worst, relaxed.G, most_nodes=2000)
+    assert proof.optimal
+    assert proof.value == pytest.approx(optimum, rel=1e-8)
+    stopped = prove(criterion, blocks, allowed, worst, relaxed.G, most_nodes=1)
+    assert stopped.bound >= optimum * (1.0 - 1e-9)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_survivors_hold_the_optimum(name: str) -> None:
+    rng = np.random.default_rng(21)
+    allowed = SMALL["levels"]
+    criterion, blocks = criteria(rng, P)[name], random_blocks(rng, len(allowed.group), P)
+    optimum, plan = best_by_exhaustion(criterion, blocks, allowed)
+    relaxed = relax(criterion, blocks, allowed)
+    kept = survivors(relaxed.G, blocks, allowed, optimum * (1.0 - 1e-6))
+    assert np.isin(plan, kept).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_finer_pools_bound_coarser_plans(name: str) -> None:
+    criterion, blocks, allowed = setting(name, "levels")
+    few = np.arange(0, 20)
+    coarse, rules = blocks.take(few), allowed.take(few)
+    found = best_plan(criterion, coarse, rules, relax(criterion, coarse, rules), seed=0)
+    plan, value = found.plan, found.value
+    fine = relax(criterion, blocks, allowed)
+    assert value <= fine.bound * (1.0 + 1e-9)
+    assert relax(criterion, coarse, rules).value <= fine.bound * (1.0 + 1e-9)
+    assert criterion.value(blocks.total(few[plan])) == pytest.approx(value, rel=1e-9)
+
+
+def test_fixed_rows_count() -> None:
+    """Poses that are measured in any case change what is best, and the bound knows of them."""
+    criterion, blocks, allowed = setting("D", "free")
+    fixed = Blocks(blocks.packed, blocks.total(np.arange(5)), blocks.rank)
+    relaxed = relax(criterion, fixed, allowed)
+    found = best_plan(criterion, fixed, allowed, relaxed, seed=0)
+    plan, value = found.plan, found.value
+    assert value <= relaxed.bound * (1.0 + 1e-9)
+    assert value >= 0.95 * relaxed.bound
+    free = relax(criterion, blocks, allowed)
+    alone = best_plan(criterion, blocks, allowed, free, seed=0).plan
+    assert value >= float(criterion.value(fixed.total(alone)))
+    assert set(plan) != set(alone)
+
+
+@pytest.mark.parametrize("name", ["D", "A", "task"])
+def test_robust_exchange(name: str) -> None:
+    criterion, blocks, allowed = setting(name, "levels")
+    plan, _ = exchange(criterion, blocks, allowed, greedy(criterion, blocks, allowed))
+    before = smallest_left(criterion, blocks.total(plan), blocks.matrices(plan))
+    hardened = robust_exchange(criterion, blocks, allowed, plan)
+    after = smallest_left(criterion, blocks.total(hardened), blocks.matrices(hardened))
+    losses = [
+        float(criterion.value(blocks.total(np.delete(hardened, i)))) for i in range(len(hardened))
+    ]
+    assert after >= before
+    assert after == pytest.approx(min(losses), rel=1e-6)
+    share = (len(plan) - 1) / len(plan)
+    assert after <= share * relax(criterion, blocks, allowed).bound * (1.0 + 1e-9)
+
+
+def test_near_singular_plans_do_not_break_the_search() -> None:
+    """Rank-one candidates, most of them alike: only one plan determines everything."""
+    rng = np.random.default_rng(3)
+    J = np.repeat(rng.normal(size=(1, 1, P)), 30, axis=0)
+    J[:4, 0] = np.eye(P)
+    from doe.optimal.packed import pack
+
+    blocks = Blocks(pack(np.swapaxes(J, -1, -2) @ J), 1e-10 * np.eye(P), 1)
+    allowed = grouped(30, 1, 4)
+    criterion = criteria(rng, P)["D"]
+    relaxed = relax(criterion, blocks, allowed)
+    plan = best_plan(criterion, blocks, allowed, relaxed, seed=0).plan
+    assert np.linalg.matrix_rank(blocks.total(plan), tol=1e-6) == P

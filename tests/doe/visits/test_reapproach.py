@@ -1,0 +1,160 @@
+"""Poses that are visited again: which, when, and what they tell of the arm's repeatability."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import calib
+import doe
+from calib import Cell
+from calib.cell import Repeatability
+from calib.errors import CalibError
+from calib.files.cell import load_cell
+from calib.model.build import build
+from calib.poses.visits import visits
+from doe.assess import assess
+from doe.results import design_fields
+from doe.visits.reapproach import reapproaches_of, with_reapproaches
+from studies.cli import main
+from studies.demo import INPUTS, embedded_text
+from tests.helpers import with_effects
+
+QUICK: dict[str, Any] = {"candidates": 700, "refine": False, "fresh": False, "criterion": "D"}
+ARM = Repeatability(4e-5, 2e-4)
+
+
+@pytest.fixture(scope="module")
+def cell(kr270: Cell) -> Cell:
+    return replace(with_effects(kr270, "base", "joint_offset"), load=None, design={})
+
+
+@pytest.fixture(scope="module")
+def plain(cell: Cell) -> doe.Design:
+    return doe.design(cell, poses=9, **QUICK)
+
+
+@pytest.mark.parametrize("count", [1, 3, 8])
+def test_second_visits_come_later_and_never_at_once(plain: doe.Design, count: int) -> None:
+    poses, found = with_reapproaches(plain.problem, plain.poses, count)
+    assert poses.names == (*plain.poses.names, *found.again)
+    assert found.again == tuple(f"{name}_again" for name in found.poses)
+    assert list(found.poses) == sorted(set(found.poses))
+    for name, again in zip(found.poses, found.again, strict=True):
+        first, second = poses.names.index(name), poses.names.index(again)
+        np.testing.assert_array_equal(poses.q[first], poses.q[second])
+        assert second > first + 1
+    assert len(np.unique(visits(poses))) == 9 + count
+
+
+def test_they_stand_beside_a_reference(cell: Cell) -> None:
+    """Of which they are none, so that each visit has a way behind it."""
+    plan = doe.design(cell, poses=9, reapproach=7, reference_every=2, **QUICK)
+    assert plan.reference is not None
+    assert plan.reapproaches is not None
+    assert plan.reference.pose not in plan.reapproaches.poses
+    assert plan.poses.names[0] == "ref1"
+    assert plan.poses.names[-1] == plan.reference.repeats[-1]
+    number = visits(plan.poses)
+    for name, again in zip(plan.reapproaches.poses, plan.reapproaches.again, strict=True):
+        assert number[plan.poses.names.index(name)] != number[plan.poses.names.index(again)]
+
+
+def test_they_are_spread(plain: doe.Design) -> None:
+    """No two of four lie nearer than those of most fours that chance would take."""
+    _, found = with_reapproaches(plain.problem, plain.poses, 4)
+    low, high = plain.problem.cell.robot.sample_limits().T
+    at = plain.poses.q / (high - low)
+
+    def nearest(chosen: np.ndarray) -> float:
+        apart = np.abs(at[chosen][:, None] - at[chosen]).max(axis=-1)
+        return float(apart[np.triu_indices(len(chosen), 1)].min())
+
+    own = nearest(np.array([plain.poses.names.index(name) for name in found.poses]))
+    rng = np.random.default_rng(0)
+    chance = [nearest(rng.choice(8, 4, replace=False)) for _ in range(200)]
+    assert own > np.quantile(chance, 0.8)
+
+
+def test_they_count_as_what_they_are(cell: Cell) -> None:
+    known = replace(cell, repeatability=ARM)
+    plan = doe.design(known, poses=9, reapproach=4, **QUICK)
+    alone = assess(plan.problem, plan.poses.q[:9])
+    assert (plan.assessment.std < alone.std).all()
+    assert (plan.assessment.std > alone.std / np.sqrt(2.0)).all()
+    assert plan.value == pytest.approx(alone.value)
+
+
+@pytest.mark.parametrize(("markers", "coordinates"), [(1, 3), (2, 5), (3, 6)])
+def test_degrees_of_freedom_where_nothing_is_known_of_the_arm(
+    cell: Cell, markers: int, coordinates: int
+) -> None:
+    few = replace(
+        cell,
+        markers=cell.markers[:markers],
+        marker_names=cell.marker_names[:markers],
+        marker_normals=cell.marker_normals[:markers],
+        marker_acceptance=cell.marker_acceptance[:markers],
+    )
+    found = doe.design(few, poses=9, reapproach=4, **QUICK).reapproaches
+    assert found is not None
+    assert found.dof == pytest.approx(4 * coordinates)
+    assert found.common == pytest.approx(1.0 / np.sqrt(8 * coordinates))
+    if markers < 3:
+        assert np.isnan([found.translation, found.rotation]).all()
+    else:
+        assert found.translation == pytest.approx(1.0 / np.sqrt(24.0))
+
+
+def test_repeatability_is_found_as_well_as_promised(cell: Cell) -> None:
+    """Days of measurement, their levels estimated: the scatter of the estimate is what was stated."""
+    truth = replace(cell, repeatability=ARM)
+    plan = doe.design(truth, poses=12, reapproach=8, **QUICK)
+    assert plan.reapproaches is not None
+    model = build(cell, plan.poses).model
+    values, rng = np.zeros(len(model.parameters)), np.random.default_rng(11)
+    found = []
+    for _ in range(40):
+        data = calib.simulate(model, values, plan.poses, cell.noise, rng, arm=ARM)
+        levels = calib.identify(cell, data).levels
+        assert levels is not None
+        found.append(np.sqrt(levels.variances.approach[-2]) / ARM.translation)
+    assert np.mean(found) == pytest.approx(1.0, abs=0.12)
+    assert 0.6 < np.std(found) / plan.reapproaches.translation < 1.4
+
+
+def test_the_command_and_the_cell_ask_for_them(tmp_path: Path) -> None:
+    for name in INPUTS:
+        (tmp_path / name).write_text(embedded_text(name))
+    path = tmp_path / "cell.toml"
+    text = path.read_text().replace("\n[design] ", "\n[design]\nreapproaches = 4\n#")
+    path.write_text(text)
+    assert reapproaches_of(load_cell(path), None) == 4
+    assert reapproaches_of(load_cell(path), 0) == 0
+    arguments = ["design", str(path), "--poses", "15", "--candidates", "700", "--no-polish"]
+    arguments += ["--levels", "A2=5x3", "--reapproach", "3", "--json", str(tmp_path / "best.json")]
+    done = CliRunner().invoke(main, [*arguments, "-o", str(tmp_path / "best.csv")])
+    assert done.exit_code == 0, done.output
+    assert "15 poses and 3 second visits" in done.output
+    assert (
+        "repeatability will be known to +-24 % (translation) and +-24 % (rotation)" in done.output
+    )
+    fields = json.loads((tmp_path / "best.json").read_text())
+    assert fields["reapproaches"]["dof"] == pytest.approx(18.0)
+    assert len(fields["poses"]) == 18
+    plan = calib.load_plan(load_cell(path), tmp_path / "best.csv")
+    assert list(plan.names[-3:]) == fields["reapproaches"]["again"]
+
+
+def test_too_many_are_refused(cell: Cell, plain: doe.Design) -> None:
+    with pytest.raises(CalibError, match="9 poses cannot be visited again: 8 of 9 can"):
+        with_reapproaches(plain.problem, plain.poses, 9)
+    with pytest.raises(CalibError, match="-1 poses cannot be visited again"):
+        doe.design(cell, poses=7, reapproach=-1, **QUICK)
+    assert design_fields(plain)["reapproaches"] is None

@@ -1,12 +1,40 @@
 """doe: which poses to measure, and a proof of how good they are.
 
-plan = design(cell, poses=20, criterion="task")
-plan.poses, plan.efficiency
+Before the day, a plan and what it will see; on the day, whether what was measured is enough:
+
+    import calib
+    import doe
+
+    cell = calib.load_cell("cell.toml")
+    plan = doe.design(cell, poses=15, criterion="D", candidates=1000)
+    plan.efficiency, plan.poses.q
+
+    data = calib.load_measurements(cell, "measurements.csv")
+    left = doe.enough(cell, data)
+
+``efficiency`` is proved: at least this fraction of the best that any plan of these candidates reaches.
+``doe.foresee(cell, plan.poses)`` says which causes a plan could show, and ``doe.next_poses(cell,
+calib.diagnose(cell, data))`` which poses tell the causes apart that the data cannot.
 """
 
-from doe.design import design
-from doe.discriminate import NextPoses, next_poses
+from doe.discriminate import NextPoses
+from doe.discriminate.next_poses import next_poses
+from doe.foresight import Foresight
+from doe.foresight.foresee import foresee
 from doe.plan import Design
+from doe.planning import design
 from doe.problem.refusals import CannotIdentify
+from doe.sufficiency import Enough
+from doe.sufficiency.enough import enough
 
-__all__ = ["CannotIdentify", "Design", "NextPoses", "design", "next_poses"]
+__all__ = [
+    "CannotIdentify",
+    "Design",
+    "Enough",
+    "Foresight",
+    "NextPoses",
+    "design",
+    "enough",
+    "foresee",
+    "next_poses",
+]

@@ -40,7 +40,7 @@ from calib.effects.protocol import ReadingEffect
 from calib.effects.timed import Timed
 from calib.effects.tool import Tool
 from calib.errors import CalibError
-from calib.identify.identification import Identification
+from calib.identification.identification import Identification
 from calib.model import Model
 from calib.model.build import lacking
 from calib.model.covariance import errors_at, working_points

@@ -12,7 +12,7 @@ from calib.compensation.unexplained import Fitted, Unexplained, left_held_out, l
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.screen import refuted
 from calib.diagnosis.stage import Fit
-from calib.identify.identification import Identification
+from calib.identification.identification import Identification
 from calib.model import Model
 from calib.model.covariance import ignorance
 from calib.scatter import Variances

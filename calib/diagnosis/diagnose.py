@@ -25,17 +25,17 @@ from calib.diagnosis.verdict import Named, VerdictName, verdict
 from calib.diagnosis.view import lineup
 from calib.effects.protocol import ARM
 from calib.effects.tuned import Tuned
-from calib.identify.identify import check_counts, whitening
-from calib.identify.initial import initial_values
-from calib.identify.mistakes import refuse_mistakes
-from calib.identify.noise_level import (
+from calib.identification.identify import check_counts, whitening
+from calib.identification.initial import initial_values
+from calib.identification.mistakes import refuse_mistakes
+from calib.identification.noise_level import (
     NoiseLevel,
     noise_level,
     of_levels,
     replicate_spread,
 )
-from calib.identify.outliers import judge, threshold
-from calib.identify.tuning import profiled
+from calib.identification.outliers import judge, threshold
+from calib.identification.tuning import profiled
 from calib.model.build import build
 from calib.model.covariance import determined
 from calib.poses import Measurements

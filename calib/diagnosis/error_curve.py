@@ -31,7 +31,7 @@ from calib.diagnosis.screen import field
 from calib.diagnosis.stage import determined_by, positions
 from calib.diagnosis.variables import PoseVariable
 from calib.effects.gear_ripple import GearRipple
-from calib.identify.solver import levenberg_marquardt
+from calib.identification.solver import levenberg_marquardt
 from calib.model import Model
 from calib.model.covariance import covariance
 from calib.poses import Poses

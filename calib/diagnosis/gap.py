@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.diagnosis.stage import Fit, Stage
-from calib.identify.noise_level import believed_sigma
+from calib.identification.noise_level import believed_sigma
 from calib.poses import Measurements, Poses
 from calib.scatter import Variances, scatter_of
 

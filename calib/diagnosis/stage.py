@@ -14,9 +14,9 @@ from calib.diagnosis.linear import LinearModel, linearised
 from calib.diagnosis.prior import curves_in, fitted_amplitudes, prior_rows, weak
 from calib.diagnosis.screen import orthonormal
 from calib.effects.protocol import Effect
-from calib.identify.estimators import choose_directions
-from calib.identify.outliers import fit_statistics
-from calib.identify.solver import least_squares, levenberg_marquardt
+from calib.identification.estimators import choose_directions
+from calib.identification.outliers import fit_statistics
+from calib.identification.solver import least_squares, levenberg_marquardt
 from calib.model import Model
 from calib.model.covariance import covariance, gain
 from calib.observations import Points

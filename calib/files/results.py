@@ -10,9 +10,9 @@ from calib.arm.kinematics import forward
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.files.levels import level_fields
-from calib.identify import ADVICE, Identification, Residuals
-from calib.identify.common import Shared
-from calib.identify.pairs import pair_errors
+from calib.identification import ADVICE, Identification, Residuals
+from calib.identification.common import Shared
+from calib.identification.pairs import pair_errors
 from calib.poses import Poses
 
 _MM = 1e3

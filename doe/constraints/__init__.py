@@ -8,7 +8,7 @@ from doe.constraints.limits import joint_limits
 from doe.constraints.obstacles import obstacles_of
 from doe.constraints.protocol import Constraint
 from doe.constraints.scene import Scene, moving_capsules, scene_of
-from doe.constraints.self_collision import self_collision
+from doe.constraints.self_collision import clear_of_itself
 from doe.constraints.sight import hidden_by, visible
 from doe.constraints.torque import joint_torque
 
@@ -20,7 +20,7 @@ def constraints_of(cell: Cell) -> tuple[Constraint, ...]:
     found = (
         joint_limits(cell),
         *(obstacles_of(cell) if moving_capsules(cell) else ()),
-        self_collision(cell),
+        clear_of_itself(cell),
         hanging_load(cell),
         joint_torque(cell),
     )

@@ -39,7 +39,7 @@ class SelfCollision(Constraint):
         return free
 
 
-def self_collision(cell: Cell) -> SelfCollision | None:
+def clear_of_itself(cell: Cell) -> SelfCollision | None:
     """The pairs of a cell's capsules that can meet; None where no two bodies could."""
     bodies = [body for body, _, _ in named_capsules(cell)]
     pairs = [(i, j) for i, j in combinations(range(len(bodies)), 2) if bodies[j] - bodies[i] > 1]

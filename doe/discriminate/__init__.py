@@ -1,5 +1,5 @@
 """After a diagnosis: the poses, or the interventions, that tell its rivals apart."""
 
-from doe.discriminate.next_poses import NextPoses, next_poses
+from doe.discriminate.next_poses import NextPoses
 
-__all__ = ["NextPoses", "next_poses"]
+__all__ = ["NextPoses"]

@@ -16,7 +16,7 @@ from calib.model import Model
 from calib.observations import Points
 from calib.poses import Poses
 from calib.scatter import Variances, scatter_of
-from calib.simulate import beams
+from calib.simulation import beams
 from doe.constraints import constraints_of, scene_of, visible
 from doe.discriminate.session import Hung, Session, session_of
 from doe.problem.levels import Levels, levels_of

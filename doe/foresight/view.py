@@ -14,8 +14,8 @@ from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.screen import Field, field
 from calib.effects.protocol import Effect
 from calib.effects.tuned import Tuned
-from calib.identify.estimators import choose_directions
-from calib.identify.identify import check_counts
+from calib.identification.estimators import choose_directions
+from calib.identification.identify import check_counts
 from calib.model import Model
 from calib.model.build import build
 from calib.model.covariance import Unidentifiable
@@ -23,7 +23,7 @@ from calib.observations import Points
 from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move, with_moves
 from calib.scatter import Variances, scatter_of
-from calib.simulate import beams
+from calib.simulation import beams
 from doe.constraints import scene_of, visible
 from doe.problem.nominal import soft
 

@@ -17,7 +17,7 @@ from calib.cell import Cell
 from calib.model import Model
 from calib.poses import Poses, poses_at
 from calib.scatter import Scatter, Variances, scatter_of
-from calib.simulate import beams
+from calib.simulation import beams
 
 
 @dataclass(frozen=True, eq=False)

@@ -80,13 +80,13 @@ def diagnose(
     """
     import calib
     from calib.compensation.estimate import estimate_of
-    from calib.diagnosis import diagnose as diagnose_data
+    from calib.diagnosis.diagnose import diagnose as diagnose_data
     from calib.diagnosis.spectra import spectra
     from calib.errors import CalibError, InputError
     from calib.files.diagnosis import diagnosis_fields
     from calib.files.estimate import estimate_fields
     from calib.files.write import write_files
-    from doe.discriminate import next_poses
+    from doe.discriminate.next_poses import next_poses
     from doe.discriminate.results import next_fields
     from studies.commands.identify import held_out
     from studies.diagnose.next_tables import next_tables
@@ -150,7 +150,8 @@ def _foresee(
     import calib
     from calib.files.tables import holds_points
     from calib.files.write import write_files
-    from doe.foresight import foresee, foresight_fields
+    from doe.foresight import foresight_fields
+    from doe.foresight.foresee import foresee
     from studies.diagnose.plan_tables import foresight_tables
 
     inputs = [cell_path, *cell.robot_files, plan_path]

@@ -27,7 +27,7 @@ from studies.commands.common import (
 if TYPE_CHECKING:
     from calib import Cell, Identification, Measurements
     from calib.files.robot_out import Form
-    from calib.identify.identification import Method
+    from calib.identification.identification import Method
     from calib.observations import Approach, Weighting
 
 
@@ -228,7 +228,7 @@ def _drift(cell: Cell, whole: Measurements, result: Identification) -> dict[str,
     """What the repeated readings say, held-out ones included; the fit only places the instrument."""
     from calib.drift import drift_of
     from calib.files.drift import drift_fields
-    from calib.identify.identify import whitening
+    from calib.identification.identify import whitening
 
     return drift_fields(drift_of(whole, whitening(cell, result.model, result.values, whole)))
 

@@ -94,7 +94,8 @@ def import_(
       posecal import tracker.txt --joints joints.csv --unit mm --cell cell.toml -o measurements.csv
     """
     import calib
-    from calib.files.exports import join, read_joints, read_points
+    from calib.files.exports import read_joints, read_points
+    from calib.files.exports.join import join
     from calib.files.write import write_files
     from calib.files.write_tables import csv_text
     from studies.imports.tables import import_tables

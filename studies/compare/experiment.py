@@ -28,7 +28,7 @@ from calib.observations import (
 )
 from calib.poses import Measurements, Poses
 from calib.scatter import Scatter, Variances, scatter_of
-from calib.simulate import approached, beams, tip_origins
+from calib.simulation import approached, beams, tip_origins
 from doe.constraints import scene_of, visible
 
 _PLAUSIBLE_M = 1e-3  # what an assumed error moves the markers by at most

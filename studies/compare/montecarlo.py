@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.arrays import Array
-from calib.identify.solver import levenberg_marquardt
+from calib.identification.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
 from studies.compare.engines import interrupts_in
 from studies.compare.experiment import Experiment

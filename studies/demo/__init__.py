@@ -17,7 +17,7 @@ from calib.model import Model
 from calib.model.build import build, context_of, place_effect
 from calib.poses import Poses, poses_at
 from calib.poses.moves import with_moves
-from calib.simulate import simulate
+from calib.simulation import simulate
 from calib.targets import sobol_poses
 
 INPUTS = ("cell.toml", "kr270.urdf", "plan.csv")

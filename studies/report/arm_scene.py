@@ -11,7 +11,7 @@ from calib.arm.se3 import rotate
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.errors import CalibError
-from calib.identify.initial import initial_values
+from calib.identification.initial import initial_values
 from calib.model.build import build, parse_effect
 from calib.poses import Measurements, Poses
 from doe.constraints import Scene, hidden_by, scene_of

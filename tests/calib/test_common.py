@@ -12,7 +12,7 @@ import pytest
 import calib
 from calib.arrays import Array
 from calib.files.results import identification_fields
-from calib.identify.common import SURELY, Shared, Variable, shared, variables_of, within
+from calib.identification.common import SURELY, Shared, Variable, shared, variables_of, within
 from calib.poses import Measurements, Poses, poses_at
 from tests.helpers import cell_of, random_robot
 

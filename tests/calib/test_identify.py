@@ -12,7 +12,7 @@ from calib import Cell, Measurements, Poses
 from calib.arm.se3 import displacement, so3_exp
 from calib.arrays import Array
 from calib.errors import CalibError, TooFewPoses
-from calib.identify.initial import initial_values
+from calib.identification.initial import initial_values
 from calib.model.build import build
 from calib.model.covariance import accuracy
 from calib.noise import Noise

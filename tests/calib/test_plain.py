@@ -11,7 +11,7 @@ import calib
 from calib import Cell
 from calib.model.build import build
 from calib.poses import poses_at
-from calib.simulate import simulate
+from calib.simulation import simulate
 from tests.helpers import with_effects
 
 DAYS = 15

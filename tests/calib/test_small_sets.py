@@ -9,9 +9,9 @@ import pytest
 
 import calib
 from calib import Cell, Poses
-from calib.identify import search
-from calib.identify.outliers import wrongly_out
-from tests.doe.enough.day import RIGID, cell_of_day, of_poses, whole_day
+from calib.identification import search
+from calib.identification.outliers import wrongly_out
+from tests.doe.sufficiency.day import RIGID, cell_of_day, of_poses, whole_day
 from tests.helpers import with_effects
 
 HALF = [2, 5, 8, 11, 14, 1]

@@ -12,7 +12,7 @@ from calib import Cell, Measurements
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.errors import CalibError
-from calib.identify.solver import levenberg_marquardt
+from calib.identification.solver import levenberg_marquardt
 from calib.model.build import build
 from tests.calib.test_identify import MARKERS, RIGID, measured, random_configurations
 from tests.helpers import cell_of, random_robot, with_effects

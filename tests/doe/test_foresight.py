@@ -13,9 +13,10 @@ from calib.diagnosis.screen import score
 from calib.model.build import build
 from calib.poses import Measurements, poses_at
 from calib.poses.moves import with_moves
-from calib.simulate import simulate
-from doe.foresight import Foresight, foresee
+from calib.simulation import simulate
+from doe.foresight import Foresight
 from doe.foresight.fields import foresight_fields
+from doe.foresight.foresee import foresee
 from doe.foresight.splits import splits
 from tests.helpers import cell_of, random_robot, with_effects
 

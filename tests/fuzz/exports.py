@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from calib.files.columns import ANGLES, LENGTHS
-from calib.files.exports import join, read_joints, read_points
+from calib.files.exports import read_joints, read_points
+from calib.files.exports.join import join
 from calib.files.write import json_text
 from calib.files.write_tables import csv_text
 from studies.commands.import_ import _columns, _fields, _read_back

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from calib import load_cell, load_plan
 from calib.files.write_tables import measurements_csv
 from calib.model.build import build
-from calib.simulate import simulate
+from calib.simulation import simulate
 from studies.cli import main
 
 _CELL = """\

@@ -10,7 +10,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from calib import Cell, Poses
-from doe.foresight import foresee, foresight_fields
+from doe.foresight import foresight_fields
+from doe.foresight.foresee import foresee
 from studies.cli import main
 from studies.demo import __file__ as demo_file
 

@@ -22,7 +22,7 @@ import click
 import numpy as np
 
 import calib
-from calib.diagnosis import diagnose
+from calib.diagnosis.diagnose import diagnose
 from calib.files.diagnosis import diagnosis_fields
 from calib.files.write import json_text, write_files
 from studies.commands.common import console_for, one_line_faults

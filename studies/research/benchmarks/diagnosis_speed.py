@@ -22,7 +22,7 @@ import click
 import numpy as np
 
 import calib
-from calib.diagnosis import diagnose
+from calib.diagnosis.diagnose import diagnose
 from calib.effects import GROUPS, catalogue
 from calib.effects.tuned import Tuned
 from calib.files.write import json_text, write_files

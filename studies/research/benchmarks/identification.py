@@ -44,7 +44,7 @@ from calib.arm.se3 import so3_exp, transform
 from calib.arrays import Array
 from calib.effects.base import Base
 from calib.files.write import json_text, write_files
-from calib.identify.initial import initial_values
+from calib.identification.initial import initial_values
 from calib.model.build import build
 from studies.commands.common import one_line_faults
 

@@ -21,7 +21,7 @@ from calib.compensation.unexplained import Unexplained
 from calib.model.build import build
 from calib.model.covariance import errors_at, ignorance
 from calib.poses import poses_at
-from calib.simulate import simulate
+from calib.simulation import simulate
 from studies.demo import embedded_plan, simulated
 from tests.helpers import cell_of, random_robot
 

@@ -12,7 +12,7 @@ from calib.compensation.unexplained import Fitted, left_out
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Measurements, poses_at
-from calib.simulate import simulate
+from calib.simulation import simulate
 from tests.helpers import cell_of, random_robot
 
 GEOMETRY = ("base", "tool", "geometry")

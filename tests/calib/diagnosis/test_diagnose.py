@@ -15,7 +15,7 @@ from calib import Cell, Measurements
 from calib.model.build import build
 from calib.poses import poses_at
 from calib.poses.moves import with_moves
-from calib.simulate import simulate
+from calib.simulation import simulate
 from studies.cli import main
 from studies.demo import embedded_cell
 from tests.helpers import with_effects

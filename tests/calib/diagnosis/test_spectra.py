@@ -16,8 +16,8 @@ from calib.diagnosis.stage import Stage
 from calib.effects.gear_ripple import GearRipple
 from calib.files.spectra import spectra_fields, with_aliases
 from calib.files.write import json_text
-from calib.identify.identify import whitening
-from calib.identify.initial import initial_values
+from calib.identification.identify import whitening
+from calib.identification.initial import initial_values
 from calib.model.build import build, context_of, place_effect
 from calib.poses import Poses
 from tests.calib.test_identify_tunings import arm, read, session

@@ -14,7 +14,7 @@ from calib.drift import Drift, drift_of
 from calib.model.build import build
 from calib.poses import Measurements, Poses, poses_at
 from calib.poses.moves import with_moves
-from calib.simulate import simulate
+from calib.simulation import simulate
 from tests.helpers import cell_of, random_robot
 
 SIGMA = 1e-5

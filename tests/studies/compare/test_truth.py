@@ -19,7 +19,7 @@ from calib.arm.robot import Robot
 from calib.arm.statics import Loads, Payload, Transmitted
 from calib.arrays import Array
 from calib.errors import CalibError
-from calib.identify import Identification
+from calib.identification import Identification
 from calib.model import Model
 from calib.model.build import build
 from calib.noise import Noise

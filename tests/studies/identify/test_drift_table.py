@@ -16,7 +16,7 @@ from calib.arm.statics import wrench_with_load
 from calib.files.write_tables import measurements_csv
 from calib.model.build import build
 from calib.poses.moves import with_moves
-from calib.simulate import simulate
+from calib.simulation import simulate
 from studies.cli import main
 from studies.demo import INPUTS, embedded_text
 

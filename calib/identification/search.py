@@ -8,8 +8,8 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.errors import CalibError
-from calib.identify.estimators import Estimator, choose_directions, rigid_directions
-from calib.identify.outliers import (
+from calib.identification.estimators import Estimator, choose_directions, rigid_directions
+from calib.identification.outliers import (
     judge,
     next_outlier,
     pose_statistics,
@@ -17,7 +17,7 @@ from calib.identify.outliers import (
     threshold,
     wrongly_out,
 )
-from calib.identify.solver import Minimum
+from calib.identification.solver import Minimum
 from calib.model.covariance import Identifiable
 from calib.observations import Observation
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.compensation.unexplained import Unexplained
-from calib.identify import Identification
+from calib.identification import Identification
 from calib.model import Model
 from doe.curve import stops_paying
-from doe.enough.forecast import Step
-from doe.enough.match import Match
+from doe.sufficiency.forecast import Step
+from doe.sufficiency.match import Match
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Poses
 from calib.poses.moves import with_moves
-from calib.simulate import simulate
+from calib.simulation import simulate
 from tests.helpers import with_effects
 
 RIGID = ("base", "tool", "joint_offset:A2,A3")

@@ -13,8 +13,9 @@ from calib.compensation.estimate import estimate_of
 from calib.compensation.unexplained import Unexplained, scatter_at
 from calib.effects.tool import Tool
 from calib.errors import EffectCannotAct, TooFewPoses
-from calib.identify import Identification, identify
-from calib.identify.noise_level import believed_sigma
+from calib.identification import Identification
+from calib.identification.identify import identify
+from calib.identification.noise_level import believed_sigma
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
 from calib.model.covariance import task_error
@@ -26,18 +27,18 @@ from calib.threads import one_blas_thread
 from doe.constraints import constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question
 from doe.criteria.task import Task
-from doe.enough.answer import Enough, Lacking
-from doe.enough.forecast import Forecast, Step, Told, best_next
-from doe.enough.match import match
-from doe.enough.session import session
-from doe.enough.sight import Rows, Sight
-from doe.enough.unnoticed import unnoticed
 from doe.optimal.blocks import Blocks
 from doe.optimal.packed import pack
 from doe.problem.information import Regressor
 from doe.problem.nominal import nominal
 from doe.problem.pool import drawn, pool_of
 from doe.problem.problem import target_rows
+from doe.sufficiency.answer import Enough, Lacking
+from doe.sufficiency.forecast import Forecast, Step, Told, best_next
+from doe.sufficiency.match import match
+from doe.sufficiency.session import session
+from doe.sufficiency.sight import Rows, Sight
+from doe.sufficiency.unnoticed import unnoticed
 
 _CANDIDATES = 500
 _MOST_FRESH = 30

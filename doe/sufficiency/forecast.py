@@ -20,10 +20,10 @@ from calib.model.covariance import (
 )
 from calib.poses import Poses
 from doe.criteria import Criterion
-from doe.enough.unnoticed import Unnoticed
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.exchange import greedy
+from doe.sufficiency.unnoticed import Unnoticed
 
 _SURE = 0.95
 _MANY = 1e6  # degrees of freedom: known

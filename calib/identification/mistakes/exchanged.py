@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.identify.mistakes.placed import missed_by, placed, some, telling
+from calib.identification.mistakes.placed import missed_by, placed, some, telling
 from calib.model import Model
 from calib.poses import Measurements
 

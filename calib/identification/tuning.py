@@ -17,8 +17,8 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.tuned import Tuned
-from calib.identify.estimators import choose_directions
-from calib.identify.solver import levenberg_marquardt
+from calib.identification.estimators import choose_directions
+from calib.identification.solver import levenberg_marquardt
 from calib.model import Model
 from calib.observations import Observation, Points
 from calib.poses import Poses

@@ -15,7 +15,7 @@ from calib.arm.se3 import nearest_rotation, rotate, skew, so3_exp, so3_log, so3_
 from calib.arrays import Array, Mask
 from calib.effects.base import Base
 from calib.effects.tool import Tool
-from calib.identify.solver import levenberg_marquardt
+from calib.identification.solver import levenberg_marquardt
 from calib.model import Model
 from calib.observations.shape import free_components
 from calib.poses import Measurements

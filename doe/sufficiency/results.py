@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 from calib.model import Model
-from doe.enough.answer import Enough
-from doe.enough.forecast import Step
+from doe.sufficiency.answer import Enough
+from doe.sufficiency.forecast import Step
 
 _MM = 1e3
 

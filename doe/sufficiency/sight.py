@@ -9,13 +9,13 @@ import numpy as np
 from calib.api import readings
 from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.identify.identify import whitening
+from calib.identification.identify import whitening
 from calib.model import Model
 from calib.observations import Points
 from calib.poses import Measurements, poses_at
 from calib.scatter import Variances, scatter_of
 from calib.scatter.poses import Mixing
-from doe.enough.forecast import Told, root
+from doe.sufficiency.forecast import Told, root
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,8 @@ import pytest
 
 from calib import Cell, Measurements, Poses
 from calib.poses import poses_at
-from doe.enough.match import match
-from tests.doe.enough.day import cell_of_day, of_poses, whole_day
+from doe.sufficiency.match import match
+from tests.doe.sufficiency.day import cell_of_day, of_poses, whole_day
 
 
 @pytest.fixture(scope="module")

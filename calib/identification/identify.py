@@ -12,15 +12,15 @@ from calib.cell import Cell
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.errors import CalibError, TooFewPoses, Unsolvable
-from calib.identify.estimators import Differences, Estimator, Readings, steps
-from calib.identify.identification import Identification, Method, Residuals, Status
-from calib.identify.initial import initial_values
-from calib.identify.mistakes import refuse_mistakes, refuse_unreachable
-from calib.identify.noise_level import NoiseLevel, noise_level, of_levels
-from calib.identify.outliers import pose_statistics, prediction_statistics, threshold
-from calib.identify.search import Found, search
-from calib.identify.solver import levenberg_marquardt
-from calib.identify.tuning import profiled, with_tunings
+from calib.identification.estimators import Differences, Estimator, Readings, steps
+from calib.identification.identification import Identification, Method, Residuals, Status
+from calib.identification.initial import initial_values
+from calib.identification.mistakes import refuse_mistakes, refuse_unreachable
+from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
+from calib.identification.outliers import pose_statistics, prediction_statistics, threshold
+from calib.identification.search import Found, search
+from calib.identification.solver import levenberg_marquardt
+from calib.identification.tuning import profiled, with_tunings
 from calib.model import Model
 from calib.model.build import build, lacking, refuse_idle_effects
 from calib.model.covariance import clustered, covariance, ignorance

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
-from calib.identify.initial import initial_values
+from calib.identification.initial import initial_values
 from calib.model import Model
 from calib.poses import Measurements
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.effects.base import Base
-from calib.identify.common import Shared, shared, variables_of
-from calib.identify.noise_level import NoiseLevel
+from calib.identification.common import Shared, shared, variables_of
+from calib.identification.noise_level import NoiseLevel
 from calib.model import Model
 from calib.model.covariance import Unidentifiable, correlation
 from calib.model.reduction import Dropped

@@ -8,9 +8,9 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.errors import CalibError, ImplausibleData
-from calib.identify.mistakes.exchanged import exchanged
-from calib.identify.mistakes.placed import Placed, missed_by, placed, some, telling
-from calib.identify.mistakes.table import slips
+from calib.identification.mistakes.exchanged import exchanged
+from calib.identification.mistakes.placed import Placed, missed_by, placed, some, telling
+from calib.identification.mistakes.table import slips
 from calib.model import Model
 from calib.poses import Measurements
 

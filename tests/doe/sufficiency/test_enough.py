@@ -22,9 +22,10 @@ from calib import (
 from calib.model.covariance import accuracy
 from calib.noise import Noise
 from calib.targets import targets_of
-from doe.enough import Enough, enough
+from doe.sufficiency import Enough
+from doe.sufficiency.enough import enough
 from studies.research.benchmarks.day import Setting, draw_day, write_day
-from tests.doe.enough.day import RIGID, cell_of_day, of_poses, whole_day
+from tests.doe.sufficiency.day import RIGID, cell_of_day, of_poses, whole_day
 from tests.helpers import with_effects
 
 SO_FAR = [2, 5, 8, 14]

@@ -11,9 +11,9 @@ from calib.arrays import Array, Mask
 from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
-from calib.identify.identification import Method
-from calib.identify.solver import Minimum, levenberg_marquardt
-from calib.identify.two_step import alternate
+from calib.identification.identification import Method
+from calib.identification.solver import Minimum, levenberg_marquardt
+from calib.identification.two_step import alternate
 from calib.model import Model
 from calib.model.covariance import Identifiable, identifiable
 from calib.observations import Observation

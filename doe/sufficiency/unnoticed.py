@@ -9,7 +9,7 @@ import numpy as np
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.compensation.unexplained import scatter_at
-from calib.identify import Identification
+from calib.identification import Identification
 from calib.model import Model
 from calib.model.covariance import task_error
 from calib.observations import Points

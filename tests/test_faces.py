@@ -1,0 +1,50 @@
+"""The faces of the packages: what they teach runs, and nothing in them hides a module."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import calib
+import doe
+from tests.helpers import measured_cell
+
+ROOMS = [
+    found.name
+    for face in (calib, doe)
+    for found in pkgutil.walk_packages(face.__path__, f"{face.__name__}.")
+    if found.ispkg
+]
+
+
+@pytest.mark.parametrize("name", ["calib", "doe", *ROOMS])
+def test_no_name_hides_a_module(name: str) -> None:
+    face = importlib.import_module(name)
+    for found in pkgutil.iter_modules(face.__path__):
+        importlib.import_module(f"{name}.{found.name}")
+        assert isinstance(getattr(face, found.name), ModuleType), found.name
+
+
+@pytest.mark.parametrize("face", [calib, doe], ids=["calib", "doe"])
+def test_the_face_has_all_that_it_names(face: ModuleType) -> None:
+    assert sorted(face.__all__) == face.__all__
+    assert all(inspect.getdoc(getattr(face, name)) for name in face.__all__)
+
+
+def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    measured_cell(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    met = {}
+    for face in (calib, doe):
+        code = "\n".join(re.findall(r"^    (.*)$", face.__doc__ or "", flags=re.M))
+        exec(compile(code, face.__name__, "exec"), met)
+    assert met["commands"].shape == (15, 6)
+    assert met["plan"].poses.q.shape == (15, 6)
+    assert 0.5 < met["plan"].efficiency <= 1.0
+    assert isinstance(met["left"], doe.Enough)

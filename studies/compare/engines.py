@@ -6,15 +6,15 @@ import asyncio
 import os
 import signal
 import threading
-import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from concurrent.futures import CancelledError, Executor, Future, InvalidStateError
+from contextlib import contextmanager, suppress
 from multiprocessing import get_context, parent_process
 from queue import SimpleQueue
 from typing import Any, ParamSpec, TypeVar
-from weakref import WeakSet
+
+import loky
+from loky.process_executor import TerminatedWorkerError
 
 from calib.errors import InputError
 
@@ -40,45 +40,36 @@ def engine(workers: int = 1, scheduler: str | None = None) -> Iterator[Executor 
         pool = _Pool(workers)
         try:
             yield pool
-        except BrokenProcessPool:
+        except TerminatedWorkerError:
             raise InputError(
                 "--workers", str(workers), "a worker died, perhaps out of memory", "take fewer"
             ) from None
         finally:
-            pool.end()
+            pool.shutdown(kill_workers=True)  # what still runs was given up
     else:
         yield None
 
 
-class _Pool(ProcessPoolExecutor):
+class _Given(loky.Future):  # type: ignore[misc]  # loky brings no types
+    """A block that may have been cancelled when the pool drops it, over which loky 3.7 stumbles."""
+
+    def set_exception(self, exception: BaseException | None) -> None:
+        with suppress(InvalidStateError):
+            super().set_exception(exception)
+
+
+class _Pool(loky.ProcessPoolExecutor):  # type: ignore[misc]
     """Processes that Ctrl-C does not reach: it ends the study, which ends them."""
 
     def __init__(self, workers: int) -> None:
-        # Fresh processes: a fork would copy this one's threads half-way through their work.
-        super().__init__(workers, get_context("spawn"), initializer=_stay_with_parent)
-        self._given: WeakSet[Future[Any]] = WeakSet()
+        # A context whose processes know their parent, and start no tracker that lets Ctrl-C through.
+        super().__init__(workers, context=get_context("spawn"), initializer=_stay_with_parent)
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         with _interrupts_held():  # processes are started here and inherit it
-            future = super().submit(fn, *args, **kwargs)
-            self._given.add(future)
+            future: Future[T] = super().submit(fn, *args, **kwargs)
+        future.__class__ = _Given
         return future
-
-    def end(self) -> None:
-        """Shut down. What still runs was given up and is not waited for."""
-        running = not all(future.done() for future in self._given)
-        processes = list(self._processes.values())
-        manager: Any = self._executor_manager_thread
-        self.shutdown(wait=not running, cancel_futures=True)
-        if not running:
-            return
-        # The pool's own thread fails on a cancelled block that it still holds when it finds a
-        # process gone (CPython 3.11). So it drops those first: it lowers this flag after that.
-        while self._cancel_pending_futures and manager.is_alive():
-            time.sleep(0.001)
-        for process in processes:
-            process.terminate()
-        manager.join()
 
 
 @contextmanager
@@ -114,6 +105,7 @@ def _interrupts_held() -> Iterator[None]:
 def _stay_with_parent() -> None:
     """Leave Ctrl-C to the study, and end with it even where it is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ.setdefault("PYTHONFAULTHANDLER", "")  # how it died is said in one line, not by loky
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

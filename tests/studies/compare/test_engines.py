@@ -11,13 +11,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
+import loky
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
@@ -167,15 +168,17 @@ def test_an_interruption_waits_until_no_lock_is_taken(study: Study) -> None:
 
 
 @pytest.mark.parametrize("held_s", [0.0, 0.3], ids=["at once", "held up"])
-def test_blocks_that_run_are_not_waited_for(held_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nor does the thread of the pool fail, if it sees its processes end before it is shut down."""
-    shutdown = ProcessPoolExecutor.shutdown
+def test_blocks_that_run_are_not_waited_for(
+    held_s: float, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Nor does the thread of the pool fail over blocks that were cancelled: it would log that."""
+    shutdown = loky.ProcessPoolExecutor.shutdown
 
-    def held_up(pool: ProcessPoolExecutor, **options: bool) -> None:
+    def held_up(pool: loky.ProcessPoolExecutor, **options: bool) -> None:
         time.sleep(held_s)
         shutdown(pool, **options)
 
-    monkeypatch.setattr(ProcessPoolExecutor, "shutdown", held_up)
+    monkeypatch.setattr(loky.ProcessPoolExecutor, "shutdown", held_up)
     begun, before = time.monotonic(), children(of_dask=False)
     with engine(workers=2) as pool:
         assert pool is not None
@@ -186,6 +189,7 @@ def test_blocks_that_run_are_not_waited_for(held_s: float, monkeypatch: pytest.M
     assert time.monotonic() - begun < 20.0
     assert not children(of_dask=False) - before
     assert all(future.done() for future in given)
+    assert not caplog.records
 
 
 @pytest.fixture
@@ -357,12 +361,23 @@ def die(*_: object) -> None:
     os._exit(1)
 
 
-def test_a_worker_that_dies(small: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def crash(*_: object) -> None:
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+@pytest.mark.parametrize("fate", [die, crash])
+def test_a_worker_that_dies(
+    small: list[str],
+    fate: Callable[..., None],
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
     before = children(of_dask=False)
-    monkeypatch.setattr(montecarlo, "refit", die)
+    monkeypatch.setattr(montecarlo, "refit", fate)
     done = compare(*small, "--monte-carlo", "200", "--workers", "2")
     one_line(done, "--workers: 2", "a worker died")
     assert not children(of_dask=False) - before
+    assert capfd.readouterr() == ("", ""), "nor does the worker say more"
 
 
 def test_a_worker_of_the_cluster_that_dies(

@@ -68,8 +68,8 @@ def verdict_sentence(fields: dict[str, Any]) -> str:
         if not untold:
             return f"the gap is explained by {causes}; these data cannot tell which"
         return (
-            f"the gap is explained by {causes}; these data cannot tell whether "
-            f"{_listed(untold)} {'varies' if len(untold) == 1 else 'vary'} with the joints' angles"
+            f"the gap is explained by {causes}; these data cannot tell whether the size of "
+            f"{_listed(untold)} varies with the joints' angles"
         )
     if fields["effects"]:
         return f"the gap is more than {causes}; the rest has no cause in the catalogue"

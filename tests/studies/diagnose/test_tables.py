@@ -76,6 +76,10 @@ def test_the_verdict_comes_first_and_the_error_next() -> None:
             },
             "explained by backlash:A3 and x:A1 or y:A2; these data cannot tell which",
         ),
+        (
+            {"verdict": "ambiguous", "effects": [effect("backlash", "A3", [], shape_told=False)]},
+            "these data cannot tell whether the size of backlash:A3 varies",
+        ),
     ],
 )  # fmt: skip
 def test_every_verdict_is_a_sentence(changed: dict[str, Any], words: str) -> None:

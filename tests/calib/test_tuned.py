@@ -188,7 +188,7 @@ def test_grids() -> None:
     poses = with_moves(poses_at(q))
     ripple = GearRipple.at(context, "j1").grid(poses)
     np.testing.assert_allclose(np.diff(ripple), 2.0 * np.pi / 2.0 / 4.0)
-    assert ripple[0] == 3.0
+    assert ripple[0] == 15.0
     assert 449.0 < ripple[-1] < 450.0
     geared = replace(context, gear_ratios={"j1": 100.0})
     np.testing.assert_array_equal(GearRipple.at(geared, "j1").grid(poses), [100.0, 200.0])

@@ -114,12 +114,12 @@ def opened(folder: Path) -> tuple[dict[str, Any], dict[str, Answered]]:
 
 def _committed(folder: Path, program: str) -> Answered:
     """The answers of one program, as they were committed."""
-    committed, names = read_json(commitment_of(folder, program)), case_names(folder)
-    if sorted(committed["runs"]) != names[: len(committed["runs"])]:
-        raise BrokenSeal(f"{folder}: answers are of chosen cases; all of them, or the first, count")
+    committed = read_json(commitment_of(folder, program))
     if committed["keys"] != digest(folder / COMMITMENT):
         raise BrokenSeal(f"{folder / COMMITMENT}: changed after the answers were committed")
     answers: dict[str, Any] = {}
+    if sorted(committed["runs"]) != case_names(folder)[: len(committed["runs"])]:
+        raise BrokenSeal(f"{folder}: answers are of chosen cases; all of them, or the first, count")
     for name, run in committed["runs"].items():
         path = answers_folder(folder, program) / f"{name}.json"
         _same(path, run["sha256"])

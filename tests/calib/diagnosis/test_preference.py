@@ -154,7 +154,7 @@ def of_the_curve_that_leads(error: object, seed: int) -> tuple[str, list[str]]:
     suspects, _ = candidates(cell, model, data)
     fit = stage.fit(())
     linear = stage.about(fit, [c.effect for c in suspects])
-    view = lineup(linear, suspects).seen_from(linear, fit, (), fresh=True).view
+    view, _ = lineup(linear, suspects).seen_from(linear, fit, (), fresh=True)
     suspects = list(view.suspects)
     beside: Field = view.by_instrument.beside
     where: dict[str, IntArray] = view.where

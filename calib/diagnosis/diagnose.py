@@ -11,7 +11,7 @@ from calib.arrays import Array, Mask
 from calib.cell import Cell
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.contest import Entry, Outcome, contest
-from calib.diagnosis.earned import BY_TIME, Books
+from calib.diagnosis.earned import BY_TIME, CrossValidation
 from calib.diagnosis.gap import Gap, gap_of, reach
 from calib.diagnosis.power import smallest_sizes
 from calib.diagnosis.range_noise import Growth, growth
@@ -201,12 +201,12 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     gap = gap_of(before, after, counted, heldout, floor, reach(stage, after, heldout), by_time)
     if by_time:
         added = after.model.effects[len(model.effects) :]
-        account = Books(stage, after).ledger(added, by_time=True)
+        account = CrossValidation(stage, after).ledger(added, by_time=True)
         gap = replace(gap, over_time=(account.rms_without, account.rms_with))
     doubted = left or gap.open or any(c.misshapen for c in causes)
     doubted |= bool(causes) and noise.source == "residual"
     return Diagnosis(
-        verdict=verdict(named, outcome, doubted, all(c.doubt.told for c in causes)),
+        verdict=verdict(named, outcome, doubted, all(c.doubt.tested for c in causes)),
         noise=noise,
         causes=tuple(c for c in causes if not c.displaced),
         located=located,

@@ -46,7 +46,7 @@ class Ledger:
 
 
 @dataclass(frozen=True, eq=False)
-class Books:
+class CrossValidation:
     """What each of the fitted effects does for poses left out, from one factorisation of the fit.
 
     stage : Stage; fit : Fit
@@ -85,7 +85,7 @@ class Books:
         A = J @ fit.span
         scale = np.linalg.norm(A, axis=0)
         Q, T = np.linalg.qr(A / np.where(scale > 0.0, scale, 1.0))
-        return Kept(Q, J, r, np.linalg.inv(T))
+        return Kept(Q, J, r, np.linalg.pinv(T))
 
     @cached_property
     def _by_configuration(self) -> Folds:

@@ -4,7 +4,7 @@ Variances that were estimated while an effect is missing take the effect for noi
 those variances is too small. So the leading suspects are judged by the ratio of likelihoods, each
 with its own variances: ``max L(levels, suspect) / max L(levels)``, of the same readings, once all
 that is modelled is projected out of them (:mod:`calib.scatter.restricted`). To second order that takes
-no search and is never too much (:mod:`calib.scatter.around`): where it decides, it is enough. Where
+no search and is never too much (:mod:`calib.scatter.nearby`): where it decides, it is enough. Where
 nothing scatters both are the score.
 """
 
@@ -22,8 +22,8 @@ from calib.diagnosis.prior import prior_rows
 from calib.diagnosis.screen import CURVE_PRICE, NOTHING, VISIBLE, Score
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.view import View
-from calib.scatter.around import Around
-from calib.scatter.restricted import Likelihood, Turned, maximised, triangle
+from calib.scatter.nearby import NearbyLikelihood
+from calib.scatter.restricted import Likelihood, Turned, maximised
 from calib.scatter.search import Levels, problem_of, searched
 
 _AMPLITUDES = np.geomspace(1e-4, 1e2, 25)  # of a curve's plausible size
@@ -38,13 +38,14 @@ class Ground:
     problem : Turned, of the modelled columns, the suspects' and the readings
     rows : int, that the arm moves, readings of one approach once: what a direction is paid by
     at : dict, key of a candidate -> ndarray of int, its columns in the problem
-    around : Around, the same at the levels of the fit; search : what finds the levels without suspects
+    nearby : NearbyLikelihood, the same at the levels of the fit
+    search : what finds the levels without any suspect
     """
 
     problem: Turned
     rows: int
     at: dict[str, IntArray]
-    around: Around
+    nearby: NearbyLikelihood
     search: Callable[[], Levels]
 
     @cached_property
@@ -52,17 +53,17 @@ class Ground:
         """Those without any of the suspects."""
         return self.search()
 
-    def about(self, suspect: Candidate) -> Score:
+    def approximate_score(self, suspect: Candidate) -> Score:
         """What a suspect would explain, variances found anew to second order."""
         own = self.at[suspect.key]
         if suspect.spread is None:
             limits = suspect.limits
-            gain = self.around.gain(own, np.diag(1.0 / limits))
+            gain = self.nearby.gain(own, np.diag(1.0 / limits))
             told = np.diag(gain.triangle) * limits
             return self._priced(max(gain.fall + gain.promised, 0.0), told).counted(suspect.tried)
         half = _half(suspect.spread * suspect.effect.parameters[0].size ** 2)
-        amplitude = _amplitude(*self.around.beside(own), half)
-        gain = self.around.gain(own, _inverse(half) / amplitude)
+        amplitude = _amplitude(*self.nearby.beside(own), half)
+        gain = self.nearby.gain(own, _inverse(half) / amplitude)
         price = _freedom(np.diag(gain.triangle), half, amplitude)
         return _of_curve(gain.fall + gain.promised - price, price)
 
@@ -95,18 +96,13 @@ class Ground:
         inverse = _inverse(half)
         theta, best = self.levels.theta, (np.inf, 0.0)
         for _ in range(_TURNS):
-            amplitude = _amplitude(*self._alone(own, theta), half)
+            there = NearbyLikelihood(self.problem, theta, self.levels.free)
+            amplitude = _amplitude(*there.beside(own), half)
             problem = self._with(own, inverse / amplitude)
             theta, found = maximised(problem, theta, self.levels.free, _SETTLED)
             best = min(best, _marginal(problem, found, half, amplitude))
         value, price = best
         return _of_curve(self.levels.value - value, price)
-
-    def _alone(self, own: IntArray, theta: Array) -> tuple[Array, Array]:
-        """Products (k, k) and (k,) of a curve's columns beside what is known, nothing held."""
-        problem = self._with(own, np.zeros((0, len(own))))
-        R, at = triangle(problem, theta), slice(problem.known, -1)
-        return R[at, at].T @ R[at, at], R[at, at].T @ R[at, -1]
 
     def _with(self, own: IntArray, prior: Array) -> Turned:
         """The problem with k columns beside the modelled ones, under rows of a prior (.., k)."""
@@ -193,4 +189,4 @@ def ground(
     ends = known + np.cumsum([0, *(len(view.where[c.key]) for c in chosen)])
     at = {c.key: np.arange(a, b) for c, a, b in zip(chosen, ends, ends[1:], strict=False)}
     rows = int(np.count_nonzero(fit.J.any(axis=-1))) - problem.beyond_rigid
-    return Ground(problem, rows, at, Around(problem, theta, free), search)
+    return Ground(problem, rows, at, NearbyLikelihood(problem, theta, free), search)

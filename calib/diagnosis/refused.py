@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contest import Outcome, contest, left_with
-from calib.diagnosis.earned import BY_TIME, Books
+from calib.diagnosis.earned import BY_TIME, CrossValidation
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, classes
 
@@ -68,8 +68,8 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
     found = [(c, why) for c in active if c.named and (why := implausible(fit, c))]
     if found or not active:
         return found
-    books = Books(stage, fit)
-    accounts = [(c, books.ledger([c.effect], c.depends_on in BY_TIME)) for c in active]
+    crossed = CrossValidation(stage, fit)
+    accounts = [(c, crossed.ledger([c.effect], c.depends_on in BY_TIME)) for c in active]
     idle = [(c, a) for c, a in accounts if not a.earns]
     idle.sort(key=lambda pair: pair[1].without - pair[1].with_it)
     for c, _ in idle[: (len(idle) + 1) // 2]:
@@ -77,7 +77,7 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
         found.append((c, f"{left} that are left out are predicted no better with it"))
     if found:
         return found
-    together = books.ledger([c.effect for c in active], False)
+    together = crossed.ledger([c.effect for c in active], False)
     if len(active) > 1 and not together.earns:
         return [(c, "all found together predict left-out configurations no better") for c in active]
     return []

@@ -220,7 +220,7 @@ def _anew(
     ]
     leading = list(dict.fromkeys(leading))
     here = ground(state.stage, view, leading)
-    found = {c.key: NOTHING for c in eligible} | {c.key: here.about(c) for c in leading}
+    found = {c.key: NOTHING for c in eligible} | {c.key: here.approximate_score(c) for c in leading}
     if not any(state.pays(found[c.key], c) for c in leading):
         found |= {c.key: here.score(c) for c in leading}
     return found
@@ -234,8 +234,8 @@ def _defence(state: Round, member: Candidate, linear: Score) -> Score:
     if state.view.fit.mixing is None or linear.gain > _BEYOND_DOUBT:
         return linear
     here = ground(state.stage, state.view, [member], member)
-    about = here.about(member)
-    return about if state.stays(about) else here.score(member)
+    approximate = here.approximate_score(member)
+    return approximate if state.stays(approximate) else here.score(member)
 
 
 def linear_scores(beside: Field, view: View, suspects: Sequence[Candidate]) -> dict[str, Score]:

@@ -26,7 +26,7 @@ from calib.effects.protocol import Effect
 
 SHAPE_ALPHA = 0.03
 """Probability of doubting a right shape."""
-TOLD = 0.8
+TESTED = 0.8
 """Probability with which a wrong shape would be doubted, below which a right one is not shown."""
 _PART = 0.25  # of the effect's size, by which each function is expected to modulate a wrong one
 _PHASES = np.linspace(0.0, np.pi, 4, endpoint=False)
@@ -55,9 +55,9 @@ class Doubt:
         return self.p < SHAPE_ALPHA
 
     @property
-    def told(self) -> bool:
+    def tested(self) -> bool:
         """Whether the readings would have shown another shape."""
-        return self.power >= TOLD
+        return self.power >= TESTED
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +83,12 @@ class Question:
 
         causes : int, among which the chance of a false doubt is shared
         """
-        told = [
-            (m.chance, _told(self.beside, own, m.chance * SHAPE_ALPHA / causes))
+        found = [
+            (m.chance, _power(self.beside, own, m.chance * SHAPE_ALPHA / causes))
             for m, own in zip(self.asked, self._columns, strict=True)
             if m.depends_on.startswith("q:")
         ]
-        chances, powers = np.array(told or [(1.0, 0.0)]).T
+        chances, powers = np.array(found or [(1.0, 0.0)]).T
         return float(chances @ powers / chances.sum())
 
     @property
@@ -134,7 +134,7 @@ def _modulated(rest: Field, columns: IntArray) -> tuple[float, float]:
     return chance_above(w, statistic), fall
 
 
-def _told(rest: Field, columns: IntArray, alpha: float) -> float:
+def _power(rest: Field, columns: IntArray, alpha: float) -> float:
     """Power at a level alpha against one wave of an angle, the first two columns, at any phase.
 
     The weighted sum is taken for a multiple of a chi-square of equal mean and variance.

@@ -142,15 +142,15 @@ def _members(
 
 
 def verdict(
-    named: Sequence[Named], outcome: Outcome, something_left: bool, told: bool
+    named: Sequence[Named], outcome: Outcome, something_left: bool, tested: bool
 ) -> VerdictName:
     """The word for it.
 
-    told : whether the readings would have shown causes of another form than the catalogue's
+    tested : whether the readings would have shown causes of another form than the catalogue's
     """
     curves = [entry for entry in outcome.entries if not entry.candidate.named]
     if not named and not curves:
         return "unknown" if something_left else "no_gap"
     if something_left or curves:
         return "unknown"
-    return "explained" if told and all(n.single for n in named) else "ambiguous"
+    return "explained" if tested and all(n.single for n in named) else "ambiguous"

@@ -97,7 +97,7 @@ def _cause(cause: Cause, tip: str) -> dict[str, Any]:
         "p_value": cause.p,
         "shape_p_value": cause.doubt.p,
         "shape_power": cause.doubt.power,
-        "shape_told": cause.doubt.told,
+        "shape_tested": cause.doubt.tested,
         "class": [
             {
                 "effect": member.effect.kind,

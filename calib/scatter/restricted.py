@@ -134,11 +134,6 @@ def turned(
     return Turned(tuple(blocks), outside, held, known, rows - inside, rows - rigid, units)
 
 
-def triangle(problem: Turned, theta: Array) -> Array:
-    """Triangle (f, f) of the independent rows at some variances."""
-    return independent(problem, theta).triangle_of(problem.outside.shape[1])
-
-
 @dataclass(frozen=True, eq=False)
 class Independent:
     """The rows of a problem made independent of each other at some variances.
@@ -168,20 +163,20 @@ class Independent:
             R = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
         return np.asarray(R)
 
-    def pulls(self, coefficients: Array) -> Array:
-        """``y^T P V_j P y`` by every variance j of residuals, shape (v, c).
+    def pulls(self, combined: Array) -> Array:
+        """``y^T P V_j P y`` by every variance j of some residuals, shape (v,).
 
-        coefficients : ndarray, shape (f, c), which combine columns and readings to them
+        combined : ndarray, shape (f,), by which columns and readings make the residuals
         """
-        found = np.zeros((len(self.theta), coefficients.shape[1]))
-        alone = self.problem.outside @ coefficients
-        found[0] = (alone**2).sum(axis=0) / float(self.theta[0]) ** 2
+        found = np.zeros(len(self.theta))
+        alone = self.problem.outside @ combined
+        found[0] = float(alone @ alone) / float(self.theta[0]) ** 2
         for block, Li, own in zip(self.problem.blocks, self.factors, self.rows, strict=True):
-            left = (own @ coefficients).reshape((*block.F.shape[:2], -1))
+            left = (own @ combined).reshape((*block.F.shape[:2], 1))
             back = np.swapaxes(Li, -1, -2) @ left
-            each = ((np.swapaxes(block.Z, -1, -2) @ back) ** 2).sum(axis=0)
+            each = ((np.swapaxes(block.Z, -1, -2) @ back) ** 2).sum(axis=(0, 2))
             np.add.at(found, block.owner, each)
-            found[0] += (back**2).sum(axis=(0, 1))
+            found[0] += float((back**2).sum())
         return found
 
 

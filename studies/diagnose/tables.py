@@ -64,12 +64,12 @@ def verdict_sentence(fields: dict[str, Any]) -> str:
     if verdict == "explained":
         return f"the gap is explained by {causes}"
     if verdict == "ambiguous":
-        untold = [_name(e) for e in fields["effects"] if not e.get("shape_told", True)]
-        if not untold:
+        untested = [_name(e) for e in fields["effects"] if not e.get("shape_tested", True)]
+        if not untested:
             return f"the gap is explained by {causes}; these data cannot tell which"
         return (
             f"the gap is explained by {causes}; these data cannot tell whether the size of "
-            f"{_listed(untold)} varies with the joints' angles"
+            f"{_listed(untested)} varies with the joints' angles"
         )
     if fields["effects"]:
         return f"the gap is more than {causes}; the rest has no cause in the catalogue"

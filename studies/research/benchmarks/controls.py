@@ -39,24 +39,13 @@ from studies.research.benchmarks.day import SCARA
 from studies.research.withheld.actions import Action, State
 from studies.research.withheld.case_files import write_case
 from studies.research.withheld.causes import Cause
-from studies.research.withheld.draw import Case, Conditions, draw_scene
+from studies.research.withheld.draw import EASY, Case, draw_scene
 from studies.research.withheld.robots import ARMS, HEAVY, Arm
 from studies.research.withheld.scene import Scene
 from studies.research.withheld.visible import Acting, Projector, at_rest
 from studies.tables import plain_table
 
 NONCENTRALITY = 1000.0
-PLAIN = Conditions(
-    wrong_sigma=False,
-    outliers=False,
-    hidden=False,
-    configurations=45,
-    known_geometry=False,
-    weighs=True,
-    payload=False,
-    missing=None,
-    range_noise=None,
-)
 _OF_COLUMNS = (
     "backlash", "friction_windup", "settling", "base_drift", "tracker_drift", "thermal_expansion",
     "warm_up", "step",
@@ -108,7 +97,7 @@ def measured(rng: np.random.Generator, scene: Scene, *causes: Acting) -> Case:
     noise = scene.noise.coloured(rng.normal(size=state.readings.shape), state.readings)
     return Case(
         family="control",
-        conditions=PLAIN,
+        conditions=EASY,
         scene=scene,
         causes=(),
         noncentrality=(),
@@ -150,7 +139,7 @@ def of_no_column(answer: Answer) -> bool:
 
 
 def _scene(rng: np.random.Generator, arm: Arm, **conditions: Any) -> Scene:
-    return draw_scene(rng, arm, replace(PLAIN, **conditions))
+    return draw_scene(rng, arm, replace(EASY, **conditions))
 
 
 def of_columns(rng: np.random.Generator, effect: str, shuffle: bool) -> tuple[Case, Right]:

@@ -48,6 +48,20 @@ class Conditions:
     range_noise: str | None
 
 
+EASY = Conditions(
+    wrong_sigma=False,
+    outliers=False,
+    hidden=False,
+    configurations=45,
+    known_geometry=False,
+    weighs=True,
+    payload=False,
+    missing=None,
+    range_noise=None,
+)
+"""Nothing that makes a case hard."""
+
+
 @dataclass(frozen=True, eq=False)
 class Case:
     """A scene, its causes, and what the instrument reads.

@@ -117,9 +117,9 @@ def _committed(folder: Path, program: str) -> Answered:
     committed = read_json(commitment_of(folder, program))
     if committed["keys"] != digest(folder / COMMITMENT):
         raise BrokenSeal(f"{folder / COMMITMENT}: changed after the answers were committed")
-    answers: dict[str, Any] = {}
     if sorted(committed["runs"]) != case_names(folder)[: len(committed["runs"])]:
         raise BrokenSeal(f"{folder}: answers are of chosen cases; all of them, or the first, count")
+    answers: dict[str, Any] = {}
     for name, run in committed["runs"].items():
         path = answers_folder(folder, program) / f"{name}.json"
         _same(path, run["sha256"])

@@ -14,22 +14,12 @@ from calib.arrays import Array
 from studies.research.withheld.actions import Action, State
 from studies.research.withheld.case_files import write_case
 from studies.research.withheld.catalogue import turned
-from studies.research.withheld.draw import Case, Conditions, draw_scene
+from studies.research.withheld.draw import EASY, Case, draw_scene
 from studies.research.withheld.robots import ARMS
 from studies.research.withheld.scene import Scene, hung
 from studies.research.withheld.visible import Projector, at_rest
 
-PLAIN = Conditions(
-    wrong_sigma=False,
-    outliers=False,
-    hidden=False,
-    configurations=45,
-    known_geometry=False,
-    weighs=True,
-    payload=True,
-    missing=None,
-    range_noise=None,
-)
+PLAIN = replace(EASY, payload=True)
 Act = Callable[[Scene, State], Action]
 
 

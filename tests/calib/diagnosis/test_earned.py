@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.candidates import candidates
-from calib.diagnosis.earned import Books, _folds
+from calib.diagnosis.earned import CrossValidation, _folds
 from calib.diagnosis.stage import Stage
 from calib.identification.identify import whitening
 from calib.identification.initial import initial_values
@@ -44,10 +44,10 @@ def test_left_out_errors_are_those_of_refits(by_time: bool) -> None:
     wrong = next(c for c in suspects if c.key == "transmission_harmonic:A5")
     fit = stage.fit([right.effect, wrong.effect])
     both = predicted(stage, [right, wrong], by_time)
-    books = Books(stage, fit)
+    crossed = CrossValidation(stage, fit)
     for member, rest in ((right, wrong), (wrong, right)):
-        found = books.ledger([member.effect], by_time)
+        found = crossed.ledger([member.effect], by_time)
         assert found.rms_with == pytest.approx(both, rel=0.02)
         assert found.rms_without == pytest.approx(predicted(stage, [rest], by_time), rel=0.02)
-    assert books.ledger([right.effect], by_time).earns
-    assert not books.ledger([wrong.effect], by_time).earns
+    assert crossed.ledger([right.effect], by_time).earns
+    assert not crossed.ledger([wrong.effect], by_time).earns

@@ -13,7 +13,7 @@ import pytest
 import calib
 from calib import Cell, Measurements
 from calib.arrays import Array
-from calib.diagnosis.shape import SHAPE_ALPHA, question, shape_doubt
+from calib.diagnosis.shape import SHAPE_ALPHA, _modulated, _power, question, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Effect
 from calib.identification.identify import whitening
@@ -73,6 +73,26 @@ def test_a_right_shape_is_doubted_in_three_of_a_hundred(name: str, size: float) 
     # At most 9 are expected; 17 or more come once in a hundred times.
     assert doubted <= 16
     assert SHAPE_ALPHA <= 0.03
+
+
+@pytest.mark.parametrize("name", ["backlash:A3", "transmission_harmonic:A4"])
+def test_the_power_is_how_often_a_wrong_shape_is_doubted(name: str) -> None:
+    """Of an effect whose size varies with its joint's angle by 35 %, at any phase."""
+    asked, rng = question(*fitted(name)), np.random.default_rng(12)
+    assert asked is not None
+    k = next(i for i, m in enumerate(asked.asked) if m.depends_on == f"q:{name.split(':')[1]}")
+    counts = [m.centred.shape[1] for m in asked.asked]
+    own, alpha = sum(counts[:k]) + np.arange(counts[k]), asked.asked[k].chance * SHAPE_ALPHA
+    beside, Q = asked.beside, asked.beside.modelled
+    assert Q is not None
+    counted = beside.columns.any(axis=1)
+    doubted = 0
+    for _ in range(DRAWS):
+        phase = rng.uniform(0.0, 2.0 * np.pi)
+        wave = 0.35 / np.sqrt(2.0) * np.array([np.cos(phase), np.sin(phase)])
+        r = rng.normal(size=len(counted)) * counted + beside.columns[:, own[:2]] @ wave
+        doubted += _modulated(replace(beside, r=r - Q @ (Q.T @ r)), own)[0] < alpha
+    assert doubted / DRAWS == pytest.approx(_power(beside, own, alpha), abs=0.08)
 
 
 def by_angle(poses: Poses) -> Array:

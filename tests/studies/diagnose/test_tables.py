@@ -77,7 +77,7 @@ def test_the_verdict_comes_first_and_the_error_next() -> None:
             "explained by backlash:A3 and x:A1 or y:A2; these data cannot tell which",
         ),
         (
-            {"verdict": "ambiguous", "effects": [effect("backlash", "A3", [], shape_told=False)]},
+            {"verdict": "ambiguous", "effects": [effect("backlash", "A3", [], shape_tested=False)]},
             "these data cannot tell whether the size of backlash:A3 varies",
         ),
     ],

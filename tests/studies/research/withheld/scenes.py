@@ -11,22 +11,12 @@ import calib
 from calib import Cell, Measurements
 from studies.research.withheld.case_files import write_case
 from studies.research.withheld.causes import Cause
-from studies.research.withheld.draw import Case, Conditions, draw_scene
+from studies.research.withheld.draw import EASY, Case, draw_scene
 from studies.research.withheld.robots import Arm
 from studies.research.withheld.scene import Scene
 from studies.research.withheld.visible import at_rest
 
-PLAIN = Conditions(
-    wrong_sigma=False,
-    outliers=False,
-    hidden=False,
-    configurations=15,
-    known_geometry=True,
-    weighs=True,
-    payload=True,
-    missing=None,
-    range_noise=None,
-)
+PLAIN = replace(EASY, configurations=15, known_geometry=True, payload=True)
 
 
 def scene_of(arm: Arm, seed: int = 0) -> Scene:

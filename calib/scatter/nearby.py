@@ -31,8 +31,8 @@ class Gain:
 
 
 @dataclass(frozen=True, eq=False)
-class Around:
-    """A problem of known columns and suspects at some variances.
+class NearbyLikelihood:
+    """The restricted likelihood of known columns and suspects, near some variances.
 
     problem : Turned; theta : ndarray, shape (v,); free : ndarray of int, those that may move
     """
@@ -72,42 +72,41 @@ class Around:
 
     def gain(self, own: IntArray, prior: Array) -> Gain:
         """Of a suspect with columns ``own`` (k,) and rows (h, k) of unit variance beside them."""
-        p, share = self.problem.known, self._products[1]
         S, right = self.beside(own)
-        A, at = S + prior.T @ prior, own - p
+        A = S + prior.T @ prior
         scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
-        L = (
-            np.linalg.cholesky(A / np.outer(scale, scale) + 1e-12 * np.eye(len(at)))
-            * scale[:, None]
-        )
+        unit = np.linalg.cholesky(A / np.outer(scale, scale) + 1e-12 * np.eye(len(own)))
+        L = unit * scale[:, None]
         z = np.linalg.solve(L, right)
-        values = np.linalg.solve(L.T, z)
-        coefficients = np.zeros((self.problem.outside.shape[1], 1))
-        coefficients[own, 0] = -values
-        coefficients[:p, 0] = share[:, at] @ values - share[:, -1]
-        coefficients[-1, 0] = 1.0
-        pulled = self._rows.pulls(coefficients)[:, 0] - self._pulls
-        return Gain(float(z @ z), self._promised(pulled) - self._unmoved, L.T)
+        changed = self._pulls(own, np.linalg.solve(L.T, z)) - self._bare_pulls
+        return Gain(float(z @ z), self._promised(changed) - self._unmoved, L.T)
+
+    def _pulls(self, own: IntArray, values: Array) -> Array:
+        """``y^T P V_j P y`` by every variance, shape (v,), with columns ``own`` at values (k,)."""
+        p, share = self.problem.known, self._products[1]
+        combined = np.zeros(self.problem.outside.shape[1])
+        combined[own] = -values
+        combined[:p] = share[:, own - p] @ values - share[:, -1]
+        combined[-1] = 1.0
+        return self._rows.pulls(combined)
 
     @cached_property
-    def _pulls(self) -> Array:
-        p, (_, share) = self.problem.known, self._products
-        coefficients = np.zeros((self.problem.outside.shape[1], 1))
-        coefficients[:p, 0], coefficients[-1, 0] = -share[:, -1], 1.0
-        return self._rows.pulls(coefficients)[:, 0]
+    def _bare_pulls(self) -> Array:
+        """The same without any suspect."""
+        return self._pulls(np.zeros(0, dtype=int), np.zeros(0))
 
     @cached_property
     def _unmoved(self) -> float:
         """What finding them anew promises without any suspect."""
         return self._promised(np.zeros(len(self.theta)))
 
-    def _promised(self, pulled: Array) -> float:
+    def _promised(self, changed: Array) -> float:
         """Fall by finding the variances anew.
 
-        pulled : ndarray, shape (v,), by how much ``y^T P V_j P y`` is changed
+        changed : ndarray, shape (v,), by how much ``y^T P V_j P y`` is changed
         """
         if not len(self.free):
             return 0.0
         found = self._bare
-        there = Likelihood(found.value, found.gradient - pulled, found.information, found.diagonal)
+        there = Likelihood(found.value, found.gradient - changed, found.information, found.diagonal)
         return step(there, self.theta, self.free)[1]

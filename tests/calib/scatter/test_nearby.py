@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.scatter.around import Around
+from calib.scatter.nearby import NearbyLikelihood
 from calib.scatter.restricted import Block, Turned, maximised
 
 B, D = 200, 6  # configurations, rows of each
@@ -31,7 +31,7 @@ def test_the_promise_is_nearly_the_gain_and_never_more(
     prior = np.array([[1e-3]])
     held = whole.with_columns(np.arange(3), 1, np.array([[0.0, 1e-3, 0.0]]))
     _, after = maximised(held, theta, free, 1e-9)
-    gain = Around(whole, theta, free).gain(np.array([1]), prior)
+    gain = NearbyLikelihood(whole, theta, free).gain(np.array([1]), prior)
     exact = before.value - after.value
     assert gain.fall + gain.promised <= exact + 1e-6
     assert gain.fall + gain.promised == pytest.approx(exact, rel=0.05, abs=0.05)

@@ -10,9 +10,10 @@ nothing scatters both are the score.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import prod
 
 import numpy as np
 
@@ -55,31 +56,43 @@ class Ground:
 
     def approximate_score(self, suspect: Candidate) -> Score:
         """What a suspect would explain, variances found anew to second order."""
-        own = self.at[suspect.key]
         if suspect.spread is None:
-            limits = suspect.limits
-            gain = self.nearby.gain(own, np.diag(1.0 / limits))
-            told = np.diag(gain.triangle) * limits
-            return self._priced(max(gain.fall + gain.promised, 0.0), told).counted(suspect.tried)
+            return self.approximate_together([suspect])
+        own = self.at[suspect.key]
         half = _half(suspect.spread * suspect.effect.parameters[0].size ** 2)
         amplitude = _amplitude(*self.nearby.beside(own), half)
         gain = self.nearby.gain(own, _inverse(half) / amplitude)
         price = _freedom(np.diag(gain.triangle), half, amplitude)
         return _of_curve(gain.fall + gain.promised - price, price)
 
+    def approximate_together(self, causes: Sequence[Candidate]) -> Score:
+        """The same of causes by name beside each other."""
+        own, limits = self._columns_of(causes)
+        gain = self.nearby.gain(own, np.diag(1.0 / limits))
+        told = np.diag(gain.triangle) * limits
+        fall = max(gain.fall + gain.promised, 0.0)
+        return self._priced(fall, told).counted(prod(c.tried for c in causes))
+
     def score(self, suspect: Candidate) -> Score:
         """What a suspect would explain, variances found anew."""
-        own = self.at[suspect.key]
         if suspect.spread is None:
-            return self._named(suspect, own).counted(suspect.tried)
+            return self.score_together([suspect])
+        own = self.at[suspect.key]
         return self._curve(own, suspect.spread * suspect.effect.parameters[0].size ** 2)
 
-    def _named(self, suspect: Candidate, own: IntArray) -> Score:
-        limits = suspect.limits
+    def score_together(self, causes: Sequence[Candidate]) -> Score:
+        """What causes by name would explain beside each other, variances found anew."""
+        own, limits = self._columns_of(causes)
         problem = self._with(own, np.diag(1.0 / limits))
         _, found = maximised(problem, self.levels.theta, self.levels.free, _SETTLED)
         told = found.diagonal[problem.known : -1] * limits
-        return self._priced(max(self.levels.value - found.value, 0.0), told)
+        fall = max(self.levels.value - found.value, 0.0)
+        return self._priced(fall, told).counted(prod(c.tried for c in causes))
+
+    def _columns_of(self, causes: Sequence[Candidate]) -> tuple[IntArray, Array]:
+        """Columns (k,) of some causes by name, and the limits (k,) of their parameters."""
+        own = np.concatenate([self.at[c.key] for c in causes])
+        return own, np.concatenate([c.limits for c in causes])
 
     def _priced(self, fall: float, told: Array) -> Score:
         """Score of a named cause.

@@ -19,7 +19,7 @@ VerdictName = Literal["no_gap", "explained", "ambiguous", "unknown"]
 
 _TRIED = 5  # close rivals that are looked at
 _ALIKE = 3  # twins beside them
-_LARGEST = 4  # members of a class with what is listed for its likeness
+_LARGEST = 4  # members of a class beyond which likeness lists the first of a kind only
 _CLOSE = 30.0  # gain below the best at which a rival is none
 _SAME = 8.0  # difference of -2 log likelihood that tells nothing yet
 _MASS = 0.98  # of the likelihood that a class holds together
@@ -125,10 +125,13 @@ def _members(
     known = {twin.candidate: twin for twin in others}
     chosen = list(range(count))
     for i in range(count, len(rivals)):
-        twin = known.get(rivals[i][0])
-        if twin is not None and (
-            twin.exact or (len(chosen) < _LARGEST and behind[i] - twin.more * direction <= _SAME)
-        ):
+        rival = rivals[i][0]
+        twin = known.get(rival)
+        if twin is None:
+            continue
+        kinds = {rivals[j][0].effect.kind for j in chosen}
+        room = len(chosen) < _LARGEST or rival.effect.kind not in kinds
+        if twin.exact or (room and behind[i] - twin.more * direction <= _SAME):
             chosen.append(i)
     weights = np.exp(-0.5 * _TEMPER * behind[chosen])
     shares = _IN_CLASS * weights / weights.sum()

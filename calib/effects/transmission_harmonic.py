@@ -1,4 +1,7 @@
-"""Gear errors that repeat with the joint's turn: eccentricity (once) and ovality (twice)."""
+"""Gear errors that repeat with the joint's turn: eccentricity (once) and ovality (twice).
+
+Strain wave gears are stated to transmit within 1 to 1.5 arc minutes from peak to peak: 150 to 220 urad.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ class TransmissionHarmonic(DriveError):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         names = ("cos_1", "sin_1", "cos_2", "sin_2")
-        return tuple(Parameter(self.kind, self.where, n, "urad", 1e-6, 1e-4) for n in names)
+        return tuple(Parameter(self.kind, self.where, n, "urad", 1e-6, 2e-4) for n in names)
 
     def shares(self, poses: Poses) -> Array:
         q = poses.q[:, self.frame - 1]

@@ -105,15 +105,15 @@ class Writer:
         below = Markup()
         if figure.numbers and picture.rows:
             title = f"The numbers: {plural(len(picture.rows), 'row')}"
-            below = self._folded(title, self._table(_numbers(picture), lit))
+            below = self._folded(title, self._table(_numbers(picture, title), lit))
         made: Markup = self.macros.figure(picture.title, picture.caption, drawn, below)
         return made
 
 
-def _numbers(picture: Picture) -> Table[Any]:
+def _numbers(picture: Picture, title: str) -> Table[Any]:
     """The table of a picture's numbers."""
     columns = plain_columns(picture.header, picture.rows)
-    return Table(columns, picture.rows, of_poses=picture.header[0] == "pose")
+    return Table(columns, picture.rows, title, of_poses=picture.header[0] == "pose")
 
 
 def _head(column: Column[Any]) -> str:

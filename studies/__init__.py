@@ -1,1 +1,31 @@
-"""studies: what a person runs."""
+"""studies: what a person runs.
+
+The way of a result, one folder a kind, ``studies/<kind>/``:
+
+``record.py``
+    A :class:`studies.record.Record`: every field of its JSON with its type, the unit in its name, and
+    ``<kind>_record(found, .., made_from)``, which makes it of what the library found. What telling and
+    drawing take for granted (lists of equal length, a pose that exists) is a ``model_validator``: the
+    file is refused with its place, and whatever fails later is a fault of ours that nobody catches.
+``telling.py``
+    ``told(record) -> Document``, by attributes alone: the headline (the answer: the terminal begins
+    with it, "In one look" of a page collects it), and sections of sentences, tables and figures, each
+    written once. The terminal leaves out figures, ``Detail`` and columns of ``detail``. Every rounding
+    is a rule of ``document/rules.py``, for columns and sentences alike.
+``pictures.py``
+    Figures of the record, named in ``telling`` and drawn when they are wanted.
+``command.py``
+    Read, call, ``deliver(record, ..)``; only click is imported at its head.
+
+To add a kind: its folder, its name and type in ``kinds.py``, its command in ``cli.py``, its place in
+``report/sections``. To add a field: one line in the model and one where it is made; a default only
+where files of earlier versions are to be read. ``posecal schema`` follows by itself. What needs the
+inputs of a result again (the arm, errors against joints) is a section of ``report/sections``.
+
+Kinds that are no records yet go the old way beside it: dictionaries, ``commands/``, ``tables.py``,
+sections told of ``Result.fields`` whose faults ``faults_of`` catches. To convert one, move it into its
+folder as above, take it out of ``UNCHECKED`` (``report/sections``) and ``_SAYS`` (``summary.py``), read
+``record`` where ``fields`` are read (``evidence.py``, ``summary.py``, ``demo``), put an old result into
+``tests/studies/old_results`` and its turns into ``tests/studies/examples.py``. With the last one go
+``faults_of``, ``report/parts.py`` and ``commands/``.
+"""

@@ -11,15 +11,16 @@ from typing import NoReturn
 import click
 
 from studies.commands.compare import compare
-from studies.commands.compensate import compensate
 from studies.commands.demo import demo
 from studies.commands.design import design
 from studies.commands.diagnose import diagnose
-from studies.commands.enough import enough
 from studies.commands.identify import identify
 from studies.commands.import_ import import_
 from studies.commands.program import program
 from studies.commands.report import report
+from studies.compensate.command import compensate
+from studies.enough.command import enough
+from studies.schema.command import schema
 
 
 class _InOrder(click.Group):
@@ -52,6 +53,7 @@ COMMANDS = (
     diagnose,
     compensate,
     report,
+    schema,
 )
 for command in COMMANDS:
     main.add_command(command)

@@ -9,21 +9,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from studies.commands.common import (
+from studies.command.deliver import check_outputs, figure_files, output_file, say_written, show
+from studies.command.options import (
     PATH,
     Finite,
     cell_argument,
-    check_outputs,
-    envelope,
     faults_in,
-    figure_files,
-    output_file,
-    output_texts,
     plan_names,
     result_options,
-    say_written,
-    show,
 )
+from studies.commands.common import envelope, output_texts
 
 if TYPE_CHECKING:
     from studies.compare.compare import Truth

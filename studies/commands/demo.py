@@ -7,13 +7,9 @@ from pathlib import Path
 
 import click
 
-from studies.commands.common import (
-    json_option,
-    one_line_faults,
-    output_file,
-    output_texts,
-    seed_option,
-)
+from studies.command.deliver import output_file
+from studies.command.options import json_option, one_line_faults, seed_option
+from studies.commands.common import output_texts
 
 
 @click.command(short_help="The whole way on the paper's robot, as files to edit.")

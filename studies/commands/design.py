@@ -7,20 +7,9 @@ from typing import Any
 
 import click
 
-from studies.commands.common import (
-    PATH,
-    cell_argument,
-    check_outputs,
-    envelope,
-    faults_in,
-    figure_files,
-    output_file,
-    output_texts,
-    plan_names,
-    result_options,
-    say_written,
-    show,
-)
+from studies.command.deliver import check_outputs, figure_files, output_file, say_written, show
+from studies.command.options import PATH, cell_argument, faults_in, plan_names, result_options
+from studies.commands.common import envelope, output_texts
 
 
 @click.command(short_help="Which poses to measure, with a proof of how good.")

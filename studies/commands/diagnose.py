@@ -7,21 +7,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from studies.commands.common import (
-    PATH,
-    cell_argument,
+from studies.command.deliver import (
     check_outputs,
-    data_argument,
-    envelope,
-    faults_in,
     figure_files,
     output_file,
-    output_texts,
-    result_options,
     say_written,
     show,
     warn,
 )
+from studies.command.options import PATH, cell_argument, data_argument, faults_in, result_options
+from studies.commands.common import envelope, output_texts
 
 if TYPE_CHECKING:
     from calib import Cell

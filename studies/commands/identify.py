@@ -7,22 +7,23 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from studies.commands.common import (
-    PATH,
-    Finite,
-    cell_argument,
+from studies.command.deliver import (
     check_outputs,
-    data_argument,
-    envelope,
-    faults_in,
     figure_files,
     output_file,
-    output_texts,
-    result_options,
     say_written,
     show,
     warn,
 )
+from studies.command.options import (
+    PATH,
+    Finite,
+    cell_argument,
+    data_argument,
+    faults_in,
+    result_options,
+)
+from studies.commands.common import envelope, output_texts
 
 if TYPE_CHECKING:
     from calib import Cell, Identification, Measurements

@@ -7,18 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from studies.commands.common import (
-    PATH,
-    check_outputs,
-    envelope,
-    json_option,
-    one_line_faults,
-    output_file,
-    output_texts,
-    say_written,
-    show,
-    warn,
-)
+from studies.command.deliver import check_outputs, output_file, say_written, show, warn
+from studies.command.options import PATH, json_option, one_line_faults
+from studies.commands.common import envelope, output_texts
 
 if TYPE_CHECKING:
     from calib.files.exports import Joined, JointTable, PointList

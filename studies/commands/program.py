@@ -6,18 +6,9 @@ from pathlib import Path
 
 import click
 
-from studies.commands.common import (
-    PATH,
-    cell_argument,
-    check_outputs,
-    envelope,
-    json_option,
-    one_line_faults,
-    output_file,
-    output_texts,
-    say_written,
-    show,
-)
+from studies.command.deliver import check_outputs, output_file, say_written, show
+from studies.command.options import PATH, cell_argument, json_option, one_line_faults
+from studies.commands.common import envelope, output_texts
 
 
 @click.command(short_help="A plan as a robot program (KUKA, Universal Robots).")

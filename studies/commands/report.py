@@ -6,15 +6,9 @@ from pathlib import Path
 
 import click
 
-from studies.commands.common import (
-    PATH,
-    check_outputs,
-    envelope,
-    json_option,
-    one_line_faults,
-    output_file,
-    output_texts,
-)
+from studies.command.deliver import check_outputs, output_file
+from studies.command.options import PATH, json_option, one_line_faults
+from studies.commands.common import envelope, output_texts
 
 
 @click.command(short_help="One page of results, to hand on.")

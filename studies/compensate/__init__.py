@@ -1,1 +1,1 @@
-"""What ``posecal compensate`` says."""
+"""``posecal compensate``: its record, how it is told and drawn, its command."""

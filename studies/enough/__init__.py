@@ -1,1 +1,1 @@
-"""What ``posecal enough`` shows."""
+"""``posecal enough``: its record, how it is told and drawn, its command."""

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+from xml.etree.ElementTree import ParseError
 
 import numpy as np
 
@@ -16,14 +18,44 @@ from calib.errors import CalibError, InputError
 from calib.files.read import sha256
 from calib.poses import Poses, poses_at
 from studies.identify.point_errors import HELD_OUT
+from studies.kinds import KINDS as RECORDS
+from studies.record import Record, kind_of, read
 
-KINDS = ("design", "plan", "compare", "identify", "diagnose", "compensate", "enough")
-"""Results that a report can tell of; ``plan`` is ``diagnose --plan-only``."""
+if TYPE_CHECKING:
+    from studies.document import Document
+
+KINDS = ("identify", "diagnose", "design", "plan", "compare", "enough", "compensate")
+"""What a report can tell of, in the order of its headlines; ``plan`` is ``diagnose --plan-only``."""
+
+FAULTS = (
+    LookupError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    ArithmeticError,
+    MemoryError,
+    ParseError,
+)
+"""What is raised where a result that was never checked is not as its command writes it."""
 
 _SAME_JOINTS = 1e-6  # rad or m
 _MOST_BYTES = 200_000_000
 _LARGEST_NUMBER = 1e30
 _LARGEST_JOINT = 1e6  # rad or m
+
+
+@contextmanager
+def faults_of(file: Path | str, where: str = "") -> Iterator[None]:
+    """Take a failure for a fault of the file: only where what is read of it was never checked.
+
+    Raises InputError.
+    """
+    try:
+        yield
+    except FAULTS as error:
+        plain = "is not as its command writes it"
+        what = f"lacks {error}" if isinstance(error, KeyError) else plain
+        raise InputError(file, where, what, "write it anew with this version") from None
 
 
 @dataclass(frozen=True)
@@ -40,13 +72,37 @@ class Input:
 class Result:
     """A result file.
 
-    kind : one of KINDS; fields : its content; inputs : tuple of Input, the cell first
+    kind : one of KINDS; inputs : tuple of Input, the cell first
+    record : its content; of kinds that are no records yet it is None, and ``fields`` hold them
     """
 
     path: Path
     kind: str
-    fields: dict[str, Any]
     inputs: tuple[Input, ...]
+    record: Record | None
+    fields: dict[str, Any]
+
+    @cached_property
+    def told(self) -> Document | None:
+        """What it says of itself."""
+        return None if self.record is None else self.record.told()
+
+    @property
+    def version(self) -> str:
+        """Of posecal, by which it was written."""
+        return str(self.fields.get("version", "")) if self.record is None else self.record.version
+
+    @property
+    def seed(self) -> str:
+        """Of its chance."""
+        return str(self.fields.get("seed", "") if self.record is None else self.record.seed)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader should know."""
+        if self.record is not None:
+            return self.record.warnings
+        return tuple(self.fields.get("warnings", ()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +187,7 @@ class Evidence:
 def load_evidence(paths: Sequence[Path]) -> Evidence:
     """Read results and what they were made from.
 
-    Raises InputError where a file is no result of posecal, KeyError, TypeError or ValueError where it
-    misses what results of its kind hold.
+    Raises InputError where a file is no result of posecal, or misses what results of its kind hold.
     """
     results = tuple(_result(path) for path in paths)
     cell, notes = _cell(results)
@@ -141,9 +196,11 @@ def load_evidence(paths: Sequence[Path]) -> Evidence:
         if cell is None or not result.inputs or result.inputs[0].sha256 != _digest(results):
             continue
         if result.kind == "design":
-            plans[result.path] = plan_poses(cell, result)
+            with faults_of(result.path):
+                plans[result.path] = plan_poses(cell, result)
         if result.kind in ("identify", "diagnose"):
-            measured, lost = _measured(cell, result)
+            with faults_of(result.path):
+                measured, lost = _measured(cell, result)
             notes += lost
             if measured is not None:
                 data[result.path] = measured
@@ -173,6 +230,10 @@ def _measured(cell: Cell, result: Result) -> tuple[Measured | None, list[str]]:
 
 
 def _result(path: Path) -> Result:
+    if kind_of(path) in RECORDS:
+        record = read(path)
+        inputs = tuple(_input(path, entry.file, entry.sha256) for entry in record.inputs)
+        return Result(path, record.kind, inputs, record, {})
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise InputError(path, "", "is larger than any result", "name a result of posecal")
@@ -194,7 +255,7 @@ def _result(path: Path) -> Result:
             path, "command", f"{kind[:40]!r} has no place in a report", "give results of "
             "design, compare, identify, diagnose, compensate or enough",
         )  # fmt: skip
-    return Result(path, kind, fields, found)
+    return Result(path, kind, found, None, fields)
 
 
 def _check_numbers(fields: Any) -> None:

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from xml.etree.ElementTree import ParseError
 
-from calib.errors import InputError
 from studies.report.evidence import load_evidence
 from studies.report.page import page
-from studies.report.sections import FAULTS
 
 
 def report_page(
@@ -21,13 +18,6 @@ def report_page(
 
     Raises InputError where a file is no result, or one that misses what results of its kind hold.
     """
-    which = str(results[0]) if len(results) == 1 else f"one of {len(results)} results"
-    try:
-        evidence = load_evidence(results)
-        heading = title or ("Calibration" if evidence.cell is None else evidence.cell.name)
-        return page(evidence, heading, told), evidence.notes
-    except KeyError as error:
-        raise InputError(which, "", f"lacks {error}", "write it anew with this version") from None
-    except (*FAULTS, ParseError):
-        what = "is not as its command writes it"
-        raise InputError(which, "", what, "write it anew with this version") from None
+    evidence = load_evidence(results)
+    heading = title or ("Calibration" if evidence.cell is None else evidence.cell.name)
+    return page(evidence, heading, told), evidence.notes

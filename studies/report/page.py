@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+from studies.document.page import Writer
 from studies.report.assets import asset
-from studies.report.evidence import Evidence
-from studies.report.figures import inline_svg
-from studies.report.parts import Figure, Raw, Table, Text
-from studies.report.sections import sections
-from studies.report.sections.provenance import provenance
+from studies.report.evidence import Evidence, faults_of
+from studies.report.sections import Placed, sections
 
 _STYLES = ("page.css", "lit.css", "arm_view.css")
 _SCRIPTS = ("page.js", "arm_view.js")
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """A section as HTML, with its anchor and title."""
+
+    key: str
+    title: str
+    html: Markup
 
 
 def page(evidence: Evidence, title: str, told: dict[str, str]) -> str:
@@ -18,7 +30,7 @@ def page(evidence: Evidence, title: str, told: dict[str, str]) -> str:
 
     title : str; told : what the user tells of the measurement (operator, instrument ..), by label
 
-    Raises KeyError, TypeError or ValueError where a result misses what results of its kind hold.
+    Raises InputError where a result misses what results of its kind hold.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -29,38 +41,18 @@ def page(evidence: Evidence, title: str, told: dict[str, str]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.tests["text"] = lambda part: isinstance(part, Text)
-    environment.tests["table"] = lambda part: isinstance(part, Table)
-    environment.tests["figure"] = lambda part: isinstance(part, Figure)
-    environment.tests["raw"] = lambda part: isinstance(part, Raw)
-    found = [*sections(evidence), provenance(evidence, told)]
-    figures = [
-        (section, part) for section in found for part in section.parts if isinstance(part, Figure)
-    ]
-    drawn = {
-        id(figure): inline_svg(figure.picture, f"f{number}", section.lit)
-        for number, (section, figure) in enumerate(figures)
-    }
+    writer = Writer.fresh()
     return environment.get_template("page.html.j2").render(
         title=title,
         told=told,
-        sections=found,
-        drawn=drawn,
-        key=id,
-        numbers=_numbers,
+        sections=[_shown(writer, placed) for placed in sections(evidence, told)],
         styles=[asset(name) for name in _STYLES],
         scripts=[asset(name) for name in _SCRIPTS],
     )
 
 
-def _numbers(figure: Figure) -> Table | None:
-    """The table under a figure."""
-    picture = figure.picture
-    if not figure.numbers or not picture.rows:
-        return None
-    return Table(
-        picture.header,
-        picture.rows,
-        of_poses=picture.header[0] == "pose",
-        fold=f"The numbers: {len(picture.rows)} row{'s' * (len(picture.rows) > 1)}",
-    )
+def _shown(writer: Writer, placed: Placed) -> _Shown:
+    unchecked = placed.unchecked
+    with nullcontext() if unchecked is None else faults_of(unchecked):
+        html = writer.section(placed.section, placed.lit)
+    return _Shown(placed.section.key, placed.section.title, html)

@@ -1,107 +1,49 @@
-"""What a section is made of: text, tables and figures, before they become a page."""
+"""Parts of a document from cells that are text or numbers already.
+
+For the sections of results that do not yet tell themselves (:meth:`studies.record.Record.told`).
+"""
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any
 
-from markupsafe import Markup
-
+from studies import document
+from studies.document import Detail, Mood, Part, Raw, Section, Sentence, listed
+from studies.document.plain import Cell, plain_columns, shown
 from studies.plots.style import Picture
 
-Cell: TypeAlias = str | float | int | None
-_NUMBER = re.compile(  # linear in the length of a text, which may be a hostile name
-    r"^(?:[\s.,eE+\N{MINUS SIGN}\N{PLUS-MINUS SIGN}%x-]*\d)+[\s.,eE+\-%]*$"
-)
+__all__ = [
+    "Cell", "Detail", "Figure", "Part", "Raw", "Section", "Table", "Text", "folded", "joint_columns",
+    "listed", "shown",
+]  # fmt: skip
+
 _FOLDED = 16  # rows from which on a table is folded
 
 
-@dataclass(frozen=True)
-class Text:
-    """A paragraph; kind "" for plain text; "good", "warn", "note" or "next" for a box."""
-
-    text: str
-    kind: str = ""
+def Text(text: str, mood: Mood = "") -> Sentence:
+    """A paragraph, or a box of a mood."""
+    return Sentence(text, mood)
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table; in one of poses the first column names them.
-
-    fold : what the fold is called, None for a table that stands open
-    """
-
-    header: tuple[str, ...]
-    rows: Sequence[Sequence[Cell]]
-    caption: str = ""
-    of_poses: bool = False
-    fold: str | None = None
-
-    @property
-    def shown(self) -> list[list[str]]:
-        """The cells as text, numbers with a true minus sign."""
-        return [[_signed(shown(cell)) for cell in row] for row in self.rows]
-
-    @property
-    def numeric(self) -> list[bool]:
-        """Whether a column holds numbers only."""
-        columns = zip(*self.shown, strict=True) if self.rows else [()] * len(self.header)
-        return [all(not cell or _NUMBER.match(cell) for cell in column) for column in columns]
+def Table(
+    header: Sequence[str],
+    rows: Sequence[Sequence[Cell]],
+    caption: str = "",
+    of_poses: bool = False,
+    fold: str | None = None,
+) -> Part:
+    """A table; fold is what its fold is called, None for one that stands open."""
+    columns = plain_columns(header, rows)
+    table = document.Table(
+        columns, rows, fold or "", caption=caption, of_poses=of_poses, fold=False
+    )
+    return table if fold is None else Detail((table,), fold)
 
 
-@dataclass(frozen=True, eq=False)
-class Figure:
-    """A picture with its caption, and its numbers folded below."""
-
-    picture: Picture
-    numbers: bool = True
-
-
-@dataclass(frozen=True)
-class Raw:
-    """Markup made by the report itself."""
-
-    html: Markup
-
-
-Part: TypeAlias = Text | Table | Figure | Raw
-
-
-@dataclass(frozen=True)
-class Section:
-    """A section of the page.
-
-    key : str, its anchor; lit : pose -> the name under which the page lights it
-    """
-
-    key: str
-    title: str
-    parts: tuple[Part, ...]
-    lit: Mapping[str, str] = field(default_factory=dict)
-
-
-def shown(value: Cell) -> str:
-    """A cell as text: four digits, nothing for what is undefined.
-
-    >>> shown(0.0123456), shown(None), shown(12), shown("m1")
-    ('0.01235', '', '12', 'm1')
-    """
-    if value is None:
-        return ""
-    if isinstance(value, str):
-        return value
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, int):
-        return str(value)
-    return f"{value:.4g}" if math.isfinite(value) else ""
-
-
-def _signed(text: str) -> str:
-    return text.replace("-", "\N{MINUS SIGN}") if _NUMBER.match(text) else text
+def Figure(picture: Picture, numbers: bool = True) -> Part:
+    """A picture that is drawn already."""
+    return document.Figure(lambda: picture, numbers)
 
 
 def joint_columns(poses: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
@@ -116,14 +58,3 @@ def joint_columns(poses: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, st
 def folded(name: str, rows: Sequence[Sequence[Cell]]) -> str | None:
     """The name of a fold where a table is long."""
     return f"{name} ({len(rows)})" if len(rows) > _FOLDED else None
-
-
-def listed(names: Sequence[str], most: int = 8) -> str:
-    """Names with commas, the first few of many.
-
-    >>> listed(["a", "b"]), listed(list("abcdefghij"), 3)
-    ('a, b', 'a, b, c and 7 more')
-    """
-    if len(names) <= most:
-        return ", ".join(names)
-    return f"{', '.join(names[:most])} and {len(names) - most} more"

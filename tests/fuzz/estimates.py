@@ -14,8 +14,9 @@ from calib.files.estimate import estimate_fields, load_estimate
 from calib.files.write import json_text
 from calib.model.build import build
 from studies.commands.common import envelope
-from studies.compensate.results import compensation_fields
+from studies.compensate.record import compensate_record
 from studies.demo import embedded_cell, embedded_plan
+from studies.record import envelope as made_from
 from tests.fuzz.reader import put
 
 CELL = embedded_cell()
@@ -26,7 +27,7 @@ def estimate(folder: Path, content: bytes) -> object:
     """What ``posecal compensate`` does with a result."""
     known = load_estimate(CELL, put(folder, "result.json", content))
     found = calib.compensate(CELL, known, POSES)
-    return json_text(compensation_fields(CELL.robot, found))
+    return compensate_record(CELL.robot, found, made_from(CELL.name, [])).dumps()
 
 
 def _result(command: str, effects: tuple[str, ...]) -> str:

@@ -14,6 +14,7 @@ from unittest.mock import patch
 
 from markupsafe import Markup
 
+from studies.document import page as document_page
 from studies.report import page
 from studies.report.make import report_page
 from tests.fuzz.small_cell import put_small_cell, small_results
@@ -36,7 +37,7 @@ def report(folder: Path, content: bytes) -> object:
         paths.append(folder / f"result{number}.json")
         paths[-1].write_bytes(text)
     if zlib.crc32(content) % _DRAWN:
-        with patch.object(page, "inline_svg", lambda *_: Markup("<svg></svg>")):
+        with patch.object(document_page, "inline_svg", lambda *_: Markup("<svg></svg>")):
             html, _ = report_page(paths, None, {})
     else:
         html, _ = report_page(paths, None, {})

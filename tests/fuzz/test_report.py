@@ -36,8 +36,8 @@ def _falling(result: dict[str, Any], first: float) -> dict[str, Any]:
 
 
 DAMAGED: dict[str, tuple[str, Change, str]] = {
-    "NaN": ("enough", lambda r: r.update(goal_mm=float("nan")), "is no result of posecal"),
-    "huge": ("enough", lambda r: r.update(goal_mm=10**400), "is no result of posecal"),
+    "NaN": ("enough", lambda r: r.update(goal_mm=float("nan")), "goal_mm: should be a finite"),
+    "huge": ("enough", lambda r: r.update(goal_mm=10**400), "goal_mm: "),
     "no joint": ("designed", lambda r: r["poses"][0]["joints_mm"].clear(), "lacks 'X1'"),
     "far joint": ("designed", lambda r: r["poses"][0]["joints_mm"].update(X1=1e20), OTHER_FORM),
     "no points": ("compared", lambda r: r["plans"][0]["approaches"].clear(), "lacks 'points'"),

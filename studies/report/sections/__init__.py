@@ -1,78 +1,87 @@
-"""The sections of a report, in the order of the page: one file each, one entry each."""
+"""The sections of a report, in the order of the page: what results say, and what they are of."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
 
-from calib.errors import InputError
-from studies.report.evidence import Evidence, Result
-from studies.report.parts import Section
+from studies.document import Section
+from studies.report.evidence import Evidence, Result, faults_of
 from studies.report.sections.approaches import approaches
 from studies.report.sections.arm import arm
 from studies.report.sections.cell import cell
-from studies.report.sections.compensation import compensation
 from studies.report.sections.diagnosis import diagnosis, further
 from studies.report.sections.errors import errors, workspace
 from studies.report.sections.parameters import parameters
 from studies.report.sections.plan import plan
-from studies.report.sections.progress import progress
+from studies.report.sections.provenance import provenance
 from studies.report.sections.sight import sight
 from studies.report.sections.summary import summary
 
-OF_THE_CELL: tuple[Callable[[Evidence], Section | None], ...] = (summary, arm, cell)
+OF_THE_CELL: tuple[Callable[[Evidence], Section | None], ...] = (arm, cell)
 
-OF_RESULTS: tuple[tuple[str, Callable[[Evidence, Result], Section | None]], ...] = (
-    ("design", plan),
-    ("plan", sight),
-    ("compare", approaches),
-    ("identify", errors),
-    ("identify", parameters),
-    ("identify", workspace),
-    ("diagnose", diagnosis),
-    ("diagnose", further),
-    ("enough", progress),
-    ("compensate", compensation),
-)
-"""Kind of result, and a section about it."""
+ORDER = ("design", "plan", "compare", "identify", "diagnose", "enough", "compensate")
+"""Kinds of result as their sections follow each other."""
+
+UNCHECKED: dict[str, tuple[Callable[[Evidence, Result], Section | None], ...]] = {
+    "design": (plan,),
+    "plan": (sight,),
+    "compare": (approaches,),
+    "identify": (errors, parameters, workspace),
+    "diagnose": (diagnosis, further),
+}
+"""Sections about results that are no records yet; a record tells itself."""
 
 
-FAULTS = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, MemoryError)
-"""What a section raises where a result is not as its command writes it."""
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A section on the page.
+
+    lit : pose -> the name under which the page lights it
+    unchecked : the result whose faults show only when the section is drawn; None for a record
+    """
+
+    section: Section
+    lit: Mapping[str, str]
+    unchecked: Path | None
 
 
-def sections(evidence: Evidence) -> Iterator[Section]:
-    """All sections that the evidence allows, but where it comes from.
+def sections(evidence: Evidence, told: dict[str, str]) -> Iterator[Placed]:
+    """All sections that the evidence allows.
+
+    told : what the user tells of the measurement, by label
 
     Raises InputError that names the result and the section where a result is not complete.
     """
+    yield Placed(summary(evidence), {}, None)
     for about in OF_THE_CELL:
         section = about(evidence)
         if section is not None:
-            yield section
-    for kind, tell in OF_RESULTS:
+            yield Placed(section, {}, None)
+    for kind in ORDER:
         several = evidence.of(kind)
         for number, result in enumerate(several, 1):
-            section = _told(evidence, result, tell)
-            if section is None:
-                continue
             lit = evidence.lit.get(result.path, {})
-            section = replace(section, lit=lit)
-            if len(several) > 1:
-                title = f"{section.title}: {result.path.name}"
-                section = replace(section, key=f"{section.key}-{number}", title=title)
+            unchecked = result.path if result.record is None else None
+            for section in _of(evidence, result):
+                own = _own(section, result, number) if len(several) > 1 else section
+                yield Placed(own, lit, unchecked)
+    yield Placed(provenance(evidence, told), {}, None)
+
+
+def _of(evidence: Evidence, result: Result) -> Iterator[Section]:
+    if result.told is not None:
+        yield from result.told.sections
+        return
+    for tell in UNCHECKED[result.kind]:
+        with faults_of(result.path, f"for section {tell.__name__}"):
+            section = tell(evidence, result)
+        if section is not None:
             yield section
 
 
-def _told(
-    evidence: Evidence, result: Result, tell: Callable[[Evidence, Result], Section | None]
-) -> Section | None:
-    try:
-        return tell(evidence, result)
-    except FAULTS as error:
-        what = (
-            f"lacks {error}" if isinstance(error, KeyError) else "is not as its command writes it"
-        )
-        raise InputError(
-            result.path, f"for section {tell.__name__}", what, "write it anew with this version"
-        ) from None
+def _own(section: Section, result: Result, number: int) -> Section:
+    """The section under a name of its own, where several results are of its kind."""
+    title = f"{section.title}: {result.path.name}"
+    return replace(section, key=f"{section.key}-{number}", title=title)

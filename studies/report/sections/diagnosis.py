@@ -63,7 +63,7 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
         yield Table(("cause", "why"), rows, fold=f"Causes that could not be asked ({len(rows)})")
 
 
-def _gap(gap: dict[str, Any]) -> Table:
+def _gap(gap: dict[str, Any]) -> Part:
     rows = [
         (label, gap[f"{key}_before_mm"], gap[f"{key}_after_mm"], gap["floor_mm"], _closed(gap, key))
         for label, key in (("fitted poses", "fit"), ("poses the choice never saw", "heldout"),
@@ -83,7 +83,7 @@ def _closed(gap: dict[str, Any], key: str) -> str:
     return f"{percent(gap['closed'])}{interval}"
 
 
-def _causes(effects: list[dict[str, Any]]) -> Table:
+def _causes(effects: list[dict[str, Any]]) -> Part:
     rows = []
     for effect in effects:
         others = [f"{o['effect']}:{o['where']}" for o in effect["class"][1:]]
@@ -107,7 +107,7 @@ def _causes(effects: list[dict[str, Any]]) -> Table:
     return Table(header, rows, "What causes the gap", fold=folded("What causes the gap", rows))
 
 
-def _unseen(entries: list[dict[str, Any]]) -> Table:
+def _unseen(entries: list[dict[str, Any]]) -> Part:
     rows = [
         (e["effect"], e["where"], "not visible" if e["minimum_detectable"] is None
          else shown(e["minimum_detectable"]), e["unit"])

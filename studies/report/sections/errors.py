@@ -157,7 +157,7 @@ def _known(values: list[Any]) -> Array | None:
     return None if None in values else np.array(values, dtype=np.float64)
 
 
-def _by_pose(found: PointErrors) -> Table:
+def _by_pose(found: PointErrors) -> Part:
     def rms(part: Array) -> Array:
         squared = np.where(found.seen, (part**2).sum(axis=-1), np.nan)
         return np.asarray(np.sqrt(np.nanmean(squared, axis=1)) * 1e3)

@@ -47,7 +47,7 @@ def _parts(fields: dict[str, Any]) -> Iterator[Part]:
         )
 
 
-def _table(entries: list[dict[str, Any]], caption: str, fold: str | None) -> Table:
+def _table(entries: list[dict[str, Any]], caption: str, fold: str | None) -> Part:
     rows = [(p["effect"], p["where"], p["name"], *_value(p), p["unit"]) for p in entries]
     return Table(
         (

@@ -82,7 +82,7 @@ def _facts(fields: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     )
 
 
-def _poses(fields: Mapping[str, Any]) -> Table:
+def _poses(fields: Mapping[str, Any]) -> Part:
     poses = fields["poses"]
     joints = joint_columns(poses)
     leveled = any(pose["level"] is not None for pose in poses)
@@ -118,7 +118,7 @@ def chosen(fields: Mapping[str, Any]) -> int:
     return len(fields["poses"]) - len(reference["poses"])
 
 
-def _against(fields: Mapping[str, Any]) -> Table:
+def _against(fields: Mapping[str, Any]) -> Part:
     keys = ("value", "efficiency", "task_rms_mm")
     rows = [("this plan", chosen(fields), *(fields[key] for key in keys))]
     rows += [
@@ -131,7 +131,7 @@ def _against(fields: Mapping[str, Any]) -> Table:
     )
 
 
-def _deviations(fields: Mapping[str, Any]) -> Table:
+def _deviations(fields: Mapping[str, Any]) -> Part:
     rows = [
         (
             p["effect"],

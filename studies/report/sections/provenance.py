@@ -12,8 +12,8 @@ def provenance(evidence: Evidence, told: dict[str, str]) -> Section:
         (
             result.path.name,
             "diagnose --plan-only" if result.kind == "plan" else result.kind,
-            str(result.fields.get("version", "")),
-            str(result.fields.get("seed", "")),
+            result.version,
+            result.seed,
         )
         for result in evidence.results
     ]
@@ -31,8 +31,5 @@ def provenance(evidence: Evidence, told: dict[str, str]) -> Section:
     ]
     parts += [Text(note, "note") for note in evidence.notes]
     for result in evidence.results:
-        parts += [
-            Text(f"{result.path.name}: {line}", "note")
-            for line in result.fields.get("warnings", [])
-        ]
+        parts += [Text(f"{result.path.name}: {line}", "note") for line in result.warnings]
     return Section("provenance", "Where the figures come from", tuple(parts))

@@ -6,10 +6,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from studies.diagnose.tables import loud, unfollowed, verdict_sentence
+from studies.document import Sentence
 from studies.identify.common import shared_sentence
 from studies.noise_words import UNFOLLOWED, lacks, noise_words, scatters
 from studies.report.bars import Bar, bars
-from studies.report.evidence import Evidence, Result
+from studies.report.evidence import KINDS, Evidence, Result, faults_of
 from studies.report.parts import Section, Text, listed
 from studies.report.sections.approaches import points_of
 from studies.report.sections.plan import certificate, size
@@ -17,16 +18,22 @@ from studies.report.sections.plan import certificate, size
 
 def summary(evidence: Evidence) -> Section:
     """A headline of each result, how the error fell, and what to do next."""
-    said = [
-        line
-        for kind, says in _SAYS.items()
-        for result in evidence.of(kind)
-        for line in says(result.fields)
-    ]
-    drawn = list(_bars(evidence))
+    said = [line for kind in KINDS for result in evidence.of(kind) for line in _headline(result)]
+    unchecked = [str(result.path) for result in evidence.results if result.record is None]
+    with faults_of(unchecked[0] if len(unchecked) == 1 else f"one of {len(unchecked)} results"):
+        drawn = list(_bars(evidence))
+        after = list(_next(evidence))
     fall = [bars(drawn, _FALL)] if drawn else []
     mixed = [Text(note, "warn") for note in evidence.mixed]
-    return Section("summary", "In one look", (*mixed, *said, *fall, *_next(evidence)))
+    return Section("summary", "In one look", (*mixed, *said, *fall, *after))
+
+
+def _headline(result: Result) -> Iterator[Sentence]:
+    if result.told is not None:
+        yield from result.told.headline
+        return
+    with faults_of(result.path):
+        yield from _SAYS[result.kind](result.fields)
 
 
 _FALL = (
@@ -67,7 +74,7 @@ def _same_data(first: Result, second: Result) -> bool:
     return inputs[0] <= inputs[1] or inputs[1] <= inputs[0]
 
 
-def _next(evidence: Evidence) -> Iterator[Text]:
+def _next(evidence: Evidence) -> Iterator[Sentence]:
     """What a reader should do with this."""
     identified, diagnosed = evidence.first("identify"), evidence.first("diagnose")
     if diagnosed is not None and not loud(diagnosed.fields["noise"]):
@@ -98,7 +105,7 @@ _AFTER = {
 }
 
 
-def _identify(fields: Mapping[str, Any]) -> Iterator[Text]:
+def _identify(fields: Mapping[str, Any]) -> Iterator[Sentence]:
     rms, status = fields["rms_mm"], fields["status"]
     found = (
         f"{fields['rank']} of {len(fields['parameters'])} parameters identified from {fields['poses']} "
@@ -154,7 +161,7 @@ def _unseen(fields: Mapping[str, Any]) -> float:
     return float((sum(squares) / len(squares)) ** 0.5)
 
 
-def _diagnose(fields: Mapping[str, Any]) -> Iterator[Text]:
+def _diagnose(fields: Mapping[str, Any]) -> Iterator[Sentence]:
     sentence, closed = verdict_sentence(dict(fields)), fields["gap"]["closed"]
     good = fields["verdict"] in ("no_gap", "explained") and not loud(fields["noise"])
     proof = ""
@@ -167,7 +174,7 @@ def _diagnose(fields: Mapping[str, Any]) -> Iterator[Text]:
     yield Text(f"{sentence[0].upper()}{sentence[1:]}.{proof}", "good" if good else "warn")
 
 
-def _design(fields: Mapping[str, Any]) -> Iterator[Text]:
+def _design(fields: Mapping[str, Any]) -> Iterator[Sentence]:
     yield Text(
         f"The plan has {size(fields)}, for {len(fields['predicted_std'])} parameters, chosen by "
         f"criterion {fields['criterion']}. {certificate(fields)} Expected after measuring: "
@@ -176,7 +183,7 @@ def _design(fields: Mapping[str, Any]) -> Iterator[Text]:
     )
 
 
-def _plan(fields: Mapping[str, Any]) -> Iterator[Text]:
+def _plan(fields: Mapping[str, Any]) -> Iterator[Sentence]:
     entries = fields["could_not_see"]
     seen = [entry for entry in entries if entry["minimum_detectable"] is not None]
     twins = len(fields["twins"])
@@ -190,7 +197,7 @@ def _plan(fields: Mapping[str, Any]) -> Iterator[Text]:
     )
 
 
-def _compare(fields: Mapping[str, Any]) -> Iterator[Text]:
+def _compare(fields: Mapping[str, Any]) -> Iterator[Sentence]:
     best = {plan["plan"]: points_of(plan)["task_rms_mm"] for plan in fields["plans"]}
     said = "; ".join(f"{name} {_mm(rms)}" for name, rms in best.items())
     agreement = fields["agreement"]
@@ -205,33 +212,10 @@ def _mm(value: float | None) -> str:
     return "open" if value is None else f"{value:.4f} mm RMS"
 
 
-def _enough(fields: Mapping[str, Any]) -> Iterator[Text]:
-    plan = fields["plan"]
-    now, end = (_mm(fields[key]["task_rms_mm"]) for key in ("now", "end"))
-    if plan["poses"]:
-        yield Text(
-            f"{plan['measured']} of {plan['poses']} planned poses are measured; expected now {now}, at "
-            f"the end {end}."
-        )
-    else:
-        yield Text(f"Expected after the {fields['now']['readings']} readings so far: {now}.")
-
-
-def _compensate(fields: Mapping[str, Any]) -> Iterator[Text]:
-    rms = fields["rms_mm"]
-    yield Text(
-        f"Nominal commands miss {len(fields['targets'])} targets by {_mm(rms['before'])}; corrected "
-        f"ones are expected to miss them by {_mm(rms['expected'])}.",
-        "good" if rms["expected"] < rms["before"] else "warn",
-    )
-
-
 _SAYS = {
     "identify": _identify,
     "diagnose": _diagnose,
     "design": _design,
     "plan": _plan,
     "compare": _compare,
-    "enough": _enough,
-    "compensate": _compensate,
 }

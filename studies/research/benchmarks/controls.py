@@ -34,7 +34,8 @@ import calib
 from calib.files.diagnosis import diagnosis_fields
 from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
-from studies.commands.common import console_for, one_line_faults
+from studies.command.deliver import console_for
+from studies.command.options import one_line_faults
 from studies.research.benchmarks.day import SCARA
 from studies.research.withheld.actions import Action, State
 from studies.research.withheld.case_files import write_case

@@ -46,7 +46,8 @@ from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
 from doe.sufficiency import Enough
 from doe.sufficiency.enough import enough
-from studies.commands.common import console_for, one_line_faults
+from studies.command.deliver import console_for
+from studies.command.options import one_line_faults
 from studies.research.benchmarks.day import ARMS, Day, Setting, draw_day, write_day
 from studies.research.withheld.figures import wilson
 from studies.tables import plain_table

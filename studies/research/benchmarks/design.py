@@ -31,7 +31,7 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from calib.files.write import json_text, write_files
-from studies.commands.common import one_line_faults
+from studies.command.options import one_line_faults
 from studies.research.benchmarks.design_runs import Row, in_child
 
 CRITERIA = ("D", "A", "task")

@@ -25,7 +25,8 @@ import calib
 from calib.diagnosis.diagnose import diagnose
 from calib.files.diagnosis import diagnosis_fields
 from calib.files.write import json_text, write_files
-from studies.commands.common import console_for, one_line_faults
+from studies.command.deliver import console_for
+from studies.command.options import one_line_faults
 from studies.tables import plain_table
 
 HELD_OUT = 0.3

@@ -26,7 +26,8 @@ from calib.diagnosis.diagnose import diagnose
 from calib.effects import GROUPS, catalogue
 from calib.effects.tuned import Tuned
 from calib.files.write import json_text, write_files
-from studies.commands.common import console_for, one_line_faults
+from studies.command.deliver import console_for
+from studies.command.options import one_line_faults
 from studies.tables import plain_table
 
 _POSES = (60, 130, 300, 700)

@@ -46,7 +46,7 @@ from calib.effects.base import Base
 from calib.files.write import json_text, write_files
 from calib.identification.initial import initial_values
 from calib.model.build import build
-from studies.commands.common import one_line_faults
+from studies.command.options import one_line_faults
 
 SIZES, HELD_FROM = (100, 300), 300
 CLOSE = 1.05  # share of posecal's error at which pybotics is clocked

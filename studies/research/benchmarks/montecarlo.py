@@ -32,7 +32,8 @@ from scipy.optimize import least_squares
 from calib.arrays import Array
 from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
-from studies.commands.common import console_for, one_line_faults
+from studies.command.deliver import console_for
+from studies.command.options import one_line_faults
 from studies.compare import engine
 from studies.compare.experiment import PLAIN, POINTS, Experiment, experiment_of
 from studies.compare.montecarlo import MOST_TRIALS, Refits, refits

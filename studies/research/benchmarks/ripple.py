@@ -31,7 +31,8 @@ from calib.diagnosis.spectra import spectra
 from calib.files.diagnosis import diagnosis_fields
 from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
-from studies.commands.common import console_for, one_line_faults
+from studies.command.deliver import console_for
+from studies.command.options import one_line_faults
 from studies.research.benchmarks.day import Setting, draw_day, write_day
 from studies.tables import plain_table
 

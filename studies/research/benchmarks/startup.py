@@ -17,7 +17,9 @@ import click
 from rich.table import Column, Table
 
 from studies.cli import main
-from studies.commands.common import envelope, json_option, output_texts, show
+from studies.command.deliver import show
+from studies.command.options import json_option
+from studies.commands.common import envelope, output_texts
 
 LIMIT_S = 0.15
 RUN = "from studies.cli import run; run()"

@@ -27,7 +27,7 @@ from calib.model.build import build
 from calib.observations import Points
 from calib.poses import hung
 from calib.simulation import simulate
-from studies.commands.common import console_for
+from studies.command.deliver import console_for
 from studies.demo import embedded_cell, embedded_plan
 from studies.research.paper.plan import EFFECTS
 from studies.tables import plain_table

@@ -16,7 +16,7 @@ import numpy as np
 from calib import Cell
 from calib.arrays import Array
 from calib.noise import Noise
-from studies.commands.common import console_for
+from studies.command.deliver import console_for
 from studies.compare.experiment import Experiment, experiment_of
 from studies.compare.prediction import predict
 from studies.demo import embedded_cell, embedded_plan

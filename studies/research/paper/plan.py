@@ -21,7 +21,7 @@ import numpy as np
 import doe
 from calib import Cell, Poses
 from doe.curve import poses_that_match
-from studies.commands.common import console_for
+from studies.command.deliver import console_for
 from studies.demo import embedded_cell, embedded_plan
 from studies.tables import plain_table
 

@@ -25,7 +25,7 @@ from calib.effects.protocol import Context
 from calib.model import Model
 from calib.noise import Noise
 from calib.poses import poses_at
-from studies.commands.common import console_for
+from studies.command.deliver import console_for
 from studies.compare.agreement import agreement
 from studies.compare.experiment import PLAIN, POINTS, WAYS, Experiment, noise_weights
 from studies.compare.montecarlo import Refits, refits

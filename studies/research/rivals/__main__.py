@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from studies.commands.common import one_line_faults
+from studies.command.options import one_line_faults
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
@@ -17,6 +18,7 @@ from calib.compensation.estimate import estimate_of
 from calib.files.estimate import estimate_fields, load_estimate
 from calib.files.write import json_text
 from studies.cli import main
+from studies.record import json_schema
 from tests.helpers import measured_cell
 
 TARGETS = """A1_rad,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg,weight
@@ -71,6 +73,7 @@ def test_table_is_the_targets_with_corrected_joints(demo: Path, tmp_path: Path) 
 def test_json_says_before_and_after(demo: Path, tmp_path: Path) -> None:
     compensate(demo, "--json", tmp_path / "c.json")
     fields = json.loads((tmp_path / "c.json").read_text())
+    jsonschema.validate(fields, json_schema("compensate"))
     assert fields["command"] == "compensate"
     assert [Path(i["file"]).name for i in fields["inputs"]] == [
         "cell.toml", "kr270.urdf", "result.json", "targets.csv",

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import pytest
 from click.testing import CliRunner, Result
 
@@ -13,6 +14,7 @@ import calib
 from calib.files.write_tables import measurements_csv
 from studies.cli import main
 from studies.demo import INPUTS, embedded_text
+from studies.record import json_schema
 from tests.doe.sufficiency.day import MODEL, of_poses, whole_day
 
 
@@ -42,7 +44,9 @@ def asked(folder: Path, *more: object) -> tuple[dict[str, Any], str]:
     done = run("enough", folder / "cell.toml", folder / "half.csv", *more, "--json", out)
     assert done.exit_code == 0, done.output
     assert max(len(line) for line in done.output.splitlines() if "wrote" not in line) <= 110
-    return json.loads(out.read_text(), parse_constant=pytest.fail), done.output
+    fields = json.loads(out.read_text(), parse_constant=pytest.fail)
+    jsonschema.validate(fields, json_schema("enough"))
+    return fields, " ".join(done.output.split())
 
 
 def test_it_names_the_poses_that_the_goal_needs(folder: Path) -> None:

@@ -6,22 +6,14 @@ from pathlib import Path
 
 import click
 
-from studies.commands.common import (
+from studies.command.deliver import check_outputs, deliver, output_file
+from studies.command.options import (
     PATH,
     Finite,
     cell_argument,
-    check_outputs,
     data_argument,
-    envelope,
     faults_in,
-    json_option,
-    one_line_faults,
-    output_file,
-    output_texts,
-    say_written,
-    seed_option,
-    show,
-    warn,
+    result_options,
 )
 
 
@@ -30,20 +22,15 @@ from studies.commands.common import (
 @data_argument
 @click.option("--plan", "plan_path", metavar="PLAN", type=PATH,
               help="The plan that is being measured; what DATA hold of it is recognised.")  # fmt: skip
-@click.option(
-    "--goal-mm",
-    metavar="X",
-    type=Finite(min=0, min_open=True),
-    help="Expected RMS error at the targets that is wanted.",
-)
-@json_option
-@seed_option
-@one_line_faults
+@click.option("--goal-mm", metavar="X", type=Finite(min=0, min_open=True),
+              help="Expected RMS error at the targets that is wanted.")  # fmt: skip
+@result_options
 def enough(
     cell_path: Path,
     data_path: Path,
     plan_path: Path | None,
     goal_mm: float | None,
+    folder: Path | None,
     json_path: str | None,
     seed: int,
 ) -> None:
@@ -58,28 +45,20 @@ def enough(
       posecal enough cell.toml measurements.csv --plan plan.csv --goal-mm 0.05
     """
     import calib
-    from calib.files.write import write_files
-    from doe.sufficiency.enough import enough as judge
-    from doe.sufficiency.results import enough_fields
-    from studies.enough.tables import enough_tables
+    import doe
+    from studies.enough.record import enough_record
+    from studies.record import envelope
 
     cell = calib.load_cell(cell_path)
     targets = cell.design.get("targets")
     inputs = [cell_path, *cell.robot_files, data_path, *([targets] if targets else [])]
     inputs += [plan_path] if plan_path is not None else []
-    check_outputs([output_file(json_path)], inputs)
+    check_outputs([output_file(json_path)], inputs, folder)
     data = calib.load_measurements(cell, data_path)
     plan = None if plan_path is None else calib.load_plan(cell, plan_path)
+    goal = None if goal_mm is None else goal_mm * 1e-3
     with faults_in(cell_path, readings_of=data_path):
-        goal = None if goal_mm is None else goal_mm / 1e3
-        answer = judge(cell, data, plan, goal=goal, seed=seed)
-    fields = {
-        **envelope("enough", inputs, seed),
-        "targets": str(targets or "200 Sobol poses within the limits"),
-        **enough_fields(answer, 0 if plan is None else len(plan)),
-    }
-    warn((*data.warnings, *answer.match.warnings))
-    texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
-    write_files(texts)
-    show(enough_tables(fields), json_path)
-    say_written(texts, None, json_path)
+        answer = doe.enough(cell, data, plan, goal=goal, seed=seed)
+    planned = 0 if plan is None else len(plan)
+    record = enough_record(answer, planned, targets, envelope(cell.name, inputs, seed))
+    deliver(record, json_path, folder, warnings=data.warnings)

@@ -6,19 +6,14 @@ from pathlib import Path
 
 import click
 
-from studies.commands.common import (
+from studies.command.deliver import check_outputs, deliver, output_file
+from studies.command.options import (
     PATH,
     cell_argument,
-    check_outputs,
-    envelope,
     faults_in,
+    figures_option,
     json_option,
     one_line_faults,
-    output_file,
-    output_texts,
-    say_written,
-    show,
-    warn,
 )
 
 
@@ -26,14 +21,9 @@ from studies.commands.common import (
 @cell_argument
 @click.argument("result_path", metavar="RESULT", type=PATH)
 @click.argument("targets_path", metavar="TARGETS", type=PATH)
-@click.option(
-    "-o",
-    "--output",
-    "plan_path",
-    metavar="FILE",
-    type=PATH,
-    help="Write the targets' table with corrected joints; it reads back as a plan.",
-)
+@click.option("-o", "--output", "plan_path", metavar="FILE", type=PATH,
+              help="The targets' table with corrected joints; it reads back as a plan.")  # fmt: skip
+@figures_option
 @json_option
 @one_line_faults
 def compensate(
@@ -41,6 +31,7 @@ def compensate(
     result_path: Path,
     targets_path: Path,
     plan_path: Path | None,
+    folder: Path | None,
     json_path: str | None,
 ) -> None:
     """Correct joint commands so that the real arm stands where the nominal one should.
@@ -58,13 +49,12 @@ def compensate(
     from calib.errors import InputError
     from calib.files.compensation import compensated_csv, nominal_table
     from calib.files.estimate import load_estimate
-    from calib.files.write import write_files
-    from studies.compensate.results import compensation_fields
-    from studies.compensate.tables import compensation_tables
+    from studies.compensate.record import compensate_record
+    from studies.record import envelope
 
     cell = calib.load_cell(cell_path)
     inputs = [cell_path, *cell.robot_files, result_path, targets_path]
-    check_outputs([plan_path, output_file(json_path)], inputs)
+    check_outputs([plan_path, output_file(json_path)], inputs, folder)
     table = nominal_table(cell, targets_path)
     estimate = load_estimate(cell, result_path)
     if not estimate.converged:
@@ -72,11 +62,6 @@ def compensate(
     targets, weights = calib.load_targets(cell, targets_path)
     with faults_in(targets_path):
         found = calib.compensate(cell, estimate, targets, weights=weights)
-    fields = {**envelope("compensate", inputs, 0), **compensation_fields(cell.robot, found)}
-    warn(found.notes)
-    texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
-    if plan_path is not None:
-        texts[plan_path] = compensated_csv(cell, table, found)
-    write_files(texts)
-    show(compensation_tables(cell.name, fields), json_path)
-    say_written(texts, None, json_path)
+    record = compensate_record(cell.robot, found, envelope(cell.name, inputs))
+    tables = {} if plan_path is None else {plan_path: compensated_csv(cell, table, found)}
+    deliver(record, json_path, folder, tables)

@@ -1,0 +1,1 @@
+"""What the commands share. Only click is imported before a command runs."""

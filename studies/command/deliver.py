@@ -1,0 +1,140 @@
+"""How a result reaches its reader: warnings, the terminal, and files, all of them or none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from studies.plots.style import Picture
+    from studies.record import Record
+
+_WIDTH = 120  # of tables in files and pipes
+
+
+def deliver(
+    record: Record,
+    json_path: str | None,
+    folder: Path | None = None,
+    files: Mapping[Path, str | bytes] | None = None,
+    *,
+    warnings: Iterable[str] = (),
+) -> None:
+    """Warn, write the JSON, the figures and what else is to be written, and tell the result.
+
+    json_path : ``-`` for standard output; folder : of the figures, None for none
+    files : further files; warnings : beside those in the record
+
+    Raises InputError where something cannot be written; then nothing is.
+    """
+    from calib.files.write import write_files
+    from studies.document import pictures_of
+    from studies.document.terminal import terminal
+
+    warn(tuple(dict.fromkeys((*warnings, *record.warnings))))
+    told = record.told()
+    texts: dict[Path, str | bytes] = {}
+    if json_path == "-":
+        click.echo(record.dumps(), nl=False)
+    elif json_path is not None:
+        texts[Path(json_path)] = record.dumps()
+    texts |= files or {}
+    if folder is not None:
+        texts |= figure_files(pictures_of(told), folder)
+    write_files(texts)
+    show(terminal(told, record.cell), json_path)
+    say_written(texts, folder, json_path)
+
+
+def console_for(json_path: str | None) -> Console:
+    """Where tables go: standard output, or standard error when that carries the JSON."""
+    from rich.console import Console
+
+    # Names are the user's: brackets and colons in them are no markup.
+    console = Console(
+        stderr=json_path == "-", highlight=False, soft_wrap=True, markup=False, emoji=False
+    )
+    if not console.is_terminal:
+        console.width = _WIDTH
+    return console
+
+
+def show(parts: Iterable[Any], json_path: str | None) -> None:
+    """Print tables where they go."""
+    console = console_for(json_path)
+    for part in parts:
+        console.print(part)
+
+
+def warn(messages: tuple[str, ...]) -> None:
+    """Print what a reader should know, on standard error."""
+    from calib.errors import plain_line
+
+    for message in messages:
+        click.echo(f"warning: {plain_line(message)}", err=True)
+
+
+def check_outputs(
+    outputs: Iterable[Path | None], inputs: Iterable[Path], folder: Path | None = None
+) -> None:
+    """Refuse, before anything is computed, what could not be read or written in the end.
+
+    outputs : None is not written; folder : of the figures, made where it does not exist
+
+    Raises InputError for a missing input or folder, an output over an input, and two in one file.
+    """
+    from calib.errors import InputError
+    from calib.files.read import check_file
+    from calib.files.write import check_target
+
+    taken = set()
+    for given in inputs:
+        check_file(given)
+        taken.add(given.resolve())
+    for path in outputs:
+        if path is None:
+            continue
+        check_target(path)
+        if path.resolve() in taken:
+            raise InputError(path, "", "is already an input or another output", "name another file")
+        taken.add(path.resolve())
+    if folder is not None and folder.exists() and not folder.is_dir():
+        raise InputError(folder, "", "cannot be made (is a file)", "name another")
+
+
+def output_file(json_path: str | None) -> Path | None:
+    """Where the JSON goes, None for standard output."""
+    return None if json_path in (None, "-") else Path(str(json_path))
+
+
+def figure_files(pictures: Iterable[Picture], folder: Path) -> dict[Path, str | bytes]:
+    """The files of figures in a folder, which is made. Raises InputError."""
+    from calib.errors import InputError
+    from studies.plots.style import folder_files
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(folder, "", f"cannot be made ({error.strerror})", "name another") from None
+    return folder_files(pictures, folder)
+
+
+def say_written(
+    written: Mapping[Path, str | bytes], folder: Path | None, json_path: str | None
+) -> None:
+    """Name the files, those of the figures together."""
+    own = [path for path in written if path.parent != folder]
+    for path in own:
+        click.echo(f"wrote {path}", err=json_path == "-")
+    if folder is not None:
+        count = len({path.stem for path in written if path.parent == folder})
+        figures = f"{count} figure{'s' * (count != 1)}"
+        click.echo(
+            f"wrote {figures} to {folder} as .svg and .png, with their numbers as .csv",
+            err=json_path == "-",
+        )

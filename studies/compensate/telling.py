@@ -1,0 +1,109 @@
+"""What a compensation says: the error before and after, what it consists of, and the commands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from studies.compensate.pictures import errors_by_target
+from studies.compensate.record import CompensateRecord, Target
+from studies.document import (
+    MM,
+    MRAD,
+    TEXT,
+    Column,
+    Detail,
+    Document,
+    Figure,
+    Part,
+    Section,
+    Sentence,
+    Table,
+    mm,
+    plural,
+)
+from studies.joints import joint_columns
+
+_MOST = 8  # targets that are worth a line each
+_PLACES = {"markers": "markers", "tip": "tip's origin"}
+
+
+def told(record: CompensateRecord) -> Document:
+    """The error before and after, and the commands that it takes."""
+    section = Section("compensation", "Corrected commands", tuple(_parts(record)))
+    return Document((_headline(record),), (section,))
+
+
+def _headline(record: CompensateRecord) -> Sentence:
+    rms = record.rms_mm
+    return Sentence(
+        f"{plural(len(record.targets), 'target')} corrected: nominal commands miss by {mm(rms.before)} "
+        f"RMS at the {_PLACES[record.errors_at]}, corrected ones are expected to miss by "
+        f"{mm(rms.expected)}.",
+        "good" if rms.expected < rms.before else "warn",
+    )
+
+
+def _parts(record: CompensateRecord) -> Iterator[Part]:
+    yield Table(_ERRORS, list(_errors(record)), "Errors at the targets")
+    yield Figure(lambda: errors_by_target(record))
+    yield from _limited(record)
+    commands: tuple[Column[Target], ...] = (
+        _POSE,
+        *joint_columns(record.targets),
+        _BEFORE,
+        _EXPECTED,
+    )
+    yield Detail((Table(commands, record.targets, "Corrected commands"),))
+
+
+@dataclass(frozen=True)
+class _Error:
+    """A distance over all targets, mm; None where only the RMS tells something."""
+
+    label: str
+    rms: float
+    p95: float | None = None
+    largest: float | None = None
+
+
+_ERRORS: tuple[Column[_Error], ...] = (
+    Column("distance from the wanted place", lambda row: row.label),
+    Column("RMS", lambda row: row.rms, MM, "mm"),
+    Column("p95", lambda row: row.p95, MM, "mm"),
+    Column("max", lambda row: row.largest, MM, "mm"),
+)
+
+
+def _errors(record: CompensateRecord) -> Iterator[_Error]:
+    rms, p95, most = record.rms_mm, record.p95_mm, record.max_mm
+    yield _Error("nominal commands miss by", rms.before, p95.before, most.before)
+    yield _Error("corrected commands, expected", rms.expected, p95.expected, most.expected)
+    yield _Error("  of it: cannot be corrected", rms.left, p95.left, most.left)
+    yield _Error("  of it: the parameters' uncertainty", rms.from_parameters)
+    if rms.scatter:
+        yield _Error("  of it: the arm errs anew at each pose", rms.scatter)
+    yield _Error("  of it: not explained by the model", rms.unexplained)
+
+
+_POSE: Column[Target] = Column("target", lambda row: row.pose)
+_BEFORE: Column[Target] = Column("before", lambda row: row.before_mm, MM, "mm")
+_EXPECTED: Column[Target] = Column("expected", lambda row: row.expected_mm, MM, "mm")
+_LIMITED: tuple[Column[Target], ...] = (
+    _POSE,
+    Column("left", lambda row: row.left_mm, MM, "mm"),
+    Column("turned", lambda row: row.turn_left_mrad, MRAD, "mrad"),
+    Column("because", lambda row: row.limited_by, TEXT),
+)
+
+
+def _limited(record: CompensateRecord) -> Iterator[Part]:
+    """Targets that no command reaches, those that are missed most first."""
+    limited = [target for target in record.targets if target.limited_by]
+    if not limited:
+        return
+    why = ", ".join(f"{reason} ({count})" for reason, count in record.limited.items())
+    said = f"{len(limited)} of {len(record.targets)} targets are not met in full: {why}."
+    yield Sentence(said, "warn")
+    limited.sort(key=lambda target: -target.left_mm)
+    yield Table(_LIMITED, limited, "Targets that are not met in full", most=_MOST)

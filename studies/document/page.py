@@ -1,0 +1,139 @@
+"""The long form: every part as HTML, figures within it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import count, groupby
+from typing import TYPE_CHECKING, Any
+
+from markupsafe import Markup
+
+from studies.document.parts import Column, Detail, Figure, Part, Raw, Section, Sentence, Table
+from studies.document.plain import plain_columns
+from studies.document.rules import plural
+from studies.document.svg import inline_svg
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+    from studies.plots.style import Picture
+
+_FOLDED = 16  # rows from which on a table is folded
+_SORTED = 6  # rows from which on a table can be sorted
+_MINUS = str.maketrans("-", "\N{MINUS SIGN}")
+
+
+@dataclass(frozen=True, eq=False)
+class Writer:
+    """What turns parts into HTML, for one page.
+
+    macros : of ``parts.html.j2``; numbers : of the figures, each once on a page
+    """
+
+    macros: Any
+    numbers: Iterator[int]
+
+    @classmethod
+    def fresh(cls) -> Writer:
+        """One for a page of its own."""
+        return cls(_template().module, count())
+
+    def section(self, section: Section, lit: Mapping[str, str]) -> Markup:
+        """The parts of a section.
+
+        lit : pose -> the name under which the page lights it
+        """
+        return self._parts(section.parts, lit)
+
+    def _parts(self, parts: Iterable[Part], lit: Mapping[str, str]) -> Markup:
+        found = []
+        for kind, group in groupby(parts, type):
+            if kind is Sentence:
+                found.append(self._sentences(group))  # type: ignore[arg-type]
+            else:
+                found += [self._part(part, lit) for part in group]
+        return Markup("\n").join(found)
+
+    def _sentences(self, sentences: Iterable[Sentence]) -> Markup:
+        """Plain ones as paragraphs; from the first label on, a list of what is said of each."""
+        labelled: list[tuple[str, list[Sentence]]] = []
+        plain = []
+        for sentence in sentences:
+            if sentence.label:
+                label = sentence.label[:1].upper() + sentence.label[1:]
+                labelled.append((label, [sentence]))
+            elif labelled:
+                labelled[-1][1].append(sentence)
+            else:
+                plain.append(sentence)
+        made: Markup = self.macros.sentences(plain, labelled)
+        return made
+
+    def _part(self, part: Part, lit: Mapping[str, str]) -> Markup:
+        if isinstance(part, Table):
+            table = self._table(part, lit)
+            name = f"{part.name or part.caption} ({len(part.rows)})"
+            fold = len(part.rows) > _FOLDED if part.fold is None else part.fold
+            return self._folded(name, table) if fold else table
+        if isinstance(part, Figure):
+            return self._figure(part, lit)
+        if isinstance(part, Detail):
+            inner = self._parts(part.parts, lit)
+            return self._folded(part.title, inner) if part.title else inner
+        if isinstance(part, Raw):
+            return part.html
+        raise TypeError(f"no part of a document: {part!r}")
+
+    def _folded(self, title: str, inner: Markup) -> Markup:
+        made: Markup = self.macros.folded(title, inner)
+        return made
+
+    def _table(self, table: Table[Any], lit: Mapping[str, str]) -> Markup:
+        right = [column.rule.number for column in table.columns]
+        cells = [[_cell(column, row) for column in table.columns] for row in table.rows]
+        poses = [lit.get(row[0], row[0]) if table.of_poses else None for row in cells]
+        heads = [_head(column) for column in table.columns]
+        can_sort = len(cells) > _SORTED and bool(heads[0])
+        label = table.caption or table.name or "table"
+        made: Markup = self.macros.table(heads, right, cells, poses, table.caption, label, can_sort)
+        return made
+
+    def _figure(self, figure: Figure, lit: Mapping[str, str]) -> Markup:
+        picture = figure.draw()
+        drawn = inline_svg(picture, f"f{next(self.numbers)}", lit)
+        below = Markup()
+        if figure.numbers and picture.rows:
+            title = f"The numbers: {plural(len(picture.rows), 'row')}"
+            below = self._folded(title, self._table(_numbers(picture, title), lit))
+        made: Markup = self.macros.figure(picture.title, picture.caption, drawn, below)
+        return made
+
+
+def _numbers(picture: Picture, title: str) -> Table[Any]:
+    """The table of a picture's numbers."""
+    columns = plain_columns(picture.header, picture.rows)
+    return Table(columns, picture.rows, title, of_poses=picture.header[0] == "pose")
+
+
+def _head(column: Column[Any]) -> str:
+    title = column.title.replace("\n", " ")
+    return f"{title} [{column.unit}]" if column.unit else title
+
+
+def _cell(column: Column[Any], row: Any) -> str:
+    text = column.cell(row)
+    return text.translate(_MINUS) if column.rule.number else text
+
+
+def _template() -> Template:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("studies.document", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("parts.html.j2")

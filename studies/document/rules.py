@@ -1,0 +1,74 @@
+"""How values become text: every rule of rounding that a result is told by stands here, once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+_MOST_NAMES = 8
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A value as text.
+
+    show : value -> text; absent : what stands for None; number : whether columns of it stand right
+    """
+
+    show: Callable[[Any], str]
+    absent: str = "-"
+    number: bool = True
+
+    def __call__(self, value: Any) -> str:
+        """The value by the rule.
+
+        >>> MM(0.01234), MM(None), FOUR(1234.56), STD(0.082812), PERCENT(0.1234)
+        ('0.0123', '-', '1235', '0.0828', '12.3')
+        """
+        return self.absent if value is None else self.show(value)
+
+
+def fixed(digits: int) -> Rule:
+    """So many digits after the point."""
+    return Rule(lambda value: f"{value:.{digits}f}")
+
+
+def listed(names: Sequence[str], most: int = _MOST_NAMES) -> str:
+    """Names with commas, the first few of many.
+
+    >>> listed(["a", "b"]), listed(list("abcdefghij"), 3)
+    ('a, b', 'a, b, c and 7 more')
+    """
+    if len(names) <= most:
+        return ", ".join(names)
+    return f"{', '.join(names[:most])} and {len(names) - most} more"
+
+
+TEXT = Rule(str, absent="", number=False)
+COUNT = Rule(lambda value: f"{value:d}" if value else "", absent="")
+NAMES = Rule(lambda names: listed(names, 2), absent="", number=False)
+MM = fixed(4)
+MRAD = fixed(3)
+JOINT = fixed(4)
+FOUR = Rule(lambda value: f"{value:.4g}")
+PERCENT = Rule(lambda share: f"{100.0 * share:.1f}")
+STD = Rule(lambda value: f"{value:.3g}", absent="open")
+
+
+def mm(value: float | None) -> str:
+    """A length in a sentence.
+
+    >>> mm(0.01234), mm(None)
+    ('0.0123 mm', 'open')
+    """
+    return "open" if value is None else f"{MM(value)} mm"
+
+
+def plural(count: int, what: str) -> str:
+    """A number of things.
+
+    >>> plural(1, "pose"), plural(3, "pose")
+    ('1 pose', '3 poses')
+    """
+    return f"{count} {what}{'s' * (count != 1)}"

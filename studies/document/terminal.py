@@ -1,0 +1,93 @@
+"""The short form: sentences and plain tables, without figures and details."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
+from typing import Any
+
+from rich.console import RenderableType
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from studies.document.parts import Column, Document, Part, Section, Sentence, Table
+from studies.tables import plain_table
+
+_LABEL = 10  # letters
+_WIDTH = 100  # of sentences
+
+
+def terminal(document: Document, of: str = "") -> Iterator[RenderableType]:
+    """The answer, then section by section, the titles of all but the first above them.
+
+    of : name of what the result is of, before the answer
+    """
+    for number, sentence in enumerate(document.headline):
+        text = f"{of}: {sentence.text}" if of and not number else sentence.text
+        yield Text("\n".join(_wrapped(text)), style="bold")
+    for number, section in enumerate(document.sections):
+        yield from _section(section, titled=number > 0)
+
+
+def _section(section: Section, titled: bool) -> Iterator[RenderableType]:
+    shown = list(_parts(section.parts))
+    if shown and titled:
+        yield Text(f"\n{section.title}", style="bold")
+    yield from shown
+
+
+def _parts(parts: Iterable[Part]) -> Iterator[RenderableType]:
+    """Sentences in blocks, tables with an empty line about them."""
+    below_table = False
+    for kind, group in groupby(parts, type):
+        if kind is Sentence:
+            if below_table:
+                yield Text("")
+            yield Text("\n".join(_lines(group)))  # type: ignore[arg-type]
+            below_table = False
+        elif kind is Table:
+            for table in group:
+                if isinstance(table, Table) and table.rows:
+                    yield Text("")
+                    yield from _table(table)
+                    below_table = True
+
+
+def _lines(sentences: Iterable[Sentence]) -> Iterator[str]:
+    """Sentences, those with a label and what belongs to it beside it."""
+    within = False
+    for sentence in sentences:
+        within = within or bool(sentence.label)
+        if not within:
+            yield from _wrapped(sentence.text)
+            continue
+        first, *rest = _wrapped(sentence.text, _WIDTH - _LABEL - 1)
+        yield f"{sentence.label:<{_LABEL}} {first}"
+        yield from (f"{'':<{_LABEL}} {line}" for line in rest)
+
+
+def _wrapped(text: str, width: int = _WIDTH) -> list[str]:
+    """Lines; names stay whole."""
+    lines = textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
+    return lines or [""]
+
+
+def _table(table: Table[Any]) -> Iterator[RenderableType]:
+    columns = [column for column in table.columns if not column.detail]
+    rows = table.rows[: table.most]
+    made: RichTable = plain_table(*_heads(columns))
+    for row in rows:
+        made.add_row(*(Text(column.cell(row)) for column in columns))
+    yield made
+    if len(rows) < len(table.rows):
+        yield Text(f"and {len(table.rows) - len(rows)} more (JSON)")
+
+
+def _heads(columns: Sequence[Column[Any]]) -> Iterator[tuple[str, str]]:
+    """Titles with the unit below, all ending in the same line."""
+    heads = [f"{c.title}\n[{c.unit}]" if c.unit else c.title for c in columns]
+    high = max(head.count("\n") for head in heads)
+    for head, column in zip(heads, columns, strict=True):
+        padding = "\n" * (high - head.count("\n"))
+        yield padding + head, "right" if column.rule.number else "left"

@@ -1,0 +1,192 @@
+"""What ``posecal enough`` finds."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, Self
+
+from pydantic import model_validator
+
+from studies.record import (
+    Count,
+    Entry,
+    Envelope,
+    Maybe,
+    NotNegative,
+    Positive,
+    Record,
+)
+
+if TYPE_CHECKING:
+    from calib.model import Model
+    from doe import Enough
+    from doe.sufficiency import Step as Forecast
+    from studies.document import Document
+
+_MM = 1e3
+
+
+class Noise(Entry):
+    """Standard deviation of a coordinate, as the data show it."""
+
+    sigma_mm: NotNegative
+    source: Literal["cell", "replicates", "residual"]
+
+
+class Lacking(Entry):
+    """The error at the targets that no more poses lower."""
+
+    rms_mm: NotNegative
+    scatter_mm: NotNegative
+    unexplained_mm: NotNegative
+    unexplained_from: str
+
+
+class Progress(Entry):
+    """Poses of the plan; ``to_measure`` counts the readings that are left as poses to go to."""
+
+    poses: Count
+    measured: Count
+    to_measure: Count
+
+
+class Step(Entry):
+    """What is expected after one more pose; ``pose`` is None for now."""
+
+    pose: str | None
+    readings: Count
+    task_rms_mm: Maybe
+    task_worst_mm: Maybe
+    task_most_mm: Maybe
+    from_parameters_mm: Maybe
+    unidentifiable: tuple[str, ...]
+
+
+class Parameter(Entry):
+    """How well a parameter is known; ``share`` is the share of the size that such errors have."""
+
+    id: str
+    effect: str
+    where: str
+    name: str
+    std: Maybe
+    unit: str
+    share: Maybe
+
+
+class State(Step):
+    """A step with all that is known by then."""
+
+    parameters: tuple[Parameter, ...]
+
+
+class EnoughRecord(Record):
+    """The answer of ``posecal enough``."""
+
+    command: Literal["enough"] = "enough"
+    targets: str
+    status: str
+    reason: str | None
+    noise: Noise
+    lacking: Lacking
+    plan: Progress
+    now: State
+    order: tuple[Step, ...]
+    end: State
+    goal_mm: Positive | None
+    goal_beyond_reach: bool
+    poses_to_goal: Count | None
+    fresh_poses_to_goal: Count | None
+    fresh: tuple[Step, ...]
+    pays_until: Count | None
+
+    @model_validator(mode="after")
+    def _belongs_together(self) -> Self:
+        ids = [[p.id for p in state.parameters] for state in (self.now, self.end)]
+        if ids[0] != ids[1]:
+            raise ValueError("now and end have other parameters")
+        if any(step.pose is None for step in self.order):
+            raise ValueError("a pose to come in order has no name")
+        if max(self.poses_to_goal or 0, self.pays_until or 0) > len(self.order):
+            raise ValueError("poses_to_goal and pays_until count more poses than order holds")
+        if self.goal_mm is None and self.poses_to_goal is not None:
+            raise ValueError("poses_to_goal has no goal_mm")
+        return self
+
+    def told(self) -> Document:
+        from studies.enough.telling import told
+
+        return told(self)
+
+    @property
+    def gains(self) -> tuple[float | None, ...]:
+        """By which share each pose of the order lowers the expected error."""
+        values = [step.task_rms_mm for step in (self.now, *self.order)]
+        return tuple(None if not a or b is None else 1.0 - b / a for a, b in pairwise(values))
+
+
+def enough_record(
+    answer: Enough, planned: int, targets: Path | None, made_from: Envelope
+) -> EnoughRecord:
+    """The record of an answer.
+
+    planned : int, poses of the plan; targets : the cell's file of them
+    """
+    found, now, coming = answer.found, answer.steps[0], answer.steps[1:]
+    return EnoughRecord(
+        **made_from,
+        warnings=answer.match.warnings,
+        targets=str(targets or "200 Sobol poses within the limits"),
+        status="too_few" if found is None else found.status,
+        reason=answer.why or None,
+        noise=Noise(
+            sigma_mm=answer.sigma * _MM, source="cell" if found is None else found.noise.source
+        ),
+        lacking=Lacking(
+            rms_mm=answer.lacking.rms * _MM,
+            scatter_mm=answer.lacking.scatter * _MM,
+            unexplained_mm=answer.lacking.unexplained.rms * _MM,
+            unexplained_from=answer.lacking.unexplained.source,
+        ),
+        plan=Progress(poses=planned, measured=answer.match.poses, to_measure=len(coming)),
+        now=_state(answer.model, now),
+        order=tuple(map(_step, coming)),
+        end=_state(answer.model, answer.steps[-1]),
+        goal_mm=None if answer.goal is None else answer.goal * _MM,
+        goal_beyond_reach=answer.beyond_reach,
+        poses_to_goal=answer.needed,
+        fresh_poses_to_goal=answer.fresh_needed,
+        fresh=tuple(map(_step, answer.fresh)),
+        pays_until=answer.pays_until,
+    )
+
+
+def _step(step: Forecast) -> Step:
+    return Step(
+        pose=step.pose or None,
+        readings=step.readings,
+        task_rms_mm=step.task_rms * _MM,
+        task_worst_mm=step.task_worst * _MM,
+        task_most_mm=step.task_most * _MM,
+        from_parameters_mm=step.from_parameters * _MM,
+        unidentifiable=step.open,
+    )
+
+
+def _state(model: Model, step: Forecast) -> State:
+    parameters = tuple(
+        Parameter(
+            id=p.id,
+            effect=p.effect,
+            where=p.where,
+            name=p.name,
+            std=std / p.scale if math.isfinite(std) else None,
+            unit=p.unit,
+            share=std / p.size if math.isfinite(std) else None,
+        )
+        for p, std in zip(model.parameters, step.std.tolist(), strict=True)
+    )
+    own = _step(step)
+    return State(**own.model_dump(), parameters=parameters)

@@ -1,0 +1,217 @@
+"""What the answer says: whether to stop, what each pose to come brings, what is known worst."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from studies.document import (
+    MM,
+    NAMES,
+    PERCENT,
+    STD,
+    TEXT,
+    Column,
+    Document,
+    Figure,
+    Mood,
+    Part,
+    Section,
+    Sentence,
+    Table,
+    listed,
+    mm,
+    plural,
+)
+from studies.enough.pictures import expected_by_pose
+from studies.enough.record import EnoughRecord, Lacking, Parameter, State, Step
+
+_WEAKEST = 5
+_SOURCES = {
+    "cell": "as the cell states",
+    "replicates": "from repeated readings",
+    "residual": "from the residual of the data so far",
+}
+
+
+def told(record: EnoughRecord) -> Document:
+    """The answer, and what it rests on."""
+    section = Section("progress", "Are the poses enough?", tuple(_parts(record)))
+    return Document((_progress(record), *_goal(record)), (section,))
+
+
+def _progress(record: EnoughRecord) -> Sentence:
+    plan, now = record.plan, mm(record.now.task_rms_mm)
+    if not plan.poses:
+        return Sentence(
+            f"{record.now.readings} readings, and no plan to go on with: expected now {now} RMS."
+        )
+    to_come = f", at the end {mm(record.end.task_rms_mm)} RMS" if record.order else ""
+    return Sentence(
+        f"{plan.measured} of the plan's {plan.poses} poses are measured, {plan.to_measure} are to "
+        f"come; expected now {now} RMS{to_come}."
+    )
+
+
+def _goal(record: EnoughRecord) -> Iterator[Sentence]:
+    if record.goal_mm is not None:
+        mood, said = _reached(record)
+        yield Sentence(f"The goal of {record.goal_mm:g} mm {said}.", mood)
+
+
+def _reached(record: EnoughRecord) -> tuple[Mood, str]:
+    """Whether and when the goal is met, and what to do where it is not."""
+    needed, fresh = record.poses_to_goal, record.fresh_poses_to_goal
+    if needed == 0:
+        most = mm(record.now.task_most_mm)
+        return (
+            "good",
+            f"is reached, you may stop now: 19 times in 20 the error is below {most}",
+        )
+    if needed is not None:
+        names = ", ".join(step.pose or "" for step in record.order[:needed])
+        return "good", f"is reached after {needed} more: {names}"
+    if fresh is not None:
+        return "warn", (
+            f"is not reached by the end of the plan, but with about {fresh} fresh poses more: "
+            f"posecal design CELL --extend PLAN --poses {fresh} chooses them"
+        )
+    if record.goal_beyond_reach:
+        return "warn", f"is reached by no number of poses: {_beyond_reach(record.lacking)}"
+    if record.fresh:
+        most = mm(record.fresh[-1].task_most_mm)
+        return "warn", (
+            f"is out of reach: {most}, 19 times in 20, with {len(record.fresh)} fresh poses beyond the "
+            "plan; less noise, more markers or a simpler model would help more than poses"
+        )
+    most = mm(record.end.task_most_mm)
+    return "warn", (
+        f"is not reached by the end of the plan: 19 times in 20 the error is below {most}"
+    )
+
+
+def _beyond_reach(lacking: Lacking) -> str:
+    """Why no number of poses meets a goal, and what to do."""
+    if lacking.scatter_mm >= lacking.unexplained_mm:
+        return (
+            f"the arm errs anew by {mm(lacking.scatter_mm)} wherever it goes; posecal diagnose tells "
+            "whether a cause is behind it"
+        )
+    return f"what the model lacks is {mm(lacking.unexplained_mm)}; posecal diagnose asks what it is"
+
+
+def _parts(record: EnoughRecord) -> Iterator[Part]:
+    yield from _facts(record)
+    yield Table(_ORDER, _coming(record), "Poses to come, in the order that pays most")
+    if record.order:
+        yield Figure(lambda: expected_by_pose(record))
+    yield _weakest(record)
+    yield from _open(record.end.unidentifiable)
+
+
+def _facts(record: EnoughRecord) -> Iterator[Sentence]:
+    noise = record.noise
+    source = _SOURCES[noise.source]
+    yield Sentence(f"{mm(noise.sigma_mm)} in each coordinate, {source}", label="noise")
+    if record.reason:
+        yield Sentence(f"no identification yet: {record.reason}")
+    yield Sentence(f"{_expected(record.now)}, at {record.targets}", label="now")
+    yield from _shares(record)
+    if record.order:
+        yield Sentence(_expected(record.end), label="plan's end")
+        yield from _pays(record)
+
+
+def _expected(state: State) -> str:
+    lost = len(state.unidentifiable)
+    left = f", {plural(lost, 'parameter')} open" if lost else ""
+    rms, worst = mm(state.task_rms_mm), mm(state.task_worst_mm)
+    return f"{rms} RMS, {worst} at worst expected{left}, from {plural(state.readings, 'reading')}"
+
+
+def _shares(record: EnoughRecord) -> Iterator[Sentence]:
+    """What of the expected error more poses lower, and what not; nothing where they lower all."""
+    lacking = record.lacking
+    parts = {
+        "the arm's scatter": lacking.scatter_mm,
+        "what the model lacks": lacking.unexplained_mm,
+    }
+    said = [f"{mm(value)} {name}" for name, value in parts.items() if value]
+    if said:
+        yield Sentence(
+            f"of it {mm(record.now.from_parameters_mm)} from the parameters, and "
+            f"{' and '.join(said)}, which no more poses lower"
+        )
+
+
+def _pays(record: EnoughRecord) -> Iterator[Sentence]:
+    """Up to which pose of the order more of them do more than average noise."""
+    until = record.pays_until
+    if until is None:
+        return
+    if not until:
+        said = "more poses only average noise from here on"
+    elif until < len(record.order):
+        said = f"each of the next {until} does more than average noise"
+    else:
+        said = "to the last: each of them does more than average noise"
+    yield Sentence(said, label="pays")
+
+
+@dataclass(frozen=True)
+class _Coming:
+    """A pose to come; gain : share by which it lowers the error; meets : it meets the goal."""
+
+    step: Step
+    gain: float | None
+    meets: bool
+
+
+_ORDER: tuple[Column[_Coming], ...] = (
+    Column("measure next", lambda row: f"{row.step.pose}{' goal' * row.meets}"),
+    Column("task RMS", lambda row: row.step.task_rms_mm, MM, "mm"),
+    Column("worst", lambda row: row.step.task_worst_mm, MM, "mm"),
+    Column("19 in 20\nbelow", lambda row: row.step.task_most_mm, MM, "mm"),
+    Column("less by", lambda row: row.gain, PERCENT, "%"),
+    Column("open", lambda row: row.step.unidentifiable, NAMES),
+)
+
+
+def _coming(record: EnoughRecord) -> list[_Coming]:
+    both = zip(record.order, record.gains, strict=True)
+    return [_Coming(s, gain, k == record.poses_to_goal) for k, (s, gain) in enumerate(both, 1)]
+
+
+@dataclass(frozen=True)
+class _Known:
+    """A parameter now and at the end of the plan."""
+
+    now: Parameter
+    end: Parameter
+
+
+_WORST: tuple[Column[_Known], ...] = (
+    Column("known worst", lambda row: row.now.id, TEXT),
+    Column("standard\ndeviation", lambda row: row.now.std, STD),
+    Column("at the\nplan's end", lambda row: row.end.std, STD),
+    Column("unit", lambda row: row.now.unit, TEXT),
+)
+
+
+def _weakest(record: EnoughRecord) -> Table[_Known]:
+    """Robot parameters with the largest standard deviation against the size of such errors."""
+    both = map(_Known, record.now.parameters, record.end.parameters)
+    robot = [known for known in both if known.now.effect not in ("base", "tool")]
+    robot.sort(key=lambda known: -1e30 if known.now.share is None else -known.now.share)
+    columns = _WORST if record.order else (*_WORST[:2], _WORST[3])
+    return Table(columns, robot[:_WEAKEST], "Parameters that are known worst")
+
+
+def _open(names: tuple[str, ...]) -> Iterator[Sentence]:
+    if names:
+        stay = "stays" if len(names) == 1 else "stay"
+        yield Sentence(
+            f"{listed(names)} {stay} so at these poses; posecal design plans some that tell",
+            "warn",
+            "open",
+        )

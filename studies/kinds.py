@@ -1,0 +1,20 @@
+"""The kinds of result that are records: a name and a type each. The names cost no import."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from studies.record import Record
+
+KINDS = ("enough", "compensate")
+"""In the order in which a page tells of them."""
+
+
+def record_type(kind: str) -> type[Record]:
+    """The record of a kind."""
+    from studies.compensate.record import CompensateRecord
+    from studies.enough.record import EnoughRecord
+
+    types: dict[str, type[Record]] = {"enough": EnoughRecord, "compensate": CompensateRecord}
+    return types[kind]

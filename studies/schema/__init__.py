@@ -1,0 +1,1 @@
+"""``posecal schema``: the JSON Schema of a result."""

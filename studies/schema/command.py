@@ -1,0 +1,25 @@
+"""``posecal schema``: what the JSON of a result holds, for programs that read it."""
+
+from __future__ import annotations
+
+import click
+
+from studies.command.options import one_line_faults
+from studies.kinds import KINDS
+
+
+@click.command(short_help="The JSON Schema of a result.")
+@click.argument("kind", type=click.Choice(KINDS))
+@one_line_faults
+def schema(kind: str) -> None:
+    """Print the JSON Schema (draft 2020-12) of what --json of a command writes.
+
+    \b
+    Example:
+      posecal schema enough > enough.schema.json
+    """
+    import json
+
+    from studies.record import json_schema
+
+    click.echo(json.dumps(json_schema(kind), indent=1))

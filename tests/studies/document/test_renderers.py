@@ -1,0 +1,136 @@
+"""One document as the terminal and as the page show it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+from matplotlib.figure import Figure as Drawing
+from rich.console import Console
+
+from studies.document import (
+    MM,
+    Column,
+    Detail,
+    Document,
+    Figure,
+    Section,
+    Sentence,
+    Table,
+    pictures_of,
+)
+from studies.document.page import Writer
+from studies.document.terminal import terminal
+from studies.plots.style import Picture
+
+
+@dataclass(frozen=True)
+class Row:
+    name: str
+    error: float | None
+
+
+COLUMNS: tuple[Column[Row], ...] = (
+    Column("target", lambda row: row.name),
+    Column("error\nthere", lambda row: row.error, MM, "mm"),
+    Column("secret", lambda row: row.name.upper(), detail=True),
+)
+
+
+def drawn() -> Picture:
+    return Picture(
+        "one", "One line", "What is seen.", Drawing(), ("pose", "x [mm]"), (("p1", 1.0),)
+    )
+
+
+def document(rows: int = 3, most: int | None = None) -> Document:
+    table = Table(COLUMNS, [Row(f"p{i}", i / 3 or None) for i in range(rows)], "Errors", most=most)
+    parts = (
+        Sentence("0.0100 mm in each coordinate", label="noise"),
+        Sentence("and more of it"),
+        table,
+        Figure(drawn),
+        Detail((Sentence("only for the page"),), "Folded"),
+    )
+    return Document(
+        (Sentence("The <answer> & why.", "good"),),
+        (Section("first", "First", parts), Section("second", "Second", (Sentence("Last."),))),
+    )
+
+
+def printed(told: Document, of: str = "") -> str:
+    console = Console(width=120, soft_wrap=True, markup=False)
+    with console.capture() as caught:
+        for part in terminal(told, of):
+            console.print(part)
+    return caught.get()
+
+
+def paged(told: Document) -> str:
+    writer = Writer.fresh()
+    return "".join(writer.section(section, {}) for section in told.sections)
+
+
+def test_the_terminal_shows_the_short_form() -> None:
+    assert [line.rstrip() for line in printed(document(), "cell").splitlines()] == [
+        "cell: The <answer> & why.",
+        "noise      0.0100 mm in each coordinate",
+        "           and more of it",
+        "",
+        "         error",
+        "         there",
+        "target    [mm]",
+        "p0           -",
+        "p1      0.3333",
+        "p2      0.6667",
+        "",
+        "Second",
+        "Last.",
+    ]
+
+
+def test_the_page_shows_all() -> None:
+    html = paged(document())
+    for text in ("error there [mm]", "secret", "P2", "only for the page", "<dt>Noise</dt>",
+                 "<summary>Folded</summary>", "One line", "What is seen.", "The numbers: 1 row",
+                 "0.6667", 'class=number'):  # fmt: skip
+        assert text in html, text
+    assert "<summary>Errors" not in html
+
+
+def test_a_long_table_is_cut_at_the_terminal_and_folded_on_the_page() -> None:
+    told = document(rows=20, most=4)
+    said = printed(told)
+    assert "p3" in said
+    assert "p4" not in said
+    assert "and 16 more (JSON)" in said
+    html = paged(told)
+    assert "<summary>Errors (20)</summary>" in html
+    assert "p19" in html
+
+
+def test_long_sentences_are_wrapped_between_words_and_names_stay_whole() -> None:
+    name = "joint-with-a-name:" + "x" * 120
+    told = Document((Sentence(f"{'word ' * 40}{name} end"),), ())
+    lines = printed(told).splitlines()
+    assert name in [line.strip() for line in lines] or any(name in line for line in lines)
+    assert all(len(line) <= 100 for line in lines if name not in line)
+
+
+def test_texts_of_the_user_are_no_markup_on_the_page() -> None:
+    harm = "<script>alert(1)</script>"
+    rows = [Row(harm, 1.0)]
+    parts = (Sentence(harm, "warn", harm), Table(COLUMNS, rows, harm, harm), Detail((), harm))
+    html = paged(Document((), (Section("x", "x", parts),)))
+    assert "<script>" not in html
+    assert html.lower().count("&lt;script&gt;") >= 5
+
+
+def test_figures_are_found_within_details() -> None:
+    told = Document((), (Section("x", "x", (Detail((Figure(drawn),)), Figure(drawn))),))
+    assert [picture.name for picture in pictures_of(told)] == ["one", "one"]
+
+
+def test_an_unknown_part_is_a_fault_of_ours() -> None:
+    with pytest.raises(TypeError, match="no part of a document"):
+        paged(Document((), (Section("x", "x", (3,)),)))  # type: ignore[arg-type]

@@ -1,0 +1,58 @@
+"""Records of every kind in every turn of their story, from results that earlier versions wrote."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from studies.record import Record, read
+
+OLD = Path(__file__).parent / "old_results"
+
+
+def old_fields(kind: str) -> dict[str, Any]:
+    fields: dict[str, Any] = json.loads((OLD / f"{kind}.json").read_text())
+    return fields
+
+
+def changed(kind: str, **fields: Any) -> Record:
+    """The old result with some of its fields as given."""
+    record = type(read(OLD / f"{kind}.json"))
+    return record.model_validate_json(json.dumps({**old_fields(kind), **fields}))
+
+
+def _enough() -> list[Record]:
+    old = old_fields("enough")
+    none = {"goal_mm": 0.01, "poses_to_goal": None}
+    lacking = {**old["lacking"], "rms_mm": 0.05, "scatter_mm": 0.04, "unexplained_mm": 0.03}
+    model = {**lacking, "scatter_mm": 0.01}
+    opened = {**old["end"], "unidentifiable": ["a:b.c", "a:b.d"]}
+    alone = {"order": [], "plan": {"poses": 0, "measured": 0, "to_measure": 0}, "end": old["now"]}
+    return [
+        changed("enough"),
+        changed(
+            "enough", goal_mm=None, poses_to_goal=None, reason="too few poses", status="too_few"
+        ),
+        changed("enough", poses_to_goal=3, pays_until=0, end=opened),
+        changed("enough", **none, fresh_poses_to_goal=4, pays_until=9),
+        changed("enough", **none, goal_beyond_reach=True, lacking=lacking, pays_until=None),
+        changed("enough", **none, goal_beyond_reach=True, lacking=model),
+        changed("enough", **none, fresh=[{**old["order"][0], "pose": "fresh1"}]),
+        changed("enough", **none),
+        changed("enough", **{**alone, "goal_mm": None, "poses_to_goal": None, "pays_until": 0}),
+    ]
+
+
+def _compensate() -> list[Record]:
+    old = old_fields("compensate")
+    slid = [{**target, "joints_mm": {"X1": 12.5}} for target in old["targets"]]
+    every = [{**target, "limited_by": None} for target in old["targets"]]
+    return [
+        changed("compensate", targets=slid, limited={"singular": 1}),
+        changed("compensate", targets=every, limited={}, errors_at="tip",
+                rms_mm={**old["rms_mm"], "scatter": 0.01}),
+    ]  # fmt: skip
+
+
+EXAMPLES = {"enough": _enough(), "compensate": _compensate()}

@@ -1,0 +1,101 @@
+"""A fault of our own code is a traceback: it is never said to lie in the user's file."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from studies.cli import main
+from studies.document import pictures_of
+from studies.document.terminal import terminal
+from studies.kinds import KINDS
+from tests.studies.examples import EXAMPLES, OLD
+
+
+def _functions() -> Iterator[tuple[str, str, str]]:
+    """Everything that tells or draws a record: kind, module, function."""
+    for kind in KINDS:
+        for room in ("telling", "pictures"):
+            module = importlib.import_module(f"studies.{kind}.{room}")
+            for name, function in inspect.getmembers(module, inspect.isfunction):
+                if function.__module__ == module.__name__:
+                    yield kind, module.__name__, name
+
+
+def misspelt(*_: Any, **__: Any) -> Any:
+    raise AttributeError("'EnoughRecord' object has no attribute 'gaol_mm'")
+
+
+def misshapen(*_: Any, **__: Any) -> Any:
+    raise ValueError("operands could not be broadcast together with shapes (3,) (4,)")
+
+
+def _break(patch: pytest.MonkeyPatch, module: str, name: str, fault: Any) -> None:
+    """Put the fault in place of a function wherever it was imported."""
+    own = getattr(importlib.import_module(module), name)
+    for other in list(sys.modules.values()):
+        ours = getattr(other, "__name__", "").startswith("studies.")
+        if ours and other.__dict__.get(name) is own:
+            patch.setattr(other, name, fault)
+
+
+@pytest.mark.parametrize(("kind", "module", "name"), list(_functions()))
+def test_examples_reach_everything_that_tells(
+    kind: str, module: str, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that a typo put anywhere fails here: each function is taken away in turn."""
+    _break(monkeypatch, module, name, misspelt)
+    with pytest.raises(AttributeError, match="gaol_mm"):
+        _shown(kind, drawn=module.endswith("pictures"))
+
+
+def _shown(kind: str, drawn: bool) -> None:
+    for record in EXAMPLES[kind]:
+        told = record.told()
+        assert list(terminal(told))
+        if drawn:
+            assert list(pictures_of(told))
+
+
+@pytest.mark.parametrize("fault", [misspelt, misshapen])
+@pytest.mark.parametrize(("kind", "module", "name"), list(_functions()))
+def test_a_page_does_not_blame_the_file(
+    kind: str, module: str, name: str, fault: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = tmp_path / "good.json"
+    _break(monkeypatch, module, name, fault)
+    for record in EXAMPLES[kind]:
+        result.write_text(record.dumps())
+        try:
+            told = record.told()
+            if module.endswith("pictures"):
+                list(pictures_of(told))
+        except (AttributeError, ValueError):
+            break
+    done = CliRunner().invoke(main, ["report", str(result), "-o", str(tmp_path / "page.html")])
+    assert type(done.exception) in (AttributeError, ValueError)
+    assert "good.json" not in done.output
+    assert "write it anew" not in done.output
+    assert not (tmp_path / "page.html").exists()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_whole_page_of_every_example(kind: str, tmp_path: Path) -> None:
+    """Every column, sentence and figure as the page shows it."""
+    from studies.report.make import report_page
+
+    files = []
+    for number, record in enumerate(EXAMPLES[kind]):
+        files.append(tmp_path / f"{number}.json")
+        files[-1].write_text(record.dumps())
+    html, _ = report_page([OLD / f"{kind}.json", *files], None, {})
+    for record in EXAMPLES[kind]:
+        for sentence in record.told().headline:
+            assert sentence.text.replace("'", "&#39;") in html

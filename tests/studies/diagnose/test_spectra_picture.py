@@ -33,6 +33,7 @@ def test_joints_of_one_gear_are_one_family() -> None:
     assert families(chained) == [{(0, 0), (1, 0), (2, 0)}]
 
 
+@pytest.mark.long
 def test_lines_are_named_and_of_a_family_alike() -> None:
     panels = [
         panel("A1", 240.0),

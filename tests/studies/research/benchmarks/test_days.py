@@ -46,6 +46,7 @@ def test_instrument_and_approaches() -> None:
     np.testing.assert_array_equal(loose.read, again.read)
 
 
+@pytest.mark.long
 def test_a_quiet_day() -> None:
     """Without scatter all of it is right: nothing found, intervals hold, what is promised comes."""
     day = one_day(SMALL, 0, parts=("diagnose", "identify", "enough"), holdout=0.0, seed=0)

@@ -22,6 +22,7 @@ def run(*arguments: object) -> Result:
     return CliRunner().invoke(main, ["diagnose", *map(str, arguments)])
 
 
+@pytest.mark.long
 def test_a_plan_is_judged_before_anything_is_measured(tmp_path: Path) -> None:
     out, figures = tmp_path / "plan.json", tmp_path / "figures"
     done = run(

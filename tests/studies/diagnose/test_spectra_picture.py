@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import numpy as np
+import pytest
 
 from studies.diagnose.aliasing import aliasing_sentences
 from studies.diagnose.pictures import _spectrum

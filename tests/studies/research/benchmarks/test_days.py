@@ -103,6 +103,7 @@ def test_summaries_by_hand() -> None:
     }
 
 
+@pytest.mark.long
 def test_command(tmp_path: Path) -> None:
     options = "--days 2 --only identify --only enough --arm SCARA --scatter 0 --scatter 0.03"
     options += f" --approaches 2 --poses 40 --markers 1 --json {tmp_path / 'days.json'}"

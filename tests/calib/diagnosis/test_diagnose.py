@@ -42,11 +42,7 @@ def session(rng: np.random.Generator, cell: Cell, count: int) -> calib.Poses:
 
 
 def measured(
-    effect: str,
-    values: list[float],
-    seed: int = 0,
-    twice: int = 0,
-    configurations: int = CONFIGURATIONS,
+    effect: str, values: list[float], seed: int = 0, twice: int = 0
 ) -> tuple[Cell, Measurements, Measurements]:
     """Readings of the embedded robot with one effect more than its model, and others held out.
 
@@ -54,7 +50,7 @@ def measured(
     """
     rng = np.random.default_rng(seed)
     cell = replace(with_effects(embedded_cell(), *MODEL), load=None)
-    poses = session(rng, cell, configurations + 10)
+    poses = session(rng, cell, CONFIGURATIONS + 10)
     true = with_effects(cell, *MODEL, *([effect] if effect else []))
     model = build(true, poses).model
     truth = np.zeros(len(model.parameters))
@@ -68,7 +64,7 @@ def measured(
     index = np.sort(np.concatenate([np.arange(len(poses)), np.arange(twice)]))
     names = tuple(f"r{i:03d}" for i in range(len(index)))
     data = simulate(model, truth, replace(poses.take(index), names=names), cell.noise, rng)
-    kept = index < 2 * configurations
+    kept = index < 2 * CONFIGURATIONS
     return cell, data.take(kept), data.take(~kept)
 
 
@@ -166,7 +162,7 @@ def test_noise_larger_than_stated_is_no_effect(repeats: int) -> None:
 @pytest.mark.long
 def test_a_residual_beyond_the_repeats_is_something() -> None:
     """Every pose off at random, alike in both of its readings: no name, no curve, and no noise."""
-    cell, data, held = measured("", [], seed=6, twice=40, configurations=20)
+    cell, data, held = measured("", [], seed=6, twice=2 * CONFIGURATIONS)
     off = 5.0 * cell.noise.across * np.random.default_rng(1).normal(size=(len(data) // 2, 1, 3))
     points = data.points + np.repeat(off, 2, axis=0)
     found = calib.diagnose(cell, replace(data, points=points), heldout=held)

@@ -20,6 +20,15 @@ settings.register_profile("posecal", deadline=None, suppress_health_check=[Healt
 settings.load_profile("posecal")
 
 ROOT = Path(__file__).parent.parent
+# What takes long to make, so that every test with it is long.
+LONG = {"browser", "demo_folder"}
+
+
+@pytest.hookimpl(tryfirst=True)  # before those not asked for are left out
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if LONG & set(getattr(item, "fixturenames", ())):
+            item.add_marker("long")
 
 
 def data_folder() -> Path:

@@ -30,4 +30,5 @@ def test_readme_lines_are_the_ones_that_ci_runs() -> None:
     ci = (ROOT / ".ci" / "run").read_text()
     line = next(text for text in readme.splitlines() if text.strip().endswith("bin/pytest"))
     assert "README.md" in ci, "the script takes its line from the README"
+    assert "-m ''" in ci, "and leaves no test out"
     assert line.strip().startswith("python3 -m venv .venv && .venv/bin/pip install")

@@ -37,6 +37,7 @@ def test_the_face_has_all_that_it_names(face: ModuleType) -> None:
     assert all(inspect.getdoc(getattr(face, name)) for name in face.__all__)
 
 
+@pytest.mark.long
 def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     measured_cell(tmp_path)
     monkeypatch.chdir(tmp_path)

@@ -152,6 +152,7 @@ def test_differences_are_blind_to_geometry(kr270: Cell, table_two: Poses) -> Non
     assert error < 0.3 * np.abs(readings.values[here] - wanted).max()
 
 
+@pytest.mark.long
 def test_covariance_of_differences_is_that_of_repeated_experiments(
     kr270: Cell, table_two: Poses
 ) -> None:
@@ -171,6 +172,7 @@ def test_covariance_of_differences_is_that_of_repeated_experiments(
     assert np.mean(squared) == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / (24 * 60)))
 
 
+@pytest.mark.long
 def test_standard_deviations_when_points_err_together(kr270: Cell) -> None:
     """Every pose is off by a common vector: the levels of noise say so, and so does the sandwich."""
     rng = np.random.default_rng(2)
@@ -294,6 +296,7 @@ def test_noise_level_comes_from_where_the_evidence_is(kr270: Cell) -> None:
     assert calib.identify(cell, exact).noise.source == "cell"
 
 
+@pytest.mark.long
 def test_instrument_noise_weights_the_points(kr270: Cell) -> None:
     """With a tracker that is poor across the beam the weighted estimate is the better one."""
     rng = np.random.default_rng(10)
@@ -316,6 +319,7 @@ def test_instrument_noise_weights_the_points(kr270: Cell) -> None:
     assert np.mean(plain) > 1.15 * np.mean(weighted)
 
 
+@pytest.mark.long
 def test_expected_accuracy_at_targets_matches_what_is_left(kr270: Cell) -> None:
     rng = np.random.default_rng(11)
     cell = cell_of(kr270.robot, MARKERS, RIGID)

@@ -101,6 +101,7 @@ def trials(effect: str, count: int) -> Array:
     return np.array(pulls)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("effect", SCENES)
 def test_intervals_hold(effect: str) -> None:
     """Of 24 trials no more than four may lie outside, at 95 per cent in one case of two hundred."""
@@ -109,6 +110,7 @@ def test_intervals_hold(effect: str) -> None:
     assert np.median(np.abs(pulls)) < 1.2
 
 
+@pytest.mark.long
 def test_ripples_of_three_joints_are_found_at_once_beside_geometry() -> None:
     cell, rng = arm(), np.random.default_rng(3)
     poses = session(cell, rng, 90)
@@ -135,6 +137,7 @@ def test_a_known_gear_ratio_leaves_two_lines_to_try() -> None:
     np.testing.assert_allclose(grid, [80.6, 161.2])
 
 
+@pytest.mark.long
 def test_two_tunings_of_one_session() -> None:
     """The instrument warms while a joint jumps; rows in their order are the clock."""
     cell, rng = arm(), np.random.default_rng(5)
@@ -170,6 +173,7 @@ def test_an_outlier_is_no_step() -> None:
     assert list(np.flatnonzero(result.fit.outlier)) == [47]
 
 
+@pytest.mark.long
 def test_the_profile_speaks_where_the_moment_is_vague() -> None:
     """A jump of a third of the noise of a reading: several moments fit as well."""
     cell = with_effects(arm(), "base", "tool", "step:j3")

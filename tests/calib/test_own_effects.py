@@ -53,6 +53,7 @@ def _forget() -> Iterator[None]:
     effects.catalogue.cache_clear()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("announced")
 def test_it_is_identified_and_diagnosed_by_its_name() -> None:
     cell, data, _ = measured("warm_encoder:A3", [20e-6], seed=3)

@@ -30,6 +30,7 @@ def result(data: Path, name: str, **options: object) -> Identification:
     return calib.identify(cell, table, **options)  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", list(NOMINAL_MM))
 def test_before_and_after(data: Path, name: str) -> None:
     found = result(data, name)
@@ -45,12 +46,14 @@ def test_outliers_of_the_faro_set(data: Path) -> None:
     assert found.rms("fitted_all") * 1e3 <= 0.272 * 1.01
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["irb120_faro", "ur10_leica_b"])
 def test_two_step_finds_the_same_robot(data: Path, name: str) -> None:
     joint, turns = result(data, name), result(data, name, method="two-step")
     assert (np.abs(joint.values - turns.values) / joint.std).max() < 1e-2
 
 
+@pytest.mark.long
 def test_held_out_poses_of_the_faro_set(data: Path) -> None:
     cell = calib.load_cell(data / "irb120_faro" / "cell.toml")
     table = calib.load_measurements(cell, data / "irb120_faro" / "measurements.csv")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,12 @@ def elastic(kr270: Cell) -> Cell:
 
 
 @pytest.fixture(scope="module")
+def quick(elastic: Cell) -> Callable[..., doe.Design]:
+    """A plan for the elastic cell among few candidates, made once for all that ask for the same."""
+    return cache(partial(doe.design, elastic, levels=LEVELS, **QUICK))
+
+
+@pytest.fixture(scope="module")
 def massless(kr270: Cell, tmp_path_factory: pytest.TempPathFactory) -> Cell:
     """The reference case: no link weights, three targets."""
     path = tmp_path_factory.mktemp("targets") / "targets.csv"
@@ -55,6 +62,7 @@ def within_limits(cell: Cell, q: np.ndarray) -> bool:
     return bool(((q >= low - 1e-9) & (q <= high + 1e-9)).all())
 
 
+@pytest.mark.long
 def test_paper_case_beside_table_two(massless: Cell, table_two: Poses) -> None:
     """Reached by any exchange: 1.94 times the task RMS and 2.4 times the trace of Table II."""
     base = {"levels": LEVELS, "candidates": 20_000, "fresh": False, "against": {"II": table_two}}
@@ -79,10 +87,13 @@ def test_paper_case_beside_table_two(massless: Cell, table_two: Poses) -> None:
         assert within_limits(massless, plan.poses.q)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("criterion", ["task", "D", "A"])
-def test_figures_from_the_observation_matrices(elastic: Cell, criterion: str) -> None:
+def test_figures_from_the_observation_matrices(
+    elastic: Cell, quick: Callable[..., doe.Design], criterion: str
+) -> None:
     """Value, standard deviations and accuracy again, by the public functions of calib."""
-    plan = doe.design(elastic, levels=LEVELS, criterion=criterion, **QUICK)
+    plan = quick(criterion=criterion)
     M = information(elastic, plan.poses.q)
     model = build(elastic, plan.poses).model
     assert [p.id for p in model.parameters] == parameters(elastic, plan.poses)
@@ -122,16 +133,19 @@ def test_geometric_problem(kr270: Cell) -> None:
     assert plan.assessment.task_rms < 2e-5
 
 
-def test_same_seed_same_plan_and_another_seed(elastic: Cell) -> None:
-    first, again = (doe.design(elastic, levels=LEVELS, **QUICK) for _ in range(2))
+@pytest.mark.long
+def test_same_seed_same_plan_and_another_seed(
+    elastic: Cell, quick: Callable[..., doe.Design]
+) -> None:
+    first, again = quick(criterion="task"), doe.design(elastic, levels=LEVELS, **QUICK)
     np.testing.assert_array_equal(first.poses.q, again.poses.q)
     other = doe.design(elastic, levels=LEVELS, seed=1, **QUICK)
     assert not np.array_equal(first.poses.q, other.poses.q)
 
 
-def test_polish_and_no_polish(elastic: Cell) -> None:
-    rough = doe.design(elastic, levels=LEVELS, criterion="D", refine=False, **QUICK)
-    fine = doe.design(elastic, levels=LEVELS, criterion="D", **QUICK)
+@pytest.mark.long
+def test_polish_and_no_polish(quick: Callable[..., doe.Design]) -> None:
+    rough, fine = quick(criterion="D", refine=False), quick(criterion="D")
     assert fine.value > rough.value
     assert fine.value <= fine.bound
     assert rough.certificate.value == rough.certificate.pool_value
@@ -140,6 +154,7 @@ def test_polish_and_no_polish(elastic: Cell) -> None:
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
 
 
+@pytest.mark.long
 def test_proved_optimal_where_few_survive(elastic: Cell) -> None:
     plan = doe.design(
         elastic, levels=LEVELS, criterion="D", candidates=1000, refine=False, fresh=False
@@ -150,6 +165,7 @@ def test_proved_optimal_where_few_survive(elastic: Cell) -> None:
     assert plan.certificate.bound < plan.certificate.pool_bound
 
 
+@pytest.mark.long
 def test_poses_say_how_many_stand_at_the_cells_levels(elastic: Cell) -> None:
     table = {"values_deg": [-120.0, -80.0, -40.0], "poses_per_level": 3}
     cell = replace(elastic, design={"levels": {"A2": table}}, knots={})
@@ -160,6 +176,7 @@ def test_poses_say_how_many_stand_at_the_cells_levels(elastic: Cell) -> None:
         doe.design(cell, poses=7, **QUICK)
 
 
+@pytest.mark.long
 def test_levels_to_choose(elastic: Cell) -> None:
     """Five of many levels, apart; the model's coefficients follow them where none are given."""
     design = {"levels": {"A2": {"count": 5, "poses_per_level": 3, "min_separation_deg": 20.0}}}
@@ -175,6 +192,7 @@ def test_levels_to_choose(elastic: Cell) -> None:
     assert fixed.value > even.value
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("criterion", ["task-worst", "D", "A"])
 @pytest.mark.parametrize(("levels", "count", "each"), [("A2=3x5", 3, 5), ("A2=5x3", 5, 3)])
 def test_chosen_levels_keep_their_counts(
@@ -189,8 +207,11 @@ def test_chosen_levels_keep_their_counts(
         assert counts.tolist() == [each] * count
 
 
-def test_extending_a_plan(elastic: Cell, table_two: Poses) -> None:
-    alone = doe.design(elastic, levels=LEVELS, criterion="D", **QUICK)
+@pytest.mark.long
+def test_extending_a_plan(
+    elastic: Cell, quick: Callable[..., doe.Design], table_two: Poses
+) -> None:
+    alone = quick(criterion="D")
     more = doe.design(elastic, levels=LEVELS, criterion="D", extend=table_two, **QUICK)
     M = information(elastic, np.concatenate([table_two.q, more.poses.q]))
     assert more.assessment.std == pytest.approx(np.sqrt(np.diag(np.linalg.inv(M))), rel=1e-6)
@@ -198,18 +219,18 @@ def test_extending_a_plan(elastic: Cell, table_two: Poses) -> None:
     assert np.linalg.slogdet(M)[1] > np.linalg.slogdet(theirs)[1]
 
 
-def test_repeats(elastic: Cell) -> None:
-    once = doe.design(elastic, levels=LEVELS, criterion="task", refine=False, **QUICK)
-    twice = doe.design(
-        elastic, levels=LEVELS, criterion="task", refine=False, repeats=True, **QUICK
-    )
+@pytest.mark.long
+def test_repeats(quick: Callable[..., doe.Design]) -> None:
+    once = quick(criterion="task", refine=False)
+    twice = quick(criterion="task", refine=False, repeats=True)
     assert len(np.unique(once.poses.q, axis=0)) == 15
     assert twice.bound <= once.bound
     assert twice.value <= once.value * 1.001
 
 
-def test_robust_plan_loses_least(elastic: Cell) -> None:
-    plain = doe.design(elastic, levels=LEVELS, criterion="task", refine=False, **QUICK)
+@pytest.mark.long
+def test_robust_plan_loses_least(elastic: Cell, quick: Callable[..., doe.Design]) -> None:
+    plain = quick(criterion="task", refine=False)
     hard = doe.design(elastic, levels=LEVELS, criterion="task", robust=True, **QUICK)
     assert hard.certificate.left >= plain.certificate.left
     worst = max(
@@ -220,6 +241,7 @@ def test_robust_plan_loses_least(elastic: Cell) -> None:
     assert hard.assessment.without_pose.max() >= hard.assessment.task_rms
 
 
+@pytest.mark.long
 def test_loss_of_a_marker(kr270: Cell) -> None:
     """Judged without its rows and without its unknowns."""
     cell = replace(kr270, effects=("base", "tool", "geometry"), load=None, design={})
@@ -237,6 +259,7 @@ def test_loss_of_a_marker(kr270: Cell) -> None:
     assert plan.assessment.without_marker[cell.marker_names[0]] == pytest.approx(rms, rel=1e-3)
 
 
+@pytest.mark.long
 def test_discriminating_two_effects(kr270: Cell) -> None:
     """What is left of one effect after the fit of all else, the rival too, by plain least squares."""
     cell = replace(kr270, effects=("joint_compliance:A3,A4,A5,A6",), design={})
@@ -259,6 +282,7 @@ def test_discriminating_two_effects(kr270: Cell) -> None:
     assert plan.value > precision.min()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "rivals",
     [
@@ -288,6 +312,7 @@ def test_discriminating_any_two_of_the_catalogue(kr270: Cell, rivals: tuple[str,
     assert plan.value == pytest.approx(min(left), rel=1e-4)
 
 
+@pytest.mark.long
 def test_obstacles_sight_and_load_are_kept(elastic: Cell) -> None:
     capsules = {
         "A2": (Capsule((0, 0, 0), (1.25, 0, 0), 0.2),),
@@ -320,6 +345,7 @@ def test_obstacles_sight_and_load_are_kept(elastic: Cell) -> None:
     assert free.value < plan.value
 
 
+@pytest.mark.long
 def test_hidden_markers_count_nothing(elastic: Cell) -> None:
     """Turned away for good, a marker leaves the information of the other two."""
     normals = np.full((3, 3), np.nan)
@@ -354,6 +380,7 @@ def test_candidates_of_a_table(elastic: Cell, table_two: Poses) -> None:
     np.testing.assert_allclose(distance, 0.0, atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("prismatic", [(), (0,), (1, 2)])
 def test_other_robots(prismatic: tuple[int, ...]) -> None:
     """Any serial chain, one marker, noise that grows with range."""
@@ -493,6 +520,7 @@ def test_targets_outside_the_limits(elastic: Cell, tmp_path: Path) -> None:
         doe.design(cell, levels=LEVELS, candidates=500)
 
 
+@pytest.mark.long
 def test_single_target_still_determines_every_parameter(elastic: Cell, tmp_path: Path) -> None:
     """Without care the best plan measures the target itself, fifteen times, and nothing else."""
     path = tmp_path / "targets.csv"
@@ -503,6 +531,7 @@ def test_single_target_still_determines_every_parameter(elastic: Cell, tmp_path:
     assert squared < 3e-10**2 * 1e10
 
 
+@pytest.mark.long
 def test_e_with_a_free_base_says_so(kr270: Cell) -> None:
     """A shift of the base moves all markers alike at every pose: no plan knows it better."""
     free = replace(kr270, effects=("base", "joint_offset:A5"), load=None, design={})
@@ -515,6 +544,7 @@ def test_e_with_a_free_base_says_so(kr270: Cell) -> None:
         assert not any("no choice of poses changes" in note for note in plan.notes)
 
 
+@pytest.mark.long
 def test_curve(elastic: Cell) -> None:
     plan = doe.design(elastic, levels=LEVELS, criterion="A", curve=True, **QUICK)
     poses = [step.poses for step in plan.curve]
@@ -526,9 +556,12 @@ def test_curve(elastic: Cell) -> None:
     assert min(errors) > 0.0
 
 
-def test_loaded_and_free_readings_both_count(elastic: Cell) -> None:
+@pytest.mark.long
+def test_loaded_and_free_readings_both_count(
+    elastic: Cell, quick: Callable[..., doe.Design]
+) -> None:
     """The information of a pose is that of its two readings."""
-    plan = doe.design(elastic, levels=LEVELS, criterion="D", **QUICK)
+    plan = quick(criterion="D")
     both = readings(elastic, plan.poses)
     model = build(elastic, plan.poses).model
     _, J = model.jacobian(np.zeros(len(model.parameters)), both)
@@ -538,6 +571,7 @@ def test_loaded_and_free_readings_both_count(elastic: Cell) -> None:
     assert len(both) == 2 * len(loaded)
 
 
+@pytest.mark.long
 def test_weights_that_meet_their_bound_are_followed(kr270: Cell) -> None:
     """Seven poses for nine parameters: some weights end at one to the last digit."""
     cell = replace(

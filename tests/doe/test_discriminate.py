@@ -95,6 +95,7 @@ def test_no_choice_passes_the_limit() -> None:
         assert (limits - best < 3.0 * gain + 1e-9).all()  # a bound that says something
 
 
+@pytest.mark.long
 def test_search_against_every_subset() -> None:
     shares = []
     for seed in range(8):
@@ -173,22 +174,28 @@ def alike() -> tuple[Cell, Diagnosis]:
 
 
 @pytest.fixture(scope="module")
+def six(alike: tuple[Cell, Diagnosis]) -> doe.NextPoses:
+    return doe.next_poses(*alike, count=6)
+
+
+@pytest.fixture(scope="module")
 def drift() -> tuple[Cell, Diagnosis]:
     values = np.array([60.0, -40.0, 0.0, 30.0, 0.0, -40.0]) * 1e-6 / 3600.0
     return diagnosed(("base_drift", "tracker_drift", "backlash"), "base_drift:base", list(values))
 
 
-def test_predictions_are_those_of_stacked_least_squares(alike: tuple[Cell, Diagnosis]) -> None:
+def test_predictions_are_those_of_stacked_least_squares(
+    alike: tuple[Cell, Diagnosis], six: doe.NextPoses
+) -> None:
     """Data and next poses in one regression, rows from the model, no candidates and no updates."""
     cell, found = alike
     assert found.verdict == "ambiguous"
-    result = doe.next_poses(cell, found, count=6)
-    (prediction,) = result.predictions
+    (prediction,) = six.predictions
     first, second = (c for c, _ in found.causes[0].named.members)
     assert prediction.rivals == (first.key, second.key)
     situation = situation_of(cell, found, [first.effect, second.effect])
     _, rows = data_rows(situation, found)
-    session = situation.session.in_order(cell.robot, result.poses.q)
+    session = situation.session.in_order(cell.robot, six.poses.q)
     _, J = situation.model.jacobian(situation.values, session)
     fresh = J.reshape(-1, J.shape[-1]) / found.noise.sigma
     at = [positions(situation.model, c.effect) for c in (first, second)]
@@ -208,9 +215,11 @@ def test_predictions_are_those_of_stacked_least_squares(alike: tuple[Cell, Diagn
         assert predicted == pytest.approx(ndtr(0.5 * min(root)), abs=2e-3)
 
 
-def test_the_poses_chosen_beat_poses_at_random(alike: tuple[Cell, Diagnosis]) -> None:
+def test_the_poses_chosen_beat_poses_at_random(
+    alike: tuple[Cell, Diagnosis], six: doe.NextPoses
+) -> None:
     cell, found = alike
-    (prediction,) = doe.next_poses(cell, found, count=6).predictions
+    (prediction,) = six.predictions
     members = [c for c, _ in found.causes[0].named.members]
     situation = situation_of(cell, found, [c.effect for c in members])
     r, rows = data_rows(situation, found)

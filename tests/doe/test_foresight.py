@@ -57,6 +57,7 @@ def columns(found: Foresight, key: str) -> np.ndarray:
     return found.view.columns[[c.key for c in found.view.suspects].index(key)]
 
 
+@pytest.mark.long
 def test_a_smallest_size_is_found_nine_times_in_ten(found: Foresight) -> None:
     rng = np.random.default_rng(1)
     for key in ("backlash:A5", "transmission_harmonic:A2", "base_drift:base", "payload:payload"):
@@ -71,6 +72,7 @@ def test_a_smallest_size_is_found_nine_times_in_ten(found: Foresight) -> None:
         assert sight.found(np.ones(1))[0] == pytest.approx(0.9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("times", "places"), [(0.2, []), (1.6, ["A3"])])
 def test_a_diagnosis_finds_what_is_larger_and_no_less(
     cell: Cell, found: Foresight, times: float, places: list[str]
@@ -115,6 +117,7 @@ def test_facts_that_hold_for_any_robot(found: Foresight) -> None:
     assert remedies == ("every second configuration read from a second station",)
 
 
+@pytest.mark.long
 def test_tilt_of_base_and_first_bearing(cell: Cell) -> None:
     """Alike where the first joint stands at the base's origin, to be told where it stands above."""
     robot = cell.robot
@@ -128,6 +131,7 @@ def test_tilt_of_base_and_first_bearing(cell: Cell) -> None:
     assert pair not in [keys(raised, group) for group in raised.twins]
 
 
+@pytest.mark.long
 def test_a_hidden_scale_is_seen_where_lengths_are_known(cell: Cell) -> None:
     known = with_effects(cell, "base")
     scale = next(s for s in foresee(known, session(cell, 12)).seen if s.key.startswith("tracker_s"))
@@ -139,6 +143,7 @@ def test_a_hidden_scale_is_seen_where_lengths_are_known(cell: Cell) -> None:
     assert scale.smallest[0] == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.long
 def test_twice_the_readings_halve_the_needed_square(cell: Cell) -> None:
     plan = session(cell, 20)
     once = foresee(cell, plan)
@@ -149,6 +154,7 @@ def test_twice_the_readings_halve_the_needed_square(cell: Cell) -> None:
         np.testing.assert_allclose(two.smallest * gain, one.smallest, rtol=1e-5)
 
 
+@pytest.mark.long
 def test_a_load_means_two_readings_and_points_do_not_count(kr270: Cell, table_two: Poses) -> None:
     plan = foresee(kr270, table_two)
     assert len(plan.view.data) == 2 * len(table_two)
@@ -167,6 +173,7 @@ def test_a_load_means_two_readings_and_points_do_not_count(kr270: Cell, table_tw
     assert {"base_drift:base", "tracker_drift:instrument", "thermal_expansion:arm"} <= asked
 
 
+@pytest.mark.long
 def test_markers_out_of_sight_tell_nothing(cell: Cell, found: Foresight) -> None:
     seen = found.view.data.seen.copy()
     seen[:, 1] = False

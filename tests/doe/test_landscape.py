@@ -22,6 +22,7 @@ def plan(kr270: Cell, request: pytest.FixtureRequest) -> doe.Design:
     return doe.design(cell, levels=LEVELS, criterion=request.param, candidates=1500, refine=False)
 
 
+@pytest.mark.long
 def test_chosen_candidates_are_the_plan(plan: doe.Design) -> None:
     view = plan.landscape
     assert view.chosen.sum() == len(plan.poses)
@@ -31,6 +32,7 @@ def test_chosen_candidates_are_the_plan(plan: doe.Design) -> None:
     assert len(view.q) == plan.candidates.feasible
 
 
+@pytest.mark.long
 def test_three_candidates_of_a_level_reach_it(plan: doe.Design) -> None:
     """The share is one at the candidate that is just good enough for its level."""
     view = plan.landscape
@@ -40,6 +42,7 @@ def test_three_candidates_of_a_level_reach_it(plan: doe.Design) -> None:
         assert share[3] <= 1.0 + 1e-12
 
 
+@pytest.mark.long
 def test_chosen_candidates_lie_near_the_bound(plan: doe.Design) -> None:
     view = plan.landscape
     chosen, others = view.share[view.chosen], view.share[~view.chosen]

@@ -39,6 +39,7 @@ def _announced(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     criteria.catalogue.cache_clear()
 
 
+@pytest.mark.long
 def test_a_plan_is_designed_and_proved_by_its_name(kr270: Cell) -> None:
     options = {"candidates": 600, "refine": False}
     own = doe.design(kr270, criterion="relative", **options)  # type: ignore[arg-type]

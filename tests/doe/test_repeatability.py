@@ -103,6 +103,7 @@ def test_readings_without_the_model_still_tell_of_the_approach(kr270: Cell) -> N
         assert np.trace(M) < np.trace(ideal)
 
 
+@pytest.mark.long
 def test_none_changes_nothing(rigid: Cell) -> None:
     plain = doe.design(rigid, poses=12, **QUICK)
     still = doe.design(replace(rigid, repeatability=Repeatability(0.0, 0.0)), poses=12, **QUICK)
@@ -111,6 +112,7 @@ def test_none_changes_nothing(rigid: Cell) -> None:
     np.testing.assert_array_equal(plain.assessment.std, still.assessment.std)
 
 
+@pytest.mark.long
 def test_more_markers_stop_paying_and_more_poses_pay(rigid: Cell) -> None:
     """From three markers to six: a third off the error without scatter, a tenth at most with it."""
 
@@ -126,6 +128,7 @@ def test_more_markers_stop_paying_and_more_poses_pay(rigid: Cell) -> None:
     assert rms(3, 20, ARM) < 0.75 * few
 
 
+@pytest.mark.long
 def test_the_plan_is_another(rigid: Cell) -> None:
     cell = replace(rigid, repeatability=ARM)
     blind = doe.design(rigid, poses=12, **QUICK)
@@ -158,6 +161,7 @@ def test_no_plan_is_above_the_bound(criterion: str) -> None:
     assert plan.efficiency > 0.9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("loaded", [False, True], ids=["free", "free and loaded"])
 def test_compare_predicts_what_design_promises(kr270: Cell, loaded: bool) -> None:
     cell = with_effects(kr270, "base", "tool", "joint_offset", "joint_compliance:A2,A3,A4")
@@ -169,6 +173,7 @@ def test_compare_predicts_what_design_promises(kr270: Cell, loaded: bool) -> Non
     assert points.task_rms == pytest.approx(plan.assessment.task_rms, rel=1e-6)
 
 
+@pytest.mark.long
 def test_poses_lose_nothing_for_known_markers(kr270: Cell) -> None:
     """Weighed by all that is known of their errors, both approaches are the same estimate."""
     cell = with_effects(kr270, "base", "joint_offset", "joint_compliance:A2,A3,A4")
@@ -183,6 +188,7 @@ def test_poses_lose_nothing_for_known_markers(kr270: Cell) -> None:
         assert (verdict.prediction.std > points.prediction.std * (1.0 - 1e-9)).all()
 
 
+@pytest.mark.long
 def test_the_model_of_a_visit_is_the_cells(kr270: Cell) -> None:
     """A plan of the same poses counts each visit by itself: twice the visits, twice the information."""
     cell = replace(

@@ -11,6 +11,8 @@ from tests.fuzz.check import broken_rule, prepared
 from tests.fuzz.reader import neighbour
 from tests.fuzz.readers import READERS
 
+pytestmark = pytest.mark.long
+
 _TRIED = {"whole": 4, "report": 30, "estimate": 60, "mjcf": 60}
 
 

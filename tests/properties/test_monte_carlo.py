@@ -15,6 +15,8 @@ from studies.compare.prediction import predict
 from studies.demo import simulated
 from tests.helpers import with_effects
 
+pytestmark = pytest.mark.long
+
 TRIALS = 1000
 
 

@@ -51,6 +51,7 @@ def fields(folder: Path, done: Result) -> dict[str, Any]:
     return json.loads((folder / "best.json").read_text(), parse_constant=pytest.fail)
 
 
+@pytest.mark.long
 def test_result_holds_what_the_contract_names(folder: Path, fields: dict[str, Any]) -> None:
     assert (fields["schema"], fields["command"], fields["seed"]) == (1, "design", 0)
     named = {Path(entry["file"]).name: entry["sha256"] for entry in fields["inputs"]}
@@ -77,6 +78,7 @@ def test_result_holds_what_the_contract_names(folder: Path, fields: dict[str, An
     assert [step["poses"] for step in fields["curve"]] == [5, 10, 15, 20, 25, 30]
 
 
+@pytest.mark.long
 def test_plan_is_read_by_the_other_commands(folder: Path, fields: dict[str, Any]) -> None:
     cell = calib.load_cell(folder / "cell.toml")
     plan = calib.load_plan(cell, folder / "best.csv")
@@ -89,6 +91,7 @@ def test_plan_is_read_by_the_other_commands(folder: Path, fields: dict[str, Any]
     assert all(re.fullmatch(r"-?\d+(\.\d{1,2})?", row["A4_deg"]) for row in rows)
 
 
+@pytest.mark.long
 def test_tables_say_what_matters(done: Result) -> None:
     text = " ".join(done.output.split())
     for said in ("15 poses for 9 parameters", "no plan is below", "plan.csv", "loss", "p15"):
@@ -97,6 +100,7 @@ def test_tables_say_what_matters(done: Result) -> None:
     assert max(len(line) for line in done.output.splitlines() if "wrote" not in line) <= 110
 
 
+@pytest.mark.long
 def test_a_plan_found_is_its_own_equal(folder: Path, fields: dict[str, Any]) -> None:
     """Judged beside a new design of the same candidates it has the value it was given."""
     again = run(
@@ -109,6 +113,7 @@ def test_a_plan_found_is_its_own_equal(folder: Path, fields: dict[str, Any]) -> 
     assert other["value"] == pytest.approx(fields["value"], rel=1e-12)
 
 
+@pytest.mark.long
 def test_plans_of_one_name_are_both_judged(folder: Path) -> None:
     (folder / "other").mkdir(exist_ok=True)
     (folder / "other" / "plan.csv").write_text((folder / "plan.csv").read_text())
@@ -118,6 +123,7 @@ def test_plans_of_one_name_are_both_judged(folder: Path) -> None:
     assert set(json.loads(done.stdout)["against"]) == {str(plan) for plan in plans}
 
 
+@pytest.mark.long
 def test_extend_counts_beside_the_poses(folder: Path) -> None:
     extended = run(
         "design", folder / "cell.toml", *OPTIONS, "--extend", folder / "plan.csv", "--criterion", "D",
@@ -169,6 +175,7 @@ def test_faults_are_one_line(folder: Path, case: str) -> None:
     assert sorted(folder.iterdir()) == before
 
 
+@pytest.mark.long
 def test_figures_of_a_design(folder: Path, tmp_path: Path) -> None:
     made = run(
         "design", folder / "cell.toml", "--candidates", 500, "--curve",

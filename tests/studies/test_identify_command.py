@@ -216,6 +216,7 @@ def test_corrected_urdf_can_be_corrected_again(demo: Path, tmp_path: Path) -> No
     assert out.read_text().count('link name="marker_m1"') == 1
 
 
+@pytest.mark.long
 def test_figures_of_an_identification(demo: Path, tmp_path: Path) -> None:
     done = run(
         "identify", demo / "cell.toml", demo / "measurements.csv", "--holdout", 0.2,

@@ -61,6 +61,7 @@ def test_what_the_cell_says_of_the_arm_is_shown(tmp_path: Path) -> None:
     assert noise["repeatability_urad"] == pytest.approx(60.0)
 
 
+@pytest.mark.long
 def test_the_diagnosis_says_what_pose_means(tmp_path: Path) -> None:
     fields, said = told(tmp_path, "diagnose", Setting("6R", 3e-5, 1, 40, 3))
     assert fields["verdict"] == "unknown"

@@ -22,6 +22,7 @@ def run(*arguments: object) -> Result:
     return CliRunner().invoke(main, ["diagnose", *map(str, arguments)])
 
 
+@pytest.mark.long
 def test_a_plan_is_judged_before_anything_is_measured(tmp_path: Path) -> None:
     out, figures = tmp_path / "plan.json", tmp_path / "figures"
     done = run(
@@ -80,6 +81,7 @@ def test_faults_end_in_one_line(arguments: tuple[object, ...], said: str) -> Non
     assert said in done.output
 
 
+@pytest.mark.long
 def test_what_no_parameter_shows_alone_is_hidden(kr270: Cell, table_two: Poses) -> None:
     """A rigid model: of the tip's own frame beside the markers nothing but rounding is left."""
     effects = ("base", "tool", "stiffness_vs_angle:A2", "joint_compliance:A3,A4")

@@ -124,6 +124,7 @@ def test_loaded_milling_arm_meets_its_targets_as_expected(kr270: Cell) -> None:
     assert np.sqrt(missed(unloaded, places).mean()) > 2e-3, "the load must matter here"
 
 
+@pytest.mark.long
 def test_expected_error_is_that_of_arms_drawn_from_the_covariance(kr270: Cell) -> None:
     data, _, _ = simulated(kr270, embedded_plan(kr270), 0)
     known = estimate_of(calib.identify(kr270, data))
@@ -167,6 +168,7 @@ def test_what_the_model_lacks_is_part_of_what_is_expected() -> None:
         assert low < after[met].mean() / (found.expected[met] ** 2).mean() < high
 
 
+@pytest.mark.long
 def test_held_out_poses_that_stand_out_count_too(kr270: Cell) -> None:
     """After identify and after diagnose alike: one held-out pose in six is 2 mm off."""
     data, model, values = simulated(kr270, embedded_plan(kr270), 0)

@@ -21,6 +21,7 @@ from studies.research.withheld.visible import Projector, at_rest
 
 PLAIN = replace(EASY, payload=True)
 Act = Callable[[Scene, State], Action]
+Day = tuple[Cell, Measurements, Measurements]
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ def measured_day(
     arm: str = "light",
     *,
     payload: bool = True,
-) -> tuple[Cell, Measurements, Measurements]:
+) -> Day:
     """A day's cell, readings and held-out readings, the cause sized to be so visible."""
     rng, conditions = np.random.default_rng(seed), replace(PLAIN, payload=payload)
     scene = draw_scene(rng, next(a for a in ARMS if a.name == arm), conditions)

@@ -16,6 +16,8 @@ from calib.model.build import build
 from calib.poses import Measurements
 from tests.calib.diagnosis.test_diagnose import measured
 
+pytestmark = pytest.mark.long
+
 
 def stage_of(effect: str, values: list[float]) -> tuple[Stage, list]:
     cell, data, _ = measured(effect, values)

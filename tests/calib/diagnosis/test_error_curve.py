@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
 import pytest
 
-import calib
 from calib.diagnosis import Diagnosis, error_curve
 from calib.diagnosis.curves import TwistCurve
 from calib.diagnosis.error_curve import ErrorCurve
 from calib.diagnosis.functions import Polyline
 from calib.diagnosis.places import frame_of
-from tests.calib.diagnosis.test_diagnose import measured
+from tests.calib.diagnosis.test_diagnose import diagnosed
+
+pytestmark = pytest.mark.long
 
 
 @cache
-def found(effect: str, values: Sequence[float]) -> tuple[Diagnosis, ErrorCurve]:
-    cell, data, held = measured(effect, list(values), seed=5)
-    result = calib.diagnose(cell, data, heldout=held)
+def found(effect: str, values: tuple[float, ...]) -> tuple[Diagnosis, ErrorCurve]:
+    result = diagnosed(effect, values, 5)
     kind, where = effect.split(":")
     (cause,) = result.causes
     assert (cause.named.candidate.effect.kind, cause.named.candidate.where) == (kind, where)

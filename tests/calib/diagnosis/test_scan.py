@@ -59,6 +59,7 @@ def test_a_scan_is_the_score_of_every_tuning(name: str, scatters: bool) -> None:
         assert fall == pytest.approx(one.fall, rel=1e-6, abs=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("effect", "values", "tuning", "within"),
     [

@@ -21,6 +21,7 @@ def test_score_is_the_fall_of_the_sum_of_squares(rng: np.random.Generator) -> No
     assert found.price == pytest.approx(5 * np.log(300))
 
 
+@pytest.mark.long
 def test_evidence_of_a_curve_is_a_ratio_of_marginal_likelihoods(rng: np.random.Generator) -> None:
     """Against the dense normal density of the projected residual, over a fine grid of amplitudes."""
     spread = np.exp(-np.abs(np.subtract.outer(np.arange(5), np.arange(5))) / 2.0)

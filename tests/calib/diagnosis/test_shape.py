@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib import Cell, Measurements
+from calib import Cell, Diagnosis, Measurements
 from calib.arrays import Array
 from calib.diagnosis.shape import SHAPE_ALPHA, _modulated, _power, question, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
@@ -21,7 +21,7 @@ from calib.identification.initial import initial_values
 from calib.model.build import build, context_of, place_effect
 from calib.poses import Poses
 from calib.poses.moves import in_one_session
-from tests.calib.diagnosis.days import lost_motion, measured_day, settling
+from tests.calib.diagnosis.days import Day, measured_day, settling
 from tests.calib.diagnosis.test_diagnose import measured
 
 DRAWS = 300
@@ -57,6 +57,7 @@ def read_anew(fit: Fit, rng: np.random.Generator, moved: Array) -> Fit:
     return replace(fit, r=left.reshape(fit.r.shape))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "size"), [*((name, 1.0) for name in SIZES), ("backlash:A3", 1.6)])
 def test_a_right_shape_is_doubted_in_three_of_a_hundred(name: str, size: float) -> None:
     stage, fit, effect = fitted(name)
@@ -149,29 +150,30 @@ def test_a_wrong_shape_is_doubted_with_what_it_varies_with(
     assert all(doubt.also_there for doubt in doubts)
 
 
-@pytest.mark.parametrize(("seed", "noncentrality"), [(1, 600.0), (2, 2000.0)])
 def test_backlash_is_not_there_beside_a_servo_that_has_not_settled(
-    tmp_path: Path, seed: int, noncentrality: float
+    settling_day: Day, tmp_path: Path
 ) -> None:
-    cell, *tables = measured_day(tmp_path, settling("elbow"), noncentrality, seed)
-    data, _ = in_one_session(*tables)
-    stage, fit, effect = fit_of(cell, data, "backlash:elbow")
-    doubt = shape_doubt(stage, fit, effect)
-    assert doubt.stands
-    assert doubt.depends_on == "motion:elbow"
-    assert not doubt.also_there
+    for cell, *tables in (settling_day, measured_day(tmp_path, settling("elbow"), 2000.0, 2)):
+        data, _ = in_one_session(*tables)
+        stage, fit, effect = fit_of(cell, data, "backlash:elbow")
+        doubt = shape_doubt(stage, fit, effect)
+        assert doubt.stands
+        assert doubt.depends_on == "motion:elbow"
+        assert not doubt.also_there
 
 
-def test_a_servo_that_has_not_settled_is_named(tmp_path: Path) -> None:
-    cell, data, heldout = measured_day(tmp_path, settling("elbow"), 600.0, 1)
+@pytest.mark.long
+def test_a_servo_that_has_not_settled_is_named(settling_day: Day) -> None:
+    cell, data, heldout = settling_day
     found = calib.diagnose(cell, data, heldout=heldout)
     assert found.verdict == "explained"
     assert [c.named.candidate.key for c in found.causes] == ["settling:elbow"]
 
 
-def test_a_lag_that_has_no_name_is_unknown_by_its_motion(tmp_path: Path) -> None:
+@pytest.mark.long
+def test_a_lag_that_has_no_name_is_unknown_by_its_motion(settling_day: Day) -> None:
     """The same where the user rules settling out: what follows the move is no backlash either."""
-    cell, data, heldout = measured_day(tmp_path, settling("elbow"), 600.0, 1)
+    cell, data, heldout = settling_day
     cell = replace(cell, excluded=("settling",))
     found = calib.diagnose(cell, data, heldout=heldout)
     assert found.verdict == "unknown"
@@ -179,8 +181,7 @@ def test_a_lag_that_has_no_name_is_unknown_by_its_motion(tmp_path: Path) -> None
     assert (found.located[0].where, found.located[0].depends_on) == ("elbow", "motion:elbow")
 
 
-def test_true_backlash_stays_what_it_is(tmp_path: Path) -> None:
-    cell, data, heldout = measured_day(tmp_path, lost_motion("elbow"), 600.0, 1)
-    found = calib.diagnose(cell, data, heldout=heldout)
-    assert found.verdict == "explained"
-    assert [c.named.candidate.key for c in found.causes] == ["backlash:elbow"]
+@pytest.mark.long
+def test_true_backlash_stays_what_it_is(found_lost_motion: Diagnosis) -> None:
+    assert found_lost_motion.verdict == "explained"
+    assert [c.named.candidate.key for c in found_lost_motion.causes] == ["backlash:elbow"]

@@ -39,6 +39,7 @@ def test_nothing_is_chosen_from_noise() -> None:
     assert found <= 11  # 5 expected of a p value that holds; 11 once in a hundred
 
 
+@pytest.mark.long
 def test_friction_is_another_name_of_lost_motion() -> None:
     """Where the joint yields, friction winds it up by as much: the class says so."""
     cell, data, held = measured("backlash:A3", [3e-4])
@@ -51,6 +52,7 @@ def test_friction_is_another_name_of_lost_motion() -> None:
     assert names[0][1] > 0.4
 
 
+@pytest.mark.long
 def test_lost_motion_at_every_joint_is_found_joint_by_joint() -> None:
     """Small at each, as no joint alone would be believed among all that is asked."""
     cell, data, held = measured("backlash", [3e-5] * 6)

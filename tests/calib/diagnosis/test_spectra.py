@@ -69,6 +69,7 @@ def mirrored(cycles: float) -> Array:
     return every[(every < 449.0) & (np.abs(every - cycles) > 1e-6)]
 
 
+@pytest.mark.long
 def test_lines_of_two_joints_with_their_amplitudes() -> None:
     """Also that their errors are as large as stated where all of them is in the model."""
     cell, beyond = arm(), []
@@ -95,6 +96,7 @@ def test_lines_of_two_joints_with_their_amplitudes() -> None:
     assert 0.75 < np.std(beyond) < 1.3
 
 
+@pytest.mark.long
 def test_noise_passes_the_false_alarm_seldom() -> None:
     cell, alarms, falls = arm(), 0, []
     for seed in range(40):

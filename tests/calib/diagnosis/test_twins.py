@@ -6,14 +6,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import calib
 from calib import Diagnosis
 from calib.diagnosis.candidates import EXCLUDED
 from calib.diagnosis.twins import twins
 from calib.diagnosis.verdict import classes
-from tests.calib.diagnosis.days import heavier_load, lost_motion, measured_day
-from tests.calib.diagnosis.test_diagnose import measured
+from tests.calib.diagnosis.days import Day, heavier_load, measured_day
+from tests.calib.diagnosis.test_diagnose import DRIFT, diagnosed
+
+pytestmark = pytest.mark.long
 
 
 def members(found: Diagnosis) -> list[list[str]]:
@@ -31,10 +34,8 @@ def test_a_heavier_load_is_in_the_class_of_the_link_that_it_looks_like(tmp_path:
 
 def test_exact_twins_are_listed_at_any_size_and_nothing_else_is_one() -> None:
     """A base and an instrument that drift move everything alike."""
-    drift = [60e-6 / 3600, 0.0, 0.0, 0.0, 60e-6 / 3600, 0.0]
     for size in (1.0, 20.0):
-        cell, data, held = measured("base_drift:base", [size * v for v in drift], seed=8)
-        found = calib.diagnose(cell, data, heldout=held)
+        found = diagnosed("base_drift:base", tuple(size * v for v in DRIFT), 8)
         assert sorted(members(found)[0]) == ["base_drift:base", "tracker_drift:instrument"]
         (entry,) = found.outcome.entries
         others = twins(found.outcome, entry)
@@ -43,9 +44,8 @@ def test_exact_twins_are_listed_at_any_size_and_nothing_else_is_one() -> None:
         assert others[0].exact
 
 
-def test_what_imitates_nothing_is_far(tmp_path: Path) -> None:
-    cell, data, heldout = measured_day(tmp_path, lost_motion("elbow"), 600.0, 1)
-    found = calib.diagnose(cell, data, heldout=heldout)
+def test_what_imitates_nothing_is_far(found_lost_motion: Diagnosis) -> None:
+    found = found_lost_motion
     assert members(found) == [["backlash:elbow", "friction_windup:elbow"]]  # one cause, two names
     (entry,) = found.outcome.entries
     assert min(t.left for t in twins(found.outcome, entry)) > 100.0
@@ -53,8 +53,8 @@ def test_what_imitates_nothing_is_far(tmp_path: Path) -> None:
     assert np.isclose(sum(p for _, p in named[0].members), 0.95)
 
 
-def test_what_the_user_excludes_is_never_named(tmp_path: Path) -> None:
-    cell, data, heldout = measured_day(tmp_path, lost_motion("elbow"), 600.0, 1)
+def test_what_the_user_excludes_is_never_named(lost_motion_day: Day) -> None:
+    cell, data, heldout = lost_motion_day
     cell = replace(cell, excluded=("backlash:elbow", "transmission_harmonic"))
     found = calib.diagnose(cell, data, heldout=heldout)
     gone = {n.effect for n in found.not_asked if n.reason == EXCLUDED}

@@ -14,6 +14,8 @@ from calib.identification.initial import initial_values
 from calib.model.build import build
 from tests.calib.diagnosis.test_diagnose import measured
 
+pytestmark = pytest.mark.long
+
 
 def test_an_effect_taken_out_is_as_if_it_had_never_been_projected_out() -> None:
     """For a cause by name and for a curve, against a projection from scratch."""

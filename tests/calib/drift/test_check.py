@@ -52,6 +52,7 @@ def hidden(data: Measurements, rng: np.random.Generator, share: float) -> Measur
     return replace(data, seen=seen, points=data.points * seen[..., None])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("markers", "rank", "share"), [(1, 3, 0.0), (2, 5, 0.0), (3, 6, 0.0), (2, 5, 0.2), (4, 6, 0.2)]
 )
@@ -130,6 +131,7 @@ def test_a_known_motion_is_found() -> None:
     assert found.p == pytest.approx(chi2.sf(total, 12), rel=1e-3)
 
 
+@pytest.mark.long
 def test_standard_deviations_hold_and_two_markers_leave_a_turn_open() -> None:
     rng = np.random.default_rng(11)
     poses, line = day(2, 1), MARKERS[:2]

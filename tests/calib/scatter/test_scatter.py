@@ -149,6 +149,7 @@ def drawn(day: Day, scale: float, approach: Array, place: Array, seed: int) -> A
     return np.asarray(np.linalg.cholesky(V) @ np.random.default_rng(seed).normal(size=len(V)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("approaches", "readings", "scale", "approach", "place", "said"),
     [

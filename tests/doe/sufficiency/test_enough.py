@@ -72,6 +72,7 @@ def test_the_end_is_what_identify_will_say(cell: Cell, full: Measurements, answe
     assert answer.steps[-1].readings == len(full)
 
 
+@pytest.mark.long
 def test_the_next_pose_is_the_best_of_all(
     cell: Cell, full: Measurements, table_two: Poses, answer: Enough
 ) -> None:
@@ -94,6 +95,7 @@ def test_every_further_pose_helps(answer: Enough) -> None:
     assert not any(step.open for step in answer.steps)
 
 
+@pytest.mark.long
 def test_the_goal_is_met_where_the_figures_say(
     cell: Cell, half: Measurements, table_two: Poses, answer: Enough
 ) -> None:
@@ -122,6 +124,7 @@ def test_the_noise_is_that_of_the_data(cell: Cell, table_two: Poses, answer: Eno
     assert loud.steps[-1].task_rms == pytest.approx(ratio * answer.steps[-1].task_rms, rel=0.02)
 
 
+@pytest.mark.long
 def test_noise_that_grows_with_range_is_foreseen(cell: Cell, table_two: Poses) -> None:
     far = replace(cell, noise=Noise(5e-6, 5e-6, 0.0, 2e-5))
     full = whole_day(far, table_two)
@@ -172,6 +175,7 @@ def test_a_model_of_time_goes_on_at_the_pace_of_the_data(kr270: Cell, table_two:
     np.testing.assert_allclose(answer.steps[-1].std, found.std, rtol=0.02)
 
 
+@pytest.mark.long
 def test_what_the_arm_scatters_is_never_reached(tmp_path: Path) -> None:
     """An arm of 0.03 mm in MuJoCo: part of what is expected, and no number of poses goes below."""
     day = draw_day(Setting("6R", 3e-5, 1, 40, 3), 1, 0)

@@ -53,6 +53,7 @@ def test_second_visits_come_later_and_never_at_once(plain: doe.Design, count: in
     assert len(np.unique(visits(poses))) == 9 + count
 
 
+@pytest.mark.long
 def test_they_stand_beside_a_reference(cell: Cell) -> None:
     """Of which they are none, so that each visit has a way behind it."""
     plan = doe.design(cell, poses=9, reapproach=7, reference_every=2, **QUICK)
@@ -82,6 +83,7 @@ def test_they_are_spread(plain: doe.Design) -> None:
     assert own > np.quantile(chance, 0.8)
 
 
+@pytest.mark.long
 def test_they_count_as_what_they_are(cell: Cell) -> None:
     known = replace(cell, repeatability=ARM)
     plan = doe.design(known, poses=9, reapproach=4, **QUICK)
@@ -91,6 +93,7 @@ def test_they_count_as_what_they_are(cell: Cell) -> None:
     assert plan.value == pytest.approx(alone.value)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("markers", "coordinates"), [(1, 3), (2, 5), (3, 6)])
 def test_degrees_of_freedom_where_nothing_is_known_of_the_arm(
     cell: Cell, markers: int, coordinates: int
@@ -112,6 +115,7 @@ def test_degrees_of_freedom_where_nothing_is_known_of_the_arm(
         assert found.translation == pytest.approx(1.0 / np.sqrt(24.0))
 
 
+@pytest.mark.long
 def test_repeatability_is_found_as_well_as_promised(cell: Cell) -> None:
     """Days of measurement, their levels estimated: the scatter of the estimate is what was stated."""
     truth = replace(cell, repeatability=ARM)
@@ -129,6 +133,7 @@ def test_repeatability_is_found_as_well_as_promised(cell: Cell) -> None:
     assert 0.6 < np.std(found) / plan.reapproaches.translation < 1.4
 
 
+@pytest.mark.long
 def test_the_command_and_the_cell_ask_for_them(tmp_path: Path) -> None:
     for name in INPUTS:
         (tmp_path / name).write_text(embedded_text(name))

@@ -65,6 +65,7 @@ def test_its_repeats_add_most(elastic: Cell, plain: doe.Design) -> None:
     assert reference.pose == plain.poses.names[int(np.argmax(sums))]
 
 
+@pytest.mark.long
 def test_its_repeats_count_in_what_is_expected(tmp_path: Path) -> None:
     """The cell asks for it, the plan comes back from its file, and the covariance holds it."""
     for name in INPUTS:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +13,7 @@ from click.testing import CliRunner, Result
 
 from studies.cli import main
 from studies.demo import INPUTS, embedded_text
+from tests.bad_inputs.run import posecal
 
 ELASTIC = 'effects = ["stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6"]'
 
@@ -59,6 +58,7 @@ def entry(plan: dict[str, Any], approach: str, weighting: str) -> dict[str, Any]
     return found[0]
 
 
+@pytest.mark.long
 def test_result_holds_what_the_contract_names(folder: Path, fields: dict[str, Any]) -> None:
     assert (fields["schema"], fields["command"], fields["seed"]) == (1, "compare", 0)
     assert {Path(f["file"]).name for f in fields["inputs"]} == {
@@ -75,6 +75,7 @@ def test_result_holds_what_the_contract_names(folder: Path, fields: dict[str, An
         assert len(plan["improvement"]) == 9
 
 
+@pytest.mark.long
 def test_figures_are_consistent(fields: dict[str, Any]) -> None:
     for plan in fields["plans"]:
         plain, points = entry(plan, "pose", "plain"), entry(plan, "points", "full")
@@ -98,6 +99,7 @@ def test_figures_are_consistent(fields: dict[str, Any]) -> None:
     assert any(worst == pytest.approx(r) for r in ratios)
 
 
+@pytest.mark.long
 def test_the_answer_comes_first(done: Result) -> None:
     lines = done.output.splitlines()
     assert lines[0] == "kr270 milling cell: 9 parameters, 2 plans, 100 simulated experiments each"
@@ -107,6 +109,7 @@ def test_the_answer_comes_first(done: Result) -> None:
     assert max(map(len, lines)) <= 120
 
 
+@pytest.mark.long
 def test_figures_are_written_with_their_numbers(folder: Path, done: Result) -> None:
     assert "figures to" in done.output
     made = {path.name for path in (folder / "figures").iterdir()}
@@ -121,6 +124,7 @@ def test_figures_are_written_with_their_numbers(folder: Path, done: Result) -> N
     assert (folder / "figures" / "plans.png").read_bytes()[:4] == b"\x89PNG"
 
 
+@pytest.mark.long
 def test_figures_of_a_plan_that_leaves_parameters_open(folder: Path, tmp_path: Path) -> None:
     """What cannot be drawn is left out; the result is not lost with it."""
     rows = (folder / "plan.csv").read_text().splitlines()
@@ -150,6 +154,7 @@ def test_nothing_simulated(folder: Path) -> None:
     assert "not simulated" in done.stderr
 
 
+@pytest.mark.long
 def test_same_seed_same_result(folder: Path) -> None:
     def once(*more: object) -> dict[str, Any]:
         done = run(
@@ -163,6 +168,7 @@ def test_same_seed_same_result(folder: Path) -> None:
     assert once("--seed", 1)["agreement"] != once()["agreement"]
 
 
+@pytest.mark.long
 def test_values_of_an_identification(folder: Path, tmp_path: Path) -> None:
     result = tmp_path / "identified.json"
     compliance = {"stiffness_vs_angle": 0.28, "joint_compliance": 1.5}
@@ -205,15 +211,15 @@ def test_faults_end_in_one_line(
 ) -> None:
     monkeypatch.chdir(folder)
     (folder / "empty.csv").write_text("pose,A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg\n")
-    call = [sys.executable, "-c", "from studies.cli import run; run()", "compare", *arguments]
-    call += [] if "--monte-carlo" in arguments else ["--monte-carlo", "0"]
-    done = subprocess.run(call, capture_output=True, text=True, check=False)
-    assert done.returncode == 2, done.stdout + done.stderr
-    lines = done.stderr.strip().splitlines()
-    assert len(lines) == 1, done.stderr
+    few = () if "--monte-carlo" in arguments else ("--monte-carlo", "0")
+    heard = posecal("compare", *arguments, *few)
+    assert heard.status == 2, heard
+    lines = heard.err.strip().splitlines()
+    assert len(lines) == 1, heard.err
     assert said in lines[0]
 
 
+@pytest.mark.long
 def test_a_robot_of_the_users_own(data: Path, tmp_path: Path) -> None:
     """The whole question on a UR10: a designed plan against one of as many measured poses."""
     cell = data / "ur10_leica_b" / "cell.toml"

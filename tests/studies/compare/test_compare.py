@@ -75,6 +75,7 @@ def test_prediction_is_the_inverse_of_the_information(kr270: Cell, table_two: Po
     assert points.task_worst == pytest.approx(plan.assessment.task_worst, rel=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("effects", [("tool",), ("base", "tool")], ids=["base known", "base too"])
 def test_thousand_refits_scatter_as_predicted(
     kr270: Cell, table_two: Poses, effects: tuple[str, ...]
@@ -208,6 +209,7 @@ def test_worst_ratio_is_farthest_in_either_direction() -> None:
     assert found.worst_ratio == found.ratio[0] == pytest.approx(0.5, abs=0.03)
 
 
+@pytest.mark.long
 def test_disagreement_is_explained(kr270: Cell, table_two: Poses) -> None:
     """Poses within a degree and millimetres of noise: the estimate is not linear in it."""
     cell = replace(with_effects(one_marker(kr270), "base"), noise=Noise.isotropic(3e-3), load=None)
@@ -262,6 +264,7 @@ def calib_rows(experiment: Experiment) -> Array:
     return np.asarray(J.reshape(len(experiment.poses), 9, -1))
 
 
+@pytest.mark.long
 def test_accuracy_by_poses_and_markers(kr270: Cell, table_two: Poses) -> None:
     cell = with_effects(kr270, "base", "tool", "joint_offset:A2,A3")
     experiment = experiment_of(cell, table_two)
@@ -315,6 +318,7 @@ def parallel_arm(seed: int, markers: int, *effects: str) -> tuple[Cell, Poses]:
     return cell_of(robot, points, effects), poses_at(rng.uniform(low, high, (15, 4)))
 
 
+@pytest.mark.long
 def test_no_way_is_better_than_the_points_where_base_and_tool_overlap() -> None:
     """One marker component is dropped there; the shape that #1 measures must not mix with it."""
     cell, plan = parallel_arm(1, 3, "base", "tool", "geometry")
@@ -381,6 +385,7 @@ def test_shape_of_markers_seen_in_turn_is_the_best_fit(kr270: Cell, table_two: P
     assert ours == pytest.approx(2.0 * best.cost, rel=1e-6)
 
 
+@pytest.mark.long
 def test_too_few_trials_and_fits_that_fail_are_no_belief(kr270: Cell, table_two: Poses) -> None:
     cell = with_effects(kr270, "stiffness_vs_angle:A2", "joint_compliance:A3,A4")
     few = comparison_fields(compare(cell, {"p": table_two}, trials=5))["agreement"]
@@ -395,6 +400,7 @@ def test_too_few_trials_and_fits_that_fail_are_no_belief(kr270: Cell, table_two:
     assert "3 of 40 fits" in found["says"]
 
 
+@pytest.mark.long
 def test_a_way_of_which_no_fit_settled_is_left_out_of_the_figures(
     kr270: Cell, table_two: Poses
 ) -> None:
@@ -408,6 +414,7 @@ def test_a_way_of_which_no_fit_settled_is_left_out_of_the_figures(
     assert any("points" in column for column in drawn.header)
 
 
+@pytest.mark.long
 def test_robot_whose_errors_change_the_prediction_is_recognised(
     kr270: Cell, table_two: Poses
 ) -> None:

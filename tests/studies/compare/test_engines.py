@@ -33,6 +33,8 @@ from studies.compare.prediction import Prediction, predict
 from studies.demo import embedded_text
 from tests.helpers import cell_of, random_poses, random_robot
 
+pytestmark = pytest.mark.long
+
 Study = tuple[Experiment, list[Prediction]]
 COUNTS = (1, MOST_TRIALS - 1, MOST_TRIALS, 2 * MOST_TRIALS + 17)
 RUN = [sys.executable, "-c", "from studies.cli import run; run()", "compare"]

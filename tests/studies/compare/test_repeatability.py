@@ -38,6 +38,7 @@ def plan(table_two: Poses) -> Poses:
     return poses_at(np.concatenate([table_two.q, table_two.q[[1, 5, 9]]]))
 
 
+@pytest.mark.long
 def test_refits_scatter_as_predicted(cell: Cell, plan: Poses) -> None:
     """Both approaches in every weighting, free and loaded in one visit, poses visited again."""
     result = compare(cell, {"plan": plan}, trials=160, seed=2)
@@ -88,6 +89,7 @@ def displaced(
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("approach", ["points", "pose"])
 def test_identify_reaches_what_was_promised(cell: Cell, plan: Poses, approach: str) -> None:
     """Days of measurement by a simulation of their own, identified as real data are."""

@@ -131,6 +131,7 @@ def test_the_program_as_it_is_agrees_with_mujoco(arm: Cell, plan: Poses) -> None
     assert done["farthest_in_standard_deviations"] < 0.01
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", [torques_too_large, links_too_heavy])
 def test_a_fault_in_the_statics_is_noticed(
     arm: Cell,
@@ -150,6 +151,7 @@ def test_a_fault_in_the_statics_is_noticed(
     assert "kinematics, torques or weights are wrong" in found["says"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("truth", ["model", "mujoco"])
 def test_a_wrong_derivative_is_no_nonlinearity(
     arm: Cell, plan: Poses, monkeypatch: pytest.MonkeyPatch, truth: str
@@ -168,6 +170,7 @@ def test_a_wrong_derivative_is_no_nonlinearity(
     assert "the derivative by joint_compliance:j3.compliance is 17 % off" in found["says"]
 
 
+@pytest.mark.long
 def test_every_column_of_every_effect_passes() -> None:
     for seed in range(3):
         rng = np.random.default_rng(seed)
@@ -196,6 +199,7 @@ def test_what_mujoco_has_not_is_refused(kr270: Cell, table_two: Poses, effect: s
         compare(cell, {"p": table_two}, trials=0, truth="mujoco")
 
 
+@pytest.mark.long
 def test_trials_from_scratch_are_the_same_wherever_blocks_are_cut(arm: Cell, plan: Poses) -> None:
     experiment = experiment_of(arm, plan)
     prediction = predict(experiment, POINTS)
@@ -214,6 +218,7 @@ def test_trials_that_end_elsewhere_are_counted() -> None:
     assert surprising([here] * 10 + [loud] * 10) == (False, True)
 
 
+@pytest.mark.long
 def test_a_search_that_is_led_astray_is_said(
     arm: Cell, plan: Poses, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -232,6 +237,7 @@ def test_a_search_that_is_led_astray_is_said(
     assert "ended elsewhere than from the true robot" in found["says"]
 
 
+@pytest.mark.long
 def test_the_command(tmp_path: Path) -> None:
     for name in INPUTS:
         (tmp_path / name).write_text(embedded_text(name))

@@ -90,6 +90,7 @@ def test_json_says_before_and_after(demo: Path, tmp_path: Path) -> None:
     assert fields["warnings"] == []
 
 
+@pytest.mark.long
 def test_command_and_library_agree(demo: Path, tmp_path: Path) -> None:
     compensate(demo, "--json", tmp_path / "c.json")
     fields = json.loads((tmp_path / "c.json").read_text())
@@ -101,6 +102,7 @@ def test_command_and_library_agree(demo: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(np.degrees(found.q[:, 2]), shown, atol=1e-6)
 
 
+@pytest.mark.long
 def test_estimate_is_read_back_as_it_was(demo: Path, tmp_path: Path) -> None:
     """Knots that the cell does not give, and effects of a diagnosis, come from the result alone."""
     cell_path = tmp_path / "cell.toml"

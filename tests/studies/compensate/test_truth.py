@@ -28,6 +28,8 @@ from studies.research.withheld.visible import at_rest
 from tests.calib.compensation.test_compensate import band, missed, wanted
 from tests.studies.research.withheld.scenes import PLAIN, as_files, case_of
 
+pytestmark = pytest.mark.long
+
 CONDITIONS = replace(PLAIN, configurations=45, known_geometry=False)
 
 

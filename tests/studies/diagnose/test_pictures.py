@@ -32,6 +32,7 @@ def drawn(result: Diagnosis) -> dict[str, Picture]:
     return {picture.name: picture for picture in pictures(read_back)}
 
 
+@pytest.mark.long
 def test_the_fall_is_that_of_the_gap(result: Diagnosis, drawn: dict[str, Picture]) -> None:
     picture = drawn["waterfall"]
     rows = {str(row[0]): row for row in picture.rows}
@@ -46,6 +47,7 @@ def test_the_fall_is_that_of_the_gap(result: Diagnosis, drawn: dict[str, Picture
     assert f"{after / rows['what is left'][3]:.2f} times the floor" in picture.caption
 
 
+@pytest.mark.long
 def test_the_curve_has_a_row_for_each_pose(result: Diagnosis, drawn: dict[str, Picture]) -> None:
     picture = drawn["error_1_A3_by_approach_A3"]
     assert [row[0] for row in picture.rows] == list(result.data.poses.names)
@@ -58,6 +60,7 @@ def test_the_curve_has_a_row_for_each_pose(result: Diagnosis, drawn: dict[str, P
     assert "constant part" in picture.caption
 
 
+@pytest.mark.long
 def test_every_picture_is_complete_and_the_same_again(drawn: dict[str, Picture]) -> None:
     assert len(drawn) == 2
     for picture in drawn.values():

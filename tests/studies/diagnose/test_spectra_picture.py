@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import numpy as np
+import pytest
 
 from studies.diagnose.aliasing import aliasing_sentences
 from studies.diagnose.pictures import _spectrum
@@ -33,6 +34,7 @@ def test_joints_of_one_gear_are_one_family() -> None:
     assert families(chained) == [{(0, 0), (1, 0), (2, 0)}]
 
 
+@pytest.mark.long
 def test_lines_are_named_and_of_a_family_alike() -> None:
     panels = [
         panel("A1", 240.0),

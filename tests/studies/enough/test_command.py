@@ -49,6 +49,7 @@ def asked(folder: Path, *more: object) -> tuple[dict[str, Any], str]:
     return fields, " ".join(done.output.split())
 
 
+@pytest.mark.long
 def test_it_names_the_poses_that_the_goal_needs(folder: Path) -> None:
     plan = ("--plan", folder / "plan.csv")
     fields, _ = asked(folder, *plan)
@@ -66,6 +67,7 @@ def test_it_names_the_poses_that_the_goal_needs(folder: Path) -> None:
     assert "you may stop now" in said
 
 
+@pytest.mark.long
 def test_it_says_how_many_more_than_the_plan(folder: Path) -> None:
     plan = ("--plan", folder / "plan.csv")
     fields, _ = asked(folder, *plan)

@@ -113,6 +113,7 @@ def test_what_is_right() -> None:
     assert not six(answer("explained", *all_six[:5]))
 
 
+@pytest.mark.long
 def test_command(tmp_path: Path) -> None:
     options = ["--seeds", "1", "--only", "scara", "--json", str(tmp_path / "controls.json")]
     done = CliRunner().invoke(main, options)

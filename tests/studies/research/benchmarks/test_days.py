@@ -46,6 +46,7 @@ def test_instrument_and_approaches() -> None:
     np.testing.assert_array_equal(loose.read, again.read)
 
 
+@pytest.mark.long
 def test_a_quiet_day() -> None:
     """Without scatter all of it is right: nothing found, intervals hold, what is promised comes."""
     day = one_day(SMALL, 0, parts=("diagnose", "identify", "enough"), holdout=0.0, seed=0)
@@ -102,6 +103,7 @@ def test_summaries_by_hand() -> None:
     }
 
 
+@pytest.mark.long
 def test_command(tmp_path: Path) -> None:
     options = "--days 2 --only identify --only enough --arm SCARA --scatter 0 --scatter 0.03"
     options += f" --approaches 2 --poses 40 --markers 1 --json {tmp_path / 'days.json'}"

@@ -22,6 +22,7 @@ def test_full_covariance_loses_only_with_an_unequal_unknown_geometry(case: Case)
     assert found["pose plain"].max() > found["pose normalised"].max() > 1.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("known", [True, False], ids=["known", "unknown"])
 def test_simulation_bears_the_losses_out(known: bool) -> None:
     """The error of the shape, hidden markers and beam noise included: the hardest case."""

@@ -46,6 +46,7 @@ def test_a_second_program_predicts_the_same() -> None:
         np.testing.assert_allclose(found[way].std, own, rtol=1e-9)
 
 
+@pytest.mark.long
 def test_a_thousand_calibrations_scatter_as_predicted() -> None:
     experiment = table_one.experiment_at(table_one.embedded_setting())
     found = table_one.predictions_at(experiment)

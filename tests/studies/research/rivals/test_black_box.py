@@ -84,6 +84,7 @@ def answered(folder: Path, case: Case) -> dict[str, Any]:
     return black_box(cell, *calib.in_one_session(*tables))
 
 
+@pytest.mark.long
 def test_drift_is_learnt_and_the_rest_told(tmp_path: Path) -> None:
     """An instrument that runs away in time: smooth in one column, so any regression must see it."""
     many = replace(PLAIN, configurations=45)

@@ -92,6 +92,7 @@ def loaded(folder: Path) -> tuple[calib.Cell, calib.Measurements, calib.Measurem
     return cell, *calib.in_one_session(*tables)
 
 
+@pytest.mark.long
 def test_great_cause_is_named_and_measured(known: tuple[Case, Path]) -> None:
     case, folder = known
     cell, data, heldout = loaded(folder)
@@ -110,6 +111,7 @@ def test_great_cause_is_named_and_measured(known: tuple[Case, Path]) -> None:
         assert found["located"][0]["where"] == cause.where
 
 
+@pytest.mark.long
 def test_suspects_are_those_the_model_lacks(known: tuple[Case, Path]) -> None:
     _, folder = known
     cell, data, _ = loaded(folder)
@@ -126,6 +128,7 @@ def test_suspects_are_those_the_model_lacks(known: tuple[Case, Path]) -> None:
     assert screen.n == 3 * kept
 
 
+@pytest.mark.long
 def test_command_answers_or_says_why_not(
     known: tuple[Case, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -76,6 +76,7 @@ def answered(once: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(once, tmp_path / "copy"))
 
 
+@pytest.mark.long
 def test_same_seed_same_cases(folder: Path, tmp_path: Path) -> None:
     make(tmp_path / "again", COUNT, 11)
     for path in sorted((folder / "cases").rglob("*.*")):
@@ -108,6 +109,7 @@ def test_files_are_read_by_the_program(folder: Path) -> None:
         assert not any(f"{e['effect']}:{e['where']}" in text for e in key["effects"])
 
 
+@pytest.mark.long
 def test_nulls_hold_nothing(tmp_path: Path) -> None:
     """The user's own model fits a null down to its noise, whatever the conditions."""
     fitted = []
@@ -125,6 +127,7 @@ def test_nulls_hold_nothing(tmp_path: Path) -> None:
     np.testing.assert_allclose(fitted, 1.0, atol=0.12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", SHARES)
 def test_sizes_by_noncentrality(family: str) -> None:
     case = draw_case(np.random.default_rng(4), family)
@@ -265,6 +268,7 @@ def test_rivals_answer_in_folders_of_their_own(answered: Path, tmp_path: Path) -
     assert found["rivals"]["other"]["rates"] == found["rates"]
 
 
+@pytest.mark.long
 def test_stepwise_rival_through_the_command(tmp_path: Path) -> None:
     make(tmp_path / "one", 1, 5)
     runs = run(tmp_path / "one", program="bic")
@@ -326,6 +330,7 @@ def test_the_first_cases_count_and_chosen_ones_do_not(answered: Path) -> None:
         opened(answered)
 
 
+@pytest.mark.long
 def test_slow_program_counts_as_no_answer(folder: Path, tmp_path: Path) -> None:
     make(tmp_path / "one", 1, 5)
     command = f'{sys.executable} -c "import time; time.sleep(20)"'

@@ -96,6 +96,7 @@ def test_without_the_option_cases_stay(index: int, family: str, tmp_path: Path) 
     assert "arm_noise" not in key["conditions"]
 
 
+@pytest.mark.long
 def test_readings_err_by_their_covariance(case: Case) -> None:
     """Chi-square of all that was read, and the same with the arm taken for exact, far off."""
     r = (case.noisy - case.clean)[case.seen].ravel()
@@ -104,6 +105,7 @@ def test_readings_err_by_their_covariance(case: Case) -> None:
     assert chi2.sf(float(r @ r) / case.scene.noise.sigma**2, len(r)) < 1e-12
 
 
+@pytest.mark.long
 def test_noncentrality_under_the_true_covariance(case: Case) -> None:
     """The projector against dense generalised least squares."""
     scene, still = case.scene, case.state
@@ -123,6 +125,7 @@ def test_noncentrality_under_the_true_covariance(case: Case) -> None:
     assert exact @ exact > 1.1 * (found @ found)
 
 
+@pytest.mark.long
 def test_size_at_the_markers_and_what_the_cell_says(case: Case) -> None:
     scene = case.scene
     assert scene.scatter is not None
@@ -151,6 +154,7 @@ def test_size_at_the_markers_and_what_the_cell_says(case: Case) -> None:
     assert turn == pytest.approx(np.sqrt(np.mean(vectors**2)), rel=0.04)
 
 
+@pytest.mark.long
 def test_drawn_evenly_and_said_in_half() -> None:
     scenes = [scene_of(arm) for arm in ARMS]
     still = [at_rest(scene, scene.mechanism(), ()) for scene in scenes]
@@ -174,6 +178,7 @@ def test_drawn_evenly_and_said_in_half() -> None:
     assert np.median(ratios) == pytest.approx(np.sqrt(3.0), rel=0.12)
 
 
+@pytest.mark.long
 def test_command_and_floor(tmp_path: Path) -> None:
     """What a perfect model leaves of held-out readings is the floor of the key."""
     options = ["make", "8", "--seed", "2", str(tmp_path / "cases"), "--arm-noise"]

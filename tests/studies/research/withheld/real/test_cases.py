@@ -54,6 +54,7 @@ def asked(key: dict[str, Any]) -> list[dict[str, Any]]:
     return [entry for entry in key["effects"] if not entry.get("background")]
 
 
+@pytest.mark.long
 def test_same_seed_same_cases(tmp_path: Path) -> None:
     for name in ("one", "two"):
         make(tmp_path / name, 1, 8, real_arms=True)
@@ -67,6 +68,7 @@ def test_same_seed_same_cases(tmp_path: Path) -> None:
     assert one == two
 
 
+@pytest.mark.long
 def test_families_hold_what_they_say(keys: dict[str, dict[str, Any]]) -> None:
     assert asked(keys["null"]) == []
     assert len(asked(keys["single"])) == 1
@@ -109,6 +111,7 @@ def test_no_arm_is_met_twice() -> None:
         assert np.all(np.diff(arm.limits, axis=1) > 0.0)
 
 
+@pytest.mark.long
 def test_files_hold_what_the_key_says(drawn: dict[str, Case], tmp_path: Path) -> None:
     """Read by the program; torques, gear ratios and the missing clock as the conditions say."""
     for family, case in drawn.items():
@@ -130,6 +133,7 @@ def test_files_hold_what_the_key_says(drawn: dict[str, Case], tmp_path: Path) ->
         assert ("time_s" in rows[0]) == (case.conditions.missing != "time")
 
 
+@pytest.mark.long
 def test_arms_scatter_in_their_joints(drawn: dict[str, Case]) -> None:
     for case in drawn.values():
         scatter, scene = case.scene.scatter, case.scene
@@ -215,6 +219,7 @@ def scored(keys: dict[str, dict[str, Any]], tmp_path: Path) -> dict[str, Any]:
     return score(folder)
 
 
+@pytest.mark.long
 def test_who_knows_the_keys_scores_fully(scored: dict[str, Any]) -> None:
     rows = {(row["family"], row["figure"]): row for row in scored["rates"]}
     fool = {(row["family"], row["figure"]): row for row in scored["rivals"]["fool"]["rates"]}
@@ -234,6 +239,7 @@ def test_who_knows_the_keys_scores_fully(scored: dict[str, Any]) -> None:
     assert named
 
 
+@pytest.mark.long
 def test_score_in_print(scored: dict[str, Any]) -> None:
     json.dumps(scored, allow_nan=False)
     console = Console(width=120, record=True, file=io.StringIO())

@@ -151,6 +151,7 @@ def linear(case: Case) -> Linear:
     return Linear(white, model_columns(case), [cause_columns(case, c) for c in case.causes])
 
 
+@pytest.mark.long
 def test_gains_of_simulated_data(case: Case, linear: Linear) -> None:
     """Chi-square gained by a cause has the mean: parameters + noncentrality, beside others or alone."""
     key, own = key_of(case, "case", 0, "salt"), rows(case, held=False)
@@ -175,6 +176,7 @@ def test_gains_of_simulated_data(case: Case, linear: Linear) -> None:
         assert entry["beside"] <= entry["noncentrality"] * 1.001
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("visible", [3, 2])
 def test_what_a_fit_leaves(case: Case, linear: Linear, visible: int) -> None:
     """Held-out errors of three thousand fits of what is visible, beside what is too faint."""

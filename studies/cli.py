@@ -10,7 +10,6 @@ from typing import NoReturn
 
 import click
 
-from studies.commands.compare import compare
 from studies.commands.demo import demo
 from studies.commands.design import design
 from studies.commands.diagnose import diagnose
@@ -18,6 +17,7 @@ from studies.commands.identify import identify
 from studies.commands.import_ import import_
 from studies.commands.program import program
 from studies.commands.report import report
+from studies.compare.command import compare
 from studies.compensate.command import compensate
 from studies.enough.command import enough
 from studies.schema.command import schema

@@ -7,14 +7,19 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from studies.record import Record
 
-KINDS = ("enough", "compensate")
+KINDS = ("compare", "enough", "compensate")
 """In the order in which a page tells of them."""
 
 
 def record_type(kind: str) -> type[Record]:
     """The record of a kind."""
+    from studies.compare.record import CompareRecord
     from studies.compensate.record import CompensateRecord
     from studies.enough.record import EnoughRecord
 
-    types: dict[str, type[Record]] = {"enough": EnoughRecord, "compensate": CompensateRecord}
+    types: dict[str, type[Record]] = {
+        "compare": CompareRecord,
+        "enough": EnoughRecord,
+        "compensate": CompensateRecord,
+    }
     return types[kind]

@@ -21,7 +21,7 @@ from calib.poses import poses_at
 from doe.assess import assess
 from doe.problem import problem_of
 from doe.problem.wish import Wish
-from studies.compare import compare
+from studies.compare.compare import compare
 from studies.compare.experiment import FULL, POINTS
 from tests.helpers import cell_of, random_robot, with_effects
 

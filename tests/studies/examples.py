@@ -55,4 +55,47 @@ def _compensate() -> list[Record]:
     ]  # fmt: skip
 
 
-EXAMPLES = {"enough": _enough(), "compensate": _compensate()}
+def _compare() -> list[Record]:
+    old = old_fields("compare")
+    first, second = old["plans"]
+    ids = [p["id"] for p in first["approaches"][0]["parameters"]]
+    keys = ("pose plain", "points")
+    pair = {
+        "ids": ids[:2],
+        "covariance": {key: [[4.0, 1.0], [1.0, 9.0]] for key in keys},
+        "simulated": {"points": [[0.1 * k, 0.2 * k] for k in range(5)]},
+    }
+    curve = {"counts": [2, 3], "task_rms_mm": {key: [0.2, 0.1] for key in keys}}
+    whole = {
+        **first,
+        "by_pose": [{**worth, "effects": {"base": 0.5}} for worth in first["by_pose"]],
+        "correlation": [[1.0 if a == b else 0.1 for a in ids] for b in ids],
+        "entangled": [pair],
+        "by_poses": curve,
+        "by_markers": curve,
+    }
+    points = first["approaches"][-1]
+    alone = {**first, "approaches": [points], "improvement": [], "hidden_markers": 2}
+    alone |= {"readings_without_pose": 1, "trials": 3}
+    unknown = [{**p, "std": None} for p in points["parameters"]]
+    vague = {**points, "parameters": unknown, "task_rms_mm": None, "agreement": None}
+    vague |= {"from_scratch": None, "not_converged": 2}
+    other = {**second, "approaches": [vague], "improvement": []}
+    others = [{**p, "id": f"{p['id']}'"} for p in points["parameters"]]
+    apart = {**alone, "plan": "apart.csv", "approaches": [{**points, "parameters": others}]}
+    more = [{**p, "std": 2.0 * (p["std"] or 0.0)} for p in first["approaches"][2]["parameters"]]
+    full = {**first["approaches"][2], "parameters": more}
+    loses = {**first, "approaches": [*first["approaches"][:2], full, points]}
+    many = [{**p, "id": f"{p['id']}{k}"} for k in range(4) for p in points["parameters"]]
+    large = {**alone, "approaches": [{**points, "parameters": many}]}
+    return [
+        changed("compare"),
+        changed("compare", plans=[whole], notes=["a note"]),
+        changed("compare", plans=[loses], truth="mujoco"),
+        changed("compare", plans=[other], trials=0, agreement={**old["agreement"], "chi2_p": None}),
+        changed("compare", plans=[alone, apart]),
+        changed("compare", plans=[large], agreement={**old["agreement"], "believed": False}),
+    ]
+
+
+EXAMPLES = {"compare": _compare(), "enough": _enough(), "compensate": _compensate()}

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from studies.document import Section
 from studies.report.evidence import Evidence, Result, faults_of
-from studies.report.sections.approaches import approaches
 from studies.report.sections.arm import arm
 from studies.report.sections.cell import cell
 from studies.report.sections.diagnosis import diagnosis, further
@@ -27,7 +26,6 @@ ORDER = ("design", "plan", "compare", "identify", "diagnose", "enough", "compens
 UNCHECKED: dict[str, tuple[Callable[[Evidence, Result], Section | None], ...]] = {
     "design": (plan,),
     "plan": (sight,),
-    "compare": (approaches,),
     "identify": (errors, parameters, workspace),
     "diagnose": (diagnosis, further),
 }

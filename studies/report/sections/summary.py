@@ -12,7 +12,6 @@ from studies.noise_words import UNFOLLOWED, lacks, noise_words, scatters
 from studies.report.bars import Bar, bars
 from studies.report.evidence import KINDS, Evidence, Result, faults_of
 from studies.report.parts import Section, Text, listed
-from studies.report.sections.approaches import points_of
 from studies.report.sections.plan import certificate, size
 
 
@@ -197,17 +196,6 @@ def _plan(fields: Mapping[str, Any]) -> Iterator[Sentence]:
     )
 
 
-def _compare(fields: Mapping[str, Any]) -> Iterator[Sentence]:
-    best = {plan["plan"]: points_of(plan)["task_rms_mm"] for plan in fields["plans"]}
-    said = "; ".join(f"{name} {_mm(rms)}" for name, rms in best.items())
-    agreement = fields["agreement"]
-    yield Text(
-        f"Expected with approach #2: {said}. Checked with {fields['trials']} simulated experiments: "
-        f"{agreement['says']}.",
-        "warn" if agreement["believed"] is False else "good",
-    )
-
-
 def _mm(value: float | None) -> str:
     return "open" if value is None else f"{value:.4f} mm RMS"
 
@@ -217,5 +205,4 @@ _SAYS = {
     "diagnose": _diagnose,
     "design": _design,
     "plan": _plan,
-    "compare": _compare,
 }

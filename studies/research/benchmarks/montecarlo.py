@@ -34,7 +34,7 @@ from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
-from studies.compare import engine
+from studies.compare.engines import engine
 from studies.compare.experiment import PLAIN, POINTS, Experiment, experiment_of
 from studies.compare.montecarlo import MOST_TRIALS, Refits, refits
 from studies.compare.prediction import Prediction, predict

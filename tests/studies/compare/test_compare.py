@@ -19,16 +19,18 @@ from calib.errors import CalibError
 from calib.noise import Noise
 from calib.observations import with_measured_shape
 from calib.poses import Measurements, poses_at
-from studies.compare import compare
 from studies.compare.agreement import agreement, band
 from studies.compare.anatomy import by_markers, by_poses, influence, influence_by_effect
+from studies.compare.compare import compare
 from studies.compare.experiment import FULL, PLAIN, POINTS, WAYS, Experiment, experiment_of
 from studies.compare.montecarlo import refits
 from studies.compare.pictures import pictures
 from studies.compare.prediction import predict
+from studies.compare.record import compare_record
 from studies.compare.refutation import reason
-from studies.compare.results import comparison_fields
+from studies.record import Envelope
 from tests.helpers import cell_of, random_poses, random_robot, with_effects
+from tests.studies.compare.fields import fields_of
 
 
 def random_cell(seed: int, dof: int, markers: int, *effects: str) -> tuple[Cell, Poses]:
@@ -154,7 +156,7 @@ def test_a_parameter_that_the_plan_leaves_open_is_said(kr270: Cell, table_two: P
     assert points.agreement is not None
     assert np.isnan(points.agreement.ratio[open_]).all()
     assert not study.refits.errors["points"][:, open_].any()
-    fields = comparison_fields(compare(cell, {"three": few}, trials=0))
+    fields = fields_of(compare(cell, {"three": few}, trials=0))
     assert json.dumps(fields["plans"][0]["plan"]) == '"three"'
 
 
@@ -214,13 +216,13 @@ def test_disagreement_is_explained(kr270: Cell, table_two: Poses) -> None:
     """Poses within a degree and millimetres of noise: the estimate is not linear in it."""
     cell = replace(with_effects(one_marker(kr270), "base"), noise=Noise.isotropic(3e-3), load=None)
     near = poses_at(table_two.q[:1] + 0.01 * np.random.default_rng(0).normal(size=(8, 6)))
-    found = comparison_fields(compare(cell, {"coarse": near}, trials=200))["agreement"]
+    found = fields_of(compare(cell, {"coarse": near}, trials=200))["agreement"]
     assert found["chi2_p"] < 0.01
     assert found["believed"] is False
     assert "refuted at coarse" in found["says"]
     assert "not linear in noise of this size" in found["says"]
     fine = compare(cell_of_fine(kr270), {"fine": table_two}, trials=60)
-    assert comparison_fields(fine)["agreement"]["says"] == "simulation and prediction agree"
+    assert fields_of(fine)["agreement"]["says"] == "simulation and prediction agree"
 
 
 def cell_of_fine(kr270: Cell) -> Cell:
@@ -388,14 +390,14 @@ def test_shape_of_markers_seen_in_turn_is_the_best_fit(kr270: Cell, table_two: P
 @pytest.mark.long
 def test_too_few_trials_and_fits_that_fail_are_no_belief(kr270: Cell, table_two: Poses) -> None:
     cell = with_effects(kr270, "stiffness_vs_angle:A2", "joint_compliance:A3,A4")
-    few = comparison_fields(compare(cell, {"p": table_two}, trials=5))["agreement"]
+    few = fields_of(compare(cell, {"p": table_two}, trials=5))["agreement"]
     assert few["believed"] is None
     assert "too few to tell" in few["says"]
     result = compare(cell, {"p": table_two}, trials=40)
     study = result.plans[0]
     lost = tuple(replace(v, unsettled=3) for v in study.verdicts)
     worse = replace(result, plans=(replace(study, verdicts=lost),))
-    found = comparison_fields(worse)["agreement"]
+    found = fields_of(worse)["agreement"]
     assert found["believed"] is False
     assert "3 of 40 fits" in found["says"]
 
@@ -408,7 +410,9 @@ def test_a_way_of_which_no_fit_settled_is_left_out_of_the_figures(
     result = compare(cell, {"p": table_two}, trials=20)
     study = result.plans[0]
     some = tuple(replace(v, agreement=None) if v.way == PLAIN else v for v in study.verdicts)
-    made = pictures(replace(result, plans=(replace(study, verdicts=some),)))
+    made_from = Envelope(version="0", seed=0, inputs=(), cell="")
+    record = compare_record(replace(result, plans=(replace(study, verdicts=some),)), made_from)
+    made = [draw() for draw in pictures(record)]
     drawn = next(picture for picture in made if picture.name == "predicted_simulated")
     assert not any("plain" in column for column in drawn.header)
     assert any("points" in column for column in drawn.header)

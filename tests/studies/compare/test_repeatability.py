@@ -17,8 +17,8 @@ from calib.cell import Repeatability
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import poses_at
-from studies.compare import compare
 from studies.compare.agreement import agreement
+from studies.compare.compare import compare
 from studies.compare.experiment import experiment_of
 from studies.compare.prediction import predict
 from tests.helpers import with_effects

@@ -25,16 +25,17 @@ from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Measurements, poses_at
 from studies.cli import main
-from studies.compare import Comparison, compare, scratch
+from studies.compare import scratch
+from studies.compare.compare import Comparison, compare
 from studies.compare.derivatives import derivatives
 from studies.compare.experiment import POINTS, experiment_of, plausible
 from studies.compare.in_mujoco import points_in_mujoco
 from studies.compare.montecarlo import refits
 from studies.compare.prediction import predict
-from studies.compare.results import comparison_fields
 from studies.compare.scratch import FromScratch, surprising
 from studies.demo import INPUTS, embedded_text
 from tests.helpers import cell_of, random_poses, random_robot, with_effects
+from tests.studies.compare.fields import fields_of
 
 pytest.importorskip("mujoco")
 
@@ -120,7 +121,7 @@ def column_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_program_as_it_is_agrees_with_mujoco(arm: Cell, plan: Poses) -> None:
     result = study(arm, plan)
-    fields = comparison_fields(result)
+    fields = fields_of(result)
     assert fields["truth"] == "mujoco"
     assert fields["agreement"]["believed"] is True
     assert result.p is not None
@@ -146,7 +147,7 @@ def test_a_fault_in_the_statics_is_noticed(
     result = study(arm, plan)
     assert result.p is not None
     assert result.p < 1e-12
-    found = comparison_fields(result)["agreement"]
+    found = fields_of(result)["agreement"]
     assert found["believed"] is False
     assert "kinematics, torques or weights are wrong" in found["says"]
 
@@ -165,7 +166,7 @@ def test_a_wrong_derivative_is_no_nonlinearity(
     assert points.reason == "derivative"
     assert points.agreement is not None
     assert points.agreement.p < 1e-2
-    found = comparison_fields(result)["agreement"]
+    found = fields_of(result)["agreement"]
     assert found["believed"] is False
     assert "the derivative by joint_compliance:j3.compliance is 17 % off" in found["says"]
 
@@ -232,7 +233,7 @@ def test_a_search_that_is_led_astray_is_said(
     result = study(arm, plan, "model", trials=80)
     done = result.plans[0].refits.scratch["points"]
     assert not any(own.same for own in done)
-    found = comparison_fields(result)["agreement"]
+    found = fields_of(result)["agreement"]
     assert found["believed"] is False
     assert "ended elsewhere than from the true robot" in found["says"]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from studies.command.deliver import check_outputs, figure_files, output_file, say_written, show
+from studies.command.deliver import check_outputs, deliver, output_file
 from studies.command.options import (
     PATH,
     Finite,
@@ -18,7 +18,6 @@ from studies.command.options import (
     plan_names,
     result_options,
 )
-from studies.commands.common import envelope, output_texts
 
 if TYPE_CHECKING:
     from studies.compare.compare import Truth
@@ -86,12 +85,11 @@ def compare(
     import calib
     from calib.errors import InputError
     from calib.files.values import load_values
-    from calib.files.write import write_files
     from calib.model.build import build
-    from studies.compare import compare as compare_plans
-    from studies.compare import engine
-    from studies.compare.results import comparison_fields
-    from studies.compare.tables import comparison_tables
+    from studies.compare.compare import compare as compare_plans
+    from studies.compare.engines import engine
+    from studies.compare.record import compare_record
+    from studies.record import envelope
 
     cell = calib.load_cell(cell_path)
     targets = cell.design.get("targets")
@@ -123,15 +121,9 @@ def compare(
                 executor=executor,
                 progress=progress,
             )
-    fields = {**envelope("compare", inputs, seed), **comparison_fields(result)}
-    texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
-    if folder is not None:
-        from studies.compare.pictures import pictures
-
-        texts |= figure_files(pictures(result), folder)
-    write_files(texts)
-    show(comparison_tables(result, fields), json_path)
-    say_written(texts, folder, json_path)
+    made_from = envelope(cell.name, inputs, seed)
+    record = compare_record(result, made_from, curves=folder is not None)
+    deliver(record, json_path, folder)
 
 
 def _processes(workers: int | None, trials: int) -> int:

@@ -1,0 +1,96 @@
+"""Whether to believe a comparison's prediction, and if not, why and by how much."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from studies.compare.agreement import BELIEVED, FEWEST
+from studies.compare.compare import Comparison, PlanStudy, Verdict
+from studies.compare.refutation import SAYS
+from studies.compare.scratch import surprising
+
+UNSETTLED = 0.01
+"""Share of fits that may fail to settle before the rest says too little."""
+
+
+def believed(result: Comparison) -> bool | None:
+    """Whether prediction and simulation agree; None where too little was simulated to tell."""
+    verdicts = [v for study in result.plans for v in study.verdicts]
+    if result.trials < FEWEST:
+        return None
+    lost = max(v.unsettled for v in verdicts) > UNSETTLED * result.trials
+    wrong = any(study.slopes.wrong for study in result.plans) or _astray(result) is not None
+    return not (lost or wrong) and result.p is not None and result.p >= BELIEVED
+
+
+def says(result: Comparison) -> str:
+    """Whether to believe the prediction, and if not, why and by how much."""
+    for study in result.plans:
+        if study.slopes.wrong:
+            return (
+                f"refuted at {study.name}: the derivative by {study.slopes.parameter} is "
+                f"{100.0 * study.slopes.off:.2g} % off the model's own slope, a fault of the program "
+                "or of an added effect; what is predicted rests on it"
+            )
+    if not result.trials:
+        return "nothing was simulated"
+    if result.trials < FEWEST:
+        return (
+            f"{result.trials} simulated experiments are too few to tell: simulate {FEWEST} or more"
+        )
+    pairs = [(study, v) for study in result.plans for v in study.verdicts]
+    study, verdict = max(pairs, key=lambda pair: pair[1].unsettled)
+    if verdict.unsettled > UNSETTLED * result.trials:
+        return (
+            f"{verdict.unsettled} of {study.refits.trials} fits of {verdict.way.key} did not settle at "
+            f"{study.name}: the plan hardly determines the model"
+        )
+    if result.p is not None and result.p >= BELIEVED:
+        return _astray(result) or "simulation and prediction agree"
+    study, verdict = min(
+        (pair for pair in pairs if pair[1].agreement is not None),
+        key=lambda pair: pair[1].agreement.p if pair[1].agreement is not None else 1.0,
+    )
+    why = SAYS[verdict.reason or "chance"]
+    return f"refuted at {study.name}, {verdict.way.key}: {_failed(study, verdict)}; {why}"
+
+
+def _astray(result: Comparison) -> str | None:
+    """What trials that were identified from scratch did otherwise than their refits, if too many."""
+    for study in result.plans:
+        for key, done in study.refits.scratch.items():
+            elsewhere, noisy = surprising(done)
+            if elsewhere:
+                count = sum(not own.same for own in done)
+                return (
+                    f"refuted at {study.name}, {key}: {count} of {len(done)} experiments that were "
+                    "identified as real data are ended elsewhere than from the true robot: start "
+                    "values or outliers lead the search astray"
+                )
+            if noisy:
+                count = sum(own.noise != "cell" for own in done)
+                return (
+                    f"refuted at {study.name}, {key}: {count} of {len(done)} experiments that were "
+                    "identified as real data are took their noise for other than the cell's"
+                )
+    return None
+
+
+def _failed(study: PlanStudy, verdict: Verdict) -> str:
+    """Which test failed most, and by how much."""
+    found = verdict.agreement
+    if found is None:
+        return "no fit settled"
+    worst = min(found.tests, key=lambda name: found.tests[name])
+    if worst == "bias":
+        return f"the mean error is {found.shift:.2g} standard deviations in every direction"
+    if worst == "left":
+        return (
+            f"what the fits leave over is {100.0 * (found.left**0.5 - 1.0):+.2g} % beside the noise"
+        )
+    if worst == "scatter":
+        return f"all directions together scatter {100.0 * (found.total**0.5 - 1.0):+.2g} %"
+    ratio = np.where(np.isfinite(found.ratio), found.ratio, 1.0)
+    where = int(np.abs(np.log(ratio)).argmax())
+    name = study.experiment.model.parameters[where].id
+    return f"{name} scatters {100.0 * (ratio[where] - 1.0):+.2g} %"

@@ -1,0 +1,407 @@
+"""What ``posecal compare`` finds."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from studies.record import Count, Entry, Envelope, Maybe, Number, Positive, Record
+
+if TYPE_CHECKING:
+    from calib.arrays import Array
+    from calib.cell import Cell
+    from calib.effects.protocol import Parameter
+    from studies.compare.agreement import Agreement as Agreed
+    from studies.compare.anatomy import Curve
+    from studies.compare.compare import Comparison, PlanStudy, Verdict
+    from studies.compare.scratch import FromScratch as Scratch
+    from studies.document import Document
+
+_MM = 1e3
+_PAIRS = 6  # error ellipses: the parameters most entangled
+_POINTS = 400  # simulated experiments of an ellipse that are kept; more only darken its cloud
+
+Pair = tuple[Number, Number]
+Outline = tuple[Pair, Pair]
+
+
+class Known(Entry):
+    """How well a parameter is known, predicted and from the scatter of simulated experiments."""
+
+    name: str
+    effect: str
+    where: str
+    id: str
+    std: Maybe
+    unit: str
+    monte_carlo_std: Maybe
+    monte_carlo_bias_in_standard_errors: Maybe
+
+
+class FromScratch(Entry):
+    """Experiments identified as real data are: start values, outliers and noise of their own."""
+
+    trials: Count
+    same: Count
+    with_outliers: Count
+    noise: dict[str, Count]
+    farthest_in_standard_deviations: Maybe
+
+
+class Tested(Entry):
+    """Simulation against one prediction, by chi-square tests."""
+
+    worst_ratio: Maybe
+    variance_ratio: Maybe
+    chi2_p: Number
+    tests: dict[str, Number]
+
+
+class Approach(Entry):
+    """A plan under one approach and weighting."""
+
+    approach: Literal["points", "pose"]
+    weighting: Literal["full", "normalised", "plain"]
+    length_mm: Positive | None
+    parameters: tuple[Known, ...]
+    task_rms_mm: Maybe
+    task_worst_mm: Maybe
+    monte_carlo_task_rms_mm: Maybe
+    not_converged: Count
+    from_scratch: FromScratch | None
+    agreement: Tested | None
+    reason: str | None
+
+    @property
+    def key(self) -> str:
+        """``points``, ``pose plain``, .."""
+        return "points" if self.approach == "points" else f"pose {self.weighting}"
+
+
+class Factor(Entry):
+    """Plain approach #1 over approach #2; None where they determine different parameters."""
+
+    name: str
+    effect: str
+    where: str
+    id: str
+    factor: Maybe
+
+
+class Worth(Entry):
+    """What a pose counts for in the variances; ``effects`` sums it over those of each effect."""
+
+    pose: str
+    parameters_worth: Number
+    effects: dict[str, Number] = Field(default_factory=dict)
+
+
+class Derivatives(Entry):
+    """How far a derivative is off the model's own slope, where it is farthest."""
+
+    worst_relative_error: Maybe
+    id: str
+
+
+class Entangled(Entry):
+    """Two parameters that go together: covariances and simulated errors by approach, in their units."""
+
+    ids: tuple[str, str]
+    covariance: dict[str, Outline]
+    simulated: dict[str, tuple[Pair, ...]]
+
+
+class ByNumber(Entry):
+    """Task RMS by a number of poses or markers, median over subsets, by approach."""
+
+    counts: tuple[Count, ...] = ()
+    task_rms_mm: dict[str, tuple[Maybe, ...]] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _one_each(self) -> Self:
+        if any(len(values) != len(self.counts) for values in self.task_rms_mm.values()):
+            raise ValueError("task_rms_mm and counts are of different lengths")
+        return self
+
+
+class Plan(Entry):
+    """One plan under every approach, that of points the last."""
+
+    plan: str
+    poses: Count
+    readings: Count
+    trials: Count
+    derivatives: Derivatives
+    hidden_markers: Count
+    readings_without_pose: Count
+    approaches: tuple[Approach, ...] = Field(min_length=1)
+    improvement: tuple[Factor, ...]
+    by_pose: tuple[Worth, ...]
+    correlation: tuple[tuple[Maybe, ...], ...] = ()
+    entangled: tuple[Entangled, ...] = ()
+    by_poses: ByNumber = ByNumber()
+    by_markers: ByNumber = ByNumber()
+
+    @model_validator(mode="after")
+    def _belongs_together(self) -> Self:
+        if self.points.approach != "points":
+            raise ValueError("approach points is not the last")
+        ids = [p.id for p in self.points.parameters]
+        if any([p.id for p in own.parameters] != ids for own in self.approaches):
+            raise ValueError("approaches have other parameters")
+        if self.improvement and [f.id for f in self.improvement] != ids:
+            raise ValueError("improvement has other parameters")
+        if any(len(row) != len(ids) for row in self.correlation) or len(self.correlation) not in (
+            0, len(ids),
+        ):  # fmt: skip
+            raise ValueError("correlation is not of the parameters")
+        if len({tuple(worth.effects) for worth in self.by_pose}) > 1:
+            raise ValueError("by_pose has other effects from pose to pose")
+        if any(not set(pair.ids) <= set(ids) for pair in self.entangled):
+            raise ValueError("entangled has other parameters")
+        if len({(*pair.covariance, "|", *pair.simulated) for pair in self.entangled}) > 1:
+            raise ValueError("entangled has other approaches from pair to pair")
+        return self
+
+    @property
+    def points(self) -> Approach:
+        """Under approach #2, which any markers allow."""
+        return self.approaches[-1]
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Of the parameters."""
+        return tuple(p.id for p in self.points.parameters)
+
+    def of(self, key: str) -> Approach | None:
+        """Under one approach, None where the markers do not allow it."""
+        return next((own for own in self.approaches if own.key == key), None)
+
+
+class Agreement(Entry):
+    """Whether the prediction can be believed, over all plans and approaches."""
+
+    worst_ratio: Maybe
+    chi2_p: Maybe
+    ratio_band95: tuple[Maybe, Maybe]
+    worst_ratio_band99: tuple[Maybe, Maybe]
+    ratios: Count
+    believed: bool | None
+    says: str
+
+
+class CompareRecord(Record):
+    """Which approach, which weighting, which plan, and whether it can be believed."""
+
+    command: Literal["compare"] = "compare"
+    plans: tuple[Plan, ...] = Field(min_length=1)
+    targets: str
+    task_at: Literal["markers", "tip origin"]
+    notes: tuple[str, ...]
+    trials: Count
+    trials_asked: Count
+    truth: Literal["model", "mujoco"]
+    agreement: Agreement
+
+    def told(self) -> Document:
+        from studies.compare.telling import told
+
+        return told(self)
+
+
+def compare_record(
+    found: Comparison, made_from: Envelope, *, curves: bool = False
+) -> CompareRecord:
+    """The record of a comparison.
+
+    curves : whether to predict for fewer poses and markers too, which takes as long as 200 plans
+    """
+    from calib.effects.tool import Tool
+
+    tool = bool(len(found.plans[0].experiment.model.where(Tool)))
+    return CompareRecord(
+        **made_from,
+        plans=tuple(_plan(found.cell, study, curves) for study in found.plans),
+        targets=str(found.cell.design.get("targets") or "200 Sobol poses"),
+        task_at="markers" if tool else "tip origin",
+        notes=_notes(found.cell),
+        trials=found.trials,
+        trials_asked=found.asked,
+        truth=found.truth,
+        agreement=_agreement(found),
+    )
+
+
+def _notes(cell: Cell) -> tuple[str, ...]:
+    if not cell.noise.grows or cell.instrument is not None:
+        return ()
+    return (
+        "the cell does not say where the instrument stands ([instrument] position_mm): its ranges "
+        "count from the robot's base",
+    )
+
+
+def _agreement(found: Comparison) -> Agreement:
+    from studies.compare.agreement import BELIEVED, band
+    from studies.compare.judgement import believed, says
+
+    ratios = sum(int(np.isfinite(own.ratio).sum()) for own in found.agreements)
+    levels = (0.95, 1.0 - BELIEVED / max(1, ratios))
+    bands = [band(found.trials, level) if found.trials > 1 else (None, None) for level in levels]
+    return Agreement(
+        worst_ratio=found.worst_ratio,
+        chi2_p=found.p,
+        ratio_band95=bands[0],
+        worst_ratio_band99=bands[1],
+        ratios=ratios,
+        believed=believed(found),
+        says=says(found),
+    )
+
+
+def _plan(cell: Cell, study: PlanStudy, curves: bool) -> Plan:
+    from calib.model.covariance import correlation
+    from calib.observations import orientable
+    from studies.compare.anatomy import by_markers, by_poses, influence_by_effect
+
+    experiment, count = study.experiment, len(study.plan)
+    markers = experiment.model.marker_positions(experiment.nominal)
+    covariance = study.points.prediction.covariance
+    R = correlation(covariance)
+    nothing = ByNumber()
+    shares, effects = influence_by_effect(experiment, study.points.prediction, count)
+    return Plan(
+        plan=study.name,
+        poses=count,
+        readings=len(experiment.poses),
+        trials=study.refits.trials,
+        derivatives=Derivatives(worst_relative_error=study.slopes.off, id=study.slopes.parameter),
+        hidden_markers=int((~experiment.seen).sum()),
+        readings_without_pose=int((~orientable(markers, experiment.seen)).sum()),
+        approaches=tuple(_approach(study, verdict) for verdict in study.verdicts),
+        improvement=_improvement(study),
+        by_pose=tuple(
+            Worth(
+                pose=name,
+                parameters_worth=float(share.sum()),
+                effects=dict(zip(effects, share.tolist(), strict=True)),
+            )
+            for name, share in zip(study.plan.names, shares, strict=True)
+        ),
+        correlation=_rows(np.where(np.diag(covariance) > 0.0, R, np.nan)),
+        entangled=_entangled(study, R),
+        by_poses=_by_number(by_poses(cell, experiment, count)) if curves else nothing,
+        by_markers=_by_number(by_markers(cell, study.plan, experiment.length))
+        if curves
+        else nothing,
+    )
+
+
+def _rows(matrix: Array) -> tuple[tuple[float, ...], ...]:
+    return tuple(map(tuple, matrix.round(4).tolist()))
+
+
+def _improvement(study: PlanStudy) -> tuple[Factor, ...]:
+    if study.improvement is None:
+        return ()
+    return tuple(
+        Factor(name=p.name, effect=p.effect, where=p.where, id=p.id, factor=factor)
+        for p, factor in zip(_parameters(study), study.improvement.tolist(), strict=True)
+    )
+
+
+def _parameters(study: PlanStudy) -> Sequence[Parameter]:
+    return study.experiment.model.parameters
+
+
+def _approach(study: PlanStudy, verdict: Verdict) -> Approach:
+    found, way = verdict.agreement, verdict.way
+    parameters = _parameters(study)
+    nothing = np.full(len(parameters), np.nan)
+    simulated = nothing if found is None else found.std
+    bias = nothing if found is None else found.bias_share
+    return Approach(
+        approach=way.approach,
+        weighting=way.weighting,
+        length_mm=study.experiment.length * _MM if way.weighting == "plain" else None,
+        parameters=tuple(
+            Known(
+                name=p.name,
+                effect=p.effect,
+                where=p.where,
+                id=p.id,
+                std=float(std) / p.scale,
+                unit=p.unit,
+                monte_carlo_std=float(own) / p.scale,
+                monte_carlo_bias_in_standard_errors=float(shift),
+            )
+            for p, std, own, shift in zip(
+                parameters, verdict.prediction.std, simulated, bias, strict=True
+            )
+        ),
+        task_rms_mm=verdict.task_rms * _MM,
+        task_worst_mm=verdict.task_worst * _MM,
+        monte_carlo_task_rms_mm=verdict.simulated_rms * _MM,
+        not_converged=verdict.unsettled,
+        from_scratch=_from_scratch(study.refits.scratch.get(way.key, [])),
+        agreement=None if found is None else _tested(found),
+        reason=verdict.reason,
+    )
+
+
+def _from_scratch(done: Sequence[Scratch]) -> FromScratch | None:
+    if not done:
+        return None
+    return FromScratch(
+        trials=len(done),
+        same=sum(own.same for own in done),
+        with_outliers=sum(own.outliers > 0 for own in done),
+        noise=dict(Counter(own.noise for own in done)),
+        farthest_in_standard_deviations=max(own.apart for own in done),
+    )
+
+
+def _tested(found: Agreed) -> Tested:
+    return Tested(
+        worst_ratio=found.worst_ratio,
+        variance_ratio=found.total,
+        chi2_p=found.p,
+        tests=found.tests,
+    )
+
+
+def _entangled(study: PlanStudy, R: Array) -> tuple[Entangled, ...]:
+    """The robot's parameters that go together most, or all parameters where it has but one."""
+    parameters = _parameters(study)
+    own = [i for i, p in enumerate(parameters) if p.effect not in ("base", "tool")]
+    own = own if len(own) > 1 else list(range(len(parameters)))
+    ranked = sorted(
+        ((abs(R[a, b]), a, b) for n, a in enumerate(own) for b in own[n + 1 :]), reverse=True
+    )
+    return tuple(_pair(study, [a, b]) for _, a, b in ranked[:_PAIRS])
+
+
+def _pair(study: PlanStudy, pair: list[int]) -> Entangled:
+    a, b = (_parameters(study)[i] for i in pair)
+    scales = np.array([a.scale, b.scale])
+    covariance, simulated = {}, {}
+    for v in study.verdicts:
+        C = v.prediction.covariance[np.ix_(pair, pair)] / np.outer(scales, scales)
+        covariance[v.way.key] = ((C[0, 0], C[0, 1]), (C[1, 0], C[1, 1]))
+        if v.agreement is not None:
+            errors = study.refits.of(v.way.key)[:_POINTS, pair] / scales
+            simulated[v.way.key] = tuple((float(x), float(y)) for x, y in errors)
+    return Entangled(ids=(a.id, b.id), covariance=covariance, simulated=simulated)
+
+
+def _by_number(curve: Curve) -> ByNumber:
+    """Medians over the subsets, of approaches that can be had at all."""
+    rms = {key: values[:, 0] * _MM for key, values in curve.rms.items()}
+    return ByNumber(
+        counts=tuple(curve.counts.tolist()),
+        task_rms_mm={k: tuple(v.tolist()) for k, v in rms.items() if np.isfinite(v).any()},
+    )

@@ -1,0 +1,305 @@
+"""What a comparison says: the best plan, what approach #1 loses, and whether to believe it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from studies.compare.pictures import pictures
+from studies.compare.record import Approach, CompareRecord, Plan
+from studies.document import (
+    COUNT,
+    MM,
+    STD,
+    TEXT,
+    Column,
+    Detail,
+    Document,
+    Figure,
+    Mood,
+    Part,
+    Rule,
+    Section,
+    Sentence,
+    Table,
+    listed,
+    mm,
+    plural,
+)
+from studies.plots.style import APPROACHES
+
+_MOST_PARAMETERS = 24  # above it base and tool are for the page
+_MOST_NAMES = 4
+_SAME = 1.005
+_TITLES = {
+    "pose plain": "#1\nplain",
+    "pose normalised": "#1\nnorm.",
+    "pose full": "#1\nfull",
+    "points": "#2\npoints",
+}
+_CHANCE = Rule(lambda p: f"{p:.2g}")
+_FACTOR = Rule(lambda factor: f"{factor:.2f}")
+
+
+def told(record: CompareRecord) -> Document:
+    """The answer, accuracy of every approach at every plan, and what each parameter is known to."""
+    headline = (_best(record), Sentence(f"{_first_up(record.agreement.says)}.", _mood(record)))
+    section = Section("approaches", "Both approaches side by side", tuple(_parts(record)))
+    return Document(headline, (section,))
+
+
+def _first_up(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _mood(record: CompareRecord) -> Mood:
+    believed = record.agreement.believed
+    return "" if believed is None else "good" if believed else "warn"
+
+
+def _best(record: CompareRecord) -> Sentence:
+    """The plan that leaves the smallest error."""
+    p = plural(len(record.plans[0].ids), "parameter")
+    known = _known(record)
+    at = f"at {record.targets}, at the {record.task_at}"
+    if not known:
+        return Sentence(f"No plan determines every one of {p}.", "warn")
+    best = min(known, key=lambda name: known[name])
+    if len(record.plans) == 1:
+        return Sentence(f"{best} leaves {mm(known[best])} RMS with approach #2, {at}; {p}.")
+    return Sentence(
+        f"Of {plural(len(record.plans), 'plan')} {best} leaves least: {mm(known[best])} RMS with "
+        f"approach #2, {at}; {p}."
+    )
+
+
+def _known(record: CompareRecord) -> dict[str, float]:
+    """Task RMS with approach #2 of the plans that determine every parameter."""
+    rms = {plan.plan: plan.points.task_rms_mm for plan in record.plans}
+    return {name: value for name, value in rms.items() if value is not None}
+
+
+def _parts(record: CompareRecord) -> Iterator[Part]:
+    yield from _others(record)
+    yield from _gain(record)
+    yield from _belief(record)
+    yield from _lost(record)
+    yield Table(
+        _ACCURACY,
+        [_Row(plan, own) for plan in record.plans for own in plan.approaches],
+        "Error expected at the targets",
+        "Simulated: from the scatter of simulated experiments; p: the chance of one as far from the "
+        "prediction.",
+    )
+    if len(record.plans) == 1:
+        yield from _by_approach(record.plans[0], record.trials > 1)
+    else:
+        yield from _by_plan(record)
+    for draw in pictures(record):
+        yield Figure(draw)
+    yield from (Sentence(note, "note", "note") for note in record.notes)
+
+
+def _others(record: CompareRecord) -> Iterator[Sentence]:
+    """What the other plans need to draw level."""
+    known = _known(record)
+    least = min(known.values(), default=0.0)
+    for name, value in known.items():
+        if value > _SAME * least:
+            times = (value / least) ** 2
+            yield Sentence(
+                f"{name} would have to be measured {times:.2f} times over to match it",
+                label="plans",
+            )
+
+
+def _gain(record: CompareRecord) -> Iterator[Sentence]:
+    """What approach #1 loses, plain and by its full covariance."""
+    if all(plan.of("pose full") is None for plan in record.plans):
+        yield Sentence(
+            "#1 (pose) needs three visible markers that are not in line; #2 (points) does not",
+            label="approach",
+        )
+        return
+    factors = [f.factor for plan in record.plans for f in plan.improvement if f.factor is not None]
+    if not factors:
+        return
+    yield Sentence(
+        "#2 uses the marker coordinates as measured, #1 computes position and orientation of the tool "
+        f"from them first: with plain weighting it is {min(factors):.2f} to {max(factors):.3g} times "
+        "less certain",
+        label="approach",
+    )
+    worst = max(map(_loss, record.plans))
+    yield Sentence(
+        "weighted by its full covariance #1 equals #2: the gain is in the weighting"
+        if worst < _SAME
+        else f"weighted by its full covariance #1 still is up to {worst:.2f} times less certain: it "
+        "computes the marker geometry first"
+    )
+
+
+def _loss(plan: Plan) -> float:
+    """Largest ratio of standard deviations, fully weighted #1 over #2."""
+    full = plan.of("pose full")
+    if full is None:
+        return 1.0
+    pairs = [(a.std, b.std) for a, b in zip(full.parameters, plan.points.parameters, strict=True)]
+    if any((a is None) != (b is None) for a, b in pairs):
+        return 1.0
+    return max([1.0, *(a / b for a, b in pairs if a is not None and b)])
+
+
+def _belief(record: CompareRecord) -> Iterator[Sentence]:
+    found = record.agreement
+    if not record.trials:
+        return
+    yield Sentence(f"{plural(record.trials, 'simulated experiment')} a plan", label="simulated")
+    low, high = found.worst_ratio_band99
+    if found.chi2_p is not None and found.worst_ratio is not None and low and high:
+        yield Sentence(
+            f"simulated / predicted is {found.worst_ratio:.2f} where it is farthest from one "
+            f"({low:.2f} to {high:.2f} is chance among {found.ratios}); p = {_CHANCE(found.chi2_p)}"
+        )
+    drawn = "MuJoCo's arm" if record.truth == "mujoco" else "the model that is fitted"
+    yield Sentence(f"readings drawn from {drawn}; {_from_scratch(record)}")
+    for plan in record.plans:
+        for own in plan.approaches:
+            if own.not_converged:
+                yield Sentence(
+                    f"{own.not_converged} of {plan.trials} fits of {_label(own)} did not settle at "
+                    f"{plan.plan} and are left out"
+                )
+
+
+def _from_scratch(record: CompareRecord) -> str:
+    """How many trials were identified as real data are, and where that led."""
+    tried = [own.from_scratch for plan in record.plans for own in plan.approaches]
+    done = [own for own in tried if own is not None]
+    if not done:
+        return "none identified from scratch"
+    trials, same = sum(d.trials for d in done), sum(d.same for d in done)
+    out = sum(d.with_outliers for d in done)
+    return (
+        f"of {plural(trials, 'fit')} as real data are, {same} end where the refits do, "
+        f"{out} set poses aside"
+    )
+
+
+def _lost(record: CompareRecord) -> Iterator[Sentence]:
+    """What an interruption, hidden markers and undetermined parameters take away."""
+    for plan in record.plans:
+        if plan.trials < record.trials_asked:
+            yield Sentence(
+                f"{plan.plan}: {plan.trials} of {record.trials_asked} experiments simulated",
+                "warn",
+                "stopped",
+            )
+        if plan.hidden_markers:
+            less = plan.readings_without_pose
+            few = f"; {plural(less, 'reading')} too few for approach #1" if less else ""
+            hidden = plural(plan.hidden_markers, "marker reading")
+            yield Sentence(f"{hidden} at {plan.plan}{few}", label="hidden")
+        names = [p.id for p in plan.points.parameters if p.std is None]
+        if names:
+            yield Sentence(
+                f"{plan.plan} does not determine {listed(names, _MOST_NAMES)}: what it says of the "
+                "others, simulation too, takes these as nominal",
+                "warn",
+                "open",
+            )
+
+
+@dataclass(frozen=True)
+class _Row:
+    """An approach at a plan."""
+
+    plan: Plan
+    own: Approach
+
+    @property
+    def first(self) -> bool:
+        """Whether it is the first of its plan."""
+        return self.own is self.plan.approaches[0]
+
+
+def _label(own: Approach) -> str:
+    length = "" if own.length_mm is None else f" ({own.length_mm:g} mm)"
+    return APPROACHES[own.key].label + length
+
+
+_ACCURACY: tuple[Column[_Row], ...] = (
+    Column("plan", lambda row: row.plan.plan if row.first else ""),
+    Column("poses", lambda row: row.plan.poses if row.first else 0, COUNT),
+    Column("approach", lambda row: _label(row.own)),
+    Column("task RMS", lambda row: row.own.task_rms_mm, MM, "mm"),
+    Column("at worst", lambda row: row.own.task_worst_mm, MM, "mm"),
+    Column("simulated", lambda row: row.own.monte_carlo_task_rms_mm, MM, "mm"),
+    Column("p", lambda row: row.own.agreement and row.own.agreement.chi2_p, _CHANCE),
+)
+
+
+@dataclass(frozen=True)
+class _Parameter:
+    """A parameter by its number in a plan; first : whether it is the first of its effect shown."""
+
+    number: int
+    first: bool
+
+
+def _by_approach(plan: Plan, simulated: bool) -> Iterator[Part]:
+    """Standard deviations under every approach, and what plain #1 loses."""
+    columns = [
+        _std(_TITLES[own.key], own)
+        for own in plan.approaches
+        if own.key != "pose full" or _loss(plan) > _SAME
+    ]
+    if simulated:
+        points = plan.points.parameters
+        columns.append(Column("#2\nsim.", lambda row: points[row.number].monte_carlo_std, STD))
+    if plan.improvement:
+        factors = [f.factor for f in plan.improvement]
+        columns.append(Column("plain\nover #2", lambda row: factors[row.number], _FACTOR))
+    loses = ", and what plain #1 loses" if plan.improvement else ""
+    yield from _tables(plan, columns, f"Standard deviations{loses}")
+
+
+def _by_plan(record: CompareRecord) -> Iterator[Part]:
+    """Standard deviations of approach #2 at each plan, where all have the same parameters."""
+    first = record.plans[0]
+    shared = [plan for plan in record.plans if plan.ids == first.ids]
+    columns = [_std(plan.plan, plan.points) for plan in shared]
+    yield from _tables(first, columns, "Standard deviations of approach #2 at each plan")
+    for plan in record.plans:
+        if plan not in shared:
+            yield Sentence(f"{plan.plan} has other parameters, which the JSON lists", "note")
+
+
+def _std(title: str, own: Approach) -> Column[_Parameter]:
+    return Column(title, lambda row: own.parameters[row.number].std, STD)
+
+
+def _tables(plan: Plan, columns: list[Column[_Parameter]], name: str) -> Iterator[Part]:
+    """By parameter; those of base and tool on the page alone where there are many."""
+    points = plan.points.parameters
+    titles: tuple[Column[_Parameter], ...] = (
+        Column("effect", lambda row: points[row.number].effect if row.first else "", TEXT),
+        Column("where", lambda row: points[row.number].where, TEXT),
+        Column("parameter", lambda row: points[row.number].name.replace("compliance@", "@"), TEXT),
+        Column("unit", lambda row: points[row.number].unit, TEXT),
+    )
+    many = len(points) > _MOST_PARAMETERS
+    placing = [i for i, p in enumerate(points) if many and p.effect in ("base", "tool")]
+    robot = [i for i in range(len(points)) if i not in placing]
+    yield Table((*titles, *columns), _numbered(plan, robot), name)
+    if placing:
+        table = Table((*titles, *columns), _numbered(plan, placing), f"{name}, base and tool")
+        yield Detail((table,))
+
+
+def _numbered(plan: Plan, chosen: list[int]) -> list[_Parameter]:
+    effects = [plan.points.parameters[i].effect for i in chosen]
+    return [
+        _Parameter(number, own not in effects[:k])
+        for k, (number, own) in enumerate(zip(chosen, effects, strict=True))
+    ]

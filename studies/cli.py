@@ -11,7 +11,6 @@ from typing import NoReturn
 import click
 
 from studies.commands.demo import demo
-from studies.commands.design import design
 from studies.commands.diagnose import diagnose
 from studies.commands.identify import identify
 from studies.commands.import_ import import_
@@ -19,6 +18,7 @@ from studies.commands.program import program
 from studies.commands.report import report
 from studies.compare.command import compare
 from studies.compensate.command import compensate
+from studies.design.command import design
 from studies.enough.command import enough
 from studies.schema.command import schema
 

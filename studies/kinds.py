@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from studies.record import Record
 
-KINDS = ("compare", "enough", "compensate")
+KINDS = ("design", "compare", "enough", "compensate")
 """In the order in which a page tells of them."""
 
 
@@ -15,9 +15,11 @@ def record_type(kind: str) -> type[Record]:
     """The record of a kind."""
     from studies.compare.record import CompareRecord
     from studies.compensate.record import CompensateRecord
+    from studies.design.record import DesignRecord
     from studies.enough.record import EnoughRecord
 
     types: dict[str, type[Record]] = {
+        "design": DesignRecord,
         "compare": CompareRecord,
         "enough": EnoughRecord,
         "compensate": CompensateRecord,

@@ -51,6 +51,7 @@ Maybe = Annotated[Number | None, BeforeValidator(_defined)]
 """A figure that may be undefined: None, into which NaN and infinity turn."""
 NotNegative = Annotated[Number, Field(ge=0)]
 Positive = Annotated[Number, Field(gt=0)]
+MaybePositive = Annotated[Positive | None, BeforeValidator(_defined)]
 Count = Annotated[int, Field(ge=0, lt=2**53)]
 
 

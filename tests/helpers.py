@@ -20,6 +20,7 @@ from calib.model import Model
 from calib.noise import Noise
 from calib.poses import Poses, poses_at
 from studies.demo import INPUTS, embedded_cell, embedded_plan, embedded_text, simulated
+from studies.record import Envelope
 
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 
@@ -150,3 +151,7 @@ def measured_cell(folder: Path) -> Path:
     }
     (folder / "truth.json").write_text(json.dumps({"parameters": truth}))
     return folder
+
+
+MADE_FROM = Envelope(version="0", seed=0, inputs=(), cell="")
+"""Of a record that no command made."""

@@ -19,12 +19,12 @@ from calib.files.read import sha256
 from calib.files.write import json_text, write_files
 from calib.files.write_tables import measurements_csv
 from studies.commands.common import envelope
-from studies.commands.compare import compare
-from studies.commands.design import design
 from studies.commands.diagnose import diagnose
 from studies.commands.identify import identify
 from studies.commands.report import report
+from studies.compare.command import compare
 from studies.demo import embedded_text, session
+from studies.design.command import design
 from studies.noise_words import lacks
 
 RECORD = "demo.json"

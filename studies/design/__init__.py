@@ -1,1 +1,1 @@
-"""What a person sees of a design: tables and figures."""
+"""``posecal design``: its record, how it is told and drawn, its command."""

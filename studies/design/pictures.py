@@ -2,49 +2,64 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib.threads import one_blas_thread
-from doe import Design
-from studies.compare.anatomy import influence_by_effect
-from studies.compare.experiment import POINTS, experiment_of
-from studies.compare.prediction import predict
 from studies.plots import accuracy, deviations, information
 from studies.plots.style import Picture
 
+if TYPE_CHECKING:
+    from studies.design.record import DesignRecord, Landscape
 
-@one_blas_thread
-def pictures(design: Design) -> list[Picture]:
+
+def pictures(record: DesignRecord) -> Iterator[Callable[[], Picture]]:
     """The proof, what each pose brings, the plans judged beside it, and the curve if there is one."""
-    return list(_pictures(design))
+    landscape = record.landscape
+    if landscape is not None:
+        yield lambda: derivative(record, landscape)
+    if record.by_pose and record.by_pose[0].effects:
+        yield lambda: information_by_pose(record)
+    yield lambda: deviations_by_plan(record)
+    if record.curve:
+        yield lambda: against_poses(record)
 
 
-def _pictures(design: Design) -> Iterator[Picture]:
-    robot, view = design.problem.cell.robot, design.landscape
-    joint = design.levels.joint if design.levels is not None else min(1, robot.dof - 1)
-    yield information.derivative(
-        view.share,
-        view.q[:, joint],
-        robot.joints[joint],
-        np.flatnonzero(view.chosen),
-        levels=None if design.levels is None else design.levels.values,
-        criterion=design.criterion,
-        efficiency=design.efficiency,
+def derivative(record: DesignRecord, landscape: Landscape) -> Picture:
+    """What the criterion would gain towards each candidate."""
+    levels = landscape.levels_rad
+    return information.derivative(
+        np.array(landscape.share),
+        np.array(landscape.value_rad),
+        landscape.joint,
+        np.arange(landscape.chosen),
+        levels=None if levels is None else np.array(levels),
+        criterion=record.criterion,
+        efficiency=record.efficiency,
     )
-    experiment = experiment_of(design.problem.cell, design.poses)
-    share, groups = influence_by_effect(experiment, predict(experiment, POINTS), len(design.poses))
-    yield information.by_pose(design.poses.names, share, groups)
-    parameters = design.problem.model.parameters
-    scales = np.array([p.scale for p in parameters])
-    plans = {"this plan": design.assessment, **{n: r.assessment for n, r in design.rivals.items()}}
-    yield deviations.by_approach(
-        [p.id for p in parameters],
-        [p.unit for p in parameters],
-        {name: judged.std / scales for name, judged in plans.items()},
+
+
+def information_by_pose(record: DesignRecord) -> Picture:
+    """What each pose tells of the parameters, by effect."""
+    effects = list(record.by_pose[0].effects)
+    shares = np.array([[own.effects[e] for e in effects] for own in record.by_pose])
+    return information.by_pose([own.pose for own in record.by_pose], shares, effects)
+
+
+def deviations_by_plan(record: DesignRecord) -> Picture:
+    """Standard deviations of the plan and of those judged beside it."""
+    plans = {"this plan": [p.std for p in record.predicted_std]}
+    plans |= {name: list(own.std) for name, own in record.against.items() if own.std}
+    return deviations.by_approach(
+        [p.id for p in record.predicted_std],
+        [p.unit for p in record.predicted_std],
+        {name: np.array(std, dtype=float) for name, std in plans.items()},
         title="Standard deviations by plan, approach #2",
     )
-    if design.curve:
-        rms = np.array([step.task_rms for step in design.curve])
-        yield accuracy.against_poses([step.poses for step in design.curve], {"best plans": rms})
+
+
+def against_poses(record: DesignRecord) -> Picture:
+    """Accuracy of the best plans found of fewer and more poses."""
+    rms = np.array([step.task_rms_mm for step in record.curve], dtype=float) / 1e3
+    return accuracy.against_poses([step.poses for step in record.curve], {"best plans": rms})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -51,7 +52,10 @@ NAMES = Rule(lambda names: listed(names, 2), absent="", number=False)
 MM = fixed(4)
 MRAD = fixed(3)
 JOINT = fixed(4)
+HUNDREDTH = fixed(2)
 FOUR = Rule(lambda value: f"{value:.4g}")
+PROVED = Rule(lambda share: f"{math.floor(share * 1e4) / 1e2:.2f} %")
+"""Never rounded up."""
 PERCENT = Rule(lambda share: f"{100.0 * share:.1f}")
 STD = Rule(lambda value: f"{value:.3g}", absent="open")
 

@@ -17,6 +17,7 @@ from calib import Cell, Measurements, load_cell, load_measurements
 from calib.errors import CalibError, InputError
 from calib.files.read import sha256
 from calib.poses import Poses, poses_at
+from studies.design.record import DesignRecord
 from studies.identify.point_errors import HELD_OUT
 from studies.kinds import KINDS as RECORDS
 from studies.record import Record, kind_of, read
@@ -41,6 +42,7 @@ FAULTS = (
 _SAME_JOINTS = 1e-6  # rad or m
 _MOST_BYTES = 200_000_000
 _LARGEST_NUMBER = 1e30
+_ANEW = "write it anew with this version"
 _LARGEST_JOINT = 1e6  # rad or m
 
 
@@ -195,9 +197,8 @@ def load_evidence(paths: Sequence[Path]) -> Evidence:
     for result in results:
         if cell is None or not result.inputs or result.inputs[0].sha256 != _digest(results):
             continue
-        if result.kind == "design":
-            with faults_of(result.path):
-                plans[result.path] = plan_poses(cell, result)
+        if isinstance(result.record, DesignRecord):
+            plans[result.path] = plan_poses(cell, result.record, result.path)
         if result.kind in ("identify", "diagnose"):
             with faults_of(result.path):
                 measured, lost = _measured(cell, result)
@@ -302,16 +303,15 @@ def _cell(results: tuple[Result, ...]) -> tuple[Cell | None, list[str]]:
         return None, [*notes, f"{error}: the cell is left out"]
 
 
-def plan_poses(cell: Cell, result: Result) -> Poses:
-    """The poses of a design."""
+def plan_poses(cell: Cell, record: DesignRecord, path: Path) -> Poses:
+    """The poses of a design. Raises InputError where they are not of the cell's joints."""
     robot = cell.robot
-    rows = []
-    for pose in result.fields["poses"]:
-        values = {**pose["joints_deg"], **pose.get("joints_mm", {})}
-        rows.append([float(values[name]) for name in robot.joints])
+    values = [{**pose.joints_deg, **pose.joints_mm} for pose in record.poses]
+    if set(values[0]) != set(robot.joints):
+        joints = ", ".join(robot.joints)
+        raise InputError(path, "poses", "name other joints than the cell", f"these are {joints}")
     scale = np.where(robot.prismatic, 1e-3, np.pi / 180.0)
-    names = [str(pose["pose"]) for pose in result.fields["poses"]]
-    q = np.array(rows).reshape(len(rows), robot.dof) * scale
+    q = np.array([[own[name] for name in robot.joints] for own in values]) * scale
     if not (np.abs(q) < _LARGEST_JOINT).all():
-        raise ValueError
-    return poses_at(q, names)
+        raise InputError(path, "poses", "stand at joints of no plausible size", _ANEW)
+    return poses_at(q, [pose.pose for pose in record.poses])

@@ -98,4 +98,41 @@ def _compare() -> list[Record]:
     ]
 
 
-EXAMPLES = {"compare": _compare(), "enough": _enough(), "compensate": _compensate()}
+def _design() -> list[Record]:
+    old = old_fields("design")
+    few = old["poses"][:3]
+    slid = [{**pose, "joints_deg": {}, "joints_mm": {"X": 1.0}, "level": None} for pose in few]
+    many = [{**p, "id": f"{p['id']}{k}"} for k in range(4) for p in old["predicted_std"]]
+    landscape = {
+        "joint": "A2",
+        "levels_rad": [0.0, 0.5],
+        "value_rad": [0.0, 0.5, 0.0, 0.5],
+        "share": [1.0, 1.0, 0.3, 0.4],
+        "chosen": 2,
+    }
+    lost = {**old["survives"], "loss_of_marker": {"m1": None, "m2": 0.1}}
+    lost["loss_of_pose"] = {**lost["loss_of_pose"], "task_rms_mm": None, "efficiency": None}
+    again = {"poses": ["p01"], "again": ["a01"], "dof": 6}
+    again["repeatability_relative_std"] = dict.fromkeys(("common", "translation", "rotation"), 0.3)
+    plain = {"reference": None, "curve": [], "against": {}, "at_targets": []}
+    name = next(iter(old["against"]))
+    return [
+        changed("design"),
+        changed("design", pays_until=6, matches={name: 6}, survives=lost, levels_deg={},
+                proof={**old["proof"], "proved_optimal": True}),
+        changed("design", matches={name: None}, landscape=landscape, reapproaches=again, extends=4,
+                by_pose=[{"pose": p["pose"], "effects": {"base": 0.5}} for p in old["poses"]]),
+        changed("design", **plain, poses=slid, levels_deg={}, predicted_std=many),
+        changed("design", **plain, levels_mm={"X": [1.0]}, levels_deg={}, criterion="D",
+                landscape={**landscape, "levels_rad": None},
+                survives={**lost, "loss_of_marker": {},
+                          "loss_of_pose": {**lost["loss_of_pose"], "worst": None}}),
+    ]  # fmt: skip
+
+
+EXAMPLES = {
+    "design": _design(),
+    "compare": _compare(),
+    "enough": _enough(),
+    "compensate": _compensate(),
+}

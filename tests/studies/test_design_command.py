@@ -182,7 +182,7 @@ def test_figures_of_a_design(folder: Path, tmp_path: Path) -> None:
         "--against", folder / "plan.csv", "--figures", tmp_path / "figures",
     )  # fmt: skip
     assert made.exit_code == 0, made.output
-    assert "wrote 4 figures" in made.output
+    assert "wrote 5 figures" in made.output
     stems = {path.stem for path in (tmp_path / "figures").iterdir()}
     assert stems == {"derivative", "information", "deviations", "accuracy_poses"}
     with (tmp_path / "figures" / "derivative.csv").open() as file:

@@ -13,7 +13,6 @@ from studies.report.sections.cell import cell
 from studies.report.sections.diagnosis import diagnosis, further
 from studies.report.sections.errors import errors, workspace
 from studies.report.sections.parameters import parameters
-from studies.report.sections.plan import plan
 from studies.report.sections.provenance import provenance
 from studies.report.sections.sight import sight
 from studies.report.sections.summary import summary
@@ -24,7 +23,6 @@ ORDER = ("design", "plan", "compare", "identify", "diagnose", "enough", "compens
 """Kinds of result as their sections follow each other."""
 
 UNCHECKED: dict[str, tuple[Callable[[Evidence, Result], Section | None], ...]] = {
-    "design": (plan,),
     "plan": (sight,),
     "identify": (errors, parameters, workspace),
     "diagnose": (diagnosis, further),

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from calib.poses import Measurements, Poses
+from studies.design.record import DesignRecord
 from studies.report.arm_scene import scene
 from studies.report.arm_view import figure_html
 from studies.report.evidence import Evidence
@@ -26,8 +27,7 @@ def arm(evidence: Evidence) -> Section | None:
         shown = measured.data
     elif design is not None and design.path in evidence.plans:
         path, shown = design.path, evidence.plans[design.path]
-        levels = design.fields.get("levels_deg") or design.fields.get("levels_mm") or {}
-        level = next(iter(levels), None)
+        level = design.record.level_joint if isinstance(design.record, DesignRecord) else None
     else:
         return None
     drawn = scene(evidence.cell, _once(evidence.lit[path], shown), level_joint=level)

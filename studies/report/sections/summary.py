@@ -12,7 +12,6 @@ from studies.noise_words import UNFOLLOWED, lacks, noise_words, scatters
 from studies.report.bars import Bar, bars
 from studies.report.evidence import KINDS, Evidence, Result, faults_of
 from studies.report.parts import Section, Text, listed
-from studies.report.sections.plan import certificate, size
 
 
 def summary(evidence: Evidence) -> Section:
@@ -173,15 +172,6 @@ def _diagnose(fields: Mapping[str, Any]) -> Iterator[Sentence]:
     yield Text(f"{sentence[0].upper()}{sentence[1:]}.{proof}", "good" if good else "warn")
 
 
-def _design(fields: Mapping[str, Any]) -> Iterator[Sentence]:
-    yield Text(
-        f"The plan has {size(fields)}, for {len(fields['predicted_std'])} parameters, chosen by "
-        f"criterion {fields['criterion']}. {certificate(fields)} Expected after measuring: "
-        f"{_mm(fields['task_rms_mm'])}.",
-        "good",
-    )
-
-
 def _plan(fields: Mapping[str, Any]) -> Iterator[Sentence]:
     entries = fields["could_not_see"]
     seen = [entry for entry in entries if entry["minimum_detectable"] is not None]
@@ -203,6 +193,5 @@ def _mm(value: float | None) -> str:
 _SAYS = {
     "identify": _identify,
     "diagnose": _diagnose,
-    "design": _design,
     "plan": _plan,
 }

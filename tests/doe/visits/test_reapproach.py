@@ -20,11 +20,11 @@ from calib.files.cell import load_cell
 from calib.model.build import build
 from calib.poses.visits import visits
 from doe.assess import assess
-from doe.results import design_fields
 from doe.visits.reapproach import reapproaches_of, with_reapproaches
 from studies.cli import main
 from studies.demo import INPUTS, embedded_text
-from tests.helpers import with_effects
+from studies.design.record import design_record
+from tests.helpers import MADE_FROM, with_effects
 
 QUICK: dict[str, Any] = {"candidates": 700, "refine": False, "fresh": False, "criterion": "D"}
 ARM = Repeatability(4e-5, 2e-4)
@@ -162,4 +162,4 @@ def test_too_many_are_refused(cell: Cell, plain: doe.Design) -> None:
         with_reapproaches(plain.problem, plain.poses, 9)
     with pytest.raises(CalibError, match="-1 poses cannot be visited again"):
         doe.design(cell, poses=7, reapproach=-1, **QUICK)
-    assert design_fields(plain)["reapproaches"] is None
+    assert design_record(plain, MADE_FROM).reapproaches is None

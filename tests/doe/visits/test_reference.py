@@ -16,10 +16,10 @@ from calib.files.cell import load_cell
 from calib.files.write_tables import plan_csv
 from calib.model.build import build
 from doe.constraints import scene_of, visible
-from doe.results import design_fields
 from doe.visits.reference import spacing, with_reference
 from studies.demo import INPUTS, embedded_text
-from tests.helpers import with_effects
+from studies.design.record import design_record
+from tests.helpers import MADE_FROM, with_effects
 
 ELASTIC = ("joint_compliance:A2,A3,A4,A5,A6",)
 LEVELS = "A2=-100,-20x4"
@@ -79,7 +79,7 @@ def test_its_repeats_count_in_what_is_expected(tmp_path: Path) -> None:
     again = calib.load_plan(cell, tmp_path / "best.csv")
     assert again.names == plan.poses.names
     assert sorted(np.bincount(again.configuration)) == [1] * 7 + [4]
-    fields = design_fields(plan)
+    fields = design_record(plan, MADE_FROM).model_dump()
     assert [pose["pose"] for pose in fields["poses"]] == list(again.names)
     assert (fields["reference"]["every"], fields["reference"]["poses"]) == (
         5,

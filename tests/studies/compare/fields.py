@@ -6,10 +6,9 @@ from typing import Any
 
 from studies.compare.compare import Comparison
 from studies.compare.record import compare_record
-from studies.record import Envelope
+from tests.helpers import MADE_FROM
 
 
 def fields_of(result: Comparison) -> dict[str, Any]:
     """What ``compare --json`` says of a result, without provenance."""
-    made_from = Envelope(version="0", seed=0, inputs=(), cell="")
-    return compare_record(result, made_from).model_dump()
+    return compare_record(result, MADE_FROM).model_dump()

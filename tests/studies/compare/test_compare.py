@@ -28,8 +28,7 @@ from studies.compare.pictures import pictures
 from studies.compare.prediction import predict
 from studies.compare.record import compare_record
 from studies.compare.refutation import reason
-from studies.record import Envelope
-from tests.helpers import cell_of, random_poses, random_robot, with_effects
+from tests.helpers import MADE_FROM, cell_of, random_poses, random_robot, with_effects
 from tests.studies.compare.fields import fields_of
 
 
@@ -410,8 +409,7 @@ def test_a_way_of_which_no_fit_settled_is_left_out_of_the_figures(
     result = compare(cell, {"p": table_two}, trials=20)
     study = result.plans[0]
     some = tuple(replace(v, agreement=None) if v.way == PLAIN else v for v in study.verdicts)
-    made_from = Envelope(version="0", seed=0, inputs=(), cell="")
-    record = compare_record(replace(result, plans=(replace(study, verdicts=some),)), made_from)
+    record = compare_record(replace(result, plans=(replace(study, verdicts=some),)), MADE_FROM)
     made = [draw() for draw in pictures(record)]
     drawn = next(picture for picture in made if picture.name == "predicted_simulated")
     assert not any("plain" in column for column in drawn.header)

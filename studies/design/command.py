@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from studies.command.deliver import check_outputs, figure_files, output_file, say_written, show
+from studies.command.deliver import check_outputs, deliver, output_file
 from studies.command.options import PATH, cell_argument, faults_in, plan_names, result_options
-from studies.commands.common import envelope, output_texts
+
+if TYPE_CHECKING:
+    from calib import Cell
+    from doe import Design
 
 
 @click.command(short_help="Which poses to measure, with a proof of how good.")
@@ -109,10 +112,8 @@ def design(
     import calib
     import doe
     from calib.errors import InputError
-    from calib.files.write import write_files
-    from calib.files.write_tables import plan_csv
-    from doe.results import design_fields, shown_levels
-    from studies.design.tables import design_tables
+    from studies.design.record import design_record
+    from studies.record import envelope
 
     given = click.get_current_context().get_parameter_source("criterion")
     if discriminate is not None and given == click.core.ParameterSource.COMMANDLINE:
@@ -146,19 +147,19 @@ def design(
             seed=seed,
             progress=_progress(),
         )
-    fields: dict[str, Any] = {**envelope("design", inputs, seed), **design_fields(result)}
-    texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
-    if plan_path is not None:
-        import numpy as np
+    record = design_record(result, envelope(cell.name, inputs, seed))
+    tables = {} if plan_path is None else {plan_path: plan_table(cell, result)}
+    deliver(record, json_path, folder, tables)
 
-        texts[plan_path] = plan_csv(cell, result.poses, np.array(shown_levels(result)))
-    if folder is not None:
-        from studies.design.pictures import pictures
 
-        texts |= figure_files(pictures(result), folder)
-    write_files(texts)
-    show(design_tables(result, fields), json_path)
-    say_written(texts, folder, json_path)
+def plan_table(cell: Cell, found: Design) -> str:
+    """The plan as CSV, with the level at which each pose stands."""
+    import numpy as np
+
+    from calib.files.write_tables import plan_csv
+    from studies.design.record import shown_levels
+
+    return plan_csv(cell, found.poses, np.array(shown_levels(found)))
 
 
 def candidates_of(candidates: str) -> int | Path:

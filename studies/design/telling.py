@@ -1,0 +1,235 @@
+"""What a design says: the plan, the proof of how good it is, and what it will determine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from studies.design.pictures import pictures
+from studies.design.record import DesignRecord, Pose, Predicted, Step
+from studies.document import (
+    FOUR,
+    HUNDREDTH,
+    MM,
+    PROVED,
+    STD,
+    TEXT,
+    Column,
+    Detail,
+    Document,
+    Figure,
+    Part,
+    Section,
+    Sentence,
+    Table,
+    mm,
+    plural,
+)
+from studies.joints import joint_columns
+from studies.targets import over_the_workspace
+
+_MOST_PARAMETERS = 24  # above it base and tool are for the page
+_WORTH_EXPLAINING = 0.002  # missing efficiency
+
+
+def told(record: DesignRecord) -> Document:
+    """What was chosen and how good it is; the poses, and what they will determine."""
+    headline = (
+        Sentence(f"{_size(record)}, chosen by criterion {record.criterion}."),
+        Sentence(_certificate(record), "good"),
+        Sentence(
+            f"Expected after measuring: {mm(record.task_rms_mm)} RMS, {mm(record.task_worst_mm)} at "
+            f"worst, at {record.targets}."
+        ),
+    )
+    section = Section("plan", "The plan and its proof", tuple(_parts(record)))
+    return Document(headline, (section,))
+
+
+def _size(record: DesignRecord) -> str:
+    """How many poses were chosen, beside what, and what is measured twice."""
+    said = plural(record.chosen, "pose")
+    if record.reference is not None:
+        repeats = plural(len(record.reference.poses), "repeat")
+        said += f" and {repeats} of {record.reference.pose}"
+    if record.reapproaches is not None:
+        said += f" and {plural(len(record.reapproaches.again), 'second visit')}"
+    if record.extends is not None:
+        said += f" beside {record.extends} already measured"
+    return f"{said} for {plural(len(record.predicted_std), 'parameter')}"
+
+
+def _certificate(record: DesignRecord) -> str:
+    """The proof as a sentence."""
+    proof = record.proof
+    if proof.proved_optimal:
+        return (
+            "No plan of these candidates is better: proved by branch and bound, "
+            f"{plural(proof.nodes, 'node')}."
+        )
+    squared = " (of the squared RMS)" if record.criterion.startswith("task") else ""
+    fresh = proof.efficiency_fresh
+    also = "" if fresh is None else f", and {PROVED(fresh)} of the best of fresh ones"
+    return (
+        f"Proved: at least {PROVED(record.efficiency)}{squared} of what the best plan of the same size "
+        f"from {record.candidates.feasible} candidates could reach{also}."
+    )
+
+
+def _parts(record: DesignRecord) -> Iterator[Part]:
+    yield from _proof(record)
+    yield from _losses(record)
+    yield from _facts(record)
+    yield Table(_poses(record), record.poses, "Poses, in the order of measuring", of_poses=True)
+    yield from _determined(record)
+    if record.against:
+        yield Table(_plans(record), list(_judged(record)), "Plans judged by the same bound")
+    if record.curve:
+        yield Table(_steps(record), record.curve, "Fewer and more poses")
+        yield from _reading(record)
+    for draw in pictures(record):
+        yield Figure(draw)
+    if record.at_targets:
+        yield Figure(lambda: over_the_workspace(record.at_targets))
+    yield from (Sentence(note, "note", "note") for note in record.notes)
+
+
+def _proof(record: DesignRecord) -> Iterator[Part]:
+    beyond = "above" if record.larger_is_better else "below"
+    yield Sentence(
+        f"{FOUR(record.value)} {record.criterion_unit}; no plan is {beyond} {FOUR(record.bound)}",
+        label=record.criterion,
+    )
+    rest, proof = 1.0 - record.efficiency, record.proof
+    if rest > _WORTH_EXPLAINING and not proof.proved_optimal:
+        solver, spread = min(proof.solver_gap, rest), 1.0 - proof.agreement_of_starts
+        yield Sentence(
+            f"{100.0 * solver:.2f} of the missing {100.0 * rest:.2f} % are the solver's, the rest lies "
+            "between the plan and the bound, which may split poses; the searches ended "
+            f"{100.0 * spread:.2f} % apart: the closer, the more is the bound's",
+            label="slack",
+        )
+    yield Detail(
+        (
+            Sentence(
+                "The proof needs no trust in the search that found the plan: the criterion is concave "
+                "in the information of a plan, so its slope at any point bounds all plans at once."
+            ),
+        )
+    )
+
+
+def _losses(record: DesignRecord) -> Iterator[Sentence]:
+    lost, markers = record.survives.loss_of_pose, record.survives.loss_of_marker
+    if lost.worst is not None and lost.task_rms_mm is None:
+        yield Sentence(f"of pose {lost.worst} takes parameters with it", label="loss")
+    elif lost.worst is not None:
+        kept = "" if lost.efficiency is None else (
+            f" ({record.criterion}: at least {PROVED(lost.efficiency)} of what any plan could keep)"
+        )  # fmt: skip
+        yield Sentence(
+            f"of pose {lost.worst}, the worst to lose: {mm(lost.task_rms_mm)} RMS{kept}",
+            label="loss",
+        )
+    gone = [name for name, rms in markers.items() if rms is None]
+    if gone:
+        yield Sentence(f"of marker {', '.join(gone)} takes parameters with it")
+    elif markers:
+        most = max(rms for rms in markers.values() if rms is not None)
+        yield Sentence(f"of any one marker: up to {mm(most)} RMS")
+
+
+def _facts(record: DesignRecord) -> Iterator[Sentence]:
+    indices = ", ".join(f"{name} {FOUR(v)}" for name, v in record.observability.items())
+    yield Sentence(indices, label="indices")
+    own = record.candidates
+    removed = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in own.removed_by.items() if n)
+    by = f" (removed by {removed})" if removed else ""
+    yield Sentence(f"{own.feasible} of {own.drawn} feasible{by}", label="candidates")
+    yield Sentence(
+        f"{record.joint_travel_deg:.0f} degrees in this order, of the joint that moves most",
+        label="travel",
+    )
+
+
+def _poses(record: DesignRecord) -> tuple[Column[Pose], ...]:
+    named: Column[Pose] = Column("pose", lambda row: row.pose)
+    level: Column[Pose] = Column("level", lambda row: row.level, FOUR, detail=True)
+    joints = joint_columns(record.poses, HUNDREDTH, detail=False)
+    return (named, *joints, level) if record.level_joint else (named, *joints)
+
+
+_DETERMINED: tuple[Column[Predicted], ...] = (
+    Column("effect", lambda row: row.effect, TEXT),
+    Column("where", lambda row: row.where, TEXT),
+    Column("parameter", lambda row: row.name, TEXT),
+    Column("expected standard\ndeviation", lambda row: row.std, STD),
+    Column("unit", lambda row: row.unit, TEXT),
+)
+
+
+def _determined(record: DesignRecord) -> Iterator[Part]:
+    """What the plan determines; base and tool on the page alone where there are many."""
+    many = len(record.predicted_std) > _MOST_PARAMETERS
+    placing = [p for p in record.predicted_std if many and p.effect in ("base", "tool")]
+    robot = [p for p in record.predicted_std if p not in placing]
+    yield Table(_DETERMINED, robot, "What the plan will determine")
+    if placing:
+        yield Detail((Table(_DETERMINED, placing, "What it will determine of base and tool"),))
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """A plan by the same bound."""
+
+    name: str
+    poses: int
+    value: float | None
+    efficiency: float | None
+    task_rms: float | None
+    trace: float | None
+    determinant: float | None
+
+
+def _plans(record: DesignRecord) -> tuple[Column[_Plan], ...]:
+    return (
+        Column("plan", lambda row: row.name),
+        Column("poses", lambda row: row.poses, FOUR),
+        Column(record.criterion, lambda row: row.value, FOUR),
+        Column("efficiency\n(bound)", lambda row: row.efficiency, FOUR),
+        Column("task RMS", lambda row: row.task_rms, MM, "mm"),
+        Column("trace of\ncovariance", lambda row: row.trace, FOUR),
+        Column("det(M)\n^(1/p)", lambda row: row.determinant, FOUR),
+    )
+
+
+def _judged(record: DesignRecord) -> Iterator[_Plan]:
+    own = (record.value, record.efficiency)
+    rest = (record.task_rms_mm, record.trace, record.determinant)
+    yield _Plan("this plan", record.chosen, *own, *rest)
+    for name, plan in record.against.items():
+        rest = (plan.task_rms_mm, plan.trace, plan.determinant)
+        yield _Plan(name, plan.poses, plan.value, plan.efficiency, *rest)
+
+
+def _steps(record: DesignRecord) -> tuple[Column[Step], ...]:
+    return (
+        Column("poses", lambda row: row.poses, FOUR),
+        Column(record.criterion, lambda row: row.value, FOUR),
+        Column("task RMS", lambda row: row.task_rms_mm, MM, "mm"),
+        Column("efficiency\n(bound)", lambda row: row.efficiency, FOUR),
+    )
+
+
+def _reading(record: DesignRecord) -> Iterator[Sentence]:
+    """What the curve tells."""
+    if record.pays_until is not None:
+        yield Sentence(
+            f"from {record.pays_until} poses on, more only average noise: twice as many for a third "
+            "less error (plans before polishing: the one above is a little better than its line here)",
+            label="curve",
+        )
+    for name, count in record.matches.items():
+        said = f"{count} poses do" if count else "no plan of this range does"
+        with_its = f"as well as {name} with its {record.against[name].poses}"
+        yield Sentence(f"{said} {with_its}")

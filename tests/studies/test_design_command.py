@@ -184,7 +184,7 @@ def test_figures_of_a_design(folder: Path, tmp_path: Path) -> None:
     assert made.exit_code == 0, made.output
     assert "wrote 5 figures" in made.output
     stems = {path.stem for path in (tmp_path / "figures").iterdir()}
-    assert stems == {"derivative", "information", "deviations", "accuracy_poses"}
+    assert stems == {"derivative", "information", "deviations", "accuracy_poses", "workspace"}
     with (tmp_path / "figures" / "derivative.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 15

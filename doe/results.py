@@ -80,7 +80,7 @@ def design_fields(design: Design) -> dict[str, Any]:
                 else design.poses.names[int(judged.without_pose.argmax())],
                 "task_rms_mm": _finite(judged.without_pose.max(initial=0.0) * _MM),
                 "criterion": _finite(criterion.shown(proof.left)) if proof.left > 0.0 else None,
-                "efficiency": proof.kept(problem.wish.poses, problem.wish.fixed is None),
+                "efficiency": proof.kept(problem.request.poses, problem.request.fixed is None),
             },
             "loss_of_marker": {
                 name: _finite(rms * _MM) for name, rms in judged.without_marker.items()
@@ -94,7 +94,7 @@ def design_fields(design: Design) -> dict[str, Any]:
         "joint_travel_deg": math.degrees(design.travel),
         "reference": _reference(design),
         "reapproaches": _reapproaches(design),
-        "extends": None if problem.wish.fixed is None else len(problem.wish.fixed),
+        "extends": None if problem.request.fixed is None else len(problem.request.fixed),
         "against": {
             name: {
                 "poses": rival.poses,

@@ -59,8 +59,8 @@ def enough(
     """
     import calib
     from calib.files.write import write_files
-    from doe.sufficiency.enough import enough as judge
-    from doe.sufficiency.results import enough_fields
+    from doe.prospect.sufficiency.enough import enough as judge
+    from doe.prospect.sufficiency.results import enough_fields
     from studies.enough.tables import enough_tables
 
     cell = calib.load_cell(cell_path)

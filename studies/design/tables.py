@@ -47,7 +47,7 @@ def _summary(design: Design, fields: dict[str, Any]) -> Text:
     if fields["reapproaches"] is not None:
         repeats += f" and {len(fields['reapproaches']['again'])} second visits"
     lines = [
-        f"{design.problem.cell.name}: {design.problem.wish.poses} poses{repeats}{extra} for "
+        f"{design.problem.cell.name}: {design.problem.request.poses} poses{repeats}{extra} for "
         f"{len(fields['predicted_std'])} parameters",
         _line(
             fields["criterion"],

@@ -44,8 +44,8 @@ from calib.arrays import Array
 from calib.files.diagnosis import diagnosis_fields
 from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
-from doe.sufficiency import Enough
-from doe.sufficiency.enough import enough
+from doe.prospect.sufficiency import Enough
+from doe.prospect.sufficiency.enough import enough
 from studies.commands.common import console_for, one_line_faults
 from studies.research.benchmarks.day import ARMS, Day, Setting, draw_day, write_day
 from studies.research.withheld.figures import wilson

@@ -58,16 +58,7 @@ def detectability_of(view: View, position: int) -> Detectability:
     moved, finite = np.full(len(columns), np.inf), np.isfinite(seen.smallest)
     moved[finite] = seen.smallest[finite] * view.moved[columns][finite]
     reason = "" if seen.directions else _why_hidden(view, position)
-    return Detectability(
-        seen.directions,
-        seen.share,
-        seen.smallest,
-        seen.limit,
-        seen.needed,
-        candidate,
-        moved,
-        reason,
-    )
+    return Detectability(**vars(seen), candidate=candidate, moved=moved, reason=reason)
 
 
 def _why_hidden(view: View, position: int) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from calib.diagnosis.power import POWER
 from calib.diagnosis.rounds import ALPHA
 from calib.effects.protocol import LoadEffect
@@ -94,7 +96,9 @@ def _cause(cause: Detectability) -> dict[str, Any]:
 def _look_alikes(found: PowerAnalysis) -> list[dict[str, Any]]:
     if found.alike is None:
         return []
-    rho, worst, chance = found.alike.rho, found.alike.rho_worst, found.preferred
+    rho, worst = found.alike.rho, found.alike.rho_worst
+    needed = np.array([cause.needed for cause in found.seen])
+    chance = found.alike.preferred(needed, found.view.field.rows)
     entries = []
     for i, j in found.pairs:
         cause, times = found.seen[i], float(found.times[i, j])

@@ -38,14 +38,6 @@ class PowerAnalysis:
     times: Array
 
     @property
-    def preferred(self) -> Array:
-        """Probability that each cause, just large enough, is preferred to each other, shape (E, E)."""
-        if self.alike is None:
-            return self.times
-        needed = np.array([found.needed for found in self.seen])
-        return self.alike.preferred(needed, self.view.field.rows)
-
-    @property
     def confounded(self) -> tuple[tuple[int, ...], ...]:
         """Groups of causes, by position, that stand for each other at these poses at any size."""
         if self.alike is None:

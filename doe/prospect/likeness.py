@@ -55,12 +55,7 @@ class Likeness:
     @property
     def beside(self) -> Array:
         """Noncentrality of the signals that is left beside each other, shape (..., E, E, D)."""
-        return np.asarray(self.size[..., :, None, :] * self._left)
-
-    @property
-    def _left(self) -> Array:
-        """``left`` without what is rounding."""
-        return np.where(self.left < VISIBLE**2, 0.0, self.left)
+        return np.asarray(self.size[..., :, None, :] * self.left)
 
     @property
     def rho(self) -> Array:
@@ -77,7 +72,7 @@ class Likeness:
     @property
     def confounded(self) -> Array:
         """Whether both stand for each other whole, shape (E, E) of bool."""
-        exact = self.left.max(axis=-1) < VISIBLE**2
+        exact = ~self.left.any(axis=-1)
         return np.asarray(exact & exact.T)
 
     @property
@@ -95,7 +90,7 @@ class Likeness:
 
         size = np.asarray(noncentrality)
         size = size[:, None] if size.ndim == 1 else size
-        beside = size[..., None] * self._left
+        beside = size[..., None] * self.left
         found = margins(beside, self.directions, self.shared, rows)
         return np.asarray(ndtr(found).mean(axis=-1))
 
@@ -159,7 +154,8 @@ def likeness(
         axis=-3,
     )
     whole = np.where(size > 0.0, size, 1.0)[..., :, None, :]
-    left = np.clip(1.0 - imitated / whole, 0.0, 1.0)
+    left = np.minimum(1.0 - imitated / whole, 1.0)
+    left = np.where(left < VISIBLE**2, 0.0, left)  # the rest is rounding
     return Likeness(np.stack(seen, axis=-1), size, left, crossed, starts)
 
 

@@ -148,9 +148,9 @@ class Evidence:
         first, second = np.array(self.pairs, dtype=int).reshape(-1, 2).T
         return np.stack([found[..., first, second], found[..., second, first]], axis=-1)
 
-    def separation(self, known: Known, S: Array | None = None) -> Array:
+    def separation(self, known: Known) -> Array:
         """What is left of each rival beside the other, in noise variances, shape (..., pairs, 2)."""
-        return self.of_pairs(self.likeness(known, S).beside[..., 0])
+        return self.of_pairs(self.likeness(known).beside[..., 0])
 
     def margins(self, known: Known, S: Array | None = None, rows: int | None = None) -> Array:
         """Standard deviations by which the truth wins, shape (..., pairs): the worse direction.

@@ -131,14 +131,6 @@ def next_poses(cell: Cell, diagnosis: Diagnosis, *, count: int = POSES, seed: in
     )
 
 
-@dataclass(frozen=True, eq=False)
-class DataRows:
-    """Residual (N,) and independent rows (N, p) of the data, as the final fit weighs them."""
-
-    r: Array
-    rows: Array
-
-
 def situation_after(cell: Cell, diagnosis: Diagnosis, rivals: Sequence[Effect]) -> Situation:
     """The data's own situation, linearised at the final fit; ``rivals`` beyond it at zero."""
     after = diagnosis.after
@@ -147,14 +139,14 @@ def situation_after(cell: Cell, diagnosis: Diagnosis, rivals: Sequence[Effect]) 
     return situation_of(Linearisation(cell, model, values, arm), diagnosis.data)
 
 
-def data_rows(situation: Situation, diagnosis: Diagnosis) -> DataRows:
-    """The data as the final fit weighs them."""
+def data_rows(situation: Situation, diagnosis: Diagnosis) -> tuple[Array, Array]:
+    """Residual (N,) and independent rows (N, p) of the data, as the final fit weighs them."""
     data, after, stage = diagnosis.data, diagnosis.after, diagnosis.stage
     W = stage.weights / diagnosis.scale * (after.weight * ~stage.dropped)[:, None, None, None]
     predicted, J = situation.model.jacobian(situation.values, data.poses)
     columns = np.concatenate([J, (data.points - predicted)[..., None]], axis=-1)
     flat = Rows(weighted(W, columns), after.mixing).flat
-    return DataRows(flat[:, -1], flat[:, :-1])
+    return flat[:, -1], flat[:, :-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,19 +163,23 @@ class _Doubt:
 
 
 def _evidence(
-    situation: Situation, data: DataRows, rivalry: Rivalry, pairs: Sequence[tuple[int, int]]
+    situation: Situation,
+    data: tuple[Array, Array],
+    rivalry: Rivalry,
+    pairs: Sequence[tuple[int, int]],
 ) -> Evidence:
     model = situation.model
     at = [np.setdiff1d(positions(model, c.effect), model.tunings) for c in rivalry.members]
     # What only a changed situation has is nothing to the data.
-    rows = np.pad(data.rows, ((0, 0), (0, len(model.parameters) - data.rows.shape[1])))
+    r, rows = data
+    rows = np.pad(rows, ((0, 0), (0, len(model.parameters) - rows.shape[1])))
     own = np.concatenate(at)
     # Each rival takes the place of all: to first order, whole refits differ by less than noise.
-    y = data.r + rows[:, own] @ situation.values[own]
+    y = r + rows[:, own] @ situation.values[own]
     return Evidence.of(rows, y, model.sizes, at, pairs)
 
 
-def _doubt(situation: Situation, data: DataRows, rivalry: Rivalry) -> _Doubt | None:
+def _doubt(situation: Situation, data: tuple[Array, Array], rivalry: Rivalry) -> _Doubt | None:
     """The pairs in doubt; those of a class are by declaration, if either explains anything.
 
     A cause that stands alone is in doubt where another would often be preferred though it is true; that
@@ -249,7 +245,7 @@ def _with(known: Known, blocks: Array) -> Known:
 def _remedies(
     unsolved: Sequence[tuple[_Doubt, Sequence[tuple[Prediction, list[bool]]]]],
     situation: Situation,
-    data: DataRows,
+    data: tuple[Array, Array],
     q: Array,
     count: int,
 ) -> dict[tuple[str, str], tuple[Remedy, ...]]:

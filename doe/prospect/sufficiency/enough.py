@@ -79,10 +79,12 @@ def enough(
     at = Linearisation(cell, model, values, arm)
     rows = at.of(day, _kept(day, found)).per(model.sizes)
     lacking, beside = _lacking(cell, model, values, arm, found)
-    aims = targets_of(cell)
-    doubt = unnoticed(cell, model, values, found, *aims)
-    forecast = Forecast(model, values, *aims, beside, _behind(found, lacking), doubt)
+    targets, weights = targets_of(cell)
+    doubt = unnoticed(cell, model, values, found, targets, weights)
     regressor = Regressor(cell, model, values, np.diag(model.sizes))
+    aims = target_rows(regressor, targets, any(isinstance(e, Tool) for e in model.effects))
+    behind = _behind(found, lacking)
+    forecast = Forecast(model, aims, weights / weights.sum(), beside, behind, doubt)
     criterion = _task(regressor, forecast)
     so_far = np.arange(len(day)) < len(data)
     further = _in_best_order(criterion, rows, so_far, plan, done.left)
@@ -161,20 +163,9 @@ def _kept(day: Measurements, found: Identification | None) -> Mask:
 
 def _task(regressor: Regressor, forecast: Forecast) -> Criterion:
     """The expected error at the targets, for information in plausible sizes."""
-    model, weights = regressor.model, forecast.weights / forecast.weights.sum()
-    at_markers = any(isinstance(effect, Tool) for effect in model.effects)
-    p = len(model.parameters)
-    return Task.of(
-        Question(
-            model,
-            regressor.T,
-            None,
-            None,
-            lambda: target_rows(regressor, forecast.targets, at_markers),
-            weights,
-            np.zeros((0, p, p)),
-        )
-    )
+    none = np.zeros((0, *regressor.T.shape))
+    aims, weights = forecast.rows, forecast.weights
+    return Task.of(Question(regressor.model, regressor.T, None, None, lambda: aims, weights, none))
 
 
 def _in_best_order(

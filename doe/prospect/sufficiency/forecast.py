@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -12,13 +11,10 @@ from calib.arrays import Array, IntArray, Mask
 from calib.model import Model
 from calib.model.covariance import (
     covariance,
-    errors_at,
     identifiable,
     ignorance,
     task_error,
-    working_points,
 )
-from calib.poses import Poses
 from doe.criteria import Criterion
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
@@ -81,8 +77,10 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """Model and values at which all is linearised, and where accuracy is wanted.
+    """Where accuracy is wanted.
 
+    rows : ndarray, shape (targets, r, p), m per plausible size, the mean over the markers in them
+    weights : ndarray, shape (targets,), summing to one
     beside : ndarray, shape (targets,), m, error that no reading lowers: the arm's scatter, and what the
         model lacks
     dof : float, degrees of freedom behind the noise, infinite where it is known
@@ -90,8 +88,7 @@ class Forecast:
     """
 
     model: Model
-    values: Array
-    targets: Poses
+    rows: Array
     weights: Array
     beside: Array
     dof: float
@@ -111,18 +108,18 @@ class Forecast:
             yield self._step(name, readings, told)
 
     def _step(self, pose: str, readings: int, told: Told) -> Step:
-        sizes, p = self.model.sizes, len(self.values)
+        p = self.rows.shape[-1]
         ids = tuple(parameter.id for parameter in self.model.parameters)
         choice = identifiable(told.root, np.ones(p), ids)
         known = np.zeros(p, dtype=bool)
         known[choice.kept] = True
         span = np.eye(p)[:, choice.kept]
         cov = told.covariance(span) + ignorance(told.root, span, np.ones(p), ~known)
-        cov = cov * np.outer(sizes, sizes)
-        own = errors_at(self.model, self.values, cov, self.targets)
+        squared = ((self.rows @ cov) * self.rows).sum(axis=(1, 2))
+        own = np.sqrt(np.maximum(squared, 0.0))
         parameters = task_error(own, self.weights)[0]
         rms, worst = task_error(np.hypot(own, self.beside), self.weights)
-        std = np.where(known, np.sqrt(np.diag(cov)), np.nan)
+        std = np.where(known, np.sqrt(np.diag(cov)) * self.model.sizes, np.nan)
         lost = tuple(name for entry in choice.unidentifiable for name in entry.names)
         doubted = np.hypot(rms * self.unnoticed.louder, self.unnoticed.at_targets)
         most = float(doubted) * self._margin(cov, parameters, rms)
@@ -137,18 +134,10 @@ class Forecast:
         """
         from scipy.special import fdtri
 
-        spread = np.linalg.eigvals(cov @ self._task).real
+        half = (self.rows * np.sqrt(self.weights)[:, None, None]).reshape(-1, len(cov))
+        spread = np.linalg.eigvals(cov @ half.T @ half).real
         drawn = float(spread.sum() ** 2 / (spread**2).sum()) * (rms / parameters) ** 4
         return float(np.sqrt(fdtri(min(drawn, _MANY), min(self.dof, _MANY), _SURE)))
-
-    @cached_property
-    def _task(self) -> Array:
-        """Mean of ``J^T J`` over the targets, shape (p, p), in m^2 per SI units."""
-        model = working_points(self.model)
-        _, J = model.jacobian(self.values, self.targets)
-        share = np.sqrt(self.weights / self.weights.sum() / len(model.markers))
-        rows = (J * share[:, None, None, None]).reshape(-1, J.shape[-1])
-        return np.asarray(rows.T @ rows)
 
 
 def told(rows: Rows, chosen: Mask | None = None) -> Told:

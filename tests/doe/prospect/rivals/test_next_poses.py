@@ -198,7 +198,7 @@ def test_predictions_are_those_of_stacked_least_squares(alike: tuple[Cell, Diagn
     first, second = (c for c, _ in found.causes[0].named.members)
     assert prediction.rivals == (first.key, second.key)
     situation = situation_after(cell, found, [first.effect, second.effect])
-    rows = data_rows(situation, found).rows
+    _, rows = data_rows(situation, found)
     session = situation.conditions.in_order(cell.robot, result.poses.q)
     _, J = situation.model.jacobian(situation.values, session)
     fresh = J.reshape(-1, J.shape[-1]) / found.noise.sigma
@@ -228,8 +228,7 @@ def test_the_poses_chosen_beat_poses_at_random(alike: tuple[Cell, Diagnosis]) ->
     (prediction,) = doe.next_poses(cell, found, count=6).predictions
     members = [c for c, _ in found.causes[0].named.members]
     situation = situation_after(cell, found, [c.effect for c in members])
-    data = data_rows(situation, found)
-    r, rows = data.r, data.rows
+    r, rows = data_rows(situation, found)
     at = [positions(situation.model, c.effect) for c in members]
     y = r + rows[:, np.concatenate(at)] @ situation.values[np.concatenate(at)]
     evidence = Evidence.of(rows, y, situation.model.sizes, at, ((0, 1),))

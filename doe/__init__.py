@@ -17,22 +17,22 @@ Before the day, a plan and what it will see; on the day, whether what was measur
 calib.diagnose(cell, data))`` which poses tell the causes apart that the data cannot.
 """
 
-from doe.discriminate import NextPoses
-from doe.discriminate.next_poses import next_poses
-from doe.foresight import Foresight
-from doe.foresight.foresee import foresee
 from doe.plan import Design
 from doe.planning import design
 from doe.problem.refusals import CannotIdentify
-from doe.sufficiency import Enough
-from doe.sufficiency.enough import enough
+from doe.prospect import PowerAnalysis
+from doe.prospect.foresee import foresee
+from doe.prospect.rivals import NextPoses
+from doe.prospect.rivals.next_poses import next_poses
+from doe.prospect.sufficiency import Enough
+from doe.prospect.sufficiency.enough import enough
 
 __all__ = [
     "CannotIdentify",
     "Design",
     "Enough",
-    "Foresight",
     "NextPoses",
+    "PowerAnalysis",
     "design",
     "enough",
     "foresee",

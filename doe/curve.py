@@ -29,7 +29,7 @@ def accuracy_curve(problem: Problem, pool: Pool, effort: Effort) -> tuple[Step, 
         judged = assess(smaller, pool.q[chosen.index])
         steps.append(
             Step(
-                smaller.wish.poses,
+                smaller.request.poses,
                 judged.value,
                 judged.task_rms,
                 min(1.0, chosen.value / chosen.relaxed.bound),
@@ -39,16 +39,18 @@ def accuracy_curve(problem: Problem, pool: Pool, effort: Effort) -> tuple[Step, 
 
 
 def _sizes(problem: Problem) -> list[Problem]:
-    wish, rows = problem.wish, 3 * len(problem.model.marker_names)
+    request, rows = problem.request, 3 * len(problem.model.marker_names)
     least = -(-len(problem.model.parameters) // rows)
-    if wish.levels is not None:
-        counts = range(1, 2 * wish.levels.per_level + 1)
-        levels = [replace(wish.levels, per_level=k) for k in counts]
-        wishes = [replace(wish, levels=own, poses=own.poses) for own in levels]
+    if request.levels is not None:
+        counts = range(1, 2 * request.levels.per_level + 1)
+        levels = [replace(request.levels, per_level=k) for k in counts]
+        requests = [replace(request, levels=own, poses=own.poses) for own in levels]
     else:
-        sizes = np.unique(np.geomspace(max(least, 2), 2 * wish.poses, _STEPS).round().astype(int))
-        wishes = [replace(wish, poses=int(n)) for n in np.union1d(sizes, [wish.poses])]
-    return [replace(problem, wish=own) for own in wishes]
+        sizes = np.unique(
+            np.geomspace(max(least, 2), 2 * request.poses, _STEPS).round().astype(int)
+        )
+        requests = [replace(request, poses=int(n)) for n in np.union1d(sizes, [request.poses])]
+    return [replace(problem, request=own) for own in requests]
 
 
 def stops_paying(counts: Sequence[int], errors: Sequence[float]) -> int | None:

@@ -31,8 +31,8 @@ def _outside(design: Design) -> Iterator[str]:
     """Plans that were given, with poses beyond the limits."""
     low, high = design.problem.cell.robot.limits.T
     given = {name: rival.q for name, rival in design.rivals.items()}
-    if design.problem.wish.fixed is not None:
-        given["the plan to extend"] = design.problem.wish.fixed.q
+    if design.problem.request.fixed is not None:
+        given["the plan to extend"] = design.problem.request.fixed.q
     for name, q in given.items():
         count = int(((q < low - 1e-4) | (q > high + 1e-4)).any(axis=1).sum())
         if count:
@@ -43,7 +43,7 @@ def _unmoved(design: Design) -> Iterator[str]:
     """E can be bounded by a direction that is the same at every pose: poses by chance do as well."""
     problem = design.problem
     # The mean information of the pool is the identity.
-    by_chance = problem.fixed + problem.wish.poses * np.eye(len(problem.fixed))
+    by_chance = problem.fixed + problem.request.poses * np.eye(len(problem.fixed))
     alike = problem.criterion.value(by_chance) > 0.999 * design.certificate.value
     if design.criterion == "E" and alike:
         yield (

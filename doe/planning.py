@@ -24,7 +24,7 @@ from doe.problem import Problem, problem_of
 from doe.problem.levels import levels_of
 from doe.problem.pool import Pool, chunked, drawn, pool_of
 from doe.problem.refusals import at_level, no_candidate
-from doe.problem.wish import Wish
+from doe.problem.request import Request
 from doe.solve import Clock, Effort, check_count, choose, finish
 from doe.visits.order import travel, visiting_order
 from doe.visits.reapproach import reapproaches_of, with_reapproaches
@@ -84,7 +84,7 @@ def design(
     Raises CalibError where no such plan can be: the text says why and what would help.
     """
     chosen_levels = levels_of(cell, levels, poses)
-    wish = Wish(
+    request = Request(
         poses=_count(cell, poses, None if chosen_levels is None else chosen_levels.poses),
         criterion=_criterion(criterion, discriminate, tuple(of)),
         levels=chosen_levels,
@@ -101,7 +101,7 @@ def design(
     polished = isinstance(source, int) if refine is None else refine
     every, again = spacing(cell, reference_every), reapproaches_of(cell, reapproach)
     effort = Effort(polished, renewed, robust, curve, every, again, seed, progress)
-    return _designed(cell, wish, source, effort, against or {}, Clock())
+    return _designed(cell, request, source, effort, against or {}, Clock())
 
 
 def _count(cell: Cell, poses: int | None, by_levels: int | None) -> int:
@@ -136,26 +136,28 @@ def _plan(cell: Cell, plan: str | Path | Poses | None) -> Poses | None:
 
 def _designed(
     cell: Cell,
-    wish: Wish,
+    request: Request,
     source: int | Poses | None,
     effort: Effort,
     against: Mapping[str, Poses],
     clock: Clock,
 ) -> Design:
-    follows = _follows_levels(cell, wish)
-    problem = problem_of(_with_even_knots(cell, wish) if follows else cell, wish, effort.seed)
-    effort.progress(f"{len(problem.model.parameters)} parameters, {wish.poses} poses")
+    follows = _follows_levels(cell, request)
+    problem = problem_of(_with_even_knots(cell, request) if follows else cell, request, effort.seed)
+    effort.progress(f"{len(problem.model.parameters)} parameters, {request.poses} poses")
     pool = _pool(problem, source, effort.seed)
     clock.lap("pool")
     effort.progress(f"{len(pool)} of {pool.drawn} candidates are feasible")
     check_count(problem, pool)
     chosen = choose(problem, pool, effort, clock)
-    levels = wish.levels
+    levels = request.levels
     if levels is not None and not levels.chosen:
         settled = levels.only(np.unique(pool.q[chosen.index, levels.joint]))
         if follows:
             effort.progress("levels chosen; the model's angles follow them")
-            there = _designed(cell, replace(wish, levels=settled), source, effort, against, clock)
+            there = _designed(
+                cell, replace(request, levels=settled), source, effort, against, clock
+            )
             note = (
                 f"levels chosen among {len(levels.values)}, at least "
                 f"{chosen.value / chosen.relaxed.bound:.3f} of the best choice for a model with even "
@@ -191,9 +193,9 @@ def _designed(
     return replace(result, notes=notes_of(result))
 
 
-def _follows_levels(cell: Cell, wish: Wish) -> bool:
+def _follows_levels(cell: Cell, request: Request) -> bool:
     """Whether levels are to be chosen and the model has a coefficient at each of them."""
-    levels = wish.levels
+    levels = request.levels
     if levels is None or levels.chosen or cell.robot.joints[levels.joint] in cell.knots:
         return False
     joint = cell.robot.joints[levels.joint]
@@ -202,26 +204,26 @@ def _follows_levels(cell: Cell, wish: Wish) -> bool:
     return any(name == kind and (where is None or joint in where) for name, where in placed)
 
 
-def _with_even_knots(cell: Cell, wish: Wish) -> Cell:
+def _with_even_knots(cell: Cell, request: Request) -> Cell:
     """As many coefficients as levels, evenly over the joint's range, while the levels are chosen."""
-    if wish.levels is None:
+    if request.levels is None:
         return cell
-    grid = wish.levels.values
-    knots = {cell.robot.joints[wish.levels.joint]: np.linspace(grid[0], grid[-1], wish.levels.used)}
+    levels, grid = request.levels, request.levels.values
+    knots = {cell.robot.joints[levels.joint]: np.linspace(grid[0], grid[-1], levels.used)}
     return replace(cell, knots={**cell.knots, **knots})
 
 
 def _pool(problem: Problem, source: int | Poses | None, seed: int) -> Pool:
     """Candidates, enough of them at every level. Raises CalibError saying what removed them."""
-    levels = problem.wish.levels
+    levels = problem.request.levels
     if isinstance(source, Poses):
         chunks, count = chunked(source.q), len(source)
     else:
         count = source or CANDIDATES
         chunks = drawn(problem.cell, count, levels, seed)
     pool = pool_of(problem.regressor, problem.constraints, levels, chunks, count)
-    if problem.wish.fixed is not None and not problem.wish.repeats:
-        pool = pool.without(problem.wish.fixed.q)
+    if problem.request.fixed is not None and not problem.request.repeats:
+        pool = pool.without(problem.request.fixed.q)
     if not len(pool):
         raise CalibError(no_candidate(pool.drawn, pool.removed))
     rules = problem.rules(pool.level)
@@ -241,7 +243,7 @@ def _pool(problem: Problem, source: int | Poses | None, seed: int) -> Pool:
 
 def _check_rows(problem: Problem, table: Poses) -> None:
     """Refuse a table of candidates without a row at a level that is wanted."""
-    levels = problem.wish.levels
+    levels = problem.request.levels
     if levels is None or not levels.chosen:
         return
     for level in np.setdiff1d(np.arange(len(levels.values)), levels.of(table.q)):
@@ -250,7 +252,7 @@ def _check_rows(problem: Problem, table: Poses) -> None:
 
 
 def _too_few(problem: Problem, pool: Pool, level: int, found: int, needed: int) -> str:
-    levels = problem.wish.levels
+    levels = problem.request.levels
     if levels is None:
         return no_candidate(pool.drawn, pool.removed, "", found, needed)
     where = at_level(problem.cell, levels, level)

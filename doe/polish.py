@@ -26,7 +26,7 @@ def polish(problem: Problem, q: Array, M: Array, *, seed: int) -> Array:
     Returns joint values; the criterion is never lower than before.
     """
     rng = np.random.default_rng(seed)
-    robot, levels = problem.cell.robot, problem.wish.levels
+    robot, levels = problem.cell.robot, problem.request.levels
     low, high = robot.sample_limits().T
     free = np.ones(robot.dof, dtype=bool)
     if levels is not None:

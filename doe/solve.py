@@ -123,11 +123,11 @@ def _check_regular(problem: Problem, M: Array) -> None:
 
 def _refuse(problem: Problem, lost: Mask) -> None:
     ids = [p.id for p, gone in zip(problem.model.parameters, lost, strict=True) if gone]
-    wish = problem.wish
-    more = "more poses" if wish.levels is None else "more levels, more poses"
+    request = problem.request
+    more = "more poses" if request.levels is None else "more levels, more poses"
     raise CannotIdentify(
         tuple(ids),
-        f"{wish.poses} poses leave {len(ids)} of {len(lost)} parameters open: {', '.join(ids[:4])}"
+        f"{request.poses} poses leave {len(ids)} of {len(lost)} parameters open: {', '.join(ids[:4])}"
         f"{' ..' * (len(ids) > 4)}; ask for {more}, or take effects out of [model] effects",
     )
 
@@ -192,7 +192,7 @@ def _polished(problem: Problem, pool: Pool, chosen: Chosen, effort: Effort) -> t
     blocks = problem.blocks(pool)
     q = polish(problem, pool.q[chosen.index], blocks.total(chosen.index), seed=effort.seed)
     index = np.arange(len(pool), len(pool) + len(q))
-    pool = pool.joined(judge(problem.regressor, (), problem.wish.levels, q))
+    pool = pool.joined(judge(problem.regressor, (), problem.request.levels, q))
     blocks, start = problem.blocks(pool), np.concatenate([chosen.relaxed.index, index])
     relaxed = relax(problem.criterion, blocks, problem.rules(pool.level), start=start)
     value = float(problem.criterion.value(blocks.total(index)))
@@ -203,10 +203,10 @@ def fresh_bound(problem: Problem, G: Array, count: int, seed: int) -> float:
     """No plan of as many other candidates is better: what the pool's coarseness hides."""
 
     def scored(q: Array) -> tuple[Array, IntArray]:
-        part = judge(problem.regressor, problem.constraints, problem.wish.levels, q)
+        part = judge(problem.regressor, problem.constraints, problem.request.levels, q)
         return part.packed @ pack(G), part.level
 
     with ThreadPoolExecutor(2) as executor:
-        parts = list(executor.map(scored, drawn(problem.cell, count, problem.wish.levels, seed)))
+        parts = list(executor.map(scored, drawn(problem.cell, count, problem.request.levels, seed)))
     scores, level = (np.concatenate(column) for column in zip(*parts, strict=True))
     return float((G * problem.fixed).sum()) + problem.rules(level).best(scores)[0]

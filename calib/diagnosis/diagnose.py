@@ -13,7 +13,7 @@ from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.contest import Entry, Outcome, contest
 from calib.diagnosis.earned import BY_TIME, CrossValidation
 from calib.diagnosis.gap import Gap, gap_of, reach
-from calib.diagnosis.power import smallest_sizes
+from calib.diagnosis.power import detectable
 from calib.diagnosis.range_noise import Growth, growth
 from calib.diagnosis.refused import Refused, believed, nothing
 from calib.diagnosis.rounds import ALPHA
@@ -412,7 +412,7 @@ def _hidden(
             continue
         columns, parameters = outcome.view.where[candidate.key], candidate.amounts
         asked = len(suspects) * candidate.tried
-        sizes = smallest_sizes(outcome.last, columns, asked, ALPHA).tolist()
+        sizes = detectable(outcome.last, columns, asked, ALPHA).smallest.tolist()
         size, parameter = min(
             zip(sizes, parameters, strict=True), key=lambda pair: pair[0] / pair[1].size
         )

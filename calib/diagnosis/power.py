@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -42,18 +43,37 @@ def entry_limit(directions: int, rows: int, asked: int, alpha: float) -> float:
     return max(float(chdtri(directions, alpha / asked)), float(price))
 
 
-def smallest_sizes(field: Field, columns: IntArray, asked: int, alpha: float) -> Array:
-    """Size (SI) of each parameter alone at which its cause is found with probability ``POWER``, (k,).
+@dataclass(frozen=True, eq=False)
+class Detectable:
+    """What readings would show of one cause of k parameters.
 
-    Infinite where nothing of it is left beside what is modelled.
+    directions : int, in which it can be seen; none where it is hidden
+    share : ndarray, shape (k,), of each parameter's signal that is left beside the model
+    smallest : ndarray, shape (k,), SI, size of each alone that is found with probability ``POWER``;
+        infinite where no size would do
+    limit, needed : float, score beyond which it is believed, and noncentrality that reaches it
     """
-    directions = field.basis(columns).shape[1]
-    left = np.linalg.norm(field.X[:, columns], axis=0)
-    visible = left > VISIBLE * field.lengths[columns]
-    if not directions:
-        return np.full(len(columns), np.inf)
-    length = np.sqrt(needed_beyond(entry_limit(directions, field.rows, asked, alpha), directions))
-    sizes: Array = np.full(len(columns), np.inf)
-    seen = visible & (left > 0.0)
-    sizes[seen] = length / left[seen]
-    return sizes
+
+    directions: int
+    share: Array
+    smallest: Array
+    limit: float
+    needed: float
+
+    def found(self, times: Array) -> Array:
+        """Probability that the cause is found at multiples of its smallest size, shape (k,)."""
+        return detection(self.limit, self.directions, self.needed * np.asarray(times) ** 2)
+
+
+def detectable(field: Field, columns: IntArray, asked: int, alpha: float) -> Detectable:
+    """What readings would show of the cause with these columns, of so many asked."""
+    lengths, whole = np.linalg.norm(field.X[:, columns], axis=0), field.lengths[columns]
+    share = lengths / np.where(whole > 0.0, whole, 1.0)
+    nowhere, visible = np.full(len(columns), np.inf), share > VISIBLE
+    directions = field.directions(columns).shape[1]
+    if not directions or not visible.any():  # what is left of a combination alone is rounding
+        return Detectable(0, share, nowhere, np.inf, np.inf)
+    limit = entry_limit(directions, field.rows, asked, alpha)
+    needed = needed_beyond(limit, directions)
+    smallest = np.divide(np.sqrt(needed), lengths, out=nowhere, where=visible)
+    return Detectable(directions, share, smallest, limit, needed)

@@ -1,30 +1,29 @@
-"""What a pose tells: whitened rows and information blocks of many configurations.
+"""What a pose tells: rows and information blocks of many configurations.
 
-Where the cell knows the arm's repeatability, all readings of one visit share what the approach was off
-by: the rows are those of ``V^-1/2 J`` with ``V = I + H U H^T``, H the tip's levers. Visits stay
-independent, so information adds up over them as before.
+Visits are independent, so information adds up over them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from calib.api import readings
-from calib.arrays import Array, Mask
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.model import Model
 from calib.poses import Poses, poses_at
-from calib.scatter import Scatter, Variances, scatter_of
-from calib.simulation import beams
+from calib.scatter import Variances
+from doe.problem.linearisation import Linearisation
 
 
 @dataclass(frozen=True, eq=False)
 class Regressor:
-    """Linearisation of a cell's model before anything is known, in the coordinates of the criteria.
+    """Candidates of a cell before anything is known, in the coordinates of the criteria.
 
-    values : ndarray, shape (p,), SI, where it is linearised
+    values : ndarray, shape (p,), SI, where the model is linearised
     T : ndarray, shape (p, p), ``theta = T y``
     silent : whether readings free of load carry nothing, and are left out
     """
@@ -41,63 +40,40 @@ class Regressor:
         readings_each = 1 if self.silent or self.cell.load is None else 2
         return int(min(3 * len(self.cell.markers) * readings_each, self.T.shape[1]))
 
+    @cached_property
+    def linearisation(self) -> Linearisation:
+        """The noise as the cell says it."""
+        arm = Variances.of_arm(self.model.robot.dof, self.cell.repeatability)
+        return Linearisation(self.cell, self.model, self.values, arm)
+
     def rows(self, q: Array, visible: Mask | None = None) -> Array:
         """Independent rows of all readings of each visit, in standard deviations, (m, rows, p).
 
         q : ndarray, shape (m, dof), a visit each; visible : ndarray, shape (m, M), markers in sight,
             all without it
         """
-        poses = readings(self.cell, poses_at(q, names=[""] * len(q)))
+        poses, visit = self._readings(q)
         # What carries nothing of the model still tells what the approach was off by.
         first = len(q) if self.silent else 0
         if not self.cell.scatters:
-            poses, first = poses.take(slice(first, None)), 0
-        # A model of its own: the last linearisation that a model remembers is no use to others.
-        model = replace(self.model)
-        points, J = model.jacobian(self.values, poses)
-        seen = None if visible is None else _tiled(visible, poses, q)
-        rows = self._whitened(model, poses, points, seen, J)
-        if self.cell.scatters:
-            scatter = self.scatter(model, poses, len(q))
-            levers = self._whitened(model, poses, points, seen, scatter.levers)
-            rows = scatter.mixing(levers)(rows)
-        p = J.shape[-1]
-        rows = (rows[first:].reshape(-1, p) @ self.T).reshape(len(poses) - first, -1, p)
-        stacked = rows.reshape(-1, len(q), *rows.shape[1:])
-        return np.concatenate(list(stacked), axis=1)
+            poses, visit, first = poses.take(slice(first, None)), visit[first:], 0
+        seen = None if visible is None else visible[visit]
+        rows = self.linearisation.candidates(poses, seen, (visit, visit), np.nan).independent
+        turned = rows[first:].reshape(-1, rows.shape[-1]) @ self.T
+        return _by_visit(turned.reshape(-1, *rows.shape[1:]), len(q))
 
     def levers(self, q: Array, visible: Mask) -> Array:
         """How a visit's readings follow the tip, in the instrument's standard deviations, (m, rows, 6).
 
         q : ndarray, shape (m, dof); visible : ndarray of bool, shape (m, M)
         """
+        poses, visit = self._readings(q)
+        return _by_visit(self.linearisation.levers(poses, visible[visit], (visit, visit)), len(q))
+
+    def _readings(self, q: Array) -> tuple[Poses, IntArray]:
+        """The readings of visits, all free and then all loaded, and the visit of each."""
         poses = readings(self.cell, poses_at(q, names=[""] * len(q)))
-        model = replace(self.model)
-        points = model.predict(self.values, poses)
-        tip = self.scatter(model, poses, len(q)).levers[..., -6:]
-        rows = self._whitened(model, poses, points, _tiled(visible, poses, q), tip)
-        return np.concatenate(list(rows.reshape(-1, len(q), *rows.shape[1:])), axis=1)
-
-    def scatter(self, model: Model, poses: Poses, visits: int) -> Scatter:
-        """How the readings of so many visits err together; poses : in the order of ``readings``."""
-        known = Variances.of_arm(model.robot.dof, self.cell.repeatability)
-        visit = np.arange(len(poses)) % visits
-        found = scatter_of(model, self.values, poses, known)
-        return replace(found, approach=visit, configuration=visit)
-
-    def _whitened(
-        self, model: Model, poses: Poses, points: Array, seen: Mask | None, J: Array
-    ) -> Array:
-        """Columns (m, M, 3, k) in the instrument's standard deviations, shape (m, 3 M, k)."""
-        noise = self.cell.noise
-        if noise.grows:
-            along = beams(model, self.values, poses, points, self.cell.instrument)
-            J = noise.whitening(along, np.full(points.shape[:-1], np.nan)) @ J
-        else:
-            J = J / noise.along
-        if seen is not None:
-            J = J * seen[:, :, None, None]
-        return np.asarray(J.reshape(len(poses), -1, J.shape[-1]))
+        return poses, np.arange(len(poses)) % len(q)
 
     def information(self, q: Array, visible: Mask | None = None) -> Array:
         """Information matrix of each configuration, shape (m, p, p)."""
@@ -110,5 +86,6 @@ class Regressor:
         return replace(self, T=self.T @ np.linalg.inv(L).T)
 
 
-def _tiled(visible: Mask, poses: Poses, q: Array) -> Mask:
-    return np.tile(visible, (len(poses) // len(q), 1))
+def _by_visit(rows: Array, visits: int) -> Array:
+    """Rows (m, R, k) of one visit beside each other, shape (visits, rows, k)."""
+    return np.concatenate(list(rows.reshape(-1, visits, *rows.shape[1:])), axis=1)

@@ -17,7 +17,7 @@ from doe.constraints import Constraint
 from doe.problem.information import Regressor
 from doe.problem.pool import Chunk, drawn, fallen_of, judge
 from doe.problem.refusals import CannotIdentify, at_level, no_candidate
-from doe.problem.wish import Wish
+from doe.problem.request import Request
 
 PROBE = 2000
 """Feasible configurations that are enough to know a cell by."""
@@ -25,13 +25,13 @@ _PER_LEVEL, _LONGEST = 20, 65_536
 
 
 def probe_of(
-    regressor: Regressor, constraints: tuple[Constraint, ...], wish: Wish, seed: int
+    regressor: Regressor, constraints: tuple[Constraint, ...], request: Request, seed: int
 ) -> tuple[Array, Mask]:
     """Feasible configurations of every level, shape (m, dof), and their visible markers, shape (m, M).
 
     What the cell is like. Raises CalibError where a level has none.
     """
-    levels = wish.levels
+    levels = request.levels
     count = 1 if levels is None else len(levels.values)
     found: list[Chunk] = []
     per_level, tried = np.zeros(count, dtype=int), 0
@@ -61,28 +61,28 @@ def is_silent(cell: Cell, rows: Array) -> bool:
     return cell.load is not None and not rows[:, : rows.shape[1] // 2].any()
 
 
-def check_identifiable(cell: Cell, model: Model, rows: Array, wish: Wish) -> None:
+def check_identifiable(cell: Cell, model: Model, rows: Array, request: Request) -> None:
     """Refuse a model that no plan of the size determines. Raises CalibError, CannotIdentify.
 
     rows : ndarray, shape (m, rows, p), of feasible configurations, columns in plausible sizes
     """
     m, count, p = rows.shape
-    extra = 0 if wish.fixed is None else len(wish.fixed)
+    extra = 0 if request.fixed is None else len(request.fixed)
     silent = is_silent(cell, rows)
-    equations = (wish.poses + extra) * (count // 2 if silent else count)
+    equations = (request.poses + extra) * (count // 2 if silent else count)
     if equations < p:
         least = -(-p // (count // 2 if silent else count)) - extra
         raise CalibError(
-            f"{wish.poses} poses give {equations} equations for {p} parameters; "
+            f"{request.poses} poses give {equations} equations for {p} parameters; "
             f"ask for at least {least} poses, or take effects out of [model] effects"
         )
-    scaled = rows.reshape(-1, p) * np.sqrt((wish.poses + extra) / m)
+    scaled = rows.reshape(-1, p) * np.sqrt((request.poses + extra) / m)
     ids = tuple(parameter.id for parameter in model.parameters)
     found = identifiable(scaled, np.ones(p), ids)
     if found.unidentifiable:
         lost = [name for entry in found.unidentifiable for name in entry.names]
         reason = found.unidentifiable[0].reason
-        rivals = wish.rivals or ()
+        rivals = request.rivals or ()
         if lost and all(name.startswith(tuple(f"{r}." for r in rivals)) for name in lost):
             raise CannotIdentify(
                 tuple(lost),

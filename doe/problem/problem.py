@@ -25,7 +25,7 @@ from doe.problem.nominal import nominal
 from doe.problem.pool import Pool, drawn, rounded
 from doe.problem.probe import PROBE, check_identifiable, is_silent, probe_of
 from doe.problem.refusals import CannotIdentify
-from doe.problem.wish import Wish, direction_of, rival_rows, subset_of, with_rivals
+from doe.problem.request import Request, direction_of, rival_rows, subset_of, with_rivals
 
 RIDGE = 1e-10
 """Information that every plan has, in units of the pool's mean: singular plans get a tiny value."""
@@ -37,7 +37,7 @@ class Problem:
     """Everything but the candidates.
 
     cell : Cell; with the rivals in its model where there are some
-    wish : Wish
+    request : Request
     regressor : Regressor, in coordinates in which the mean information of a probe is the identity
     constraints : tuple of Constraint
     criterion : Criterion
@@ -45,7 +45,7 @@ class Problem:
     """
 
     cell: Cell
-    wish: Wish
+    request: Request
     regressor: Regressor
     constraints: tuple[Constraint, ...]
     criterion: Criterion
@@ -62,8 +62,8 @@ class Problem:
         """Information of what is measured in any case, shape (p, p), made positive definite."""
         p = self.regressor.T.shape[1]
         M = RIDGE * np.eye(p)
-        if self.wish.fixed is not None:
-            M = M + self.information(self.wish.fixed.q).sum(axis=0)
+        if self.request.fixed is not None:
+            M = M + self.information(self.request.fixed.q).sum(axis=0)
         return M
 
     def information(self, q: Array) -> Array:
@@ -76,13 +76,13 @@ class Problem:
 
     def rules(self, level: IntArray) -> Allowed:
         """Which sets of candidates make a plan, for candidates at these levels."""
-        levels = self.wish.levels
+        levels = self.request.levels
         if levels is None:
-            counts = np.array([self.wish.poses])
-            return Allowed(level, np.zeros(1), counts, 1, repeats=self.wish.repeats)
+            counts = np.array([self.request.poses])
+            return Allowed(level, np.zeros(1), counts, 1, repeats=self.request.repeats)
         counts = np.full(len(levels.values), levels.per_level)
         return Allowed(
-            level, levels.values, counts, levels.used, levels.separation, self.wish.repeats
+            level, levels.values, counts, levels.used, levels.separation, self.request.repeats
         )
 
     @cached_property
@@ -93,13 +93,13 @@ class Problem:
     @property
     def at_markers(self) -> bool:
         """Whether the error at the targets counts at the markers."""
-        return counts_at_markers(self.model, self.wish)
+        return counts_at_markers(self.model, self.request)
 
 
-def counts_at_markers(model: Model, wish: Wish) -> bool:
-    """As wished, else whether the markers are unknowns."""
+def counts_at_markers(model: Model, request: Request) -> bool:
+    """As requested, else whether the markers are unknowns."""
     known = not any(isinstance(e, Tool) for e in model.effects)
-    return not known if wish.at_markers is None else wish.at_markers
+    return not known if request.at_markers is None else request.at_markers
 
 
 def target_rows(regressor: Regressor, targets: Poses, at_markers: bool) -> Array:
@@ -112,25 +112,25 @@ def target_rows(regressor: Regressor, targets: Poses, at_markers: bool) -> Array
     return np.asarray(rows / np.sqrt(len(model.markers)))
 
 
-def problem_of(cell: Cell, wish: Wish, seed: int = 0) -> Problem:
+def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
     """Set up the model, its coordinates and the criterion.
 
     Raises CalibError: unknown effects, targets outside the limits, no feasible candidate, parameters
     that no plan determines (CannotIdentify), a criterion that lacks what it needs.
     """
-    if wish.rivals is not None:
-        cell = with_rivals(cell, wish.rivals)
+    if request.rivals is not None:
+        cell = with_rivals(cell, request.rivals)
     constraints = constraints_of(cell)
-    angles = readings(cell, _angles(cell, wish, seed))
+    angles = readings(cell, _angles(cell, request, seed))
     model = build(cell, angles).model
     regressor = Regressor(cell, model, nominal(model, angles), np.diag(model.sizes))
-    probe, seen = probe_of(regressor, constraints, wish, seed)
+    probe, seen = probe_of(regressor, constraints, request, seed)
     try:
         refuse_idle_effects(cell, model, readings(cell, poses_at(probe)))
     except CalibError as error:
         raise CannotIdentify((), str(error)) from None
     rows = regressor.rows(probe, seen)
-    check_identifiable(cell, model, rows, wish)
+    check_identifiable(cell, model, rows, request)
     regressor = replace(regressor, silent=is_silent(cell, rows))
     regressor = regressor.whitened((np.swapaxes(rows, -1, -2) @ rows).mean(axis=0))
     targets, weights = targets_of(cell)
@@ -143,21 +143,21 @@ def problem_of(cell: Cell, wish: Wish, seed: int = 0) -> Problem:
     question = Question(
         model,
         regressor.T,
-        subset_of(model, wish),
-        direction_of(model, wish),
-        lambda: target_rows(regressor, targets, counts_at_markers(model, wish)),
+        subset_of(model, request),
+        direction_of(model, request),
+        lambda: target_rows(regressor, targets, counts_at_markers(model, request)),
         weights,
         regressor.information(probe[:_REGION], seen[:_REGION]),
-        None if wish.rivals is None else rival_rows(model, wish.rivals),
+        None if request.rivals is None else rival_rows(model, request.rivals),
     )
-    criterion = catalogue()[wish.criterion].of(question)
-    return Problem(cell, wish, regressor, constraints, criterion, targets, weights)
+    criterion = catalogue()[request.criterion].of(question)
+    return Problem(cell, request, regressor, constraints, criterion, targets, weights)
 
 
-def _angles(cell: Cell, wish: Wish, seed: int) -> Poses:
+def _angles(cell: Cell, request: Request, seed: int) -> Poses:
     """Poses from which angle-dependent effects take their knots: the levels, else the whole range."""
-    probe = np.concatenate(list(drawn(cell, PROBE, wish.levels, seed + 1)))
+    probe = np.concatenate(list(drawn(cell, PROBE, request.levels, seed + 1)))
     ends = rounded(cell, cell.robot.sample_limits().T)
-    if wish.levels is not None:
-        ends[:, wish.levels.joint] = wish.levels.values[[0, -1]]
+    if request.levels is not None:
+        ends[:, request.levels.joint] = request.levels.values[[0, -1]]
     return poses_at(np.concatenate([probe, ends]))

@@ -81,8 +81,8 @@ def diagnose(
     from calib.files.diagnosis import diagnosis_fields
     from calib.files.estimate import estimate_fields
     from calib.files.write import write_files
-    from doe.discriminate.next_poses import next_poses
-    from doe.discriminate.results import next_fields
+    from doe.prospect.rivals.next_poses import next_poses
+    from doe.prospect.rivals.results import next_fields
     from studies.commands.identify import held_out
     from studies.diagnose.next_tables import next_tables
     from studies.diagnose.shown import shown_fields
@@ -145,8 +145,8 @@ def _foresee(
     import calib
     from calib.files.tables import holds_points
     from calib.files.write import write_files
-    from doe.foresight import foresight_fields
-    from doe.foresight.foresee import foresee
+    from doe.prospect.fields import power_fields
+    from doe.prospect.foresee import foresee
     from studies.diagnose.plan_tables import foresight_tables
 
     inputs = [cell_path, *cell.robot_files, plan_path]
@@ -155,7 +155,7 @@ def _foresee(
     plan = load(cell, plan_path)
     with faults_in(plan_path, effects_of=cell_path):
         found = foresee(cell, plan)
-    fields = {**envelope("diagnose", inputs, seed), **foresight_fields(found)}
+    fields = {**envelope("diagnose", inputs, seed), **power_fields(found)}
     texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
     if folder is not None:
         from studies.diagnose.plan_pictures import pictures

@@ -280,7 +280,7 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         joint_travel_deg=math.degrees(found.travel),
         reference=_reference(found),
         reapproaches=_reapproaches(found),
-        extends=None if problem.wish.fixed is None else len(problem.wish.fixed),
+        extends=None if problem.request.fixed is None else len(problem.request.fixed),
         against={name: _rival(found, name) for name in found.rivals},
         curve=tuple(
             Step(
@@ -357,14 +357,14 @@ def _proof(found: Design) -> Proof:
 
 
 def _survives(found: Design) -> Survives:
-    judged, proof, wish = found.assessment, found.certificate, found.problem.wish
+    judged, proof, request = found.assessment, found.certificate, found.problem.request
     without = judged.without_pose
     return Survives(
         loss_of_pose=LossOfPose(
             worst=found.poses.names[int(without.argmax())] if len(without) else None,
             task_rms_mm=without.max(initial=0.0) * _MM,
             criterion=found.problem.criterion.shown(proof.left) if proof.left > 0.0 else None,
-            efficiency=proof.kept(wish.poses, wish.fixed is None),
+            efficiency=proof.kept(request.poses, request.fixed is None),
         ),
         loss_of_marker={name: rms * _MM for name, rms in judged.without_marker.items()},
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.protocol import ARM
-from doe.foresight import Foresight, Sight
+from doe.prospect import Detectability, PowerAnalysis
 from studies.plots.style import (
     FAINT,
     INK,
@@ -38,12 +38,12 @@ _COLUMNS = 4
 _FAR = 100.0  # a usual size that is farther from what is found is not drawn
 
 
-def pictures(found: Foresight) -> list[Picture]:
+def pictures(found: PowerAnalysis) -> list[Picture]:
     """The map where anything looks alike, and the power where anything can be seen."""
     return list(_pictures(found))
 
 
-def _pictures(found: Foresight) -> Iterator[Picture]:
+def _pictures(found: PowerAnalysis) -> Iterator[Picture]:
     if found.order:
         yield look_alikes(found)
     if found.seen:
@@ -54,7 +54,7 @@ def _pictures(found: Foresight) -> Iterator[Picture]:
 
 
 @styled
-def look_alikes(found: Foresight) -> Picture:
+def look_alikes(found: PowerAnalysis) -> Picture:
     """Map of the sizes from which on each cause (row) is told from each other (column)."""
     from matplotlib.colors import LogNorm
 
@@ -88,7 +88,7 @@ def look_alikes(found: Foresight) -> Picture:
     )
 
 
-def _hardest(found: Foresight) -> list[int]:
+def _hardest(found: PowerAnalysis) -> list[int]:
     """Causes on the map, in its order: those that are hardest to tell from another."""
     order = found.order
     if len(order) <= _MOST:
@@ -125,8 +125,8 @@ def _write(panel: Axes, times: Array) -> None:
         panel.text(j, i, text, ha="center", va="center", fontsize=9, color=color)
 
 
-def _map_caption(found: Foresight, shown: int) -> str:
-    order, twins = found.order, found.twins
+def _map_caption(found: PowerAnalysis, shown: int) -> str:
+    order, twins = found.order, found.confounded
     caption = (
         "Row: a cause that is there, as small as can be found. Column: what it is taken for. The "
         "number says how many times larger the cause must be to be told apart in 95 of 100 cases; "
@@ -141,7 +141,7 @@ def _map_caption(found: Foresight, shown: int) -> str:
     return caption
 
 
-def _pairs(found: Foresight) -> Iterator[tuple[Cell, ...]]:
+def _pairs(found: PowerAnalysis) -> Iterator[tuple[Cell, ...]]:
     rho = None if found.alike is None else found.alike.rho
     for i, j in found.pairs:
         own = None if rho is None else float(rho[i, j])
@@ -158,12 +158,12 @@ def _label(key: str) -> str:
 
 
 @styled
-def power(found: Foresight) -> Picture:
+def power(found: PowerAnalysis) -> Picture:
     """Probability that a cause is found against its size, one panel a kind of cause."""
-    panels: dict[tuple[str, str], list[Sight]] = {}
-    for sight in found.seen:
-        unit = sight.parameters[sight.lead].unit
-        panels.setdefault((sight.candidate.effect.kind, unit), []).append(sight)
+    panels: dict[tuple[str, str], list[Detectability]] = {}
+    for cause in found.seen:
+        unit = cause.parameters[cause.lead].unit
+        panels.setdefault((cause.candidate.effect.kind, unit), []).append(cause)
     look = _looks(found)
     columns = min(_COLUMNS, len(panels))
     lines = -(-len(panels) // columns)
@@ -185,35 +185,35 @@ def power(found: Foresight) -> Picture:
     header = (
         "cause", "parameter", "unit", "found 10 %", "found 50 %", "found 90 %", "found 99 %", "usual",
     )  # fmt: skip
-    rows = tuple(_power_row(sight) for sight in found.seen)
+    rows = tuple(_power_row(cause) for cause in found.seen)
     return Picture("detection_power", "Detection power against size", caption, figure, header, rows)
 
 
-def _looks(found: Foresight) -> dict[str, Look]:
+def _looks(found: PowerAnalysis) -> dict[str, Look]:
     """Of the joints, and of the arm as a whole; what acts in one place only needs none."""
-    places = {sight.candidate.where for sight in found.seen}
+    places = {cause.candidate.where for cause in found.seen}
     look = looks([j for j in found.view.model.robot.joints if j in places])
     if ARM in places:
         look[ARM] = Look(ARM, SKY, "", (0, (3, 1, 1, 1)), "", "")  # type: ignore[arg-type]
     return look
 
 
-def _power_panel(panel: Axes, own: Sequence[Sight], look: dict[str, Look]) -> None:
+def _power_panel(panel: Axes, own: Sequence[Detectability], look: dict[str, Look]) -> None:
     """All causes of one kind whose sizes have one unit."""
     tidy(panel)
     panel.set_xscale("log")
     first = own[0].parameters[own[0].lead]
-    sizes = np.array([sight.smallest[sight.lead] for sight in own]) / first.scale
-    usual = np.array([sight.sizes[sight.lead] for sight in own]) / first.scale
+    sizes = np.array([cause.smallest[cause.lead] for cause in own]) / first.scale
+    usual = np.array([cause.sizes[cause.lead] for cause in own]) / first.scale
     shown = usual[(usual > sizes.min() / _FAR) & (usual < sizes.max() * _FAR)]
     low, high = (f([*end, *between]) for f, end, between in (
         (min, [0.25 * sizes.min()], 0.7 * shown), (max, [2.5 * sizes.max()], 1.4 * shown),
     ))  # fmt: skip
-    for sight, size in zip(own, sizes, strict=True):
-        drawn = look.get(sight.candidate.where)
+    for cause, size in zip(own, sizes, strict=True):
+        drawn = look.get(cause.candidate.where)
         x = np.geomspace(low, high, 240)
         panel.plot(
-            x, 100.0 * sight.found(x / size), color=INK if drawn is None else drawn.color,
+            x, 100.0 * cause.found(x / size), color=INK if drawn is None else drawn.color,
             linestyle="-" if drawn is None else drawn.linestyle, linewidth=1.8,
         )  # fmt: skip
     panel.plot(
@@ -226,19 +226,19 @@ def _power_panel(panel: Axes, own: Sequence[Sight], look: dict[str, Look]) -> No
     panel.set_yticks([0, 50, 90])
     log_ticks(panel.xaxis, low, high)
     panel.set_title(own[0].candidate.effect.kind.replace("_", " "), loc="left")
-    names = {sight.parameters[sight.lead].name for sight in own}
+    names = {cause.parameters[cause.lead].name for cause in own}
     what = names.pop() if len(names) == 1 else "best parameter"
     panel.set_xlabel(f"{what.replace('_', ' ')} [{first.unit}]", fontsize=9)
     panel.tick_params(labelsize=9)
 
 
-def _power_row(sight: Sight) -> tuple[Cell, ...]:
+def _power_row(cause: Detectability) -> tuple[Cell, ...]:
     from calib.diagnosis.power import needed_beyond
 
-    main, size = sight.parameters[sight.lead], sight.smallest[sight.lead]
+    main, size = cause.parameters[cause.lead], cause.smallest[cause.lead]
     levels = [
-        np.sqrt(needed_beyond(sight.limit, sight.directions, chance) / sight.needed)
+        np.sqrt(needed_beyond(cause.limit, cause.directions, chance) / cause.needed)
         for chance in (0.1, 0.5, 0.9, 0.99)
     ]
     sizes = [float(size * level / main.scale) for level in levels]
-    return sight.key, main.name, main.unit, *sizes, main.size / main.scale
+    return cause.key, main.name, main.unit, *sizes, main.size / main.scale

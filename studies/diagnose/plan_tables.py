@@ -207,7 +207,7 @@ def _remedy(split_by: list[str]) -> str:
         return (
             "alike at any size, with other poses, loads or stations too: one name stands for both"
         )
-    return f"alike at any size here; told apart by {' or by '.join(split_by)}"
+    return f"alike at any size here; to tell them apart, {'; or '.join(split_by)}"
 
 
 def _are_twins(pair: dict[str, Any], twins: list[dict[str, Any]]) -> bool:

@@ -22,7 +22,7 @@ from studies.record import (
 if TYPE_CHECKING:
     from calib.model import Model
     from doe import Enough
-    from doe.sufficiency import Step as Forecast
+    from doe.prospect.sufficiency import Step as Forecast
     from studies.document import Document
 
 _MM = 1e3

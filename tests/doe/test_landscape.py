@@ -10,7 +10,7 @@ import pytest
 import doe
 from calib import Cell
 from doe.problem import problem_of
-from doe.problem.wish import Wish
+from doe.problem.request import Request
 
 ELASTIC = ("stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
 LEVELS = "A2=-140,-99.85,-56.9,-25.24,-0.01x3"
@@ -54,7 +54,7 @@ def test_share_is_the_derivative_of_the_criterion(kr270: Cell) -> None:
     """Ratios of shares within a level against finite differences of log det at the weighted plan."""
     cell = replace(kr270, effects=ELASTIC, design={})
     plan = doe.design(cell, poses=12, criterion="D", candidates=400, refine=False, repeats=True)
-    problem = problem_of(cell, Wish(poses=12, criterion="D", repeats=True), 0)
+    problem = problem_of(cell, Request(poses=12, criterion="D", repeats=True), 0)
     view = plan.landscape
     M = problem.fixed + problem.information(plan.poses.q).sum(axis=0)
     blocks = problem.information(view.q)

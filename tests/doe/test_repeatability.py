@@ -20,7 +20,7 @@ from calib.model.build import build
 from calib.poses import poses_at
 from doe.assess import assess
 from doe.problem import problem_of
-from doe.problem.wish import Wish
+from doe.problem.request import Request
 from studies.compare.compare import compare
 from studies.compare.experiment import FULL, POINTS
 from tests.helpers import cell_of, random_robot, with_effects
@@ -65,7 +65,7 @@ def test_information_is_that_of_readings_which_err_together(kr270: Cell, loaded:
     """Against the observation matrix and the dense covariance of a visit, a marker hidden."""
     cell = with_effects(kr270, "base", "joint_offset", "joint_compliance:A2,A3")
     cell = replace(cell, repeatability=ARM, load=cell.load if loaded else None, design={})
-    problem = problem_of(cell, Wish(poses=8, criterion="D"))
+    problem = problem_of(cell, Request(poses=8, criterion="D"))
     rng = np.random.default_rng(2)
     q = rng.uniform(*cell.robot.sample_limits().T, (4, 6))
     visible = np.array([[True] * 3, [True, False, True], [False, True, True], [True] * 3])
@@ -86,7 +86,7 @@ def test_readings_without_the_model_still_tell_of_the_approach(kr270: Cell) -> N
     cell = with_effects(kr270, "joint_compliance:A2,A3,A4,A5,A6")
     robot = replace(cell.robot, masses=np.zeros(6))
     cell = replace(cell, robot=robot, repeatability=ARM, design={})
-    problem = problem_of(cell, Wish(poses=6, criterion="D"))
+    problem = problem_of(cell, Request(poses=6, criterion="D"))
     assert problem.regressor.silent
     q = np.random.default_rng(3).uniform(*robot.sample_limits().T, (2, 6))
     seen = np.ones(3, dtype=bool)

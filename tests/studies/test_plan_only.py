@@ -10,8 +10,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from calib import Cell, Poses
-from doe.foresight import foresight_fields
-from doe.foresight.foresee import foresee
+from doe.prospect.fields import power_fields
+from doe.prospect.foresee import foresee
 from studies.cli import main
 from studies.demo import __file__ as demo_file
 
@@ -86,7 +86,7 @@ def test_what_no_parameter_shows_alone_is_hidden(kr270: Cell, table_two: Poses) 
     """A rigid model: of the tip's own frame beside the markers nothing but rounding is left."""
     effects = ("base", "tool", "stiffness_vs_angle:A2", "joint_compliance:A3,A4")
     found = foresee(replace(kr270, effects=effects), table_two)
-    entries = foresight_fields(found)["could_not_see"]
+    entries = power_fields(found)["could_not_see"]
     assert all((e["minimum_detectable"] is None) == bool(e["reason"]) for e in entries)
     tip = next(e for e in entries if (e["effect"], e["where"]) == ("link_geometry", "tool0"))
     assert tip["reason"].endswith("move the markers in the same way")

@@ -44,8 +44,8 @@ from calib.arrays import Array
 from calib.files.diagnosis import diagnosis_fields
 from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
-from doe.sufficiency import Enough
-from doe.sufficiency.enough import enough
+from doe.prospect.sufficiency import Enough
+from doe.prospect.sufficiency.enough import enough
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
 from studies.research.benchmarks.day import ARMS, Day, Setting, draw_day, write_day

@@ -42,7 +42,7 @@ from doe.optimal.search import Found, best_plan
 from doe.problem import RIDGE, Problem, problem_of
 from doe.problem.levels import levels_of
 from doe.problem.pool import Pool, drawn, pool_of
-from doe.problem.wish import Wish
+from doe.problem.request import Request
 from studies.demo import embedded_cell, embedded_text
 
 Row = dict[str, Any]  # heading -> figure
@@ -97,12 +97,12 @@ def problem(name: str, criterion: str) -> Problem:
             robot = replace(cell.robot, masses=np.zeros_like(cell.robot.masses))
             cell = replace(cell, robot=robot)
         levels = levels_of(cell, case.levels, case.poses)
-        return problem_of(cell, Wish(case.poses, criterion, levels))
+        return problem_of(cell, Request(case.poses, criterion, levels))
 
 
 def pool(posed: Problem, count: int) -> Pool:
     """Candidates of a problem, seed 0."""
-    levels = posed.wish.levels
+    levels = posed.request.levels
     chunks = drawn(posed.cell, count, levels, 0)
     return pool_of(posed.regressor, posed.constraints, levels, chunks, count)
 
@@ -218,7 +218,7 @@ def efficiency(case: str, count: int, criterion: str) -> Row:
     found = pool(posed, count)
     with master(None):
         row, _, _ = solved(posed.criterion, posed.blocks(found), posed.rules(found.level))
-    return {"p": len(posed.model.parameters), "poses": posed.wish.poses, **row}
+    return {"p": len(posed.model.parameters), "poses": posed.request.poses, **row}
 
 
 def branch(case: str, count: int, criterion: str, nodes: int) -> Row:

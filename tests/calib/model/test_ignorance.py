@@ -10,9 +10,9 @@ from calib import Cell, Poses
 from calib.compensation.estimate import estimate_of
 from calib.model.covariance import accuracy, covariance, errors_at, ignorance
 from calib.targets import targets_of
-from doe.sufficiency.enough import enough
+from doe.prospect.sufficiency.enough import enough
 from studies.demo import embedded_plan, simulated
-from tests.doe.sufficiency.day import cell_of_day, whole_day
+from tests.doe.prospect.sufficiency.day import cell_of_day, whole_day
 from tests.helpers import with_effects
 
 OPEN = ("gravity_compensator:A2", "gravity_sag:A2", "link_weight:A2")

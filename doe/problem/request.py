@@ -1,0 +1,148 @@
+"""What a user asks of a plan, and which parameters that means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.arrays import Array, IntArray
+from calib.cell import Cell
+from calib.diagnosis.candidates import PARTS
+from calib.effects import catalogue
+from calib.errors import CalibError
+from calib.model import Model
+from calib.model.build import parse_effect
+from calib.poses import Poses
+from doe.problem.levels import Levels
+from doe.problem.refusals import CannotIdentify
+
+_LARGEST_FACTOR = 1e9  # of one parameter in a combination, for values in their units
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """What a user asks of a plan.
+
+    poses : int, how many are to be chosen
+    criterion : str, a key of ``doe.criteria.catalogue()``
+    levels : Levels or None
+    of : tuple of str: effects or parameters that matter, or ``name=factor`` for a combination
+    rivals : two effects to be told apart, ``effect:where``, or None
+    fixed : Poses measured in any case, or None
+    repeats : bool
+    at_markers : bool, the error at the targets counts at the markers; None: if they are unknowns, else
+        at the tip's origin
+    """
+
+    poses: int
+    criterion: str
+    levels: Levels | None = None
+    of: tuple[str, ...] = ()
+    rivals: tuple[str, str] | None = None
+    fixed: Poses | None = None
+    repeats: bool = False
+    at_markers: bool | None = None
+
+
+def with_rivals(cell: Cell, rivals: tuple[str, str]) -> Cell:
+    """The cell with both rivals in its model. Raises CalibError, UnknownEffect."""
+    present = {
+        (name, where) for name, places in map(parse_effect, cell.effects) for where in places or ()
+    }
+    everywhere = {name for name, places in map(parse_effect, cell.effects) if places is None}
+    added = []
+    for text in rivals:
+        name, places = parse_effect(text)
+        if places is None or len(places) != 1:
+            raise CalibError(f"rival {text!r} needs one place, as in joint_compliance:A2")
+        _check_rival(text, name, places[0], everywhere, present)
+        if name not in everywhere and (name, places[0]) not in present:
+            added.append(text)
+    return replace(cell, effects=(*cell.effects, *added))
+
+
+def _check_rival(
+    text: str, name: str, place: str, everywhere: set[str], present: set[tuple[str, str]]
+) -> None:
+    """Refuse what no choice of poses settles, and a part of what the model has."""
+    if catalogue()[name].uses:
+        known = " and ".join(catalogue()[name].uses)
+        raise CalibError(
+            f"rival {text!r} depends on {known}, which no choice of poses settles; "
+            "judge a plan in its order with posecal diagnose --plan-only"
+        )
+    for whole, parts in PARTS.items():
+        if name in parts and (whole in everywhere or (whole, place) in present):
+            raise CalibError(f"rival {text!r} is a part of {whole}, which the model has already")
+
+
+def rival_rows(model: Model, rivals: tuple[str, str]) -> tuple[IntArray, IntArray]:
+    """Positions of the parameters of either rival. Raises CannotIdentify."""
+    found = []
+    for text in rivals:
+        rows = _matches(model, text)
+        if not rows:
+            raise CannotIdentify(
+                (text,),
+                f"{text}: the rest of the model moves the markers alike; no pose tells it apart",
+            )
+        found.append(np.array(rows))
+    return found[0], found[1]
+
+
+def _matches(model: Model, text: str) -> list[int]:
+    name, _, where = text.partition(":")
+    return [
+        i
+        for i, p in enumerate(model.parameters)
+        if text == p.id or (p.effect == name and (not where or p.where == where))
+    ]
+
+
+def subset_of(model: Model, request: Request) -> IntArray | None:
+    """Positions of the parameters that matter, None for all. Raises CalibError."""
+    if not request.of or request.criterion == "c":
+        return None
+    rows: list[int] = []
+    for text in request.of:
+        rows += _known(model, text)
+    return np.unique(rows)
+
+
+def direction_of(model: Model, request: Request) -> Array | None:
+    """Factors of the combination, shape (p,), for parameters in their units; None but for ``c``.
+
+    Raises CalibError where a factor cannot be read or is zero.
+    """
+    if not request.of or request.criterion != "c":
+        return None
+    direction = np.zeros(len(model.parameters))
+    for text in request.of:
+        name, _, factor = text.partition("=")
+        try:
+            number = float(factor or 1.0)
+            if not 1.0 / _LARGEST_FACTOR <= abs(number) <= _LARGEST_FACTOR:
+                raise ValueError
+        except ValueError:
+            raise CalibError(
+                f"--of {text!r}: {factor!r} is no factor of plausible size; write NAME=FACTOR"
+            ) from None
+        rows = _known(model, name)
+        if len(rows) != 1:
+            raise CalibError(
+                f"--of {name!r} names {len(rows)} parameters; a combination takes single ones"
+            )
+        direction[rows[0]] = number
+    return direction
+
+
+def _known(model: Model, text: str) -> list[int]:
+    rows = _matches(model, text)
+    if not rows:
+        known = ", ".join(dict.fromkeys(p.effect for p in model.parameters))
+        raise CalibError(
+            f"--of {text!r} is no parameter or effect of the model; there are {known}, each with its "
+            f"places and parameters, as in {model.parameters[-1].id}"
+        )
+    return rows

@@ -1,0 +1,307 @@
+"""The verb: the poses that tell the rivals of a diagnosis apart, and what to do where no pose can."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.arrays import Array
+from calib.cell import Cell
+from calib.diagnosis import Diagnosis
+from calib.diagnosis.stage import positions
+from calib.effects.protocol import Effect
+from calib.errors import CalibError
+from calib.poses import Poses, poses_at
+from calib.threads import one_blas_thread
+from doe.problem.linearisation import Linearisation, Rows, weighted
+from doe.prospect.likeness import SURE
+from doe.prospect.remedies import changes, easiest
+from doe.prospect.rivals.evidence import Evidence, Known
+from doe.prospect.rivals.rivalry import Rivalry, rivalries
+from doe.prospect.rivals.search import search_of
+from doe.prospect.situation import Offer, Situation, offer_of, situation_of
+from doe.visits.order import visiting_order
+
+_MARGIN = 1.6448536269514722  # standard deviations of ``SURE``
+POSES = 8
+"""Poses that are chosen unless the user says otherwise."""
+_CANDIDATES = 256
+_TRIED = 32  # candidates that an intervention is tried on
+_SOMETHING = 1.0  # noise variances that a rival must explain to be one
+_HELPED = 0.05  # rise of the probability from which poses are said to help
+_SERVES = 0.5  # of an even share: what a pose must bring to a pair to be said to split it
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """An intervention that tells two rivals apart, with the poses best for it."""
+
+    name: str
+    says: str
+    probability: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Two rivals, and how likely the true one of them is preferred, whichever it is.
+
+    rivals : two keys ``effect:where``
+    now, after : float, with the data in hand, and with the next poses read as well
+    remedies : tuple of Remedy, best first, where ``after`` is below ``SURE``
+    """
+
+    rivals: tuple[str, str]
+    now: float
+    after: float
+    remedies: tuple[Remedy, ...] = ()
+
+    @property
+    def told(self) -> bool:
+        """Whether the next poses are enough."""
+        return self.after >= SURE
+
+    @property
+    def inseparable(self) -> bool:
+        """Neither the poses nor any intervention that was tried tells them apart."""
+        return not self.told and not self.remedies
+
+
+@dataclass(frozen=True, eq=False)
+class NextPoses:
+    """Result of :func:`next_poses`.
+
+    poses : Poses, configurations in the order of measuring; none where nothing is in doubt, or where
+        no pose helps
+    splits : for each pose, the pairs that it helps to tell apart
+    predictions : tuple of Prediction, of every pair in doubt, the most doubtful first
+    assumptions : tuple of str, how the poses are to be read for the predictions to hold
+    """
+
+    poses: Poses
+    splits: tuple[tuple[tuple[str, str], ...], ...] = ()
+    predictions: tuple[Prediction, ...] = ()
+    assumptions: tuple[str, ...] = ()
+
+
+@one_blas_thread
+def next_poses(cell: Cell, diagnosis: Diagnosis, *, count: int = POSES, seed: int = 0) -> NextPoses:
+    """Poses that best separate what the diagnosis could not tell apart, within the cell's limits.
+
+    count : int, configurations to choose; each is read under every load of the data
+    seed : int, of the candidates
+
+    The smallest margin of all pairs is maximised by greedy choice and exchange (T-optimality). A pair
+    that the whole pool of candidates cannot separate takes no part; for it, and for what is still in
+    doubt afterwards, the interventions of :mod:`doe.prospect.remedies` are tried.
+
+    Raises CalibError where count is not positive, or the cell allows no configuration at all.
+    """
+    if count < 1:
+        raise CalibError(f"{count} next poses are too few; ask for at least one")
+    nothing = NextPoses(_named(np.zeros((0, cell.robot.dof))))
+    found = rivalries(diagnosis) if np.isfinite(diagnosis.after.values).all() else ()
+    if not found:
+        return nothing
+    rivals = [c.effect for rivalry in found for c in rivalry.members]
+    situation = situation_after(cell, diagnosis, rivals)
+    data = data_rows(situation, diagnosis)
+    doubts = [d for r in found if (d := _doubt(situation, data, r)) is not None]
+    if not doubts:
+        return nothing
+    q = situation.feasible(_CANDIDATES, seed)
+    if not len(q):
+        raise CalibError("no configuration satisfies the cell's constraints; relax [design]")
+    offer = offer_of(situation, q, count)
+    chosen = _chosen(doubts, offer, situation, count)
+    judged = [_judged(doubt, situation, chosen) for doubt in doubts]
+    pairs = [pair for own in judged for pair in own]
+    unsolved = [
+        (d, [p for p in own if not p[0].told]) for d, own in zip(doubts, judged, strict=True)
+    ]
+    remedies = _remedies(unsolved, situation, data, q[:_TRIED], count)
+    predictions = [replace(p, remedies=remedies.get(p.rivals, ())) for p, _ in pairs]
+    splits = tuple(tuple(p.rivals for p, serves in pairs if serves[i]) for i in range(len(chosen)))
+    return NextPoses(
+        _named(chosen),
+        splits,
+        tuple(sorted(predictions, key=lambda p: p.now)),
+        assumptions_of(situation, len(chosen)),
+    )
+
+
+def situation_after(cell: Cell, diagnosis: Diagnosis, rivals: Sequence[Effect]) -> Situation:
+    """The data's own situation, linearised at the final fit; ``rivals`` beyond it at zero."""
+    after = diagnosis.after
+    model, values = after.model.extended(after.values, rivals)
+    arm = replace(after.variances, scale=diagnosis.noise.factor)
+    return situation_of(Linearisation(cell, model, values, arm), diagnosis.data)
+
+
+def data_rows(situation: Situation, diagnosis: Diagnosis) -> tuple[Array, Array]:
+    """Residual (N,) and independent rows (N, p) of the data, as the final fit weighs them."""
+    data, after, stage = diagnosis.data, diagnosis.after, diagnosis.stage
+    W = stage.weights / diagnosis.scale * (after.weight * ~stage.dropped)[:, None, None, None]
+    predicted, J = situation.model.jacobian(situation.values, data.poses)
+    columns = np.concatenate([J, (data.points - predicted)[..., None]], axis=-1)
+    flat = Rows(weighted(W, columns), after.mixing).flat
+    return flat[:, -1], flat[:, :-1]
+
+
+@dataclass(frozen=True, eq=False)
+class _Doubt:
+    """Rivals of one place and what the data know of them."""
+
+    rivalry: Rivalry
+    evidence: Evidence
+
+    @property
+    def keys(self) -> list[tuple[str, str]]:
+        names = [c.key for c in self.rivalry.members]
+        return [(names[i], names[j]) for i, j in self.evidence.pairs]
+
+
+def _evidence(
+    situation: Situation,
+    data: tuple[Array, Array],
+    rivalry: Rivalry,
+    pairs: Sequence[tuple[int, int]],
+) -> Evidence:
+    model = situation.model
+    at = [np.setdiff1d(positions(model, c.effect), model.tunings) for c in rivalry.members]
+    # What only a changed situation has is nothing to the data.
+    r, rows = data
+    rows = np.pad(rows, ((0, 0), (0, len(model.parameters) - rows.shape[1])))
+    own = np.concatenate(at)
+    # Each rival takes the place of all: to first order, whole refits differ by less than noise.
+    y = r + rows[:, own] @ situation.values[own]
+    return Evidence.of(rows, y, model.sizes, at, pairs)
+
+
+def _doubt(situation: Situation, data: tuple[Array, Array], rivalry: Rivalry) -> _Doubt | None:
+    """The pairs in doubt; those of a class are by declaration, if either explains anything.
+
+    A cause that stands alone is in doubt where another would often be preferred though it is true; that
+    a richer rival would not show beside it is what Schwarz's price means.
+    """
+    evidence = _evidence(situation, data, rivalry, rivalry.pairs)
+    signal = evidence.likeness(evidence.data).size[:, 0]
+    open_ = evidence.preferences(evidence.data)[:, 0] < SURE
+    pairs = tuple(
+        pair
+        for pair, doubtful in zip(rivalry.pairs, open_, strict=True)
+        if (rivalry.declared or doubtful) and signal[list(pair)].min() > _SOMETHING
+    )
+    return _Doubt(rivalry, replace(evidence, pairs=pairs)) if pairs else None
+
+
+def _chosen(doubts: Sequence[_Doubt], offer: Offer, situation: Situation, count: int) -> Array:
+    """Configurations (m, dof) in the order of measuring; none where no pair can be split."""
+    rivals = [doubt.evidence for doubt in doubts]
+    search = search_of(rivals, offer, situation.conditions.last, count, _MARGIN)
+    if search is None:
+        return np.zeros((0, offer.q.shape[1]))
+    q = offer.q[search.best_plan(count)]
+    # Where no column depends on the approach the order is free: the shortest way.
+    return q if offer.half is not None else q[visiting_order(q)]
+
+
+def _judged(doubt: _Doubt, situation: Situation, q: Array) -> list[tuple[Prediction, list[bool]]]:
+    """Every pair before and after, and which poses it owes that to; the sequence as it is read."""
+    evidence = doubt.evidence
+    now = evidence.probabilities(evidence.data)
+    if not len(q):
+        return [
+            (Prediction(k, float(p), float(p)), []) for k, p in zip(doubt.keys, now, strict=True)
+        ]
+    blocks = evidence.blocks(situation.in_order(q))
+    whole = _with(evidence.data, blocks)
+    after = evidence.probabilities(whole)
+    reached = evidence.separation(whole)
+    gained = reached - evidence.separation(evidence.data)
+    lost = [
+        reached - evidence.separation(_with(evidence.data, np.delete(blocks, i, axis=0)))
+        for i in range(len(q))
+    ]
+    serves = np.array(lost) >= _SERVES * gained / len(q)
+    serves &= gained > 0.0
+    helped = (after >= SURE) | (after > now + _HELPED)
+    return [
+        (
+            Prediction(key, float(now[i]), float(after[i])),
+            [bool(helped[i] and row[i].any()) for row in serves],
+        )
+        for i, key in enumerate(doubt.keys)
+    ]
+
+
+def _with(known: Known, blocks: Array) -> Known:
+    for block in blocks:
+        known = known.added(block)
+    return known
+
+
+def _remedies(
+    unsolved: Sequence[tuple[_Doubt, Sequence[tuple[Prediction, list[bool]]]]],
+    situation: Situation,
+    data: tuple[Array, Array],
+    q: Array,
+    count: int,
+) -> dict[tuple[str, str], tuple[Remedy, ...]]:
+    """Interventions that tell apart what poses cannot, each with the poses best for it."""
+    found: dict[tuple[str, str], list[Remedy]] = {}
+    open_ = [(d, {p.rivals for p, _ in pairs}) for d, pairs in unsolved if pairs]
+    if not open_:
+        return {}
+    for change in changes(situation):
+        changed = change.situation
+        allowed = changed.allowed(q)
+        if not len(allowed):
+            continue
+        offer = offer_of(changed, allowed, count)
+        for doubt, keys in open_:
+            pairs = [p for p, k in zip(doubt.evidence.pairs, doubt.keys, strict=True) if k in keys]
+            evidence = _evidence(changed, data, doubt.rivalry, pairs)
+            search = search_of([evidence], offer, changed.conditions.last, count, _MARGIN)
+            if search is None:
+                continue
+            plan = search.greedy(count)
+            after = evidence.probabilities(search.known(plan)[0])
+            if after.max() >= SURE:  # worth a second look, as it is read
+                blocks = evidence.blocks(changed.in_order(offer.q[plan]))
+                after = evidence.probabilities(_with(evidence.data, blocks))
+            names = [c.key for c in doubt.rivalry.members]
+            for (i, j), probability in zip(pairs, after, strict=True):
+                if probability >= SURE:
+                    remedy = Remedy(change.name, change.says, float(probability))
+                    found.setdefault((names[i], names[j]), []).append(remedy)
+    return {key: _surest(own) for key, own in found.items()}
+
+
+def _surest(found: Sequence[Remedy]) -> tuple[Remedy, ...]:
+    """The surest few, one of a kind, the easier one first where they are equal."""
+    ordered = sorted(found, key=lambda remedy: -round(remedy.probability, 2))
+    return easiest(ordered, lambda remedy: remedy.name)
+
+
+def _named(q: Array) -> Poses:
+    width = max(2, len(str(len(q))))
+    return poses_at(q, names=[f"n{i + 1:0{width}d}" for i in range(len(q))])
+
+
+def assumptions_of(situation: Situation, count: int) -> tuple[str, ...]:
+    """How the poses to come are taken to be read."""
+    if not count:
+        return ()
+    conditions = situation.conditions
+    loads = len(conditions.loads)
+    said = [
+        "one reading a pose" if loads == 1 else f"each pose under all {loads} loads of the data"
+    ]
+    said.append("in the order given, from where the data end; the approach follows from the order")
+    if conditions.time is not None:
+        said.append(f"one reading every {conditions.pace:.0f} s from the last reading on")
+    if conditions.temperature is not None:
+        said.append(f"at the last temperature, {conditions.temperature:.1f} degC")
+    return tuple(said)

@@ -1,0 +1,148 @@
+"""Poses that may be read next: where the cell allows them, and what each of them would show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
+
+import numpy as np
+
+from calib.arrays import Array, IntArray
+from calib.cell import Cell, Load
+from calib.diagnosis.candidates import depends_on
+from calib.poses import Measurements, Poses
+from doe.constraints import constraints_of, scene_of, visible
+from doe.problem.levels import Levels, levels_of
+from doe.problem.linearisation import Linearisation
+from doe.problem.pool import rounded
+from doe.prospect.conditions import Conditions, Hung, conditions_of
+
+_DRAWN = 8192
+_CHUNK = 512
+
+
+@dataclass(frozen=True, eq=False)
+class Situation(Linearisation):
+    """A model to first order, and the conditions of the readings to come.
+
+    sigma : float, m, usual standard deviation of a point where readings give their own, else NaN
+    levels : Levels, to which the cell's design and the readings keep, or None
+    """
+
+    conditions: Conditions = field(kw_only=True)
+    sigma: float = field(kw_only=True)
+    levels: Levels | None = field(kw_only=True)
+
+    def under(self, **changed: Any) -> Self:
+        """The same where some of the conditions are changed."""
+        return replace(self, conditions=replace(self.conditions, **changed))
+
+    def read(self, q: Array, poses: Poses) -> Array:
+        """Independent rows of configurations (m, dof), read as ``poses`` say, shape (m, r, p)."""
+        conditions, reading = self.conditions, np.arange(len(poses))
+        seen = np.repeat(visible(scene_of(self.cell, q)), conditions.each, axis=0)
+        visit = reading // conditions.stay, reading // conditions.each
+        rows = self.candidates(poses, seen, visit, self.sigma).independent
+        return rows.reshape(len(q), -1, rows.shape[-1])
+
+    def in_order(self, q: Array) -> Array:
+        """Rows of configurations read one after the other, shape (m, r, p)."""
+        return self.read(q, self.conditions.in_order(self.model.robot, q))
+
+    def feasible(self, count: int, seed: int) -> Array:
+        """Up to ``count`` configurations that the cell allows, under every load, (m, dof)."""
+        rng = np.random.default_rng(seed)
+        found: list[Array] = []
+        for _ in range(_DRAWN // _CHUNK):
+            found.append(self.allowed(self._anywhere(rng)))
+            if sum(map(len, found)) >= count:
+                break
+        return np.concatenate(found)[:count]
+
+    def _anywhere(self, rng: np.random.Generator) -> Array:
+        """Configurations over the joint box: plain draws, as the import of Sobol's takes longer."""
+        low, high = self.cell.robot.sample_limits().T
+        q = rounded(self.cell, rng.uniform(low, high, (_CHUNK, len(low))))
+        if self.levels is not None:
+            q[:, self.levels.joint] = rng.choice(self.levels.values, _CHUNK)
+        return q
+
+    def allowed(self, q: Array) -> Array:
+        """The configurations of (m, dof) that the cell allows under every load."""
+        for load in self.conditions.loads:
+            for constraint in constraints_of(self._loaded(load)):
+                q = q[constraint.allows(scene_of(self.cell, q))] if len(q) else q
+        return q
+
+    def _loaded(self, load: Hung) -> Cell:
+        """The cell with this load hanging, as its constraints are asked."""
+        if load.free:
+            return replace(self.cell, load=None)
+        pull = float(np.linalg.norm(self.cell.gravity)) or 9.80665
+        mass = load.mass + float(np.linalg.norm(load.force)) / pull
+        x, y, z = load.com if load.mass else load.lever
+        tilt = np.pi / 2 if self.cell.load is None else self.cell.load.max_tilt
+        return replace(self.cell, load=Load(mass, (float(x), float(y), float(z)), tilt))
+
+
+def situation_of(at: Linearisation, data: Measurements) -> Situation:
+    """Further readings under the conditions of given ones."""
+    given = data.sigma[np.isfinite(data.sigma) & data.seen]
+    return Situation(
+        at.cell,
+        at.model,
+        at.values,
+        at.arm,
+        conditions=conditions_of(at.model.robot, data.poses),
+        sigma=float(np.median(given)) if len(given) else np.nan,
+        levels=_kept_levels(at.cell, data.poses.q),
+    )
+
+
+def _kept_levels(cell: Cell, q: Array) -> Levels | None:
+    """The levels of the cell's design, where the data (m, dof) stand at them."""
+    levels = levels_of(cell, None, None)
+    return levels if levels is not None and (levels.of(q) >= 0).all() else None
+
+
+@dataclass(frozen=True, eq=False)
+class Offer:
+    """Candidates with their rows, by the side from which each joint comes.
+
+    q : ndarray, shape (m, dof)
+    mean, half : ndarray, shape (m, r, p): rows are ``mean + sign half``; half is None where no column
+        depends on the approach
+    joint : ndarray of int, shape (p,), whose sign counts for a column
+    """
+
+    q: Array
+    mean: Array
+    half: Array | None
+    joint: IntArray
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def rows(self, index: IntArray | slice, before: Array) -> Array:
+        """Rows of candidates that are reached from joint values ``before`` (dof,)."""
+        if self.half is None:
+            return self.mean[index]
+        sign = np.where(self.q[index] >= before, 1.0, -1.0)[:, self.joint]
+        return np.asarray(self.mean[index] + sign[:, None, :] * self.half[index])
+
+
+def offer_of(situation: Situation, q: Array, count: int) -> Offer:
+    """Rows of candidates (m, dof), each as one among ``count`` poses to come."""
+    model, conditions = situation.model, situation.conditions
+    robot = model.robot
+    joint = np.zeros(len(model.parameters), dtype=int)
+    sided = False
+    for effect, part in zip(model.effects, model.slices, strict=True):
+        variable, _, name = depends_on(effect).partition(":")
+        if variable == "approach" and name in robot.joints:
+            joint[part], sided = robot.joints.index(name), True
+    right = situation.read(q, conditions.alike(robot, q, 1.0, count))
+    if not sided or conditions.sides:
+        return Offer(q, right, None, joint)
+    left = situation.read(q, conditions.alike(robot, q, -1.0, count))
+    return Offer(q, 0.5 * (right + left), 0.5 * (right - left), joint)

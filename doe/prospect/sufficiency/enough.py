@@ -1,0 +1,225 @@
+"""The verb: is what was measured enough, what does the rest of the plan bring, and in which order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from calib.api import readings
+from calib.arrays import Array, IntArray, Mask
+from calib.cell import Cell
+from calib.compensation.estimate import estimate_of
+from calib.compensation.unexplained import Unexplained, scatter_at
+from calib.effects.tool import Tool
+from calib.errors import EffectCannotAct, TooFewPoses
+from calib.identification import Identification
+from calib.identification.identify import identify
+from calib.identification.noise_level import believed_sigma
+from calib.model import Model
+from calib.model.build import build, refuse_idle_effects
+from calib.model.covariance import task_error
+from calib.poses import Measurements, Poses, poses_at
+from calib.poses.visits import visits
+from calib.scatter import Variances
+from calib.targets import targets_of
+from calib.threads import one_blas_thread
+from doe.constraints import constraints_of, scene_of, visible
+from doe.criteria import Criterion, Question
+from doe.criteria.task import Task
+from doe.optimal.blocks import Blocks
+from doe.optimal.packed import pack
+from doe.problem.information import Regressor
+from doe.problem.linearisation import Linearisation, Rows
+from doe.problem.nominal import nominal
+from doe.problem.pool import drawn, pool_of
+from doe.problem.problem import target_rows
+from doe.prospect.sufficiency.answer import Enough, Lacking
+from doe.prospect.sufficiency.forecast import Forecast, Step, Told, best_next, told
+from doe.prospect.sufficiency.match import match
+from doe.prospect.sufficiency.to_come import whole_day
+from doe.prospect.sufficiency.unnoticed import unnoticed
+
+_CANDIDATES = 500
+_MOST_FRESH = 30
+
+
+@one_blas_thread
+def enough(
+    cell: Cell,
+    data: Measurements,
+    plan: Poses | None = None,
+    *,
+    goal: float | None = None,
+    seed: int = 0,
+) -> Enough:
+    """Say what the data tell, and what the rest of a plan adds, pose by pose in the best order.
+
+    data : the readings so far; poses of the plan among them are found by their joints, or their names
+    plan : the plan that is being measured, None for the data alone
+    goal : expected RMS error at the targets that is wanted, m
+    seed : of the fresh candidates by which poses beyond the plan are judged
+
+    The order is greedy: each pose is the one that lowers the expected error most beside those before
+    it. The noise is what the data show; outliers count nothing. Time, temperature and approach of what
+    is to come follow the data and the plan's order, whatever the order here.
+
+    Raises CalibError where the whole plan would not do.
+    """
+    plan = data.poses.take([]) if plan is None else plan
+    done = match(cell, plan, data.poses)
+    found, why = _identified(cell, data)
+    day = whole_day(cell, data, plan, done.left)
+    model = build(cell, day.poses).model
+    refuse_idle_effects(cell, model, day.poses)
+    values = _values(model, day.poses, found)
+    day = _foreseen(day, model.predict(values, day.poses), len(data))
+    arm = _arm(cell, model, found)
+    at = Linearisation(cell, model, values, arm)
+    rows = at.of(day, _kept(day, found)).per(model.sizes)
+    lacking, beside = _lacking(cell, model, values, arm, found)
+    targets, weights = targets_of(cell)
+    doubt = unnoticed(cell, model, values, found, targets, weights)
+    regressor = Regressor(cell, model, values, np.diag(model.sizes))
+    aims = target_rows(regressor, targets, any(isinstance(e, Tool) for e in model.effects))
+    behind = _behind(found, lacking)
+    forecast = Forecast(model, aims, weights / weights.sum(), beside, behind, doubt)
+    criterion = _task(regressor, forecast)
+    so_far = np.arange(len(day)) < len(data)
+    further = _in_best_order(criterion, rows, so_far, plan, done.left)
+    steps = tuple(forecast.steps(told(rows, so_far), len(data), further))
+    sigma = believed_sigma(day, at.weights(day)) * arm.scale
+    result = Enough(model, found, why, sigma, done, steps, goal, lacking, ())
+    known_after_all = result.needed is not None or result.beyond_reach
+    if goal is None or known_after_all or any(e.uses for e in model.effects):
+        return result
+    return replace(result, fresh=_fresh(regressor, criterion, forecast, at, rows, result, seed))
+
+
+def _identified(cell: Cell, data: Measurements) -> tuple[Identification | None, str]:
+    """The identification of the data so far, or why there is none yet."""
+    try:
+        return identify(cell, data), ""
+    except (TooFewPoses, EffectCannotAct) as error:
+        return None, str(error)
+
+
+def _values(model: Model, poses: Poses, found: Identification | None) -> Array:
+    """Where the whole day is linearised: as identified so far, else the nominal model, (p,), SI."""
+    values = nominal(model, poses)
+    known = {} if found is None else dict(zip(_ids(found.model), found.values, strict=True))
+    return np.array([known.get(i, v) for i, v in zip(_ids(model), values, strict=True)])
+
+
+def _foreseen(day: Measurements, predicted: Array, measured: int) -> Measurements:
+    """The day with points where they are expected after those that are measured: noise has a range."""
+    return replace(day, points=np.concatenate([day.points[:measured], predicted[measured:]]))
+
+
+def _arm(cell: Cell, model: Model, found: Identification | None) -> Variances:
+    """How the arm scatters, as the data so far show it, else as the cell says."""
+    shown = None if found is None or found.levels is None else found.levels.variances
+    arm = Variances.of_arm(model.robot.dof, cell.repeatability) if shown is None else shown
+    return arm if found is None or arm.any else replace(arm, scale=found.noise.factor)
+
+
+def _lacking(
+    cell: Cell, model: Model, values: Array, arm: Variances, found: Identification | None
+) -> tuple[Lacking, Array]:
+    """What does not average away, over all targets and at each, (targets,), m."""
+    targets, weights = targets_of(cell)
+    scatter = scatter_at(model, values, targets, arm).mean(axis=-1)
+    rest = Unexplained(0.0, "") if found is None else estimate_of(found).unexplained
+    rms = task_error(np.sqrt(scatter), weights)[0]
+    return Lacking(rms, rest), np.sqrt(scatter + rest.rms**2)
+
+
+def _behind(found: Identification | None, lacking: Lacking) -> float:
+    """Degrees of freedom behind what is taken for noise, infinite where it is known.
+
+    Where poses err as a whole it counts them, not points: which variances they show is chosen as well.
+    """
+    if found is None:
+        return np.inf
+    if not lacking.rms or (found.levels is not None and not len(found.levels.free)):
+        return found.noise.dof
+    kept = found.fit.data.take(~found.fit.outlier)
+    stays = len(np.unique(visits(kept.poses)))
+    return max(1.0, stays - found.rank / 6.0)
+
+
+def _ids(model: Model) -> tuple[str, ...]:
+    return tuple(p.id for p in model.parameters)
+
+
+def _kept(day: Measurements, found: Identification | None) -> Mask:
+    """Readings that count: all but the outliers among those that are measured, shape (m,)."""
+    kept = np.ones(len(day), dtype=bool)
+    if found is not None:
+        kept[: len(found.fit.outlier)] = ~found.fit.outlier
+    return kept
+
+
+def _task(regressor: Regressor, forecast: Forecast) -> Criterion:
+    """The expected error at the targets, for information in plausible sizes."""
+    none = np.zeros((0, *regressor.T.shape))
+    aims, weights = forecast.rows, forecast.weights
+    return Task.of(Question(regressor.model, regressor.T, None, None, lambda: aims, weights, none))
+
+
+def _in_best_order(
+    criterion: Criterion, day: Rows, so_far: Mask, plan: Poses, left: IntArray
+) -> Iterator[tuple[str, int, Told]]:
+    """The poses of which readings are still to come, with all that is told after each."""
+    if not len(left):
+        return
+    poses, of = np.unique(left % len(plan), return_inverse=True)
+    number = np.full(len(so_far), -1)
+    number[~so_far] = of
+    rows = day.independent
+    own = [rows[number == k].reshape(-1, rows.shape[-1]) for k in range(len(poses))]
+    known = rows[so_far].reshape(-1, rows.shape[-1])
+    packed = pack(np.stack([rows.T @ rows for rows in own]))
+    blocks = Blocks(packed, known.T @ known, max(map(len, own)))
+    done = so_far.copy()
+    for k in best_next(criterion, blocks, len(own)):
+        done = done | (number == k)
+        yield plan.names[poses[k]], len(of[of == k]), told(day, done)
+
+
+def _fresh(
+    regressor: Regressor,
+    criterion: Criterion,
+    forecast: Forecast,
+    at: Linearisation,
+    day: Rows,
+    answer: Enough,
+    seed: int,
+) -> tuple[Step, ...]:
+    """Poses beyond the plan, each the one that adds most, until the goal is met or tried enough."""
+    cell = regressor.cell
+    steps: list[Step] = []
+    chunks = drawn(cell, _CANDIDATES, None, seed)
+    pool = pool_of(regressor, constraints_of(cell), None, chunks, _CANDIDATES)
+    known, count = told(day), answer.steps[-1].readings
+    while len(pool) and len(steps) < _MOST_FRESH:
+        blocks = Blocks(pool.packed / at.arm.scale**2, known.root.T @ known.root, regressor.rank)
+        one = at.of(_of_one(at, pool.q[best_next(criterion, blocks, 1)])).per(at.model.sizes)
+        known = known.beside(told(one))
+        name = f"fresh{len(steps) + 1}"
+        *_, step = forecast.steps(known, count, [(name, len(one.whitened), known)])
+        count = step.readings
+        steps.append(step)
+        if answer.reaches(step):
+            break
+    return tuple(steps)
+
+
+def _of_one(at: Linearisation, q: Array) -> Measurements:
+    """The readings of a fresh pose, q of shape (1, dof), with the markers that will be in sight."""
+    poses = readings(at.cell, poses_at(q, names=[""]))
+    seen = np.tile(visible(scene_of(at.cell, q)), (len(poses), 1))
+    return Measurements(
+        poses, at.model.predict(at.values, poses), seen, np.full(seen.shape, np.nan)
+    )

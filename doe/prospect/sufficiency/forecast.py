@@ -1,0 +1,164 @@
+"""What is expected of the estimate after each further pose, as ``calib.identify`` will say it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arrays import Array, IntArray, Mask
+from calib.model import Model
+from calib.model.covariance import (
+    covariance,
+    identifiable,
+    ignorance,
+    task_error,
+)
+from doe.criteria import Criterion
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.optimal.exchange import greedy
+from doe.problem.linearisation import Rows
+from doe.prospect.sufficiency.unnoticed import Unnoticed
+
+_SURE = 0.95
+_MANY = 1e6  # degrees of freedom: known
+_OPEN = 0.05**2  # information of a direction that is as uncertain as twenty plausible sizes
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What readings tell: the normal equations of least squares, and the noise in them.
+
+    root : ndarray, shape (p, p), R with ``R^T R`` the sum of the rows' squares
+    core : ndarray, shape (p, p), covariance of the equations' right side; None for independent rows of
+        unit variance, where it is ``R^T R``
+    """
+
+    root: Array
+    core: Array | None
+
+    def beside(self, other: Told) -> Told:
+        """Both, of other configurations."""
+        both = root(np.concatenate([self.root, other.root]))
+        if self.core is None or other.core is None:
+            return Told(both, None)
+        return Told(both, self.core + other.core)
+
+    def covariance(self, span: Array) -> Array:
+        """Of the least-squares values along ``span`` (p, k), shape (p, p)."""
+        bread = covariance(self.root, span)
+        return bread if self.core is None else np.asarray(bread @ self.core @ bread)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What will be known after one more pose.
+
+    pose : str, empty for what is known now; readings : int, in all
+    task_rms, task_worst : float, m, expected at the targets; what is open is off by its plausible
+        size, as far as the others do not make up for it
+    task_most : float, m, that the error at the targets exceeds once in twenty
+    from_parameters : float, m, the part of ``task_rms`` that more readings lower
+    std : ndarray, shape (p,), SI, NaN for what is open
+    open : tuple of str, parameters that cannot be told
+    """
+
+    pose: str
+    readings: int
+    task_rms: float
+    task_worst: float
+    task_most: float
+    from_parameters: float
+    std: Array
+    open: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """Where accuracy is wanted.
+
+    rows : ndarray, shape (targets, r, p), m per plausible size, the mean over the markers in them
+    weights : ndarray, shape (targets,), summing to one
+    beside : ndarray, shape (targets,), m, error that no reading lowers: the arm's scatter, and what the
+        model lacks
+    dof : float, degrees of freedom behind the noise, infinite where it is known
+    unnoticed : Unnoticed, what the bound allows for beside that
+    """
+
+    model: Model
+    rows: Array
+    weights: Array
+    beside: Array
+    dof: float
+    unnoticed: Unnoticed
+
+    def steps(
+        self, known: Told, readings: int, further: Iterable[tuple[str, int, Told]]
+    ) -> Iterator[Step]:
+        """What is known now, then with each further pose: its name, the readings it adds, and all that
+        is told by then.
+
+        Rows are in standard deviations per plausible size.
+        """
+        yield self._step("", readings, known)
+        for name, count, told in further:
+            readings += count
+            yield self._step(name, readings, told)
+
+    def _step(self, pose: str, readings: int, told: Told) -> Step:
+        p = self.rows.shape[-1]
+        ids = tuple(parameter.id for parameter in self.model.parameters)
+        choice = identifiable(told.root, np.ones(p), ids)
+        known = np.zeros(p, dtype=bool)
+        known[choice.kept] = True
+        span = np.eye(p)[:, choice.kept]
+        cov = told.covariance(span) + ignorance(told.root, span, np.ones(p), ~known)
+        squared = ((self.rows @ cov) * self.rows).sum(axis=(1, 2))
+        own = np.sqrt(np.maximum(squared, 0.0))
+        parameters = task_error(own, self.weights)[0]
+        rms, worst = task_error(np.hypot(own, self.beside), self.weights)
+        std = np.where(known, np.sqrt(np.diag(cov)) * self.model.sizes, np.nan)
+        lost = tuple(name for entry in choice.unidentifiable for name in entry.names)
+        doubted = np.hypot(rms * self.unnoticed.louder, self.unnoticed.at_targets)
+        most = float(doubted) * self._margin(cov, parameters, rms)
+        return Step(pose, readings, rms, worst, most, parameters, std, lost)
+
+    def _margin(self, cov: Array, parameters: float, rms: float) -> float:
+        """By how much the error exceeds its expectation once in twenty.
+
+        One draw of the parameters errs by ``sum lambda_i z_i^2``, a chi-square by its first two moments
+        (Welch and Satterthwaite); the noise behind the expectation is an estimate as well. Their ratio
+        has an F distribution.
+        """
+        from scipy.special import fdtri
+
+        half = (self.rows * np.sqrt(self.weights)[:, None, None]).reshape(-1, len(cov))
+        spread = np.linalg.eigvals(cov @ half.T @ half).real
+        drawn = float(spread.sum() ** 2 / (spread**2).sum()) * (rms / parameters) ** 4
+        return float(np.sqrt(fdtri(min(drawn, _MANY), min(self.dof, _MANY), _SURE)))
+
+
+def told(rows: Rows, chosen: Mask | None = None) -> Told:
+    """What readings tell together, all or some of them, (m,)."""
+    own = rows.whitened if chosen is None else rows.whitened * chosen[:, None, None]
+    core = None if rows.mixing is None else rows.mixing.covariance(own)
+    return Told(root(own.reshape(-1, own.shape[-1])), core)
+
+
+def root(rows: Array) -> Array:
+    """R (p, p) with ``R^T R = rows^T rows``."""
+    R = np.linalg.qr(rows, mode="r")
+    return np.concatenate([R, np.zeros((rows.shape[1] - len(R), rows.shape[1]))])
+
+
+def best_next(criterion: Criterion, blocks: Blocks, count: int) -> IntArray:
+    """The candidates that add most, one after the other, beside what is known already.
+
+    What nothing tells of counts as twenty plausible sizes uncertain: it is closed first.
+    """
+    p = len(blocks.fixed)
+    beside = Blocks(blocks.packed, blocks.fixed + _OPEN * np.eye(p), blocks.rank)
+    rules = Allowed(np.zeros(len(blocks), dtype=int), np.zeros(1), np.array([count]), 1)
+    return greedy(criterion, beside, rules)

@@ -1,0 +1,319 @@
+"""Next poses: the criterion against stacked least squares, the search against every subset."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.special import ndtr, ndtri
+
+import calib
+import doe
+from calib import Cell
+from calib.arm.kinematics import forward
+from calib.arm.se3 import cross, rotate
+from calib.arrays import Array
+from calib.cell import Load
+from calib.diagnosis import Diagnosis
+from calib.diagnosis.stage import positions
+from calib.diagnosis.verdict import Named
+from calib.errors import CalibError
+from doe.constraints import constraints_of, scene_of
+from doe.prospect.conditions import loads_of_data
+from doe.prospect.likeness import SURE
+from doe.prospect.rivals.evidence import Evidence
+from doe.prospect.rivals.next_poses import data_rows, situation_after
+from doe.prospect.rivals.results import next_fields
+from doe.prospect.rivals.search import Contested, Search
+from doe.prospect.situation import Offer
+from tests.calib.diagnosis.test_diagnose import measured
+from tests.helpers import random_poses, random_robot
+
+RIVALS = ([8, 9], [10, 11, 12], [13])
+SCALE = 9e-6
+PAIRS = ((0, 1), (0, 2), (1, 2))
+
+
+def linear(seed: int, sizes: float = 1.0) -> tuple[Evidence, Array, Array, Array]:
+    """Rows of data and of 14 candidates, eight parameters modelled, three rivals that look alike."""
+    rng = np.random.default_rng(seed)
+    mix = rng.normal(size=(14, 14)) * 0.1 + np.eye(14)
+    mix[10:13, 10:13] += 0.1
+    mix[8:14] += rng.normal(size=14)  # what the rivals have in common
+    rows, more = rng.normal(size=(60, 14)) @ mix.T, rng.normal(size=(14, 4, 14)) @ mix.T
+    y = rows[:, 8:10] @ np.array([0.9, -0.4]) + rng.normal(size=60)
+    rivals = [np.array(at) for at in RIVALS]
+    return Evidence.of(rows, y, np.full(14, sizes), rivals, PAIRS), rows, more, y
+
+
+def direct(rows: Array, truth: list[int], rival: list[int], b: Array) -> float:
+    """Least squares on the stacked rows, nothing projected beforehand."""
+    s = rows[:, truth] @ b
+    rest = rows[:, [*range(8), *rival]]
+    return float(((s - rest @ np.linalg.lstsq(rest, s, rcond=None)[0]) ** 2).sum())
+
+
+def test_separation_is_that_of_stacked_least_squares() -> None:
+    # Large plausible sizes: the weak prior is then no prior.
+    evidence, rows, more, y = linear(0, sizes=1e3)
+    known = evidence.data
+    for block in more[:5]:
+        known = known.added(evidence.blocks(block))
+    merged = evidence.data.merged(evidence.blocks(more[:5]))
+    tried = evidence.data.tried(evidence.blocks(more))
+    np.testing.assert_allclose(merged.S, known.S, rtol=1e-9)
+    np.testing.assert_allclose(merged.P, known.P, rtol=1e-8, atol=1e-12)
+    first = evidence.data.added(evidence.blocks(more[3]))
+    np.testing.assert_allclose(tried[3], first.S, rtol=1e-9)
+    after = np.concatenate([rows, more[:5].reshape(-1, 14)])
+    for i, pair in enumerate(PAIRS):
+        for j, (e, f) in enumerate((pair, pair[::-1])):
+            own = [*range(8), *RIVALS[e]]
+            b = np.linalg.lstsq(rows[:, own], y, rcond=None)[0][8:]
+            np.testing.assert_allclose(evidence.b[e] * 1e3, b, rtol=1e-6)
+            for have, state in ((rows, evidence.data), (after, known)):
+                expected = direct(have, RIVALS[e], RIVALS[f], b)
+                assert evidence.separation(state)[i, j] == pytest.approx(expected, rel=1e-5)
+
+
+def test_no_choice_passes_the_limit() -> None:
+    for seed in range(5):
+        evidence, _, more, _ = linear(seed)
+        blocks = evidence.blocks(more)
+        limits = evidence.reach(blocks, 3, 72)
+        found = [
+            evidence.margins(evidence.data.merged(blocks[list(subset)]), rows=72)
+            for subset in itertools.combinations(range(14), 3)
+        ]
+        best = np.max(found, axis=0)
+        assert (limits >= best - 1e-9).all()
+        gain = best - evidence.margins(evidence.data, rows=72)
+        assert (limits - best < 3.0 * gain + 1e-9).all()  # a bound that says something
+
+
+@pytest.mark.long
+def test_search_against_every_subset() -> None:
+    shares = []
+    for seed in range(8):
+        evidence, _, more, _ = linear(seed)
+        offer = Offer(np.zeros((14, 1)), more, None, np.zeros(14, dtype=int))
+        place = Contested(evidence, 72, np.ones(3, dtype=bool))
+        search = Search((place,), offer, np.zeros(1))
+        values = [search.value(s) for s in itertools.combinations(range(14), 3)]
+        mine = search.best_plan(3)
+        assert len(set(mine)) == 3
+        start = search.value([])
+        shares.append((search.value(mine) - start) / (max(values) - start))
+        assert search.value(mine) > np.quantile(values, 0.97)
+    assert min(shares) > 0.9
+    assert np.median(shares) > 0.999
+
+
+@pytest.mark.parametrize(
+    ("pair", "error"),
+    [
+        (([13], [9]), 0.02),
+        (([8, 9], [10, 11]), 0.06),
+        (([10, 11, 12], [13]), 0.06),
+        (([8, 9], [13]), 0.06),
+    ],
+)
+def test_probability_is_the_frequency_of_the_right_preference(
+    pair: tuple[list[int], list[int]], error: float
+) -> None:
+    """Schwarz's choice between two fits, on simulated readings with either of them as the truth."""
+    rng = np.random.default_rng(1)
+    rows = linear(2)[1]
+    for truth, rival in (pair, pair[::-1]):
+        whole = [np.linalg.qr(rows[:, [*range(8), *own]])[0] for own in (truth, rival)]
+        more = len(truth) - len(rival)
+        for wanted in (1.0, 4.0, 9.0, 16.0, 25.0):
+            b = rng.normal(size=len(truth))
+            b *= np.sqrt(wanted / direct(rows, truth, rival, b))
+            signal = rows[:, truth] @ b
+            y = signal + rng.normal(size=(20_000, len(rows)))
+            costs = [(y**2).sum(axis=1) - ((y @ Q) ** 2).sum(axis=1) for Q in whole]
+            seen = float(np.mean(costs[1] - costs[0] > more * np.log(len(rows))))
+            both = [8 + np.arange(len(truth)), 8 + len(truth) + np.arange(len(rival))]
+            own = rows[:, [*range(8), *truth, *rival]]
+            # Large plausible sizes: the weak prior is then no prior.
+            evidence = Evidence.of(own, signal, np.full(own.shape[1], 1e3), both, ((0, 1),))
+            predicted = evidence.preferences(evidence.data)[0, 0]
+            assert predicted == pytest.approx(seen, abs=error)
+
+
+def test_loads_are_found_in_the_wrench() -> None:
+    rng = np.random.default_rng(3)
+    robot = random_robot(rng, 6)
+    poses = random_poses(rng, robot, 20, loaded=False)
+    lever, force = np.array([0.1, -0.05, 0.2]), np.array([0.0, 0.0, -420.0])
+    R = forward(robot, poses.q).R[:, -1]
+    wrench = np.column_stack([np.tile(force, (20, 1)), cross(rotate(R, lever), force)])
+    wrench[::2] = 0.0
+    free, loaded = loads_of_data(robot, replace(poses, wrench=wrench))
+    assert free.free
+    np.testing.assert_allclose(loaded.force, force)
+    np.testing.assert_allclose(loaded.lever, lever, atol=1e-9)
+    np.testing.assert_allclose(loaded.moment, 0.0, atol=1e-9)
+
+
+def diagnosed(kinds: tuple[str, ...], effect: str, values: list[float]) -> tuple[Cell, Diagnosis]:
+    """A diagnosis that asks only some causes: the contest itself is tested elsewhere."""
+    module = sys.modules["calib.diagnosis.diagnose"]
+    every = module.candidates
+
+    def few(*given: Any) -> Any:
+        found, missing = every(*given)
+        return [c for c in found if c.effect.kind in kinds], missing
+
+    cell, data, _ = measured(effect, values, seed=7)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "candidates", few)
+        return cell, calib.diagnose(cell, data)
+
+
+@pytest.fixture(scope="module")
+def alike() -> tuple[Cell, Diagnosis]:
+    """A gear ratio, or the weight of the arm: over a short range of A2 both turn it alike."""
+    kinds = ("transmission_scale", "backlash", "link_weight")
+    return diagnosed(kinds, "transmission_scale:A2", [SCALE])
+
+
+@pytest.fixture(scope="module")
+def six(alike: tuple[Cell, Diagnosis]) -> doe.NextPoses:
+    return doe.next_poses(*alike, count=6)
+
+
+@pytest.fixture(scope="module")
+def drift() -> tuple[Cell, Diagnosis]:
+    values = np.array([60.0, -40.0, 0.0, 30.0, 0.0, -40.0]) * 1e-6 / 3600.0
+    return diagnosed(("base_drift", "tracker_drift", "backlash"), "base_drift:base", list(values))
+
+
+def test_predictions_are_those_of_stacked_least_squares(
+    alike: tuple[Cell, Diagnosis], six: doe.NextPoses
+) -> None:
+    """Data and next poses in one regression, rows from the model, no candidates and no updates."""
+    cell, found = alike
+    assert found.verdict == "ambiguous"
+    (prediction,) = six.predictions
+    first, second = (c for c, _ in found.causes[0].named.members)
+    assert prediction.rivals == (first.key, second.key)
+    situation = situation_after(cell, found, [first.effect, second.effect])
+    _, rows = data_rows(situation, found)
+    session = situation.conditions.in_order(cell.robot, six.poses.q)
+    _, J = situation.model.jacobian(situation.values, session)
+    fresh = J.reshape(-1, J.shape[-1]) / found.noise.sigma
+    at = [positions(situation.model, c.effect) for c in (first, second)]
+    rest = np.setdiff1d(np.arange(J.shape[-1]), np.concatenate(at))
+    refit = found.stage.fit([second.effect])
+    b = [found.causes[0].values, refit.values[positions(refit.model, second.effect)]]
+    for have, predicted in (
+        (rows, prediction.now),
+        (np.concatenate([rows, fresh]), prediction.after),
+    ):
+        have = have * situation.model.sizes
+        margin = []
+        for e, f in ((0, 1), (1, 0)):
+            s = have[:, at[e]] @ (b[e] / situation.model.sizes[at[e]])
+            alone, beside = (
+                float(np.linalg.norm(s - own @ np.linalg.lstsq(own, s, rcond=1e-12)[0]) ** 2)
+                for own in (have[:, rest], have[:, np.concatenate([rest, at[f]])])
+            )
+            # Of one direction each: the correlation is 1 - beside / alone.
+            margin.append(beside / np.sqrt(4.0 * beside + 4.0 * beside / alone))
+        assert predicted == pytest.approx(ndtr(min(margin)), abs=2e-3)
+
+
+def test_the_poses_chosen_beat_poses_at_random(
+    alike: tuple[Cell, Diagnosis], six: doe.NextPoses
+) -> None:
+    cell, found = alike
+    (prediction,) = six.predictions
+    members = [c for c, _ in found.causes[0].named.members]
+    situation = situation_after(cell, found, [c.effect for c in members])
+    r, rows = data_rows(situation, found)
+    at = [positions(situation.model, c.effect) for c in members]
+    y = r + rows[:, np.concatenate(at)] @ situation.values[np.concatenate(at)]
+    evidence = Evidence.of(rows, y, situation.model.sizes, at, ((0, 1),))
+    q = situation.feasible(120, seed=5).reshape(20, 6, -1)
+    random = [
+        evidence.probabilities(evidence.data.merged(evidence.blocks(situation.in_order(one))))[0]
+        for one in q
+    ]
+    assert prediction.now < min(random)
+    assert prediction.after > max(random)
+    # In noise variances the gain is at least twice that of a random set.
+    far = [float(ndtri(p)) ** 2 for p in (prediction.now, prediction.after, float(np.mean(random)))]
+    assert far[1] - far[0] > 2.0 * (far[2] - far[0])
+
+
+def test_poses_keep_to_the_cell(alike: tuple[Cell, Diagnosis]) -> None:
+    cell, found = alike
+    robot = cell.robot
+    limits = robot.limits.copy()
+    limits[1] = [-1.8, -0.6]
+    tight = replace(
+        cell,
+        robot=replace(robot, limits=limits),
+        load=Load(250.0, (0.3, 0.0, 0.15), 0.4),
+        design={},
+    )
+    result = doe.next_poses(tight, found, count=4)
+    assert len(result.poses) == 4
+    q = result.poses.q
+    assert ((q >= limits[:, 0] - 1e-9) & (q <= limits[:, 1] + 1e-9)).all()
+    for constraint in constraints_of(tight):
+        assert constraint.allows(scene_of(tight, q)).all()
+    levels = {"A2": {"values_deg": [-90, -60], "poses_per_level": 2}}
+    free = doe.next_poses(replace(cell, design={"levels": levels}), found, count=4)
+    assert len(np.unique(free.poses.q[:, 1])) == 4  # the data do not keep to levels
+    again = doe.next_poses(tight, found, count=4)
+    np.testing.assert_array_equal(again.poses.q, q)
+    with pytest.raises(CalibError, match="at least one"):
+        doe.next_poses(cell, found, count=0)
+
+
+def test_nothing_is_asked_where_nothing_is_in_doubt(alike: tuple[Cell, Diagnosis]) -> None:
+    cell, found = alike
+    first = found.causes[0]
+    entry = replace(first.named.entry, rivals=first.named.entry.rivals[:1])
+    alone = replace(first, named=Named(entry, first.named.members[:1]))
+    sure = replace(found, causes=(alone,))
+    result = doe.next_poses(cell, sure)
+    assert not len(result.poses)
+    assert result.predictions == ()
+
+
+def test_no_pose_but_another_station_tells_drifts_apart(drift: tuple[Cell, Diagnosis]) -> None:
+    cell, found = drift
+    result = doe.next_poses(cell, found)
+    assert not len(result.poses)
+    (prediction,) = result.predictions
+    assert set(prediction.rivals) == {"base_drift:base", "tracker_drift:instrument"}
+    assert prediction.after < 0.6
+    assert not prediction.inseparable
+    assert [remedy.name for remedy in prediction.remedies] == ["another_station"]
+    assert prediction.remedies[0].probability > 0.99
+
+
+def test_fields_are_those_of_the_contract(alike: tuple[Cell, Diagnosis]) -> None:
+    cell, found = alike
+    result = doe.next_poses(cell, found, count=5)
+    fields = json.loads(json.dumps(next_fields(result, cell.robot), allow_nan=False))
+    pair = [c.key for c, _ in found.causes[0].named.members]
+    assert len(fields["next_poses"]) == 5
+    for pose, q in zip(fields["next_poses"], result.poses.q, strict=True):
+        np.testing.assert_allclose(
+            [pose["joints_deg"][joint] for joint in cell.robot.joints], np.degrees(q), atol=1e-5
+        )
+    assert any(pose["splits"] == [pair] for pose in fields["next_poses"])
+    (predicted,) = fields["next_poses_predicted"]
+    assert predicted["rivals"] == pair
+    assert predicted["probability_now"] < SURE <= predicted["probability_after"]
+    assert predicted["inseparable"] is False

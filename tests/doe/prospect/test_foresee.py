@@ -1,0 +1,185 @@
+"""What a plan is said to see, against diagnoses, least squares and facts that hold for any robot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import calib
+from calib import Cell, Poses
+from calib.diagnosis.screen import score
+from calib.model.build import build
+from calib.poses import Measurements, poses_at
+from calib.poses.moves import with_moves
+from calib.simulation import simulate
+from doe.prospect import PowerAnalysis
+from doe.prospect.confounded import remedies_of
+from doe.prospect.fields import power_fields
+from doe.prospect.foresee import foresee
+from tests.helpers import cell_of, random_robot, with_effects
+
+MODEL = ("base", "tool", "geometry", "joint_compliance:A2,A3,A4,A5,A6")
+
+
+def session(cell: Cell, count: int, seed: int = 0) -> Poses:
+    """Configurations, free and loaded, over some hours and kelvins."""
+    rng = np.random.default_rng(seed)
+    low, high = cell.robot.sample_limits().T
+    index = np.arange(2.0 * count)
+    return with_moves(
+        poses_at(
+            np.repeat(rng.uniform(low, high, (count, 6)), 2, axis=0),
+            time=index * 60.0,
+            temperature=20.0 + 3.0 * np.sin(index / 9.0),
+            load_mass=np.tile([0.0, 200.0], count),
+            load_com=np.array([0.3, 0.0, 0.15]),
+        )
+    )
+
+
+@pytest.fixture(scope="module")
+def cell(kr270: Cell) -> Cell:
+    return replace(with_effects(kr270, *MODEL), load=None)
+
+
+@pytest.fixture(scope="module")
+def found(cell: Cell) -> PowerAnalysis:
+    return foresee(cell, session(cell, 30))
+
+
+def keys(found: PowerAnalysis, positions: tuple[int, ...]) -> set[str]:
+    return {found.seen[i].key for i in positions}
+
+
+def columns(found: PowerAnalysis, key: str) -> np.ndarray:
+    return found.view.columns[[c.key for c in found.view.suspects].index(key)]
+
+
+@pytest.mark.long
+def test_a_smallest_size_is_found_nine_times_in_ten(found: PowerAnalysis) -> None:
+    rng = np.random.default_rng(1)
+    for key in ("backlash:A5", "transmission_harmonic:A2", "base_drift:base", "payload:payload"):
+        cause = next(s for s in found.seen if s.key == key)
+        field, own = found.view.field, columns(found, key)
+        signal = field.X[:, own[cause.lead]] * cause.smallest[cause.lead]
+        hits = [
+            score(replace(field, r=signal + rng.normal(size=len(signal))), own).fall > cause.limit
+            for _ in range(400)
+        ]
+        assert np.mean(hits) == pytest.approx(0.9, abs=0.06), key
+        assert cause.found(np.ones(1))[0] == pytest.approx(0.9)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("times", "places"), [(0.2, []), (1.6, ["A3"])])
+def test_a_diagnosis_finds_what_is_larger_and_no_less(
+    cell: Cell, found: PowerAnalysis, times: float, places: list[str]
+) -> None:
+    cause = next(s for s in found.seen if s.key == "backlash:A3")
+    poses = found.view.data.poses
+    model = build(with_effects(cell, *MODEL, cause.key), poses).model
+    truth = np.concatenate([found.view.values, times * cause.smallest])
+    data = simulate(model, truth, poses, cell.noise, np.random.default_rng(4))
+    assert [place.where for place in calib.diagnose(cell, data).located] == places
+
+
+def test_the_reading_before_the_first_move_counts_no_more_than_in_a_diagnosis() -> None:
+    """The stated size has the stated noncentrality by plain least squares on what is left."""
+    rng = np.random.default_rng(0)
+    robot = random_robot(rng, 4)
+    cell = cell_of(robot, rng.uniform(-0.2, 0.2, (2, 3)), ("base", "tool"))
+    plan = poses_at(rng.uniform(*robot.sample_limits().T, (9, 4)))
+    derived = foresee(cell, plan)
+    assert power_fields(derived)["before_the_first_move"] == ["p0000"]
+    poses = with_moves(plan)
+    given = foresee(cell, replace(poses, approach_derived=False))
+    assert power_fields(given)["before_the_first_move"] == []
+    for seen, first in ((derived, 1), (given, 0)):
+        cause = next(s for s in seen.seen if s.key == "backlash:j2")
+        columns = [calib.observation(with_effects(cell, *more), poses)[first:]
+                   for more in (("base", "tool"), ("base", "tool", cause.key))]  # fmt: skip
+        N, X = (rows.reshape(-1, rows.shape[-1]) / cell.noise.across for rows in columns)
+        signal = X[:, -1] * cause.smallest[0]
+        left = signal - N @ np.linalg.lstsq(N, signal, rcond=None)[0]
+        assert left @ left == pytest.approx(cause.needed, rel=1e-6)
+    assert derived.seen[0].smallest[0] > 1.02 * given.seen[0].smallest[0]
+
+
+def test_facts_that_hold_for_any_robot(found: PowerAnalysis) -> None:
+    hidden = {s.key: s.reason for s in found.hidden}
+    assert "geometry" in hidden["tracker_scale:instrument"]
+    assert hidden["joint_compliance:A1"] == "no load acts on it at these poses"
+    confounded = [keys(found, group) for group in found.confounded]
+    drifts = {"base_drift:base", "tracker_drift:instrument"}
+    assert drifts in confounded
+    ways = remedies_of(found)[confounded.index(drifts)]
+    assert [change.name for change in ways] == ["another_station"]
+
+
+@pytest.mark.long
+def test_tilt_of_base_and_first_bearing(cell: Cell) -> None:
+    """Alike where the first joint stands at the base's origin, to be told where it stands above."""
+    robot = cell.robot
+    origins = robot.origins.copy()
+    origins[0, :3, 3] = 0.0
+    low = replace(cell, robot=replace(robot, origins=origins))
+    pair = {"base_compliance:base", "bearing_compliance:A1"}
+    plan = session(low, 20)
+    assert pair in [keys(f, g) for f in [foresee(low, plan)] for g in f.confounded]
+    raised = foresee(cell, plan)
+    assert pair not in [keys(raised, group) for group in raised.confounded]
+
+
+@pytest.mark.long
+def test_a_hidden_scale_is_seen_where_lengths_are_known(cell: Cell) -> None:
+    known = with_effects(cell, "base")
+    scale = next(s for s in foresee(known, session(cell, 12)).seen if s.key.startswith("tracker_s"))
+    # Of what moves with the distance only the shift of the mean is a movement of the base.
+    # The two readings before the first move do not count.
+    points = build(known).model.predict(np.zeros(6), session(cell, 12))[2:].reshape(-1, 3)
+    spread = np.sqrt(((points - points.mean(axis=0)) ** 2).sum())
+    expected = np.sqrt(scale.needed) * cell.noise.across / spread
+    assert scale.smallest[0] == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.long
+def test_twice_the_readings_halve_the_needed_square(cell: Cell) -> None:
+    plan = session(cell, 20)
+    once = foresee(cell, plan)
+    twice = foresee(cell, replace(plan.take(np.tile(np.arange(40), 2)), names=("",) * 80))
+    for one in once.seen:
+        two = next(s for s in twice.seen if s.key == one.key)
+        gain = np.sqrt(2.0 * one.needed / two.needed)
+        np.testing.assert_allclose(two.smallest * gain, one.smallest, rtol=1e-5)
+
+
+@pytest.mark.long
+def test_a_load_means_two_readings_and_points_do_not_count(kr270: Cell, table_two: Poses) -> None:
+    plan = foresee(kr270, table_two)
+    assert len(plan.view.data) == 2 * len(table_two)
+    unloaded = replace(kr270, load=None)
+    poses = calib.readings(kr270, table_two)
+    rng = np.random.default_rng(0)
+    shape = (len(poses), 3)
+    data = Measurements(
+        poses, rng.normal(size=(*shape, 3)), np.ones(shape, dtype=bool), np.full(shape, np.nan)
+    )
+    table = foresee(unloaded, data)
+    assert [s.key for s in table.seen] == [s.key for s in plan.seen]
+    for one, two in zip(plan.seen, table.seen, strict=True):
+        np.testing.assert_allclose(one.smallest, two.smallest, rtol=1e-9)
+    asked = {entry["effect"] for entry in power_fields(plan)["not_asked"]}
+    assert {"base_drift:base", "tracker_drift:instrument", "thermal_expansion:arm"} <= asked
+
+
+@pytest.mark.long
+def test_markers_out_of_sight_tell_nothing(cell: Cell, found: PowerAnalysis) -> None:
+    seen = found.view.data.seen.copy()
+    seen[:, 1] = False
+    part = foresee(cell, replace(found.view.data, seen=seen))
+    assert part.view.field.rows == 2 * found.view.field.rows // 3
+    whole = {s.key: s.smallest[s.lead] for s in found.seen}
+    for cause in part.seen:
+        assert cause.smallest[cause.lead] > 0.98 * whole[cause.key]

@@ -284,7 +284,7 @@ def _named(field: Field, columns: IntArray, limits: Array | None) -> list[Score]
         given = np.linalg.solve(np.eye(G.shape[-1]) + G, G @ z)
     fall = (z * given).sum(axis=(-1, -2))
     left = field.dof - k
-    evidence, p = fall, chdtrc(np.maximum(k, 1), fall)
+    evidence, p = fall, np.asarray(chdtrc(np.maximum(k, 1), fall))
     if field.noise_refuted:
         rest = np.maximum(field.cost - fall, 1e-300)
         shown = left > 0

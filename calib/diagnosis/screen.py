@@ -77,7 +77,8 @@ class Field:
 
     def products(self, columns: IntArray) -> tuple[Array, Array]:
         """``X^T X`` and ``X^T r`` of columns (..., k), shapes (..., k, k) and (..., k)."""
-        sets = columns.reshape(-1, columns.shape[-1])
+        *many, k = columns.shape
+        sets = columns.reshape(int(np.prod(many)), k)
         keys = [own.tobytes() for own in sets]
         fresh = [i for i, key in enumerate(keys) if key not in self._products]
         if fresh:
@@ -85,7 +86,7 @@ class Field:
                 self._products[keys[i]] = S, z
         found = [self._products[key] for key in keys]
         S, z = np.array([S for S, _ in found]), np.array([z for _, z in found])
-        return S.reshape((*columns.shape, -1)), z.reshape(columns.shape)
+        return S.reshape(*many, k, k), z.reshape(*many, k)
 
     def _multiplied(self, sets: IntArray) -> tuple[Array, Array]:
         """The products of n sets of columns (n, k)."""
@@ -130,14 +131,11 @@ class Field:
 
     def directions(self, columns: IntArray) -> Array:
         """``T``, shape (K, k), that makes columns (N, K) the orthonormal directions ``X T``."""
-        T, seen = self.turned(columns)
+        T, seen = self.all_directions(columns)
         return T[:, seen]
 
-    def turned(self, columns: IntArray) -> tuple[Array, Mask]:
-        """The same of columns (..., K), shape (..., K, K), and which can be seen, (..., K).
-
-        Zero in directions that cannot.
-        """
+    def all_directions(self, columns: IntArray) -> tuple[Array, Mask]:
+        """The same of columns (..., K), zero where nothing can be seen, and where it can, (..., K)."""
         S, _ = self.products(columns)
         lengths = np.where(self.lengths[columns] > 0.0, self.lengths[columns], 1.0)
         values, vectors = np.linalg.eigh(S / (lengths[..., :, None] * lengths[..., None, :]))
@@ -275,13 +273,13 @@ def _named(field: Field, columns: IntArray, limits: Array | None) -> list[Score]
     """
     from scipy.special import chdtrc, fdtrc
 
-    (T, seen), (S, Xr) = field.turned(columns), field.products(columns)
+    (T, seen), (S, Xr) = field.all_directions(columns), field.products(columns)
     Tt, k = np.swapaxes(T, -1, -2), seen.sum(axis=-1)
     z = given = Tt @ Xr[..., None]
     if limits is not None:
         half = Tt @ S * limits[:, None]
         G = half @ np.swapaxes(half, -1, -2)
-        given = np.linalg.solve(np.eye(G.shape[-1]) + G, G @ z)
+        given = np.asarray(np.linalg.solve(np.eye(G.shape[-1]) + G, G @ z), dtype=np.float64)
     fall = (z * given).sum(axis=(-1, -2))
     left = field.dof - k
     evidence, p = fall, np.asarray(chdtrc(np.maximum(k, 1), fall))

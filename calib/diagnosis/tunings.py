@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -33,6 +34,11 @@ class Form:
     effect: Tuned
     tunings: Array
     functions: Array
+
+    @cached_property
+    def limits(self) -> Array:
+        """Magnitudes of its amplitudes beyond which nothing is believed, SI."""
+        return np.array([p.limit for p in self.effect.amplitudes])
 
     def only(self, chosen: IntArray) -> Form:
         """The same at some of its tunings."""
@@ -66,7 +72,7 @@ class Bank:
         for form in self.forms:
             falls = _falls(form, carried)
             first = int(np.argmax(falls))
-            gain = float(falls[first]) - len(form.effect.amplitudes) * float(np.log(rows))
+            gain = float(falls[first]) - len(form.limits) * float(np.log(rows))
             if gain > worth:
                 worth, found = gain, form.only(np.array([first]))
         effect = found.effect.tuned(float(found.tunings[0]))
@@ -97,9 +103,8 @@ def _richer(short: Form, poses: Poses) -> Iterator[Form]:
 
 
 def _falls(form: Form, carried: Carried) -> Array:
-    limits = np.array([p.limit for p in form.effect.amplitudes])
     parts = [
-        scores(carried, form.functions[i : i + _CHUNK], limits)[0]
+        scores(carried, form.functions[i : i + _CHUNK], form.limits)[0]
         for i in range(0, len(form.tunings), _CHUNK)
     ]
     return np.concatenate(parts)

@@ -76,15 +76,17 @@ def contest(
     lineup: Lineup,
     active: Sequence[Candidate] = (),
     proved: Mapping[str, float] | None = None,
+    before: Fit | None = None,
 ) -> Outcome:
     """Add, exchange and remove candidates until nothing pays.
 
     stage : Stage, to first order
     active : candidates to begin with, as an earlier contest left them
     proved : gains with which they defended their places there; without, each must do so again
+    before : Fit, without any, where an earlier contest of the same stage has it
     All tunings are tried at the beginning and before the end, in between those of a short list.
     """
-    before = stage.fit(())
+    before = stage.fit(()) if before is None else before
     fit = stage.fit([c.effect for c in active], before) if active else before
     view, listed = lineup.seen_from(stage, fit, active, fresh=True)
     state = Round(stage, tuple(active), view, lineup.asked, dict(proved or {}))

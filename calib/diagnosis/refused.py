@@ -54,7 +54,7 @@ def believed(
         rest = [c for c in outcome.active if c.key not in refused]
         lineup = outcome.lineup.without(refused)
         if again < _ASKED_AGAIN:
-            outcome = contest(stage, lineup, rest, outcome.proved)
+            outcome = contest(stage, lineup, rest, outcome.proved, outcome.before)
         else:
             outcome = left_with(stage, replace(outcome, lineup=lineup), rest)
     return nothing(outcome), (), outcome.before, tuple(refused.values())

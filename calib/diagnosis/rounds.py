@@ -13,7 +13,7 @@ from calib.arrays import IntArray
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.preference import instead_of
 from calib.diagnosis.profile import ground
-from calib.diagnosis.screen import NOTHING, Field, Score, score
+from calib.diagnosis.screen import NOTHING, Asked, Field, Score, score, scored
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.view import View
 
@@ -123,14 +123,15 @@ def better(state: Round) -> tuple[Candidate, ...]:
 def _challenger(state: Round, member: Candidate, own: Score, beside: Field) -> Candidate | None:
     """What explains more in a member's place, or as much by name."""
     rest = [c for c in state.active if c is not member]
-    scores = linear_scores(beside, state.view, state.view.suspects)
     eligible = [c for c in _eligible(rest, state.view) if c is not member]
     eligible = [c for c in eligible if not c.is_like(member)]
     if member.named:  # a curve comes in beside it, and it then stands or falls
         eligible = [c for c in eligible if c.named]
-    best = _leader(scores, [*eligible, member], state.pays)
+    eligible.append(member)
+    gains = linear_scores(beside, state.view, eligible)
+    best = _leader(gains, eligible, state.pays)
     named = best.named and not member.named
-    if best is member or not (named or scores[best.key].gain > own.gain + _CHALLENGE):
+    if best is member or not (named or gains[best.key].gain > own.gain + _CHALLENGE):
         return None
     where = state.view.where
     return best if _kept(beside, where[member.key], where[best.key]) < _APART else None
@@ -263,10 +264,9 @@ def _defence(state: Round, member: Candidate, linear: Score) -> Score:
 
 def linear_scores(beside: Field, view: View, suspects: Sequence[Candidate]) -> dict[str, Score]:
     """Score of each suspect, those with a tuning counted, at the variances of the fit."""
-    return {
-        c.key: score(beside, view.where[c.key], c.spread, c.limits, c.sparing).counted(c.tried)
-        for c in suspects
-    }
+    asked = [Asked(view.where[c.key], c.spread, c.limits, c.sparing) for c in suspects]
+    found = scored(beside, asked)
+    return {c.key: own.counted(c.tried) for c, own in zip(suspects, found, strict=True)}
 
 
 def _leading(

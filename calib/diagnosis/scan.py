@@ -36,6 +36,26 @@ class Beside:
     g: Array
     H: Array
 
+    def carried(self, carrier: Array) -> Carried:
+        """What all scans with one carrier share; carrier : ndarray, shape (m, R, b), whitened rows."""
+        back = np.swapaxes(carrier, -1, -2)
+        g, H = (back @ self.g[..., None])[..., 0], back @ self.H
+        return Carried(g, H, tuple(_pairs(self.fit, carrier)))
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """A carrier beside what is modelled, pose by pose.
+
+    g : ndarray, shape (m, b), its products with the residual; H : ndarray, shape (m, b, k), with the
+        basis of what is modelled
+    pairs : tuple of (poses (P,), poses (P,), products (P, b, b)), of poses that err together
+    """
+
+    g: Array
+    H: Array
+    pairs: tuple[tuple[IntArray, IntArray, Array], ...]
+
 
 def beside(fit: Fit) -> Beside:
     """Project everything modelled out of the residual of a fit."""
@@ -48,65 +68,56 @@ def beside(fit: Fit) -> Beside:
     return Beside(fit, g, H)
 
 
-def scores(
-    around: Beside, carrier: Array, functions: Array, limits: Array
-) -> tuple[Array, IntArray]:
+def scores(carried: Carried, functions: Array, limits: Array) -> tuple[Array, IntArray]:
     """Fall of the sum of squares at every tuning, (C,), and how many directions it takes, (C,).
 
-    carrier : ndarray, shape (m, R, b), whitened rows of the carrier
     functions : ndarray, shape (C, m, f); limits : ndarray, shape (f b,), largest believable amplitudes
     """
-    b, f = carrier.shape[-1], functions.shape[-1]
-    g = np.einsum("mrb,mr->mb", carrier, around.g)
-    H = np.einsum("mrb,mrk->mbk", carrier, around.H, optimize=True)
-    z = _summed(functions, g[..., None])[..., 0]
-    C = _summed(functions, H)
-    S = _products(around, carrier, functions)
-    lengths = np.sqrt(np.maximum(np.einsum("cii->ci", S), 0.0))
+    F = np.ascontiguousarray(np.swapaxes(functions, -1, -2))
+    z = _summed(F, carried.g[..., None])[..., 0]
+    C, S = _summed(F, carried.H), _products(F, carried)
+    lengths = np.sqrt(np.maximum(np.diagonal(S, axis1=-2, axis2=-1), 0.0))
     S = S - C @ np.swapaxes(C, -1, -2)
     scale = np.where(lengths > 0.0, lengths, 1.0)
     d, V = np.linalg.eigh(S / (scale[:, :, None] * scale[:, None, :]))
     seen = d > VISIBLE**2
     # In the directions that can be seen: fall = z_U^T G (I + G)^-1 z_U, G their covariance a priori.
     T = V * np.where(seen, 1.0 / np.sqrt(np.where(seen, d, 1.0)), 0.0)[:, None, :]
-    z_U = np.einsum("cik,ci->ck", T, z / scale)
-    half = np.einsum("cik,ci,cij->ckj", T, 1.0 / scale, S, optimize=True) * limits
+    Tt = np.swapaxes(T / scale[:, :, None], -1, -2)
+    z_U, half = Tt @ z[..., None], Tt @ S * limits
     G = half @ np.swapaxes(half, -1, -2)
-    shrunk = np.linalg.solve(np.eye(b * f) + G, G @ z_U[..., None])[..., 0]
-    return np.asarray((z_U * shrunk).sum(axis=-1)), np.asarray(seen.sum(axis=-1))
+    shrunk = np.linalg.solve(np.eye(len(limits)) + G, G @ z_U)
+    return np.asarray((z_U * shrunk).sum(axis=(-1, -2))), np.asarray(seen.sum(axis=-1))
 
 
-def _summed(functions: Array, at_poses: Array) -> Array:
-    """``sum_p f_p(t) a_p``: functions (C, m, f) with a (m, b, k) to (C, f b, k)."""
-    (C, m, f), (_, b, k) = functions.shape, at_poses.shape
-    flat = np.swapaxes(functions, -1, -2).reshape(C * f, m) @ at_poses.reshape(m, b * k)
+def _summed(F: Array, at_poses: Array) -> Array:
+    """``sum_p f_p(t) a_p``: functions (C, f, m) with a (m, b, k) to (C, f b, k)."""
+    (C, f, m), (_, b, k) = F.shape, at_poses.shape
+    flat = F.reshape(C * f, m) @ at_poses.reshape(m, b * k)
     return np.asarray(flat.reshape(C, f * b, k))
 
 
-def _products(around: Beside, carrier: Array, functions: Array) -> Array:
-    """``X^T X`` at every tuning, shape (C, f b, f b)."""
-    (C, _, f), b = functions.shape, carrier.shape[2]
-    total = np.zeros((C, f * b, f * b))
-    for first, second, product in _pairs(around, carrier):
-        pairs = functions[:, first, :, None] * functions[:, second, None, :]
-        flat = pairs.swapaxes(1, 2).swapaxes(2, 3).reshape(C * f * f, -1)
-        blocks = (flat @ product.reshape(len(first), -1)).reshape(C, f, f, b, b)
-        total += blocks.swapaxes(2, 3).reshape(C, f * b, f * b)
-    return total
+def _products(F: Array, carried: Carried) -> Array:
+    """``X^T X`` at every tuning, shape (C, f b, f b), of functions (C, f, m)."""
+    (C, f, _), b = F.shape, carried.g.shape[1]
+    total = np.zeros((C, f, b, f, b))
+    for first, second, product in carried.pairs:
+        pairs = F[:, :, None, first] * F[:, None, :, second]
+        flat = pairs.reshape(C * f * f, -1) @ product.reshape(len(first), -1)
+        total += np.swapaxes(flat.reshape(C, f, f, b, b), 2, 3)
+    return total.reshape(C, f * b, f * b)
 
 
-def _pairs(around: Beside, carrier: Array) -> Iterator[tuple[IntArray, IntArray, Array]]:
-    """Poses p and p' that err together, and ``J_p^T (W^T W)_pp' J_p'``, shape (pairs, b, b)."""
-    mixing = around.fit.mixing
-    if mixing is None:
+def _pairs(fit: Fit, carrier: Array) -> Iterator[tuple[IntArray, IntArray, Array]]:
+    """Poses p and p' that err together, and ``J_p^T (W^T W)_pp' J_p'``, shape (P, b, b)."""
+    if fit.mixing is None:
         own = np.arange(len(carrier))
         yield own, own, np.swapaxes(carrier, -1, -2) @ carrier
         return
-    for index, inverse in mixing.blocks:
-        (B, r), R = index.shape, carrier.shape[1]
-        mixed = inverse.reshape(B, r * R, r, R)  # rows by reading
-        apart = np.einsum("Bxpr,Bprb->Bpxb", mixed, carrier[index], optimize=True)
-        for i in range(r):
-            for j in range(r):
-                product = np.swapaxes(apart[:, i], -1, -2) @ apart[:, j]
-                yield index[:, i], index[:, j], product
+    R = carrier.shape[1]
+    for index, inverse in fit.mixing.blocks:
+        readings = range(index.shape[1])
+        apart = [inverse[..., p * R : (p + 1) * R] @ carrier[index[:, p]] for p in readings]
+        for i in readings:
+            for j in readings:
+                yield index[:, i], index[:, j], np.swapaxes(apart[i], -1, -2) @ apart[j]

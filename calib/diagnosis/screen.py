@@ -8,13 +8,14 @@ there adds its noncentrality (Rao 1948; one QR of N serves all candidates).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as field_
 from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, Mask
 from calib.diagnosis.elimination import idle
 
 VISIBLE = 1e-3
@@ -75,19 +76,29 @@ class Field:
         return refuted(self.cost, self.dof)
 
     def products(self, columns: IntArray) -> tuple[Array, Array]:
-        """``X^T X`` and ``X^T r`` of some columns, shapes (k, k) and (k,)."""
-        key = columns.tobytes()
-        if key not in self._products:
-            own = self.columns[:, columns]
-            S, z = own.T @ own, own.T @ self.r
-            if self.modelled is not None:
-                H = self.hidden[:, columns]
-                S, z = S - H.T @ H, z - H.T @ (self.modelled.T @ self.r)
-            if self.whole is not None:
-                S_whole, z_whole = self.whole.products(columns)
-                S, z = S + S_whole, z + z_whole
-            self._products[key] = S, z
-        return self._products[key]
+        """``X^T X`` and ``X^T r`` of columns (..., k), shapes (..., k, k) and (..., k)."""
+        *many, k = columns.shape
+        sets = columns.reshape(int(np.prod(many)), k)
+        keys = [own.tobytes() for own in sets]
+        fresh = [i for i, key in enumerate(keys) if key not in self._products]
+        if fresh:
+            for i, S, z in zip(fresh, *self._multiplied(sets[fresh]), strict=True):
+                self._products[keys[i]] = S, z
+        found = [self._products[key] for key in keys]
+        S, z = np.array([S for S, _ in found]), np.array([z for _, z in found])
+        return S.reshape(*many, k, k), z.reshape(*many, k)
+
+    def _multiplied(self, sets: IntArray) -> tuple[Array, Array]:
+        """The products of n sets of columns (n, k)."""
+        own = np.moveaxis(self.columns[:, sets], 0, 1)
+        S, z = np.swapaxes(own, 1, 2) @ own, self.r @ own
+        if self.modelled is not None:
+            H = np.moveaxis(self.hidden[:, sets], 0, 1)
+            S, z = S - np.swapaxes(H, 1, 2) @ H, z - (self.modelled.T @ self.r) @ H
+        if self.whole is not None:
+            S_whole, z_whole = self.whole.products(sets)
+            S, z = S + S_whole, z + z_whole
+        return S, z
 
     def crossed(self, these: IntArray, those: IntArray) -> Array:
         """``X^T X`` of some columns with others, shape (k, l)."""
@@ -120,11 +131,17 @@ class Field:
 
     def directions(self, columns: IntArray) -> Array:
         """``T``, shape (K, k), that makes columns (N, K) the orthonormal directions ``X T``."""
+        T, seen = self.all_directions(columns)
+        return T[:, seen]
+
+    def all_directions(self, columns: IntArray) -> tuple[Array, Mask]:
+        """The same of columns (..., K), zero where nothing can be seen, and where it can, (..., K)."""
         S, _ = self.products(columns)
         lengths = np.where(self.lengths[columns] > 0.0, self.lengths[columns], 1.0)
-        values, vectors = np.linalg.eigh(S / np.outer(lengths, lengths))
+        values, vectors = np.linalg.eigh(S / (lengths[..., :, None] * lengths[..., None, :]))
         seen = values > VISIBLE**2
-        return np.asarray(vectors[:, seen] / np.sqrt(values[seen]) / lengths[:, None])
+        scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, values, 1.0)), 0.0)
+        return vectors * scale[..., None, :] / lengths[..., :, None], seen
 
 
 def refuted(cost: float, dof: int) -> bool:
@@ -193,6 +210,23 @@ class Score:
 NOTHING = Score(0.0, 0.0, 0.0, 1.0)
 
 
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """A candidate, as it is scored.
+
+    columns : ndarray of int, shape (k,)
+    spread : ndarray, shape (k, k), covariance of a curve's coefficients a priori
+    limits : ndarray, shape (k,), of a named cause's parameters, SI: one standard deviation a priori;
+        any size without them
+    sparing : whether of a named cause's parameters only those count that pay
+    """
+
+    columns: IntArray
+    spread: Array | None = None
+    limits: Array | None = None
+    sparing: bool = False
+
+
 def score(
     field: Field,
     columns: IntArray,
@@ -200,45 +234,63 @@ def score(
     limits: Array | None = None,
     sparing: bool = False,
 ) -> Score:
-    """Score of a candidate with these columns.
-
-    spread : ndarray, shape (k, k), covariance of a curve's coefficients a priori
-    limits : ndarray, shape (k,), of a named cause's parameters, SI: one standard deviation a priori;
-        any size without them
-    sparing : whether of a named cause's parameters only those count that pay
-    """
-    if spread is not None:
-        return _curve(field, columns, spread)
-    if sparing and limits is not None:
-        return _spared(field, columns, limits)
-    return _named(field, columns, limits)
+    """Score of one candidate; arguments as of :class:`Asked`."""
+    return scored(field, [Asked(columns, spread, limits, sparing)])[0]
 
 
-def _named(field: Field, columns: IntArray, limits: Array | None) -> Score:
-    """Score test: chi-square where the noise is believed, F where the residual refutes it.
+def scored(field: Field, asked: Sequence[Asked]) -> list[Score]:
+    """Score of each candidate; those that have as many columns and are asked alike at once."""
+    groups: dict[tuple[int, bool, bool], list[int]] = {}
+    found = [NOTHING] * len(asked)
+    for i, a in enumerate(asked):
+        if a.spread is None and a.limits is not None and a.sparing:
+            found[i] = _spared(field, a.columns, a.limits)
+        else:
+            kind = len(a.columns), a.spread is not None, a.limits is not None
+            groups.setdefault(kind, []).append(i)
+    for members in groups.values():
+        for i, own in zip(members, _alike(field, [asked[i] for i in members]), strict=True):
+            found[i] = own
+    return found
 
+
+def _alike(field: Field, asked: Sequence[Asked]) -> list[Score]:
+    """Scores of candidates that have as many columns and are asked alike."""
+    columns = np.array([a.columns for a in asked])
+    spread = [a.spread for a in asked if a.spread is not None]
+    if spread:
+        return _curves(field, columns, np.array(spread))
+    limits = [a.limits for a in asked if a.limits is not None]
+    return _named(field, columns, np.array(limits) if limits else None)
+
+
+def _named(field: Field, columns: IntArray, limits: Array | None) -> list[Score]:
+    """Score tests: chi-square where the noise is believed, F where the residual refutes it.
+
+    columns : ndarray of int, shape (n, k); limits : ndarray, shape (n, k)
     Of what the readings ask for counts what the plausible sizes can give: with G the covariance a
     priori of the signal in the directions U, ``fall = z^T G (I + G)^-1 z``.
     """
     from scipy.special import chdtrc, fdtrc
 
-    T, (S, Xr) = field.directions(columns), field.products(columns)
-    k = T.shape[1]
-    if k == 0:
-        return NOTHING
-    price = k * float(np.log(field.rows))
-    z = T.T @ Xr
-    fall = float(z @ z)
+    (T, seen), (S, Xr) = field.all_directions(columns), field.products(columns)
+    Tt, k = np.swapaxes(T, -1, -2), seen.sum(axis=-1)
+    z = given = Tt @ Xr[..., None]
     if limits is not None:
-        half = T.T @ S * limits
-        G = half @ half.T
-        fall = float(z @ np.linalg.solve(np.eye(k) + G, G @ z))
+        half = Tt @ S * limits[:, None]
+        G = half @ np.swapaxes(half, -1, -2)
+        given = np.asarray(np.linalg.solve(np.eye(G.shape[-1]) + G, G @ z), dtype=np.float64)
+    fall = (z * given).sum(axis=(-1, -2))
     left = field.dof - k
-    if not field.noise_refuted or left <= 0:
-        return Score(fall, fall, price, float(chdtrc(k, fall)))
-    rest = max(field.cost - fall, 1e-300)
-    evidence = field.dof * float(np.log(field.cost / rest))
-    return Score(fall, evidence, price, float(fdtrc(k, left, fall / k / (rest / left))))
+    evidence, p = fall, np.asarray(chdtrc(np.maximum(k, 1), fall))
+    if field.noise_refuted:
+        rest = np.maximum(field.cost - fall, 1e-300)
+        shown = left > 0
+        evidence = np.where(shown, field.dof * np.log(field.cost / rest), fall)
+        F = fall / np.maximum(k, 1) / (rest / np.maximum(left, 1))
+        p = np.where(shown, fdtrc(np.maximum(k, 1), np.maximum(left, 1), F), p)
+    table = np.column_stack([fall, evidence, k * np.log(field.rows), p]).tolist()
+    return [Score(*row) if some else NOTHING for row, some in zip(table, k.tolist(), strict=True)]
 
 
 def _spared(field: Field, columns: IntArray, limits: Array) -> Score:
@@ -267,29 +319,35 @@ def _spared(field: Field, columns: IntArray, limits: Array) -> Score:
     return Score(fall, evidence, price, min(1.0, p))
 
 
-def _curve(field: Field, columns: IntArray, spread: Array) -> Score:
+def _curves(field: Field, columns: IntArray, spread: Array) -> list[Score]:
     """Marginal likelihood of normal coefficients, at the amplitude that the data prefer.
 
+    columns : ndarray of int, shape (n, k); spread : ndarray, shape (n, k, k)
     With the eigenvalues d of ``X C X^T``, z the residual along its vectors and t the squared amplitude,
     -2 log likelihood falls by ``sum(w z^2) - sum(log(1 + t d))``, ``w = t d / (1 + t d)``. Being a
     ratio of likelihoods, e comes by chance at most once in ``exp(e / 2)`` times (Markov).
     """
-    half = np.linalg.cholesky(spread + 1e-9 * np.eye(len(spread)))
+    half = np.linalg.cholesky(spread + 1e-9 * np.eye(spread.shape[-1]))
+    back = np.swapaxes(half, -1, -2)
     S, Xr = field.products(columns)
-    d, vectors = np.linalg.eigh(half.T @ S @ half)
-    seen = d > VISIBLE**2 * float((field.lengths[columns] ** 2).max(initial=0.0))
-    if not seen.any():
-        return NOTHING
-    d, vectors = d[seen], vectors[:, seen]
-    z = (vectors.T @ (half.T @ Xr)) / np.sqrt(d)
-    t = np.geomspace(0.1, 1e6, _AMPLITUDES)[:, None] / d.max()
-    falls = (z**2 * t * d / (1.0 + t * d)).sum(axis=1)
-    price = np.log1p(t * d).sum(axis=1)
+    d, vectors = np.linalg.eigh(back @ S @ half)
+    longest = (field.lengths[columns] ** 2).max(axis=-1, initial=0.0)
+    seen = d > VISIBLE**2 * longest[:, None]
+    visible, d = seen.any(axis=-1), np.where(seen, d, 0.0)
+    z = (np.swapaxes(vectors, -1, -2) @ (back @ Xr[..., None]))[..., 0]
+    squares = np.where(seen, z**2 / np.where(seen, d, 1.0), 0.0)
+    largest = np.where(visible, d.max(axis=-1), 1.0)
+    td = np.geomspace(0.1, 1e6, _AMPLITUDES)[:, None] * (d / largest[:, None])[:, None, :]
+    falls = (squares[:, None] * td / (1.0 + td)).sum(axis=-1)
+    price = np.log1p(td).sum(axis=-1)
     evidence = falls - price
     if field.noise_refuted:
         evidence = field.dof * np.log(field.cost / np.maximum(field.cost - falls, 1e-300)) - price
-    best = int(np.argmax(evidence))
-    e = float(evidence[best])
-    if e <= 0.0:
-        return NOTHING
-    return Score(float(falls[best]), e, CURVE_PRICE, float(np.exp(-0.5 * e)))
+    best = np.argmax(evidence, axis=-1)[:, None]
+    e = np.take_along_axis(evidence, best, axis=-1)[:, 0]
+    fall = np.take_along_axis(falls, best, axis=-1)[:, 0]
+    p = np.exp(-0.5 * np.maximum(e, 0.0))
+    return [
+        Score(own_fall, own, CURVE_PRICE, chance) if own > 0.0 else NOTHING
+        for own_fall, own, chance in zip(fall.tolist(), e.tolist(), p.tolist(), strict=True)
+    ]

@@ -196,10 +196,10 @@ class _View:
     def falls(self, around: Beside, cycles: Array) -> Array:
         """Fall at some cycles (C,), in variances of the noise."""
         limits = np.array([p.limit for p in self.ripple.amplitudes])
-        parts = [np.zeros(0)]
+        carried, parts = around.carried(self.carrier), [np.zeros(0)]
         for i in range(0, len(cycles), _CHUNK):
             functions = self.ripple.functions(self.poses, cycles[i : i + _CHUNK])
-            parts.append(scores(around, self.carrier, functions, limits)[0])
+            parts.append(scores(carried, functions, limits)[0])
         return np.concatenate(parts) / self.scale**2
 
     def lines(self, fall: Array, alarm: float) -> tuple[Line, ...]:

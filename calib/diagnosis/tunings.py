@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.linear import times
-from calib.diagnosis.scan import Beside, scores
+from calib.diagnosis.scan import Carried, scores
 from calib.effects.gear_ripple import FEWEST, GearRipple
 from calib.effects.tuned import Tuned
 from calib.poses import Poses
@@ -35,6 +35,11 @@ class Form:
     tunings: Array
     functions: Array
 
+    @cached_property
+    def limits(self) -> Array:
+        """Magnitudes of its amplitudes beyond which nothing is believed, SI."""
+        return np.array([p.limit for p in self.effect.amplitudes])
+
     def only(self, chosen: IntArray) -> Form:
         """The same at some of its tunings."""
         return Form(self.effect, self.tunings[chosen], self.functions[chosen])
@@ -52,29 +57,26 @@ class Bank:
     poses: Poses
     forms: tuple[Form, ...]
 
-    def scanned(self, around: Beside, carrier: Array) -> Bank:
-        """The same with a short list of tunings; of richer forms, those and their halves.
-
-        carrier : ndarray, shape (m, R, b), its whitened rows
-        """
+    def scanned(self, carried: Carried) -> Bank:
+        """The same with a short list of tunings; of richer forms, those and their halves."""
         first = self.forms[0]
-        short = first.only(_peaks(_falls(first, around, carrier))[:_LISTED])
+        short = first.only(_peaks(_falls(first, carried))[:_LISTED])
         return replace(self, forms=(short, *_richer(short, self.poses)))
 
-    def best(self, around: Beside, carrier: Array, rows: int) -> tuple[Candidate, Array]:
-        """The best of all forms and tunings that are looked at, and its rows (m, R, f b).
+    def best(self, carried: Carried, rows: int) -> tuple[Candidate, Array]:
+        """The best of all forms and tunings that are looked at, and its functions (m, f).
 
         rows : int, that count: a direction more must pay for itself
         """
         worth, found = -np.inf, self.forms[0].only(np.array([0]))
         for form in self.forms:
-            falls = _falls(form, around, carrier)
+            falls = _falls(form, carried)
             first = int(np.argmax(falls))
-            gain = float(falls[first]) - len(form.effect.amplitudes) * float(np.log(rows))
+            gain = float(falls[first]) - len(form.limits) * float(np.log(rows))
             if gain > worth:
                 worth, found = gain, form.only(np.array([first]))
         effect = found.effect.tuned(float(found.tunings[0]))
-        return replace(self.candidate, effect=effect), times(carrier, found.functions[0])
+        return replace(self.candidate, effect=effect), found.functions[0]
 
 
 def banks(suspects: Sequence[Candidate], poses: Poses) -> tuple[Bank, ...]:
@@ -100,10 +102,9 @@ def _richer(short: Form, poses: Poses) -> Iterator[Form]:
         yield Form(effect, tunings, effect.functions(poses, tunings))
 
 
-def _falls(form: Form, around: Beside, carrier: Array) -> Array:
-    limits = np.array([p.limit for p in form.effect.amplitudes])
+def _falls(form: Form, carried: Carried) -> Array:
     parts = [
-        scores(around, carrier, form.functions[i : i + _CHUNK], limits)[0]
+        scores(carried, form.functions[i : i + _CHUNK], form.limits)[0]
         for i in range(0, len(form.tunings), _CHUNK)
     ]
     return np.concatenate(parts)

@@ -62,15 +62,16 @@ class Lineup:
         around, listed, tuned = beside_scan(fit), [], []
         for bank in self.banks:
             carrier = rows[..., self.where[bank.candidate.key]]
-            own = bank.scanned(around, carrier) if fresh else bank
+            carried = around.carried(carrier)
+            own = bank.scanned(carried) if fresh else bank
             listed.append(own)
             there = [c for c in active if c.is_like(bank.candidate)]
             tuned += [(c, _rows(c, carrier, stage)) for c in there]
-            best, columns = own.best(around, carrier, view.counted)
+            best, functions = own.best(carried, view.counted)
             best = replace(best, line=1 + max((c.line for c in there), default=0))
             most = 1 if isinstance(best.effect, Timed) else _MOST_LINES
             if best.line <= most and best.key not in self.closed:
-                tuned.append((best, columns))
+                tuned.append((best, times(carrier, functions)))
             echoes = _echoes(bank.candidate, active)
             tuned += [(c, _rows(c, carrier, stage)) for c in echoes]
         ends = rows.shape[-1] + np.cumsum([0, *(columns.shape[-1] for _, columns in tuned)])
@@ -95,7 +96,7 @@ class View:
     where: dict[str, IntArray]
     suspects: tuple[Candidate, ...]
 
-    @property
+    @cached_property
     def counted(self) -> int:
         """Rows that count."""
         return int(np.count_nonzero(np.abs(self.fit.J).sum(axis=-1)))

@@ -190,6 +190,8 @@ def independent(problem: Turned, theta: Array) -> Independent:
 
 def likelihood(problem: Turned, theta: Array) -> Likelihood:
     """Of variances theta (v,), in the problem's units."""
+    from scipy.linalg import solve_triangular
+
     p, v = problem.known, len(theta)
     s2 = float(theta[0])
     rows = independent(problem, theta)
@@ -199,7 +201,7 @@ def likelihood(problem: Turned, theta: Array) -> Likelihood:
     b = _solution(R)
     # Combinations of columns: the known ones made orthonormal, and what is left of the readings.
     back_from = np.zeros((R.shape[1], p + 1))
-    back_from[:p, :p] = np.linalg.inv(R[:p, :p])
+    back_from[:p, :p] = solve_triangular(R[:p, :p], np.eye(p))
     back_from[:-1, p], back_from[-1, p] = -b, 1.0
     gradient, information = np.zeros(v), np.zeros((v, v))
     alone = problem.outside @ back_from

@@ -50,7 +50,7 @@ def test_a_scan_is_the_score_of_every_tuning(name: str, scatters: bool) -> None:
     tunings = effect.grid(stage.data.poses)[::7]
     functions = effect.functions(stage.data.poses, tunings)
     limits = np.array([p.limit for p in effect.amplitudes])
-    falls, _ = scores(beside(fit), carrier, functions, limits)
+    falls, _ = scores(beside(fit).carried(carrier), functions, limits)
     r, J = fit.equations
     for fall, own in zip(falls, functions, strict=True):
         rows = times(carrier, own)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.power import entry_limit, smallest_sizes
-from calib.diagnosis.screen import field, score
+from calib.diagnosis.screen import Asked, field, score, scored
 
 N, X = np.split(np.random.default_rng(0).normal(size=(300, 13)), [8], axis=1)
 
@@ -65,6 +65,33 @@ def test_an_effect_of_the_size_said_to_be_detectable_is_detected(
         for _ in range(300)
     ]
     assert np.mean(hits) == pytest.approx(0.9, abs=0.06)
+
+
+@pytest.mark.parametrize("sigma", [1.0, 2.0])
+def test_many_at_once_are_scored_as_each_alone(sigma: float, rng: np.random.Generator) -> None:
+    """Of all kinds and sizes, and one of which nothing can be seen in between."""
+    whole = np.column_stack([X, N[:, :2]])
+    view = field(N, whole, sigma * rng.normal(size=300) + X[:, 3])
+    asked = [
+        Asked(np.array([3])),
+        Asked(np.array([5, 6]), limits=np.array([1.0, 2.0])),
+        Asked(np.array([0, 3]), limits=np.array([0.1, 3.0])),
+        Asked(np.array([2, 3, 4]), spread=np.eye(3)),
+        Asked(np.array([1])),
+        Asked(np.arange(5), limits=np.full(5, 9.0), sparing=True),
+        Asked(np.array([0, 1, 2]), spread=0.1 * np.eye(3)),
+    ]
+    for one, found in zip(asked, scored(view, asked), strict=True):
+        fresh = field(N, whole, view.r)
+        alone = score(fresh, one.columns, one.spread, one.limits, one.sparing)
+        assert found.fall == pytest.approx(alone.fall, rel=1e-9)
+        assert found.p == pytest.approx(alone.p, rel=1e-9)
+    fall = [found.fall for found in scored(view, asked)]
+    r = view.r - N @ np.linalg.lstsq(N, view.r, rcond=None)[0]
+    for i, j in ((0, 3), (4, 1)):
+        x = X[:, j] - N @ np.linalg.lstsq(N, X[:, j], rcond=None)[0]
+        assert fall[i] == pytest.approx(float(x @ r) ** 2 / float(x @ x))
+    assert fall[1] == 0.0
 
 
 def test_what_the_model_contains_is_invisible(rng: np.random.Generator) -> None:

@@ -38,9 +38,21 @@ def _falling(result: dict[str, Any], first: float) -> dict[str, Any]:
 DAMAGED: dict[str, tuple[str, Change, str]] = {
     "NaN": ("enough", lambda r: r.update(goal_mm=float("nan")), "goal_mm: should be a finite"),
     "huge": ("enough", lambda r: r.update(goal_mm=10**400), "goal_mm: "),
-    "no joint": ("designed", lambda r: r["poses"][0]["joints_mm"].clear(), "lacks 'X1'"),
-    "far joint": ("designed", lambda r: r["poses"][0]["joints_mm"].update(X1=1e20), OTHER_FORM),
-    "no points": ("compared", lambda r: r["plans"][0]["approaches"].clear(), "lacks 'points'"),
+    "no joint": (
+        "designed",
+        lambda r: r["poses"][0]["joints_mm"].clear(),
+        "not all the same joints",
+    ),
+    "far joint": (
+        "designed",
+        lambda r: r["poses"][0]["joints_mm"].update(X1=1e20),
+        "no plausible size",
+    ),
+    "no points": (
+        "compared",
+        lambda r: r["plans"][0]["approaches"].clear(),
+        r"plans\[0\].approaches: ",
+    ),
     "no floor": ("diagnosed", lambda r: _falling(r, 0.03)["gap"].update(floor_mm=0.0), OTHER_FORM),
     "below zero": ("diagnosed", lambda r: _falling(r, -1.0), OTHER_FORM),
     "strangers": ("identified", _strangers, OTHER_FORM),

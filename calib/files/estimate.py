@@ -156,7 +156,13 @@ def _model(cell: Cell, keys: list[Key], values: Array, clock: str) -> Model:
         first = next(i for i, (k, w, _) in enumerate(keys) if (k, w) == (kind, where))
         effects.append(effect.tuned(values[first]) if isinstance(effect, Tuned) else effect)
     model = Model(
-        cell.robot, cell.marker_names, cell.markers, tuple(effects), cell.payload, cell.gravity
+        cell.robot,
+        cell.marker_names,
+        cell.markers,
+        tuple(effects),
+        cell.payload,
+        cell.gravity,
+        cell.instruments,
     )
     if [(p.effect, p.where, p.name) for p in model.parameters] != keys:
         raise CalibError("its parameters are not those of the effects here")

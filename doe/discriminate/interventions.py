@@ -155,9 +155,11 @@ def _tilted(situation: Situation) -> Intervention:
 def _placed_anew(situation: Situation) -> Situation:
     """The same with the base somewhere unknown in the frame of the readings to come."""
     model, session = situation.model, situation.session
-    here = [e for e in model.effects if isinstance(e, Base) and e.station == session.station]
+    here: list[Base] = [
+        e for e in model.effects if isinstance(e, Base) and e.station == session.station
+    ]
     count = len(session.stations)
-    base = Base(_SECOND, count)
+    base = Base(_SECOND, count, here[0].of) if here else Base(_SECOND, count)
     start = situation.values[model.slices[model.effects.index(here[0])]] if here else np.zeros(6)
     return replace(
         situation,

@@ -16,7 +16,6 @@ from calib.model import Model
 from calib.observations import Points
 from calib.poses import Poses
 from calib.scatter import Variances, scatter_of
-from calib.simulation import beams
 from doe.constraints import constraints_of, scene_of, visible
 from doe.discriminate.session import Hung, Session, session_of
 from doe.problem.levels import Levels, levels_of
@@ -55,9 +54,8 @@ class Situation:
         )  # a model of its own: the last linearisation is no use to others
         points, J = model.jacobian(self.values, poses)
         sigma = np.full(points.shape[:-1], self.sigma)
-        along = beams(model, self.values, poses, points, self.cell.instrument)
         seen = np.repeat(visible(scene_of(self.cell, q)), self.session.each, axis=0)
-        W = self.cell.noise.whitening(along, sigma) / self.factor
+        W = model.readout.whitening(self.values, poses, points, sigma) / self.factor
         weighted = (W @ J) * seen[..., None, None]
         for effect, part in zip(model.effects, model.slices, strict=True):
             if any(effect is other for other in self.silent):
@@ -144,7 +142,7 @@ def data_rows(situation: Situation, diagnosis: Diagnosis) -> tuple[Array, Array]
     predicted, J = situation.model.jacobian(situation.values, data.poses)
     points = Points(situation.model, data, W)
     rows = points.rows(J)
-    off = points.rows((data.points - predicted)[..., None])
+    off = points.rows(situation.model.readout.difference(data.readings, predicted)[..., None])
     if after.mixing is not None:
         rows, off = after.mixing(rows), after.mixing(off)
     return off.ravel(), rows.reshape(-1, rows.shape[-1])

@@ -74,7 +74,7 @@ def _measured(view: View, poses: Poses) -> View | None:
         return None
     values = soft(model, poses)
     for effect, part in zip(model.effects, model.slices, strict=True):
-        if isinstance(effect, Base) and effect.station > 0:
+        if isinstance(effect, Base) and effect.station:
             values[part] = _ASIDE
     return linearised(view.cell, model, replace(view.data, poses=poses), values)
 

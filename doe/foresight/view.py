@@ -23,7 +23,6 @@ from calib.observations import Points
 from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move, with_moves
 from calib.scatter import Variances, scatter_of
-from calib.simulation import beams
 from doe.constraints import scene_of, visible
 from doe.problem.nominal import soft
 
@@ -90,11 +89,11 @@ def linearised(
     values : ndarray, shape (p,), SI, known or, as told by ``assumed``, taken for lack of better
     """
     points = model.predict(values, data.poses)
-    data = replace(data, points=points)
-    along = beams(model, values, data.poses, points, cell.instrument)
+    data = replace(data, readings=points)
     waiting = before_the_first_move(data.poses)
     counted = data.seen & ~waiting[:, None]
-    weights = cell.noise.whitening(along, data.sigma) * counted[..., None, None]
+    weights = model.readout.whitening(values, data.poses, points, data.sigma)
+    weights = weights * counted[..., None, None]
     everything, missing = candidates(cell, model, data)
     everything = [replace(c, tried=_tunings(c.effect, data.poses)) for c in everything]
     everything = [c for c in everything if c.tried]
@@ -146,4 +145,6 @@ def readings_of(cell: Cell, plan: Plan) -> Measurements:
         poses = replace(with_moves(poses), order=None)  # a plan says nothing of when it is measured
     poses = in_turn(cell, poses)
     seen = visible(scene_of(cell, poses.q))
-    return Measurements(poses, np.zeros((*seen.shape, 3)), seen, np.full(seen.shape, np.nan))
+    widest = max(instrument.rows for instrument in cell.instruments)
+    blank = np.zeros((*seen.shape, widest))
+    return Measurements(poses, blank, seen, np.full(seen.shape, np.nan))

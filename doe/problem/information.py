@@ -17,7 +17,7 @@ from calib.cell import Cell
 from calib.model import Model
 from calib.poses import Poses, poses_at
 from calib.scatter import Scatter, Variances, scatter_of
-from calib.simulation import beams
+from calib.simulation import whitening
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,8 @@ class Regressor:
     def rank(self) -> int:
         """Rows that one configuration brings, or the number of parameters if that is less."""
         readings_each = 1 if self.silent or self.cell.load is None else 2
-        return int(min(3 * len(self.cell.markers) * readings_each, self.T.shape[1]))
+        numbers = int(self.model.readout.rows.sum())
+        return int(min(numbers * readings_each, self.T.shape[1]))
 
     def rows(self, q: Array, visible: Mask | None = None) -> Array:
         """Independent rows of all readings of each visit, in standard deviations, (m, rows, p).
@@ -88,13 +89,10 @@ class Regressor:
     def _whitened(
         self, model: Model, poses: Poses, points: Array, seen: Mask | None, J: Array
     ) -> Array:
-        """Columns (m, M, 3, k) in the instrument's standard deviations, shape (m, 3 M, k)."""
-        noise = self.cell.noise
-        if noise.grows:
-            along = beams(model, self.values, poses, points, self.cell.instrument)
-            J = noise.whitening(along, np.full(points.shape[:-1], np.nan)) @ J
-        else:
-            J = J / noise.along
+        """Columns (m, C, r, k) in the instrument's standard deviations, shape (m, r C, k)."""
+        even = model.readout.even
+        # One number does for every row of most trackers: no matrices then.
+        J = whitening(model, self.values, poses, points) @ J if even is None else J / even
         if seen is not None:
             J = J * seen[:, :, None, None]
         return np.asarray(J.reshape(len(poses), -1, J.shape[-1]))

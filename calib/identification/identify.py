@@ -172,7 +172,8 @@ def check_counts(model: Model, data: Measurements) -> None:
     Raises TooFewPoses with the number that is needed, CalibError for points that no arm of this size
     could have reached.
     """
-    refuse_unreachable(model, data, _NO_UNIT)
+    if (tracked := model.tracked(data)) is not None:
+        refuse_unreachable(*tracked, _NO_UNIT)
     p, markers = len(model.parameters), len(model.markers)
     rigid = {1: 3, 2: 5}.get(markers, 6)
     shape = 3 * markers - rigid if len(model.where(Tool)) else 0

@@ -282,6 +282,15 @@ class Model:
         predicted = self.predict(values, data.poses)
         return self.readout.difference(data.readings, predicted) * data.seen[..., None]
 
+    def tracked(self, data: Measurements) -> tuple[Model, Measurements] | None:
+        """Model and data of a tracker that reads every marker, alone; None where there is none."""
+        for instrument, part in self.readout.blocks:
+            if isinstance(instrument, Tracker) and instrument.markers is None:
+                if len(self.instruments) == 1:
+                    return self, data
+                return replace(self, instruments=(instrument,)), data.only(part, instrument.rows)
+        return None
+
     # -- derivatives ---------------------------------------------------------------------------
 
     def jacobian(self, values: Array, poses: Poses) -> tuple[Array, Array]:

@@ -166,8 +166,17 @@ class Measurements:
 
     @property
     def points(self) -> Array:
-        """The readings of a tracker, shape (m, M, 3), m."""
+        """The points of a tracker that reads alone, shape (m, M, 3), m."""
         return self.readings
+
+    def only(self, channels: slice, rows: int) -> Measurements:
+        """What some channels read, so many numbers each."""
+        return replace(
+            self,
+            readings=self.readings[:, channels, :rows],
+            seen=self.seen[:, channels],
+            sigma=self.sigma[:, channels],
+        )
 
     def take(self, index: Any) -> Measurements:
         """The measurements of an index array or mask over the poses."""

@@ -1,0 +1,43 @@
+"""An instrument of the tests' own: the distance of a marker from an anchor that stands anywhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from calib.arm.se3 import rotate
+from calib.arrays import Array, Mask
+from calib.instruments.protocol import Column, Instrument, Linear, Nominal, Start, Unknown
+
+
+@dataclass(frozen=True, eq=False)
+class Ballbar(Instrument):
+    """``|p - anchor|``; the anchor is unknown, in base axes. sigma : float, m."""
+
+    sigma: float = 1e-5
+    kind: ClassVar[str] = "distance"
+    rows: ClassVar[int] = 1
+    unknowns: ClassVar[tuple[Unknown, ...]] = tuple(Unknown(c, "mm", 1e-3, 1e-2) for c in "xyz")
+    columns: ClassVar[tuple[Column, ...]] = (Column("d", "length"),)
+
+    def read(self, place: Array, points: Array) -> Array:
+        return np.linalg.norm(points - place[..., None, None, :], axis=-1, keepdims=True)
+
+    def linearise(self, place: Array, points: Array) -> Linear:
+        distance = self.read(place, points)
+        along = ((points - place[..., None, None, :]) / distance)[..., None, :]
+        return Linear(distance, along, -along)
+
+    def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
+        own = np.where(np.isnan(sigma), self.sigma, sigma)
+        return np.asarray(1.0 / own[..., None, None])
+
+    def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
+        """``|p|^2 - d^2 = 2 p . c - |c|^2`` is linear in c and its square."""
+        points = rotate(arm.R_tip[:, None], arm.markers) + arm.p_tip[:, None]
+        p, d = points[seen], rows[seen, 0]
+        A = np.column_stack([2.0 * p, -np.ones(len(p))])
+        solution = np.linalg.lstsq(A, (p**2).sum(axis=1) - d**2, rcond=None)[0]
+        return Start(solution[:3], arm.markers, np.zeros_like(arm.free))

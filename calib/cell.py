@@ -12,7 +12,7 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arm.statics import Payload
 from calib.arrays import Array
-from calib.instruments import TRACKER, Instrument, Tracker
+from calib.instruments import TRACKER, Channels, Instrument, Tracker
 from calib.noise import Noise
 
 
@@ -91,6 +91,11 @@ class Cell:
     repeatability: Repeatability | None = None
     excluded: tuple[str, ...] = ()
     gear_ratios: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def channels(self) -> Channels:
+        """What the instruments read, in the order of readings."""
+        return Channels(self.instruments, len(self.markers))
 
     @property
     def tracker(self) -> Tracker:

@@ -37,7 +37,10 @@ def simulate(
     exact = model.predict(values, poses)
     noisy = draw(whitening(model, values, poses, exact), rng)
     if arm is not None:
-        exact = approached(exact, tip_origins(model, values, poses), visits(poses), arm, rng)
+        frames = model.state(values, poses).frames
+        points, axes = model.tip_points(frames, values, poses), model.placement(values, poses)[0]
+        moved = approached(points, frames.o[:, -1], visits(poses), arm, rng, axes)
+        exact = model.readings(values, poses, moved)
     readings = exact + noisy
     shape = readings.shape[:-1]
     return Measurements(poses, readings, np.ones(shape, dtype=bool), np.full(shape, np.nan))
@@ -70,15 +73,27 @@ def tip_origins(model: Model, values: Array, poses: Poses) -> Array:
 
 
 def approached(
-    points: Array, origins: Array, approach: IntArray, arm: Repeatability, rng: np.random.Generator
+    points: Array,
+    origins: Array,
+    approach: IntArray,
+    arm: Repeatability,
+    rng: np.random.Generator,
+    axes: Array | None = None,
 ) -> Array:
     """Points with the tip shifted and turned anew at each approach, shape (..., m, M, 3), m.
 
     points : ndarray, shape (..., m, M, 3), m; leading axes are trials, each with draws of its own
     origins : ndarray, shape (m, 3), m, of the tip; approach : ndarray of int, shape (m,)
+    axes : ndarray, shape (m, 3, 3), of the frames in which shift and turn are drawn, by rows in those
+        of the points; the same without
     """
     _, group = np.unique(approach, return_inverse=True)
     drawn = rng.standard_normal((*points.shape[:-3], int(group.max()) + 1, 6))[..., group, :]
+    if axes is not None:
+        back = np.swapaxes(axes, -1, -2)
+        drawn = np.concatenate(
+            [rotate(back, drawn[..., :3]), rotate(back, drawn[..., 3:])], axis=-1
+        )
     turn, shift = so3_exp(arm.rotation * drawn[..., 3:]), arm.translation * drawn[..., :3]
     o = origins[:, None]
     moved: Array = rotate(turn[..., None, :, :], points - o) + o + shift[..., None, :]

@@ -39,7 +39,7 @@ def accuracy_curve(problem: Problem, pool: Pool, effort: Effort) -> tuple[Step, 
 
 
 def _sizes(problem: Problem) -> list[Problem]:
-    wish, rows = problem.wish, int(problem.model.readout.rows.sum())
+    wish, rows = problem.wish, int(problem.model.readout.channels.rows.sum())
     least = -(-len(problem.model.parameters) // rows)
     if wish.levels is not None:
         counts = range(1, 2 * wish.levels.per_level + 1)

@@ -90,7 +90,7 @@ def left_held_out(fit: Fitted, heldout: Measurements) -> Unexplained:
     if fit.variances is not None and fit.variances.any:
         surely = _beyond(error, expected, seen, heldout.poses.configuration)
     else:
-        numbers = fit.model.readout.rows * seen
+        numbers = fit.model.readout.channels.rows * seen
         surely = refuted(float((numbers * error / expected).sum()), int(numbers.sum()))
     return Unexplained(float(np.sqrt(excess)) if surely and excess > 0.0 else 0.0, "held-out poses")
 
@@ -136,7 +136,7 @@ def _shares(fit: Fitted, data: Measurements) -> tuple[Array, Array]:
 
 def _noise(fit: Fitted) -> Array:
     """What the instrument adds to each reading (C,), m^2: ``3 sigma^2`` to a point."""
-    return np.asarray(fit.model.readout.rows * fit.sigma**2)
+    return np.asarray(fit.model.readout.channels.rows * fit.sigma**2)
 
 
 def _scatter(fit: Fitted, data: Measurements) -> Array:

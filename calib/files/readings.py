@@ -63,20 +63,17 @@ def readings_of(table: Table, cell: Cell, pose: IntArray, count: int) -> tuple[A
     """
     marker = _markers(table, cell)
     by_row = _instruments(table, cell)
-    width = max(i.rows for i in cell.instruments)
-    total = sum(len(i.read_of(len(cell.markers))) for i in cell.instruments)
-    readings = np.zeros((count, total, width))
-    seen, sigma = np.zeros((count, total), dtype=bool), np.full((count, total), np.nan)
-    channel, first = np.zeros(len(marker), dtype=int), 0
-    for k, instrument in enumerate(cell.instruments):
-        read, own = instrument.read_of(len(cell.markers)), np.flatnonzero(by_row == k)
-        position = np.full(len(cell.markers), -1)
-        position[read] = np.arange(len(read))
+    channels, shape = cell.channels, (count, len(cell.channels))
+    readings = np.zeros((*shape, channels.width))
+    seen, sigma = np.zeros(shape, dtype=bool), np.full(shape, np.nan)
+    channel = np.zeros(len(marker), dtype=int)
+    for k, (instrument, part) in enumerate(channels.blocks):
+        own, position = np.flatnonzero(by_row == k), np.full(channels.markers, -1)
+        position[channels.marker[part]] = np.arange(part.start, part.stop)
         for row in own[position[marker[own]] < 0]:
             what = f"is nothing that instrument {instrument.name!r} reads"
             raise table.fault(int(row), "marker", what, "name another, or correct the instrument")
-        channel[own] = first + position[marker[own]]
-        first += len(read)
+        channel[own] = position[marker[own]]
         if len(own):
             numbers = _numbers(table, instrument, own)
             readings[pose[own], channel[own], : instrument.rows] = numbers

@@ -47,7 +47,9 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
     poses = data.poses
     wrench = wrench_with_load(cell.robot, cell.gravity, poses)
     channels = [
-        (k, j) for k, i in enumerate(cell.instruments) for j in i.read_of(len(cell.markers))
+        (instrument, cell.marker_names[j])
+        for instrument, part in cell.channels.blocks
+        for j in cell.channels.marker[part]
     ]
     columns = dict(c for instrument in cell.instruments for c in written_columns(instrument))
     several = ["instrument"] if len(cell.instruments) > 1 else []
@@ -58,10 +60,10 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
     header += session
     rows = []
     for i, c in np.argwhere(data.seen):
-        k, j = channels[c]
-        row = [poses.names[i], cell.marker_names[j], *[cell.instruments[k].name for _ in several]]
+        instrument, marker = channels[c]
+        row = [poses.names[i], marker, *[instrument.name for _ in several]]
         row += _joint_text(cell.robot, poses.q[i])
-        row += _reading_text(cell.instruments[k], data.readings[i, c], columns)
+        row += _reading_text(instrument, data.readings[i, c], columns)
         row += [f"{value:.6f}" for value in wrench[i]] if loaded else []
         row += [texts[i] for texts in session.values()]
         rows.append(row)

@@ -181,7 +181,7 @@ def check_counts(model: Model, data: Measurements) -> None:
     placed = sum(
         len(e.parameters) for e in model.effects if isinstance(e, Base) and not e.of.stationed
     )
-    numbers = int((data.seen * model.readout.rows).sum())
+    numbers = int((data.seen * model.readout.channels.rows).sum())
     equations = min(numbers, rigid * measured + shape + placed)
     if equations < p:
         raise TooFewPoses(measured, int(np.ceil((p - shape) / rigid)), p, equations)

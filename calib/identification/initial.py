@@ -27,7 +27,7 @@ def initial_values(model: Model, data: Measurements) -> Array:
     markers, free = model.markers.copy(), free_components(model)
     if not free.any() and not len(model.where(Base)):
         return values
-    for instrument, part in model.readout.blocks:
+    for instrument, part in model.readout.channels.blocks:
         bases = {
             e.station: s
             for e, s in zip(model.effects, model.slices, strict=True)

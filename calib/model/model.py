@@ -41,7 +41,7 @@ from calib.effects.protocol import (
 )
 from calib.effects.tool import Tool
 from calib.effects.tuned import Tuned
-from calib.instruments import Instrument, Tracker
+from calib.instruments import Channels, Instrument, Tracker
 from calib.model.columns import arm_columns
 from calib.model.readout import Readout
 from calib.poses import Measurements, Poses
@@ -153,7 +153,7 @@ class Model:
             carriers = link_origins(self.robot, frames, poses.q)
             wrench = statics.transmitted(loads, frames, carriers).with_extra(extra)
             state = State(poses, frames, wrench)
-            points = self._tip_points(frames, values, poses)
+            points = self.tip_points(frames, values, poses)
             if tips is not None and np.abs(points - tips).max(initial=0.0) < _EQUILIBRIUM_M:
                 break
             if not yields:
@@ -238,8 +238,7 @@ class Model:
     def readout(self) -> Readout:
         """What makes readings of points."""
         return Readout(
-            self.instruments,
-            len(self.markers),
+            Channels(self.instruments, len(self.markers)),
             tuple((e, part) for e, part in self._parts if isinstance(e, Base)),
             tuple((e, part) for e, part in self._parts if isinstance(e, ReadingEffect)),
         )
@@ -257,7 +256,8 @@ class Model:
                 p[..., here, :] = p_base[..., None, :]
         return R, p
 
-    def _tip_points(self, frames: Frames, values: Array, poses: Poses) -> Array:
+    def tip_points(self, frames: Frames, values: Array, poses: Poses) -> Array:
+        """Markers in base axes, shape (..., m, M, 3), m."""
         markers = self.marker_positions(values)[..., None, :, :]
         moved = [(e, part) for e, part in self._parts if isinstance(e, MarkerEffect)]
         if moved:
@@ -270,7 +270,7 @@ class Model:
 
     def predict(self, values: Array, poses: Poses) -> Array:
         """Readings of the markers, shape (..., m, C, r); of a tracker its points in station axes, m."""
-        points = self._tip_points(self.state(values, poses).frames, values, poses)
+        points = self.tip_points(self.state(values, poses).frames, values, poses)
         return self.readings(values, poses, points)
 
     def readings(self, values: Array, poses: Poses, points: Array) -> Array:
@@ -284,7 +284,7 @@ class Model:
 
     def tracked(self, data: Measurements) -> tuple[Model, Measurements] | None:
         """Model and data of a tracker that reads every marker, alone; None where there is none."""
-        for instrument, part in self.readout.blocks:
+        for instrument, part in self.readout.channels.blocks:
             if isinstance(instrument, Tracker) and instrument.markers is None:
                 if len(self.instruments) == 1:
                     return self, data
@@ -307,7 +307,7 @@ class Model:
 
     def _jacobian(self, values: Array, poses: Poses) -> tuple[Array, Array]:
         state = self.state(values, poses)
-        points = self._tip_points(state.frames, values, poses)
+        points = self.tip_points(state.frames, values, poses)
         J = np.zeros((*points.shape, len(self.parameters)))
         arm = self.where(TwistEffect, LoadEffect)
         if len(arm):

@@ -1,9 +1,4 @@
-"""From points to what the instruments read of them, channel by channel.
-
-A **channel** is what one instrument reads of one marker. The channels of all instruments stand side by
-side, those of the first before those of the second, each as wide as the widest row; numbers that a row
-does not have are zero, in readings, derivatives and weights alike.
-"""
+"""From points to what the instruments read of them, channel by channel."""
 
 from __future__ import annotations
 
@@ -13,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, Mask
 from calib.effects.base import Base
 from calib.effects.protocol import ReadingEffect
-from calib.instruments import Instrument
+from calib.instruments import Channels, Instrument
 from calib.poses import Poses
 
 
@@ -41,34 +36,21 @@ class Stand:
 class Readout:
     """The instruments of a model, where they stand, and what else changes their rows.
 
-    markers : int, how many the model has
     bases, disturbing : each effect and where its parameters stand in the values
     """
 
-    instruments: tuple[Instrument, ...]
-    markers: int
+    channels: Channels
     bases: tuple[tuple[Base, slice], ...]
     disturbing: tuple[tuple[ReadingEffect, slice], ...]
 
     @property
-    def rows(self) -> IntArray:
-        """How many numbers a reading has, by channel, shape (C,)."""
-        counts = [np.full(len(i.read_of(self.markers)), i.rows) for i in self.instruments]
-        return np.concatenate(counts)
+    def instruments(self) -> tuple[Instrument, ...]:
+        return self.channels.instruments
 
     @property
     def even(self) -> float | None:
         """The standard deviation of every number, None where one does not say it all."""
         return self.instruments[0].even if len(self.instruments) == 1 else None
-
-    @property
-    def blocks(self) -> Iterator[tuple[Instrument, slice]]:
-        """Each instrument and its channels."""
-        first = 0
-        for instrument in self.instruments:
-            last = first + len(instrument.read_of(self.markers))
-            yield instrument, slice(first, last)
-            first = last
 
     def read(self, values: Array, poses: Poses, points: Array) -> Array:
         """Readings (..., m, C, r) of points (..., m, M, 3), m, in base axes."""
@@ -143,13 +125,13 @@ class Readout:
             given = [(rows, -3), (sigma[..., part], -2)]
             return self._at_stands(instrument, values, poses, whitening, given, [-4])[0]
 
-        return self._beside((one(i, part) for i, part in self.blocks), -2, -1)
+        return self._beside((one(i, part) for i, part in self.channels.blocks), -2, -1)
 
     def difference(self, measured: Array, predicted: Array) -> Array:
         """What readings (..., m, C, r) are measured beyond those predicted."""
         parts = (
             i.difference(measured[..., part, : i.rows], predicted[..., part, : i.rows])
-            for i, part in self.blocks
+            for i, part in self.channels.blocks
         )
         return self._beside(parts, -1)
 
@@ -202,7 +184,7 @@ class Readout:
         first, *others = parts
         if not others:
             return first
-        width = max(i.rows for i in self.instruments)
+        width = self.channels.width
         filled = []
         for part in (first, *others):
             shape = list(part.shape)

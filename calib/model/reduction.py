@@ -67,7 +67,7 @@ def irreducible(model: Model) -> tuple[Model, tuple[Dropped, ...]]:
     if not constant:
         return model, ()
     rigid = model.with_effects(tuple(constant))
-    count = 20 + 2 * len(rigid.parameters) // int(model.readout.rows.sum())
+    count = 20 + 2 * len(rigid.parameters) // int(model.readout.channels.rows.sum())
     poses = poses_at(generic_configurations(model.robot, count))
     _, J = rigid.jacobian(_generic_values(rigid), poses)
     X = J.reshape(-1, J.shape[-1])

@@ -145,6 +145,5 @@ def readings_of(cell: Cell, plan: Plan) -> Measurements:
         poses = replace(with_moves(poses), order=None)  # a plan says nothing of when it is measured
     poses = in_turn(cell, poses)
     seen = visible(scene_of(cell, poses.q))
-    widest = max(instrument.rows for instrument in cell.instruments)
-    blank = np.zeros((*seen.shape, widest))
+    blank = np.zeros((*seen.shape, cell.channels.width))
     return Measurements(poses, blank, seen, np.full(seen.shape, np.nan))

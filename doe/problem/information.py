@@ -39,7 +39,7 @@ class Regressor:
     def rank(self) -> int:
         """Rows that one configuration brings, or the number of parameters if that is less."""
         readings_each = 1 if self.silent or self.cell.load is None else 2
-        numbers = int(self.model.readout.rows.sum())
+        numbers = int(self.model.readout.channels.rows.sum())
         return int(min(numbers * readings_each, self.T.shape[1]))
 
     def rows(self, q: Array, visible: Mask | None = None) -> Array:

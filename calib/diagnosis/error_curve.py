@@ -233,7 +233,8 @@ def _as_error(
     D = np.where(seen[..., None, None], D, 0.0).reshape(len(poses), -1, c)
     rows = np.where(seen[..., None], moved, 0.0).reshape(len(poses), -1, 1)
     found = (np.linalg.pinv(D) @ rows)[..., 0]
-    return np.where((np.abs(D).any(axis=-1).sum(axis=1) >= c)[:, None], found, np.nan)
+    told = (seen * model.readout.channels.rows).sum(axis=1) >= c
+    return np.where(told[:, None], found, np.nan)
 
 
 def _grid(knots: Array) -> Array:

@@ -111,7 +111,7 @@ class Fit:
 class Stage:
     """Data, the user's model, and where its search starts.
 
-    model : Model, as the user has it; start : ndarray, shape (p,); weights : ndarray, (m, M, 3, 3)
+    model : Model, as the user has it; start : ndarray, shape (p,); weights : ndarray, (m, C, r, r)
     dropped : ndarray of bool, shape (m,), poses that are left out; robust : whether poses that stand
         out count less
     arm : Repeatability or None, where it is known

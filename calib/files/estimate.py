@@ -179,7 +179,9 @@ def _context(cell: Cell, keys: list[Key]) -> Context:
             )
             shown = _number(name.removeprefix(_KNOT))
             knots.setdefault(where, []).append(shown * 1e-3 if slides else math.radians(shown))
-    stations = tuple(dict.fromkeys(where for kind, where, _ in keys if kind == "base"))
+    still = {instrument.name for instrument in cell.instruments if not instrument.stationed}
+    placed = (where for kind, where, _ in keys if kind == "base" and where not in still)
+    stations = tuple(dict.fromkeys(placed))
     return replace(
         context_of(cell, None),
         stations=stations or ("base",),

@@ -137,12 +137,8 @@ class Differences:
 
     def dof(self, observation: Observation, span: Array) -> int:
         group = observation.data.poses.configuration
-        numbers = observation.numbers
-        spare = sum(
-            int((numbers[here].sum(axis=0) - numbers[here].max(axis=0)).sum())
-            for g in set(group)
-            if len(here := np.flatnonzero(group == g))
-        )
+        groups = (observation.numbers[group == g] for g in set(group))
+        spare = sum(int((own.sum(axis=0) - own.max(axis=0)).sum()) for own in groups)
         soft = int(_soft(observation.model, span).sum())
         return spare - soft if soft else -1
 

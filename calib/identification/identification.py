@@ -214,7 +214,7 @@ class Identification:
         return {
             effect.where: self.values[part]
             for effect, part in zip(self.model.effects, self.model.slices, strict=True)
-            if isinstance(effect, Base)
+            if isinstance(effect, Base) and effect.of.stationed
         }
 
 

@@ -51,7 +51,7 @@ class Sight:
     factor: float
 
     def weights(self, data: Measurements) -> Array:
-        """Whitening matrices of the points, the noise as stated, shape (m, M, 3, 3)."""
+        """Whitening matrices of the readings, the noise as stated, shape (m, C, r, r)."""
         return whitening(self.cell, self.model, self.values, data)
 
     def of(self, data: Measurements, kept: Mask | None = None) -> Rows:

@@ -39,6 +39,8 @@ def _standing(context: Context) -> list[Base]:
     stations = context.stations if len(context.stations) > 1 else ("base",)
     found: list[Base] = []
     for instrument in context.instruments:
+        if not instrument.unknowns:
+            continue
         if not instrument.stationed:
             found.append(Base(instrument.name, None, instrument))
             continue

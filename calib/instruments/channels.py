@@ -1,4 +1,4 @@
-"""The channels of a set of instruments: what one instrument reads of one marker is one channel."""
+"""The channels of a set of instruments: what one reads of one marker, or of a few together."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ class Channels:
         """Each instrument and its channels."""
         first = 0
         for instrument in self.instruments:
-            last = first + len(instrument.read_of(self.markers))
+            last = first + len(instrument.read_of(self.markers)) // instrument.each
             yield instrument, slice(first, last)
             first = last
 
     @cached_property
     def marker(self) -> IntArray:
-        """Position of the marker that each channel reads, shape (C,)."""
-        return np.concatenate([i.read_of(self.markers) for i in self.instruments])
+        """Position of the marker that each channel reads, of several the first, shape (C,)."""
+        return np.concatenate([i.read_of(self.markers)[:: i.each] for i in self.instruments])
 
     @cached_property
     def rows(self) -> IntArray:

@@ -1,8 +1,9 @@
 """What an instrument is: points of the arm become rows of numbers, whose noise is known.
 
 An instrument reads points at each pose, each of them as a **row** of numbers: three coordinates, two
-pixels, one distance. How it stands against the robot's base is unknown, its **place**: nuisance beside
-the parameters, found without a guess. A new instrument is one file with
+pixels, one distance. A reading may take several points of the tip together; three of them fix its
+frame, which an instrument may read, or ride on. How it stands against the robot's base is unknown, its
+**place**: nuisance beside the parameters, found without a guess. A new instrument is one file with
 
     read, linearise     rows of points in base axes, their derivatives by the points and by the place
     whitening           from the covariance of a row; what the simulator adds follows from it
@@ -10,7 +11,7 @@ the parameters, found without a guess. A new instrument is one file with
     columns             how a row stands in a table
     position            where the picture shows it, and lines of sight end
 
-Arrays have the points' axis where the markers were: readings (m, M, r), derivatives (m, M, r, p).
+Of C readings a pose the points are (m, C, 3), or (m, C, 3 k) where each takes k, the rows (m, C, r).
 """
 
 from __future__ import annotations
@@ -41,10 +42,10 @@ class Column(NamedTuple):
 
 
 class Linear(NamedTuple):
-    """Rows (..., m, M, r) and their derivatives.
+    """Rows (..., m, C, r) and their derivatives.
 
-    by_points : ndarray, shape (..., m or 1, M or 1, r, 3), None for the identity
-    by_place : ndarray, shape (..., m, M, r, u)
+    by_points : ndarray, shape (..., m or 1, C or 1, r, 3 k), None for the identity
+    by_place : ndarray, shape (..., m, C, r, u)
     """
 
     rows: Array
@@ -56,8 +57,8 @@ class Nominal(NamedTuple):
     """The arm before anything is known of it, at m poses.
 
     R_tip, p_tip : ndarray, shapes (m, 3, 3) and (m, 3), m, tip frame in base axes
-    markers : ndarray, shape (M, 3), m, in the tip frame; free : ndarray of bool, of the same shape,
-        components of which nothing is known yet
+    markers : ndarray, shape (C k, 3), m, that the instrument reads, in the tip frame; free : ndarray of
+        bool, of the same shape, components of which nothing is known yet
     placed : whether the instrument's place is known: all zero
     """
 
@@ -69,7 +70,7 @@ class Nominal(NamedTuple):
 
 
 class Start(NamedTuple):
-    """A place (u,), the markers (M, 3), m, and which of their components (M, 3) the rows told."""
+    """A place (u,), the markers (C k, 3), m, and which of their components the rows told."""
 
     place: Array
     markers: Array
@@ -81,8 +82,10 @@ class Instrument(ABC):
     """One instrument of a cell.
 
     name : str, its own among those of the cell
-    markers : tuple of int or None, positions of the markers that it reads; None for all of them
-    rows : numbers of one reading; unknowns : its place; columns : of a table
+    markers : tuple of int or None, positions of the markers that it reads, reading by reading; None for
+        all of them
+    rows : numbers of one reading; each : markers that one takes, k; unknowns : its place; columns : of
+        a table
     stationed : whether it may stand elsewhere at other poses, a place for every station
     """
 
@@ -90,13 +93,14 @@ class Instrument(ABC):
     markers: tuple[int, ...] | None = None
     kind: ClassVar[str]
     rows: ClassVar[int]
+    each: ClassVar[int] = 1
     unknowns: ClassVar[tuple[Unknown, ...]]
     columns: ClassVar[tuple[Column, ...]]
     stationed: ClassVar[bool] = False
 
     @abstractmethod
     def read(self, place: Array, points: Array) -> Array:
-        """Rows (..., m, M, r) of points (..., m, M, 3), m, in base axes; place has shape (..., u)."""
+        """Rows (..., m, C, r) of points (..., m, C, 3 k), m, in base axes; place has shape (..., u)."""
 
     @abstractmethod
     def linearise(self, place: Array, points: Array) -> Linear:
@@ -108,9 +112,9 @@ class Instrument(ABC):
 
     @abstractmethod
     def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
-        """Matrices W with ``W cov W^T = I`` for rows (..., m, M, r), shape (..., m, M, r, r).
+        """Matrices W with ``W cov W^T = I`` for rows (..., m, C, r), shape (..., m, C, r, r).
 
-        sigma : ndarray, shape (m, M), overriding standard deviation of a reading, NaN for none
+        sigma : ndarray, shape (m, C), overriding standard deviation of a reading, NaN for none
         """
 
     @property
@@ -127,7 +131,7 @@ class Instrument(ABC):
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
         """Place and markers under the nominal arm, without a guess.
 
-        rows : ndarray, shape (m, M, r); seen : ndarray of bool, shape (m, M), at least one of them
+        rows : ndarray, shape (m, C, r); seen : ndarray of bool, shape (m, C), at least one of them
         """
 
     @property

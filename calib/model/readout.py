@@ -198,5 +198,11 @@ class Readout:
 
 
 def _of(instrument: Instrument, a: Array, axis: int) -> Array:
-    """What belongs to the markers that an instrument reads, which stand along an axis."""
-    return a if instrument.markers is None else np.take(a, instrument.markers, axis=axis)
+    """What belongs to the markers that an instrument reads, which stand along an axis, by reading."""
+    each = instrument.each
+    if instrument.markers is None and each == 1:
+        return a
+    taken = np.take(a, instrument.read_of(a.shape[axis]), axis=axis)
+    shape = [*taken.shape]
+    shape[axis], shape[axis + 1] = shape[axis] // each, each * shape[axis + 1]
+    return taken.reshape(shape)

@@ -1,4 +1,4 @@
-"""An instrument of the tests' own: the distance of a marker from an anchor that stands anywhere."""
+"""Instruments of the tests' own: a distance from an anchor that stands anywhere, and a level."""
 
 from __future__ import annotations
 
@@ -41,3 +41,26 @@ class Ballbar(Instrument):
         A = np.column_stack([2.0 * p, -np.ones(len(p))])
         solution = np.linalg.lstsq(A, (p**2).sum(axis=1) - d**2, rcond=None)[0]
         return Start(solution[:3], arm.markers, np.zeros_like(arm.free))
+
+
+@dataclass(frozen=True, eq=False)
+class Level(Ballbar):
+    """Slope of the line from one marker to another, one if upright; nothing of it is unknown."""
+
+    kind: ClassVar[str] = "level"
+    each: ClassVar[int] = 2
+    unknowns: ClassVar[tuple[Unknown, ...]] = ()
+
+    def read(self, place: Array, points: Array) -> Array:
+        line = points[..., 3:] - points[..., :3]
+        return line[..., 2:] / np.linalg.norm(line, axis=-1, keepdims=True)
+
+    def linearise(self, place: Array, points: Array) -> Linear:
+        slope, length = self.read(place, points), points[..., 3:] - points[..., :3]
+        size = np.linalg.norm(length, axis=-1, keepdims=True)
+        by_end = ([0.0, 0.0, 1.0] - slope * length / size) / size
+        by_points = np.concatenate([-by_end, by_end], axis=-1)[..., None, :]
+        return Linear(slope, by_points, np.zeros((*slope.shape, 0)))
+
+    def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
+        return Start(np.zeros(0), arm.markers, np.zeros_like(arm.free))

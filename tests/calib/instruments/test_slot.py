@@ -23,7 +23,7 @@ from calib.model.build import build
 from calib.model.covariance import errors_at
 from calib.noise import Noise
 from calib.poses import poses_at
-from tests.calib.instruments.ballbar import Ballbar
+from tests.calib.instruments.ballbar import Ballbar, Level
 from tests.helpers import cell_of, central_difference, random_robot
 
 MARKERS = np.array([[0.10, 0.02, -0.05], [-0.04, 0.12, 0.03]])
@@ -161,19 +161,19 @@ def test_beside_a_tracker_information_adds() -> None:
 
 @pytest.mark.parametrize("reads", [None, (1,)])
 def test_derivatives_by_everything(reads: tuple[int, ...] | None) -> None:
-    """Two instruments, two stations of the tracker, its scale, free markers, a joint that yields."""
-    bar = Ballbar(name="bar", markers=reads)
+    """A tracker of two stations and a scale, a bar, a level; free markers, a joint that yields."""
+    bar, level = Ballbar(name="bar", markers=reads), Level(name="level", markers=(1, 0))
     effects = ("base", "tool", "joint_offset:j2,j3", "tracker_scale", "joint_compliance:j2")
-    cell = cell_with(LASER, bar, effects=effects)
+    cell = cell_with(LASER, bar, level, effects=effects)
     station = np.arange(6) % 2
     poses = poses_at(drawn(6, 4), station=station, stations=("north", "south"))
     poses = replace(poses, wrench=np.tile([100.0, 0.0, -300.0, 0.0, 0.0, 10.0], (6, 1)))
     model = build(cell, poses).model
     values = np.random.default_rng(5).normal(size=len(model.parameters)) * 10.0 * model.sizes
     _, J = model.jacobian(values, poses)
-    channels = 2 + len(MARKERS if reads is None else reads)
+    channels = 2 + len(MARKERS if reads is None else reads) + 1
     assert J.shape == (6, channels, 3, len(values))
-    numeric = central_difference(lambda v: model.predict(v, poses), values, model.sizes)
+    numeric = central_difference(lambda v: model.predict(v, poses), values, 0.1 * model.sizes)
     np.testing.assert_allclose(J, numeric, rtol=1e-6, atol=1e-7 * np.abs(J).max())
     assert not J[:, 2:, 1:].any()  # a distance is one number
 

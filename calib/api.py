@@ -41,8 +41,9 @@ def observation(
 ) -> Array:
     """Observation matrix B_i of every pose (paper, equations 19 and 20), base and tool included.
 
-    approach : "points": rows x, y, z of marker 1, of marker 2 ..; "pose": rows x, y, z of the tip
-        frame's origin and its rotation vector, as computed from the markers by least squares
+    approach : "points": the rows that are read, of a tracker x, y, z of marker 1, of marker 2 ..;
+        "pose": rows x, y, z of the tip frame's origin and its rotation vector, as computed from the
+        markers by least squares
     values : where to linearise, SI; the nominal model by default
     Returns ndarray, shape (poses, rows, p), SI: m and rad per SI unit of each parameter, unweighted,
     in the instrument's frame. Rows of hidden markers are zero. With a [load] in the cell a plan has
@@ -54,7 +55,7 @@ def observation(
     m = len(poses)
     if not m:
         raise CalibError("the plan has no poses")
-    seen = np.ones((m, len(cell.markers)), dtype=bool)
+    seen = np.ones((m, len(cell.channels)), dtype=bool)
     if isinstance(plan, Measurements):
         seen = plan.seen
     else:

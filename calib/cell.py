@@ -12,6 +12,7 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arm.statics import Payload
 from calib.arrays import Array
+from calib.instruments import TRACKER, Channels, Instrument, Tracker
 from calib.noise import Noise
 
 
@@ -57,8 +58,7 @@ class Cell:
     markers : ndarray, shape (M, 3), m, tip frame
     marker_normals : ndarray, shape (M, 3), unit vectors in the tip frame, NaN where not given
     marker_acceptance : ndarray, shape (M,), rad, largest angle to the beam, NaN where not given
-    noise : Noise
-    instrument : ndarray, shape (3,), m, base frame, or None
+    instruments : tuple of Instrument
     gravity : ndarray, shape (3,), m/s^2, base axes
     effects : tuple of str, ``name`` or ``name:where[,where]``
     knots : dict, joint -> ndarray, rad
@@ -79,8 +79,7 @@ class Cell:
     markers: Array
     marker_normals: Array
     marker_acceptance: Array
-    noise: Noise
-    instrument: Array | None
+    instruments: tuple[Instrument, ...]
     gravity: Array
     payload: Payload
     load: Load | None
@@ -92,6 +91,26 @@ class Cell:
     repeatability: Repeatability | None = None
     excluded: tuple[str, ...] = ()
     gear_ratios: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def channels(self) -> Channels:
+        """What the instruments read, in the order of readings."""
+        return Channels(self.instruments, len(self.markers))
+
+    @property
+    def tracker(self) -> Tracker:
+        """The first instrument that measures points; a blank one where there is none."""
+        return next((i for i in self.instruments if isinstance(i, Tracker)), TRACKER)
+
+    @property
+    def noise(self) -> Noise:
+        """That of the tracker's points."""
+        return self.tracker.noise
+
+    @property
+    def instrument(self) -> Array | None:
+        """Where the tracker stands, shape (3,), m, base frame, or None."""
+        return self.tracker.position
 
     @property
     def scatters(self) -> bool:

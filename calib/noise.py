@@ -1,4 +1,4 @@
-"""Noise of the instrument: standard deviations along and across the beam, growing with range."""
+"""Noise of readings: of points along and across the beam, growing with range; and what whitening is."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array
+from calib.arrays import Array, IntArray
 
 
 @dataclass(frozen=True)
@@ -58,3 +58,15 @@ class Noise:
         u = beams / np.where(length == 0.0, 1.0, length)
         outer = u[..., :, None] * u[..., None, :]
         return (np.eye(3) - outer) / across + outer / along
+
+
+def counted(W: Array) -> IntArray:
+    """How many numbers of each reading count, shape (...), by whitening matrices (..., r, r)."""
+    return np.asarray(W.any(axis=-1).sum(axis=-1))
+
+
+def unwhitened(W: Array, white: Array) -> Array:
+    """Numbers (..., r) that W (..., r, r) makes ``white`` (..., r); zero for what does not count."""
+    used = W.any(axis=-1, keepdims=True)
+    found = np.linalg.solve(W + ~used * np.eye(W.shape[-1]), white[..., None])
+    return np.asarray((found * used)[..., 0])

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from calib.arm.se3 import rotate, so3_exp
 from calib.arrays import Array, IntArray
 from calib.cell import Repeatability
+from calib.instruments import Tracker
 from calib.model import Model
-from calib.noise import Noise
+from calib.noise import Noise, unwhitened
 from calib.poses import Measurements, Poses
 from calib.poses.visits import visits
 
@@ -17,42 +20,50 @@ def simulate(
     model: Model,
     values: Array,
     poses: Poses,
-    noise: Noise,
+    noise: Noise | None,
     rng: np.random.Generator,
     instrument: Array | None = None,
     arm: Repeatability | None = None,
 ) -> Measurements:
-    """Readings of all markers at the poses, with noise along and across the beams.
+    """Readings of all markers at the poses, with the noise of the instruments.
 
     values : ndarray, shape (p,), SI, the truth
-    instrument : ndarray, shape (3,), m, base frame: where the beams start, else the origin of the
-        readings
+    noise : of a tracker, in place of the model's, whose beams start at ``instrument``, shape (3,), m,
+        base frame, else at the origin of its readings; None for the model's own instruments
     arm : how the tip scatters from one approach to the next, None for not at all
     """
+    if noise is not None:
+        model = _with_tracker(model, noise, instrument)
     exact = model.predict(values, poses)
-    noisy = draw(noise, beams(model, values, poses, exact, instrument), rng)
+    noisy = draw(whitening(model, values, poses, exact), rng)
     if arm is not None:
-        exact = approached(exact, tip_origins(model, values, poses), visits(poses), arm, rng)
-    points = exact + noisy
-    shape = points.shape[:-1]
-    return Measurements(poses, points, np.ones(shape, dtype=bool), np.full(shape, np.nan))
+        frames = model.state(values, poses).frames
+        points, axes = model.tip_points(frames, values, poses), model.placement(values, poses)[0]
+        moved = approached(points, frames.o[:, -1], visits(poses), arm, rng, axes)
+        exact = model.readings(values, poses, moved)
+    readings = exact + noisy
+    shape = readings.shape[:-1]
+    return Measurements(poses, readings, np.ones(shape, dtype=bool), np.full(shape, np.nan))
 
 
-def beams(
-    model: Model, values: Array, poses: Poses, points: Array, instrument: Array | None
-) -> Array:
-    """Vectors from the instrument to the points, shape (m, M, 3), m, station axes."""
-    if instrument is None:
-        return points
-    R, p = model.placement(values, poses)
-    return points - (rotate(R, instrument) + p)[:, None, :]
+def _with_tracker(model: Model, noise: Noise, stands: Array | None) -> Model:
+    """The model with other noise of its trackers."""
+    changed = (
+        replace(i, noise=noise, stands=stands) if isinstance(i, Tracker) else i
+        for i in model.instruments
+    )
+    return replace(model, instruments=tuple(changed))
 
 
-def draw(noise: Noise, along: Array, rng: np.random.Generator) -> Array:
-    """Noise of points on beams ``along``, shape (..., 3), m."""
-    W = noise.whitening(along, np.full(along.shape[:-1], np.nan))
-    white = rng.standard_normal((*along.shape, 1))
-    return np.asarray(np.linalg.solve(np.broadcast_to(W, (*along.shape, 3)), white)[..., 0])
+def whitening(model: Model, values: Array, poses: Poses, readings: Array) -> Array:
+    """Whitening matrices of readings (m, C, r) that have the usual noise, shape (m, C, r, r)."""
+    stated = np.full(readings.shape[:-1], np.nan)
+    return model.readout.whitening(values, poses, readings, stated)
+
+
+def draw(W: Array, rng: np.random.Generator) -> Array:
+    """Noise that matrices W (..., r, r) whiten, shape (..., r)."""
+    return unwhitened(W, rng.standard_normal(W.shape[:-1]))
 
 
 def tip_origins(model: Model, values: Array, poses: Poses) -> Array:
@@ -62,15 +73,27 @@ def tip_origins(model: Model, values: Array, poses: Poses) -> Array:
 
 
 def approached(
-    points: Array, origins: Array, approach: IntArray, arm: Repeatability, rng: np.random.Generator
+    points: Array,
+    origins: Array,
+    approach: IntArray,
+    arm: Repeatability,
+    rng: np.random.Generator,
+    axes: Array | None = None,
 ) -> Array:
     """Points with the tip shifted and turned anew at each approach, shape (..., m, M, 3), m.
 
     points : ndarray, shape (..., m, M, 3), m; leading axes are trials, each with draws of its own
     origins : ndarray, shape (m, 3), m, of the tip; approach : ndarray of int, shape (m,)
+    axes : ndarray, shape (m, 3, 3), of the frames in which shift and turn are drawn, by rows in those
+        of the points; the same without
     """
     _, group = np.unique(approach, return_inverse=True)
     drawn = rng.standard_normal((*points.shape[:-3], int(group.max()) + 1, 6))[..., group, :]
+    if axes is not None:
+        back = np.swapaxes(axes, -1, -2)
+        drawn = np.concatenate(
+            [rotate(back, drawn[..., :3]), rotate(back, drawn[..., 3:])], axis=-1
+        )
     turn, shift = so3_exp(arm.rotation * drawn[..., 3:]), arm.translation * drawn[..., :3]
     o = origins[:, None]
     moved: Array = rotate(turn[..., None, :, :], points - o) + o + shift[..., None, :]

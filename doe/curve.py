@@ -39,7 +39,7 @@ def accuracy_curve(problem: Problem, pool: Pool, effort: Effort) -> tuple[Step, 
 
 
 def _sizes(problem: Problem) -> list[Problem]:
-    request, rows = problem.request, 3 * len(problem.model.marker_names)
+    request, rows = problem.request, int(problem.model.readout.channels.rows.sum())
     least = -(-len(problem.model.parameters) // rows)
     if request.levels is not None:
         counts = range(1, 2 * request.levels.per_level + 1)

@@ -16,6 +16,7 @@ from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.effects import EFFECTS, Context
 from calib.files.write_tables import measurements_csv
+from calib.instruments import Instrument, Tracker
 from calib.model import Model
 from calib.noise import Noise
 from calib.poses import Poses, poses_at
@@ -101,6 +102,7 @@ def model_of(context: Context, kinds: Sequence[str]) -> Model:
         tuple(effects),
         context.payload,
         context.gravity,
+        context.instruments,
     )
 
 
@@ -124,13 +126,17 @@ def cell_of(robot: Robot, markers: Array, effects: Sequence[str], sigma: float =
         markers=np.asarray(markers, dtype=float),
         marker_normals=np.full((count, 3), np.nan),
         marker_acceptance=np.full(count, np.nan),
-        noise=Noise.isotropic(sigma),
-        instrument=None,
+        instruments=read_by(Noise.isotropic(sigma)),
         gravity=GRAVITY,
         payload=Payload(),
         load=None,
         effects=tuple(effects),
     )
+
+
+def read_by(noise: Noise | None = None, stands: Array | None = None) -> tuple[Instrument, ...]:
+    """The instruments of a cell that has one tracker; without noise as in ``cell_of``."""
+    return (Tracker(noise=noise or Noise.isotropic(1e-5), stands=stands),)
 
 
 def with_effects(cell: Cell, *effects: str) -> Cell:

@@ -10,6 +10,7 @@ from calib.arrays import Array, IntArray, Mask
 from calib.diagnosis.screen import refuted
 from calib.model import Model
 from calib.model.covariance import working_points
+from calib.noise import counted, unwhitened
 from calib.poses import Measurements, Poses
 from calib.scatter import Variances, scatter_of
 from calib.scatter.poses import by_size
@@ -34,7 +35,7 @@ class Fitted:
     """A fit, and what is known of the noise in its readings.
 
     covariance : ndarray, shape (p, p), SI; span : ndarray, shape (p, k), directions that were fitted
-    data : Measurements, that were fitted; weights : ndarray, shape (m, M, 3, 3), zero for hidden points
+    data : Measurements, that were fitted; weights : ndarray, shape (m, C, r, r), zero for hidden ones
     sigma : float, m, of one coordinate of the instrument alone
     variances : Variances or None, of the arm's scatter
     """
@@ -70,12 +71,12 @@ def left_in_fit(fit: Fitted) -> Unexplained:
     if not seen.any():
         return Unexplained(0.0, "left-out configurations")
     there = (vectors**2).sum(axis=-1)
-    expected = 3.0 * fit.sigma**2 + _scatter(fit, fit.data) + share * growth[:, None]
+    expected = _noise(fit) + _scatter(fit, fit.data) + share * growth[:, None]
     excess = float((there - expected)[seen].mean())
     if fit.variances is not None and fit.variances.any:
         surely = _beyond(there, expected, seen, fit.data.poses.configuration)
     else:
-        rows = 3 * int(fit.data.seen.sum())
+        rows = int(counted(fit.weights).sum())
         surely = refuted(float(error.sum()) / fit.sigma**2, rows - fit.span.shape[1])
     return Unexplained(float(np.sqrt(excess)) if surely and excess > 0.0 else 0.0,
                        "left-out configurations")  # fmt: skip
@@ -84,12 +85,13 @@ def left_in_fit(fit: Fitted) -> Unexplained:
 def left_held_out(fit: Fitted, heldout: Measurements) -> Unexplained:
     """``u^2 = rms^2 - s^2 - 3 sigma^2 - scatter^2`` at poses that the parameters never saw."""
     error, share = _shares(fit, heldout)
-    expected, seen = 3.0 * fit.sigma**2 + share + _scatter(fit, heldout), heldout.seen
+    expected, seen = _noise(fit) + share + _scatter(fit, heldout), heldout.seen
     excess = float((error - expected)[seen].mean())
     if fit.variances is not None and fit.variances.any:
         surely = _beyond(error, expected, seen, heldout.poses.configuration)
     else:
-        surely = refuted(3.0 * float((error / expected)[seen].sum()), 3 * int(seen.sum()))
+        numbers = fit.model.readout.channels.rows * seen
+        surely = refuted(float((numbers * error / expected).sum()), int(numbers.sum()))
     return Unexplained(float(np.sqrt(excess)) if surely and excess > 0.0 else 0.0, "held-out poses")
 
 
@@ -97,13 +99,14 @@ def left_out(fit: Fitted) -> tuple[Array, Array, Mask]:
     """Errors at each configuration by what the others say, to first order, without a refit.
 
     With Q an orthonormal basis of the fitted columns, rows F that are left out miss by
-    ``(I - Q_F Q_F^T)^-1 r_F``. Returns these errors (m, M, 3), m; by how much more the parameters'
+    ``(I - Q_F Q_F^T)^-1 r_F``. Returns these errors (m, C, r); by how much more the parameters'
     uncertainty counts there, (m,); and whether the others tell of the configuration at all, (m,).
     """
     points, J = fit.model.jacobian(fit.values, fit.data.poses)
     seen = fit.data.seen[..., None]
     W = fit.weights
-    r = (W @ ((fit.data.points - points) * seen)[..., None])[..., 0]
+    off = fit.model.readout.difference(fit.data.readings, points) * seen
+    r = (W @ off[..., None])[..., 0]
     A = (W @ (J @ fit.span)).reshape(-1, fit.span.shape[1])
     Q, _ = np.linalg.qr(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300))
     m, R = len(r), r[0].size
@@ -120,16 +123,20 @@ def left_out(fit: Fitted) -> tuple[Array, Array, Mask]:
         errors[index] = (axes @ (turned / freedom[..., None])).reshape(*index.shape, R)
         inside = np.trace(held, axis1=-2, axis2=-1)
         growth[index] = ((1.0 / freedom - 1.0).sum(axis=-1) / np.maximum(inside, 1e-300))[:, None]
-    hidden = ~fit.data.seen[..., None, None]
-    back = np.linalg.solve(W + hidden * np.eye(3), errors.reshape(*fit.data.seen.shape, 3, 1))
-    return np.asarray(back[..., 0] * seen), growth, known
+    return unwhitened(W, errors.reshape(W.shape[:-1])), growth, known
 
 
 def _shares(fit: Fitted, data: Measurements) -> tuple[Array, Array]:
     """Squared error of every point (m, M), and what the parameters' uncertainty adds to it, m^2."""
     points, J = fit.model.jacobian(fit.values, data.poses)
-    error = ((data.points - points) ** 2).sum(axis=-1) * data.seen
+    off = fit.model.readout.difference(data.readings, points)
+    error = (off**2).sum(axis=-1) * data.seen
     return error, np.einsum("mjip,pq,mjiq->mj", J, fit.covariance, J, optimize=True)
+
+
+def _noise(fit: Fitted) -> Array:
+    """What the instrument adds to each reading (C,), m^2: ``3 sigma^2`` to a point."""
+    return np.asarray(fit.model.readout.channels.rows * fit.sigma**2)
 
 
 def _scatter(fit: Fitted, data: Measurements) -> Array:

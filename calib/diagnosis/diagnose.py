@@ -38,6 +38,7 @@ from calib.identification.outliers import judge, threshold
 from calib.identification.tuning import profiled
 from calib.model.build import build
 from calib.model.covariance import determined
+from calib.noise import counted
 from calib.poses import Measurements
 from calib.poses.moves import before_the_first_move, in_one_session
 from calib.poses.visits import visits
@@ -274,8 +275,8 @@ def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:
     """Noise from the residual of the final model, the stated one or the repeats' where they agree."""
     kept = ~stage.dropped
     cost = float((fit.r**2).sum())
-    dof = 3 * int(stage.data.seen[kept].sum()) - fit.span.shape[1]
     weights = stage.weights[kept] * factor
+    dof = int(counted(weights).sum()) - fit.span.shape[1]
     alone = noise_level(cost * factor**2, dof, stage.data.take(kept), weights)
     if alone.source == "residual" and fit.levels is not None and fit.levels.instrument_only:
         # What the markers of one reading say of each other repeats in every reading.

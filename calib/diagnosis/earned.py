@@ -19,6 +19,7 @@ from calib.diagnosis.gap import blocks_of_time
 from calib.diagnosis.prior import prior_rows
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Effect
+from calib.noise import unwhitened
 from calib.poses import Poses
 
 _FOLDS = 10
@@ -185,6 +186,5 @@ def _rms(stage: Stage, fit: Fit, errors: Array) -> float:
     """3-D root mean square per point, m, of whitened errors (m, R)."""
     counted = stage.data.seen & ~stage.dropped[:, None]
     weights = stage.weights * np.maximum(fit.weight, 1e-9)[:, None, None, None]
-    hidden = ~counted[..., None, None]
-    points = np.linalg.solve(weights + hidden * np.eye(3), errors.reshape(*counted.shape, 3, 1))
+    points = unwhitened(weights, errors.reshape(weights.shape[:-1]))
     return float(np.sqrt((points[counted] ** 2).sum() / max(1, counted.sum())))

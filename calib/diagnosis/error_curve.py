@@ -31,10 +31,10 @@ from calib.diagnosis.screen import field
 from calib.diagnosis.stage import determined_by, positions
 from calib.diagnosis.variables import PoseVariable
 from calib.effects.gear_ripple import GearRipple
-from calib.identification.solver import levenberg_marquardt
 from calib.model import Model
 from calib.model.covariance import covariance
 from calib.poses import Poses
+from calib.solver import levenberg_marquardt
 
 _KNOTS = 8
 _ABSORBED = (
@@ -211,7 +211,7 @@ def _alike(result: Diagnosis, candidate: Candidate, line: TwistCurve) -> Array:
 def _by_itself(result: Diagnosis, fit: _Fit, line: TwistCurve) -> Array:
     """What each pose's residual says of the line there, shape (m, c), NaN where it says nothing."""
     data = result.data
-    residual = data.points - fit.model.predict(fit.values, data.poses)
+    residual = fit.model.off(fit.values, data)
     seen: Mask = np.logical_and(data.seen, ~result.outlier[:, None])
     found = _as_error(fit.model, fit.values, line, data.poses, residual, seen)
     return np.where(np.any(seen, axis=1)[:, None], found, np.nan)
@@ -223,7 +223,7 @@ def _as_error(
     """Least-squares displacement of a line's frame that moves the markers so, shape (m, c).
 
     model : Model, whose last effect is the line
-    moved : ndarray, shape (m, M, 3), m; seen : ndarray of bool, shape (m, M)
+    moved : ndarray, shape (m, C, r); seen : ndarray of bool, shape (m, C)
     NaN at poses with fewer coordinates than directions.
     """
     c = line.directions.shape[1]
@@ -233,7 +233,8 @@ def _as_error(
     D = np.where(seen[..., None, None], D, 0.0).reshape(len(poses), -1, c)
     rows = np.where(seen[..., None], moved, 0.0).reshape(len(poses), -1, 1)
     found = (np.linalg.pinv(D) @ rows)[..., 0]
-    return np.where((3 * seen.sum(axis=1) >= c)[:, None], found, np.nan)
+    told = (seen * model.readout.channels.rows).sum(axis=1) >= c
+    return np.where(told[:, None], found, np.nan)
 
 
 def _grid(knots: Array) -> Array:

@@ -40,7 +40,7 @@ class Gap:
 
 def squared_errors(fit: Fit, data: Measurements) -> Array:
     """Squared distance of measured and predicted points, shape (m, M), m^2, NaN where hidden."""
-    error = ((data.points - fit.model.predict(fit.values, data.poses)) ** 2).sum(axis=-1)
+    error = (fit.model.off(fit.values, data) ** 2).sum(axis=-1)
     return np.where(data.seen, error, np.nan)
 
 

@@ -24,8 +24,8 @@ class LinearModel(Model):
     """A model whose readings at some poses are taken to first order; elsewhere it is the model itself.
 
     at : Poses, where
-    readings_at_zero : ndarray, shape (m, M, 3), m, with all values at zero, to first order
-    columns : ndarray, shape (m, M, 3, P), derivatives by everything; known : dict, id of an effect ->
+    readings_at_zero : ndarray, shape (m, C, r), with all values at zero, to first order
+    columns : ndarray, shape (m, C, r, P), derivatives by everything; known : dict, id of an effect ->
         its columns; carried : dict, (kind, where) of an effect with a tuning -> those of its carrier
     """
 
@@ -45,7 +45,13 @@ class LinearModel(Model):
     def exact(self) -> Model:
         """The model itself."""
         return Model(
-            self.robot, self.marker_names, self.markers, self.effects, self.payload, self.gravity
+            self.robot,
+            self.marker_names,
+            self.markers,
+            self.effects,
+            self.payload,
+            self.gravity,
+            self.instruments,
         )
 
     def _knows(self, effect: Effect) -> bool:
@@ -66,7 +72,7 @@ class LinearModel(Model):
 
     @property
     def _own(self) -> Array:
-        """Derivatives by the present parameters, (m, M, 3, p); the same array each time."""
+        """Derivatives by the present parameters, (m, C, r, p); the same array each time."""
         own = self._last.get("own")
         if own is None:
             own = np.concatenate([self.of(effect) for effect in self.effects], axis=-1)
@@ -74,7 +80,7 @@ class LinearModel(Model):
         return np.asarray(own)
 
     def of(self, effect: Effect) -> Array:
-        """Derivatives by an effect's parameters, (m, M, 3, k), by its tuning none."""
+        """Derivatives by an effect's parameters, (m, C, r, k), by its tuning none."""
         if not isinstance(effect, Tuned):
             return self.columns[..., self.known[id(effect)]]
         carrier = self.columns[..., self.carried[effect.kind, effect.where]]
@@ -102,7 +108,7 @@ def linearised(
     carriers = {(e.kind, e.where): e.carrier for e in tuned}
     fixed = [e for e in suspects if not isinstance(e, Tuned)]
     whole, everything = exact.extended(values, [*fixed, *carriers.values()])
-    points, J = whole.jacobian(everything, poses)
+    readings, J = whole.jacobian(everything, poses)
     known = {
         id(effect): np.arange(part.start, part.stop)
         for effect, part in zip(whole.effects, whole.slices, strict=True)
@@ -117,8 +123,9 @@ def linearised(
         exact.effects,
         exact.payload,
         exact.gravity,
+        exact.instruments,
         poses,
-        points - J @ moving,
+        readings - J @ moving,
         J,
         known,
         carried,

@@ -16,13 +16,13 @@ from calib.diagnosis.screen import orthonormal
 from calib.effects.protocol import Effect
 from calib.identification.estimators import choose_directions
 from calib.identification.outliers import fit_statistics
-from calib.identification.solver import least_squares, levenberg_marquardt
 from calib.model import Model
 from calib.model.covariance import covariance, gain
 from calib.observations import Points
 from calib.poses import Measurements
 from calib.scatter import Levels, Scatter, Variances, levels_of, scatter_of
 from calib.scatter.poses import Mixing
+from calib.solver import least_squares, levenberg_marquardt
 
 _HUBER = 2.0  # median lengths of a pose's residual beyond which it counts less
 _ROUNDS = 4
@@ -111,7 +111,7 @@ class Fit:
 class Stage:
     """Data, the user's model, and where its search starts.
 
-    model : Model, as the user has it; start : ndarray, shape (p,); weights : ndarray, (m, M, 3, 3)
+    model : Model, as the user has it; start : ndarray, shape (p,); weights : ndarray, (m, C, r, r)
     dropped : ndarray of bool, shape (m,), poses that are left out; robust : whether poses that stand
         out count less
     arm : Repeatability or None, where it is known

@@ -26,7 +26,7 @@ class Lineup:
     """All suspects, and derivatives of the readings by them; fits that differ by errors have the same.
 
     fixed : tuple of Candidate, those without a tuning; banks : tuple of Bank, the others
-    J : ndarray, shape (m, M, 3, K), SI; where : dict, key of a candidate without a tuning, or of a
+    J : ndarray, shape (m, C, r, K), SI; where : dict, key of a candidate without a tuning, or of a
         bank's, -> ndarray of int, its columns or its carrier's
     closed : keys of candidates that are not offered
     """

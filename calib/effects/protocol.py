@@ -32,6 +32,7 @@ from calib.arm.robot import Robot
 from calib.arm.statics import Loads, Payload, Transmitted
 from calib.arrays import Array
 from calib.errors import EffectCannotAct
+from calib.instruments import TRACKER, Instrument
 from calib.poses import Poses
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.80665)
@@ -94,6 +95,7 @@ class Context:
     lacking : frozenset of str, covariates that the poses in hand do not have
     clock_unit : str, of the session's clock, "s" or "reading"
     gear_ratios : dict, joint name -> float, turns of motor or wave generator a turn of the joint
+    instruments : tuple of Instrument
     """
 
     robot: Robot
@@ -108,6 +110,7 @@ class Context:
     lacking: frozenset[str] = frozenset()
     clock_unit: str = "s"
     gear_ratios: Mapping[str, float] = field(default_factory=dict)
+    instruments: tuple[Instrument, ...] = (TRACKER,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,15 +297,20 @@ class MarkerEffect(Effect):
 
 @dataclass(frozen=True, eq=False)
 class ReadingEffect(Effect):
-    """The instrument reads a point elsewhere than it is."""
+    """The instrument reads a point elsewhere than it is.
+
+    of : kind of the instruments whose rows it changes
+    """
+
+    of: ClassVar[str] = "points"
 
     @abstractmethod
     def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
-        """Readings of points (..., m, M, 3), m, in the axes of their stations.
+        """Readings of what is read right as rows (..., m, M, r): points in the axes of their stations.
 
         values : ndarray, shape (..., p), SI
-        Returns readings (..., m, M, 3), their derivatives by the points (..., m or 1, M or 1, 3, 3) and
-        by the parameters (..., m, M, 3, p).
+        Returns readings (..., m, M, r), their derivatives by those rows (..., m or 1, M or 1, r, r) and
+        by the parameters (..., m, M, r, p).
         """
 
     @classmethod

@@ -24,12 +24,14 @@ from calib.files.robot import load_robot, robot_files
 from calib.files.schema import (
     CellFile,
     DesignTable,
+    InstrumentTable,
     MarkerTable,
     MpeSigma,
     PolarSigma,
     RobotTable,
     Sigma,
 )
+from calib.instruments import Tracker
 from calib.model.build import context_of, parse_effect, parse_excluded
 from calib.noise import Noise
 
@@ -58,7 +60,6 @@ def load_cell(path: str | Path) -> Cell:
         name: m if isinstance(m, MarkerTable) else MarkerTable(position=m)
         for name, m in table.markers_mm.items()
     }
-    position = table.instrument.position_mm
     cell = Cell(
         name=table.name or path.stem,
         path=path,
@@ -71,8 +72,7 @@ def load_cell(path: str | Path) -> Cell:
         marker_acceptance=np.array(
             [math.radians(m.acceptance_deg or math.nan) for m in markers.values()]
         ),
-        noise=_noise(table.instrument.sigma_mm),
-        instrument=None if position is None else np.array(position) * _MM,
+        instruments=(_tracker(table.instrument),),
         gravity=np.array(table.gravity.m_s2),
         payload=Payload(table.payload.mass_kg, _metres(table.payload.com_mm)),
         load=None
@@ -235,6 +235,11 @@ def _narrowed(path: Path, robot: Robot, table: RobotTable) -> Robot:
                     f"those are {known}",
                 )
     return replace(robot, limits=limits)
+
+
+def _tracker(table: InstrumentTable) -> Tracker:
+    stands = None if table.position_mm is None else np.array(table.position_mm) * _MM
+    return Tracker(noise=_noise(table.sigma_mm), stands=stands)
 
 
 def _noise(sigma: Sigma) -> Noise:

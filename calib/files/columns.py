@@ -1,4 +1,4 @@
-"""What the columns of the tables mean: joints, points, loads and covariates, with their units."""
+"""What the columns of the tables mean: joints, loads and covariates, with their units."""
 
 from __future__ import annotations
 
@@ -18,7 +18,17 @@ ANGLES = {"deg": math.pi / 180, "rad": 1.0}
 LENGTHS = {"mm": 1e-3, "m": 1.0}
 TORQUES = ("N", "Nm")  # of a joint that slides, or turns
 WRENCH = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
-OTHERS = ("pose", "marker", "station", "temperature_degC", "time_s", "sigma_mm", "level", "weight")
+OTHERS = (
+    "pose",
+    "marker",
+    "instrument",
+    "station",
+    "temperature_degC",
+    "time_s",
+    "sigma_mm",
+    "level",
+    "weight",
+)
 
 _RADIANS_LOOK = 2 * math.pi + 0.1  # a whole table of degrees below this is probably radians
 
@@ -43,23 +53,15 @@ def joint_columns(path: Path, robot: Robot, columns: tuple[str, ...]) -> list[tu
     return found
 
 
-def point_columns(path: Path, columns: tuple[str, ...]) -> list[tuple[str, float]]:
-    """Column and SI factor of x, y and z. Raises InputError where one is missing or unitless."""
-    found = []
-    for axis in "xyz":
-        present = [(f"{axis}_{u}", s) for u, s in LENGTHS.items() if f"{axis}_{u}" in columns]
-        if not present:
-            bare = axis in columns
-            what = f"column {axis!r} has no unit" if bare else f"column {axis}_mm is missing"
-            raise InputError(path, "line 1", what, f"name it {axis}_mm or {axis}_m")
-        found.append(present[0])
-    return found
+def check_known(
+    path: Path, robot: Robot, columns: tuple[str, ...], readings: set[str]
+) -> tuple[str, ...]:
+    """Warnings about columns that are ignored. Raises InputError for a joint that is not there.
 
-
-def check_known(path: Path, robot: Robot, columns: tuple[str, ...]) -> tuple[str, ...]:
-    """Warnings about columns that are ignored. Raises InputError for a joint that is not there."""
+    readings : columns that hold what the instruments read
+    """
     units = ("deg", "rad", "mm", "m")
-    known = {*OTHERS, *WRENCH, *(f"{a}_{u}" for a in "xyz" for u in ("mm", "m"))}
+    known = {*OTHERS, *WRENCH, *readings}
     known |= {f"{j}_{u}" for j in robot.joints for u in units}
     known |= {f"approach_{j}" for j in robot.joints} | set(torque_columns(robot))
     ignored = []

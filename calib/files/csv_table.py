@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.arrays import Array
+from calib.arrays import Array, IntArray
 from calib.errors import InputError
 from calib.files.read import check_file, fault_of_name
 
@@ -43,16 +43,17 @@ class Table:
                 raise self.fault(row, column, faults[name], "give it a short, plain name")
         return found
 
-    def numbers(self, column: str) -> Array:
-        """A column of finite numbers; raises InputError naming line and column."""
+    def numbers(self, column: str, rows: IntArray | None = None) -> Array:
+        """A column of finite numbers, of some rows; raises InputError naming line and column."""
         i = self.columns.index(column)
+        chosen = range(len(self.rows)) if rows is None else rows.tolist()
         try:
-            values = np.array([row[i] for row in self.rows], dtype=float)
+            values = np.array([self.rows[r][i] for r in chosen], dtype=float)
         except ValueError:
-            values = np.array([self._number(i, r) for r in range(len(self.rows))])
+            values = np.array([self._number(i, r) for r in chosen])
         usable = np.abs(values) < _LARGEST_NUMBER
         if not usable.all():
-            bad = int(np.flatnonzero(~usable)[0])
+            bad = chosen[int(np.flatnonzero(~usable)[0])]
             what = f"{self.rows[bad][i][:40]!r} is not a finite number of plausible size"
             raise self.fault(bad, column, what, _REMEDY)
         return values

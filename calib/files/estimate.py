@@ -156,7 +156,13 @@ def _model(cell: Cell, keys: list[Key], values: Array, clock: str) -> Model:
         first = next(i for i, (k, w, _) in enumerate(keys) if (k, w) == (kind, where))
         effects.append(effect.tuned(values[first]) if isinstance(effect, Tuned) else effect)
     model = Model(
-        cell.robot, cell.marker_names, cell.markers, tuple(effects), cell.payload, cell.gravity
+        cell.robot,
+        cell.marker_names,
+        cell.markers,
+        tuple(effects),
+        cell.payload,
+        cell.gravity,
+        cell.instruments,
     )
     if [(p.effect, p.where, p.name) for p in model.parameters] != keys:
         raise CalibError("its parameters are not those of the effects here")
@@ -173,7 +179,9 @@ def _context(cell: Cell, keys: list[Key]) -> Context:
             )
             shown = _number(name.removeprefix(_KNOT))
             knots.setdefault(where, []).append(shown * 1e-3 if slides else math.radians(shown))
-    stations = tuple(dict.fromkeys(where for kind, where, _ in keys if kind == "base"))
+    still = {instrument.name for instrument in cell.instruments if not instrument.stationed}
+    placed = (where for kind, where, _ in keys if kind == "base" and where not in still)
+    stations = tuple(dict.fromkeys(placed))
     return replace(
         context_of(cell, None),
         stations=stations or ("base",),

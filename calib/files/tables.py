@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.errors import InputError
@@ -20,14 +19,12 @@ from calib.files.columns import (
     joint_columns,
     joint_values,
     joint_warnings,
-    point_columns,
     torque_columns,
 )
 from calib.files.csv_table import LONGEST_LINE, Table, read_table
+from calib.files.readings import reading_columns, reading_names, readings_of
 from calib.poses import Measurements, Poses, hung, poses_at
 from calib.poses.moves import with_moves
-
-_FARTHEST = 1e4  # m: no instrument of this trade reads as far
 
 
 def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True) -> Measurements:
@@ -43,52 +40,27 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     warnings: list[str] = []
 
     def check(columns: tuple[str, ...]) -> None:
-        warnings.extend(check_known(path, cell.robot, columns))
+        warnings.extend(check_known(path, cell.robot, columns, reading_names(cell.instruments)))
         joint_columns(path, cell.robot, columns)
-        point_columns(path, columns)
+        if len(cell.instruments) == 1:
+            reading_columns(path, cell.instruments[0], columns)
 
     table = read_table(path, ("pose", "marker"), check)
     q_rows = joint_values(table, cell.robot)
     warnings.extend(joint_warnings(table, cell.robot, q_rows))
     pose_names, pose_of_row = _number_in_order(table.names("pose"))
-    marker_of_row = _markers(table, cell)
     _, first = np.unique(pose_of_row, return_index=True)
     given = covariates(table, cell.robot, first)
     poses = with_moves(poses_at(q_rows[first], pose_names, **given))
-    _check_poses_agree(table, cell.robot, pose_of_row, first)
+    _check_poses_agree(table, cell, pose_of_row, first)
 
-    m, M = len(pose_names), len(cell.marker_names)
-    points, seen, sigma = np.zeros((m, M, 3)), np.zeros((m, M), dtype=bool), np.full((m, M), np.nan)
-    for row, (i, j) in enumerate(zip(pose_of_row, marker_of_row, strict=True)):
-        if seen[i, j]:
-            raise table.fault(
-                row,
-                "marker",
-                f"pose {pose_names[i]!r} has marker {cell.marker_names[j]!r} twice",
-                "give a repeated reading its own pose identifier",
-            )
-        seen[i, j] = True
-    columns = point_columns(path, table.columns)
-    xyz = np.column_stack([table.numbers(name) * scale for name, scale in columns])
-    if (far := np.abs(xyz) > _FARTHEST).any():
-        row, column = (int(i[0]) for i in np.nonzero(far))
-        what = f"{table.rows[row][table.columns.index(columns[column][0])]} is farther than 10 km"
-        raise table.fault(row, columns[column][0], what, "check the reading and its unit")
-    points[pose_of_row, marker_of_row] = xyz
-    if "sigma_mm" in table.columns:
-        own = table.numbers("sigma_mm") * 1e-3
-        if (own <= 0).any():
-            raise table.fault(
-                int(np.flatnonzero(own <= 0)[0]),
-                "sigma_mm",
-                "must be above zero",
-                "leave the column out for the cell's",
-            )
-        sigma[pose_of_row, marker_of_row] = own
-    for j in np.flatnonzero(~seen.any(axis=0)) if every_marker else ():
+    m = len(pose_names)
+    readings, seen, sigma = readings_of(table, cell, pose_of_row, m)
+    shown = set(table.text("marker")) if every_marker else set(cell.marker_names)
+    for name in (n for n in cell.marker_names if n not in shown):
         raise InputError(
             path,
-            f"marker {cell.marker_names[j]}",
+            f"marker {name}",
             "is in the cell's [markers_mm] and never measured",
             "measure it or take it out of the cell",
         )
@@ -97,7 +69,7 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
             f"{path}: no reading bears a load, though joints repeat and the cell has a [load]; that "
             "one is for plans: readings under load need columns fx_N .. mz_Nm"
         )
-    return Measurements(poses, points, seen, sigma, tuple(warnings))
+    return Measurements(poses, readings, seen, sigma, tuple(warnings))
 
 
 def _number_in_order(
@@ -108,24 +80,14 @@ def _number_in_order(
     return tuple(order), np.array([order[name] for name in names])
 
 
-def _markers(table: Table, cell: Cell) -> IntArray:
-    numbers = {name: i for i, name in enumerate(cell.marker_names)}
-    names = table.text("marker")
-    for row, name in enumerate(names):
-        if name not in numbers:
-            known = f"markers are {', '.join(cell.marker_names[:12])}"
-            raise table.fault(row, "marker", f"{name!r} is not in the cell's [markers_mm]", known)
-    return np.array([numbers[name] for name in names])
-
-
 def _check_poses_agree(
     table: Table,
-    robot: Robot,
+    cell: Cell,
     pose_of_row: IntArray,
     first: IntArray,
 ) -> None:
     """Rows of one pose must share joints, wrench, time and heat."""
-    own = {"marker", "sigma_mm", *(f"{a}_{u}" for a in "xyz" for u in ("mm", "m"))}
+    robot, own = cell.robot, {"marker", "instrument", "sigma_mm", *reading_names(cell.instruments)}
     units = ("deg", "rad", "mm", "m")
     shared = {*OTHERS, *WRENCH, *(f"{j}_{u}" for j in robot.joints for u in units)}
     shared |= {f"approach_{j}" for j in robot.joints} | set(torque_columns(robot))
@@ -146,7 +108,7 @@ def _load_poses(cell: Cell, path: Path, required: Sequence[str]) -> tuple[Poses,
     warnings: list[str] = []
 
     def check(columns: tuple[str, ...]) -> None:
-        warnings.extend(check_known(path, cell.robot, columns))
+        warnings.extend(check_known(path, cell.robot, columns, reading_names(cell.instruments)))
         joint_columns(path, cell.robot, columns)
 
     table = read_table(path, required, check)

@@ -13,6 +13,8 @@ from calib.arm.statics import wrench_with_load
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.files.columns import WRENCH, torque_columns
+from calib.files.readings import written_columns
+from calib.instruments import Instrument
 from calib.poses import Measurements, Poses
 
 
@@ -38,25 +40,43 @@ def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def measurements_csv(cell: Cell, data: Measurements) -> str:
-    """The text of ``measurements.csv``: a row for each visible point, with all that is known of it.
+    """The text of ``measurements.csv``: a row for each reading, with all that is known of it.
 
     A load hung on the tip is written as the wrench that it exerts at the nominal pose.
     """
     poses = data.poses
     wrench = wrench_with_load(cell.robot, cell.gravity, poses)
-    header = ["pose", "marker", *_joint_header(cell.robot), "x_mm", "y_mm", "z_mm"]
+    channels = [
+        (instrument, cell.marker_names[j])
+        for instrument, part in cell.channels.blocks
+        for j in cell.channels.marker[part]
+    ]
+    columns = dict(c for instrument in cell.instruments for c in written_columns(instrument))
+    several = ["instrument"] if len(cell.instruments) > 1 else []
+    header = ["pose", "marker", *several, *_joint_header(cell.robot), *columns]
     loaded = bool(wrench.any())
     header += WRENCH if loaded else ()
     session = _session(cell, poses)
     header += session
     rows = []
-    for i, j in np.argwhere(data.seen):
-        row = [poses.names[i], cell.marker_names[j], *_joint_text(cell.robot, poses.q[i])]
-        row += [f"{1e3 * value:.5f}" for value in data.points[i, j]]
+    for i, c in np.argwhere(data.seen):
+        instrument, marker = channels[c]
+        row = [poses.names[i], marker, *[instrument.name for _ in several]]
+        row += _joint_text(cell.robot, poses.q[i])
+        row += _reading_text(instrument, data.readings[i, c], columns)
         row += [f"{value:.6f}" for value in wrench[i]] if loaded else []
         row += [texts[i] for texts in session.values()]
         rows.append(row)
     return csv_text(header, rows)
+
+
+def _reading_text(instrument: Instrument, numbers: Array, columns: Iterable[str]) -> list[str]:
+    """A row of an instrument, empty in the columns of others."""
+    own = written_columns(instrument)
+    shown = {
+        name: f"{value / scale:.5f}" for (name, scale), value in zip(own, numbers, strict=False)
+    }
+    return [shown.get(name, "") for name in columns]
 
 
 def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:

@@ -12,11 +12,11 @@ from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
 from calib.identification.identification import Method
-from calib.identification.solver import Minimum, levenberg_marquardt
 from calib.identification.two_step import alternate
 from calib.model import Model
 from calib.model.covariance import Identifiable, identifiable
 from calib.observations import Observation
+from calib.solver import Minimum, levenberg_marquardt
 
 _TURNS = 12  # rigid parameters and elastic differences in turn: each gains three digits
 _SETTLED = 1e-6  # of a plausible size
@@ -86,7 +86,7 @@ class Readings:
         return observation.covariance(values, span)
 
     def dof(self, observation: Observation, span: Array) -> int:
-        return 3 * int(observation.counted.sum()) - int(span.shape[1])
+        return int(observation.numbers.sum()) - int(span.shape[1])
 
 
 @dataclass(frozen=True)
@@ -137,12 +137,10 @@ class Differences:
 
     def dof(self, observation: Observation, span: Array) -> int:
         group = observation.data.poses.configuration
-        counted = observation.counted
-        spare = sum(
-            int(np.maximum(counted[group == g].sum(axis=0) - 1, 0).sum()) for g in set(group)
-        )
+        groups = (observation.numbers[group == g] for g in set(group))
+        spare = sum(int((own.sum(axis=0) - own.max(axis=0)).sum()) for own in groups)
         soft = int(_soft(observation.model, span).sum())
-        return 3 * spare - soft if soft else -1
+        return spare - soft if soft else -1
 
 
 def steps(model: Model, span: Array) -> tuple[Array, Array]:

@@ -36,10 +36,10 @@ ADVICE: dict[Status, str] = {
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Measured minus predicted points.
+    """Measured minus predicted readings.
 
     data : Measurements
-    vectors : ndarray, shape (m, M, 3), m, zero where hidden
+    vectors : ndarray, shape (m, C, r), of a tracker m, zero where hidden
     outlier : ndarray of bool, shape (m,)
     statistic : ndarray, shape (m,), what outliers are judged by; limit : float
     """
@@ -51,7 +51,7 @@ class Residuals:
     limit: float
 
     def lengths(self, poses: Mask | None = None) -> Array:
-        """Distances of the visible points, shape (n,), m.
+        """Lengths of the visible readings' residuals, shape (n,), of points m.
 
         poses : ndarray of bool, shape (m,), whose points; all by default
         """
@@ -79,7 +79,7 @@ class Identification:
         they do under a model that lacks something; None where the poses are too few to tell
     step_two_std : ndarray, shape (p,), standard deviations that would follow if base and tool were
         known (the paper's step 2), NaN for base and tool
-    weights : ndarray, shape (m, M, 3, 3), 1/m, whitening matrices of the points, zero for hidden ones
+    weights : ndarray, shape (m, C, r, r), whitening matrices of the readings, zero for hidden ones
     profiled : ndarray, shape (p,), standard deviations of tunings by the profile of the likelihood, NaN
         where the covariance holds, or None
     scatter : Scatter or None, how whole poses err together; levels : Levels or None, how that was found
@@ -200,7 +200,7 @@ class Identification:
         return self.covariance + self.ignorance
 
     def predict(self, poses: Poses) -> Array:
-        """Readings at other poses, shape (m, M, 3), m, by the model as fitted: the same knots."""
+        """Readings at other poses, shape (m, C, r), by the model as fitted: the same knots."""
         return self.model.predict(self.values, poses)
 
     @property
@@ -214,7 +214,7 @@ class Identification:
         return {
             effect.where: self.values[part]
             for effect, part in zip(self.model.effects, self.model.slices, strict=True)
-            if isinstance(effect, Base)
+            if isinstance(effect, Base) and effect.of.stationed
         }
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.arm.se3 import rotate
 from calib.arrays import Array, Mask
 from calib.cell import Cell
 from calib.effects.base import Base
@@ -19,7 +18,6 @@ from calib.identification.mistakes import refuse_mistakes, refuse_unreachable
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.identification.outliers import pose_statistics, prediction_statistics, threshold
 from calib.identification.search import Found, search
-from calib.identification.solver import levenberg_marquardt
 from calib.identification.tuning import profiled, with_tunings
 from calib.model import Model
 from calib.model.build import build, lacking, refuse_idle_effects
@@ -36,6 +34,7 @@ from calib.observations import (
 from calib.poses import Measurements
 from calib.poses.moves import of_one_clock
 from calib.scatter import Levels, Scatter, Variances, levels_of, scatter_of
+from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
 
 _NO_UNIT = 1e5  # arm lengths between points, beyond which no wrong unit explains them
@@ -173,32 +172,34 @@ def check_counts(model: Model, data: Measurements) -> None:
     Raises TooFewPoses with the number that is needed, CalibError for points that no arm of this size
     could have reached.
     """
-    refuse_unreachable(model, data, _NO_UNIT)
-    p, markers = len(model.parameters), data.seen.shape[1]
+    if (tracked := model.tracked(data)) is not None:
+        refuse_unreachable(*tracked, _NO_UNIT)
+    p, markers = len(model.parameters), len(model.markers)
     rigid = {1: 3, 2: 5}.get(markers, 6)
     shape = 3 * markers - rigid if len(model.where(Tool)) else 0
     measured = int(data.seen.any(axis=1).sum())
-    equations = min(3 * int(data.seen.sum()), rigid * measured + shape)
+    placed = sum(
+        len(e.parameters) for e in model.effects if isinstance(e, Base) and not e.of.stationed
+    )
+    numbers = int((data.seen * model.readout.channels.rows).sum())
+    equations = min(numbers, rigid * measured + shape + placed)
     if equations < p:
         raise TooFewPoses(measured, int(np.ceil((p - shape) / rigid)), p, equations)
 
 
 def whitening(cell: Cell, model: Model, values: Array, data: Measurements) -> Array:
-    """Weights of the points, shape (m, M, 3, 3), 1/m; zero for hidden markers.
+    """Weights of the readings, shape (m, C, r, r); zero for hidden markers.
 
-    The range is from the instrument where the cell says where it stands, else from the origin of
-    the readings. Raises CalibError where it stands at one place and the data have several stations.
+    A tracker's range is from where the cell says it stands, else from the origin of its readings.
+    Raises CalibError where it stands at one place and the data have several stations.
     """
-    beams = data.points
-    if cell.instrument is not None:
-        if len(data.poses.stations) > 1 and cell.noise.grows:
-            raise CalibError(
-                "[instrument] position_mm holds for one station and the data have "
-                f"{len(data.poses.stations)}; take it out, and ranges count from each station's origin"
-            )
-        R, p = model.placement(values, data.poses)
-        beams = beams - (rotate(R, cell.instrument) + p)[:, None, :]
-    return cell.noise.whitening(beams, data.sigma) * data.seen[..., None, None]
+    if len(data.poses.stations) > 1 and any(i.fixed for i in cell.instruments):
+        raise CalibError(
+            "[instrument] position_mm holds for one station and the data have "
+            f"{len(data.poses.stations)}; take it out, and ranges count from each station's origin"
+        )
+    W = model.readout.whitening(values, data.poses, data.readings, data.sigma)
+    return W * data.seen[..., None, None]
 
 
 def residuals(
@@ -209,11 +210,11 @@ def residuals(
     statistics: Array | None = None,
     limit: float = np.inf,
 ) -> Residuals:
-    """Measured minus predicted points of a data set.
+    """Measured minus predicted readings of a data set.
 
     values : ndarray, shape (p,), SI; outlier, statistics : ndarray, shape (m,), of the poses
     """
-    vectors = (data.points - model.predict(values, data.poses)) * data.seen[..., None]
+    vectors = model.off(values, data)
     none = np.zeros(len(data), dtype=bool)
     return Residuals(
         data,

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from calib.arrays import Array
+from calib.noise import counted
 from calib.poses import Measurements
 from calib.scatter import Levels
 
@@ -57,18 +58,19 @@ def of_levels(levels: Levels, alone: NoiseLevel) -> NoiseLevel:
 
 
 def believed_sigma(data: Measurements, weights: Array) -> float:
-    """Root mean square over the points of the standard deviation of a coordinate, m.
+    """Root mean square over the readings of the standard deviation of a number: of a coordinate, m.
 
-    weights : ndarray, shape (m, M, 3, 3), 1/m
+    weights : ndarray, shape (m, C, r, r), whitening matrices
     """
-    covariance = np.linalg.pinv(weights[data.seen])
-    return float(np.sqrt((covariance**2).sum(axis=(-1, -2)).mean() / 3.0))
+    own = weights[data.seen]
+    squares = (np.linalg.pinv(own) ** 2).sum(axis=(-1, -2)).mean()
+    return float(np.sqrt(squares / max(counted(own).mean(), 1.0)))
 
 
 def replicate_spread(data: Measurements, weights: Array) -> tuple[float, int]:
     """Weighted sum of squares within repeated readings, and its degrees of freedom.
 
-    weights : ndarray, shape (m, M, 3, 3), 1/m
+    weights : ndarray, shape (m, C, r, r), whitening matrices
     """
     total, dof = 0.0, 0
     group = data.poses.repeated
@@ -76,10 +78,11 @@ def replicate_spread(data: Measurements, weights: Array) -> tuple[float, int]:
         here = group == g
         seen = data.seen[here][..., None]
         count = seen.sum(axis=0)
-        mean = (data.points[here] * seen).sum(axis=0) / np.maximum(count, 1)
-        deviation = weights[here] @ ((data.points[here] - mean) * seen)[..., None]
+        mean = (data.readings[here] * seen).sum(axis=0) / np.maximum(count, 1)
+        deviation = weights[here] @ ((data.readings[here] - mean) * seen)[..., None]
+        numbers = counted(weights[here]).max(axis=0)
         total += float((deviation**2).sum())
-        dof += int(3 * np.maximum(count - 1, 0).sum())
+        dof += int((numbers * np.maximum(count[:, 0] - 1, 0)).sum())
     return total, dof
 
 
@@ -87,7 +90,7 @@ def noise_level(cost: float, dof: int, data: Measurements, weights: Array) -> No
     """Decide by chi-square and F tests which source to trust, two-sided at one per cent.
 
     cost, dof : sum of squared whitened residuals of the kept poses, and degrees of freedom
-    weights : ndarray, shape (m, M, 3, 3), 1/m
+    weights : ndarray, shape (m, C, r, r), whitening matrices
     """
     from scipy.special import chdtr, chdtrc, fdtr, fdtrc
 

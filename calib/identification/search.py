@@ -17,9 +17,9 @@ from calib.identification.outliers import (
     threshold,
     wrongly_out,
 )
-from calib.identification.solver import Minimum
 from calib.model.covariance import Identifiable
 from calib.observations import Observation
+from calib.solver import Minimum
 
 _ROUNDS = 12  # times that outliers are judged anew
 

@@ -18,10 +18,10 @@ import numpy as np
 from calib.arrays import Array
 from calib.effects.tuned import Tuned
 from calib.identification.estimators import choose_directions
-from calib.identification.solver import levenberg_marquardt
 from calib.model import Model
 from calib.observations import Observation, Points
 from calib.poses import Poses
+from calib.solver import levenberg_marquardt
 
 _HUBER = 3.0  # median lengths of a pose's residual beyond which it counts less
 _ROUNDS, _SETTLED = 8, 0.05
@@ -222,7 +222,7 @@ def _half_width(
     r = r + (_columns(effect, poses, carried, at) @ values[part.start + 1 : part.stop])
     grid = effect.grid(poses)
     gain = gains(effect, poses, carried, r, _basis([others]), np.append(grid, at))
-    spread = float((r**2).sum() - gain[-1]) / max(1, int(3 * points.counted.sum()))
+    spread = float((r**2).sum() - gain[-1]) / max(1, int(points.numbers.sum()))
     near = grid[gain[:-1] >= gain[-1] - _WIDE * max(1.0, spread)]
     if effect.smooth:
         near = np.append(near, at + std * np.linspace(-_AROUND, _AROUND, 2 * _PARTS + 1))

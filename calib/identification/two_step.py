@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.arrays import Array
-from calib.identification.solver import Linearise, Minimum, damped_step, normal_equations
+from calib.solver import Linearise, Minimum, damped_step, normal_equations
 
 _SETTLED = 1e-6  # length of a turn in standard deviations of the estimate
 _MOST_TURNS = 200_000

@@ -159,6 +159,7 @@ def context_of(cell: Cell, poses: Poses | None) -> Context:
         frozenset() if poses is None else lacking(poses),
         "s" if poses is None else poses.clock_unit,
         dict(cell.gear_ratios),
+        cell.instruments,
     )
 
 
@@ -193,7 +194,13 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
                 raise UnknownEffect(f"{name}:{where} stands twice in [model] effects")
             effects.append(place_effect(name, where, context))
     full = Model(
-        cell.robot, cell.marker_names, cell.markers, tuple(effects), cell.payload, cell.gravity
+        cell.robot,
+        cell.marker_names,
+        cell.markers,
+        tuple(effects),
+        cell.payload,
+        cell.gravity,
+        cell.instruments,
     )
     built = Built(*irreducible(full))
     _refuse_absorbed(_placed(cell, context), full, built)

@@ -9,6 +9,7 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask
 from calib.effects.tool import Tool
 from calib.errors import Unsolvable
+from calib.instruments import Tracker
 from calib.model import Model
 from calib.poses import Poses
 
@@ -160,8 +161,11 @@ def correlation(cov: Array) -> Array:
 
 def working_points(model: Model) -> Model:
     """The model at the points where its accuracy counts: the markers, or the tip's origin where the
-    markers are not part of the model.
+    markers are not part of the model; read by the tracker, or in base axes where there is none.
     """
+    trackers = [i for i in model.instruments if isinstance(i, Tracker) and i.markers is None]
+    if model.instruments != tuple(trackers[:1]):
+        model = replace(model, instruments=tuple(trackers[:1]) or (Tracker(name=""),))
     if any(isinstance(e, Tool) for e in model.effects):
         return model
     return replace(model, marker_names=("tip",), markers=np.zeros((1, 3)))

@@ -1,8 +1,9 @@
-"""The forward model: robot, markers and active effects -> predicted points and their Jacobian.
+"""The forward model: robot, markers and active effects -> predicted readings and their Jacobian.
 
-A marker j at pose i is read at ``T_station_base(i) * arm(q_i, effects) * p_j`` (paper, equation 6),
-as the instrument reads it. The arm is displaced frame by frame by its effects; elastic ones follow
-the wrench that the displaced arm transmits, found by fixed-point iteration. Derivatives are those of
+A marker j at pose i is at ``arm(q_i, effects) * p_j`` in base axes, and an instrument makes a row of it
+(:mod:`calib.model.readout`): a tracker ``T_station_base(i) * arm(q_i, effects) * p_j`` (paper, equation
+6). The arm is displaced frame by frame by its effects; elastic ones follow the wrench that the
+displaced arm transmits, found by fixed-point iteration. Derivatives are those of
 :mod:`calib.model.columns`.
 """
 
@@ -21,7 +22,7 @@ from calib.arm.kinematics import Frames, forward, link_origins, point_velocity
 from calib.arm.robot import Robot
 from calib.arm.se3 import rotate
 from calib.arrays import Array
-from calib.effects.base import Base, to_station
+from calib.effects.base import Base
 from calib.effects.protocol import (
     Constant,
     Displacement,
@@ -40,8 +41,10 @@ from calib.effects.protocol import (
 )
 from calib.effects.tool import Tool
 from calib.effects.tuned import Tuned
+from calib.instruments import Channels, Instrument, Tracker
 from calib.model.columns import arm_columns
-from calib.poses import Poses
+from calib.model.readout import Readout
+from calib.poses import Measurements, Poses
 
 _EQUILIBRIUM_M = 1e-10  # markers at rest: a tenth of a nanometre
 _UNSTABLE_M = 1e-7
@@ -57,6 +60,7 @@ class Model:
     effects : tuple of Effect; their parameters, one after the other, are the vector of values
     payload : Payload
     gravity : ndarray, shape (3,), m/s^2, base axes
+    instruments : tuple of Instrument, that read the markers: C channels, r numbers each at most
     """
 
     robot: Robot
@@ -65,6 +69,7 @@ class Model:
     effects: tuple[Effect, ...]
     payload: statics.Payload
     gravity: Array
+    instruments: tuple[Instrument, ...]
     # The last linearisation: a fit, its judgement and its covariance ask for the same one.
     _last: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
@@ -148,7 +153,7 @@ class Model:
             carriers = link_origins(self.robot, frames, poses.q)
             wrench = statics.transmitted(loads, frames, carriers).with_extra(extra)
             state = State(poses, frames, wrench)
-            points = self._tip_points(frames, values, poses)
+            points = self.tip_points(frames, values, poses)
             if tips is not None and np.abs(points - tips).max(initial=0.0) < _EQUILIBRIUM_M:
                 break
             if not yields:
@@ -229,20 +234,30 @@ class Model:
                 offsets[..., effect.marker, list(effect.components)] = values[..., part]
         return self.markers + offsets
 
+    @cached_property
+    def readout(self) -> Readout:
+        """What makes readings of points."""
+        return Readout(
+            Channels(self.instruments, len(self.markers)),
+            tuple((e, part) for e, part in self._parts if isinstance(e, Base)),
+            tuple((e, part) for e, part in self._parts if isinstance(e, ReadingEffect)),
+        )
+
     def placement(self, values: Array, poses: Poses) -> tuple[Array, Array]:
-        """R_station_base (..., m, 3, 3) and p_station_base (..., m, 3), m, at each pose."""
+        """R_station_base (..., m, 3, 3) and p_station_base (..., m, 3), m, of the tracker."""
         batch = values.shape[:-1]
         R = np.broadcast_to(np.eye(3), (*batch, len(poses), 3, 3)).copy()
         p = np.zeros((*batch, len(poses), 3))
         for effect, part in self._parts:
-            if isinstance(effect, Base):
-                R_base, p_base = Base.placement(values[..., part])
+            if isinstance(effect, Base) and isinstance(effect.of, Tracker):
+                R_base, p_base = effect.of.placement(values[..., part])
                 here = poses.station == effect.station
                 R[..., here, :, :] = R_base[..., None, :, :]
                 p[..., here, :] = p_base[..., None, :]
         return R, p
 
-    def _tip_points(self, frames: Frames, values: Array, poses: Poses) -> Array:
+    def tip_points(self, frames: Frames, values: Array, poses: Poses) -> Array:
+        """Markers in base axes, shape (..., m, M, 3), m."""
         markers = self.marker_positions(values)[..., None, :, :]
         moved = [(e, part) for e, part in self._parts if isinstance(e, MarkerEffect)]
         if moved:
@@ -254,27 +269,37 @@ class Model:
         return rotate(R, markers) + o
 
     def predict(self, values: Array, poses: Poses) -> Array:
-        """Readings of the markers, shape (..., m, M, 3), m, in the frames of the stations."""
-        points = self._tip_points(self.state(values, poses).frames, values, poses)
+        """Readings of the markers, shape (..., m, C, r); of a tracker its points in station axes, m."""
+        points = self.tip_points(self.state(values, poses).frames, values, poses)
         return self.readings(values, poses, points)
 
     def readings(self, values: Array, poses: Poses, points: Array) -> Array:
-        """What the instrument reads of points (..., m, M, 3), m, in base axes."""
-        readings = to_station(*self.placement(values, poses), points)
-        for effect, part in self._parts:
-            if isinstance(effect, ReadingEffect) and not effect.rests(values[..., part]):
-                readings, _, _ = effect.linearise(values[..., part], poses, readings)
-        return readings
+        """What the instruments read of points (..., m, M, 3), m, in base axes."""
+        return self.readout.read(values, poses, points)
+
+    def off(self, values: Array, data: Measurements) -> Array:
+        """What is measured beyond what is predicted, shape (..., m, C, r), zero where hidden."""
+        predicted = self.predict(values, data.poses)
+        return self.readout.difference(data.readings, predicted) * data.seen[..., None]
+
+    def tracked(self, data: Measurements) -> tuple[Model, Measurements] | None:
+        """Model and data of a tracker that reads every marker, alone; None where there is none."""
+        for instrument, part in self.readout.channels.blocks:
+            if isinstance(instrument, Tracker) and instrument.markers is None:
+                if len(self.instruments) == 1:
+                    return self, data
+                return replace(self, instruments=(instrument,)), data.only(part, instrument.rows)
+        return None
 
     # -- derivatives ---------------------------------------------------------------------------
 
     def jacobian(self, values: Array, poses: Poses) -> tuple[Array, Array]:
-        """Predicted points (..., m, M, 3) and their derivatives (..., m, M, 3, p), SI, read-only."""
+        """Predicted readings (..., m, C, r) and their derivatives (..., m, C, r, p), SI, read-only."""
         last = self._last.get("found")  # one read and one write: threads may share a model
         if last is None or last[0] is not poses or not np.array_equal(last[1], values):
-            points, J = self._jacobian(values, poses)
-            points.flags.writeable = J.flags.writeable = False
-            last = self._last["found"] = (poses, values.copy(), points, J)
+            readings, J = self._jacobian(values, poses)
+            readings.flags.writeable = J.flags.writeable = False
+            last = self._last["found"] = (poses, values.copy(), readings, J)
         return last[2], last[3]
 
     def __getstate__(self) -> dict[str, Any]:
@@ -282,8 +307,7 @@ class Model:
 
     def _jacobian(self, values: Array, poses: Poses) -> tuple[Array, Array]:
         state = self.state(values, poses)
-        points = self._tip_points(state.frames, values, poses)
-        R, p = self.placement(values, poses)
+        points = self.tip_points(state.frames, values, poses)
         J = np.zeros((*points.shape, len(self.parameters)))
         arm = self.where(TwistEffect, LoadEffect)
         if len(arm):
@@ -303,19 +327,7 @@ class Model:
             elif isinstance(effect, MarkerEffect):
                 R_tip, marker = state.frames.R[..., -1, :, :], effect.marker(self.marker_names)
                 J[..., marker, :, part] = R_tip @ effect.columns(poses, values[..., part])
-        if values[..., self.where(Base)].any():
-            J = R[..., None, :, :] @ J
-        for effect, part in self._parts:
-            if isinstance(effect, Base):
-                here = poses.station == effect.station
-                J[..., here, :, :, part] = Base.columns(values[..., part], points[..., here, :, :])
-        readings = to_station(R, p, points)
-        for effect, part in self._parts:
-            if isinstance(effect, ReadingEffect):
-                readings, turn, own = effect.linearise(values[..., part], poses, readings)
-                J = J if effect.rests(values[..., part]) else turn @ J
-                J[..., part] = own
-        return readings, J
+        return self.readout.linearise(values, poses, points, J)
 
     def _flexibilities(self, values: Array, poses: Poses) -> dict[int, Array]:
         """Flexibility of each frame that is elastic at the present values, shape (..., m, 6, 6)."""

@@ -62,12 +62,12 @@ def _generic_values(model: Model) -> Array:
 def irreducible(model: Model) -> tuple[Model, tuple[Dropped, ...]]:
     """Drop the constant parameters that base, markers and the other constants absorb."""
     constant = [e for e in model.effects if _is_constant(e)]
-    extra_stations = [e for e in constant if isinstance(e, Base) and e.station > 0]
+    extra_stations = [e for e in constant if isinstance(e, Base) and e.station]
     constant = [e for e in constant if e not in extra_stations]
     if not constant:
         return model, ()
     rigid = model.with_effects(tuple(constant))
-    count = 20 + 2 * len(rigid.parameters) // (3 * len(model.markers))
+    count = 20 + 2 * len(rigid.parameters) // int(model.readout.channels.rows.sum())
     poses = poses_at(generic_configurations(model.robot, count))
     _, J = rigid.jacobian(_generic_values(rigid), poses)
     X = J.reshape(-1, J.shape[-1])

@@ -1,4 +1,4 @@
-"""Approach #2 of the paper: the coordinates of every marker, as they are measured."""
+"""Approach #2 of the paper: every reading of every marker, as it is measured."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from calib.observations.protocol import Observation
 
 @dataclass(frozen=True, eq=False)
 class Points(Observation):
-    """Every coordinate of every marker.
+    """Every number of every reading: of a tracker, every coordinate of every marker.
 
     centred : subtract the mean of each configuration: only differences between readings at equal
         joints count, what is common to them (geometry) drops out
@@ -25,12 +25,13 @@ class Points(Observation):
         return self.residuals(predicted), self.rows(J)
 
     def residuals(self, predicted: Array) -> Array:
-        """Weighted residuals, shape (..., m, 3 M)."""
-        r = self._relative((self.data.points - predicted)[..., None])
+        """Weighted residuals, shape (..., m, r C)."""
+        off = self.model.readout.difference(self.data.readings, predicted)
+        r = self._relative(off[..., None])
         return (self.weights @ r).reshape((*r.shape[:-3], -1))
 
     def rows(self, J: Array) -> Array:
-        """Weighted rows of a Jacobian (..., m, M, 3, p), shape (..., m, 3 M, p)."""
+        """Weighted rows of a Jacobian (..., m, C, r, p), shape (..., m, r C, p)."""
         weighted = self.weights @ self._relative(J)
         return weighted.reshape((*J.shape[:-3], -1, J.shape[-1]))
 
@@ -44,8 +45,8 @@ class Points(Observation):
         for g in np.unique(group):
             here = group == g
             own, total = information[here], information[here].sum(axis=0)
-            hidden = np.logical_not(total.any(axis=(-1, -2), keepdims=True))
+            idle = np.eye(total.shape[-1]) * ~total.any(axis=-1, keepdims=True)
             weighted = (own @ a[..., here, :, :, :]).sum(axis=-4)
-            mean = np.linalg.solve(total + hidden * np.eye(3), weighted)
+            mean = np.linalg.solve(total + idle, weighted)
             out[..., here, :, :, :] = a[..., here, :, :, :] - mean[..., None, :, :, :]
         return out

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from calib.arrays import Array, Mask
+from calib.arrays import Array, IntArray, Mask
 from calib.model import Model
 from calib.model.covariance import covariance, gain
+from calib.noise import counted
 from calib.poses import Measurements
 from calib.scatter.poses import Mixing, Scatter
 
@@ -24,7 +25,8 @@ class Observation(ABC):
     """How readings become weighted residuals.
 
     data : Measurements; its points may carry leading axes, one set of readings a trial
-    weights : ndarray, shape (m, M, 3, 3), 1/m, whitening matrices, zero for what does not count
+    weights : ndarray, shape (m, C, r, r), whitening matrices of the readings, zero for what does not
+        count
     known : Scatter or None, how whole poses err together as the cell says it, beside the noise of their
         points: the readings are weighed by it
     scatter : Scatter or None, how they do as the data show it, what is known included. It weighs
@@ -43,7 +45,7 @@ class Observation(ABC):
 
     @abstractmethod
     def rows(self, J: Array) -> Array:
-        """Weighted rows (..., m, rows, p) of a Jacobian (..., m, M, 3, p)."""
+        """Weighted rows (..., m, rows, p) of a Jacobian (..., m, C, r, p)."""
 
     @cached_property
     def weighing(self) -> Mixing | None:
@@ -102,7 +104,7 @@ class Observation(ABC):
         return replace(self, weights=self.weights * kept[:, None, None, None])
 
     def points(self, centred: bool = False) -> Points:
-        """The marker points behind it, weighed by the instrument: by them poses are judged."""
+        """The readings behind it, weighed by the instrument: by them poses are judged."""
         from calib.observations.points import Points
 
         scatter = self.known if self.scatter is None else self.scatter
@@ -110,5 +112,10 @@ class Observation(ABC):
 
     @property
     def counted(self) -> Mask:
-        """Markers that count, shape (m, M)."""
+        """Readings that count, shape (m, C)."""
         return np.asarray(self.data.seen & self.weights.any(axis=(-1, -2)))
+
+    @property
+    def numbers(self) -> IntArray:
+        """How many numbers of each reading count, shape (m, C)."""
+        return np.asarray(counted(self.weights) * self.data.seen)

@@ -144,18 +144,19 @@ def hung(poses: Poses, mass: float, com: Sequence[float]) -> Poses:
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """Measured marker points of m poses and M markers.
+    """What the instruments read at m poses, in C channels: a tracker has one for each marker.
 
     poses : Poses
-    points : ndarray, shape (m, M, 3), m, in the frame of each pose's station; zero where hidden
-    seen : ndarray of bool, shape (m, M)
-    sigma : ndarray, shape (m, M), m, standard deviation of a point where the file gives one, else
+    readings : ndarray, shape (m, C, r), rows of the instruments; of a tracker points [m] in the frame
+        of each pose's station. Zero where hidden
+    seen : ndarray of bool, shape (m, C)
+    sigma : ndarray, shape (m, C), standard deviation of a row's numbers where the file gives one, else
         NaN
     warnings : tuple of str, what a reader should know about the file
     """
 
     poses: Poses
-    points: Array
+    readings: Array
     seen: Mask
     sigma: Array
     warnings: tuple[str, ...] = ()
@@ -163,12 +164,26 @@ class Measurements:
     def __len__(self) -> int:
         return len(self.poses)
 
+    @property
+    def points(self) -> Array:
+        """The points of a tracker that reads alone, shape (m, M, 3), m."""
+        return self.readings
+
+    def only(self, channels: slice, rows: int) -> Measurements:
+        """What some channels read, so many numbers each."""
+        return replace(
+            self,
+            readings=self.readings[:, channels, :rows],
+            seen=self.seen[:, channels],
+            sigma=self.sigma[:, channels],
+        )
+
     def take(self, index: Any) -> Measurements:
         """The measurements of an index array or mask over the poses."""
         return replace(
             self,
             poses=self.poses.take(index),
-            points=self.points[index],
+            readings=self.readings[index],
             seen=self.seen[index],
             sigma=self.sigma[index],
         )

@@ -65,8 +65,8 @@ class Mixing:
 class Scatter:
     """How m poses err as a whole.
 
-    levers : ndarray, shape (m, M, 3, n + 6), m/rad or 1: how each reading follows a displacement of
-        each joint and of the tip, in the axes of its station
+    levers : ndarray, shape (m, C, r, n + 6): how each reading follows a displacement of each joint and
+        of the tip; of a tracker's points in m/rad or 1
     tip : ndarray, shape (m, 6, n + 6), how the tip follows them, translation first, base axes
     approach, configuration : ndarray of int, shape (m,)
     variances : Variances
@@ -109,7 +109,7 @@ class Scatter:
         return len(pairs) > len(np.unique(self.configuration))
 
     def point_variance(self, variances: Array) -> Array:
-        """What variances (n + 2,) add to each point, 3-D, shape (m, M), m^2."""
+        """What variances (n + 2,) add to each reading, shape (m, C), of points 3-D, m^2."""
         return np.asarray((self.levers**2 * variances[self.kinds]).sum(axis=(-1, -2)))
 
     def of_tip(self, variances: Array) -> Repeatability:
@@ -162,9 +162,8 @@ def scatter_of(model: Model, values: Array, poses: Poses, variances: Variances) 
     turned = [cross(unit, points - o_tip[:, None]) for unit in np.eye(3)]
     still = [np.broadcast_to(unit, points.shape) for unit in np.eye(3)]
     levers = np.stack([*moved, *still, *turned], axis=-1)
-    R, _ = model.placement(values, poses)
     return Scatter(
-        R[:, None] @ levers,
+        model.readout.follow(values, poses, points, levers),
         _tip_levers(axes, o_tip),
         visits(poses),
         poses.configuration,

@@ -1,8 +1,8 @@
-"""Which markers the instrument sees. A hidden marker is a missing row, it forbids no configuration."""
+"""What the instruments see. A hidden marker is a missing row, it forbids no configuration."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -16,54 +16,65 @@ _SLACK = 1e-12
 
 
 def visible(scene: Scene) -> Mask:
-    """Whether each marker is seen at each configuration, shape (n, M).
+    """Whether each reading can be had at each configuration, shape (n, C): of a tracker each marker.
 
     Hidden by a capsule across the beam, unless the marker itself sits in it; by a box or a ball
     across the beam, unless the instrument itself stands in it; and by turning away further than
     its acceptance, a quarter turn where only its normal is known. All are seen where nobody said
     where the instrument stands.
     """
-    seen = np.ones((len(scene), len(scene.cell.markers)), dtype=bool)
-    for _, j, hidden in _hidings(scene):
-        seen[hidden, j] = False
+    seen = np.ones((len(scene), len(scene.cell.channels)), dtype=bool)
+    for _, channel, hidden in _hidings(scene):
+        seen[hidden, channel] = False
     return seen
 
 
 def hidden_by(scene: Scene) -> dict[tuple[int, int], str]:
-    """What hides a marker, by configuration and marker: ``turned away`` or ``behind A3``.
+    """What hides a marker, by configuration and channel: ``turned away`` or ``behind A3``.
 
     Of several causes the first one found. What is not in it, is seen (:func:`visible`).
     """
-    return {(int(i), j): why for why, j, hidden in _hidings(scene) for i in np.flatnonzero(hidden)}
+    return {(int(i), c): why for why, c, hidden in _hidings(scene) for i in np.flatnonzero(hidden)}
 
 
 def _hidings(scene: Scene) -> Iterator[tuple[str, int, Mask]]:
-    """Cause, marker, and the configurations (n,) where it is the first to hide that marker."""
-    cell = scene.cell
-    if cell.instrument is None:
-        return
-    obstacles = [o for o in obstacles_of(cell) if _stands_in_the_way(o, cell.instrument)]
-    for j in range(len(cell.markers)):
-        marker, free = scene.markers[:, j], _facing(scene, j)
-        yield "turned away", j, ~free
-        for capsule in scene.capsules:
-            hidden = _behind_capsule(marker, capsule, cell.instrument, free)
-            free &= ~hidden
-            yield f"behind {capsule.name}", j, hidden
-        for obstacle in obstacles:
-            hidden = _behind_obstacle(marker, obstacle, cell.instrument, free)
-            free &= ~hidden
-            yield f"behind {obstacle.name}", j, hidden
+    """Cause, channel, and the configurations (n,) where it is the first to hide its marker."""
+    channels = scene.cell.channels
+    for instrument, part in channels.blocks:
+        at = instrument.position
+        if at is None:
+            continue
+        obstacles = [o for o in obstacles_of(scene.cell) if _stands_in_the_way(o, at)]
+        for channel in range(part.start, part.stop):
+            j = int(channels.marker[channel])
+            for why, hidden in _hidden(scene, j, at, obstacles):
+                yield why, channel, hidden
 
 
-def _facing(scene: Scene, j: int) -> Mask:
+def _hidden(
+    scene: Scene, j: int, instrument: Array, obstacles: Sequence[Obstacle]
+) -> Iterator[tuple[str, Mask]]:
+    """Cause by cause, the configurations (n,) where it is the first to hide marker j."""
+    marker, free = scene.markers[:, j], _facing(scene, j, instrument)
+    yield "turned away", ~free
+    for capsule in scene.capsules:
+        hidden = _behind_capsule(marker, capsule, instrument, free)
+        free &= ~hidden
+        yield f"behind {capsule.name}", hidden
+    for obstacle in obstacles:
+        hidden = _behind_obstacle(marker, obstacle, instrument, free)
+        free &= ~hidden
+        yield f"behind {obstacle.name}", hidden
+
+
+def _facing(scene: Scene, j: int, instrument: Array) -> Mask:
     """Whether the beam meets marker j within its acceptance, shape (n,)."""
     cell, normal = scene.cell, scene.cell.marker_normals[j]
-    if np.isnan(normal).any() or cell.instrument is None:
+    if np.isnan(normal).any():
         return np.ones(len(scene), dtype=bool)
     acceptance = cell.marker_acceptance[j]
     least = 0.0 if np.isnan(acceptance) else np.cos(acceptance)
-    beam = cell.instrument - scene.markers[:, j]
+    beam = instrument - scene.markers[:, j]
     cosine = np.einsum("ni,ni->n", turned(scene.frames.R[:, -1], normal), beam)
     return np.asarray(cosine >= (least - _SLACK) * np.linalg.norm(beam, axis=1))
 

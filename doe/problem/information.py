@@ -38,7 +38,8 @@ class Regressor:
     def rank(self) -> int:
         """Rows that one configuration brings, or the number of parameters if that is less."""
         readings_each = 1 if self.silent or self.cell.load is None else 2
-        return int(min(3 * len(self.cell.markers) * readings_each, self.T.shape[1]))
+        numbers = int(self.model.readout.channels.rows.sum())
+        return int(min(numbers * readings_each, self.T.shape[1]))
 
     @cached_property
     def linearisation(self) -> Linearisation:

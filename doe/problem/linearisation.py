@@ -19,7 +19,6 @@ from calib.model import Model
 from calib.poses import Measurements, Poses
 from calib.scatter import Scatter, Variances, scatter_of
 from calib.scatter.poses import Mixing
-from calib.simulation import beams
 
 Visits = tuple[IntArray, IntArray]
 
@@ -66,9 +65,9 @@ class Linearisation:
         return self._rows(data.poses, lambda _: self.weights(data, kept), None)
 
     def weights(self, data: Measurements, kept: Mask | None = None) -> Array:
-        """Whitening matrices of readings, shape (m, M, 3, 3), 1/m, zero for what does not count."""
+        """Whitening matrices of readings, shape (m, C, r, r), zero for what does not count."""
         seen = data.seen if kept is None else data.seen & kept[:, None]
-        W = self._whitening(data.poses, data.points, data.sigma)
+        W = self._whitening(data.poses, data.readings, data.sigma)
         return np.asarray(W * seen[..., None, None])
 
     def candidates(self, poses: Poses, seen: Mask | None, visit: Visits, sigma: float) -> Rows:
@@ -103,20 +102,19 @@ class Linearisation:
         return Rows(rows, scatter.mixing(weighted(W, scatter.levers)))
 
     def _foreseen(self, poses: Poses, points: Array, seen: Mask | None, sigma: float) -> Array:
-        """Whitening matrices (m, M, 3, 3), 1/m, or standard deviations (m, M, 1, 1) where they do."""
-        noise = self.cell.noise
-        if np.isnan(sigma) and not noise.grows:
+        """Whitening matrices (m, C, r, r), or standard deviations (m, C, 1, 1) where they do."""
+        even = self.model.readout.even
+        if np.isnan(sigma) and even is not None:
             counted = np.ones(points.shape[:-1], dtype=bool) if seen is None else seen
-            return np.where(counted, noise.along, np.inf)[..., None, None]
+            return np.where(counted, even, np.inf)[..., None, None]
         W = self._whitening(poses, points, np.full(points.shape[:-1], sigma))
         return W if seen is None else W * seen[..., None, None]
 
     def _whitening(self, poses: Poses, points: Array, sigma: Array) -> Array:
-        along = beams(self.model, self.values, poses, points, self.cell.instrument)
-        return self.cell.noise.whitening(along, sigma)
+        return self.model.readout.whitening(self.values, poses, points, sigma)
 
     def _heard(self, J: Array) -> Array:
-        """Derivatives (m, M, 3, p) without those by what is silent."""
+        """Derivatives (m, C, r, p) without those by what is silent."""
         if not self.silent:
             return J
         heard = J.copy()
@@ -127,9 +125,9 @@ class Linearisation:
 
 
 def weighted(W: Array, columns: Array) -> Array:
-    """Columns (m, M, 3, k) in standard deviations, the coordinates of a reading one after the other.
+    """Columns (m, C, r, k) in standard deviations, the coordinates of a reading one after the other.
 
-    W : ndarray, shape (m, M, 3, 3), 1/m, or standard deviations (m, M, 1, 1), m
+    W : ndarray, shape (m, C, r, r), or standard deviations (m, C, 1, 1)
     """
     rows = columns / W if W.shape[-1] == 1 else W @ columns
     return np.asarray(rows.reshape(len(columns), -1, columns.shape[-1]))

@@ -137,7 +137,7 @@ def judge(
             q, level = q[kept], level[kept]
     if not len(q):
         empty = np.zeros((0, packed_size(regressor.T.shape[1])))
-        return Chunk(q, empty, level, np.ones((0, len(cell.markers)), bool), total, fallen)
+        return Chunk(q, empty, level, np.ones((0, len(cell.channels)), bool), total, fallen)
     seen = visible(scene_of(cell, q))
     packed = pack(regressor.information(q, None if seen.all() else seen))
     return Chunk(q, packed, level, seen, total, fallen)

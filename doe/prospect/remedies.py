@@ -169,9 +169,11 @@ def _tilted(situation: Situation) -> Change:
 def _placed_anew(situation: Situation) -> Situation:
     """The same with the base somewhere unknown in the frame of the readings to come."""
     model, conditions = situation.model, situation.conditions
-    here = [e for e in model.effects if isinstance(e, Base) and e.station == conditions.station]
+    here: list[Base] = [
+        e for e in model.effects if isinstance(e, Base) and e.station == conditions.station
+    ]
     count = len(conditions.stations)
-    base = Base(_SECOND, count)
+    base = Base(_SECOND, count, here[0].of) if here else Base(_SECOND, count)
     start = situation.values[model.slices[model.effects.index(here[0])]] if here else np.zeros(6)
     moved = situation.under(station=count, stations=(*conditions.stations, _SECOND))
     values = np.concatenate([situation.values, start])

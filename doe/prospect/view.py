@@ -77,7 +77,7 @@ def view_of(cell: Cell, plan: Plan, values: Array | None = None) -> View:
     check_counts(model, data)
     assumed = values is None
     values = soft(model, data.poses) if values is None else values
-    data = replace(data, points=model.predict(values, data.poses))
+    data = replace(data, readings=model.predict(values, data.poses))
     everything, missing = candidates(cell, model, data)
     everything = [replace(c, tried=_tunings(c.effect, data.poses)) for c in everything]
     everything = [c for c in everything if c.tried]
@@ -125,4 +125,5 @@ def readings_of(cell: Cell, plan: Plan) -> Measurements:
         poses = replace(with_moves(poses), order=None)  # a plan says nothing of when it is measured
     poses = in_turn(cell, poses)
     seen = visible(scene_of(cell, poses.q))
-    return Measurements(poses, np.zeros((*seen.shape, 3)), seen, np.full(seen.shape, np.nan))
+    blank = np.zeros((*seen.shape, cell.channels.width))
+    return Measurements(poses, blank, seen, np.full(seen.shape, np.nan))

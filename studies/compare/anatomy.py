@@ -42,7 +42,8 @@ def influence(experiment: Experiment, prediction: Prediction, configurations: in
     points = experiment.model.predict(experiment.nominal, experiment.poses)
     observation, start = experiment.observe(POINTS, points)
     squared = gain(observation.flat(start)[1], prediction.span) ** 2
-    by_reading = squared.reshape(len(squared), -1, configurations, 3 * experiment.seen.shape[1])
+    each = experiment.weights[0, ..., 0].size  # numbers of one reading
+    by_reading = squared.reshape(len(squared), -1, configurations, each)
     share = by_reading.sum(axis=(1, 3))
     total = share.sum(axis=1, keepdims=True)
     return np.asarray((share / np.where(total > 0.0, total, np.nan)).T)

@@ -14,6 +14,7 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import CalibError
 from calib.model.build import build
+from calib.noise import counted
 from calib.poses import Poses
 from calib.targets import targets_of
 from calib.threads import one_blas_thread
@@ -223,7 +224,7 @@ def _verdict(
     key = prediction.way.key
     errors = done.of(key)
     cost = done.cost[key][done.settled[key]] if prediction.way == POINTS else None
-    spare = 3 * int(experiment.seen.sum()) - prediction.span.shape[1]
+    spare = int(counted(experiment.weights).sum()) - prediction.span.shape[1]
     judged = agreement(errors, prediction.covariance, cost, spare)
     why, simulated = None, np.nan
     if judged is not None and judged.trials >= FEWEST:

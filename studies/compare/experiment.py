@@ -16,7 +16,6 @@ from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
-from calib.noise import Noise
 from calib.observations import (
     Approach,
     Observation,
@@ -28,7 +27,7 @@ from calib.observations import (
 )
 from calib.poses import Measurements, Poses
 from calib.scatter import Scatter, Variances, scatter_of
-from calib.simulation import approached, beams, tip_origins
+from calib.simulation import approached, tip_origins, whitening
 from doe.constraints import scene_of, visible
 
 _PLAUSIBLE_M = 1e-3  # what an assumed error moves the markers by at most
@@ -59,12 +58,12 @@ class Experiment:
     """What is measured, and what is true.
 
     model : Model; poses : Poses, the m readings; seen : ndarray of bool, shape (m, M)
-    weights : ndarray, shape (m, M, 3, 3), 1/m, whitening matrices of the noise, zero where hidden
+    weights : ndarray, shape (m, C, r, r), whitening matrices of the noise, zero where hidden
     nominal : ndarray, shape (p,), SI, what is known before: predictions hold there, fits start there
     truth : ndarray, shape (p,), SI, what simulated readings come from
     length : float, m, characteristic length of the plain weighting
     cell : Cell, as a fit from nothing but the readings knows it, or None
-    exact : ndarray, shape (m, M, 3), m, readings without noise where they are not the model's own, such
+    exact : ndarray, shape (m, C, r), readings without noise where they are not the model's own, such
         as MuJoCo's; else None
     arm : Repeatability, known of the arm that comes to each pose anew; None for one that always returns
     """
@@ -87,7 +86,7 @@ class Experiment:
         return WAYS if usable.any() else (POINTS,)
 
     def readings(self) -> Array:
-        """What would be read without noise, shape (m, M, 3), m."""
+        """What would be read without noise, shape (m, C, r)."""
         return self.model.predict(self.truth, self.poses) if self.exact is None else self.exact
 
     @cached_property
@@ -99,7 +98,7 @@ class Experiment:
         return scatter_of(self.model, self.nominal, self.poses, known)
 
     def drawn(self, trials: int, rng: np.random.Generator) -> Array:
-        """Noisy readings of so many experiments, shape (trials, m, M, 3), m."""
+        """Noisy readings of so many experiments, shape (trials, m, C, r)."""
         exact = self.readings()
         white = rng.standard_normal((trials, *exact.shape, 1))
         noise = (np.linalg.pinv(self.weights) @ white)[..., 0]
@@ -115,13 +114,13 @@ class Experiment:
         return replace(self, weights=factor * self.weights, arm=arm)
 
     def measured(self, points: Array) -> Measurements:
-        """Points (..., m, M, 3), m, as a data set; leading axes are trials."""
+        """Readings (..., m, C, r) as a data set; leading axes are trials."""
         return Measurements(self.poses, points, self.seen, np.full(self.seen.shape, np.nan))
 
     def observe(self, way: Way, points: Array) -> tuple[Observation, Array]:
         """Readings under a way, and the values (..., p) from which a fit starts.
 
-        points : ndarray, shape (..., m, M, 3), m; leading axes are trials
+        points : ndarray, shape (..., m, C, r); leading axes are trials
         """
         data = self.measured(points)
         observation = Points(self.model, data, self.weights, known=self.scatter)
@@ -155,22 +154,14 @@ def experiment_of(
     if values is None and len(model.where(LoadEffect)):
         soft = model.where(ElasticEffect)
         nominal[soft] = truth[soft]
-    weights = noise_weights(cell.noise, model, nominal, poses, seen, cell.instrument)
+    weights = noise_weights(model, nominal, poses, seen)
     arm = cell.repeatability if cell.scatters else None
     return Experiment(model, poses, seen, weights, nominal, truth, length, cell, arm=arm)
 
 
-def noise_weights(
-    noise: Noise,
-    model: Model,
-    values: Array,
-    poses: Poses,
-    seen: NDArray[np.bool_],
-    instrument: Array | None = None,
-) -> Array:
-    """Whitening matrices of the points of a plan, shape (m, M, 3, 3), 1/m, zero where hidden."""
-    along = beams(model, values, poses, model.predict(values, poses), instrument)
-    W = noise.whitening(along, np.full(seen.shape, np.nan))
+def noise_weights(model: Model, values: Array, poses: Poses, seen: NDArray[np.bool_]) -> Array:
+    """Whitening matrices of the readings of a plan, shape (m, C, r, r), zero where hidden."""
+    W = whitening(model, values, poses, model.predict(values, poses))
     return np.asarray(np.where(seen[..., None, None], W, 0.0))
 
 

@@ -91,7 +91,7 @@ def _meaning(model: Model, values: Array, poses: Poses) -> _Truth:
         joint = robot.joints.index(effect.where) if effect.where in robot.joints else -1
         match effect:
             case Base():
-                bases[effect.station] = own
+                bases[effect.station or 0] = own
             case Tool():
                 markers[effect.marker, list(effect.components)] += own
             case ConstantTwist():

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.arrays import Array
-from calib.identification.solver import levenberg_marquardt
+from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
 from studies.compare.engines import interrupts_in
 from studies.compare.experiment import Experiment
@@ -168,7 +168,7 @@ def _evenly(whole: Mapping[str, int], block: int, blocks: int) -> dict[str, int]
 
 def _block_sizes(experiment: Experiment, trials: int) -> list[int]:
     """Trials of each block; of the plan alone, so that no number depends on the machine."""
-    numbers = experiment.seen.size * 3 * len(experiment.nominal)
+    numbers = experiment.weights[..., 0].size * len(experiment.nominal)
     most = max(1, min(MOST_TRIALS, _MOST_NUMBERS // numbers))
     return [min(most, trials - start) for start in range(0, trials, most)]
 

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from calib.arrays import Array
-from calib.identification.solver import levenberg_marquardt
+from calib.solver import levenberg_marquardt
 from studies.compare.agreement import BELIEVED, Agreement, agreement
 from studies.compare.experiment import Experiment
 from studies.compare.montecarlo import refits

@@ -18,7 +18,7 @@ from calib.model.covariance import accuracy
 from calib.noise import Noise
 from calib.poses import poses_at
 from studies.demo import simulated
-from tests.helpers import cell_of, random_robot, with_effects
+from tests.helpers import cell_of, random_robot, read_by, with_effects
 
 MARKERS = np.array(
     [[0.2792, -0.0164, -0.0919], [0.2792, -0.0252, 0.0961], [0.2818, 0.1305, 0.0056]]
@@ -184,7 +184,7 @@ def test_standard_deviations_when_points_err_together(kr270: Cell) -> None:
     for _ in range(60):
         data = calib.simulate(model, truth, poses, cell.noise, rng)
         common = rng.normal(size=(80, 1, 3)) * 1e-4
-        found = calib.identify(cell, replace(data, points=data.points + common))
+        found = calib.identify(cell, replace(data, readings=data.points + common))
         by_levels.append((found.values / found.std) ** 2)
         by_pose.append((found.values / found.std_by_pose) ** 2)
     offsets = [i for i, p in enumerate(model.parameters) if p.effect == "joint_offset"]
@@ -209,7 +209,7 @@ def test_hidden_markers_only_cost_information(kr270: Cell) -> None:
     cell = cell_of(kr270.robot, np.zeros((3, 3)), RIGID)
     data, _truth = measured(cell, random_configurations(cell, rng, 40), rng)
     seen = rng.random(data.seen.shape) > 0.3
-    hidden = replace(data, seen=seen, points=np.where(seen[..., None], data.points, 0.0))
+    hidden = replace(data, seen=seen, readings=np.where(seen[..., None], data.points, 0.0))
     full, part = calib.identify(cell, data), calib.identify(cell, hidden)
     assert part.rms("fitted") < 2e-5 * np.sqrt(3)
     assert (part.std >= full.std * 0.999).all()
@@ -224,7 +224,7 @@ def test_outliers_are_listed_and_do_not_bend_the_result(kr270: Cell) -> None:
     points[7] += np.array([0.0, 0.004, 0.0])
     points[23, 1] += np.array([0.001, 0.0, 0.0])
     points[41] = points[40]
-    result = calib.identify(cell, replace(data, points=points))
+    result = calib.identify(cell, replace(data, readings=points))
     assert list(np.flatnonzero(result.fit.outlier)) == bad
     assert result.noise.source == "cell"
     assert result.rms("fitted") < 2e-5 * np.sqrt(3) < result.rms("fitted_all")
@@ -301,7 +301,7 @@ def test_instrument_noise_weights_the_points(kr270: Cell) -> None:
     """With a tracker that is poor across the beam the weighted estimate is the better one."""
     rng = np.random.default_rng(10)
     tracker = Noise(2e-6, 1e-6, 0.0, 2e-5)
-    cell = replace(cell_of(kr270.robot, MARKERS, RIGID), noise=tracker)
+    cell = replace(cell_of(kr270.robot, MARKERS, RIGID), instruments=read_by(tracker))
     poses = random_configurations(cell, rng, 20)
     model = build(cell, poses).model
     truth = np.zeros(len(model.parameters))
@@ -311,7 +311,7 @@ def test_instrument_noise_weights_the_points(kr270: Cell) -> None:
         data = calib.simulate(model, truth, poses, tracker, rng)
         found = calib.identify(cell, data)
         information = np.linalg.inv(found.covariance / found.noise.factor**2)
-        other = calib.identify(replace(cell, noise=Noise.isotropic(3e-5)), data)
+        other = calib.identify(replace(cell, instruments=read_by(Noise.isotropic(3e-5))), data)
         for result, squared in ((found, weighted), (other, plain)):
             error = result.values - truth
             squared.append(error @ information @ error / len(error))

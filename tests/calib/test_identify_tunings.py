@@ -166,7 +166,7 @@ def test_an_outlier_is_no_step() -> None:
     points = data.points.copy()
     points[47] += 0.02
     result = calib.identify(
-        with_effects(cell, "base", "tool", "step:j3"), replace(data, points=points)
+        with_effects(cell, "base", "tool", "step:j3"), replace(data, readings=points)
     )
     value, std = tuning(result)
     assert abs(value - truth) <= 1.96 * std + 1e-9

@@ -214,7 +214,7 @@ def test_real_days(data: Path, name: str) -> None:
     model = build(cell, table.poses).model
     far = np.full(len(table), model.robot.reach)
     assert recognised(model, table, far) is None, "asked, though the misfit gives no cause"
-    mirrored = replace(table, points=table.points * [1.0, -1.0, 1.0])
+    mirrored = replace(table, readings=table.points * [1.0, -1.0, 1.0])
     assert recognised(model, mirrored, far).names == ("mirrored",)
     q = table.poses.q * np.where(np.arange(model.robot.dof) == 2, -1.0, 1.0)
     reversed_ = replace(table, poses=replace(table.poses, q=q))

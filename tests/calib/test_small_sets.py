@@ -30,7 +30,7 @@ def test_a_wrong_point_is_found_all_the_same(kr270: Cell, table_two: Poses) -> N
     data = of_poses(whole_day(cell, table_two), HALF, len(table_two))
     points = data.points.copy()
     points[8, 0] += [0.0, 0.4e-3, 0.0]
-    found = calib.identify(cell, replace(data, points=points)).fit.outlier
+    found = calib.identify(cell, replace(data, readings=points)).fit.outlier
     assert list(np.flatnonzero(found)) == [8]
 
 
@@ -44,7 +44,7 @@ def test_a_judgement_that_does_not_settle_is_said(
     points = data.points.copy()
     points[3, 0] += [0.0, 3e-3, 0.0]
     points[8, 1] += [2e-3, 0.0, 0.0]
-    data = replace(data, points=points)
+    data = replace(data, readings=points)
     settled = calib.identify(cell, data)
     assert list(np.flatnonzero(settled.fit.outlier)) == [3, 8]
     assert (settled.undecided, settled.warnings) == ((), ())

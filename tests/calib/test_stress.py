@@ -12,8 +12,8 @@ from calib import Cell, Measurements
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.errors import CalibError
-from calib.identification.solver import levenberg_marquardt
 from calib.model.build import build
+from calib.solver import levenberg_marquardt
 from tests.calib.test_identify import MARKERS, RIGID, measured, random_configurations
 from tests.helpers import cell_of, random_robot, with_effects
 
@@ -52,7 +52,7 @@ def test_full_pose_with_hidden_markers_is_not_biased(kr270: Cell) -> None:
     data, _ = measured(replace(cell, markers=markers), random_configurations(cell, rng, 40), rng)
     seen = np.ones(data.seen.shape, dtype=bool)
     seen[np.arange(40), rng.integers(0, 4, 40)] = False
-    hidden = replace(data, seen=seen, points=data.points * seen[..., None])
+    hidden = replace(data, seen=seen, readings=data.points * seen[..., None])
     result = calib.identify(cell, hidden, approach="pose")
     assert result.noise.source == "cell"
     assert result.rms("fitted") < 2e-5 * np.sqrt(3)
@@ -72,7 +72,7 @@ def test_poses_without_orientation_are_named(kr270: Cell) -> None:
 def shifted(data: Measurements, poses: list[int], by: Array) -> Measurements:
     points = data.points.copy()
     points[poses] += by
-    return replace(data, points=points)
+    return replace(data, readings=points)
 
 
 @pytest.mark.parametrize("count", [15, 20, 28])
@@ -112,7 +112,7 @@ def test_a_station_whose_only_pose_is_wrong(kr270: Cell) -> None:
     data, _ = measured(cell, poses, rng)
     points = data.points.copy()
     points[34, 0] += 0.3
-    result = calib.identify(cell, replace(data, points=points))
+    result = calib.identify(cell, replace(data, readings=points))
     assert list(np.flatnonzero(result.fit.outlier)) == [34]
     assert result.status == "rank_deficient"
     lost = {name for entry in result.unidentifiable for name in entry.names}
@@ -144,8 +144,8 @@ def test_nonsense_units_are_not_called_a_success(kr270: Cell) -> None:
     cell = cell_of(kr270.robot, MARKERS, RIGID)
     data, _ = measured(cell, random_configurations(cell, rng, 40), rng)
     with pytest.raises(CalibError, match="check the units"):
-        calib.identify(cell, replace(data, points=data.points * 2e3))
-    result = calib.identify(cell, replace(data, points=data.points * 9.0))
+        calib.identify(cell, replace(data, readings=data.points * 2e3))
+    result = calib.identify(cell, replace(data, readings=data.points * 9.0))
     assert any("check units" in text for text in result.warnings)
 
 
@@ -162,7 +162,7 @@ def test_held_out_points_keep_their_own_deviation(kr270: Cell) -> None:
     cell = cell_of(kr270.robot, MARKERS, RIGID)
     data, _ = measured(cell, random_configurations(cell, rng, 40), rng)
     points = data.points[:20] + rng.normal(size=(20, 3, 3)) * 2e-4
-    held = replace(data.take(slice(0, 20)), points=points, sigma=np.full((20, 3), 2e-4))
+    held = replace(data.take(slice(0, 20)), readings=points, sigma=np.full((20, 3), 2e-4))
     result = calib.identify(cell, data.take(slice(20, None)), heldout=held)
     assert not result.heldout.outlier.any()
 

@@ -32,7 +32,7 @@ from doe.constraints.scene import Scene
 from doe.constraints.self_collision import SelfCollision
 from doe.constraints.torque import static_torques
 from studies.demo import embedded_text
-from tests.helpers import GRAVITY, cell_of, random_robot
+from tests.helpers import GRAVITY, cell_of, random_robot, read_by
 
 CAPSULE, SPHERE, BOX = (
     mujoco.mjtGeom.mjGEOM_CAPSULE,
@@ -231,7 +231,7 @@ def shaped(seed: int, prismatic: tuple[int, ...] = ()) -> Cell:
         cell_of(robot, rng.uniform(-0.3, 0.3, (3, 3)), ("base",)),
         capsules={name: capsules(count) for name, count in carriers.items()},
         design={"obstacle": obstacles},
-        instrument=np.array([3.0, 1.0, 0.5]),
+        instruments=read_by(stands=np.array([3.0, 1.0, 0.5])),
         payload=Payload(4.0, (0.05, 0.0, 0.1)),
         load=Load(12.0, (0.1, 0.05, -0.02), np.radians(40.0)),
     )
@@ -669,7 +669,7 @@ def test_marker_behind_a_link() -> None:
     cell = planar(
         2,
         capsules={"j1": (LINK,)},
-        instrument=np.array([5.0, 0.0, 0.0]),
+        instruments=read_by(stands=np.array([5.0, 0.0, 0.0])),
         markers=np.array([[-0.5, 0.0, 0.0], [-0.5, 0.0, 0.5]]),
     )
     # At 180 degrees the markers are at x = 0.5, the first inside the link, which does not hide it;
@@ -679,7 +679,9 @@ def test_marker_behind_a_link() -> None:
 
 def test_marker_behind_the_base() -> None:
     post = Capsule((0.0, 0.0, -1.0), (0.0, 0.0, 1.0), 0.2)
-    cell = planar(2, capsules={"base": (post,)}, instrument=np.array([5.0, 0.0, 0.0]))
+    cell = planar(
+        2, capsules={"base": (post,)}, instruments=read_by(stands=np.array([5.0, 0.0, 0.0]))
+    )
     assert sees(cell, (0, 0), (180, 0), (170, 0), (90, 0)) == [[True], [False], [True], [True]]
 
 
@@ -689,7 +691,7 @@ def test_marker_in_the_capsule_of_the_tool() -> None:
     cell = planar(
         2,
         capsules={"tool": (tool,)},
-        instrument=np.array([2.1, 5.0, 0.0]),
+        instruments=read_by(stands=np.array([2.1, 5.0, 0.0])),
         markers=np.array([[0.1, -0.1, 0.0], [0.1, 0.0, 0.0], [0.1, -0.11, 0.0], [0.1, 0.11, 0.0]]),
     )
     assert sees(cell, (0, 0)) == [[True, True, False, True]]
@@ -699,7 +701,7 @@ def test_marker_turned_away() -> None:
     """Normals along x of the tip; an acceptance of 30 degrees, none given, and no normal."""
     cell = planar(
         2,
-        instrument=np.array([1e6, 0.0, 0.0]),
+        instruments=read_by(stands=np.array([1e6, 0.0, 0.0])),
         markers=np.zeros((3, 3)),
     )
     cell = replace(
@@ -727,7 +729,7 @@ def test_obstacles_in_the_line_of_sight() -> None:
     }
     ball = {"type": "sphere", "center_mm": (3500, 0, 0), "radius_mm": 100}
     floor = {"type": "halfspace", "point_mm": (0, 0, -100), "normal": (0, 0, -1)}
-    cell = planar(2, instrument=np.array([5.0, 0.0, -0.3]))
+    cell = planar(2, instruments=read_by(stands=np.array([5.0, 0.0, -0.3])))
     for obstacle, hidden in ((box, True), (ball, True), (floor, False)):
         scene = replace(cell, design={"obstacle": [obstacle]})
         assert sees(scene, (0, 0), (90, 0)) == [[not hidden], [True]], obstacle["type"]
@@ -736,10 +738,10 @@ def test_obstacles_in_the_line_of_sight() -> None:
 
 
 def test_all_are_seen_without_instrument() -> None:
-    cell = replace(shaped(1), instrument=None)
+    cell = replace(shaped(1), instruments=read_by())
     q = np.random.default_rng(2).uniform(-3.0, 3.0, (50, 5))
     assert visible(scene_of(cell, q)).all()
-    hidden = replace(cell, instrument=np.array([3.0, 1.0, 0.5]))
+    hidden = replace(cell, instruments=read_by(stands=np.array([3.0, 1.0, 0.5])))
     assert not visible(scene_of(hidden, q)).all()
 
 
@@ -776,7 +778,7 @@ def test_answers_do_not_depend_on_the_base_axes() -> None:
         robot=replace(cell.robot, origins=origins),
         design={"obstacle": obstacles},
         capsules=dict(cell.capsules, base=(post,)),
-        instrument=R @ cell.instrument + p,
+        instruments=read_by(stands=R @ cell.instrument + p),
         gravity=R @ cell.gravity,
     )
     q = np.random.default_rng(6).uniform(-np.pi, np.pi, (400, 5))

@@ -22,7 +22,7 @@ from calib.poses import hung, poses_at
 from calib.targets import targets_of
 from doe import CannotIdentify
 from doe.constraints import constraints_of, scene_of, visible
-from tests.helpers import cell_of, random_robot, with_effects
+from tests.helpers import cell_of, random_robot, read_by, with_effects
 
 ELASTIC = ("stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
 LEVELS = "A2=-140,-99.85,-56.9,-25.24,-0.01x3"
@@ -325,7 +325,7 @@ def test_obstacles_sight_and_load_are_kept(elastic: Cell) -> None:
         elastic,
         capsules=capsules,
         design={"obstacle": [wall, post]},
-        instrument=np.array([4.0, 0.0, 1.5]),
+        instruments=read_by(stands=np.array([4.0, 0.0, 1.5])),
         marker_normals=np.tile([1.0, 0.0, 0.0], (3, 1)),
         marker_acceptance=np.full(3, np.radians(60)),
         load=Load(250.0, (0.3, 0.0, 0.15), np.radians(60)),
@@ -353,7 +353,7 @@ def test_hidden_markers_count_nothing(elastic: Cell) -> None:
     acceptance = np.array([np.nan, np.nan, 1e-9])
     cell = replace(
         elastic,
-        instrument=np.array([4.0, 0.0, 1.5]),
+        instruments=read_by(stands=np.array([4.0, 0.0, 1.5])),
         marker_normals=normals,
         marker_acceptance=acceptance,
     )
@@ -391,7 +391,9 @@ def test_other_robots(prismatic: tuple[int, ...]) -> None:
     cell = cell_of(
         robot, rng.uniform(-0.2, 0.2, (1, 3)), ["base", "tool", "joint_compliance:j2,j3,j4"]
     )
-    cell = replace(cell, noise=Noise(3e-6, 4e-6, 0.0, 2e-6), instrument=np.array([3.0, 1.0, 1.0]))
+    cell = replace(
+        cell, instruments=read_by(Noise(3e-6, 4e-6, 0.0, 2e-6), np.array([3.0, 1.0, 1.0]))
+    )
     plan = doe.design(cell, poses=12, criterion="D", candidates=1000)
     assert within_limits(cell, plan.poses.q)
     assert 0.9 < plan.efficiency <= 1.0

@@ -12,11 +12,13 @@ from calib.errors import InputError
 from calib.files.columns import ANGLES, LENGTHS, OTHERS, TORQUES, WRENCH
 from calib.files.exports.krl_axes import axis_sheet
 from calib.files.exports.sheet import Sheet, read_sheet, text_lines
+from calib.files.readings import reading_names
+from calib.instruments import TRACKER
 
 UNITS = (*ANGLES, *LENGTHS)
 _POSE = ("pose", "name", "id")
 _CARRIED = (*WRENCH, "temperature_degC", "time_s", "station")
-_NOT_JOINTS = {*OTHERS, *(f"{axis}_{unit}" for axis in "xyz" for unit in LENGTHS)}
+_NOT_JOINTS = {*OTHERS, *reading_names([TRACKER])}
 _BRACKETS = re.compile(r"(.*?)\s*[\[(]\s*([A-Za-z]+|°)\s*[\])]")
 
 

@@ -68,7 +68,7 @@ def reordered(data: Measurements, order: IntArray) -> Measurements:
     """The readings with the markers of each pose in another order, (m, M)."""
     return replace(
         data,
-        points=np.take_along_axis(data.points, order[..., None], axis=1),
+        readings=np.take_along_axis(data.points, order[..., None], axis=1),
         seen=np.take_along_axis(data.seen, order, axis=1),
         sigma=np.take_along_axis(data.sigma, order, axis=1),
     )

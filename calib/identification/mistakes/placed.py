@@ -60,7 +60,7 @@ def placed(model: Model, data: Measurements, rounds: int = _ROUNDS) -> Placed:
 
 def missed_by(model: Model, data: Measurements, values: Array) -> Array:
     """How far the readings of each pose lie from where they are predicted, RMS, shape (m,), m."""
-    off = (data.points - model.predict(values, data.poses)) * data.seen[..., None]
+    off = model.off(values, data)
     return np.asarray(np.sqrt((off**2).sum(axis=(1, 2)) / np.maximum(data.seen.sum(axis=1), 1)))
 
 

@@ -65,6 +65,10 @@ def refuse_mistakes(model: Model, data: Measurements, start: Array) -> None:
 
     Raises ImplausibleData, CalibError for points that no arm of this size could have reached.
     """
+    tracked = model.tracked(data)
+    if tracked is None:  # what people get wrong is known of points only
+        return
+    model, data = tracked
     missed = missed_by(model, data, start)
     found = recognised(model, data, missed)
     if found is not None:

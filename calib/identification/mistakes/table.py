@@ -184,7 +184,7 @@ def _renamed(model: Model) -> Iterator[Slip]:
 
 
 def _points(factors: Array) -> Callable[[Measurements], Measurements]:
-    return lambda data: replace(data, points=data.points * factors)
+    return lambda data: replace(data, readings=data.points * factors)
 
 
 def _scaled(factors: Array) -> Callable[[Measurements], Measurements]:
@@ -197,7 +197,7 @@ def _mixed(matrix: Array) -> Callable[[Measurements], Measurements]:
 
 def _reordered(order: IntArray) -> Callable[[Measurements], Measurements]:
     return lambda data: replace(
-        data, points=data.points[:, order], seen=data.seen[:, order], sigma=data.sigma[:, order]
+        data, readings=data.points[:, order], seen=data.seen[:, order], sigma=data.sigma[:, order]
     )
 
 

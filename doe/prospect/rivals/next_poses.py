@@ -144,7 +144,8 @@ def data_rows(situation: Situation, diagnosis: Diagnosis) -> tuple[Array, Array]
     data, after, stage = diagnosis.data, diagnosis.after, diagnosis.stage
     W = stage.weights / diagnosis.scale * (after.weight * ~stage.dropped)[:, None, None, None]
     predicted, J = situation.model.jacobian(situation.values, data.poses)
-    columns = np.concatenate([J, (data.points - predicted)[..., None]], axis=-1)
+    off = situation.model.readout.difference(data.readings, predicted)
+    columns = np.concatenate([J, off[..., None]], axis=-1)
     flat = Rows(weighted(W, columns), after.mixing).flat
     return flat[:, -1], flat[:, :-1]
 

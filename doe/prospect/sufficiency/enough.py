@@ -114,7 +114,7 @@ def _values(model: Model, poses: Poses, found: Identification | None) -> Array:
 
 def _foreseen(day: Measurements, predicted: Array, measured: int) -> Measurements:
     """The day with points where they are expected after those that are measured: noise has a range."""
-    return replace(day, points=np.concatenate([day.points[:measured], predicted[measured:]]))
+    return replace(day, readings=np.concatenate([day.readings[:measured], predicted[measured:]]))
 
 
 def _arm(cell: Cell, model: Model, found: Identification | None) -> Variances:

@@ -26,7 +26,7 @@ def whole_day(cell: Cell, data: Measurements, plan: Poses, left: IntArray) -> Me
     poses = _followed(cell, data.poses, coming.poses)
     return Measurements(
         poses,
-        np.concatenate([data.points, coming.points]),
+        np.concatenate([data.readings, coming.readings]),
         np.concatenate([data.seen, coming.seen]),
         np.concatenate([data.sigma, coming.sigma]),
     )

@@ -15,6 +15,7 @@ import numpy as np
 
 from calib import Cell
 from calib.arrays import Array
+from calib.instruments import Tracker
 from calib.noise import Noise
 from studies.command.deliver import console_for
 from studies.compare.experiment import Experiment, experiment_of
@@ -52,7 +53,7 @@ def experiment_of_case(case: Case) -> Experiment:
     effects = [e for e in cell.effects if not (case.known and e == "tool")]
     cell = replace(cell, effects=tuple(effects))
     if case.tracker:
-        cell = replace(cell, noise=TRACKER, instrument=TRACKER_AT)
+        cell = replace(cell, instruments=(Tracker(noise=TRACKER, stands=TRACKER_AT),))
     experiment = experiment_of(cell, embedded_plan(cell))
     if not case.hidden:
         return experiment

@@ -22,6 +22,7 @@ from calib.arrays import Array
 from calib.effects.joint_offset import JointOffset
 from calib.effects.link_geometry import LinkGeometry
 from calib.effects.protocol import Context
+from calib.instruments import Tracker
 from calib.model import Model
 from calib.noise import Noise
 from calib.poses import poses_at
@@ -102,9 +103,10 @@ def experiment_at(setting: Setting) -> Experiment:
         (*lengths, *offsets),
         Payload(),
         np.array([0.0, 0.0, -9.80665]),
+        (Tracker(noise=Noise.isotropic(SIGMA)),),
     )
     poses, seen = poses_at(setting.q), np.ones((3, 3), dtype=bool)
-    weights = noise_weights(Noise.isotropic(SIGMA), model, TRUTH, poses, seen)
+    weights = noise_weights(model, TRUTH, poses, seen)
     return Experiment(model, poses, seen, weights, np.zeros(6), TRUTH, setting.length)
 
 

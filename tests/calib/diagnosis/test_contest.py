@@ -63,4 +63,6 @@ def test_a_gross_error_among_the_repeats_is_not_the_noise() -> None:
     assert _replicate_factor(data, 1.6 * weights) == pytest.approx(1.6, rel=0.3)
     points = data.points.copy()
     points[3] += 50.0 * cell.noise.across
-    assert _replicate_factor(replace(data, points=points), weights) == pytest.approx(1.0, abs=0.35)
+    assert _replicate_factor(replace(data, readings=points), weights) == pytest.approx(
+        1.0, abs=0.35
+    )

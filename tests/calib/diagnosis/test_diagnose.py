@@ -18,7 +18,7 @@ from calib.poses.moves import with_moves
 from calib.simulation import simulate
 from studies.cli import main
 from studies.demo import embedded_cell
-from tests.helpers import with_effects
+from tests.helpers import read_by, with_effects
 
 MODEL = ("base", "tool", "geometry", "joint_compliance:A2,A3,A4,A5,A6")
 CONFIGURATIONS = 30
@@ -133,7 +133,7 @@ def test_a_cause_outside_the_catalogue_is_located() -> None:
         change = model.predict(np.zeros(len(model.parameters)), bent) - model.predict(
             np.zeros(len(model.parameters)), part.poses
         )
-        return replace(part, points=part.points + change)
+        return replace(part, readings=part.points + change)
 
     found = calib.diagnose(cell, shifted(data), heldout=shifted(held))
     assert found.verdict == "unknown"
@@ -145,7 +145,7 @@ def test_gross_outliers_are_no_effect() -> None:
     cell, data, held = measured("", [], seed=3)
     points = data.points.copy()
     points[[7, 22]] += np.array([0.4e-3, -0.3e-3, 0.2e-3])
-    found = calib.diagnose(cell, replace(data, points=points), heldout=held)
+    found = calib.diagnose(cell, replace(data, readings=points), heldout=held)
     assert found.verdict == "no_gap"
     assert list(np.flatnonzero(found.outlier)) == [7, 22]
 
@@ -153,7 +153,9 @@ def test_gross_outliers_are_no_effect() -> None:
 @pytest.mark.parametrize("repeats", [0, 2], ids=["single readings", "some repeated"])
 def test_noise_larger_than_stated_is_no_effect(repeats: int) -> None:
     cell, data, held = measured("", [], seed=4, twice=repeats)
-    optimist = replace(cell, noise=type(cell.noise).isotropic(cell.noise.across / 1.5))
+    optimist = replace(
+        cell, instruments=read_by(type(cell.noise).isotropic(cell.noise.across / 1.5))
+    )
     found = calib.diagnose(optimist, data, heldout=held)
     assert found.verdict == "no_gap"
     assert found.noise.sigma == pytest.approx(cell.noise.across, rel=0.1)
@@ -165,7 +167,7 @@ def test_a_residual_beyond_the_repeats_is_something() -> None:
     cell, data, held = measured("", [], seed=6, twice=2 * CONFIGURATIONS)
     off = 5.0 * cell.noise.across * np.random.default_rng(1).normal(size=(len(data) // 2, 1, 3))
     points = data.points + np.repeat(off, 2, axis=0)
-    found = calib.diagnose(cell, replace(data, points=points), heldout=held)
+    found = calib.diagnose(cell, replace(data, readings=points), heldout=held)
     assert found.verdict == "unknown"
 
 

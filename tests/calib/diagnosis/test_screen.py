@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.diagnosis.power import entry_limit, smallest_sizes
+from calib.diagnosis.power import detectable, entry_limit
 from calib.diagnosis.screen import Asked, field, score, scored
 
 N, X = np.split(np.random.default_rng(0).normal(size=(300, 13)), [8], axis=1)
@@ -58,7 +58,7 @@ def test_an_effect_of_the_size_said_to_be_detectable_is_detected(
     k: int, rng: np.random.Generator
 ) -> None:
     view, asked = field(N, X, np.zeros(300)), 200
-    size = smallest_sizes(view, np.arange(k), asked, 0.01)[0]
+    size = detectable(view, np.arange(k), asked, 0.01).smallest[0]
     hits = [
         score(field(N, X, rng.normal(size=300) + X[:, 0] * size), np.arange(k)).fall
         > entry_limit(k, 300, asked, 0.01)
@@ -99,4 +99,4 @@ def test_what_the_model_contains_is_invisible(rng: np.random.Generator) -> None:
     view = field(N, inside, rng.normal(size=300))
     assert score(view, np.arange(2)).fall == 0.0
     assert score(view, np.arange(2), np.eye(2)).fall == 0.0
-    assert np.isinf(smallest_sizes(view, np.arange(2), 10, 0.01)).all()
+    assert np.isinf(detectable(view, np.arange(2), 10, 0.01).smallest).all()

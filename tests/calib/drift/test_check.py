@@ -49,7 +49,7 @@ def judged(data: Measurements) -> Drift:
 
 def hidden(data: Measurements, rng: np.random.Generator, share: float) -> Measurements:
     seen = rng.uniform(size=data.seen.shape) > share
-    return replace(data, seen=seen, points=data.points * seen[..., None])
+    return replace(data, seen=seen, readings=data.points * seen[..., None])
 
 
 @pytest.mark.long
@@ -191,7 +191,7 @@ def test_a_robot_that_does_not_return_does_not_drift() -> None:
     for _ in range(100):
         data = readings(poses, MARKERS, rng)
         away = rng.normal(size=(len(poses), 1, 3)) * 4e-5
-        verdicts.append(judged(replace(data, points=data.points + away)).verdict)
+        verdicts.append(judged(replace(data, readings=data.points + away)).verdict)
     assert verdicts.count("moved") >= 95
 
 
@@ -202,7 +202,7 @@ def test_more_noise_than_stated_is_no_drift() -> None:
     louder = []
     for _ in range(100):
         data = readings(poses, MARKERS, rng)
-        louder.append(judged(replace(data, points=MARKERS + 2.0 * (data.points - MARKERS))))
+        louder.append(judged(replace(data, readings=MARKERS + 2.0 * (data.points - MARKERS))))
     for some in (found, louder):
         assert [one.verdict for one in some].count("steady") >= 93
     assert np.median([one.noise_factor for one in louder]) == pytest.approx(2.0, rel=0.1)
@@ -249,6 +249,6 @@ def test_backlash_is_no_drift(sides: tuple[int, ...]) -> None:
     jump = poses.approach[:, :1, None] * [6e-5, 2e-5, 0.0]
     for _ in range(20):
         data = readings(poses, MARKERS, rng)
-        found = judged(replace(data, points=data.points + jump))
+        found = judged(replace(data, readings=data.points + jump))
         assert (found.verdict, found.one_side) == ("moved", False)
     assert judged(readings(once, MARKERS, rng)).one_side

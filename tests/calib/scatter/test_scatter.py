@@ -9,6 +9,7 @@ from calib.arm.se3 import so3_exp
 from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.cell import Repeatability
+from calib.instruments import TRACKER
 from calib.model import Model
 from calib.poses import Poses
 from calib.scatter import Scatter, Variances, levels_of, scatter_of
@@ -24,7 +25,9 @@ def scattering(poses: Poses, markers: int = 3) -> tuple[Scatter, Array, Day]:
     rng = np.random.default_rng(3)
     robot = random_robot(rng, 3)
     names = tuple(f"m{j}" for j in range(markers))
-    model = Model(robot, names, rng.uniform(-0.2, 0.2, (markers, 3)), (), Payload(), np.zeros(3))
+    model = Model(
+        robot, names, rng.uniform(-0.2, 0.2, (markers, 3)), (), Payload(), np.zeros(3), (TRACKER,)
+    )
     scatter = scatter_of(model, np.zeros(0), poses, Variances.none(3))
     weighted = scatter.levers.reshape(len(poses), 3 * markers, -1) / SIGMA
     rows = weighted.shape[1]
@@ -53,7 +56,13 @@ def test_levers_are_what_small_displacements_do() -> None:
     rng = np.random.default_rng(3)
     robot = random_robot(rng, 3)
     model = Model(
-        robot, ("m0", "m1", "m2"), rng.uniform(-0.2, 0.2, (3, 3)), (), Payload(), np.zeros(3)
+        robot,
+        ("m0", "m1", "m2"),
+        rng.uniform(-0.2, 0.2, (3, 3)),
+        (),
+        Payload(),
+        np.zeros(3),
+        (TRACKER,),
     )
     at = model.predict(np.zeros(0), poses)
     tip = model.state(np.zeros(0), poses).frames.o[:, -1:]

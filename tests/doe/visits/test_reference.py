@@ -19,7 +19,7 @@ from doe.constraints import scene_of, visible
 from doe.visits.reference import spacing, with_reference
 from studies.demo import INPUTS, embedded_text
 from studies.design.record import design_record
-from tests.helpers import MADE_FROM, with_effects
+from tests.helpers import MADE_FROM, read_by, with_effects
 
 ELASTIC = ("joint_compliance:A2,A3,A4,A5,A6",)
 LEVELS = "A2=-100,-20x4"
@@ -104,7 +104,7 @@ def test_it_shows_the_most_markers(plain: doe.Design, elastic: Cell) -> None:
     behind = scene.markers[best, 0] - 3.0 * scene.frames.R[best, -1, :, 2]
     turned = replace(
         elastic,
-        instrument=behind,
+        instruments=read_by(stands=behind),
         marker_normals=np.tile([0.0, 0.0, 1.0], (3, 1)),
         marker_acceptance=np.full(3, np.pi / 2),
     )

@@ -28,7 +28,7 @@ from studies.compare.pictures import pictures
 from studies.compare.prediction import predict
 from studies.compare.record import compare_record
 from studies.compare.refutation import reason
-from tests.helpers import MADE_FROM, cell_of, random_poses, random_robot, with_effects
+from tests.helpers import MADE_FROM, cell_of, random_poses, random_robot, read_by, with_effects
 from tests.studies.compare.fields import fields_of
 
 
@@ -45,7 +45,7 @@ def random_cell(seed: int, dof: int, markers: int, *effects: str) -> tuple[Cell,
 def test_full_covariance_makes_the_approaches_equal(seed: int, dof: int, markers: int) -> None:
     """For known marker geometry; base, geometry and compliances estimated, tracker noise."""
     cell, plan = random_cell(seed, dof, markers, "base", "geometry", "joint_compliance")
-    cell = replace(cell, noise=Noise(3e-6, 5e-6, 0.0, 2e-6))
+    cell = replace(cell, instruments=read_by(Noise(3e-6, 5e-6, 0.0, 2e-6)))
     experiment = experiment_of(cell, plan, seed=seed)
     found = {way.key: predict(experiment, way) for way in WAYS}
     points, full = found["points"].covariance, found["pose full"].covariance
@@ -213,7 +213,11 @@ def test_worst_ratio_is_farthest_in_either_direction() -> None:
 @pytest.mark.long
 def test_disagreement_is_explained(kr270: Cell, table_two: Poses) -> None:
     """Poses within a degree and millimetres of noise: the estimate is not linear in it."""
-    cell = replace(with_effects(one_marker(kr270), "base"), noise=Noise.isotropic(3e-3), load=None)
+    cell = replace(
+        with_effects(one_marker(kr270), "base"),
+        instruments=read_by(Noise.isotropic(3e-3)),
+        load=None,
+    )
     near = poses_at(table_two.q[:1] + 0.01 * np.random.default_rng(0).normal(size=(8, 6)))
     found = fields_of(compare(cell, {"coarse": near}, trials=200))["agreement"]
     assert found["chi2_p"] < 0.01

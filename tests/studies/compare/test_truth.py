@@ -34,7 +34,7 @@ from studies.compare.montecarlo import refits
 from studies.compare.prediction import predict
 from studies.compare.scratch import FromScratch, surprising
 from studies.demo import INPUTS, embedded_text
-from tests.helpers import cell_of, random_poses, random_robot, with_effects
+from tests.helpers import cell_of, random_poses, random_robot, read_by, with_effects
 from tests.studies.compare.fields import fields_of
 
 pytest.importorskip("mujoco")
@@ -186,7 +186,7 @@ def test_every_column_of_every_effect_passes() -> None:
 def test_nonlinearity_is_still_called_so(kr270: Cell, table_two: Poses) -> None:
     """The same poses as the wrong derivative's, but noise of millimetres on one marker."""
     cell = one_marker(with_effects(kr270, "base"))
-    cell = replace(cell, noise=Noise.isotropic(3e-3), load=None)
+    cell = replace(cell, instruments=read_by(Noise.isotropic(3e-3)), load=None)
     near = poses_at(table_two.q[:1] + 0.01 * np.random.default_rng(0).normal(size=(8, 6)))
     result = compare(cell, {"coarse": near}, trials=200, truth="mujoco")
     assert result.plans[0].points.reason == "noise"

@@ -8,6 +8,7 @@ import numpy as np
 
 from calib import Cell
 from calib.cell import Capsule
+from tests.helpers import read_by
 
 HOSTILE = "</script><script>alert(1)</script><!--\"'><img src=x onerror=alert(2)>&lt;"
 
@@ -27,7 +28,7 @@ def shaped(cell: Cell) -> Cell:
     ]
     return replace(
         cell,
-        instrument=np.array([3.4, -2.6, 1.5]),
+        instruments=read_by(stands=np.array([3.4, -2.6, 1.5])),
         capsules={
             "base": (Capsule((0.0, 0.0, 0.1), (0.0, 0.0, 0.5), 0.33),),
             "A2": (Capsule((0.0, 0.0, 0.0), (1.25, 0.0, 0.0), 0.2),),

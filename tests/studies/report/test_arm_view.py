@@ -25,7 +25,7 @@ from studies.report.arm_drawing import drawing
 from studies.report.arm_scene import ArmScene, scene
 from studies.report.arm_view import figure_html
 from tests.calib.test_mujoco import in_mujoco
-from tests.helpers import cell_of, random_robot
+from tests.helpers import cell_of, random_robot, read_by
 from tests.studies.report.cells import HOSTILE, hostile, shaped
 
 HALF = 0.51  # mm: half of what is rounded to
@@ -243,7 +243,7 @@ def test_nearer_bodies_are_drawn_over_farther_ones(drawn: ArmScene) -> None:
 
 
 def test_a_far_instrument_is_a_direction(kr270: Cell, table_two: Poses) -> None:
-    cell = replace(kr270, instrument=np.array([12.0, 5.0, 1.0]))
+    cell = replace(kr270, instruments=read_by(stands=np.array([12.0, 5.0, 1.0])))
     found = scene(cell, table_two)
     assert found.around.far
     svg = parsed(found)

@@ -16,6 +16,7 @@ from calib.targets import sobol_poses
 from studies.report.arm_scene import ArmScene, scene
 from studies.report.arm_view import figure_html
 from studies.report.assets import asset
+from tests.helpers import read_by
 from tests.studies.report.cells import HOSTILE, hostile, shaped
 
 Open: TypeAlias = Callable[..., Any]
@@ -90,7 +91,7 @@ def split(text: str) -> tuple[list[str], np.ndarray[Any, np.dtype[np.float64]]]:
 def test_script_and_python_draw_the_same(
     which: str, open_page: Open, plain: ArmScene, full: ArmScene, kr270: Cell, table_two: Poses
 ) -> None:
-    far = replace(kr270, instrument=np.array([-9.0, -7.0, 1.0]))
+    far = replace(kr270, instruments=read_by(stands=np.array([-9.0, -7.0, 1.0])))
     picture = {"plain": plain, "full": full, "far": scene(far, table_two)}[which]
     html = page_of(picture, style=AT_STATIC_SIZE)
     static = open_page(html, java_script_enabled=False).evaluate(PARTS)

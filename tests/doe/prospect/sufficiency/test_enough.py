@@ -26,7 +26,7 @@ from doe.prospect.sufficiency import Enough
 from doe.prospect.sufficiency.enough import enough
 from studies.research.benchmarks.day import Setting, draw_day, write_day
 from tests.doe.prospect.sufficiency.day import RIGID, cell_of_day, of_poses, whole_day
-from tests.helpers import with_effects
+from tests.helpers import read_by, with_effects
 
 SO_FAR = [2, 5, 8, 14]
 
@@ -126,7 +126,7 @@ def test_the_noise_is_that_of_the_data(cell: Cell, table_two: Poses, answer: Eno
 
 @pytest.mark.long
 def test_noise_that_grows_with_range_is_foreseen(cell: Cell, table_two: Poses) -> None:
-    far = replace(cell, noise=Noise(5e-6, 5e-6, 0.0, 2e-5))
+    far = replace(cell, instruments=read_by(Noise(5e-6, 5e-6, 0.0, 2e-5)))
     full = whole_day(far, table_two)
     found = identify(far, full)
     assert found.noise.source == "cell"
@@ -137,7 +137,7 @@ def test_noise_that_grows_with_range_is_foreseen(cell: Cell, table_two: Poses) -
 def test_an_outlier_counts_nothing(cell: Cell, full: Measurements, table_two: Poses) -> None:
     points = full.points.copy()
     points[3] += [2e-3, -1e-3, 1e-3]
-    answer = enough(cell, replace(full, points=points), table_two)
+    answer = enough(cell, replace(full, readings=points), table_two)
     assert answer.found is not None
     assert list(np.flatnonzero(answer.found.fit.outlier)) == [3]
     np.testing.assert_allclose(answer.steps[0].std, answer.found.std, rtol=1e-6)

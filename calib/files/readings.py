@@ -1,0 +1,134 @@
+"""The readings of a table: what one instrument reads of one marker in each row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from calib.arrays import Array, IntArray, Mask
+from calib.cell import Cell
+from calib.errors import InputError
+from calib.files.columns import LENGTHS
+from calib.files.csv_table import Table
+from calib.instruments import Instrument
+
+_UNITS = {"length": LENGTHS}  # the first is the one we write
+_FARTHEST = 1e4  # m: no instrument of this trade reads as far
+
+
+def reading_names(instruments: Iterable[Instrument]) -> set[str]:
+    """Every column that may hold a number of theirs."""
+    return {
+        f"{column.name}_{unit}"
+        for instrument in instruments
+        for column in instrument.columns
+        for unit in _UNITS[column.quantity]
+    }
+
+
+def written_columns(instrument: Instrument) -> list[tuple[str, float]]:
+    """Columns and SI factors in which readings are written."""
+    found = []
+    for column in instrument.columns:
+        unit, scale = next(iter(_UNITS[column.quantity].items()))
+        found.append((f"{column.name}_{unit}", scale))
+    return found
+
+
+def reading_columns(
+    path: Path, instrument: Instrument, columns: tuple[str, ...]
+) -> list[tuple[str, float]]:
+    """Column and SI factor of each number. Raises InputError where one is missing or unitless."""
+    found = []
+    for name, quantity in instrument.columns:
+        named = [(f"{name}_{unit}", scale) for unit, scale in _UNITS[quantity].items()]
+        present = [pair for pair in named if pair[0] in columns]
+        if not present:
+            bare = f"column {name!r} has no unit"
+            what = bare if name in columns else f"column {named[0][0]} is missing"
+            raise InputError(path, "line 1", what, f"name it {' or '.join(n for n, _ in named)}")
+        found.append(present[0])
+    return found
+
+
+def readings_of(table: Table, cell: Cell, pose: IntArray, count: int) -> tuple[Array, Mask, Array]:
+    """Readings (m, C, r), which of them are seen, and their own standard deviations (m, C), SI.
+
+    pose : ndarray of int, shape (rows,), of each row, one of so many
+
+    Raises InputError naming line and column for an unknown marker, one that stands twice, and numbers
+    that cannot be.
+    """
+    marker = _markers(table, cell)
+    by_row = _instruments(table, cell)
+    channels, shape = cell.channels, (count, len(cell.channels))
+    readings = np.zeros((*shape, channels.width))
+    seen, sigma = np.zeros(shape, dtype=bool), np.full(shape, np.nan)
+    channel = np.zeros(len(marker), dtype=int)
+    for k, (instrument, part) in enumerate(channels.blocks):
+        own, position = np.flatnonzero(by_row == k), np.full(channels.markers, -1)
+        position[channels.marker[part]] = np.arange(part.start, part.stop)
+        for row in own[position[marker[own]] < 0]:
+            what = f"is nothing that instrument {instrument.name!r} reads"
+            raise table.fault(int(row), "marker", what, "name another, or correct the instrument")
+        channel[own] = position[marker[own]]
+        if len(own):
+            numbers = _numbers(table, instrument, own)
+            readings[pose[own], channel[own], : instrument.rows] = numbers
+    for row, (i, c) in enumerate(zip(pose, channel, strict=True)):
+        if seen[i, c]:
+            name, whose = cell.marker_names[marker[row]], table.text("pose")[row]
+            what = f"pose {whose!r} has marker {name!r} twice"
+            raise table.fault(
+                row, "marker", what, "give a repeated reading its own pose identifier"
+            )
+        seen[i, c] = True
+    if "sigma_mm" in table.columns:
+        own_sigma = table.numbers("sigma_mm") * 1e-3
+        if (own_sigma <= 0).any():
+            row = int(np.flatnonzero(own_sigma <= 0)[0])
+            remedy = "leave the column out for the cell's"
+            raise table.fault(row, "sigma_mm", "must be above zero", remedy)
+        sigma[pose, channel] = own_sigma
+    return readings, seen, sigma
+
+
+def _numbers(table: Table, instrument: Instrument, rows: IntArray) -> Array:
+    """Numbers of an instrument's rows, shape (rows, r), SI."""
+    columns = reading_columns(table.path, instrument, table.columns)
+    found = np.column_stack([table.numbers(name, rows) * scale for name, scale in columns])
+    length = np.array([column.quantity == "length" for column in instrument.columns])
+    if (far := (np.abs(found) > _FARTHEST) & length).any():
+        at, column = (int(i[0]) for i in np.nonzero(far))
+        row, name = int(rows[at]), columns[column][0]
+        what = f"{table.rows[row][table.columns.index(name)]} is farther than 10 km"
+        raise table.fault(row, name, what, "check the reading and its unit")
+    return found
+
+
+def _instruments(table: Table, cell: Cell) -> IntArray:
+    """Which instrument read each row, shape (rows,)."""
+    if len(cell.instruments) == 1:
+        return np.zeros(len(table.rows), dtype=int)
+    numbers = {instrument.name: k for k, instrument in enumerate(cell.instruments)}
+    known = f"instruments are {', '.join(numbers)}"
+    if "instrument" not in table.columns:
+        what = "column 'instrument' is missing and the cell has several"
+        raise InputError(table.path, "line 1", what, f"add it; {known}")
+    names = table.text("instrument")
+    for row, name in enumerate(names):
+        if name not in numbers:
+            raise table.fault(row, "instrument", f"{name!r} is not in the cell", known)
+    return np.array([numbers[name] for name in names])
+
+
+def _markers(table: Table, cell: Cell) -> IntArray:
+    numbers = {name: i for i, name in enumerate(cell.marker_names)}
+    names = table.text("marker")
+    for row, name in enumerate(names):
+        if name not in numbers:
+            known = f"markers are {', '.join(cell.marker_names[:12])}"
+            raise table.fault(row, "marker", f"{name!r} is not in the cell's [markers_mm]", known)
+    return np.array([numbers[name] for name in names])

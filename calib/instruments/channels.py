@@ -1,0 +1,53 @@
+"""The channels of a set of instruments: what one reads of one marker, or of a few together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calib.arrays import IntArray
+from calib.instruments.protocol import Instrument
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """Channels side by side, those of the first instrument before those of the second.
+
+    All are as wide as the widest row; numbers that a row does not have are zero, in readings,
+    derivatives and weights alike. A tracker alone has one channel for each marker.
+
+    markers : int, how many there are
+    """
+
+    instruments: tuple[Instrument, ...]
+    markers: int
+
+    def __len__(self) -> int:
+        return len(self.marker)
+
+    @property
+    def blocks(self) -> Iterator[tuple[Instrument, slice]]:
+        """Each instrument and its channels."""
+        first = 0
+        for instrument in self.instruments:
+            last = first + len(instrument.read_of(self.markers)) // instrument.each
+            yield instrument, slice(first, last)
+            first = last
+
+    @cached_property
+    def marker(self) -> IntArray:
+        """Position of the marker that each channel reads, of several the first, shape (C,)."""
+        return np.concatenate([i.read_of(self.markers)[:: i.each] for i in self.instruments])
+
+    @cached_property
+    def rows(self) -> IntArray:
+        """How many numbers each has, shape (C,)."""
+        return np.concatenate([np.full(part.stop - part.start, i.rows) for i, part in self.blocks])
+
+    @property
+    def width(self) -> int:
+        """Numbers of the widest row."""
+        return max(i.rows for i in self.instruments)

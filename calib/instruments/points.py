@@ -1,0 +1,86 @@
+"""A tracker, or whatever else measures points: three coordinates of each in a frame of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from calib.arm.se3 import rotate, skew, so3_exp, so3_log, so3_right_jacobian
+from calib.arrays import Array, Mask
+from calib.instruments.placing import placed
+from calib.instruments.protocol import Column, Instrument, Linear, Nominal, Start, Unknown
+from calib.noise import Noise
+
+
+@dataclass(frozen=True, eq=False)
+class Tracker(Instrument):
+    """Points in the frame of its station, turned and shifted against the base anyhow.
+
+    The place is ``T_station_base`` = [exp(rx, ry, rz) | x, y, z]; at zero the frames coincide.
+
+    noise : Noise, along and across the beam
+    stands : ndarray, shape (3,), m, base frame, where the beams start; None for the origin of the
+        readings
+    """
+
+    noise: Noise = field(default_factory=lambda: Noise.isotropic(1.0))
+    stands: Array | None = None
+    kind: ClassVar[str] = "points"
+    rows: ClassVar[int] = 3
+    unknowns: ClassVar[tuple[Unknown, ...]] = (
+        *(Unknown(c, "mm", 1e-3, 1e-2) for c in "xyz"),
+        *(Unknown(f"r{c}", "mrad", 1e-3, 1e-2) for c in "xyz"),
+    )
+    columns: ClassVar[tuple[Column, ...]] = tuple(Column(c, "length") for c in "xyz")
+    stationed: ClassVar[bool] = True
+
+    @staticmethod
+    def placement(place: Array) -> tuple[Array, Array]:
+        """R_station_base (..., 3, 3) and p_station_base (..., 3), m, of a place (..., 6)."""
+        return so3_exp(place[..., 3:]), place[..., :3]
+
+    def read(self, place: Array, points: Array) -> Array:
+        R, p = self.placement(place)
+        return rotate(R[..., None, None, :, :], points) + p[..., None, None, :]
+
+    def linearise(self, place: Array, points: Array) -> Linear:
+        R, p = self.placement(place)
+        R = R[..., None, None, :, :]
+        turn = -R @ skew(points)
+        turn = turn @ so3_right_jacobian(place[..., 3:])[..., None, None, :, :]
+        by_place = np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=-1)
+        rows = rotate(R, points) + p[..., None, None, :]
+        return Linear(rows, R if place.any() else None, by_place)
+
+    def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
+        return self.noise.whitening(self._beams(place, rows), sigma)
+
+    def _beams(self, place: Array, rows: Array) -> Array:
+        """Vectors to the points, station axes."""
+        if self.stands is None:
+            return rows
+        R, p = self.placement(place)
+        return rows - (rotate(R, self.stands) + p)[..., None, None, :]
+
+    @property
+    def even(self) -> float | None:
+        return None if self.noise.grows else self.noise.along
+
+    @property
+    def fixed(self) -> bool:
+        return self.stands is not None and self.noise.grows
+
+    @property
+    def position(self) -> Array | None:
+        return self.stands
+
+    def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
+        R, t, markers = placed(rows, seen, arm)
+        told = arm.free & np.any(seen, axis=0)[:, None]
+        return Start(np.concatenate([t, so3_log(R)]), markers, told)
+
+
+TRACKER = Tracker()
+"""One of which nothing is said: rows count in metres."""

@@ -1,0 +1,144 @@
+"""What an instrument is: points of the arm become rows of numbers, whose noise is known.
+
+An instrument reads points at each pose, each of them as a **row** of numbers: three coordinates, two
+pixels, one distance. A reading may take several points of the tip together; three of them fix its
+frame, which an instrument may read, or ride on. How it stands against the robot's base is unknown, its
+**place**: nuisance beside the parameters, found without a guess. A new instrument is one file with
+
+    read, linearise     rows of points in base axes, their derivatives by the points and by the place
+    whitening           from the covariance of a row; what the simulator adds follows from it
+    start               the place, and the markers if it tells them, from nothing but the rows
+    columns             how a row stands in a table
+    position            where the picture shows it, and lines of sight end
+
+Of C readings a pose the points are (m, C, 3), or (m, C, 3 k) where each takes k, the rows (m, C, r).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Literal, NamedTuple
+
+import numpy as np
+
+from calib.arrays import Array, IntArray, Mask
+
+
+class Unknown(NamedTuple):
+    """One coordinate of a place: its name, the unit shown, that unit and a plausible size in SI."""
+
+    name: str
+    unit: str
+    scale: float
+    size: float
+
+
+class Column(NamedTuple):
+    """One number of a row in a table, ``<name>_<unit>`` with any unit of its quantity."""
+
+    name: str
+    quantity: Literal["length"]
+
+
+class Linear(NamedTuple):
+    """Rows (..., m, C, r) and their derivatives.
+
+    by_points : ndarray, shape (..., m or 1, C or 1, r, 3 k), None for the identity
+    by_place : ndarray, shape (..., m, C, r, u)
+    """
+
+    rows: Array
+    by_points: Array | None
+    by_place: Array
+
+
+class Nominal(NamedTuple):
+    """The arm before anything is known of it, at m poses.
+
+    R_tip, p_tip : ndarray, shapes (m, 3, 3) and (m, 3), m, tip frame in base axes
+    markers : ndarray, shape (C k, 3), m, that the instrument reads, in the tip frame; free : ndarray of
+        bool, of the same shape, components of which nothing is known yet
+    placed : whether the instrument's place is known: all zero
+    """
+
+    R_tip: Array
+    p_tip: Array
+    markers: Array
+    free: Mask
+    placed: bool
+
+
+class Start(NamedTuple):
+    """A place (u,), the markers (C k, 3), m, and which of their components the rows told."""
+
+    place: Array
+    markers: Array
+    told: Mask
+
+
+@dataclass(frozen=True, eq=False)
+class Instrument(ABC):
+    """One instrument of a cell.
+
+    name : str, its own among those of the cell
+    markers : tuple of int or None, positions of the markers that it reads, reading by reading; None for
+        all of them
+    rows : numbers of one reading; each : markers that one takes, k; unknowns : its place; columns : of
+        a table
+    stationed : whether it may stand elsewhere at other poses, a place for every station
+    """
+
+    name: str = "instrument"
+    markers: tuple[int, ...] | None = None
+    kind: ClassVar[str]
+    rows: ClassVar[int]
+    each: ClassVar[int] = 1
+    unknowns: ClassVar[tuple[Unknown, ...]]
+    columns: ClassVar[tuple[Column, ...]]
+    stationed: ClassVar[bool] = False
+
+    @abstractmethod
+    def read(self, place: Array, points: Array) -> Array:
+        """Rows (..., m, C, r) of points (..., m, C, 3 k), m, in base axes; place has shape (..., u)."""
+
+    @abstractmethod
+    def linearise(self, place: Array, points: Array) -> Linear:
+        """The same with the derivatives."""
+
+    def difference(self, measured: Array, predicted: Array) -> Array:
+        """What rows (..., r) are measured beyond those predicted, to first order linear in both."""
+        return measured - predicted
+
+    @abstractmethod
+    def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
+        """Matrices W with ``W cov W^T = I`` for rows (..., m, C, r), shape (..., m, C, r, r).
+
+        sigma : ndarray, shape (m, C), overriding standard deviation of a reading, NaN for none
+        """
+
+    @property
+    def even(self) -> float | None:
+        """The standard deviation of every number at any place, None where one does not say it all."""
+        return None
+
+    @property
+    def fixed(self) -> bool:
+        """Whether its noise hangs on where it stands, and that is given once for all stations."""
+        return False
+
+    @abstractmethod
+    def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
+        """Place and markers under the nominal arm, without a guess.
+
+        rows : ndarray, shape (m, C, r); seen : ndarray of bool, shape (m, C), at least one of them
+        """
+
+    @property
+    def position(self) -> Array | None:
+        """Where it stands, shape (3,), m, base frame; None where that is not given."""
+        return None
+
+    def read_of(self, markers: int) -> IntArray:
+        """Positions of the markers that it reads, of so many."""
+        return np.arange(markers) if self.markers is None else np.array(self.markers, dtype=int)

@@ -1,0 +1,208 @@
+"""From points to what the instruments read of them, channel by channel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from calib.arrays import Array, Mask
+from calib.effects.base import Base
+from calib.effects.protocol import ReadingEffect
+from calib.instruments import Channels, Instrument
+from calib.poses import Poses
+
+
+@dataclass(frozen=True, eq=False)
+class Stand:
+    """Where an instrument stands at some poses.
+
+    here : ndarray of bool, shape (m,), or None for all poses
+    place : ndarray, shape (..., u), SI; part : where it is among the values, None where it is known
+    """
+
+    here: Mask | None
+    place: Array
+    part: slice | None
+
+    def at(self, axis: int) -> tuple[Any, ...]:
+        """The index of its poses in an array that has them along ``axis``, counted from the end."""
+        return (..., self.here, *[slice(None)] * (-axis - 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Readout:
+    """The instruments of a model, where they stand, and what else changes their rows.
+
+    bases, disturbing : each effect and where its parameters stand in the values
+    """
+
+    channels: Channels
+    bases: tuple[tuple[Base, slice], ...]
+    disturbing: tuple[tuple[ReadingEffect, slice], ...]
+
+    @property
+    def instruments(self) -> tuple[Instrument, ...]:
+        return self.channels.instruments
+
+    @property
+    def even(self) -> float | None:
+        """The standard deviation of every number, None where one does not say it all."""
+        return self.instruments[0].even if len(self.instruments) == 1 else None
+
+    def read(self, values: Array, poses: Poses, points: Array) -> Array:
+        """Readings (..., m, C, r) of points (..., m, M, 3), m, in base axes."""
+        return self._beside((self._rows(i, values, poses, points) for i in self.instruments), -1)
+
+    def _rows(self, instrument: Instrument, values: Array, poses: Poses, points: Array) -> Array:
+        def read(stand: Stand, points: Array) -> tuple[Array]:
+            return (instrument.read(stand.place, points),)
+
+        own = _of(instrument, points, -2)
+        (rows,) = self._at_stands(instrument, values, poses, read, [(own, -3)], [-3])
+        for effect, part in self._disturbing(instrument):
+            if not effect.rests(values[..., part]):
+                rows, _, _ = effect.linearise(values[..., part], poses, rows)
+        return rows
+
+    def linearise(
+        self, values: Array, poses: Poses, points: Array, J: Array
+    ) -> tuple[Array, Array]:
+        """Readings (..., m, C, r) and their derivatives (..., m, C, r, p).
+
+        J : ndarray, shape (..., m, M, 3, p), those of the points; overwritten
+        """
+        found = [self._columns(i, values, poses, points, J) for i in self.instruments]
+        rows, columns = zip(*found, strict=True)
+        return self._beside(rows, -1), self._beside(columns, -2)
+
+    def _columns(
+        self, instrument: Instrument, values: Array, poses: Poses, points: Array, J: Array
+    ) -> tuple[Array, Array]:
+        def linearise(stand: Stand, points: Array, J: Array) -> tuple[Array, Array]:
+            found = instrument.linearise(stand.place, points)
+            J = J if found.by_points is None else found.by_points @ J
+            if stand.part is not None:
+                J[..., stand.part] = found.by_place
+            return found.rows, J
+
+        own = _of(instrument, J, -3)
+        own = own.copy() if len(self.instruments) > 1 else own
+        given = [(_of(instrument, points, -2), -3), (own, -4)]
+        rows, J = self._at_stands(instrument, values, poses, linearise, given, [-3, -4])
+        for effect, part in self._disturbing(instrument):
+            rows, turn, by_effect = effect.linearise(values[..., part], poses, rows)
+            J = J if effect.rests(values[..., part]) else turn @ J
+            J[..., part] = by_effect
+        return rows, J
+
+    def follow(self, values: Array, poses: Poses, points: Array, moved: Array) -> Array:
+        """How readings follow displacements (m, M, 3, k) of points (m, M, 3), m, shape (m, C, r, k)."""
+
+        def one(instrument: Instrument) -> Array:
+            def follow(stand: Stand, points: Array, moved: Array) -> tuple[Array]:
+                by_points = instrument.linearise(stand.place, points).by_points
+                return (moved if by_points is None else by_points @ moved,)
+
+            given = [(_of(instrument, points, -2), -3), (_of(instrument, moved, -3), -4)]
+            return self._at_stands(instrument, values, poses, follow, given, [-4])[0]
+
+        return self._beside(map(one, self.instruments), -2)
+
+    def whitening(self, values: Array, poses: Poses, readings: Array, sigma: Array) -> Array:
+        """Whitening matrices of readings (..., m, C, r), shape (..., m, C, r, r).
+
+        sigma : ndarray, shape (m, C), overriding standard deviation of a reading, NaN for none
+        """
+
+        def one(instrument: Instrument, part: slice) -> Array:
+            def whitening(stand: Stand, rows: Array, sigma: Array) -> tuple[Array]:
+                return (instrument.whitening(stand.place, rows, sigma),)
+
+            rows = readings[..., part, : instrument.rows]
+            given = [(rows, -3), (sigma[..., part], -2)]
+            return self._at_stands(instrument, values, poses, whitening, given, [-4])[0]
+
+        return self._beside((one(i, part) for i, part in self.channels.blocks), -2, -1)
+
+    def difference(self, measured: Array, predicted: Array) -> Array:
+        """What readings (..., m, C, r) are measured beyond those predicted."""
+        parts = (
+            i.difference(measured[..., part, : i.rows], predicted[..., part, : i.rows])
+            for i, part in self.channels.blocks
+        )
+        return self._beside(parts, -1)
+
+    def _disturbing(self, instrument: Instrument) -> Iterator[tuple[ReadingEffect, slice]]:
+        return ((e, part) for e, part in self.disturbing if e.of == instrument.kind)
+
+    def _stands(self, instrument: Instrument, values: Array, poses: Poses) -> Iterator[Stand]:
+        """Where it stands at which poses; at zero where nothing is unknown."""
+        left = np.ones(len(poses), dtype=bool)
+        for base, part in self.bases:
+            if base.of.name == instrument.name:
+                here = left if base.station is None else poses.station == base.station
+                left = left & ~here
+                if here.any():
+                    yield Stand(None if here.all() else here, values[..., part], part)
+        if left.any():
+            rest = np.zeros((*values.shape[:-1], len(instrument.unknowns)))
+            yield Stand(None if left.all() else left, rest, None)
+
+    def _at_stands(
+        self,
+        instrument: Instrument,
+        values: Array,
+        poses: Poses,
+        work: Callable[..., tuple[Array, ...]],
+        given: list[tuple[Array, int]],
+        axes: list[int],
+    ) -> tuple[Array, ...]:
+        """What ``work`` makes of arrays at each stand, put together again.
+
+        given : arrays, and their axis of the poses; axes : that of the arrays that come back, all
+            counted from the end
+        """
+        stands = list(self._stands(instrument, values, poses))
+        if len(stands) == 1:
+            return work(stands[0], *(a for a, _ in given))
+        parts = [work(stand, *(a[stand.at(axis)] for a, axis in given)) for stand in stands]
+        whole = []
+        for axis, own in zip(axes, zip(*parts, strict=True), strict=True):
+            shape = list(own[0].shape)
+            shape[axis] = len(poses)
+            out = np.empty(shape)
+            for stand, part in zip(stands, own, strict=True):
+                out[stand.at(axis)] = part
+            whole.append(out)
+        return tuple(whole)
+
+    def _beside(self, parts: Iterable[Array], *row_axes: int) -> Array:
+        """The channels of the instruments side by side, rows filled up with zeros."""
+        first, *others = parts
+        if not others:
+            return first
+        width = self.channels.width
+        filled = []
+        for part in (first, *others):
+            shape = list(part.shape)
+            for axis in row_axes:
+                shape[axis] = width
+            out = np.zeros(shape)
+            out[tuple(slice(size) for size in part.shape)] = part
+            filled.append(out)
+        # The channels' axis comes before that of the rows.
+        return np.concatenate(filled, axis=min(row_axes) - 1)
+
+
+def _of(instrument: Instrument, a: Array, axis: int) -> Array:
+    """What belongs to the markers that an instrument reads, which stand along an axis, by reading."""
+    each = instrument.each
+    if instrument.markers is None and each == 1:
+        return a
+    taken = np.take(a, instrument.read_of(a.shape[axis]), axis=axis)
+    shape = [*taken.shape]
+    shape[axis], shape[axis + 1] = shape[axis] // each, each * shape[axis + 1]
+    return taken.reshape(shape)

@@ -1,0 +1,229 @@
+"""A second instrument in one file: its readings identify as its noise says, alone and beside a tracker.
+
+The truth is plain numpy: a chain, an anchor and distances that share no code with the estimator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import calib
+from calib import Cell, Measurements
+from calib.arm.robot import Robot
+from calib.arrays import Array
+from calib.effects.protocol import Effect
+from calib.files.write_tables import measurements_csv
+from calib.instruments import Instrument, Tracker
+from calib.model.build import build
+from calib.model.covariance import errors_at
+from calib.noise import Noise
+from calib.poses import poses_at
+from tests.calib.instruments.ballbar import Ballbar, Level
+from tests.helpers import cell_of, central_difference, random_robot
+
+MARKERS = np.array([[0.10, 0.02, -0.05], [-0.04, 0.12, 0.03]])
+OFFSETS = ("j2", "j3", "j4")
+OFF = f"joint_offset:{','.join(OFFSETS)}"
+BAR, SIGMA, LASER = 2e-5, 5e-6, Tracker(name="laser", noise=Noise.isotropic(3e-5))
+ANCHOR = np.array([0.9, -1.4, 0.6])
+TRUE = np.array([4e-4, -7e-4, 5e-4])  # rad, of the joints of OFFSETS
+
+
+def arm() -> Robot:
+    return random_robot(np.random.default_rng(11), 4)
+
+
+def turn(axis: Array, angle: float) -> Array:
+    """Rodrigues, an element at a time."""
+    x, y, z = axis / np.sqrt(sum(float(a) ** 2 for a in axis))
+    c, s, v = np.cos(angle), np.sin(angle), 1.0 - np.cos(angle)
+    return np.array(
+        [
+            [c + x * x * v, x * y * v - z * s, x * z * v + y * s],
+            [y * x * v + z * s, c + y * y * v, y * z * v - x * s],
+            [z * x * v - y * s, z * y * v + x * s, c + z * z * v],
+        ]
+    )
+
+
+def points_of(robot: Robot, q: Array, off: Array, markers: Array = MARKERS) -> Array:
+    """Markers in base axes (m, M, 3), the joints of OFFSETS off by so much."""
+    error = np.zeros(robot.dof)
+    error[[robot.joints.index(j) for j in OFFSETS]] = off
+    found = []
+    for angles in q + error:
+        R, p = np.eye(3), np.zeros(3)
+        for k, angle in enumerate(angles):
+            p = p + R @ robot.origins[k, :3, 3]
+            R = R @ robot.origins[k, :3, :3] @ turn(robot.axes[k], angle)
+        p, R = p + R @ robot.origins[-1, :3, 3], R @ robot.origins[-1, :3, :3]
+        found.append([p + R @ marker for marker in markers])
+    return np.array(found)
+
+
+def distances(theta: Array, q: Array, markers: Array = MARKERS) -> Array:
+    """Distances (m, M) by offsets and anchor."""
+    away = points_of(arm(), q, theta[:3], markers) - theta[3:6]
+    return np.asarray(np.sqrt((away**2).sum(axis=-1)))
+
+
+def slopes(function: Callable[[Array], Array], theta: Array) -> Array:
+    """Derivatives (N, p) by central differences."""
+    steps = 1e-6 * np.eye(len(theta))
+    return np.column_stack(
+        [(function(theta + h) - function(theta - h)).ravel() / 2e-6 for h in steps]
+    )
+
+
+def cell_with(*instruments: Instrument, effects: Sequence[str] = ("base", OFF)) -> Cell:
+    return replace(cell_of(arm(), MARKERS, effects), instruments=instruments)
+
+
+def measured(q: Array, readings: Array, seen: Array | None = None) -> Measurements:
+    shape = readings.shape[:2]
+    seen = np.ones(shape, dtype=bool) if seen is None else seen
+    return Measurements(poses_at(q), readings * seen[..., None], seen, np.full(shape, np.nan))
+
+
+def drawn(count: int, seed: int) -> Array:
+    return np.random.default_rng(seed).uniform(-2.0, 2.0, (count, 4))
+
+
+def in_order(result: calib.Identification) -> list[int]:
+    """Positions of offsets and anchor among the values."""
+    ids = [p.id for p in result.model.parameters]
+    wanted = [f"joint_offset:{j}.offset" for j in OFFSETS]
+    return [ids.index(i) for i in (*wanted, *(f"base:bar.{c}" for c in "xyz"))]
+
+
+def test_offsets_and_anchor_from_distances_alone() -> None:
+    """The covariance is the inverse of the information by hand; errors scatter as it says."""
+    q, theta = drawn(30, 0), np.concatenate([TRUE, ANCHOR])
+    exact, cell = distances(theta, q), cell_with(Ballbar(name="bar", sigma=SIGMA))
+    J = slopes(lambda t: distances(t, q), theta) / SIGMA
+    expected = np.linalg.inv(J.T @ J)
+    rng, squared = np.random.default_rng(1), []
+    for _ in range(20):
+        noisy = exact + SIGMA * rng.standard_normal(exact.shape)
+        found = calib.identify(cell, measured(q, noisy[..., None]))
+        at = in_order(found)
+        assert found.status == "converged"
+        assert found.dof == exact.size - 6
+        error = found.values[at] - theta
+        squared.append(error @ np.linalg.solve(expected, error))
+        own = found.covariance[np.ix_(at, at)] / found.noise.factor**2
+        np.testing.assert_allclose(own, expected, rtol=0.02, atol=2e-3 * np.abs(expected).max())
+    # A chi-square of 120 degrees of freedom, four standard deviations.
+    assert sum(squared) == pytest.approx(120.0, abs=4.0 * np.sqrt(240.0))
+
+
+def test_beside_a_tracker_information_adds() -> None:
+    """Half of the poses are read by the tracker, half by the bar, some by both."""
+    q, theta = drawn(24, 2), np.concatenate([TRUE, ANCHOR, [0.3, -2.0, 0.8, 0.4, -1.1, 0.7]])
+    by_laser, by_bar = np.arange(24) < 14, np.arange(24) >= 10
+
+    def laser(t: Array) -> Array:
+        R = turn(t[9:], float(np.linalg.norm(t[9:])))
+        return points_of(arm(), q[by_laser], t[:3]) @ R.T + t[6:9]
+
+    def bar(t: Array) -> Array:
+        return distances(t, q[by_bar])
+
+    J = np.concatenate([slopes(laser, theta) / BAR, slopes(bar, theta) / SIGMA])
+    expected = np.linalg.inv(J.T @ J)
+    readings, seen = np.zeros((24, 4, 3)), np.zeros((24, 4), dtype=bool)
+    seen[by_laser, :2], seen[by_bar, 2:] = True, True
+    instruments = (
+        Tracker(name="laser", noise=Noise.isotropic(BAR)),
+        Ballbar(name="bar", sigma=SIGMA),
+    )
+    cell, rng, squared = cell_with(*instruments), np.random.default_rng(3), []
+    for _ in range(12):
+        points, lengths = laser(theta), bar(theta)
+        readings[by_laser, :2] = points + BAR * rng.standard_normal(points.shape)
+        readings[by_bar, 2:, 0] = lengths + SIGMA * rng.standard_normal(lengths.shape)
+        found = calib.identify(cell, measured(q, readings, seen))
+        ids = [p.id for p in found.model.parameters]
+        place = [ids.index(f"base:base.{c}") for c in ("x", "y", "z", "rx", "ry", "rz")]
+        at = [*in_order(found), *place]
+        assert found.dof == 3 * 28 + 28 - 12
+        error = found.values[at] - theta
+        squared.append(error @ np.linalg.solve(expected, error))
+        std = np.sqrt(np.diag(expected))
+        np.testing.assert_allclose(found.std[at] / found.noise.factor, std, rtol=0.03)
+    assert sum(squared) == pytest.approx(144.0, abs=4.0 * np.sqrt(288.0))
+
+
+@pytest.mark.parametrize("reads", [None, (1,)])
+def test_derivatives_by_everything(reads: tuple[int, ...] | None) -> None:
+    """A tracker of two stations and a scale, a bar, a level; free markers, a joint that yields."""
+    bar, level = Ballbar(name="bar", markers=reads), Level(name="level", markers=(1, 0))
+    effects = ("base", "tool", "joint_offset:j2,j3", "tracker_scale", "joint_compliance:j2")
+    cell = cell_with(LASER, bar, level, effects=effects)
+    station = np.arange(6) % 2
+    poses = poses_at(drawn(6, 4), station=station, stations=("north", "south"))
+    poses = replace(poses, wrench=np.tile([100.0, 0.0, -300.0, 0.0, 0.0, 10.0], (6, 1)))
+    model = build(cell, poses).model
+    values = np.random.default_rng(5).normal(size=len(model.parameters)) * 10.0 * model.sizes
+    _, J = model.jacobian(values, poses)
+    channels = 2 + len(MARKERS if reads is None else reads) + 1
+    assert J.shape == (6, channels, 3, len(values))
+    numeric = central_difference(lambda v: model.predict(v, poses), values, 0.1 * model.sizes)
+    np.testing.assert_allclose(J, numeric, rtol=1e-6, atol=1e-7 * np.abs(J).max())
+    assert not J[:, 2:, 1:].any()  # a distance is one number
+
+
+def test_through_a_table(tmp_path: Path) -> None:
+    """Rows of both, by the column ``instrument``; what does not apply is empty."""
+    q = drawn(5, 6)
+    cell = cell_with(LASER, Ballbar(name="bar", markers=(1,)))
+    readings, seen = np.zeros((5, 3, 3)), np.ones((5, 3), dtype=bool)
+    readings[:, :2] = points_of(arm(), q, TRUE)
+    readings[:, 2, 0] = distances(np.concatenate([TRUE, ANCHOR]), q)[:, 1]
+    seen[3, 0] = seen[1, 2] = False
+    data = measured(q, readings, seen)
+    text = measurements_csv(cell, data)
+    assert text.splitlines()[0].endswith("x_mm,y_mm,z_mm,d_mm")
+    (tmp_path / "m.csv").write_text(text)
+    back = calib.load_measurements(cell, tmp_path / "m.csv")
+    np.testing.assert_array_equal(back.seen, seen)
+    np.testing.assert_allclose(back.readings, data.readings, atol=6e-9)
+    for old, new, said in (
+        (",bar,", ",rod,", "'rod' is not in the cell; instruments are laser, bar"),
+        ("m2,bar,", "m1,bar,", "is nothing that instrument 'bar' reads"),
+    ):
+        (tmp_path / "bad.csv").write_text(text.replace(old, new, 1))
+        with pytest.raises(calib.CalibError, match=said):
+            calib.load_measurements(cell, tmp_path / "bad.csv")
+
+
+def test_simulated_as_it_is_whitened() -> None:
+    """The simulator adds to each row its instrument's noise, and none to numbers that are none."""
+    cell = cell_with(LASER, Ballbar(name="bar", sigma=SIGMA))
+    poses = poses_at(drawn(400, 7))
+    model = build(cell, poses).model
+    data = calib.simulate(model, model.initial, poses, None, np.random.default_rng(8))
+    off = model.off(model.initial, data)
+    assert off[:, :2].std() == pytest.approx(3e-5, rel=0.08)
+    assert off[:, 2:, 0].std() == pytest.approx(SIGMA, rel=0.12)
+    assert not off[:, 2:, 1:].any()
+
+
+def test_accuracy_at_targets_counts_points() -> None:
+    """Whatever reads, the error expected of a target is that of its points."""
+    cell = cell_with(Ballbar(name="bar"))
+    targets = poses_at(drawn(3, 9))
+    model = build(cell, targets).model
+    at = model.where(Effect)
+    own = [i for i in at if model.parameters[i].effect == "joint_offset"]
+    cov = np.zeros((len(at), len(at)))
+    cov[own, own] = 1e-8
+    errors = errors_at(model, model.initial, cov, targets)
+    moved = slopes(lambda t: points_of(arm(), targets.q, t, np.zeros((1, 3))), np.zeros(3))
+    expected = 1e-4 * np.sqrt((moved.reshape(3, -1) ** 2).sum(axis=1))
+    np.testing.assert_allclose(errors, expected, rtol=1e-6)

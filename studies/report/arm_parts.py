@@ -69,15 +69,14 @@ def _description(scene: ArmScene) -> str:
 def _stands(scene: ArmScene) -> _Stands:
     """All points of the picture."""
     around, tip = scene.around, scene.points[:, scene.chain[-1], None]
-    lines = [[*outline.lines, outline.centre[None]] for outline in around.outlines]
-    still = [line for outline in lines for line in outline]
+    outlines = [points for o in around.outlines for points in (*o.lines, o.centre[None])]
     seen_from = np.zeros((0, 3), int) if around.instrument is None else around.instrument[None]
     return _Stands(
         arm=scene.points,
         floor=around.floor.reshape(1, -1, 3),
         foot=around.foot[None],
         ruler=_ruler(around)[None],
-        outlines=np.concatenate([np.zeros((0, 3), int), *still])[None],
+        outlines=np.concatenate([np.zeros((0, 3), int), *outlines])[None],
         base=np.concatenate([np.zeros((1, 3), int), np.eye(3, dtype=int) * around.step])[None],
         tip=tip + np.rint(scene.tip_axes * around.step * _TIP_AXIS).astype(int),
         instrument=seen_from[None],

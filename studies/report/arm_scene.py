@@ -42,7 +42,7 @@ class ArmScene:
     points : ndarray of int, shape (m, k, 3), mm
     still : int, how many points, the first ones, stand at one place at all poses
     chain : tuple of int, points from the base over the joints to the tip
-    tip_axes : ndarray of int, shape (m, 2, 3), x and y axis of the tip frame, in hundredths
+    tip_axes : ndarray, shape (m, 3, 3), axes of the tip frame, one a row
     markers : tuple of str, names; marker_points : tuple of int
     hidden : dict, (pose, marker) -> why it is not in sight, or not measured
     seen : str, what the others are: ``in sight``, ``measured``, or empty where nobody knows
@@ -59,7 +59,7 @@ class ArmScene:
     points: IntArray
     still: int
     chain: tuple[int, ...]
-    tip_axes: IntArray
+    tip_axes: Array
     markers: tuple[str, ...]
     marker_points: tuple[int, ...]
     hidden: dict[tuple[int, int], str]
@@ -70,18 +70,27 @@ class ArmScene:
 
     def readout(self, pose: int) -> tuple[str, str]:
         """Joint values and markers of a pose in words."""
-        row = zip(self.joints, self.units, self.values[pose], strict=True)
-        joints = [
-            f"{name} {_shown(value)}{_SIGNS[unit]}{' (level)' if k == self.level else ''}"
-            for k, (name, unit, value) in enumerate(row)
-        ]
-        lost = {j: why for j in range(len(self.markers)) if (why := self.hidden.get((pose, j)))}
+        row = zip(self.joint_words, self.values[pose], strict=True)
+        joints = [f"{before}{_shown(value)}{after}" for (before, after), value in row]
+        lost = self.lost(pose)
         seen = [name for j, name in enumerate(self.markers) if j not in lost]
         words = f"marker{'s'[: len(seen) > 1]} {', '.join(seen)}" if seen else "no marker"
-        hidden = [f"{self.markers[j]} {why}" for j, why in lost.items()]
+        hidden = [f"{self.markers[j]} {self.hidden[pose, j]}" for j in lost]
         return " \N{MIDDLE DOT} ".join(joints), "; ".join(
             [f"{words} {self.seen}".rstrip(), *hidden]
         )
+
+    @property
+    def joint_words(self) -> list[tuple[str, str]]:
+        """What stands before and after the value of each joint."""
+        return [
+            (f"{name} ", _SIGNS[unit] + " (level)" * (k == self.level))
+            for k, (name, unit) in enumerate(zip(self.joints, self.units, strict=True))
+        ]
+
+    def lost(self, pose: int) -> tuple[int, ...]:
+        """Markers that are not in sight, or not measured, at a pose."""
+        return tuple(j for j in range(len(self.markers)) if (pose, j) in self.hidden)
 
 
 def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = None) -> ArmScene:
@@ -105,9 +114,9 @@ def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = N
     hidden, markers, seen = _markers(cell, plan, placed)
     ends = [end for capsule in placed.capsules for end in (capsule.start, capsule.end)]
     columns = [*placed.origins.swapaxes(0, 1), *markers.swapaxes(0, 1), *ends]
-    points, number, still = _shared(whole_mm(np.stack(columns, axis=1)))
-    chain = tuple(point for point, _ in groupby(number[: robot.dof + 2]))
-    tail = number[robot.dof + 2 :]
+    points, number, still = shared(whole_mm(np.stack(columns, axis=1)))
+    chain = tuple(point for point, _ in groupby(number[: robot.dof + 2].tolist()))
+    tail = number[robot.dof + 2 :].tolist()
     arms = points[:, chain]
     length = float(np.linalg.norm(arms - arms[:, :1], axis=-1).max())
     values = np.where(robot.prismatic, poses.q * 1e3, np.degrees(poses.q))
@@ -121,7 +130,7 @@ def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = N
         points=points,
         still=still,
         chain=chain,
-        tip_axes=np.rint(placed.frames.R[:, -1, :, :2].swapaxes(1, 2) * 100.0).astype(int),
+        tip_axes=placed.frames.R[:, -1].swapaxes(1, 2),
         markers=cell.marker_names,
         marker_points=tuple(tail[: len(cell.markers)]),
         hidden=hidden,
@@ -151,14 +160,14 @@ def _links(chain: tuple[int, ...], radius: float) -> tuple[Body, ...]:
     return tuple(Body(a, b, max(1, round(radius))) for a, b in pairwise(chain))
 
 
-def _shared(points: IntArray) -> tuple[IntArray, list[int], int]:
+def shared(points: IntArray) -> tuple[IntArray, IntArray, int]:
     """Distinct points of (m, k, 3), the still ones first; the number of each; how many are still."""
     flat = points.swapaxes(0, 1).reshape(points.shape[1], -1)
     _, first, number = np.unique(flat, axis=0, return_index=True, return_inverse=True)
     moves = (points[:, first] != points[:1, first]).any(axis=(0, 2))
     order = np.lexsort([first, moves])
     place = np.argsort(order)
-    return points[:, first[order]], [int(i) for i in place[number.reshape(-1)]], int((~moves).sum())
+    return points[:, first[order]], place[number.reshape(-1)], int((~moves).sum())
 
 
 def _unread(data: Measurements, hidden: dict[tuple[int, int], str]) -> dict[tuple[int, int], str]:

@@ -1,9 +1,9 @@
-// Turns the drawing of the arm: the same parts, order and places as arm_drawing.py draws.
+// Draws a picture at any pose and from anywhere: the parts are those that arm_picture.py describes.
 // Figures speak with the page by the event `posecal:pose` on document, detail {pose, source, pinned}.
 (() => {
   "use strict";
   const SVG = "http://www.w3.org/2000/svg";
-  const MARGIN = 32, JOINT = 4, MARKER = 4.5, LETTERED = 20, REACH = 14; // px
+  const MARGIN = 32, REACH = 14; // px
   const VIEWS = { Front: [0, 0], Side: [-90, 0], Top: [-90, 90] };
 
   function element(tag, attributes, text) {
@@ -12,18 +12,50 @@
     if (text !== undefined) made.textContent = text;
     return made;
   }
-  const path = (kind, d, width) =>
-    element("path", width === undefined ? { class: kind, d } : { class: kind, d, "stroke-width": width.toFixed(1) });
-  const dot = (kind, [x, y], r) =>
-    element("circle", { class: kind, cx: x.toFixed(1), cy: y.toFixed(1), r: r.toFixed(1) });
-  const label = (kind, [x, y], text) =>
-    element("text", { class: kind + " arm-middle", x: x.toFixed(1), y: y.toFixed(1) }, text);
   const track = (places) => "M" + places.map(([x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`).join("L");
   const plus = (a, b, s = 1) => a.map((v, i) => v + s * b[i]);
   const dotted = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+  const mean = (all) => all.reduce((a, b) => plus(a, b)).map((v) => v / all.length);
   const last = (list) => list[list.length - 1];
-  const length = (v) => Math.hypot(...v);
-  const flat = ([x, y]) => [x, y, 0];
+
+  // What each kind of part is made of, at the picked pose of a view.
+  const DRAWN = {
+    *Line({ css, tail = "", opacity, ...part }, view) {
+      const d = view.runs(part).map((places) => track(places) + tail).join("");
+      yield element("path", { class: css, d, ...(opacity && { opacity: opacity.toFixed(2) }) });
+    },
+
+    *Dot({ css, mm = 0, px = 0, ...part }, view) {
+      const r = (mm * view.drawnScale + px).toFixed(1);
+      for (const [x, y] of view.runs(part).flat())
+        yield element("circle", { class: css, cx: x.toFixed(1), cy: y.toFixed(1), r });
+    },
+
+    *Rods({ css, at, mm, layers }, view) {
+      const rods = at.map((run, i) => ({ run, depth: view.depth(run), width: 2 * mm[i] * view.drawnScale }));
+      const group = element("g", { class: css });
+      for (const { run, width } of rods.sort((a, b) => a.depth - b.depth)) {
+        const d = track(view.places(run));
+        for (const [kind, wider] of layers)
+          group.append(element("path", { class: kind, d, "stroke-width": (width + wider).toFixed(1) }));
+      }
+      yield group;
+    },
+
+    *Text({ css, words, down = 0, beyond, least = 0, ...part }, view) {
+      for (const places of view.runs(part)) {
+        let place = mean(places);
+        if (beyond) {
+          const [point, far] = beyond, away = plus(place, view.places([point])[0], -1), length = Math.hypot(...away);
+          if (length < least) continue;
+          place = plus(place, away, far / Math.max(length, 1));
+        }
+        const [x, y] = plus(place, [0, down]);
+        if ([x, y].every((v, k) => v >= 0 && v <= view.size[k]))
+          yield element("text", { class: css, x: x.toFixed(1), y: y.toFixed(1) }, words);
+      }
+    },
+  };
 
   class ArmView {
     constructor(figure) {
@@ -33,7 +65,6 @@
       this.svg = figure.querySelector(".arm-drawing");
       this.parts = figure.querySelector(".arm-parts");
       this.number = new Map(this.data.poses.map((name, i) => [name, i]));
-      this.why = new Map(this.data.hidden.map(([i, j, reason]) => [i * this.data.markers.length + j, this.data.reasons[reason]]));
       this.perPose = this.data.moving.length / this.data.poses.length;
       this.chosen = 0; // what the controls say
       this.peeked = null; // what the pointer is over, here or elsewhere on the page
@@ -48,6 +79,9 @@
     // ---- what is shown
 
     get pose() { return this.peeked ?? this.chosen; }
+
+    // What is said of the markers at this pose, and which of them are lost.
+    get state() { return this.data.states[this.data.state[this.pose]]; }
 
     choose(i) {
       const count = this.data.poses.length;
@@ -82,15 +116,9 @@
       this.select.value = String(this.chosen);
       const [name, joints, markers] = this.figure.querySelector(".arm-now").children;
       name.textContent = data.poses[pose];
-      joints.textContent = data.joints.map((joint, k) => {
-        const value = data.values[pose][k].toFixed(2).replace("-", "\u2212");
-        return `${joint} ${value}${data.units[k] === "deg" ? "\u00b0" : " mm"}${k === data.level ? " (level)" : ""}`;
-      }).join(" \u00b7 ");
-      const lost = (j) => this.why.get(pose * data.markers.length + j);
-      const names = data.markers.filter((_, j) => lost(j) === undefined);
-      const seen = names.length ? `marker${names.length > 1 ? "s" : ""} ${names.join(", ")}` : "no marker";
-      const hidden = data.markers.flatMap((marker, j) => (lost(j) === undefined ? [] : [`${marker} ${lost(j)}`]));
-      markers.textContent = [`${seen} ${data.seen}`.trim(), ...hidden].join("; ");
+      joints.textContent = data.joints.map(([before, after], k) =>
+        before + data.values[pose][k].toFixed(2).replace("-", "\u2212") + after).join(" \u00b7 ");
+      [markers.textContent] = this.state;
       this.draw();
     }
 
@@ -153,16 +181,26 @@
       return [this.shift[0] + u * s, this.shift[1] - v * s];
     }
 
-    line(points) { return track(points.map((p) => this.at(p))); }
-
-    lines(several) { return several.map((points) => this.line(points)).join(""); }
-
-    point(pose, c) {
+    point(c, pose) {
+      if (c < 0) { const [x, y] = this.point(~c, pose); return [x, y, 0]; }
       const { still, moving } = this.data;
       const from = 3 * c < still.length ? 3 * c : pose * this.perPose + 3 * c - still.length;
       const held = 3 * c < still.length ? still : moving;
       return [held[from], held[from + 1], held[from + 2]];
     }
+
+    places(run, pose = this.pose) { return run.map((c) => this.at(this.point(c, pose))); }
+
+    // Where a part stands, run by run.
+    runs({ at, every, lowest }) {
+      if (every) return at.flatMap((run) => this.data.poses.map((_, i) => this.places(run, i)));
+      const runs = at.map((run) => this.places(run));
+      const low = (places) => Math.round(places[0][1]);
+      const wide = (places) => Math.round(Math.abs(last(places)[0] - places[0][0]));
+      return lowest ? runs.sort((a, b) => low(b) - low(a) || wide(b) - wide(a)).slice(0, 1) : runs;
+    }
+
+    depth(run) { return dotted(this.near, mean(run.map((c) => this.point(c, this.pose)))); }
 
     // ---- drawing, once a frame
 
@@ -173,131 +211,24 @@
         this.waiting = false;
         this.aim();
         this.place();
-        this.parts.replaceChildren(...this.floor(), ...this.all(), ...this.arm(this.pose));
+        this.tips = this.data.poses.map((_, i) => this.places([this.data.tip], i)[0]);
+        this.parts.replaceChildren(...this.drawn());
       });
     }
 
     // Zooming leaves the tip of the arm where it is in the drawing.
     place() {
-      const middle = this.seen(this.pivot), tip = this.seen(this.point(this.pose, last(this.data.chain)));
+      const middle = this.seen(this.pivot), tip = this.seen(this.point(this.data.tip, this.pose));
       const rest = this.scale * (1 - this.zoom), [u, v] = tip.map((w, k) => rest * w - this.scale * middle[k]);
       this.drawnScale = this.scale * this.zoom;
       this.shift = [this.size[0] / 2 + u, this.size[1] / 2 - v];
     }
 
-    *floor() {
-      const { floor, foot, solids } = this.data;
-      yield path("arm-floor", this.lines(floor));
-      yield path("arm-foot", this.line(foot));
-      yield* this.ruler();
-      for (const solid of solids) {
-        yield path(solid.plane ? "arm-plane" : "arm-solid", this.lines(solid.lines));
-        if (solid.radius) yield dot("arm-solid", this.at(solid.centre), solid.radius * this.drawnScale);
-        const place = this.at(solid.centre);
-        if (place.every((v, k) => v >= 0 && v <= this.size[k])) yield label("arm-label", place, solid.name);
-      }
-    }
-
-    // The side of a floor cell at the corner that is lowest in the drawing.
-    *ruler() {
-      const { floor, step } = this.data, ends = floor.flat();
-      const [low, high] = [Math.min, Math.max].map((f) => [0, 1].map((k) => f(...ends.map((p) => p[k]))));
-      const corners = [low[0], high[0]].flatMap((x) => [low[1], high[1]].map((y) => [x, y, 0]));
-      const corner = corners.reduce((a, b) => (this.at(b)[1] > this.at(a)[1] ? b : a));
-      const long = (side) => Math.abs(this.at(side)[0] - this.at(corner)[0]);
-      const sides = [0, 1].map((k) => corner.map((v, i) => v + (i === k ? (v === low[k] ? step : -step) : 0)));
-      const side = sides.reduce((a, b) => (long(b) > long(a) ? b : a));
-      yield path("arm-scale", this.line([corner, side]));
-      yield label("arm-label", plus(this.at(corner.map((v, i) => (v + side[i]) / 2)), [0, 15]), `${step} mm`);
-    }
-
-    *triad(origin, axes, names, kind) {
-      for (const [i, axis] of axes.entries()) {
-        const end = plus(origin, axis), [from, to] = [this.at(origin), this.at(end)], away = plus(to, from, -1);
-        yield path(kind, this.line([origin, end]));
-        if (length(away) > LETTERED) yield label(`${kind}-name`, plus(plus(to, away, 8 / length(away)), [0, 4]), names[i]);
-      }
-    }
-
-    // All poses in two paths; where their tips stand is kept for the pointer.
-    *all() {
-      const { poses, chain, still } = this.data;
-      const moving = chain.slice(Math.max(0, chain.findIndex((c) => 3 * c >= still.length) - 1));
-      let arms = "", dots = "";
-      this.tips = poses.map((_, i) => {
-        const points = moving.map((c) => this.at(this.point(i, c)));
-        const [x, y] = last(points);
-        arms += track(points);
-        dots += `M${x.toFixed(1)} ${y.toFixed(1)}h0`;
-        return [x, y];
-      });
-      for (const [kind, d] of [["arm-all", arms], ["arm-tips", dots]])
-        yield element("path", { class: kind, d, opacity: this.data.fade.toFixed(2) });
-    }
-
-    *arm(pose) {
-      const { chain, shaped, tip: axes, step } = this.data;
-      const points = chain.map((c) => this.point(pose, c)), tip = last(points);
-      yield path("arm-shadow", this.line(points.map(flat)));
-      yield path("arm-drop", this.line([tip, flat(tip)]));
-      yield this.bodies(pose);
-      if (shaped) yield path("arm-chain", this.line(points));
-      for (const joint of points.slice(0, -1)) yield dot("arm-joint", this.at(joint), JOINT);
-      yield* this.triad([0, 0, 0], [[step, 0, 0], [0, step, 0], [0, 0, step]], "XYZ", "arm-base-axis");
-      yield* this.sight(pose);
-      const [x, y] = [0, 3].map((k) => axes.slice(6 * pose + k, 6 * pose + k + 3).map((v) => v / 100));
-      const z = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]];
-      yield* this.triad(tip, [x, y, z].map((axis) => axis.map((v) => v * step * 0.35)), "xyz", "arm-tip-axis");
-      yield* this.marks(pose);
-    }
-
-    bodies(pose) {
-      const { bodies, shaped } = this.data, group = element("g", { class: shaped ? "arm-shape" : "arm-links" });
-      const depth = ([a, b]) => dotted(this.near, plus(this.point(pose, a), this.point(pose, b)));
-      const order = bodies.map((body) => [depth(body), body]).sort((a, b) => a[0] - b[0]);
-      for (const [, [a, b, radius]] of order) {
-        const line = this.line([this.point(pose, a), this.point(pose, b)]), width = 2 * radius * this.drawnScale;
-        group.append(path("arm-rim", line, width + 2), path("arm-body", line, width));
-      }
-      return group;
-    }
-
-    lost(pose, j) { return this.why.has(pose * this.data.markers.length + j); }
-
-    *sight(pose) {
-      const { instrument, far, at, step, chain } = this.data;
-      if (instrument === null) return;
-      let first = null;
-      for (const [j, c] of at.entries()) {
-        const point = this.point(pose, c), away = plus(instrument, point, -1);
-        const end = plus(point, away, far ? (3 * step) / Math.max(length(away), 1) : 1);
-        first = first ?? end;
-        yield path(this.lost(pose, j) ? "arm-blocked" : "arm-sight", this.line([point, end]));
-      }
-      if (far) {
-        const away = length(plus(instrument, this.point(pose, last(chain)), -1)) / 1e3;
-        yield label("arm-label", this.at(first), `instrument ${away.toFixed(1)} m off`);
-        return;
-      }
-      const [x, y] = this.at(instrument);
-      yield path("arm-drop", this.line([instrument, flat(instrument)]));
-      yield dot("arm-instrument", [x, y], 7);
-      yield path("arm-instrument", `M${(x - 11).toFixed(1)} ${y.toFixed(1)}h22M${x.toFixed(1)} ${(y - 11).toFixed(1)}v22`);
-      yield label("arm-label", [Math.max(MARGIN, Math.min(this.size[0] - MARGIN, x)), y - 17], "instrument");
-    }
-
-    *marks(pose) {
-      const { markers, at, chain } = this.data, tip = this.point(pose, last(chain));
-      for (const [j, c] of at.entries()) {
-        const point = this.point(pose, c), place = this.at(point), [x, y] = place;
-        yield path("arm-tool", this.line([tip, point]));
-        yield dot(this.lost(pose, j) ? "arm-marker arm-hidden" : "arm-marker", place, MARKER);
-        if (this.lost(pose, j)) {
-          const [left, top, low] = [x - 6, y - 6, y + 6].map((v) => v.toFixed(1));
-          yield path("arm-hidden", `M${left} ${top}l12 12M${left} ${low}l12 -12`);
-        }
-        const away = plus(place, this.at(tip), -1);
-        yield label("arm-name", plus(plus(place, away, 13 / Math.max(length(away), 1)), [0, 4]), markers[j]);
+    *drawn() {
+      const [, lost] = this.state;
+      for (const part of this.data.parts) {
+        const [marker, where] = part.when ?? [];
+        if (marker === undefined || lost.includes(marker) === where) yield* DRAWN[part.kind](part, this);
       }
     }
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields
 from typing import Any
 
-import numpy as np
 from markupsafe import Markup
 
-from studies.report.arm_drawing import MARKER, START, crossed, dot, drawing, fade, path
+from studies.report.arm_drawing import START, drawing
+from studies.report.arm_parts import CROSS, MARKER, picture
+from studies.report.arm_picture import Part, Picture
 from studies.report.arm_scene import ArmScene
 
 
@@ -18,6 +20,7 @@ def figure_html(scene: ArmScene, key: str = "arm") -> Markup:
     key : str, begins the identifiers in it; one of its own for each figure of a page
     """
     joints, markers = scene.readout(0)
+    shown = picture(scene)
     return Markup(
         """<figure class="arm-view" id="{key}">
 <div class="arm-bar" role="group" aria-label="Pose and view" hidden></div>
@@ -29,13 +32,13 @@ def figure_html(scene: ArmScene, key: str = "arm") -> Markup:
 </figure>"""
     ).format(
         key=key,
-        drawing=drawing(scene, key),
+        drawing=drawing(shown, key),
         pose=scene.poses[0],
         joints=joints,
         markers=markers,
         legend=_legend(scene),
         caption=_caption(scene),
-        data=_in_script(figure_data(scene)),
+        data=_in_script(figure_data(scene, shown)),
     )
 
 
@@ -54,62 +57,54 @@ def _caption(scene: ArmScene) -> str:
 
 def _legend(scene: ArmScene) -> Markup:
     """Signs that occur in the drawing."""
-    middle = np.array([12.0, 9.0])
     signs = [
-        (path("arm-all", "M2 9h20"), "all poses"),
-        (dot("arm-marker", middle, MARKER), f"marker {scene.seen}".strip()),
+        (_path("arm-all", "M2 9h20"), "all poses"),
+        (_marker("arm-marker"), f"marker {scene.seen}".strip()),
     ]
     if scene.hidden:
         lost = "not measured" if scene.seen == "measured" else "hidden"
-        signs.append((crossed(middle), f"marker {lost}"))
+        crossed = _marker("arm-marker arm-hidden") + _path("arm-hidden", f"M12 9{CROSS}")
+        signs.append((crossed, f"marker {lost}"))
     if scene.around.instrument is not None:
-        signs.append((path("arm-sight", "M1 9h22"), "line of sight"))
+        signs.append((_path("arm-sight", "M1 9h22"), "line of sight"))
     return Markup("").join(
         Markup('<li><svg viewBox="0 0 24 18" aria-hidden="true">{}</svg>{}</li>').format(icon, text)
         for icon, text in signs
     )
 
 
-def figure_data(scene: ArmScene) -> dict[str, Any]:
-    """What the script draws from, in mm and the shown units; numbers of points, not copies."""
-    still = scene.still
-    reasons = list(dict.fromkeys(scene.hidden.values()))
+def _path(css: str, data: str) -> Markup:
+    return Markup('<path class="{}" d="{}"/>').format(css, data)
+
+
+def _marker(css: str) -> Markup:
+    return Markup('<circle class="{}" cx="12" cy="9" r="{}"/>').format(css, MARKER)
+
+
+def figure_data(scene: ArmScene, shown: Picture) -> dict[str, Any]:
+    """What the script draws from, in mm and the shown units, and what it says of each pose."""
+    told = [scene.readout(i)[1] for i in range(len(scene.poses))]
+    states = list(dict.fromkeys(zip(told, shown.lost, strict=True)))
+    number = {state: i for i, state in enumerate(states)}
     return {
         "poses": scene.poses,
-        "joints": scene.joints,
-        "units": scene.units,
-        "level": scene.level,
+        "joints": scene.joint_words,
         "values": scene.values.tolist(),
-        "still": scene.points[0, :still].ravel().tolist(),
-        "moving": scene.points[:, still:].ravel().tolist(),
-        "chain": scene.chain,
-        "tip": scene.tip_axes.ravel().tolist(),
-        "markers": scene.markers,
-        "at": scene.marker_points,
-        "reasons": reasons,
-        "hidden": [[i, j, reasons.index(why)] for (i, j), why in sorted(scene.hidden.items())],
-        "seen": scene.seen,
-        "bodies": [[b.start, b.end, b.radius] for b in scene.bodies],
-        "shaped": scene.shaped,
-        "instrument": None if scene.around.instrument is None else scene.around.instrument.tolist(),
-        "far": scene.around.far,
-        "solids": [
-            {
-                "name": o.name,
-                "lines": [line.tolist() for line in o.lines],
-                "centre": o.centre.tolist(),
-                "radius": o.radius,
-                "plane": o.plane,
-            }
-            for o in scene.around.outlines
-        ],
-        "floor": scene.around.floor.tolist(),
-        "foot": scene.around.foot.tolist(),
-        "step": scene.around.step,
-        "frame": scene.around.frame.ravel().tolist(),
-        "fade": round(fade(scene), 2),
+        "states": states,
+        "state": [number[state] for state in zip(told, shown.lost, strict=True)],
+        "still": shown.points[0, : shown.still].ravel().tolist(),
+        "moving": shown.points[:, shown.still :].ravel().tolist(),
+        "tip": shown.tip,
+        "frame": shown.frame.ravel().tolist(),
         "view": [START.azimuth, START.elevation],
+        "parts": [_plain(part) for part in shown.parts],
     }
+
+
+def _plain(part: Part) -> dict[str, Any]:
+    """A part by its kind, and what of it is not as usual."""
+    said = {f.name: v for f in fields(part) if (v := getattr(part, f.name)) != f.default}
+    return {"kind": type(part).__name__, **said}
 
 
 def _in_script(data: Any) -> Markup:

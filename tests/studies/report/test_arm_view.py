@@ -22,8 +22,11 @@ from calib.targets import sobol_poses
 from doe.constraints import hidden_by, scene_of, visible
 from studies.demo import embedded_text, simulated
 from studies.report.arm_drawing import drawing
+from studies.report.arm_parts import picture
+from studies.report.arm_picture import Line, Picture
 from studies.report.arm_scene import ArmScene, scene
 from studies.report.arm_view import figure_html
+from studies.report.assets import asset
 from tests.calib.test_mujoco import in_mujoco
 from tests.helpers import cell_of, random_robot, read_by
 from tests.studies.report.cells import HOSTILE, hostile, shaped
@@ -61,7 +64,7 @@ def test_arm_and_markers_stand_where_mujoco_puts_them(kr270: Cell) -> None:
     wanted = np.concatenate([np.zeros((40, 1, 3)), origins[:, [0, 1, 2, 3, 6]]], axis=1) * 1e3
     np.testing.assert_allclose(arm, wanted, atol=HALF)
     np.testing.assert_allclose(found.points[:, found.marker_points], markers * 1e3, atol=HALF)
-    np.testing.assert_allclose(found.tip_axes / 100.0, axes.swapaxes(1, 2)[:, :2], atol=0.0051)
+    np.testing.assert_allclose(found.tip_axes, axes.swapaxes(1, 2), atol=1e-9)
 
 
 def test_prismatic_joints_and_capsules_by_products_of_matrices() -> None:
@@ -181,8 +184,8 @@ def test_what_stands_around(drawn: ArmScene) -> None:
     assert (floor.max(axis=(0, 1))[:2] >= arms.max(axis=0)).all()
 
 
-def parsed(picture: ArmScene) -> ElementTree.Element:
-    return ElementTree.fromstring(str(drawing(picture, "k")))
+def parsed(shown: ArmScene) -> ElementTree.Element:
+    return ElementTree.fromstring(str(drawing(picture(shown), "k")))
 
 
 def of_class(svg: ElementTree.Element, name: str) -> list[ElementTree.Element]:
@@ -248,9 +251,59 @@ def test_a_far_instrument_is_a_direction(kr270: Cell, table_two: Poses) -> None:
     assert found.around.far
     svg = parsed(found)
     assert not of_class(svg, "arm-instrument")
-    tip = bodies(table_two.q[:1])[0][0, -1]
-    away = np.linalg.norm(cell.instrument - tip)
-    assert f"instrument {away:.1f} m off" in {e.text for e in svg.iter("text")}
+    away = np.linalg.norm(cell.instrument)
+    assert f"instrument {away:.1f} m from base" in {e.text for e in svg.iter("text")}
+    origins, axes = bodies(table_two.q)
+    markers = origins[:, -1:] + rotate(axes[:, None], kr270.markers)
+    towards = cell.instrument - markers
+    towards *= 1500.0 / np.linalg.norm(towards, axis=-1, keepdims=True)
+    for j, (start, end) in enumerate(segments(picture(found), "arm-sight")):
+        np.testing.assert_allclose(start, markers[:, j] * 1e3, atol=HALF)
+        np.testing.assert_allclose(end - start, towards[:, j], atol=2 * HALF)
+
+
+def segments(shown: Picture, css: str) -> list[tuple[Array, Array]]:
+    """Both ends (m, 3) mm of the lines of a class, over all poses."""
+    lines = [part for part in shown.parts if isinstance(part, Line) and part.css == css]
+    return [(shown.points[:, a], shown.points[:, b]) for line in lines for a, b in line.at]
+
+
+def test_both_frames(kr270: Cell, table_two: Poses) -> None:
+    origins, axes = bodies(table_two.q)
+    shown = picture(scene(kr270, table_two))
+    for k, (start, end) in enumerate(segments(shown, "arm-tip-axis")):
+        np.testing.assert_allclose(start, origins[:, -1] * 1e3, atol=HALF)
+        np.testing.assert_allclose(end - start, 175.0 * axes[:, :, k], atol=HALF)
+    for (start, end), axis in zip(segments(shown, "arm-base-axis"), np.eye(3), strict=True):
+        assert not start.any()
+        np.testing.assert_array_equal(end[0], 500.0 * axis)
+
+
+def test_shadow_and_ruler_lie_on_the_floor(drawn: ArmScene) -> None:
+    """The viewer stands upright: what lies below a point is below it in the drawing."""
+    svg = parsed(drawn)
+    (drop, _), (shadow,) = of_class(svg, "arm-drop"), of_class(svg, "arm-shadow")
+    tip, fallen = numbers(drop)
+    assert tip == numbers(of_class(svg, "arm-tips")[0])[0]
+    assert tip[0] == fallen[0]
+    assert fallen == numbers(shadow)[-1]
+    floor, foot = (numbers(of_class(svg, name)[0]) for name in ("arm-floor", "arm-foot"))
+    assert numbers(shadow)[0] == pytest.approx(np.mean(foot[:-1], axis=0), abs=0.2), "the base"
+    corner, end = numbers(of_class(svg, "arm-scale")[0])
+    assert corner == max(floor, key=lambda at: at[1]), "lowest in the drawing"
+    assert end in floor
+    longer = [at for at in floor if at[1] > end[1] and at != corner]
+    assert all(abs(at[0] - corner[0]) < abs(end[0] - corner[0]) for at in longer)
+
+
+def test_no_content_stands_in_the_script(drawn: ArmScene) -> None:
+    script, sheet = asset("arm_view.js"), asset("arm_view.css")
+    elements = list(parsed(drawn)[2])
+    classes = {name for e in elements for c in e.iter() for name in c.get("class", "").split()}
+    assert len(classes) > 15
+    for name in classes:
+        assert name not in script
+        assert re.search(rf"\.{name}[, ]", sheet), "every class has its look"
 
 
 class Elements(HTMLParser):
@@ -289,7 +342,8 @@ def test_hostile_names_are_only_text(kr270: Cell, table_two: Poses) -> None:
     assert not set("<>&") & set(data)
     read: dict[str, Any] = json.loads(data)
     assert read["poses"] == list(poses.names)
-    assert read["markers"] == [f"m{j}{HOSTILE}" for j in (1, 2, 3)]
+    names = [part["words"] for part in read["parts"] if part["css"] == "arm-name"]
+    assert names == [f"m{j}{HOSTILE}" for j in (1, 2, 3)]
 
 
 def test_seven_hundred_poses_stay_small(kr270: Cell) -> None:

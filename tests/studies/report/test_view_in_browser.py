@@ -95,8 +95,28 @@ def test_script_and_python_draw_the_same(
     picture = {"plain": plain, "full": full, "far": scene(far, table_two)}[which]
     html = page_of(picture, style=AT_STATIC_SIZE)
     static = open_page(html, java_script_enabled=False).evaluate(PARTS)
-    drawn = parts(open_page(html))
-    assert len(static) == len(drawn)
+    same(static, parts(open_page(html)))
+
+
+@pytest.mark.parametrize("pose", [2, 7])
+def test_any_pose_is_drawn_as_python_draws_it(
+    pose: int, open_page: Open, kr270: Cell, table_two: Poses
+) -> None:
+    """Python draws the first pose: a plan that begins with another."""
+    cell = shaped(kr270)
+    order = [pose, *(i for i in range(len(table_two)) if i != pose)]
+    plan, other = scene(cell, table_two), scene(cell, table_two.take(order))
+    assert plan.lost(pose) == other.lost(0) != plan.lost(0)
+    static = open_page(page_of(other, style=AT_STATIC_SIZE), java_script_enabled=False)
+    page = open_page(page_of(plan, style=AT_STATIC_SIZE))
+    page.get_by_role("combobox", name="Pose").select_option(plan.poses[pose])
+    picked = [[part for part in drawn if part[1] not in ("arm-all", "arm-tips")]
+              for drawn in (static.evaluate(PARTS), parts(page))]  # fmt: skip
+    same(*picked)
+
+
+def same(static: list[list[str]], drawn: list[list[str]]) -> None:
+    """The same elements in the same order, each where the other is."""
     for one, other in zip(static, drawn, strict=True):
         assert one[:2] + one[3:4] == other[:2] + other[3:4]
         for a, b in ((one[2], other[2]), (one[4], other[4])):

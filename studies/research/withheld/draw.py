@@ -317,9 +317,23 @@ def sized(
     raise NoSuchCase
 
 
+_LARGEST = {
+    "thermal_expansion": {"growth": 4e-4},
+    "tool_compliance": {"x": 1e-6, "y": 1e-6, "z": 1e-6, "rx": 1e-4, "ry": 1e-4, "rz": 1e-4},
+    "joint_compliance": {"compliance": 3e-4},
+    "backlash": {"half_width": 2e-3},
+    "transmission_harmonic": dict.fromkeys(("cos_1", "sin_1", "cos_2", "sin_2"), 2e-3),
+}
+"""Some ten times what arms show, SI. An arm that scatters hides smaller ones: without a bound a cause
+that is to be seen beside it grows beyond anything that a diagnosis should believe."""
+
+
 def absurd(scene: Scene, cause: Cause, size: float) -> bool:
-    """Masses and compliances below nothing, weights far from what anyone would believe."""
+    """Masses and compliances below nothing, sizes far from what anyone would believe."""
     values = {name: size * value for name, value in cause.values.items()}
+    most = _LARGEST.get(cause.effect, {})
+    if any(abs(value) > most[name] for name, value in values.items() if name in most):
+        return True
     if cause.effect == "link_weight":
         own = float(scene.arm.masses[scene.arm.names.index(cause.where)])
         return abs(values["mass"]) > 0.6 * own

@@ -151,7 +151,7 @@ def test_nothing_simulated(folder: Path) -> None:
     assert found["agreement"]["worst_ratio"] is None
     assert found["agreement"]["chi2_p"] is None
     assert found["plans"][0]["approaches"][0]["parameters"][0]["monte_carlo_std"] is None
-    assert "not simulated" in done.stderr
+    assert "Nothing was simulated" in done.stderr
 
 
 @pytest.mark.long

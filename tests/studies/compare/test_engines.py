@@ -25,8 +25,7 @@ from click.testing import CliRunner, Result
 
 from calib.errors import InputError
 from studies.cli import main
-from studies.commands import compare as command
-from studies.compare import engines, montecarlo
+from studies.compare import command, engines, montecarlo
 from studies.compare.engines import engine
 from studies.compare.experiment import Experiment, experiment_of
 from studies.compare.montecarlo import MOST_TRIALS, Refits, refits

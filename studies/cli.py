@@ -18,6 +18,7 @@ from studies.commands.diagnose import diagnose
 from studies.commands.enough import enough
 from studies.commands.identify import identify
 from studies.commands.import_ import import_
+from studies.commands.init import init
 from studies.commands.program import program
 from studies.commands.report import report
 
@@ -43,6 +44,7 @@ def main() -> None:
 
 COMMANDS = (
     demo,
+    init,
     design,
     compare,
     program,

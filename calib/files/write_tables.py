@@ -28,6 +28,11 @@ def _joint_text(robot: Robot, q: Array) -> list[str]:
     return [f"{value:.9g}" for value in shown]
 
 
+def measurement_columns(robot: Robot) -> list[str]:
+    """Columns that every table of measured points has."""
+    return ["pose", "marker", *_joint_header(robot), "x_mm", "y_mm", "z_mm"]
+
+
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """The text of a CSV table."""
     out = io.StringIO()
@@ -44,7 +49,7 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
     """
     poses = data.poses
     wrench = wrench_with_load(cell.robot, cell.gravity, poses)
-    header = ["pose", "marker", *_joint_header(cell.robot), "x_mm", "y_mm", "z_mm"]
+    header = measurement_columns(cell.robot)
     loaded = bool(wrench.any())
     header += WRENCH if loaded else ()
     session = _session(cell, poses)

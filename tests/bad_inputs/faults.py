@@ -391,7 +391,7 @@ EXPORTS = [
           swap(",m3,", ",m4,")),
     Fault("no joint file", "import points.txt --joints none.csv --unit mm -o joined.csv"),
     Fault("the table over the points", "import points.txt --joints joints.csv --unit mm -o points.txt"),
-    Fault("a program in an unknown language", "program cell.toml plan.csv -o plan.mod"),
+    Fault("a program in an unknown language", "program cell.toml plan.csv -o plan.txt"),
     Fault("a program of a plan beyond the limits", "program cell.toml plan.csv -o plan.src", "plan.csv",
           swap("-140", "-175")),
 ]  # fmt: skip

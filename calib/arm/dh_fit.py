@@ -13,6 +13,7 @@ from calib.arrays import Array
 
 _PARALLEL = 0.05  # sine of the angle below which the foot of the common normal says nothing
 _COINCIDENT = 1e-9  # m
+_ROUNDING = 1e-13  # m or rad
 _STEP = 1e-6  # of the differences by which the last row is fitted
 _ROUNDS = 8
 
@@ -41,16 +42,17 @@ def dh_of_robot(robot: Robot, corrections: Array, near: DhTable | Convention) ->
     near : the table that the robot was read from, or the convention of a first one
     """
     origins = robot.origins @ displacement(corrections[1:])
-    own = isinstance(near, DhTable)
-    place = DhFit(near, np.eye(4), np.eye(4)) if own else _first(robot, near)
+    place = _first(robot, near)
     moved = frames_at_zero(origins)[0] @ inverse(robot.origins[0])
     return _fit(robot, origins, replace(place, T_base=moved @ place.T_base), follow=True)
 
 
-def _first(robot: Robot, convention: Convention) -> DhFit:
-    """A first table of a chain from elsewhere; its first frame is as near the base as axis 1 allows."""
+def _first(robot: Robot, near: DhTable | Convention) -> DhFit:
+    """The robot's own table; of a chain from elsewhere one that begins as near the base as it may."""
+    if isinstance(near, DhTable):
+        return DhFit(near, np.eye(4), np.eye(4))
     zeros = np.zeros(robot.dof)
-    table = DhTable(convention, robot.joints, robot.prismatic, *[zeros] * 5)
+    table = DhTable(near, robot.joints, robot.prismatic, *[zeros] * 5)
     T = robot.origins[0]
     z = rotate(T[:3, :3], robot.axes[0])
     foot = T[:3, 3] - z * (z @ T[:3, 3])
@@ -66,7 +68,7 @@ def _fit(robot: Robot, origins: Array, near: DhFit, follow: bool) -> DhFit:
     table, n = near.table, robot.dof
     frames = frames_at_zero(origins)
     z = np.concatenate([rotate(frames[:n, :3, :3], robot.axes), frames[n:, :3, 2]])
-    points = _points(robot, frames, z)
+    points = _points(frames, z, table) if follow else frames[:, :3, 3]
     classic = table.convention == "classic"
     theta, d = table.theta.copy(), table.d.copy()
     alpha, a, beta = table.alpha.copy(), table.a.copy(), table.beta.copy()
@@ -82,27 +84,41 @@ def _fit(robot: Robot, origins: Array, near: DhFit, follow: bool) -> DhFit:
         )
         F = F @ joint(theta[k], d[k]) @ link(alpha[row], a[row], beta[row])
     if follow:
-        own = [theta[-1], d[-1], *((alpha[-1], a[-1]) if classic else ())]
+        own = np.array([theta[-1], d[-1], *((alpha[-1], a[-1]) if classic else ())])
         fixed = beta[-1] if classic else 0.0
         goal = inverse(F) @ frames[n] @ inverse(near.T_tip)
-        own = _nearest(np.array(own), fixed, goal, robot.reach)
+        own = _nearest(own, fixed, goal, robot.reach)
         theta[-1], d[-1] = own[:2]
         if classic:
             alpha[-1], a[-1] = own[2:]
         F = F @ _last(own, fixed)
-    made = replace(table, theta=theta, d=d, alpha=alpha, a=a, beta=beta)
+    made = replace(
+        table,
+        theta=_without_dust(theta, table.theta),
+        d=_without_dust(d, table.d),
+        alpha=_without_dust(alpha, table.alpha),
+        a=_without_dust(a, table.a),
+        beta=_without_dust(beta, table.beta),
+    )
     return DhFit(made, near.T_base, inverse(F) @ frames[n])
 
 
-def _points(robot: Robot, frames: Array, z: Array) -> Array:
-    """A point on each axis, and the tip; an axis that slides may lie anywhere, best on the next one."""
+def _without_dust(values: Array, near: Array) -> Array:
+    return np.where(np.abs(values - near) < _ROUNDING, near, values)
+
+
+def _points(frames: Array, z: Array, table: DhTable) -> Array:
+    """A point on each axis, and the tip.
+
+    An axis that slides may lie anywhere: where the table has it on the next axis, it stays there.
+    """
     points: Array = frames[:, :3, 3].copy()
-    for k in reversed(range(robot.dof)):
-        if robot.prismatic[k] and np.linalg.norm(np.cross(z[k], z[k + 1])) < _PARALLEL:
+    first = 0 if table.convention == "classic" else 1
+    for k in reversed(np.flatnonzero(table.prismatic[:-1])):
+        parallel = np.linalg.norm(np.cross(z[k], z[k + 1])) < _PARALLEL
+        if parallel and abs(table.a[k + first]) < _COINCIDENT:
             offset = points[k + 1] - points[k]
-            across = offset - z[k] * (z[k] @ offset)
-            if np.linalg.norm(across) < _PARALLEL * robot.reach:  # they coincide but for errors
-                points[k] += across
+            points[k] += offset - z[k] * (z[k] @ offset)
     return points
 
 

@@ -108,7 +108,7 @@ def corrected_kinematics(source: Path, corrections: Array) -> str:
     """
     file = read_yaml(source)
     maker = maker_of(source, file)
-    values = {}
+    values: dict[Scalar, str] = {}
     for scalars, xi in zip(_scalars(source, file, maker), corrections[1:], strict=False):
         if xi.any():
             texts = _texts(_origin(source, scalars) @ displacement(xi))

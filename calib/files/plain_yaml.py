@@ -65,7 +65,8 @@ def read_yaml(path: Path) -> YamlText:
         if key in here:
             raise InputError(path, f"line {number}", f"key {key!r} stands twice", "keep one")
         if found["value"] is None:
-            here[key] = inner = {}
+            inner: dict[str, Node] = {}
+            here[key] = inner
             open_maps.append((indent, inner))
         else:
             here[key] = _value(path, number, found["value"], start + found.start("value"))

@@ -11,7 +11,6 @@ import configparser
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -86,9 +85,8 @@ def _deltas(path: Path) -> dict[str, Array]:
 
 
 def _six(path: Path, key: str, text: str) -> Array:
-    values: Any = None
     try:
-        values = np.array(json.loads(text.split("#")[0]), dtype=float)
+        values: Array = np.array(json.loads(text.split("#")[0]), dtype=float)
     except (ValueError, TypeError, RecursionError):
         values = np.array([])
     if values.shape != (6,) or not (np.abs(values) < _FARTHEST).all():

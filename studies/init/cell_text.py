@@ -34,7 +34,7 @@ tip = {_text(robot.tip):<24} # frame of markers, payload and load
 # repeatability_mm = 0.03      # of the arm between approaches of one pose: one standard deviation of
 # repeatability_urad = 100     # one coordinate of the tip, of one component of its rotation; else found
 {_limits(robot)}
-[markers_mm]                   # EDIT: reflectors on the tool, tip frame; three or more, far apart, not in
+[markers_mm]                   # EDIT: reflectors on the tool, tip frame; three or more, apart, not in
                                # a line; roughly is enough, their places are found from the data
 {_markers(robot)}
 [instrument]
@@ -85,7 +85,7 @@ def _key(name: str) -> str:
 def _limits(robot: Robot) -> str:
     """Tables of limits to be filled in, for joints that have none; an example for those that do."""
     lines = []
-    missing = ~np.isfinite(robot.limits).all(axis=1)
+    missing = [not np.isfinite(own).all() for own in robot.limits]
     for slides, table, width in ((False, "limits_deg", 180), (True, "limits_mm", 1000)):
         joints = [
             joint

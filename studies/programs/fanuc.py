@@ -30,8 +30,8 @@ def fanuc(name: str, cell: Cell, stops: Sequence[Stop], head: Sequence[str]) -> 
     notes = [
         *head,
         *head_lines(cell, axes),
-        "FANUC counts J3 from the horizontal: where the chain counts it from the link before, J3 = q3 - q2 "
-        "in the senses of rotation of the controller. This program writes the chain's values.",
+        "FANUC counts J3 from the horizontal: where the chain counts it from the link before, "
+        "J3 = q3 - q2 in the controller's senses of rotation. Here stand the chain's values.",
         f"Speed is {_PERCENT} %; run it first in T1, step by step.",
     ]
     remarks = [piece for note in notes for piece in _pieces(note)]

@@ -37,8 +37,8 @@ def rapid(name: str, cell: Cell, stops: Sequence[Stop], head: Sequence[str]) -> 
     lines = [
         f"MODULE {module}",
         *(f"  ! {line}" for line in (*head, *head_lines(cell, axes))),
-        "  ! An arm with a linkage (IRB 2400, 4400, 6640 ..) counts axis 3 from the horizontal, a chain from",
-        "  ! the link before: compare one pose by eye before anything else.",
+        "  ! An arm with a linkage (IRB 2400, 4400, 6640 ..) counts axis 3 from the horizontal, a",
+        "  ! chain from the link before: compare one pose by eye before anything else.",
         f"  ! Speed {_SPEED}: run it first in manual mode with reduced speed, step by step.",
         "  PROC main()",
     ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -51,7 +50,7 @@ def urdf_ends(path: Path, root: Element) -> Ends:
         _count(node)
     if not roots:
         raise InputError(path, "", "has no first link", "links must hang on one that hangs on none")
-    return _ends(path, max(roots, key=lambda node: node.below))
+    return _ends(path, max(roots, key=lambda node: node.below), beyond=False)
 
 
 def mjcf_ends(path: Path, root: Element) -> Ends:
@@ -66,7 +65,7 @@ def mjcf_ends(path: Path, root: Element) -> Ends:
                     node.children.append(Node(child.get("name", ""), moves))
                     pending.append((node.children[-1], child))
     _count(world)
-    return _ends(path, world)
+    return _ends(path, world, beyond=True)
 
 
 def _all(root: Node) -> list[Node]:
@@ -82,7 +81,7 @@ def _count(root: Node) -> None:
         node.below = node.moves + sum(child.below for child in node.children)
 
 
-def _ends(path: Path, root: Node) -> Ends:
+def _ends(path: Path, root: Node, beyond: bool) -> Ends:
     """Follow the one branch that moves; where several do, the arm ends, if it has begun."""
     before, last, notes, node = [root], None, [], root
     while moving := [child for child in node.children if child.below]:
@@ -104,7 +103,7 @@ def _ends(path: Path, root: Node) -> Ends:
             before.append(node)
     if last is None:
         raise InputError(path, "", "has no moving joint", "is it the file of an arm?")
-    return Ends(_base(before), _tip(path, last), tuple(notes))
+    return Ends(_base(before), _tip(path, last, beyond), tuple(notes))
 
 
 def _first_moving(node: Node) -> str:
@@ -120,20 +119,21 @@ def _base(before: list[Node]) -> str:
     return (solid or names[-1:])[0]
 
 
-def _tip(path: Path, last: Node) -> str:
-    rigid = [name for name in _rigid(last) if name]
+def _tip(path: Path, last: Node, beyond: bool) -> str:
+    """What is named like a tool, else the end of the one rigid line.
+
+    beyond : whether a tip may stand behind what fingers hang on; a URDF's chain may not pass it
+    """
+    rigid = [last]
+    for node in rigid:  # grows, the nearest first
+        if beyond or not any(child.moves for child in node.children):
+            rigid += [child for child in node.children if not child.moves]
     for word in _TIPS:
-        for name in rigid:
-            if re.search(rf"(^|[_-]){word}($|[_-])", name.lower()):
-                return name
-    if not rigid:
+        for node in rigid:
+            if re.search(rf"(^|[_-]){word}($|[_-])", node.name.lower()):
+                return node.name
+    while len(last.children) == 1 and last.children[0] in rigid and last.children[0].name:
+        last = last.children[0]
+    if not last.name:
         raise InputError(path, "", "its last body has no name", "name it, or give --tip")
-    return rigid[0]
-
-
-def _rigid(last: Node) -> Iterator[str]:
-    """What hangs on the last moving link without a joint, itself first, the nearest first."""
-    found = [last]
-    for node in found:  # grows
-        yield node.name
-        found += [child for child in node.children if not child.moves]
+    return last.name

@@ -40,7 +40,9 @@ def read_dh(path: Path, convention: Convention) -> DhFile:
 
     Raises InputError for columns without unit, a joint twice, and units that cannot be meant.
     """
-    found = read_table(path, ("joint",), lambda columns: _check_columns(path, columns))
+    found = read_table(
+        path, ("joint",), lambda names: _check_columns(path, names), "joints", "write a number"
+    )
     n = len(found.rows)
     if n > _MOST_JOINTS:
         raise InputError(path, "", f"has {n} joints, at most {_MOST_JOINTS} are possible")

@@ -68,7 +68,7 @@ def maker_of(path: Path, file: YamlText) -> Maker:
         path,
         "",
         "is no kinematics file of Universal Robots (kinematics: shoulder: ..) or Franka (joint1: ..)",
-        "check [robot] kinematics",
+        "is it the right file?",
     )
 
 
@@ -185,7 +185,7 @@ def _scalars(path: Path, file: YamlText, maker: Maker) -> list[dict[str, Scalar]
     found = []
     above = file.root["kinematics"] if maker is UR else file.root
     for key in maker.keys:
-        own = _below(path, above, key, key)
+        own = _below(path, above, key, "")
         if maker is FRANKA:
             own = _below(path, own, "kinematic", key)
         scalars = {}

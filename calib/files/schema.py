@@ -111,7 +111,7 @@ class RobotTable(Table):
         for key in ("base", "tip"):
             if self.form in ("urdf", "mjcf") and not getattr(self, key):
                 raise ValueError(
-                    f"lacks {key}; name the {'first' if key == 'base' else 'last'} link"
+                    f"lacks {key}; name the {'first' if key == 'base' else 'last'} link or body"
                 )
             if getattr(self, key):
                 _plain(getattr(self, key))

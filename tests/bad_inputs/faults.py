@@ -423,10 +423,10 @@ A1,180,0,0,-645
 A2,90,330,0,0
 A3,0,1150,-90,0
 """
-_UR = """kinematics:
-  shoulder: {x: 0, y: 0, z: 0.16, roll: 0, pitch: 0, yaw: 0}
-  upper_arm: {x: 0, y: 0, z: 0, roll: 1.57, pitch: 0, yaw: 0}
-"""
+_UR = "kinematics:\n" + "".join(
+    f"  {name}: {{x: 0, y: 0, z: 0.16, roll: 0, pitch: 0, yaw: 0}}\n"
+    for name in ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+)
 _CONF = """[mounting]
 delta_theta = [0, 0, 0, 0, 0, 0]
 delta_a = [0, 0, 0, 0, 0, 0]
@@ -471,7 +471,7 @@ ROBOTS = [
     Fault("a page in place of a robot", "init arm.html -o new", "arm.html", whole("<html/>")),
     Fault("a robot that does not move", "init arm.urdf -o new", "arm.urdf",
           whole("<robot name='arm'><link name='a'/></robot>")),
-    Fault("a UR file cut off", "init ur.yaml -o new", "ur.yaml", whole(_UR)),
+    Fault("a UR file cut off", "init ur.yaml -o new", "ur.yaml", lambda _: lines(3)(_UR)),
     Fault("a YAML of something else", "init ur.yaml -o new", "ur.yaml", whole("a: 1\n")),
     Fault("an expression in a kinematics file", "init ur.yaml -o new", "ur.yaml",
           whole(_UR.replace("z: 0.16", "z: pi/2"))),

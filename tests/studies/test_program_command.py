@@ -92,7 +92,6 @@ def test_program_holds_the_plan(folder: Path, ending: str, read, finest: float) 
     waits = len(re.findall(r"^HALT$|^  popup\(|^    Stop;$|^ *\d+:  PAUSE ;$", text, flags=re.M))
     assert waits == fields["stops"] == 2 * len(plan)  # free, and with the cell's load
     text = re.sub(r" ;\n *\d+:  !", " ", text)  # remarks of the pendant are broken into pieces
-    assert len(re.findall(r"[;#!] ?hang 250 kg|popup\(\"hang 250 kg|FINE.*hang 250 kg", text)) > 0
     assert len(re.findall("hang 250 kg", re.sub("TPWrite.*", "", text))) == len(plan)
     assert "zero positions" in text
     assert "not checked for collisions" in text

@@ -57,8 +57,6 @@ def dh_lacks(fit: DhFit, robot: Robot, markers: dict[str, Array]) -> list[str]:
             f"beta (Hayati) at {', '.join(tilted)}: a tilt between nearly parallel axes that no table "
             f"of DH alone has; without it, off by up to {_without_beta(fit, robot, markers)}"
         )
-    if np.isfinite(robot.limits).any() or robot.masses.any() or np.isfinite(robot.efforts).any():
-        lacks.append("no limits, efforts and masses, which the robot has")
     return lacks
 
 

@@ -144,8 +144,6 @@ def kinematics_lacks(robot: Robot, corrections: Array, own: bool) -> list[str]:
         lacks.append(
             "has no hash: the driver wants that of this very arm, copy it from its own file"
         )
-    if np.isfinite(robot.limits).any() or robot.masses.any():
-        lacks.append("holds no limits and masses")
     return lacks
 
 

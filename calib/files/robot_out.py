@@ -23,6 +23,8 @@ from calib.model import Model
 LACKS: dict[Form, str] = {
     "urdf": "the bare chain, without shapes and moments of inertia",
     "mjcf": "without shapes",
+    "dh": "without limits, efforts, masses and shapes",
+    "kinematics": "without limits, efforts, masses and shapes",
 }
 """What a robot has not in this form that it may have in the one that it is made from."""
 
@@ -56,8 +58,7 @@ def corrected_robot(
     """
     lacks = []
     if form != cell.robot_form:
-        lacks.append(f"is made anew from the {cell.robot_source}")
-        lacks[0] += f": {LACKS[form]}" if form in LACKS else ""
+        lacks.append(f"is made anew from the {cell.robot_source}: {LACKS[form]}")
     if form == "dh":
         convention = convention or cell.dh_convention or "classic"
         fit, text = corrected_dh(cell, corrections, convention)

@@ -81,10 +81,11 @@ def test_the_cell_loads_and_the_table_fits_it(tmp_path: Path, name: str) -> None
 
 
 def test_it_can_be_planned_with_at_once(tmp_path: Path) -> None:
-    (tmp_path / "arm.csv").write_text(TABLES["three parallel axes"])
+    rows = TABLES["three parallel axes"].split("\n")
+    (tmp_path / "arm.csv").write_text("\n".join(rows[:3]))
     assert init(tmp_path / "arm.csv", "-o", tmp_path / "cell", "--dh", "classic").exit_code == 0
     plan = tmp_path / "plan.csv"
-    call = ["design", tmp_path / "cell" / "cell.toml", "--candidates", "200", "-o", plan]
+    call = ["design", tmp_path / "cell" / "cell.toml", "--candidates", "2000", "-o", plan]
     done = CliRunner().invoke(main, [*map(str, call), "--no-polish", "--criterion", "D"])
     assert done.exit_code == 0, done.output
     cell = calib.load_cell(tmp_path / "cell" / "cell.toml")

@@ -5,15 +5,26 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
+from calib.arm.dh import Convention
 from calib.arm.robot import Robot
 from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.instruments import TRACKER, Channels, Instrument, Tracker
 from calib.noise import Noise
+
+Form: TypeAlias = Literal["urdf", "mjcf", "dh", "kinematics"]
+FORMS: tuple[Form, ...] = get_args(Form)
+
+_SOURCES = {
+    "urdf": "URDF",
+    "mjcf": "MJCF",
+    "dh": "DH table",
+    "kinematics": "maker's kinematics file",
+}
 
 
 @dataclass(frozen=True)
@@ -51,7 +62,8 @@ class Cell:
     """Everything that a cell file says, in SI and radians.
 
     path : Path of the cell file
-    robot_form : ``urdf`` or ``mjcf``, the form of the nominal model
+    robot_form : ``urdf``, ``mjcf``, ``dh`` or ``kinematics``, the form of the nominal model
+    dh_convention : ``classic`` or ``modified`` where that is ``dh``, else None
     robot_files : tuple of Path, the file of the nominal model, then those that it includes
     robot : Robot, limits already narrowed by the cell
     marker_names : tuple of str
@@ -72,7 +84,7 @@ class Cell:
 
     name: str
     path: Path
-    robot_form: Literal["urdf", "mjcf"]
+    robot_form: Form
     robot_files: tuple[Path, ...]
     robot: Robot
     marker_names: tuple[str, ...]
@@ -91,6 +103,12 @@ class Cell:
     repeatability: Repeatability | None = None
     excluded: tuple[str, ...] = ()
     gear_ratios: Mapping[str, float] = field(default_factory=dict)
+    dh_convention: Convention | None = None
+
+    @property
+    def robot_source(self) -> str:
+        """What holds the nominal model, in words."""
+        return _SOURCES[self.robot_form]
 
     @property
     def channels(self) -> Channels:

@@ -14,6 +14,7 @@ from studies.commands.demo import demo
 from studies.commands.diagnose import diagnose
 from studies.commands.identify import identify
 from studies.commands.import_ import import_
+from studies.commands.init import init
 from studies.commands.program import program
 from studies.commands.report import report
 from studies.compare.command import compare
@@ -44,6 +45,7 @@ def main() -> None:
 
 COMMANDS = (
     demo,
+    init,
     design,
     compare,
     program,

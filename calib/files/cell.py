@@ -49,7 +49,8 @@ def load_cell(path: str | Path) -> Cell:
     path = Path(path)
     table = _validated(path, _read_toml(path))
     form, file = table.robot.form, path.parent / table.robot.file
-    robot = load_robot(form, file, table.robot.base, table.robot.tip)
+    convention = table.robot.dh_convention
+    robot = load_robot(form, file, table.robot.base, table.robot.tip, convention)
     _check_joints(path, robot, table)
     for text in table.model.effects:
         try:
@@ -92,6 +93,7 @@ def load_cell(path: str | Path) -> Cell:
         design=_design(path, table.design),
         repeatability=_repeatability(table.robot),
         gear_ratios=dict(table.robot.gear_ratio),
+        dh_convention=convention,
     )
     return replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calib.cell import Cell
+from calib.cell import FORMS, Cell
 from calib.diagnosis.candidates import PARTS
 from calib.effects import Effect
 from calib.effects.protocol import ARM
@@ -153,7 +153,7 @@ def _write_knots(document: TOMLDocument, cell: Cell, added: Sequence[Effect]) ->
 
 def _write_paths(document: TOMLDocument, source: Path, target: Path) -> None:
     """Name files relative to the new folder; absolute names hold anywhere."""
-    for table, key in (("robot", "urdf"), ("robot", "mjcf"), ("design", "targets")):
+    for table, key in (*(("robot", form) for form in FORMS), ("design", "targets")):
         given: Any = document.get(table, {}).get(key)
         if given is None or Path(given).is_absolute() or source.resolve() == target.resolve():
             continue

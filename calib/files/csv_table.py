@@ -29,6 +29,7 @@ class Table:
     columns: tuple[str, ...]
     rows: list[list[str]]
     lines: list[int]
+    remedy: str = _REMEDY  # for what is no number
 
     def text(self, column: str) -> list[str]:
         i = self.columns.index(column)
@@ -55,7 +56,7 @@ class Table:
         if not usable.all():
             bad = chosen[int(np.flatnonzero(~usable)[0])]
             what = f"{self.rows[bad][i][:40]!r} is not a finite number of plausible size"
-            raise self.fault(bad, column, what, _REMEDY)
+            raise self.fault(bad, column, what, self.remedy)
         return values
 
     def _number(self, column: int, row: int) -> float:
@@ -64,7 +65,7 @@ class Table:
             return float(cell)
         except ValueError:
             what = f"{cell[:40]!r} is not a number" if cell.strip() else "is empty"
-            raise self.fault(row, self.columns[column], what, _REMEDY) from None
+            raise self.fault(row, self.columns[column], what, self.remedy) from None
 
     def fault(self, row: int, column: str, what: str, remedy: str = "") -> InputError:
         return InputError(self.path, f"line {self.lines[row]}, column {column}", what, remedy)
@@ -83,7 +84,11 @@ def _bounded_lines(path: Path) -> Iterator[str]:
 
 
 def read_table(
-    path: Path, required: Sequence[str], check: Callable[[tuple[str, ...]], None]
+    path: Path,
+    required: Sequence[str],
+    check: Callable[[tuple[str, ...]], None],
+    rows_are: str = "poses",
+    remedy: str = _REMEDY,
 ) -> Table:
     """The whole table; the header is checked before any row is read."""
     rows: list[list[str]] = []
@@ -130,5 +135,5 @@ def read_table(
     except OSError as error:
         raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
     if not rows:
-        raise InputError(path, "", "has a header and no rows", "add the poses")
-    return Table(path, columns, rows, lines)
+        raise InputError(path, "", "has a header and no rows", f"add the {rows_are}")
+    return Table(path, columns, rows, lines, remedy)

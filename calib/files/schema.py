@@ -15,6 +15,7 @@ from pydantic import (
     model_validator,
 )
 
+from calib.cell import FORMS, Form
 from calib.files.read import fault_of_name
 
 _LARGEST = 1e9  # in any unit
@@ -85,8 +86,11 @@ class AnchorTable(Table):
 class RobotTable(Table):
     urdf: str | None = None
     mjcf: str | None = None
-    base: str
-    tip: str
+    dh: str | None = None
+    dh_convention: Literal["classic", "modified"] | None = None
+    kinematics: str | None = None
+    base: str = ""
+    tip: str = ""
     repeatability_mm: NotNegative | None = None
     repeatability_urad: NotNegative | None = None
     limits_deg: dict[str, Range] = {}
@@ -97,17 +101,33 @@ class RobotTable(Table):
 
     @model_validator(mode="after")
     def _one_file(self) -> Self:
-        if (self.urdf is None) == (self.mjcf is None):
-            raise ValueError("needs the robot's file, either urdf or mjcf, and not both")
+        if len(self._files) != 1:
+            raise ValueError(f"needs the robot's file, one of {', '.join(FORMS)}, and no second")
+        if (self.dh is None) != (self.dh_convention is None):
+            raise ValueError(
+                "dh and dh_convention go together; write dh_convention = 'classic' or 'modified': the "
+                "same numbers are another arm in the other"
+            )
+        for key in ("base", "tip"):
+            if self.form in ("urdf", "mjcf") and not getattr(self, key):
+                raise ValueError(
+                    f"lacks {key}; name the {'first' if key == 'base' else 'last'} link or body"
+                )
+            if getattr(self, key):
+                _plain(getattr(self, key))
         return self
 
     @property
-    def form(self) -> Literal["urdf", "mjcf"]:
-        return "mjcf" if self.urdf is None else "urdf"
+    def _files(self) -> dict[Form, str]:
+        return {form: getattr(self, form) for form in FORMS if getattr(self, form) is not None}
+
+    @property
+    def form(self) -> Form:
+        return next(iter(self._files))
 
     @property
     def file(self) -> str:
-        return self.urdf or self.mjcf or ""
+        return next(iter(self._files.values()))
 
 
 class MarkerTable(Table):

@@ -31,6 +31,15 @@ def check_target(path: Path) -> None:
         ) from None
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it, if it is not there. Raises InputError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        said = error.strerror if isinstance(error, OSError) else "no name of a folder"
+        raise InputError(folder, "", f"cannot be made ({said})", "name another") from None
+
+
 def write_files(contents: Mapping[Path, str | bytes]) -> None:
     """Write several files, all or none: every content is on disk before the first is renamed.
 

@@ -30,6 +30,13 @@ def _joint_text(robot: Robot, q: Array) -> list[str]:
     return [f"{value:.9g}" for value in shown]
 
 
+def measurement_columns(robot: Robot, instruments: Sequence[Instrument]) -> list[str]:
+    """Columns that every table of these instruments' readings has."""
+    several = ["instrument"] if len(instruments) > 1 else []
+    columns = dict(c for instrument in instruments for c in written_columns(instrument))
+    return ["pose", "marker", *several, *_joint_header(robot), *columns]
+
+
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """The text of a CSV table."""
     out = io.StringIO()
@@ -53,7 +60,7 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
     ]
     columns = dict(c for instrument in cell.instruments for c in written_columns(instrument))
     several = ["instrument"] if len(cell.instruments) > 1 else []
-    header = ["pose", "marker", *several, *_joint_header(cell.robot), *columns]
+    header = measurement_columns(cell.robot, cell.instruments)
     loaded = bool(wrench.any())
     header += WRENCH if loaded else ()
     session = _session(cell, poses)

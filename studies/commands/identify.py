@@ -27,7 +27,8 @@ from studies.commands.common import envelope, output_texts
 
 if TYPE_CHECKING:
     from calib import Cell, Identification, Measurements
-    from calib.files.robot_out import Form
+    from calib.arm.dh import Convention
+    from calib.cell import Form
     from calib.identification.identification import Method
     from calib.observations import Approach, Weighting
 
@@ -88,6 +89,16 @@ if TYPE_CHECKING:
     type=PATH,
     help="The same as MJCF, the form of MuJoCo.",
 )
+@click.option("--dh", "dh_path", metavar="OUT", type=PATH,
+              help="The same as DH table, with what that cannot hold.")  # fmt: skip
+@click.option("--dh-convention", type=click.Choice(["classic", "modified"]), default=None,
+              help="Of --dh. Default: the cell's own, else classic.")  # fmt: skip
+@click.option("--kinematics", "kinematics_path", metavar="OUT", type=PATH,
+              help="The same as the maker's YAML: Universal Robots, Franka.")  # fmt: skip
+@click.option("--zero-offsets", "zeros_path", metavar="OUT", type=PATH,
+              help="Joint offsets alone, for a controller that takes nothing else.")  # fmt: skip
+@click.option("--counts-per-deg", metavar="J1=N,..", default=None,
+              help="Encoder counts a degree, for FANUC's $MASTER_COUN in --zero-offsets.")  # fmt: skip
 @result_options
 def identify(
     cell_path: Path,
@@ -100,6 +111,11 @@ def identify(
     differences: bool,
     urdf_path: Path | None,
     mjcf_path: Path | None,
+    dh_path: Path | None,
+    dh_convention: str | None,
+    kinematics_path: Path | None,
+    zeros_path: Path | None,
+    counts_per_deg: str | None,
     folder: Path | None,
     json_path: str | None,
     seed: int,
@@ -119,6 +135,7 @@ def identify(
     from calib.files.results import identification_fields
     from calib.files.write import write_files
     from studies.identify.drift_table import drift_tables
+    from studies.identify.robots import counts_of, offsets_file, robot_texts
     from studies.identify.tables import identification_tables
 
     cell = calib.load_cell(cell_path)
@@ -127,8 +144,15 @@ def identify(
     inputs = [cell_path, *cell.robot_files, data_path, *([targets] if targets else [])]
     whole = data
     data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
-    robots: dict[Form, Path | None] = {"urdf": urdf_path, "mjcf": mjcf_path}
-    check_outputs([*robots.values(), output_file(json_path)], [*inputs, *extra], folder)
+    robots: dict[Form, Path | None] = {
+        "urdf": urdf_path,
+        "mjcf": mjcf_path,
+        "dh": dh_path,
+        "kinematics": kinematics_path,
+    }
+    counts = counts_of(counts_per_deg)
+    outputs = [*robots.values(), zeros_path, output_file(json_path)]
+    check_outputs(outputs, [*inputs, *extra], folder)
     table_warnings = data.warnings + (heldout.warnings if heldout is not None and extra else ())
     warn(table_warnings)
     with faults_in(data_path, effects_of=cell_path):
@@ -156,7 +180,11 @@ def identify(
     }
     warn(result.warnings)
     texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
-    texts |= _corrected(cell, result, robots)
+    made, left_out = robot_texts(cell, result, robots, cast("Convention | None", dh_convention))
+    texts |= made
+    if zeros_path is not None:
+        texts[zeros_path], lost = offsets_file(cell, result, zeros_path, counts)
+        left_out += lost
     if folder is not None:
         from studies.identify.pictures import pictures
 
@@ -165,7 +193,8 @@ def identify(
     show(identification_tables(cell, result, fields), json_path)
     show(drift_tables(result.model, fields["drift"]), json_path)
     say_written(texts, folder, json_path)
-    _say_left_out(cell, result, robots, json_path)
+    for line in left_out:
+        click.echo(line, err=json_path == "-")
 
 
 def held_out(
@@ -232,36 +261,3 @@ def _drift(cell: Cell, whole: Measurements, result: Identification) -> dict[str,
     from calib.identification.identify import whitening
 
     return drift_fields(drift_of(whole, whitening(cell, result.model, result.values, whole)))
-
-
-def _corrected(
-    cell: Cell, result: Identification, robots: dict[Form, Path | None]
-) -> dict[Path, str]:
-    from calib.files.robot_out import corrected_robot
-
-    corrections = result.model.constant_displacements(result.values)
-    markers = dict(zip(result.model.marker_names, result.marker_positions, strict=True))
-    return {
-        path: corrected_robot(cell, form, corrections, markers, path)
-        for form, path in robots.items()
-        if path is not None
-    }
-
-
-def _say_left_out(
-    cell: Cell, result: Identification, robots: dict[Form, Path | None], json_path: str | None
-) -> None:
-    """Say what the robots that were written do not hold."""
-    from calib.files.robot_out import LACKS, not_rigid
-
-    for form, path in robots.items():
-        if path is not None and form != cell.robot_form:
-            lack = LACKS[cell.robot_form, form]
-            click.echo(
-                f"{path} is made anew from the {cell.robot_form.upper()}: {lack}",
-                err=json_path == "-",
-            )
-
-    names = not_rigid(result.model)
-    if names and any(robots.values()):
-        click.echo(f"the robot written is rigid, without {', '.join(names)}", err=json_path == "-")

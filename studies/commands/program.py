@@ -11,12 +11,13 @@ from studies.command.options import PATH, cell_argument, json_option, one_line_f
 from studies.commands.common import envelope, output_texts
 
 
-@click.command(short_help="A plan as a robot program (KUKA, Universal Robots).")
+@click.command(short_help="A plan as a robot program (KUKA, UR, ABB, FANUC).")
 @cell_argument
 @click.argument("plan_path", metavar="PLAN", type=PATH)
 @click.option("-o", "--output", "program_path", metavar="FILE", required=True,
               type=PATH,
-              help="FILE.src for KUKA (KRL), FILE.script for Universal Robots (URScript).")  # fmt: skip
+              help="FILE.src for KUKA (KRL), FILE.script for Universal Robots (URScript), FILE.mod for "
+                   "ABB (RAPID), FILE.ls for FANUC.")  # fmt: skip
 @json_option
 @one_line_faults
 def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str | None) -> None:

@@ -391,7 +391,7 @@ EXPORTS = [
           swap(",m3,", ",m4,")),
     Fault("no joint file", "import points.txt --joints none.csv --unit mm -o joined.csv"),
     Fault("the table over the points", "import points.txt --joints joints.csv --unit mm -o points.txt"),
-    Fault("a program in an unknown language", "program cell.toml plan.csv -o plan.mod"),
+    Fault("a program in an unknown language", "program cell.toml plan.csv -o plan.txt"),
     Fault("a program of a plan beyond the limits", "program cell.toml plan.csv -o plan.src", "plan.csv",
           swap("-140", "-175")),
 ]  # fmt: skip
@@ -418,6 +418,81 @@ RESULTS = [
     Fault("half a plan without measurements", "enough cell.toml plan.csv --plan plan.csv"),
 ]  # fmt: skip
 
+_DH = """joint,alpha_deg,a_mm,theta_deg,d_mm
+A1,180,0,0,-645
+A2,90,330,0,0
+A3,0,1150,-90,0
+"""
+_UR = "kinematics:\n" + "".join(
+    f"  {name}: {{x: 0, y: 0, z: 0.16, roll: 0, pitch: 0, yaw: 0}}\n"
+    for name in ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+)
+_CONF = """[mounting]
+delta_theta = [0, 0, 0, 0, 0, 0]
+delta_a = [0, 0, 0, 0, 0, 0]
+delta_d = [0, 0, 0, 0, 0, 0]
+delta_alpha = [0, 0, 0, 0, 0]
+"""
+_XACRO = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>'
+_INIT = "init arm.csv -o new"
+_DH_CELL = swap('urdf = "kr270.urdf"', 'dh = "arm.csv"')
+
+
+def _dh(old: str, new: str) -> Edit:
+    return whole(_DH.replace(old, new))
+
+
+ROBOTS = [
+    Fault("a DH table without its convention", _INIT, "arm.csv", whole(_DH)),
+    *_in(
+        "arm.csv",
+        _INIT + " --dh classic",
+        {
+            "a DH column without unit": _dh("a_mm", "a"),
+            "a DH column missing": _dh(",d_mm", ",e_mm"),
+            "a DH column in two units": _dh("d_mm", "d_mm,d_m"),
+            "radians under the name of degrees": _dh("A2,90", "A2,1.5707963"),
+            "degrees under the name of radians": _dh("alpha_deg", "alpha_rad"),
+            "millimetres under the name of metres": _dh("a_mm", "a_m"),
+            "a DH joint twice": _dh("A2", "A1"),
+            "a DH joint of no kind": lambda _: _DH.replace("joint,", "joint,kind,").replace(
+                "A1,", "A1,R,"
+            ).replace("A2,", "A2,revolute,").replace("A3,", "A3,revolute,"),
+            "a DH table without rows": _dh(_DH.split("\n", 1)[1], ""),
+            "a word in a DH table": _dh("1150", "long"),
+        },
+    ),
+    Fault("a URDF taken for a DH table", "init kr270.urdf -o new --dh classic"),
+    Fault("no robot", "init none.urdf"),
+    Fault("a robot that is a cell", "init cell.toml -o new --dh modified"),
+    Fault("a cell over the present one", "init kr270.urdf"),
+    Fault("a tip that the robot lacks", "init kr270.urdf -o new --tip tool9"),
+    Fault("a xacro not expanded", "init arm.xacro -o new", "arm.xacro", whole(_XACRO)),
+    Fault("a page in place of a robot", "init arm.html -o new", "arm.html", whole("<html/>")),
+    Fault("a robot that does not move", "init arm.urdf -o new", "arm.urdf",
+          whole("<robot name='arm'><link name='a'/></robot>")),
+    Fault("a UR file cut off", "init ur.yaml -o new", "ur.yaml", lambda _: lines(3)(_UR)),
+    Fault("a YAML of something else", "init ur.yaml -o new", "ur.yaml", whole("a: 1\n")),
+    Fault("an expression in a kinematics file", "init ur.yaml -o new", "ur.yaml",
+          whole(_UR.replace("z: 0.16", "z: pi/2"))),
+    Fault("a calibration of no model", "init calibration.conf -o new", "calibration.conf",
+          whole(_CONF)),
+    Fault("a calibration of an unknown model", "init calibration.conf -o new --model UR6",
+          "calibration.conf", whole(_CONF)),
+    Fault("five numbers for six joints", "init calibration.conf -o new --model UR5",
+          "calibration.conf", whole(_CONF)),
+    Fault("a calibration of another program", "init calibration.conf -o new --model UR5",
+          "calibration.conf", whole("[camera]\nx = 1\n")),
+    Fault("DH without its convention", _IDENTIFY, "cell.toml", _DH_CELL),
+    Fault("two files of one robot", _IDENTIFY, "cell.toml",
+          swap('urdf = "kr270.urdf"', 'urdf = "kr270.urdf"\nkinematics = "ur.yaml"')),
+    Fault("a URDF without base", _IDENTIFY, "cell.toml", swap('base = "base_link"', "")),
+    Fault("kinematics of another maker", _IDENTIFY + " --kinematics out.yaml"),
+    Fault("counts of a joint that is not there",
+          _IDENTIFY + " --zero-offsets out.csv --counts-per-deg J1=100"),
+    Fault("counts that are no number", _IDENTIFY + " --zero-offsets out.csv --counts-per-deg A1"),
+]  # fmt: skip
+
 FAULTS = {
     "measurements.csv": MEASUREMENTS,
     "measurements that no arm gives": IMPLAUSIBLE,
@@ -425,5 +500,6 @@ FAULTS = {
     "the URDF": URDF,
     "other files, and the call": OTHERS,
     "exports and robot programs": EXPORTS,
+    "robots, and a first cell of them": ROBOTS,
     "results that are read again": RESULTS,
 }

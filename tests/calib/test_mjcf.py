@@ -327,7 +327,9 @@ def test_a_cell_names_one_of_both(tmp_path: Path) -> None:
     assert (cell.robot_form, cell.robot_files) == ("mjcf", (tmp_path / "arm.xml",))
     for robot in ("", 'mjcf = "arm.xml"\nurdf = "arm.urdf"'):
         path.write_text(CELL.format(robot=robot))
-        with pytest.raises(InputError, match="robot: needs the robot's file, either urdf or mjcf"):
+        with pytest.raises(
+            InputError, match="robot: needs the robot's file, one of urdf, mjcf, dh, kinematics"
+        ):
             calib.load_cell(path)
     path.write_text(CELL.format(robot='mjcf = "no.xml"'))
     with pytest.raises(InputError, match=r"no.xml: cannot be read .*check \[robot\] mjcf"):

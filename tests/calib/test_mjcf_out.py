@@ -62,15 +62,15 @@ def test_any_chain_can_be_corrected(tmp_path: Path, dof: int, tip: str) -> None:
     corrections = rng.normal(size=(dof + 2, 6)) * 0.1
     q = rng.uniform(-2, 2, (6, dof))
     expected = displaced_markers(cell.robot, q, corrections)
-    text = corrected_robot(cell, "mjcf", corrections, MARKERS, tmp_path / "out.xml")
+    text = corrected_robot(cell, "mjcf", corrections, MARKERS, tmp_path / "out.xml").text
     np.testing.assert_allclose(markers_in_mujoco(text, cell.robot, q), expected, atol=1e-12)
     again = tmp_path / "again.xml"
-    again.write_text(corrected_robot(cell, "mjcf", 0.0 * corrections, MARKERS, again))
-    twice = corrected_robot(mjcf_cell(again), "mjcf", corrections, MARKERS, again)
+    again.write_text(corrected_robot(cell, "mjcf", 0.0 * corrections, MARKERS, again).text)
+    twice = corrected_robot(mjcf_cell(again), "mjcf", corrections, MARKERS, again).text
     np.testing.assert_allclose(markers_in_mujoco(twice, cell.robot, q), expected, atol=1e-12)
 
     out = tmp_path / "out.urdf"
-    out.write_text(corrected_robot(cell, "urdf", corrections, MARKERS, out))
+    out.write_text(corrected_robot(cell, "urdf", corrections, MARKERS, out).text)
     frames = [load_urdf(out, "base", f"marker_{m}") for m in MARKERS]
     found = np.stack([forward(robot, q).o[:, -1] for robot in frames], axis=1)
     np.testing.assert_allclose(found, expected, atol=1e-12)
@@ -109,11 +109,11 @@ def test_all_else_in_the_file_stays(tmp_path: Path) -> None:
     path.write_text(FILE)
     cell = mjcf_cell(path)
     corrections = np.zeros((3, 6))
-    beside = corrected_robot(cell, "mjcf", corrections, {}, tmp_path / "out.xml")
+    beside = corrected_robot(cell, "mjcf", corrections, {}, tmp_path / "out.xml").text
     plain = FILE.replace('"/>', '" />')
     assert beside == plain
     corrections[1, 0] = 1e-3
-    moved = corrected_robot(cell, "mjcf", corrections, {}, tmp_path / "out.xml")
+    moved = corrected_robot(cell, "mjcf", corrections, {}, tmp_path / "out.xml").text
     lost = [line for line in plain.splitlines() if line not in moved.splitlines()]
     assert [line.split()[1] for line in lost] == ['name="link"']
     model = mujoco.MjModel.from_xml_string(re.sub("<asset>.*</asset>", "", moved))
@@ -126,7 +126,7 @@ def test_meshes_are_found_from_another_folder(tmp_path: Path) -> None:
     path.write_text(FILE)
     (tmp_path / "out").mkdir()
     target = tmp_path / "out" / "better.xml"
-    target.write_text(corrected_robot(mjcf_cell(path), "mjcf", np.zeros((3, 6)), {}, target))
+    target.write_text(corrected_robot(mjcf_cell(path), "mjcf", np.zeros((3, 6)), {}, target).text)
     with pytest.raises(ValueError, match=r"shell.stl"):
         mujoco.MjModel.from_xml_path(str(target))
     corners, faces = ["0 0 0", "1 0 0", "0 1 0", "0 0 1"], ["1 3 2", "1 2 4", "1 4 3", "2 3 4"]
@@ -147,7 +147,7 @@ def test_a_urdf_as_mjcf(kr270: Cell, tmp_path: Path) -> None:
     assert shape in path.read_text()
     cell = replace(kr270, robot_files=(path,))
     corrections = rng.normal(size=(8, 6)) * 1e-2
-    text = corrected_robot(cell, "mjcf", corrections, MARKERS, tmp_path / "out.xml")
+    text = corrected_robot(cell, "mjcf", corrections, MARKERS, tmp_path / "out.xml").text
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     q = rng.uniform(-1, 1, (5, 6))

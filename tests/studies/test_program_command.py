@@ -49,9 +49,33 @@ def urscript_targets(text: str) -> list[list[float]]:
     ]
 
 
+def rapid_targets(text: str) -> list[list[float]]:
+    """Six axes of the arm in rad; no external axis."""
+    lists = re.findall(r"^    MoveAbsJ \[\[([^]]*)\],\[([^]]*)\]\]", text, flags=re.M)
+    assert {external for _, external in lists} == {",".join(["9E9"] * 6)}
+    return [[np.radians(float(value)) for value in arm.split(",")] for arm, _ in lists]
+
+
+def fanuc_targets(text: str) -> list[list[float]]:
+    """Joint positions in rad, in the order in which the program drives to them."""
+    program, positions = text.split("/POS\n")
+    order = re.findall(r"^ *\d+:J P\[(\d+)\] \d+% FINE ;$", program, flags=re.M)
+    found = {}
+    for number, body in re.findall(r"^P\[(\d+)\]\{(.*?)\};$", positions, flags=re.M | re.S):
+        pairs = re.findall(r"J(\d)= (-?\d+\.\d+) deg", body)
+        assert [axis for axis, _ in pairs] == list("123456")
+        found[number] = [np.radians(float(value)) for _, value in pairs]
+    return [found[number] for number in order]
+
+
 @pytest.mark.parametrize(
     ("ending", "read", "finest"),
-    [(".src", krl_targets, np.radians(1e-6)), (".script", urscript_targets, 1e-9)],
+    [
+        (".src", krl_targets, np.radians(1e-6)),
+        (".script", urscript_targets, 1e-9),
+        (".mod", rapid_targets, np.radians(1e-6)),
+        (".ls", fanuc_targets, np.radians(1e-6)),
+    ],
 )
 def test_program_holds_the_plan(folder: Path, ending: str, read, finest: float) -> None:  # type: ignore[no-untyped-def]
     done = run(
@@ -65,9 +89,10 @@ def test_program_holds_the_plan(folder: Path, ending: str, read, finest: float) 
     np.testing.assert_allclose(read(text), plan.q, rtol=0, atol=0.51 * finest)
     fields = json.loads((folder / "p.json").read_text(), parse_constant=pytest.fail)
     assert fields["poses"] == list(plan.names)
-    waits = len(re.findall(r"^HALT$|^  popup\(", text, flags=re.M))
+    waits = len(re.findall(r"^HALT$|^  popup\(|^    Stop;$|^ *\d+:  PAUSE ;$", text, flags=re.M))
     assert waits == fields["stops"] == 2 * len(plan)  # free, and with the cell's load
-    assert text.count("hang 250 kg") == len(plan)
+    text = re.sub(r" ;\n *\d+:  !", " ", text)  # remarks of the pendant are broken into pieces
+    assert len(re.findall("hang 250 kg", re.sub("TPWrite.*", "", text))) == len(plan)
     assert "zero positions" in text
     assert "not checked for collisions" in text
 
@@ -87,8 +112,10 @@ HOSTILE = f"{PRINTED}\nHALT\r\nPTP {{A1 0}}\u2028\x7f\x1b[2J"
 
 def code(text: str) -> list[str]:
     """The lines without comments and without the text of popups."""
-    lines = [re.split(r"[;#]", line)[0].rstrip() for line in text.splitlines()]
-    return [re.sub(r'popup\("[^"\\]*"', "popup(", line) for line in lines]
+    lines = [re.split(r"[;#!]", line)[0].rstrip() for line in text.splitlines()]
+    lines = [re.sub(r'(popup\(|TPWrite )"[^"\\]*"', r"\1", line) for line in lines]
+    lines = [line for line in lines if not re.fullmatch(r" *\d+:", line)]  # a FANUC remark
+    return [re.sub(r"^ *\d+:", "", line) for line in lines]
 
 
 @pytest.mark.parametrize("ending", LANGUAGES)
@@ -144,11 +171,32 @@ def test_external_axes_and_those_that_slide() -> None:
         axis_names(replace(rail, robot=random_robot(rng, 13)))
 
 
+def test_rapid_and_fanuc_have_limits_of_their_own() -> None:
+    rng = np.random.default_rng(0)
+    rail = cell_of(random_robot(rng, 7, prismatic=[6]), np.zeros((1, 3)), ())
+    stops = [Stop("p", np.array([*np.radians([1, 2, 3, 4, 5, 6]), 0.25]), ("measure; it" * 9,))]
+    text = LANGUAGES[".mod"]("plan", rail, stops, ()).text
+    assert "[[1.000000,2.000000,3.000000,4.000000,5.000000,6.000000],[250.000000,9E9," in text
+    assert max(len(s) for s in re.findall(r'TPWrite "([^"]*)"', text)) <= 80
+    text = LANGUAGES[".ls"]("2nd", rail, stops, ()).text
+    assert text.startswith("/PROG  P_2ND\n")
+    assert "    J7= 250.000000 mm\n};" in text
+    assert all(line.count(";") == 1 for line in text.split("/POS")[0].splitlines() if ":" in line)
+    for chain, ending, said in (
+        (random_robot(rng, 7, prismatic=[0]), ".mod", "7 joints, j1 slides"),
+        (random_robot(rng, 5), ".mod", "this chain has 5 joints"),
+        (random_robot(rng, 10), ".ls", "at most 9 axes; this chain has 10"),
+    ):
+        with pytest.raises(InputError, match=said):
+            LANGUAGES[ending]("plan", replace(rail, robot=chain), stops, ())
+
+
 def test_a_cell_with_mjcf_is_told_of_its_mjcf() -> None:
     robot = random_robot(np.random.default_rng(0), 6)
     cell = replace(cell_of(robot, np.zeros((1, 3)), ()), robot_form="mjcf")
     for language in LANGUAGES.values():
         text = language("plan", cell, [Stop("p", np.zeros(6), ("measure",))], ()).text
+        text = re.sub(r" ;\n *\d+:  !", " ", text)
         assert "Taken from the MJCF and to be checked: zero positions" in text
         assert "URDF" not in text
     with pytest.raises(InputError, match="limits in MJCF and cell"):
@@ -162,7 +210,7 @@ def test_faults_are_one_line_and_write_nothing(folder: Path) -> None:
     rows = (folder / "plan.csv").read_text()
     (folder / "far.csv").write_text(rows.replace("79.20,", "500.0,", 1))
     for plan, out, message in (
-        ("plan.csv", "p.mod", "ends in .mod; let it end in .src or .script"),
+        ("plan.csv", "p.txt", "ends in .txt; let it end in .src or .script or .mod or .ls"),
         ("far.csv", "p.src", "pose p01: joint A1 at 500.000 deg is beyond its limits"),
         ("plan.csv", "none/p.src", "cannot be written"),
     ):

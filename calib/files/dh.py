@@ -1,0 +1,144 @@
+"""Read and write DH tables: one row a joint, ``joint,alpha_deg,a_mm,theta_deg,d_mm``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.arm.dh import Convention, DhTable, robot_of_dh
+from calib.arm.robot import Robot
+from calib.arrays import Array
+from calib.errors import InputError
+from calib.files.columns import ANGLES, LENGTHS
+from calib.files.csv_table import Table, read_table
+from calib.files.write_tables import csv_text
+
+CONVENTIONS: tuple[Convention, ...] = ("classic", "modified")
+KINDS = ("revolute", "prismatic")
+COLUMNS = {"alpha": ANGLES, "a": LENGTHS, "theta": ANGLES, "d": LENGTHS, "beta": ANGLES}
+"""Each number of a row with its units; ``beta`` (Hayati) may be left out, and is 0."""
+
+_MOST_JOINTS = 100
+_TURNS = 2 * math.pi + 0.1  # rad: more is probably degrees
+_LONGEST = 50.0  # m of a link: more is probably millimetres
+_SHOWN_UNITS = {"alpha": "deg", "a": "mm", "theta": "deg", "d": "mm", "beta": "deg"}
+
+
+@dataclass(frozen=True)
+class DhFile:
+    """A table and the unit of each of its columns, as the file has them."""
+
+    table: DhTable
+    units: dict[str, str]
+
+
+def read_dh(path: Path, convention: Convention) -> DhFile:
+    """A table in a convention that no file tells.
+
+    Raises InputError for columns without unit, a joint twice, and units that cannot be meant.
+    """
+    found = read_table(
+        path, ("joint",), lambda names: _check_columns(path, names), "joints", "write a number"
+    )
+    n = len(found.rows)
+    if n > _MOST_JOINTS:
+        raise InputError(path, "", f"has {n} joints, at most {_MOST_JOINTS} are possible")
+    values, units = {}, {}
+    for name, known in COLUMNS.items():
+        unit = next((u for u in known if f"{name}_{u}" in found.columns), None)
+        values[name] = np.zeros(n)
+        if unit is not None:
+            values[name] = _checked(found, name, unit) * known[unit]
+            units[name] = unit
+    return DhFile(DhTable(convention, _joints(found), _prismatic(found), **values), units)
+
+
+def load_dh(path: Path, convention: Convention, base: str, tip: str) -> Robot:
+    """The chain of a table; ``base`` and ``tip`` are words for its first and last frame.
+
+    Raises InputError.
+    """
+    return robot_of_dh(read_dh(path, convention).table, path.stem, base, tip)
+
+
+def dh_text(table: DhTable, units: dict[str, str] | None = None) -> str:
+    """The text of a table to 15 digits, in degrees and millimetres if nothing else is said."""
+    units = _SHOWN_UNITS | (units or {})
+    shown = ["alpha", "a", "theta", "d", *(["beta"] if table.beta.any() else [])]
+    kinds = table.prismatic.any()
+    header = ["joint", *(["kind"] if kinds else []), *(f"{name}_{units[name]}" for name in shown)]
+    numbers = [getattr(table, name) / COLUMNS[name][units[name]] for name in shown]
+    rows = [
+        [
+            table.joints[k],
+            *([KINDS[int(table.prismatic[k])]] if kinds else []),
+            *(f"{column[k] + 0.0:.15g}" for column in numbers),
+        ]
+        for k in range(len(table.joints))
+    ]
+    return csv_text(header, rows)
+
+
+def _check_columns(path: Path, columns: tuple[str, ...]) -> None:
+    known = {"joint", "kind", *(f"{name}_{unit}" for name, own in COLUMNS.items() for unit in own)}
+    for column in columns:
+        if column and column not in known:
+            bare = COLUMNS.get(column)
+            if bare is not None:
+                names = " or ".join(f"{column}_{unit}" for unit in bare)
+                raise InputError(
+                    path, "line 1", f"column {column!r} has no unit", f"name it {names}"
+                )
+            remedy = "a DH table has joint, alpha_deg, a_mm, theta_deg, d_mm, and may have kind"
+            raise InputError(path, "line 1", f"column {column!r} is none of a DH table", remedy)
+    for name, own in COLUMNS.items():
+        present = [f"{name}_{unit}" for unit in own if f"{name}_{unit}" in columns]
+        if len(present) > 1:
+            raise InputError(path, "line 1", f"{name} stands in two units", "keep one")
+        if not present and name != "beta":
+            names = " or ".join(f"{name}_{unit}" for unit in own)
+            raise InputError(path, "line 1", f"has no column for {name}", f"add {names}")
+
+
+def _checked(found: Table, name: str, unit: str) -> Array:
+    """A column in its own unit. Raises InputError where another unit must be meant."""
+    column = f"{name}_{unit}"
+    values = found.numbers(column)
+    other, looks = "", np.zeros(len(values), dtype=bool)
+    if unit == "rad":
+        other, looks = "degrees", np.abs(values) > _TURNS
+    elif unit == "deg":  # nobody bends an axis by pi / 2 degrees
+        right_angles = np.abs(values) / (math.pi / 2)
+        near = np.abs(right_angles - np.round(right_angles)) < 1e-3
+        other, looks = "radians", near & (np.round(right_angles) >= 1) & (right_angles < 2.5)
+    elif unit == "m" and name == "a":
+        other, looks = "millimetres", np.abs(values) > _LONGEST
+    if looks.any():
+        row = int(np.flatnonzero(looks)[0])
+        right = {"degrees": "deg", "radians": "rad", "millimetres": "mm"}[other]
+        what = f"{values[row]:.10g} looks like {other}"
+        raise found.fault(row, column, what, f"name the column {name}_{right}")
+    return values
+
+
+def _joints(found: Table) -> tuple[str, ...]:
+    names = found.names("joint")
+    for row, name in enumerate(names):
+        if name in names[:row]:
+            raise found.fault(row, "joint", f"{name!r} stands twice", "name each joint once")
+    return tuple(names)
+
+
+def _prismatic(found: Table) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    if "kind" not in found.columns:
+        return np.zeros(len(found.rows), dtype=bool)
+    kinds = found.text("kind")
+    for row, kind in enumerate(kinds):
+        if kind not in KINDS:
+            raise found.fault(
+                row, "kind", f"{kind[:40]!r} is not known", f"use {' or '.join(KINDS)}"
+            )
+    return np.array([kind == "prismatic" for kind in kinds])

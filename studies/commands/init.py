@@ -1,0 +1,104 @@
+"""``posecal init``: a first cell and an empty table for a robot of the user's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+import click
+
+from studies.commands.common import (
+    PATH,
+    check_outputs,
+    envelope,
+    json_option,
+    one_line_faults,
+    output_file,
+    output_texts,
+    say_written,
+    show,
+    warn,
+)
+
+if TYPE_CHECKING:
+    from calib.arm.dh import Convention
+
+
+@click.command(short_help="A first cell for a robot of your own.")
+@click.argument("robot_path", metavar="ROBOT", type=PATH)
+@click.option("-o", "--output", "folder", metavar="FOLDER", type=PATH, default=Path(),
+              help="Where cell.toml and measurements.csv go. Default: here.")  # fmt: skip
+@click.option("--dh", "convention", type=click.Choice(["classic", "modified"]), default=None,
+              help="ROBOT is a DH table in this convention.")  # fmt: skip
+@click.option(
+    "--base", metavar="NAME", default="", help="First link or body, if not the proposed one."
+)
+@click.option(
+    "--tip", metavar="NAME", default="", help="Last link, body or site, if not the proposed one."
+)
+@click.option("--model", metavar="NAME", default="",
+              help="Of the arm of a UR controller's calibration.conf, such as UR5e.")  # fmt: skip
+@json_option
+@one_line_faults
+def init(
+    robot_path: Path,
+    folder: Path,
+    convention: str | None,
+    base: str,
+    tip: str,
+    model: str,
+    json_path: str | None,
+) -> None:
+    """Write a commented cell.toml and an empty measurements.csv for a robot.
+
+    ROBOT is a URDF (or what xacro makes), an MJCF, a DH table (joint,alpha_deg,a_mm,theta_deg,d_mm),
+    a kinematics file of Universal Robots or Franka, or a UR controller's calibration.conf. The cell
+    can be planned with at once; what the file cannot tell is a guess, marked EDIT.
+
+    \b
+    Example:
+      posecal init robot.urdf -o my-cell
+    """
+    import os
+
+    from calib.errors import InputError
+    from calib.files.proposal import propose
+    from calib.files.write import make_folder, write_files
+    from studies.init import cell_text, table_header
+
+    found = propose(robot_path, cast("Convention | None", convention), base, tip, model)
+    cell_path, table_path = folder / "cell.toml", folder / "measurements.csv"
+    own_path = folder / "arm.csv" if found.dh_text else None
+    for path in (cell_path, table_path, own_path):
+        if path is not None and path.exists():
+            raise InputError(path, "", "is there already", "name another folder by -o, or move it")
+    make_folder(folder)
+    outputs = [cell_path, table_path, own_path, output_file(json_path)]
+    check_outputs(outputs, found.files)
+    named = own_path or robot_path
+    seen = Path(os.path.relpath(named.resolve(), folder.resolve())).as_posix()
+    robot = found.robot
+    name = robot.name or robot_path.stem
+    fields = {
+        **envelope("init", list(found.files), 0),
+        "cell": str(cell_path),
+        "table": str(table_path),
+        "robot": {"form": found.form, "base": robot.base, "tip": robot.tip},
+        "joints": list(robot.joints),
+        "notes": list(found.notes),
+        "warnings": list(found.lacks),
+    }
+    texts: dict[Path, str | bytes] = {cell_path: cell_text(found, seen, name)}
+    texts[table_path] = table_header(robot)
+    if own_path is not None:
+        texts[own_path] = found.dh_text
+    texts |= output_texts(json_path, fields)
+    write_files(texts)
+    warn(found.lacks)
+    chain = (
+        f"{name}: {robot.dof} joints from {robot.base} to {robot.tip}: {', '.join(robot.joints)}"
+    )
+    marked = "guesses are marked EDIT: markers and the instrument's noise first of all"
+    next_step = f"then  posecal design {cell_path} -o {folder / 'plan.csv'}"
+    show([chain, *(f"note  {note}" for note in found.notes), marked, next_step], json_path)
+    say_written(texts, None, json_path)

@@ -1,0 +1,63 @@
+"""The robots that ``identify`` writes: their texts, and what each form leaves out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from calib import Cell, Identification
+from calib.arm.dh import Convention
+from calib.cell import Form
+from calib.errors import InputError
+from calib.files.robot_out import corrected_robot, not_rigid
+from calib.files.zero_offsets import zero_offsets, zero_offsets_csv
+
+
+def robot_texts(
+    cell: Cell,
+    result: Identification,
+    robots: Mapping[Form, Path | None],
+    convention: Convention | None,
+) -> tuple[dict[Path, str], list[str]]:
+    """The files of the corrected robot, and lines on what they do not hold. Raises InputError."""
+    corrections = result.model.constant_displacements(result.values)
+    markers = dict(zip(result.model.marker_names, result.marker_positions, strict=True))
+    texts, lines = {}, []
+    for form, path in robots.items():
+        if path is not None:
+            made = corrected_robot(cell, form, corrections, markers, path, convention)
+            texts[path] = made.text
+            lines += [f"{path} {lack}" for lack in made.lacks]
+    names = not_rigid(result.model)
+    if names and texts:
+        lines.append(f"the robot written is rigid, without {', '.join(names)}")
+    return texts, lines
+
+
+def offsets_file(
+    cell: Cell, result: Identification, path: Path, counts: dict[str, float]
+) -> tuple[str, list[str]]:
+    """The table of zero offsets, and how much of the identified geometry it is. Raises InputError."""
+    corrections = result.model.constant_displacements(result.values)
+    found = zero_offsets(cell.robot, corrections, result.marker_positions)
+    lost = (
+        f"{path} holds zero offsets alone: of the geometry found, {found.before * 1e3:.3g} mm at the "
+        f"markers, {found.after * 1e3:.3g} mm stay (RMS, base fitted)"
+    )
+    first, last = cell.robot.joints[0], cell.robot.joints[-1]
+    ends = f"where base and tool are in the model, offsets of {first} and {last} are part of them"
+    return zero_offsets_csv(cell.robot, found, counts), [lost, ends]
+
+
+def counts_of(text: str | None) -> dict[str, float]:
+    """The counts a degree of --counts-per-deg. Raises InputError."""
+    counts = {}
+    for part in (text or "").split(",") if text else ():
+        name, _, number = part.partition("=")
+        try:
+            counts[name.strip()] = float(number)
+        except ValueError:
+            raise InputError(
+                "--counts-per-deg", "", f"{part!r} is not understood", "write J1=5263.7,J2=-4881.0"
+            ) from None
+    return counts

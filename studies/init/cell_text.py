@@ -1,0 +1,120 @@
+"""The text of a first cell: what the robot's file tells filled in, what it cannot tell marked EDIT."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+
+from calib.arm.robot import Robot
+from calib.files.proposal import Proposal
+from calib.files.write_tables import csv_text, measurement_columns
+from calib.instruments import Tracker
+
+_MARKERS = ((1.0, 0.0, 0.5), (-0.5, 0.87, 0.5), (-0.5, -0.87, 0.5))  # of the circle they stand on
+
+
+def cell_text(found: Proposal, robot_file: str, name: str) -> str:
+    """TOML with comments, which loads as it is.
+
+    robot_file : the robot's file as seen from the cell
+    """
+    robot = found.robot
+    convention = f'dh_convention = "{found.convention}"\n' if found.convention else ""
+    return f"""\
+# A measurement cell, proposed by `posecal init`. What the robot's file cannot tell is marked EDIT.
+schema = 1
+name = {_text(name)}
+
+[robot]
+{found.form} = {_text(robot_file)}
+{convention}\
+base = {_text(robot.base):<23} # frame of gravity, obstacles and the instrument's position
+tip = {_text(robot.tip):<24} # frame of markers, payload and load
+# repeatability_mm = 0.03      # of the arm between approaches of one pose: one standard deviation of
+# repeatability_urad = 100     # one coordinate of the tip, of one component of its rotation; else found
+{_limits(robot)}
+[markers_mm]                   # EDIT: reflectors on the tool, tip frame; three or more, apart, not in
+                               # a line; roughly is enough, their places are found from the data
+{_markers(robot)}
+[instrument]
+sigma_mm = 0.010               # EDIT: one standard deviation of one coordinate; or, with range:
+# sigma_mm = {{ range_mm = 0.003, transverse_mm = 0.004, transverse_mm_per_m = 0.0015 }}
+# sigma_mm = {{ mpe_mm = 0.015, mpe_mm_per_m = 0.006, divisor = 2 }}   # std = MPE / divisor
+# position_mm = [4000, 0, 1500]  # where it stands, base frame: line of sight, range
+
+# [gravity]                    # base frame; EDIT where the base is not upright
+# m_s2 = [0, 0, -9.80665]
+
+# [payload]                    # carried at every pose
+# mass_kg = 2.5
+# com_mm = [0, 0, 60]          # tip frame
+
+# [load]                       # hung on for a second reading of every planned pose: shows compliances
+# mass_kg = 10.0
+# com_mm = [100, 0, 100]
+
+[design]                       # what `posecal design` chooses
+poses = 30                     # EDIT: as many as the day allows
+# targets = "targets.csv"      # where accuracy is wanted: joint columns, optional weight
+# [[design.obstacle]]          # needs [robot.capsules_mm]; here what is below the floor
+# type = "halfspace"
+# point_mm = [0, 0, 0]
+# normal = [0, 0, -1]
+
+[model]                        # what is to be identified
+effects = ["base", "tool", "geometry"]
+{_elastic(robot)}
+"""
+
+
+def table_header(robot: Robot) -> str:
+    """An empty ``measurements.csv`` with the columns that every table has."""
+    return csv_text(measurement_columns(robot, (Tracker(),)), [])
+
+
+def _text(text: str) -> str:
+    """A TOML string: its escapes are those of JSON."""
+    return json.dumps(text)
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _text(name)
+
+
+def _limits(robot: Robot) -> str:
+    """Tables of limits to be filled in, for joints that have none; an example for those that do."""
+    lines = []
+    missing = [not np.isfinite(own).all() for own in robot.limits]
+    for slides, table, width in ((False, "limits_deg", 180), (True, "limits_mm", 1000)):
+        joints = [
+            joint
+            for joint, own, lacks in zip(robot.joints, robot.prismatic, missing, strict=True)
+            if bool(own) is slides and lacks
+        ]
+        if joints:
+            lines += ["", f"# [robot.{table}]           # EDIT: none given; planned within these"]
+            lines += [f"# {_key(joint)} = [-{width}, {width}]" for joint in joints]
+    if not lines:
+        lines = [
+            "",
+            "# [robot.limits_deg]           # narrower than the robot's own, where the cell is",
+        ]
+        lines += [f"# {_key(robot.joints[0])} = [-90, 90]"]
+    return "\n".join([*lines, ""])
+
+
+def _markers(robot: Robot) -> str:
+    size = float(np.clip(round(robot.reach * 1e3 / 20, -1), 20, 150))  # mm
+    rows = [
+        f"m{j + 1} = [{', '.join(f'{size * x:g}' for x in place)}]"
+        for j, place in enumerate(_MARKERS)
+    ]
+    return "\n".join([*rows, ""])
+
+
+def _elastic(robot: Robot) -> str:
+    if robot.masses.any():
+        return '# add "joint_compliance" where the arm bends under its own weight, payload or load'
+    return '# add "joint_compliance" where a load, payload or wrench bends the arm'

@@ -1,0 +1,64 @@
+"""Forward kinematics in a few lines of their own: nothing here knows how posecal composes frames."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+
+import numpy as np
+
+from calib.arrays import Array
+
+
+def turn(axis: str, angle: float) -> Array:
+    c, s = math.cos(angle), math.sin(angle)
+    rows = {
+        "x": [[1, 0, 0], [0, c, -s], [0, s, c]],
+        "y": [[c, 0, s], [0, 1, 0], [-s, 0, c]],
+        "z": [[c, -s, 0], [s, c, 0], [0, 0, 1]],
+    }
+    T = np.eye(4)
+    T[:3, :3] = rows[axis]
+    return T
+
+
+def shift(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Array:
+    T = np.eye(4)
+    T[:3, 3] = x, y, z
+    return T
+
+
+def rows_of(text: str) -> list[dict[str, float | str]]:
+    """Rows of a DH table in rad and m, whatever its units."""
+    found: list[dict[str, float | str]] = []
+    scale = {"deg": math.pi / 180, "rad": 1.0, "mm": 1e-3, "m": 1.0}
+    for line in csv.DictReader(io.StringIO(text)):
+        row: dict[str, float | str] = {"kind": "revolute", "beta": 0.0}
+        for key, value in line.items():
+            name, _, unit = key.rpartition("_")
+            row[name or key] = float(value) * scale[unit] if name else value
+        found.append(row)
+    return found
+
+
+def dh_pose(text: str, convention: str, q: Array) -> Array:
+    """T of a table's last frame in its first, joint values in rad or m."""
+    T = np.eye(4)
+    for row, value in zip(rows_of(text), q, strict=True):
+        slides = row["kind"] == "prismatic"
+        theta = row["theta"] + (0.0 if slides else value)  # type: ignore[operator]
+        d = row["d"] + (value if slides else 0.0)  # type: ignore[operator]
+        joint = turn("z", theta) @ shift(z=d)
+        link = shift(x=row["a"]) @ turn("x", row["alpha"]) @ turn("y", row["beta"])  # type: ignore[arg-type]
+        T = T @ joint @ link if convention == "classic" else T @ link @ joint
+    return T
+
+
+def rpy_pose(origins: list[list[float]], q: Array) -> Array:
+    """Joints about z behind origins ``x y z roll pitch yaw``; origins beyond the joints are fixed."""
+    T = np.eye(4)
+    for k, (x, y, z, roll, pitch, yaw) in enumerate(origins):
+        T = T @ shift(x, y, z) @ turn("z", yaw) @ turn("y", pitch) @ turn("x", roll)
+        T = T @ turn("z", q[k]) if k < len(q) else T
+    return T

@@ -1,0 +1,133 @@
+"""A day on an arm of a maker, from its own file back to its own file: truth in plain numpy."""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from calib.arrays import Array
+from studies.cli import main
+from tests.calib.files.test_kinematics import CELL, UR, numbers, ur_text
+from tests.plain_arm import dh_pose, rpy_pose, turn
+
+SIGMA = 1e-5  # m
+MARKERS = np.array([[0.08, 0.0, 0.04], [-0.04, 0.07, 0.05], [-0.04, -0.07, 0.03]])
+NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+
+
+def fitted(true: Array, points: Array) -> float:
+    """RMS distance after the best rigid motion (Kabsch)."""
+    a, b = true.reshape(-1, 3), points.reshape(-1, 3)
+    U, _, Vt = np.linalg.svd((a - a.mean(0)).T @ (b - b.mean(0)))
+    R = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
+    missed = a - a.mean(0) - (b - b.mean(0)) @ R.T
+    return float(np.sqrt(np.mean(np.sum(missed**2, axis=1))))
+
+
+def best_tool(day: Day, origins: list[list[float]]) -> float:
+    """RMS at the new poses, base and markers fitted in turn: the file holds neither."""
+    T = np.array([rpy_pose(origins, p) for p in day.q])
+    tool = MARKERS
+    for _ in range(200):
+        points = np.einsum("pik,mk->pmi", T[:, :3, :3], tool) + T[:, None, :3, 3]
+        a, b = day.true.reshape(-1, 3), points.reshape(-1, 3)
+        U, _, Vt = np.linalg.svd((b - b.mean(0)).T @ (a - a.mean(0)))
+        R = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
+        seen = (day.true - a.mean(0)) @ R.T + b.mean(0)
+        tool = np.einsum("pki,pmk->pmi", T[:, :3, :3], seen - T[:, None, :3, 3]).mean(axis=0)
+    return fitted(day.true, points)
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+class Day:
+    """A UR5e whose origins are off by up to a millimetre and a milliradian, measured at 40 poses."""
+
+    def __init__(self, folder: Path) -> None:
+        rng = np.random.default_rng(5)
+        self.folder = folder
+        true = [list(np.array(own) + 4e-4 * rng.normal(size=6)) for own in UR.values()]
+        placed = turn("x", 0.2) @ turn("z", 1.3)
+        q = rng.uniform(-2.5, 2.5, (60, 6))
+        points = np.array([(placed @ rpy_pose(true, p))[:3] for p in q])
+        tool = np.column_stack([MARKERS + 1e-3 * rng.normal(size=(3, 3)), np.ones(3)])
+        points = np.einsum("pik,mk->pmi", points, tool)
+        self.q, self.true = q[40:], points[40:]
+        noisy = points[:40] + SIGMA * rng.normal(size=(40, 3, 3))
+        (folder / "arm.yaml").write_text(ur_text())
+        marks = "\n".join(f"m{j + 1} = {(1e3 * m).tolist()}" for j, m in enumerate(MARKERS))
+        (folder / "cell.toml").write_text(CELL.format(ends="").replace("m1 = [80, 0, 40]", marks))
+        with (folder / "data.csv").open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(
+                ["pose", "marker", *(f"{n}_joint_rad" for n in NAMES), "x_m", "y_m", "z_m"]
+            )
+            for i, j in np.ndindex(40, 3):
+                writer.writerow([f"p{i}", f"m{j + 1}", *q[i], *noisy[i, j]])
+        self.said = run(
+            *("identify", folder / "cell.toml", folder / "data.csv"),
+            *("--kinematics", folder / "better.yaml", "--dh", folder / "better.csv"),
+            *("--zero-offsets", folder / "zeros.csv", "--counts-per-deg", "elbow_joint=-1000"),
+            *("--urdf", folder / "better.urdf"),
+        )
+        assert self.said.exit_code == 0, self.said.output
+        where = re.findall(r"; (m\d) is at \(([^)]*)\) mm there", self.said.output)
+        self.in_table = np.array([np.array(p.split(","), dtype=float) / 1e3 for _, p in where])
+
+
+@pytest.fixture(scope="module")
+def day(tmp_path_factory: pytest.TempPathFactory) -> Day:
+    return Day(tmp_path_factory.mktemp("day"))
+
+
+def test_the_makers_file_predicts_poses_never_measured(day: Day) -> None:
+    found = list(numbers(day.folder / "better.yaml").values())
+    before, after = (best_tool(day, origins) for origins in (list(UR.values()), found))
+    print(f"UR file: {before * 1e3:.4f} -> {after * 1e3:.4f} mm")
+    assert "hash: calib_12345" in (day.folder / "better.yaml").read_text()
+    assert before > 1e-3 > 30 * after
+
+
+def test_the_dh_table_predicts_them_too(day: Day) -> None:
+    text = (day.folder / "better.csv").read_text()
+    T = np.array([dh_pose(text, "classic", p) for p in day.q])
+    points = np.einsum("pik,mk->pmi", T[:, :3, :3], day.in_table) + T[:, None, :3, 3]
+    assert fitted(day.true, points) < 2 * SIGMA
+    assert "is classic; name it so in the cell" in day.said.output
+    assert "beta (Hayati) at shoulder_lift_joint, elbow_joint" in day.said.output
+
+
+def test_zero_offsets_are_the_part_along_the_axes(day: Day) -> None:
+    rows = [*csv.DictReader((day.folder / "zeros.csv").read_text().splitlines())]
+    assert [row["joint"] for row in rows] == [f"{n}_joint" for n in NAMES]
+    assert [row["unit"] for row in rows] == ["deg"] * 6
+    for row in rows:
+        assert float(row["reads_at_zero"]) == -float(row["offset"])
+    elbow = rows[2]
+    assert float(elbow["master_count_change"]) == round(1000 * float(elbow["offset"]))
+    assert {row["master_count_change"] for row in rows if row is not elbow} == {""}
+    said = re.search(
+        r"geometry found, ([\d.]+) mm at the markers, ([\d.]+) mm stay", day.said.output
+    )
+    assert said is not None
+    assert 0.0 < float(said[2]) < float(said[1])
+    nominal = [[*own[:3], *own[3:]] for own in UR.values()]
+    shifted = day.q + np.radians([float(row["offset"]) for row in rows])
+    true = list(numbers(day.folder / "better.yaml").values())
+
+    def points(origins: list[list[float]], q: Array) -> Array:
+        T = np.array([rpy_pose(origins, p) for p in q])
+        tool = np.column_stack([MARKERS, np.ones(3)])
+        return np.einsum("pik,mk->pmi", T[:, :3], tool)
+
+    goal = points(true, day.q)
+    before, after = fitted(goal, points(nominal, day.q)), fitted(goal, points(nominal, shifted))
+    assert float(said[1]) == pytest.approx(before * 1e3, rel=0.3), "other poses, other markers"
+    assert float(said[2]) == pytest.approx(after * 1e3, rel=0.3)

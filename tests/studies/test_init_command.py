@@ -1,0 +1,170 @@
+"""``posecal init``: from a robot's file to a cell that can be planned with at once."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+import calib
+from studies.cli import main
+from studies.demo import embedded_text
+from tests.calib.files.test_dh import TABLES
+from tests.calib.files.test_kinematics import franka_text, ur_text
+
+MJCF = """<mujoco model="hand arm"><worldbody>
+<body name="base"><geom size="0.1" mass="5"/>
+<body name="one" pos="0 0 0.3"><joint name="j1" axis="0 0 1" range="-170 170"/><geom size="0.1"/>
+<body name="two" pos="0 0 0.3"><joint name="j2" axis="0 1 0" range="-120 120"/><geom size="0.1"/>
+<site name="attachment_site" pos="0 0 0.2"/>
+<body name="left"><joint name="f1" type="slide" axis="0 1 0" range="0 0.04"/><geom size="0.01"/></body>
+<body name="right"><joint name="f2" type="slide" axis="0 1 0" range="0 0.04"/><geom size="0.01"/></body>
+</body></body></body></worldbody></mujoco>"""
+
+
+def init(*arguments: object) -> Result:
+    return CliRunner().invoke(main, ["init", *(str(a) for a in arguments)])
+
+
+def urdf(joints: str) -> str:
+    """Joints as ``parent>child:name:type``, links from them."""
+    parts = [part.replace(">", ":").split(":") for part in joints.split()]
+    links = dict.fromkeys(name for parent, child, _, _ in parts for name in (parent, child))
+    texts = [f'<link name="{name}"/>' for name in links]
+    for parent, child, name, kind in parts:
+        mimic = '<mimic joint="x"/>' if kind == "mimic" else ""
+        kind = "prismatic" if kind == "mimic" else kind
+        texts.append(
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            f'<axis xyz="0 0 1"/><limit lower="-1" upper="1"/>{mimic}</joint>'
+        )
+    return f'<robot name="arm">{"".join(texts)}</robot>'
+
+
+FILES = {
+    "arm.urdf": (embedded_text("kr270.urdf"), (), "base_link", "tool0"),
+    "arm.xml": (MJCF, (), "base", "attachment_site"),
+    "arm.csv": (TABLES["three parallel axes"], ("--dh", "classic"), "base", "tip"),
+    "scara.csv": (TABLES["a SCARA in other units"], ("--dh", "modified"), "base", "tip"),
+    "ur.yaml": (ur_text(), (), "base_link", "tool0"),
+    "fr3.yml": (franka_text(), (), "link0", "link8"),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_the_cell_loads_and_the_table_fits_it(tmp_path: Path, name: str) -> None:
+    text, options, base, tip = FILES[name]
+    (tmp_path / name).write_text(text)
+    folder = tmp_path / "new" / "cell"
+    done = init(tmp_path / name, "-o", folder, *options, "--json", tmp_path / "out.json")
+    assert done.exit_code == 0, done.output
+    cell = calib.load_cell(folder / "cell.toml")
+    assert (cell.robot.base, cell.robot.tip) == (base, tip)
+    header = (folder / "measurements.csv").read_text().strip().split(",")
+    assert header[:2] == ["pose", "marker"]
+    assert header[-3:] == ["x_mm", "y_mm", "z_mm"]
+    units = ["mm" if slides else "deg" for slides in cell.robot.prismatic]
+    assert header[2:-3] == [f"{j}_{u}" for j, u in zip(cell.robot.joints, units, strict=True)]
+    example = ",".join(["p1", "m1", *("1" for _ in cell.robot.joints), "1,2,3"])
+    (folder / "measurements.csv").write_text(",".join(header) + f"\n{example}\n")
+    assert len(calib.load_measurements(cell, folder / "measurements.csv", every_marker=False)) == 1
+    said = json.loads((tmp_path / "out.json").read_text(), parse_constant=pytest.fail)
+    assert said["command"] == "init"
+    assert said["robot"] == {"form": cell.robot_form, "base": base, "tip": tip}
+    assert any("no limits" in w for w in said["warnings"]) is (name not in ("arm.urdf", "arm.xml"))
+    assert any("no link masses" in w for w in said["warnings"]) is (
+        name not in ("arm.urdf", "arm.xml")
+    )
+    assert all(f"warning: {w}" in done.stderr for w in said["warnings"])
+
+
+def test_it_can_be_planned_with_at_once(tmp_path: Path) -> None:
+    rows = TABLES["three parallel axes"].split("\n")
+    (tmp_path / "arm.csv").write_text("\n".join(rows[:3]))
+    assert init(tmp_path / "arm.csv", "-o", tmp_path / "cell", "--dh", "classic").exit_code == 0
+    plan = tmp_path / "plan.csv"
+    call = ["design", tmp_path / "cell" / "cell.toml", "--candidates", "2000", "-o", plan]
+    done = CliRunner().invoke(main, [*map(str, call), "--no-polish", "--criterion", "D"])
+    assert done.exit_code == 0, done.output
+    cell = calib.load_cell(tmp_path / "cell" / "cell.toml")
+    assert len(calib.load_plan(cell, plan)) == 30
+
+
+@pytest.mark.parametrize(
+    ("joints", "base", "tip", "said"),
+    [
+        ("world>arm:w:fixed arm>l1:a:revolute l1>l2:b:revolute", "arm", "l2", ""),
+        (
+            "base_link>l1:a:revolute l1>l2:b:revolute l2>hand:h:fixed hand>tcp:t:fixed "
+            "hand>f1:fa:prismatic hand>f2:fb:mimic",
+            "base_link",
+            "hand",
+            "the arm ends at 'l2', behind which f1, f2 move",
+        ),
+        (
+            "torso>l1:a:revolute l1>l2:b:revolute l2>tool0:t:fixed torso>head:h:revolute "
+            "cart>torso:c:fixed cart>wheel:w:continuous",
+            "torso",
+            "tool0",
+            "several chains leave 'torso'",
+        ),
+        ("b>l1:a:revolute l1>flange:f:fixed flange>my_tool:t:fixed", "b", "my_tool", ""),
+    ],
+)
+def test_where_an_arm_begins_and_ends(
+    tmp_path: Path, joints: str, base: str, tip: str, said: str
+) -> None:
+    (tmp_path / "arm.urdf").write_text(urdf(joints))
+    done = init(tmp_path / "arm.urdf", "-o", tmp_path)
+    assert done.exit_code == 0, done.output
+    cell = calib.load_cell(tmp_path / "cell.toml")
+    assert (cell.robot.base, cell.robot.tip) == (base, tip)
+    assert said in done.stdout
+    assert "no link masses" in done.stderr
+
+
+def test_ends_of_ones_own(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(embedded_text("kr270.urdf"))
+    done = init(tmp_path / "arm.urdf", "-o", tmp_path, "--tip", "link_3")
+    assert done.exit_code == 0, done.output
+    assert calib.load_cell(tmp_path / "cell.toml").robot.joints == ("A1", "A2", "A3")
+
+
+def test_a_controllers_file_becomes_a_table(tmp_path: Path) -> None:
+    lines = ["[mounting]"]
+    lines += [f"delta_{key} = [0, 0, 0, 0, 0, 0.001]" for key in ("theta", "a", "d", "alpha")]
+    (tmp_path / "calibration.conf").write_text("\n".join(lines))
+    done = init(tmp_path / "calibration.conf", "-o", tmp_path / "cell", "--model", "UR10e")
+    assert done.exit_code == 0, done.output
+    assert "its DH table was written anew" in done.stdout
+    cell = calib.load_cell(tmp_path / "cell" / "cell.toml")
+    assert (cell.robot_form, cell.dh_convention) == ("dh", "classic")
+    assert cell.robot.joints[5] == "wrist_3_joint"
+
+
+def test_names_that_toml_must_quote(tmp_path: Path) -> None:
+    table = TABLES["three parallel axes"].replace("pan,", 'pan "1" é,').replace("pan ", '"pan ')
+    (tmp_path / "arm.csv").write_text(table.replace('"pan "1" é,', '"pan ""1"" é",'))
+    done = init(tmp_path / "arm.csv", "-o", tmp_path, "--dh", "classic", "--tip", 'the "end"')
+    assert done.exit_code == 0, done.output
+    text = (tmp_path / "cell.toml").read_text()
+    (tmp_path / "cell.toml").write_text(
+        "\n".join(line.removeprefix("# ") if "[-180" in line else line for line in text.split("\n"))
+        .replace("# [robot.limits_deg]", "[robot.limits_deg]")
+    )  # fmt: skip
+    cell = calib.load_cell(tmp_path / "cell.toml")
+    assert cell.robot.joints[0] == 'pan "1" é'
+    assert cell.robot.tip == 'the "end"'
+    assert abs(cell.robot.limits).max() < 3.2
+
+
+def test_nothing_of_the_users_is_written_over(tmp_path: Path) -> None:
+    (tmp_path / "arm.csv").write_text(TABLES["three parallel axes"])
+    (tmp_path / "measurements.csv").write_text("mine")
+    done = init(tmp_path / "arm.csv", "-o", tmp_path, "--dh", "classic")
+    assert done.exit_code == 2
+    assert "measurements.csv: is there already; name another folder by -o" in done.stderr
+    assert (tmp_path / "measurements.csv").read_text() == "mine"
+    assert not (tmp_path / "cell.toml").exists()

@@ -14,13 +14,13 @@ from studies.commands.demo import demo
 from studies.commands.diagnose import diagnose
 from studies.commands.identify import identify
 from studies.commands.import_ import import_
-from studies.commands.init import init
 from studies.commands.program import program
 from studies.commands.report import report
 from studies.compare.command import compare
 from studies.compensate.command import compensate
 from studies.design.command import design
 from studies.enough.command import enough
+from studies.init.command import init
 from studies.schema.command import schema
 
 

@@ -7,18 +7,9 @@ from typing import TYPE_CHECKING, cast
 
 import click
 
-from studies.commands.common import (
-    PATH,
-    check_outputs,
-    envelope,
-    json_option,
-    one_line_faults,
-    output_file,
-    output_texts,
-    say_written,
-    show,
-    warn,
-)
+from studies.command.deliver import check_outputs, output_file, say_written, show, warn
+from studies.command.options import PATH, json_option, one_line_faults
+from studies.commands.common import envelope, output_texts
 
 if TYPE_CHECKING:
     from calib.arm.dh import Convention
@@ -64,7 +55,7 @@ def init(
     from calib.errors import InputError
     from calib.files.proposal import propose
     from calib.files.write import make_folder, write_files
-    from studies.init import cell_text, table_header
+    from studies.init.cell_text import cell_text, table_header
 
     found = propose(robot_path, cast("Convention | None", convention), base, tip, model)
     cell_path, table_path = folder / "cell.toml", folder / "measurements.csv"

@@ -59,16 +59,16 @@ def estimated(estimate: Estimate) -> Estimated:
     variances = estimate.variances
     return Estimated(
         parameters=tuple(
-            EstimatedParameter(effect=p.effect, where=p.where, name=p.name, value_si=value)
+            EstimatedParameter(effect=p.effect, where=p.where, name=p.name, value_SI=value)
             for p, value in zip(estimate.model.parameters, estimate.values.tolist(), strict=True)
         ),
-        covariance_si=tuple(map(tuple, estimate.covariance.tolist())),
+        covariance_SI=tuple(map(tuple, estimate.covariance.tolist())),
         session_start_s=estimate.start,
         session_clock=estimate.clock_unit,
         unexplained=Unexplained(
             rms_mm=estimate.unexplained.rms * 1e3, source=estimate.unexplained.source
         ),
-        scatter_si=None
+        scatter_SI=None
         if variances is None
         else Scatter(
             approach=tuple(variances.approach.tolist()),

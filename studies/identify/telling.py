@@ -29,7 +29,7 @@ from studies.document import (
     mm,
     plural,
 )
-from studies.identify.drift import Drift, Motion, Rate, Three
+from studies.identify.drift import Drift, Motion, Rate
 from studies.identify.pictures import correlation, distances, residuals_by_pose
 from studies.identify.point_errors import point_errors
 from studies.identify.record import (
@@ -43,6 +43,7 @@ from studies.identify.record import (
     Share,
 )
 from studies.noise import noise_words
+from studies.record import Three
 from studies.targets import over_the_workspace
 
 _TOGETHER = 0.9  # correlation worth a line

@@ -31,7 +31,9 @@ UNCHECKED: dict[str, tuple[Callable[[Evidence, Result], Section | None], ...]] =
 }
 """Sections about results that are no records yet; a record tells itself."""
 
-WITH_INPUTS: dict[str, Callable[[Evidence, Result], Section | None]] = {"identify": against}
+WITH_INPUTS: dict[str, tuple[Callable[[Evidence, Result], Section | None], ...]] = {
+    "identify": (against,),
+}
 """What is told of a record and its inputs, where these are unchanged."""
 
 
@@ -74,9 +76,8 @@ def sections(evidence: Evidence, told: dict[str, str]) -> Iterator[Placed]:
 def _of(evidence: Evidence, result: Result) -> Iterator[Section]:
     if result.told is not None:
         yield from result.told.sections
-        section = WITH_INPUTS.get(result.kind, lambda *_: None)(evidence, result)
-        if section is not None:
-            yield section
+        told = [tell(evidence, result) for tell in WITH_INPUTS.get(result.kind, ())]
+        yield from (section for section in told if section is not None)
         return
     for tell in UNCHECKED[result.kind]:
         with faults_of(result.path, f"for section {tell.__name__}"):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from operator import itemgetter
+from typing import Any
 
 import numpy as np
 
@@ -29,16 +30,14 @@ from studies.document import (
     mm,
     plural,
 )
-from studies.identify.drift import Drift, Motion, Rate
+from studies.identify.drift import Drift, Motion, Rate, Reference
 from studies.identify.pictures import correlation, distances, residuals_by_pose
 from studies.identify.point_errors import point_errors
 from studies.identify.record import (
     Absorbed,
-    Distances,
     IdentifyRecord,
     Model,
     Outlier,
-    Pairs,
     Parameter,
     Share,
 )
@@ -115,29 +114,14 @@ def _headline(record: IdentifyRecord) -> Iterator[Sentence]:
 # -- errors ------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Error:
-    """A model, and figures over its distances."""
-
-    model: str
-    rms: float
-    p95: float | None
-    largest: float | None
+def _figures(title: str) -> tuple[Column[Any], ...]:
+    """Columns of a row of a name, RMS, 95th percentile and largest."""
+    titles = enumerate(("RMS", "p95", "max"), 1)
+    return (Column(title, itemgetter(0)), *(Column(t, itemgetter(k), MM, "mm") for k, t in titles))
 
 
-_ERRORS: tuple[Column[_Error], ...] = (
-    Column("distance measured - predicted", lambda row: row.model),
-    Column("RMS", lambda row: row.rms, MM, "mm"),
-    Column("p95", lambda row: row.p95, MM, "mm"),
-    Column("max", lambda row: row.largest, MM, "mm"),
-)
-_PAIRS: tuple[Column[tuple[str, Pairs]], ...] = (
-    Column("distance between two poses", lambda row: row[0]),
-    Column("pairs", lambda row: row[1].pairs, COUNT),
-    Column("RMS", lambda row: row[1].rms, MM, "mm"),
-    Column("p95", lambda row: row[1].p95, MM, "mm"),
-    Column("max", lambda row: row[1].max, MM, "mm"),
-)
+_ERRORS = _figures("distance measured - predicted")
+_PAIRS = (*_figures("distance between two poses"), Column("pairs", itemgetter(4), COUNT))
 _OUTLIERS: tuple[Column[tuple[Outlier, str]], ...] = (
     Column("pose", lambda row: row[0].pose),
     Column("what became of it", lambda row: row[1]),
@@ -147,12 +131,14 @@ _OUTLIERS: tuple[Column[tuple[Outlier, str]], ...] = (
 
 def _errors(record: IdentifyRecord) -> Iterator[Part]:
     floor = mm(3.0**0.5 * record.noise.instrument_mm)
-    yield Table(
-        _ERRORS, list(_models(record)), "Errors by model",
-        f"Distances in space; the instrument alone would leave {floor} RMS",
-    )  # fmt: skip
+    caption = f"Distances in space; the instrument alone would leave {floor} RMS"
+    yield Table(_ERRORS, list(_models(record)), "Errors by model", caption)
     yield Figure(lambda: distances(record))
-    pairs = [(_MODELS[key], own) for key, own in record.pair_distances_mm.items()]
+    every = {**_MODELS, "fitted": _MODELS["fitted_all"]}
+    pairs = [
+        (every[key], own.rms, own.p95, own.max, own.pairs)
+        for key, own in record.pair_distances_mm.items()
+    ]
     caption = (
         "Distances between points of two poses, measured minus predicted: a check that depends on no "
         "frame, since distances are the same wherever the instrument stands"
@@ -162,22 +148,17 @@ def _errors(record: IdentifyRecord) -> Iterator[Part]:
     yield Figure(lambda: residuals_by_pose(record, heldout=False))
     if record.rms_mm.heldout is not None:
         yield Figure(lambda: residuals_by_pose(record, heldout=True))
-    by_pose = Table(_BY_POSE_COLUMNS, list(_by_pose(record)), "Errors pose by pose", of_poses=True,
-                    fold=True)  # fmt: skip
-    yield Detail((by_pose,))
+    yield Detail(
+        (Table(_POSES, _by_pose(record), "Errors pose by pose", of_poses=True, fold=True),)
+    )
 
 
-def _models(record: IdentifyRecord) -> Iterator[_Error]:
+def _models(record: IdentifyRecord) -> Iterator[tuple[Any, ...]]:
+    trimmed = {"fitted": record.outliers, "heldout_trimmed": record.heldout_outliers}
     for key, label in _MODELS.items():
-        rms, p95, largest = (_of(d, key) for d in (record.rms_mm, record.p95_mm, record.max_mm))
-        trimmed = {"fitted": record.outliers, "heldout_trimmed": record.heldout_outliers}
-        if rms is not None and trimmed.get(key, True):
-            yield _Error(label, rms, p95, largest)
-
-
-def _of(figures: Distances, key: Model) -> float | None:
-    found: float | None = getattr(figures, key)
-    return found
+        row = [getattr(figures, key) for figures in (record.rms_mm, record.p95_mm, record.max_mm)]
+        if row[0] is not None and trimmed.get(key, True):
+            yield label, *row
 
 
 def _outliers(record: IdentifyRecord) -> Iterator[Part]:
@@ -210,55 +191,36 @@ def _shared(share: Share) -> str:
     )
 
 
-@dataclass(frozen=True)
-class _Pose:
-    """A pose with its RMS before and after, mm."""
-
-    pose: str
-    before: float
-    after: float
-    seen: int
-    use: str
-
-
-_BY_POSE_COLUMNS: tuple[Column[_Pose], ...] = (
-    Column("pose", lambda row: row.pose),
-    Column("RMS before", lambda row: row.before, MM, "mm"),
-    Column("RMS after", lambda row: row.after, MM, "mm"),
-    Column("markers seen", lambda row: row.seen, COUNT),
-    Column("use", lambda row: row.use),
+_POSES: tuple[Column[Any], ...] = (
+    Column("pose", itemgetter(0)),
+    Column("RMS before", itemgetter(1), MM, "mm"),
+    Column("RMS after", itemgetter(2), MM, "mm"),
+    Column("markers seen", itemgetter(3), COUNT),
+    Column("use", itemgetter(4)),
 )
 
 
-def _by_pose(record: IdentifyRecord) -> Iterator[_Pose]:
+def _by_pose(record: IdentifyRecord) -> list[tuple[Any, ...]]:
     found = point_errors(record)
     before, after = (1e3 * found.by_pose(errors) for errors in (found.before, found.after))
-    for k, name in enumerate(found.poses):
-        use = "held out" if found.heldout[k] else "fitted"
-        yield _Pose(name, float(before[k]), float(after[k]), int(found.seen[k].sum()), use)
+    use = ["held out" if held else "fitted" for held in found.heldout]
+    seen = found.seen.sum(axis=1).tolist()
+    return list(zip(found.poses, before, after, seen, use, strict=True))
 
 
 # -- readings that were repeated ---------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Again:
-    """A later reading of a pose, and how it had moved."""
-
-    first: str
-    motion: Motion
-
-
-_AGAIN: tuple[Column[_Again], ...] = (
-    Column("read again", lambda row: row.motion.pose),
-    Column("first", lambda row: row.first),
-    Column("since", lambda row: row.motion.hours, HOURS, "h"),
-    Column("moved x, y, z", lambda row: row.motion.translation_um, THREE, "um"),
-    Column("std", lambda row: _rms(row.motion.translation_std_um), TENTH, "um"),
-    Column("turned", lambda row: row.motion.rotation_urad, THREE, "urad"),
-    Column("std", lambda row: _rms(row.motion.rotation_std_urad), TENTH, "urad"),
-    Column("distance", lambda row: row.motion.length_um, TENTH, "um"),
-    Column("p", lambda row: row.motion.p_value, P),
+_AGAIN: tuple[Column[tuple[Motion, Reference]], ...] = (
+    Column("read again", lambda row: row[0].pose),
+    Column("first", lambda row: row[1].pose),
+    Column("since", lambda row: row[0].hours, HOURS, "h"),
+    Column("moved x, y, z", lambda row: row[0].translation_um, THREE, "um"),
+    Column("std", lambda row: _rms(row[0].translation_std_um), TENTH, "um"),
+    Column("turned", lambda row: row[0].rotation_urad, THREE, "urad"),
+    Column("std", lambda row: _rms(row[0].rotation_std_urad), TENTH, "urad"),
+    Column("distance", lambda row: row[0].length_um, TENTH, "um"),
+    Column("p", lambda row: row[0].p_value, P),
 )
 
 
@@ -267,7 +229,7 @@ def _drift(record: IdentifyRecord) -> Iterator[Section]:
     drift = record.drift
     if drift is None:
         return
-    rows = [_Again(one.pose, motion) for one in drift.references for motion in one.moved]
+    rows = [(motion, one) for one in drift.references for motion in one.moved]
     table = Table(_AGAIN, rows, "Poses read again", of_poses=True, most=_MOST)
     yield Section("drift", "Did anything move meanwhile?", (table, *_moved(record, drift)))
 
@@ -366,7 +328,8 @@ def _identified(record: IdentifyRecord) -> Iterator[Part]:
     )
     robot, placed = ([p for p in record.parameters if p.placed is own] for own in (False, True))
     yield Table(_PARAMETERS, robot, "Parameters of the robot", caption)
-    yield Detail((Table(_PARAMETERS, placed, "Where base and markers are"),) if placed else ())
+    where = Table(_PARAMETERS, placed, "Where base and markers are", fold=True)
+    yield Detail((where,) if placed else ())
     yield from _doubts(record)
     caption = (
         f"Pairs whose correlation is above {_TOGETHER}: their sum or difference is known better than "

@@ -68,7 +68,7 @@ def identification_fields(result: Identification) -> dict[str, Any]:
             )
         ],
         "weak": list(result.weak),
-        "unused_poses": list(result.unused),
+        "unused_poses": [*result.unused, *result.waiting],
         "unidentifiable": [
             {"names": list(u.names), "reason": u.reason} for u in result.unidentifiable
         ],

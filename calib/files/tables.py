@@ -24,6 +24,7 @@ from calib.files.columns import (
     torque_columns,
 )
 from calib.files.csv_table import LONGEST_LINE, Table, read_table
+from calib.files.payload_twice import refuse_payload_twice
 from calib.poses import Measurements, Poses, hung, poses_at
 from calib.poses.moves import with_moves
 
@@ -68,6 +69,7 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
                 "give a repeated reading its own pose identifier",
             )
         seen[i, j] = True
+    refuse_payload_twice(cell, path, poses)
     columns = point_columns(path, table.columns)
     xyz = np.column_stack([table.numbers(name) * scale for name, scale in columns])
     if (far := np.abs(xyz) > _FARTHEST).any():

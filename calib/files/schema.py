@@ -81,7 +81,9 @@ def _gravity(m_s2: tuple[float, float, float]) -> tuple[float, float, float]:
     pull = math.hypot(*m_s2)
     if pull > _PULLS_MOST:
         unit = min(_GRAVITIES, key=lambda u: abs(math.log(pull / _GRAVITIES[u] / _STANDARD)))
-        raise ValueError(f"is no gravity in m/s^2; if it is in {unit}, divide by {_GRAVITIES[unit]:g}")
+        raise ValueError(
+            f"is no gravity in m/s^2; if it is in {unit}, divide by {_GRAVITIES[unit]:g}"
+        )
     return m_s2
 
 

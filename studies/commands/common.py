@@ -223,7 +223,7 @@ def say_written(
     if folder is not None:
         count = len({path.stem for path in written if path.parent == folder})
         click.echo(
-            f"wrote {count} figure{'s' * (count != 1)} to {folder} as .svg and .png, with their numbers "
-            "as .csv",
+            f"wrote {count} figure{'s' * (count != 1)} to {folder} as .svg and .png, with their "
+            "numbers as .csv",
             err=json_path == "-",
         )

@@ -109,7 +109,8 @@ def _identify(fields: Mapping[str, Any]) -> Iterator[Text]:
         before, after, where = _unseen(fields), rms["heldout"], "at poses it never saw, "
     good = status == "converged" and after < before
     if after < before:
-        better = f", {before / after:.0f} times better" if before >= 2.0 * after > 0.0 else ""
+        praised = status != "not_converged" and before >= 2.0 * after > 0.0
+        better = f", {before / after:.0f} times better" if praised else ""
         said = f"off by {before:.3f} mm and is now predicted to {after:.3f} mm{better}"
     else:
         said = f"off by {before:.3f} mm and is predicted to {after:.3f} mm, which is no better"

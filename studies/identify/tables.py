@@ -12,6 +12,7 @@ from rich.text import Text
 
 from calib import Cell, Identification
 from calib.effects import GROUPS
+from calib.effects.backlash import Backlash
 from calib.effects.tool import Tool
 from studies.noise_words import noise_words
 from studies.tables import plain_table
@@ -108,6 +109,11 @@ def _notes(result: Identification, fields: dict[str, Any]) -> Iterator[Text]:
             yield Text(f"{label}  {entry['pose']}: {entry['reason']}")
     if result.weak:
         yield Text(f"weak  {', '.join(result.weak)}: more uncertain than such errors are large")
+    if len(result.model.where(Backlash)):
+        yield Text(
+            "half_width below zero is ordinary lost motion, the joint stops short of its motion; above "
+            "zero it goes too far"
+        )
     if result.unused:
         yield Text(f"unused  {', '.join(result.unused)}: too few markers for an orientation")
     if result.approach == "pose" and len(result.model.where(Tool)):

@@ -84,7 +84,7 @@ class Truth:
         """The files of a day, its noise turned round or not; ``told``: with columns of the approach."""
         noise = sign * np.random.default_rng(1).normal(size=(28, 3, 3)) * 2e-5
         points = Rotation.from_euler("xyz", [0.3, -0.8, 2.0]).apply(self.points().reshape(-1, 3))
-        points = points.reshape(-1, 3, 3) + [2.0, -1.0, 0.5] + noise
+        points = np.add(points.reshape(-1, 3, 3), [2.0, -1.0, 0.5]) + noise
         head = ["pose", "marker", *(f"A{k}_deg" for k in (1, 2, 3)), "fz_N", "x_mm", "y_mm", "z_mm"]
         lines = [",".join(head + [f"approach_A{k}" for k in (1, 2, 3)] * told)]
         for i, q in enumerate(np.degrees(self.q)):

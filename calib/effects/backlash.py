@@ -2,8 +2,9 @@
 
 ``dq = half_width * approach``, approach the sign of the joint's last motion and 0 where none is known.
 A negative half width is the ordinary lost motion of a joint that is read at its motor: it stops short
-of its motion. A positive one goes too far, as with a controller that compensates too much. Lost motion of a robot's
-gear is stated as about one arc minute, 290 urad, from side to side; worn and small ones have some.
+of its motion. A positive one goes too far, as with a controller that compensates too much. Lost
+motion of a robot's gear is stated as about one arc minute, 290 urad, from side to side; worn and small
+ones have some.
 """
 
 from __future__ import annotations

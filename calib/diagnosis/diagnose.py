@@ -48,6 +48,7 @@ _REPLICATES = 10  # degrees of freedom of repeated readings worth believing
 _GROSS = 10.0  # times the mean square of a typical group
 _LEFT_OVER = 0.001  # the scatter of a few repeats is a weak witness
 _ALONE = 0.9  # of what scatters, that one joint must hold to be named in place of the arm
+_NEVER = 1e3  # plausible sizes: what must be larger to be found is not visible
 _MOST_PASSES = 2  # contests, while outliers are judged anew
 
 
@@ -418,5 +419,6 @@ def _hidden(
             zip(sizes, parameters, strict=True), key=lambda pair: pair[0] / pair[1].size
         )
         effect = candidate.effect
+        size = size if size < _NEVER * parameter.size else np.inf
         found.append(Hidden(effect.kind, effect.where, size, parameter.unit, parameter.scale))
     return tuple(found)

@@ -1,8 +1,10 @@
-"""Lost motion of a joint: it stops short on the side from which it came.
+"""Lost motion of a joint: where it stops depends on the side from which it came.
 
 ``dq = half_width * approach``, approach the sign of the joint's last motion and 0 where none is known.
-The half width may be negative, as with a controller that compensates too much. Lost motion of a robot's
-gear is stated as about one arc minute, 290 urad, from side to side; worn and small ones have some.
+A negative half width is the ordinary lost motion of a joint that is read at its motor: it stops short
+of its motion. A positive one goes too far, as with a controller that compensates too much. Lost
+motion of a robot's gear is stated as about one arc minute, 290 urad, from side to side; worn and small
+ones have some.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.cell import Capsule, Cell, Load, Repeatability
 from calib.errors import InputError, UnknownEffect
-from calib.files.read import read_text
+from calib.files.read import ORDER, read_text
 from calib.files.robot import load_robot, robot_files
 from calib.files.schema import (
     CellFile,
@@ -100,6 +100,8 @@ def load_cell(path: str | Path) -> Cell:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     text = read_text(path, _LARGEST_FILE)
+    if text.startswith("{"):
+        raise InputError(path, "", "is a JSON and no cell", ORDER)
     _refuse_long_keys(path, text)
     try:
         return tomllib.loads(text)

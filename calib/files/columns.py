@@ -14,6 +14,7 @@ from calib.arrays import Array, IntArray
 from calib.errors import InputError
 from calib.files.csv_table import Table
 
+_CLOCK = "time_s counts seconds: divide milliseconds since 1970 by 1000"
 ANGLES = {"deg": math.pi / 180, "rad": 1.0}
 LENGTHS = {"mm": 1e-3, "m": 1.0}
 TORQUES = ("N", "Nm")  # of a joint that slides, or turns
@@ -30,6 +31,7 @@ OTHERS = (
     "weight",
 )
 
+_MOST_TURNS = 100.0
 _RADIANS_LOOK = 2 * math.pi + 0.1  # a whole table of degrees below this is probably radians
 
 
@@ -104,7 +106,16 @@ def torque_columns(robot: Robot) -> tuple[str, ...]:
 def joint_values(table: Table, robot: Robot) -> Array:
     """Joint values of every row, shape (rows, n), rad and m."""
     pairs = joint_columns(table.path, robot, table.columns)
-    return np.column_stack([table.numbers(name) * scale for name, scale in pairs])
+    q = np.column_stack([table.numbers(name) * scale for name, scale in pairs])
+    turns = np.abs(q) / (2.0 * math.pi)
+    for row, j in np.argwhere((turns > _MOST_TURNS) & ~robot.prismatic)[:1]:
+        raise table.fault(
+            row,
+            pairs[j][0],
+            f"is an angle of {turns[row, j]:.0f} turns",
+            "check its unit: counts of an encoder and angles of the motor are none of the joint",
+        )
+    return q
 
 
 def joint_warnings(table: Table, robot: Robot, q: Array) -> tuple[str, ...]:
@@ -142,7 +153,7 @@ def covariates(table: Table, robot: Robot, rows: IntArray) -> dict[str, Any]:
     found["wrench"] = wrench
     for key, name in (("temperature", "temperature_degC"), ("time", "time_s")):
         if name in table.columns:
-            found[key] = table.numbers(name)[rows]
+            found[key] = table.numbers(name, remedy=_CLOCK if key == "time" else "")[rows]
     torques = torque_columns(robot)
     if _every_joint(table, torques):
         found["torque"] = np.column_stack([table.numbers(name)[rows] for name in torques])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +12,14 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.errors import InputError
-from calib.files.read import check_file, fault_of_name
+from calib.files.read import ORDER, check_file, fault_of_name
 
 _LARGEST_FILE = 100_000_000  # bytes, some 700 000 rows, a gigabyte in memory
 _LARGEST_NUMBER = 1e12  # in any unit
 _REMEDY = "leave the row out if it was not measured"
 _MOST_COLUMNS = 1000
+_COMMENT = re.compile(r"#(\s|#|[^,]*$)")  # a pose may be named #1
+_SHOWN = 6
 LONGEST_LINE = 65_536
 """Characters; a longer line is none of a table of numbers."""
 
@@ -44,7 +47,7 @@ class Table:
                 raise self.fault(row, column, faults[name], "give it a short, plain name")
         return found
 
-    def numbers(self, column: str, rows: IntArray | None = None) -> Array:
+    def numbers(self, column: str, rows: IntArray | None = None, remedy: str = "") -> Array:
         """A column of finite numbers, of some rows; raises InputError naming line and column."""
         i = self.columns.index(column)
         chosen = range(len(self.rows)) if rows is None else rows.tolist()
@@ -56,7 +59,7 @@ class Table:
         if not usable.all():
             bad = chosen[int(np.flatnonzero(~usable)[0])]
             what = f"{self.rows[bad][i][:40]!r} is not a finite number of plausible size"
-            raise self.fault(bad, column, what, self.remedy)
+            raise self.fault(bad, column, what, remedy or self.remedy)
         return values
 
     def _number(self, column: int, row: int) -> float:
@@ -80,7 +83,7 @@ def _bounded_lines(path: Path) -> Iterator[str]:
                 raise InputError(
                     path, f"line {number}", "is no line of a CSV table", "export it as CSV"
                 )
-            yield line
+            yield "\n" if _COMMENT.match(line) else line
 
 
 def read_table(
@@ -95,8 +98,10 @@ def read_table(
     lines: list[int] = []
     check_file(path, _LARGEST_FILE)
     try:
+        if _is_json(path):
+            raise InputError(path, "", "is a JSON and no table", ORDER)
         reader = csv.reader(_bounded_lines(path), strict=True)
-        columns = tuple(name.strip() for name in next(reader, []))
+        columns = tuple(name.strip() for name in next(filter(None, reader), []))
         if not any(columns):
             raise InputError(path, "", "is empty", "the first line must name the columns")
         if len(columns) > _MOST_COLUMNS:
@@ -106,13 +111,8 @@ def read_table(
                 raise InputError(path, "line 1", f"column {name!r} stands twice", "keep one")
         for name in required:
             if name not in columns:
-                semicolons = len(columns) == 1 and ";" in columns[0]
-                raise InputError(
-                    path,
-                    "line 1",
-                    f"column {name!r} is missing",
-                    "separate the columns by commas, not by semicolons" if semicolons else "add it",
-                )
+                what = f"column {name!r} is missing"
+                raise InputError(path, "line 1", what, _how_to_name(name, columns))
         check(columns)
         for row in reader:
             if not row:
@@ -137,3 +137,19 @@ def read_table(
     if not rows:
         raise InputError(path, "", "has a header and no rows", f"add the {rows_are}")
     return Table(path, columns, rows, lines, remedy)
+
+
+def _is_json(path: Path) -> bool:
+    with path.open(encoding="utf-8-sig") as file:
+        return file.read(1) == "{"
+
+
+def _how_to_name(name: str, columns: tuple[str, ...]) -> str:
+    """What to do where a column is missing that the header may have under another name."""
+    if len(columns) == 1 and ";" in columns[0]:
+        return "separate the columns by commas, not by semicolons"
+    alike = [c for c in columns if c.casefold() == name.casefold()]
+    if alike:
+        return f"write {alike[0]!r} as {name!r}"
+    shown = ", ".join(repr(c[:40]) for c in columns[:_SHOWN]) + (" .." if columns[_SHOWN:] else "")
+    return f"add it, or rename the one that holds it among {shown}"

@@ -9,6 +9,8 @@ from pathlib import Path
 from calib.errors import InputError
 
 _LONGEST_NAME = 100  # characters
+ORDER = "give the files in the order that --help shows"
+"""What to do with a file that is of another kind than its place in the call."""
 
 
 def check_file(path: Path, largest: float = math.inf, remedy: str = "check the path") -> None:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from calib.arm.dh import Convention
 from calib.arm.robot import Robot
 from calib.cell import Form
+from calib.errors import InputError
 from calib.files.dh import load_dh
 from calib.files.kinematics import load_kinematics
 from calib.files.mjcf import load_mjcf, mjcf_files
 from calib.files.urdf import load_urdf
 
+_FARTHEST = 50.0  # m: no link is as long
 READERS = {"urdf": load_urdf, "mjcf": load_mjcf, "kinematics": load_kinematics}
 
 
@@ -25,8 +29,24 @@ def load_robot(
     Raises InputError.
     """
     if convention is not None:
-        return load_dh(path, convention, base or "base", tip or "tip")
-    return READERS[form](path, base, tip)
+        robot = load_dh(path, convention, base or "base", tip or "tip")
+    else:
+        robot = READERS[form](path, base, tip)
+    _refuse_far_origins(path, robot)
+    return robot
+
+
+def _refuse_far_origins(path: Path, robot: Robot) -> None:
+    """A link of a hundred metres is one of millimetres."""
+    lengths = np.linalg.norm(robot.origins[:, :3, 3], axis=1)
+    for name, length in zip((*robot.joints, robot.tip), lengths, strict=True):
+        if length > _FARTHEST:
+            raise InputError(
+                path,
+                f"origin of {name}",
+                f"is {length:.4g} m from the frame before",
+                f"the file counts metres: if these are millimetres, write {length / 1e3:.4g}",
+            )
 
 
 def robot_files(form: Form, path: Path) -> tuple[Path, ...]:

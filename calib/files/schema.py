@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -20,6 +21,10 @@ from calib.files.read import fault_of_name
 
 _LARGEST = 1e9  # in any unit
 _SMALLEST = 1e-9
+_HEAVIEST = 2500.0  # kg: the largest arms on the market carry 2300
+_PULLS_MOST = 30.0  # m/s^2
+_STANDARD = 9.80665
+_GRAVITIES = {"cm/s^2": 100.0, "mm/s^2": 1000.0, "ft/s^2": 3.28084, "in/s^2": 39.3701}
 
 
 def _plausible(value: float) -> float:
@@ -64,6 +69,26 @@ def _direction(vector: tuple[float, float, float]) -> tuple[float, float, float]
 
 Range = Annotated[tuple[Number, Number], AfterValidator(_ordered)]
 Direction = Annotated[Vector, AfterValidator(_direction)]
+
+
+def _mass(kilograms: float) -> float:
+    if kilograms > _HEAVIEST:
+        grams = f"; if these are grams, write {kilograms / 1e3:g}"
+        raise ValueError(f"no arm carries so many kilograms{grams}")
+    return kilograms
+
+
+def _gravity(m_s2: tuple[float, float, float]) -> tuple[float, float, float]:
+    pull = math.hypot(*m_s2)
+    if pull > _PULLS_MOST:
+        unit = min(_GRAVITIES, key=lambda u: abs(math.log(pull / _GRAVITIES[u] / _STANDARD)))
+        raise ValueError(
+            f"is no gravity in m/s^2; if it is in {unit}, divide by {_GRAVITIES[unit]:g}"
+        )
+    return m_s2
+
+
+Mass = Annotated[NotNegative, AfterValidator(_mass)]
 
 
 class Table(BaseModel):
@@ -183,16 +208,16 @@ class InstrumentTable(Table):
 
 
 class GravityTable(Table):
-    m_s2: Vector = (0.0, 0.0, -9.80665)
+    m_s2: Annotated[Vector, AfterValidator(_gravity)] = (0.0, 0.0, -9.80665)
 
 
 class PayloadTable(Table):
-    mass_kg: NotNegative = 0.0
+    mass_kg: Mass = 0.0
     com_mm: Vector = (0.0, 0.0, 0.0)
 
 
 class LoadTable(Table):
-    mass_kg: NotNegative
+    mass_kg: Mass
     com_mm: Vector
     max_tilt_deg: Annotated[Number, Field(ge=0, le=90)] = 90.0
 
@@ -256,3 +281,15 @@ class CellFile(Table):
     design: DesignTable = DesignTable()
     diagnosis: DiagnosisTable = DiagnosisTable()
     model: ModelTable
+
+    @model_validator(mode="after")
+    def _load_once(self) -> Self:
+        own, load = self.payload, self.load
+        if load is None or not own.mass_kg or own.com_mm != load.com_mm:
+            return self
+        if math.isclose(own.mass_kg, load.mass_kg, rel_tol=0.01):
+            raise ValueError(
+                "[payload] and [load] are the same mass at the same place; it counts once: keep "
+                "[payload] if it is carried at every pose, [load] if it is hung on for a second reading"
+            )
+        return self

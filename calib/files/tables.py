@@ -22,6 +22,7 @@ from calib.files.columns import (
     torque_columns,
 )
 from calib.files.csv_table import LONGEST_LINE, Table, read_table
+from calib.files.payload_twice import refuse_payload_twice
 from calib.files.readings import reading_columns, reading_names, readings_of
 from calib.poses import Measurements, Poses, hung, poses_at
 from calib.poses.moves import with_moves
@@ -54,6 +55,7 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     poses = with_moves(poses_at(q_rows[first], pose_names, **given))
     _check_poses_agree(table, cell, pose_of_row, first)
 
+    refuse_payload_twice(cell, path, poses)
     m = len(pose_names)
     readings, seen, sigma = readings_of(table, cell, pose_of_row, m)
     shown = set(table.text("marker")) if every_marker else set(cell.marker_names)

@@ -153,6 +153,12 @@ class Identification:
             if std > max(p.size, abs(value)) and p.effect not in ("base", "tool")
         )
 
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """Readings left out because nothing tells from which side the joints came."""
+        poses, read = self.fit.data.poses, self.fit.data.seen.any(axis=1)
+        return tuple(poses.names[i] for i in np.flatnonzero(~read))
+
     @cached_property
     def shared(self) -> Shared | None:
         """What the outliers have in common, None where chance explains how they lie."""
@@ -188,9 +194,11 @@ class Identification:
         uses = {name for effect in self.model.effects for name in effect.uses}
         if "approach" in uses and poses.approach_derived:
             order = "of the file" if poses.time is None else "in time"
+            left = f" ({', '.join(self.waiting)}, before the first move, took no part)"
             found.append(
-                f"from which side each joint came was derived from the order {order}: add columns "
-                "approach_<joint> if moves in between were not measured"
+                f"from which side each joint came was derived from the order {order}"
+                f"{left if self.waiting else ''}: add columns approach_<joint> if moves in between "
+                "were not measured"
             )
         return tuple(found)
 

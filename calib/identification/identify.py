@@ -32,7 +32,7 @@ from calib.observations import (
     with_measured_shape,
 )
 from calib.poses import Measurements
-from calib.poses.moves import of_one_clock
+from calib.poses.moves import before_the_first_move, of_one_clock
 from calib.scatter import Levels, Scatter, Variances, levels_of, scatter_of
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
@@ -71,6 +71,7 @@ def identify(
     _check_options(approach, method, weighting, length, differences)
     built = build(cell, data.poses)
     model = built.model
+    data = _after_the_first_move(model, data)
     check_counts(model, data)
     refuse_idle_effects(cell, model, data.poses)
     estimator: Estimator = Differences() if differences else Readings(method)
@@ -145,6 +146,16 @@ def identify(
         levels=levels,
         profiled=by_profile,
     )
+
+
+def _after_the_first_move(model: Model, data: Measurements) -> Measurements:
+    """The data without what was read before the first move, where the model asks whence joints came.
+
+    An approach of zero would say that the gap was in its middle, which it never is.
+    """
+    if not any("approach" in effect.uses for effect in model.effects):
+        return data
+    return replace(data, seen=data.seen & ~before_the_first_move(data.poses)[:, None])
 
 
 def _check_options(

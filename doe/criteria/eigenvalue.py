@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
-from doe.criteria.protocol import Conic, Criterion, Question
+from doe.criteria.protocol import Conic, Criterion, Question, solved
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +32,11 @@ class SmallestEigenvalue(Criterion):
         return bool(self.V.shape[0] == self.V.shape[1])
 
     def value(self, M: Array) -> Array:
-        cov = self.V @ np.linalg.solve(M, self.V.T)
+        cov = self.V @ solved(M, self.V.T)
         return np.asarray(1.0 / np.linalg.eigvalsh(cov)[..., -1])
 
     def gradient(self, M: Array) -> Array:
-        W = np.linalg.solve(M, self.V.T)
+        W = solved(M, self.V.T)
         _, vectors = np.linalg.eigh(self.V @ W)
         z = W @ vectors[:, -1:]
         return np.asarray(self.value(M) ** 2 * z @ z.T)

@@ -23,6 +23,11 @@ from calib.model import Model
 from doe.optimal.function import Conic, InformationFunction
 
 
+def solved(M: Array, right: Array) -> Array:
+    """``M^-1 right`` of matrices (..., p, p) and one (p, k) for all: NumPy before 2 wants it spread."""
+    return np.asarray(np.linalg.solve(M, np.broadcast_to(right, (*M.shape[:-2], *right.shape))))
+
+
 @dataclass(frozen=True, eq=False)
 class Question:
     """What a criterion may ask for when it is set up.

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.errors import CalibError
-from doe.criteria.protocol import Conic, Question
+from doe.criteria.protocol import Conic, Question, solved
 from doe.criteria.smallest import Smallest
 
 
@@ -45,9 +45,9 @@ class Rivals(Smallest):
         """``M^-1 V^T K delta`` of both, shape (..., p, 1); delta is one size of every parameter."""
         found: list[Array] = []
         for V in self.V:
-            W = np.linalg.solve(M, V.T)
+            W = solved(M, V.T)
             delta = np.full((len(V), 1), len(V) ** -0.5)
-            found.append(np.asarray(W @ np.linalg.solve(V @ W, delta)))
+            found.append(np.asarray(W @ solved(V @ W, delta)))
         return found
 
     def members(self, M: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.errors import CalibError
-from doe.criteria.protocol import Conic, Criterion, Question
+from doe.criteria.protocol import Conic, Criterion, Question, solved
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,11 +35,11 @@ class Subset(Criterion):
         return False
 
     def value(self, M: Array) -> Array:
-        cov = self.V @ np.linalg.solve(M, self.V.T)
+        cov = self.V @ solved(M, self.V.T)
         return np.asarray(np.exp(-np.linalg.slogdet(cov)[1] / len(self.V)))
 
     def gradient(self, M: Array) -> Array:
-        W = np.linalg.solve(M, self.V.T)
+        W = solved(M, self.V.T)
         return np.asarray(self.value(M) / len(self.V) * W @ np.linalg.solve(self.V @ W, W.T))
 
     def conic(self, M: Any, at: Array) -> Conic:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from calib.arrays import Array
-from doe.criteria.protocol import Conic, Criterion
+from doe.criteria.protocol import Conic, Criterion, solved
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,13 +27,13 @@ class Trace(Criterion):
 
     def variance(self, M: Array) -> Array:
         """``tr(F^T M^-1 F)`` of matrices (..., p, p)."""
-        return np.asarray(np.einsum("pr,...pr->...", self.F, np.linalg.solve(M, self.F)))
+        return np.asarray(np.einsum("pr,...pr->...", self.F, solved(M, self.F)))
 
     def value(self, M: Array) -> Array:
         return 1.0 / self.variance(M)
 
     def gradient(self, M: Array) -> Array:
-        W = np.linalg.solve(M, self.F)
+        W = solved(M, self.F)
         return np.asarray(self.value(M) ** 2 * W @ W.T)
 
     def conic(self, M: Any, at: Array) -> Conic:

@@ -187,6 +187,7 @@ class IdentifyRecord(Record):
     parameters: tuple[Parameter, ...] = Field(min_length=1)
     weak: tuple[str, ...]
     unused_poses: tuple[str, ...]
+    before_the_first_move: tuple[str, ...] = ()
     unidentifiable: tuple[Unidentifiable, ...]
     absorbed: tuple[Absorbed, ...]
     outliers: tuple[Outlier, ...]
@@ -274,7 +275,8 @@ def identify_record(
         iterations=found.iterations,
         parameters=tuple(_parameters(found)),
         weak=found.weak,
-        unused_poses=found.unused,
+        unused_poses=(*found.unused, *found.waiting),
+        before_the_first_move=found.waiting,
         unidentifiable=tuple(
             Unidentifiable(names=u.names, reason=u.reason) for u in found.unidentifiable
         ),

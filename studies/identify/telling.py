@@ -81,7 +81,8 @@ def _headline(record: IdentifyRecord) -> Iterator[Sentence]:
     now = (
         f"is now predicted to {mm(after)}" if better else f"is predicted to {mm(after)}, no better"
     )
-    times = f", {before / after:.0f} times better" if before >= 2.0 * after > 0.0 else ""
+    praised = record.status != "not_converged" and before >= 2.0 * after > 0.0
+    times = f", {before / after:.0f} times better" if praised else ""
     yield Sentence(
         f"{record.rank} of {len(record.parameters)} parameters identified from "
         f"{plural(record.poses, 'reading')}, {plural(record.points, 'point')}: {where} was off by "
@@ -351,9 +352,16 @@ def _doubts(record: IdentifyRecord) -> Iterator[Sentence]:
     if record.weak:
         said = f"{listed(record.weak)}: more uncertain than such errors are large"
         yield Sentence(said, "warn", "weak")
-    if record.unused_poses:
-        names = listed(record.unused_poses)
-        yield Sentence(f"{names}: too few markers for an orientation", "note", "unused")
+    if any(p.effect == "backlash" for p in record.parameters):
+        yield Sentence(
+            "half_width below zero is ordinary lost motion, the joint stops short of its motion; above "
+            "zero it goes too far",
+            "note",
+            "sign",
+        )
+    few = [name for name in record.unused_poses if name not in record.before_the_first_move]
+    if few:
+        yield Sentence(f"{listed(few)}: too few markers for an orientation", "note", "unused")
     together = _common_error(record)
     if together > _BY_POSE:
         yield Sentence(

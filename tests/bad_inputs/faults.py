@@ -90,6 +90,10 @@ MEASUREMENTS = _in(
         "a binary file": whole("\0\1\2garbage"),
         "a table of 5000 columns": whole("pose," + ",".join(map(str, range(5000)))),
         "a JSON in place of the table": whole('{"a": 1}\n'),
+        "a header in capital letters": header("pose", "Pose"),
+        "a header in German": header("pose,marker", "Stellung,Messpunkt"),
+        "milliseconds since 1970": column("time_s", "1763819384123"),
+        "counts of an encoder": field(4, "A1_deg", "1000000"),
     },
 )
 
@@ -154,6 +158,18 @@ CELL = _in(
         "limits outside the URDF's": swap("[-140.0, -0.01]", "[10, 20]"),
         "millimetres for a joint that turns": swap("[robot.limits_deg]", "[robot.limits_mm]"),
         "a negative load": swap("250.0", "-250.0"),
+        "a load of three tonnes": swap("mass_kg = 250.0", "mass_kg = 3000.0"),
+        "the load as payload as well": added(
+            "\n[payload]\nmass_kg = 250.0\ncom_mm = [300, 0, 150]\n"
+        ),
+        "gravity in centimetres": added("\n[gravity]\nm_s2 = [0, 0, -980.665]\n"),
+        "gravity in millimetres": added("\n[gravity]\nm_s2 = [0, 0, -9806.65]\n"),
+        "gravity in feet": added("\n[gravity]\nm_s2 = [0, 0, -32.17]\n"),
+        "a result in place of the cell": whole('{"a": 1}\n'),
+        "base and markers taken as known": effects("geometry"),
+        "the payload in the wrench as well": lambda t: t.replace("[load]", "[payload]").replace(
+            "max_tilt", "# max_tilt"
+        ),
         "a load that may tilt by 120 degrees": swap(
             "mass_kg = 250.0", "mass_kg = 250.0\nmax_tilt_deg = 120"
         ),
@@ -230,6 +246,7 @@ URDF = _in(
         "two numbers in place of three": swap("0.35 0 0", "0.35 0"),
         "NaN in an origin": swap("0.35 0 0", "0.35 nan 0"),
         "an origin beyond reason": swap("0.35 0 0", "1e300 0 0"),
+        "a link in millimetres": swap("0.35 0 0", "350 0 0"),
         "an axis without length": swap('xyz="0 0 -1"', 'xyz="0 0 0"'),
         "a joint that is not supported": swap('type="revolute"', 'type="planar"'),
         "a joint without a name": swap('<joint name="A1"', "<joint"),
@@ -398,6 +415,8 @@ EXPORTS = [
 
 RESULTS = [
     Fault("compensation from no result", "compensate cell.toml cell.toml aims.csv"),
+    Fault("compensation with targets and result exchanged",
+          "compensate cell.toml aims.csv result.json"),
     Fault("compensation from a result cut off", _COMPENSATE, "result.json", lambda text: text[:500]),
     Fault("compensation from a result of an older form", _COMPENSATE, "result.json",
           swap('"estimate"', '"was"')),

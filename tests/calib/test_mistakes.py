@@ -185,6 +185,27 @@ def test_exchanged_everywhere_harms_only_where_the_places_are_known(tmp_path: Pa
     assert mistake.names == ("m1 and m2 exchanged",)
 
 
+@pytest.mark.parametrize(
+    ("effects", "lacks"),
+    [
+        (("tool", "geometry"), "base"),
+        (("geometry",), "base and tool"),
+        (("joint_offset",), "base and tool"),
+        (("base", "geometry"), "tool"),
+    ],
+)
+def test_what_the_model_takes_as_known_and_is_elsewhere(
+    effects: tuple[str, ...], lacks: str, tmp_path: Path
+) -> None:
+    wrong = day(seed=16)
+    elsewhere = np.add(wrong.markers, [0.1, -0.2, 0.15])
+    wrong = replace(wrong, effects=effects, markers=elsewhere)
+    mistake = found(wrong, tmp_path)
+    assert mistake is not None
+    assert mistake.names == (f"{lacks} taken as known",)
+    assert "to [model] effects" in mistake.text
+
+
 def test_gross_errors_beside_a_mistake(tmp_path: Path) -> None:
     def gross(points: Array) -> Array:
         points = points.copy()

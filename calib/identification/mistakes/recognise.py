@@ -10,7 +10,7 @@ from calib.arrays import Array
 from calib.errors import CalibError, ImplausibleData
 from calib.identification.mistakes.exchanged import exchanged
 from calib.identification.mistakes.placed import Placed, missed_by, placed, some, telling
-from calib.identification.mistakes.table import slips
+from calib.identification.mistakes.table import Slip, slips, taken_as_known
 from calib.model import Model
 from calib.poses import Measurements
 
@@ -100,16 +100,22 @@ def recognised(model: Model, data: Measurements, missed: Array) -> Mistake | Non
     if not telling(sample):
         return None
     nominal = placed(model, sample)
-    found = _undone(model, sample, nominal.missed) if nominal.missed.max() > far else None
+    found = None
+    if nominal.missed.max() > far:
+        tables = (slips(model), *((slip,) for slip in taken_as_known(model)))
+        tried = (_undone(model, sample, nominal.missed, table) for table in tables)
+        found = next(filter(None, tried), None)
     return found or _renamed(model, data, far)
 
 
-def _undone(model: Model, sample: Measurements, missed: Array) -> Mistake | None:
-    """The entries of the table that bring the arm to its points, gross errors aside."""
-    tried = [(slip, slip.undone(sample)) for slip in slips(model)]
-    first = [placed(model, data, rounds=1).share for _, data in tried]
+def _undone(
+    model: Model, sample: Measurements, missed: Array, table: tuple[Slip, ...]
+) -> Mistake | None:
+    """The entries of a table that bring the arm to its points, gross errors aside."""
+    tried = [(slip, slip.freed(model, sample), slip.undone(sample)) for slip in table]
+    first = [placed(own, data, rounds=1).share for _, own, data in tried]
     closest = [i for i in np.argsort(first)[:_CLOSEST] if first[i] <= _ALIKE * min(first)]
-    again = [(tried[i][0], placed(model, tried[i][1])) for i in closest]
+    again = [(slip, placed(own, data)) for slip, own, data in (tried[i] for i in closest)]
     fitting = [(slip, fit) for slip, fit in again if _explains(model, fit, missed)]
     if not fitting:
         return None

@@ -9,12 +9,15 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
 from calib.effects.base import Base
+from calib.effects.protocol import Effect
+from calib.effects.tool import Tool
 from calib.model import Model
 from calib.observations.shape import free_components
 from calib.poses import Measurements
@@ -29,12 +32,14 @@ class Slip:
 
     name : str; said : str, what is wrong; remedy : str, what to do
     undone : the measurements as they would read without it
+    freed : the model that does not presume what is wrong
     """
 
     name: str
     said: str
     remedy: str
     undone: Callable[[Measurements], Measurements]
+    freed: Callable[[Model, Measurements], Model] = lambda model, _: model
 
 
 def slips(model: Model) -> tuple[Slip, ...]:
@@ -181,6 +186,37 @@ def _renamed(model: Model) -> Iterator[Slip]:
             "exchange their names in the table or in [markers_mm]",
             _reordered(order),
         )
+
+
+def taken_as_known(model: Model) -> tuple[Slip, ...]:
+    """Base or markers that the model takes as known and that are elsewhere, one alone before both."""
+    kinds: dict[str, type[Effect]] = {"base": Base, "tool": Tool}
+    lacks = [name for name, kind in kinds.items() if not len(model.where(kind))]
+    said = {
+        "base": "the points are not in the robot's base frame",
+        "tool": "the markers are not where [markers_mm] says",
+    }
+    sets = [*((name,) for name in lacks), *([tuple(lacks)] if len(lacks) > 1 else [])]
+    return tuple(
+        Slip(
+            f"{' and '.join(names)} taken as known",
+            ", and ".join(said[name] for name in names),
+            "add " + " and ".join(f'"{name}"' for name in names) + " to [model] effects",
+            lambda data: data,
+            partial(_free, names),
+        )
+        for names in sets
+    )
+
+
+def _free(names: tuple[str, ...], model: Model, data: Measurements) -> Model:
+    """The model with base or markers found from the readings of one station."""
+    found: list[Effect] = []
+    if "base" in names:
+        found.append(Base("base", int(data.poses.station[0])))
+    if "tool" in names:
+        found += [Tool(f"marker:{name}", j) for j, name in enumerate(model.marker_names)]
+    return model.with_effects((*found, *model.effects))
 
 
 def _points(factors: Array) -> Callable[[Measurements], Measurements]:

@@ -12,13 +12,13 @@ import click
 
 from studies.commands.demo import demo
 from studies.commands.design import design
-from studies.commands.diagnose import diagnose
 from studies.commands.identify import identify
 from studies.commands.import_ import import_
 from studies.commands.program import program
 from studies.commands.report import report
 from studies.compare.command import compare
 from studies.compensate.command import compensate
+from studies.diagnose.command import diagnose
 from studies.enough.command import enough
 from studies.schema.command import schema
 

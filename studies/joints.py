@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from pydantic import Field
 
-from studies.document import JOINT, Column
+from studies.document import JOINT, Column, Rule
 from studies.record import Entry, Number
 
 if TYPE_CHECKING:
@@ -46,13 +46,15 @@ def check_same_joints(rows: Sequence[JointValues]) -> None:
         raise ValueError("its poses have not all the same joints")
 
 
-def joint_columns(rows: Sequence[JointValues]) -> tuple[Column[JointValues], ...]:
-    """A column for each joint, in detail."""
+def joint_columns(
+    rows: Sequence[JointValues], rule: Rule = JOINT, *, detail: bool = True
+) -> tuple[Column[JointValues], ...]:
+    """A column for each joint; detail : whether for the page only."""
     turning = rows[0].joints_deg if rows else {}
     sliding = rows[0].joints_mm if rows else {}
     return (
-        *(Column(name, _turned(name), JOINT, "deg", detail=True) for name in turning),
-        *(Column(name, _slid(name), JOINT, "mm", detail=True) for name in sliding),
+        *(Column(name, _turned(name), rule, "deg", detail) for name in turning),
+        *(Column(name, _slid(name), rule, "mm", detail) for name in sliding),
     )
 
 

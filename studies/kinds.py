@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from studies.record import Record
 
-KINDS = ("compare", "enough", "compensate")
+KINDS = ("plan", "compare", "diagnose", "enough", "compensate")
 """In the order in which a page tells of them."""
 
 
@@ -15,10 +15,14 @@ def record_type(kind: str) -> type[Record]:
     """The record of a kind."""
     from studies.compare.record import CompareRecord
     from studies.compensate.record import CompensateRecord
+    from studies.diagnose.record import DiagnoseRecord
     from studies.enough.record import EnoughRecord
+    from studies.plan.record import PlanRecord
 
     types: dict[str, type[Record]] = {
+        "plan": PlanRecord,
         "compare": CompareRecord,
+        "diagnose": DiagnoseRecord,
         "enough": EnoughRecord,
         "compensate": CompensateRecord,
     }

@@ -1,7 +1,6 @@
 """What a plan can tell of causes that no model has yet: sizes, hidden causes, look-alikes."""
 
-from doe.foresight.fields import foresight_fields
 from doe.foresight.foresee import Foresight
 from doe.foresight.sight import Sight
 
-__all__ = ["Foresight", "Sight", "foresight_fields"]
+__all__ = ["Foresight", "Sight"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +17,7 @@ from calib import Cell, Measurements, load_cell, load_measurements
 from calib.errors import CalibError, InputError
 from calib.files.read import sha256
 from calib.poses import Poses, poses_at
+from studies.diagnose.record import DiagnoseRecord
 from studies.identify.point_errors import HELD_OUT
 from studies.kinds import KINDS as RECORDS
 from studies.record import Record, kind_of, read
@@ -199,7 +200,7 @@ def load_evidence(paths: Sequence[Path]) -> Evidence:
             with faults_of(result.path):
                 plans[result.path] = plan_poses(cell, result)
         if result.kind in ("identify", "diagnose"):
-            with faults_of(result.path):
+            with nullcontext() if result.record is not None else faults_of(result.path):
                 measured, lost = _measured(cell, result)
             notes += lost
             if measured is not None:
@@ -215,7 +216,7 @@ def _digest(results: tuple[Result, ...]) -> str:
 def _measured(cell: Cell, result: Result) -> tuple[Measured | None, list[str]]:
     """The tables of a result, and what is missing of them."""
     sources = result.inputs[1 + len(cell.robot_files) :]
-    held = [source for source in sources[1:] if source.file == result.fields.get("holdout")]
+    held = [source for source in sources[1:] if source.file == _holdout(result)]
     wanted = [*sources[:1], *held]
     lost = [
         f"{source.file} is {source.state}: figures that need it are left out"
@@ -227,6 +228,13 @@ def _measured(cell: Cell, result: Result) -> tuple[Measured | None, list[str]]:
         return None, lost
     tables = [load_measurements(cell, path, every_marker=False) for path in paths]
     return Measured(tables[0], tables[1] if held else None), lost
+
+
+def _holdout(result: Result) -> str | None:
+    """As the user gave it."""
+    if isinstance(result.record, DiagnoseRecord):
+        return result.record.holdout
+    return result.fields.get("holdout")
 
 
 def _result(path: Path) -> Result:

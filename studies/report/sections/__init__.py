@@ -10,12 +10,10 @@ from studies.document import Section
 from studies.report.evidence import Evidence, Result, faults_of
 from studies.report.sections.arm import arm
 from studies.report.sections.cell import cell
-from studies.report.sections.diagnosis import diagnosis, further
 from studies.report.sections.errors import errors, workspace
 from studies.report.sections.parameters import parameters
 from studies.report.sections.plan import plan
 from studies.report.sections.provenance import provenance
-from studies.report.sections.sight import sight
 from studies.report.sections.summary import summary
 
 OF_THE_CELL: tuple[Callable[[Evidence], Section | None], ...] = (arm, cell)
@@ -25,9 +23,7 @@ ORDER = ("design", "plan", "compare", "identify", "diagnose", "enough", "compens
 
 UNCHECKED: dict[str, tuple[Callable[[Evidence, Result], Section | None], ...]] = {
     "design": (plan,),
-    "plan": (sight,),
     "identify": (errors, parameters, workspace),
-    "diagnose": (diagnosis, further),
 }
 """Sections about results that are no records yet; a record tells itself."""
 

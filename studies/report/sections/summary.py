@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from studies.diagnose.tables import loud, unfollowed, verdict_sentence
+from studies.diagnose.record import DiagnoseRecord
+from studies.diagnose.telling import to_do
 from studies.document import Sentence
 from studies.identify.common import shared_sentence
-from studies.noise_words import UNFOLLOWED, lacks, noise_words, scatters
+from studies.noise_words import lacks, noise_words, scatters
 from studies.report.bars import Bar, bars
 from studies.report.evidence import KINDS, Evidence, Result, faults_of
 from studies.report.parts import Section, Text, listed
@@ -44,7 +45,7 @@ _FALL = (
 
 def _bars(evidence: Evidence) -> Iterator[Bar]:
     """Errors from the nominal model to what the diagnosis leaves, and the noise."""
-    identified, diagnosed = evidence.first("identify"), evidence.first("diagnose")
+    identified, result = evidence.first("identify"), evidence.first("diagnose")
     noise = None
     if identified is not None:
         rms = identified.fields["rms_mm"]
@@ -53,16 +54,15 @@ def _bars(evidence: Evidence) -> Iterator[Bar]:
         if rms["heldout"] is not None:
             yield Bar("identified model, at poses it never saw", rms["heldout"], "good")
         noise = 3.0**0.5 * identified.fields["noise"]["believed_sigma_mm"]
-    if identified is not None and diagnosed is not None and not _same_data(identified, diagnosed):
-        diagnosed = None
-    if diagnosed is not None and diagnosed.fields["effects"]:
-        gap = diagnosed.fields["gap"]
-        held = gap["heldout_after_mm"]
-        label = "with what the diagnosis found"
-        yield Bar(label, gap["fit_after_mm"], "good")
-        if held is not None:
-            yield Bar(f"{label}, at poses it never saw", held, "good")
-        noise = 3.0**0.5 * diagnosed.fields["noise"]["believed_sigma_mm"]
+    if result is not None and (identified is None or _same_data(identified, result)):
+        diagnosed = result.record
+        if isinstance(diagnosed, DiagnoseRecord) and diagnosed.effects:
+            label = "with what the diagnosis found"
+            yield Bar(label, diagnosed.gap.fit_after_mm, "good")
+            if diagnosed.gap.heldout_after_mm is not None:
+                held = diagnosed.gap.heldout_after_mm
+                yield Bar(f"{label}, at poses it never saw", held, "good")
+            noise = 3.0**0.5 * diagnosed.noise.believed_sigma_mm
     if noise is not None:
         yield Bar("the instrument's noise alone, as stated", noise, "floor")
 
@@ -76,11 +76,10 @@ def _same_data(first: Result, second: Result) -> bool:
 def _next(evidence: Evidence) -> Iterator[Sentence]:
     """What a reader should do with this."""
     identified, diagnosed = evidence.first("identify"), evidence.first("diagnose")
-    if diagnosed is not None and not loud(diagnosed.fields["noise"]):
-        places = diagnosed.fields["located"]
-        fine = bool(places) and all(map(unfollowed, places))
-        after = f"{UNFOLLOWED}." if fine else _AFTER[diagnosed.fields["verdict"]]
-        yield Text(f"What to do next: {after}", "next")
+    found = None if diagnosed is None else diagnosed.record
+    after = to_do(found) if isinstance(found, DiagnoseRecord) else ""
+    if after:
+        yield Text(f"What to do next: {after}.", "next")
     elif identified is not None and lacks(identified.fields["noise"]):
         yield Text("What to do next: posecal diagnose says what the model lacks.", "next")
     elif identified is not None:
@@ -93,15 +92,6 @@ def _next(evidence: Evidence) -> Iterator[Sentence]:
         yield Text(
             "What to do next: measure the poses in their order, then posecal identify.", "next"
         )
-
-
-_AFTER = {
-    "no_gap": "nothing is missing that these data could show; posecal compensate uses the model.",
-    "explained": "put the found effects into the model (posecal diagnose --cell-out) and identify "
-    "again; posecal compensate then uses them.",
-    "ambiguous": "posecal diagnose --next chooses poses that tell the causes apart.",
-    "unknown": "look at the arm where the gap sits; what is there is in no catalogue.",
-}
 
 
 def _identify(fields: Mapping[str, Any]) -> Iterator[Sentence]:
@@ -160,19 +150,6 @@ def _unseen(fields: Mapping[str, Any]) -> float:
     return float((sum(squares) / len(squares)) ** 0.5)
 
 
-def _diagnose(fields: Mapping[str, Any]) -> Iterator[Sentence]:
-    sentence, closed = verdict_sentence(dict(fields)), fields["gap"]["closed"]
-    good = fields["verdict"] in ("no_gap", "explained") and not loud(fields["noise"])
-    proof = ""
-    if closed is not None and fields["effects"]:
-        proof = (
-            f" At poses that the choice never saw, {100.0 * closed:.0f} % of the gap is gone."
-            if closed > 0.0
-            else " At poses that the choice never saw, the error did not shrink."
-        )
-    yield Text(f"{sentence[0].upper()}{sentence[1:]}.{proof}", "good" if good else "warn")
-
-
 def _design(fields: Mapping[str, Any]) -> Iterator[Sentence]:
     yield Text(
         f"The plan has {size(fields)}, for {len(fields['predicted_std'])} parameters, chosen by "
@@ -182,27 +159,11 @@ def _design(fields: Mapping[str, Any]) -> Iterator[Sentence]:
     )
 
 
-def _plan(fields: Mapping[str, Any]) -> Iterator[Sentence]:
-    entries = fields["could_not_see"]
-    seen = [entry for entry in entries if entry["minimum_detectable"] is not None]
-    twins = len(fields["twins"])
-    yield Text(
-        f"Of {len(entries)} causes that a gap may have, the plan could find {len(seen)}"
-        + (
-            f"; {twins} group{'s' * (twins > 1)} of them would stand for each other."
-            if twins
-            else "."
-        )
-    )
-
-
 def _mm(value: float | None) -> str:
     return "open" if value is None else f"{value:.4f} mm RMS"
 
 
 _SAYS = {
     "identify": _identify,
-    "diagnose": _diagnose,
     "design": _design,
-    "plan": _plan,
 }

@@ -40,7 +40,7 @@ DAMAGED: dict[str, tuple[str, Change, str]] = {
     "huge": ("enough", lambda r: r.update(goal_mm=10**400), "goal_mm: "),
     "no joint": ("designed", lambda r: r["poses"][0]["joints_mm"].clear(), "lacks 'X1'"),
     "far joint": ("designed", lambda r: r["poses"][0]["joints_mm"].update(X1=1e20), OTHER_FORM),
-    "no points": ("compared", lambda r: r["plans"][0]["approaches"].clear(), "lacks 'points'"),
+    "no points": ("compared", lambda r: r["plans"][0]["approaches"].clear(), "approaches: tuple"),
     "no floor": ("diagnosed", lambda r: _falling(r, 0.03)["gap"].update(floor_mm=0.0),
                  "gap.floor_mm: should be greater than 0"),
     "below zero": ("diagnosed", lambda r: _falling(r, -1.0), r"steps.rms_mm\[0\]: should be greater"),

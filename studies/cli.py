@@ -11,13 +11,13 @@ from typing import NoReturn
 import click
 
 from studies.commands.demo import demo
-from studies.commands.diagnose import diagnose
 from studies.commands.import_ import import_
 from studies.commands.program import program
 from studies.commands.report import report
 from studies.compare.command import compare
 from studies.compensate.command import compensate
 from studies.design.command import design
+from studies.diagnose.command import diagnose
 from studies.enough.command import enough
 from studies.identify.command import identify
 from studies.init.command import init

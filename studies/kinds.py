@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from studies.record import Record
 
-KINDS = ("design", "compare", "identify", "enough", "compensate")
+KINDS = ("design", "plan", "compare", "identify", "diagnose", "enough", "compensate")
 """In the order in which a page tells of them."""
 
 
@@ -16,13 +16,17 @@ def record_type(kind: str) -> type[Record]:
     from studies.compare.record import CompareRecord
     from studies.compensate.record import CompensateRecord
     from studies.design.record import DesignRecord
+    from studies.diagnose.record import DiagnoseRecord
     from studies.enough.record import EnoughRecord
     from studies.identify.record import IdentifyRecord
+    from studies.plan.record import PlanRecord
 
     types: dict[str, type[Record]] = {
         "design": DesignRecord,
+        "plan": PlanRecord,
         "compare": CompareRecord,
         "identify": IdentifyRecord,
+        "diagnose": DiagnoseRecord,
         "enough": EnoughRecord,
         "compensate": CompensateRecord,
     }

@@ -19,11 +19,13 @@ from calib.files.read import sha256
 from calib.files.write import json_text, write_files
 from calib.files.write_tables import measurements_csv
 from studies.commands.common import envelope
-from studies.commands.diagnose import diagnose
 from studies.commands.report import report
 from studies.compare.command import compare
 from studies.demo import embedded_text, session
 from studies.design.command import design
+from studies.diagnose.command import diagnose
+from studies.diagnose.record import DiagnoseRecord
+from studies.diagnose.telling import verdict_sentence
 from studies.identify.command import identify
 from studies.identify.record import IdentifyRecord
 from studies.record import read_as
@@ -176,17 +178,16 @@ def simulate_both(way: Way) -> str:
 
 def ask_why(way: Way) -> str:
     """Find the error that the model lacks."""
-    from studies.diagnose.tables import verdict_sentence
-
     way.run(diagnose, "foresight", "--plan-only", _CELL, _PLAN)
-    fields = way.run(
+    way.run(
         diagnose, "diagnose", "--holdout", _CHECK, "--seed", str(way.seed), "--next", "4", _CELL, _DATA,
         **{"cell-out": "better_cell.toml"},
     )  # fmt: skip
-    gap = fields["gap"]
+    found = read_as(way.folder / "diagnose.json", DiagnoseRecord)
+    before, after = found.gap.heldout_before_mm, found.gap.heldout_after_mm
     return (
-        f"{verdict_sentence(fields)}; poses never seen: {gap['heldout_before_mm']:.3f} to "
-        f"{gap['heldout_after_mm']:.3f} mm (hidden was {way.withheld})"
+        f"{verdict_sentence(found)}; poses never seen: {before:.3f} to {after:.3f} mm (hidden was "
+        f"{way.withheld})"
     )
 
 

@@ -1,1 +1,1 @@
-"""What a person sees of a diagnosis: tables and figures."""
+"""``posecal diagnose``: its record, how it is told and drawn, its command."""

@@ -1,4 +1,4 @@
-"""What the figures of a diagnosis show, as fields of its result: the fall of the error, its curves.
+"""What the figures of a diagnosis show: the fall of the error, its curves, what is left.
 
 A report draws them from the JSON, long after the diagnosis itself is gone.
 """
@@ -7,63 +7,174 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
-from calib.arm.robot import Robot
-from calib.diagnosis import Diagnosis
-from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.error_curve import ErrorCurve, error_curve
-from calib.poses import Measurements
 from calib.threads import one_blas_thread
-from studies.diagnose.falls import falls
+from studies.record import Entry, Maybe, NotNegative, Number, Three, three
+
+if TYPE_CHECKING:
+    from calib.arm.robot import Robot
+    from calib.arrays import Array
+    from calib.diagnosis import Diagnosis
+    from calib.diagnosis.candidates import Candidate
+    from calib.diagnosis.error_curve import ErrorCurve
+    from calib.poses import Measurements
 
 _LEVELS = 3  # knots up to which a variable takes a few values only
 _LEAVES_ZERO = 3.0  # standard deviations by which a direction must leave zero to be shown
 _MM, _MICRO = 1e3, 1e6
 _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
+Row = tuple[Maybe, ...]
+
+
+class Steps(Entry):
+    """RMS error before and after each effect, added one to the other by their share of the gap."""
+
+    of: str
+    added: tuple[str, ...]
+    rms_mm: tuple[NotNegative, ...]
+
+    @model_validator(mode="after")
+    def _one_each(self) -> Self:
+        if len(self.rms_mm) != len(self.added) + 1:
+            raise ValueError("rms_mm has not one figure more than added has effects")
+        return self
+
+
+class Panel(Entry):
+    """One direction of an error, in the units shown.
+
+    value, std : the curve on the grid, and at_poses, std_at_poses at the poses
+    single : what each pose says by itself; effect : what was named, at the poses, None where nothing
+    line : whether that is a line over the variable; else it is a point at each pose
+    """
+
+    label: str
+    value: Row
+    std: Row
+    at_poses: Row
+    std_at_poses: Row
+    single: Row
+    effect: Row | None
+    line: bool
+
+
+class Curve(Entry):
+    """The error of one place over what it depends on.
+
+    levels : whether the variable takes a few values only, between which there is nothing
+    """
+
+    name: str
+    title: str
+    caption: str
+    effect: str | None
+    levels: bool
+    variable_label: str
+    grid: tuple[Number, ...] = Field(min_length=2)
+    variable: Row
+    pose_names: tuple[str, ...]
+    panels: tuple[Panel, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _one_each(self) -> Self:
+        poses, grid = len(self.pose_names), len(self.grid)
+        for p in self.panels:
+            at_poses = (
+                p.at_poses,
+                p.std_at_poses,
+                p.single,
+                *([] if p.effect is None else [p.effect]),
+            )
+            if any(len(row) != grid for row in (p.value, p.std)):
+                raise ValueError("value and std of a panel are not on the grid")
+            if any(len(row) != poses for row in (self.variable, *at_poses)):
+                raise ValueError("variable and panels are not of the poses")
+            if any((std or 0.0) < 0.0 for std in (*p.std, *p.std_at_poses)):
+                raise ValueError("a standard deviation of a panel is below zero")
+            if (p.effect is None) != (self.effect is None):
+                raise ValueError("effect is of the curve or of a panel only")
+        return self
+
+
+class Residual(Entry):
+    """Measured minus predicted point, with what was found and before."""
+
+    pose: str
+    marker: str
+    x_mm: Number
+    y_mm: Number
+    z_mm: Number
+    before_mm: Three
+    heldout: bool
+
+
+class Shown(NamedTuple):
+    """All of it, by the names that it has in the record."""
+
+    steps: Steps
+    curves: tuple[Curve, ...]
+    residuals: tuple[Residual, ...]
 
 
 @one_blas_thread
-def shown_fields(result: Diagnosis) -> dict[str, Any]:
-    """``steps``: the error as effects are added; ``curves``: the error of each place; ``residuals``.
-
-    Curves are the arguments of :func:`studies.plots.error_curve.error_curve`.
-    """
-    fallen = falls(result)
-    return {
-        "steps": {
-            "of": "held-out poses" if fallen.heldout else "fitted poses",
-            "added": [label(candidate) for candidate in fallen.added],
-            "rms_mm": [float(rms) * _MM for rms in fallen.rms],
-        },
-        "curves": list(_curves(result, fallen.added)),
-        "residuals": [
-            *_residuals(result, result.data, False),
-            *([] if result.heldout is None else _residuals(result, result.heldout, True)),
-        ],
-    }
+def shown(found: Diagnosis) -> Shown:
+    """Fit the model again with one more effect each time, and a free curve in place of each."""
+    added = _by_share(found)
+    residuals = list(_residuals(found, found.data, False))
+    if found.heldout is not None:
+        residuals += _residuals(found, found.heldout, True)
+    return Shown(_steps(found, added), tuple(_curves(found, added)), tuple(residuals))
 
 
-def _residuals(result: Diagnosis, data: Measurements, heldout: bool) -> Iterator[dict[str, Any]]:
+def _by_share(found: Diagnosis) -> list[Candidate]:
+    """Causes and places without a name, those of the largest share of the gap first."""
+    all_found = [(cause.share, cause.named.candidate) for cause in found.causes]
+    shares = {(place.where, place.depends_on): place.share for place in found.located}
+    for entry in found.outcome.entries:
+        own = entry.candidate
+        if not own.named:
+            all_found.append((shares.get((own.where, own.depends_on), np.nan), own))
+    all_found.sort(key=lambda pair: -np.nan_to_num(pair[0], nan=-np.inf))
+    return [own for _, own in all_found]
+
+
+def _steps(found: Diagnosis, added: list[Candidate]) -> Steps:
+    from calib.diagnosis.gap import rms, squared_errors
+
+    stage = found.stage
+    data = stage.data.take(~stage.dropped) if found.heldout is None else found.heldout
+    fits = [found.before]
+    fits += [found.linear.fit([c.effect for c in added[:n]]) for n in range(1, len(added))]
+    fits += [found.after] if added else []
+    return Steps(
+        of="fitted poses" if found.heldout is None else "held-out poses",
+        added=tuple(map(label, added)),
+        rms_mm=tuple(rms(squared_errors(fit, data)) * _MM for fit in fits),
+    )
+
+
+def _residuals(found: Diagnosis, data: Measurements, heldout: bool) -> Iterator[Residual]:
     """Measured minus predicted at each point, before and after the found effects."""
     before, after = (
         (data.points - fit.model.predict(fit.values, data.poses)) * _MM
-        for fit in (result.before, result.after)
+        for fit in (found.before, found.after)
     )
-    names = result.before.model.marker_names
+    names = found.before.model.marker_names
     for i, j in np.argwhere(data.seen):
-        x, y, z = (float(value) for value in after[i, j])
-        yield {
-            "pose": data.poses.names[i],
-            "marker": names[j],
-            "x_mm": x,
-            "y_mm": y,
-            "z_mm": z,
-            "before_mm": before[i, j],
-            "heldout": heldout,
-        }
+        x, y, z = three(after[i, j])
+        yield Residual(
+            pose=data.poses.names[i],
+            marker=names[j],
+            x_mm=x,
+            y_mm=y,
+            z_mm=z,
+            before_mm=three(before[i, j]),
+            heldout=heldout,
+        )
 
 
 def label(candidate: Candidate) -> str:
@@ -73,45 +184,50 @@ def label(candidate: Candidate) -> str:
     return f"{candidate.where} by {candidate.depends_on}, no name"
 
 
-def _curves(result: Diagnosis, found: tuple[Candidate, ...]) -> Iterator[dict[str, Any]]:
-    for number, candidate in enumerate(found, 1):
-        curve = error_curve(result, candidate)
-        if curve is not None:
-            yield _curve(curve, number, result.before.model.robot)
+def _curves(result: Diagnosis, added: list[Candidate]) -> Iterator[Curve]:
+    from calib.diagnosis.error_curve import error_curve
+
+    for number, candidate in enumerate(added, 1):
+        found = error_curve(result, candidate)
+        if found is not None:
+            yield _curve(found, number, result.before.model.robot)
 
 
-def _curve(found: ErrorCurve, number: int, robot: Robot) -> dict[str, Any]:
+def _curve(found: ErrorCurve, number: int, robot: Robot) -> Curve:
     candidate = found.candidate
     variable, named = candidate.depends_on, candidate.named
     scale, variable_label = _variable(found, robot)
     few = len(found.knots) <= _LEVELS
-    on_grid = np.flatnonzero(np.isin(found.grid, found.knots)) if few else slice(None)
-    panels = [
-        {
-            "label": _axis_label(found, c, robot),
-            "value": found.value[on_grid, c] * _MICRO,
-            "std": found.std[on_grid, c] * _MICRO,
-            "at_poses": found.at_poses[:, c] * _MICRO,
-            "std_at_poses": found.std_at_poses[:, c] * _MICRO,
-            "single": found.single[:, c] * _MICRO,
-            "effect": found.effect[:, c] * _MICRO if named else None,
-            "line": found.function[c],
-        }
-        for c in _clear(found)
-    ]
+    on_grid = np.isin(found.grid, found.knots) if few else np.ones(len(found.grid), dtype=bool)
+
+    def shown(values: Array, c: int) -> tuple[float, ...]:
+        return tuple((values[:, c] * _MICRO).tolist())
+
     plain = re.sub(r"[^A-Za-z0-9]+", "_", f"{candidate.where} by {variable}")
-    return {
-        "name": f"error_{number}_{plain}",
-        "title": f"Error of {candidate.where} over {variable}",
-        "caption": _caption(found),
-        "effect": label(candidate) if named else None,
-        "levels": few,
-        "variable_label": variable_label,
-        "grid": found.grid[on_grid] * scale,
-        "variable": found.variable * scale,
-        "pose_names": found.poses.names,
-        "panels": panels,
-    }
+    return Curve(
+        name=f"error_{number}_{plain}",
+        title=f"Error of {candidate.where} over {variable}",
+        caption=_caption(found),
+        effect=label(candidate) if named else None,
+        levels=few,
+        variable_label=variable_label,
+        grid=tuple((found.grid[on_grid] * scale).tolist()),
+        variable=tuple((found.variable * scale).tolist()),
+        pose_names=found.poses.names,
+        panels=tuple(
+            Panel(
+                label=_axis_label(found, c, robot),
+                value=shown(found.value[on_grid], c),
+                std=shown(found.std[on_grid], c),
+                at_poses=shown(found.at_poses, c),
+                std_at_poses=shown(found.std_at_poses, c),
+                single=shown(found.single, c),
+                effect=shown(found.effect, c) if named else None,
+                line=bool(found.function[c]),
+            )
+            for c in _clear(found)
+        ),
+    )
 
 
 def _clear(found: ErrorCurve) -> list[int]:

@@ -72,6 +72,8 @@ class Writer:
 
     def _part(self, part: Part, lit: Mapping[str, str]) -> Markup:
         if isinstance(part, Table):
+            if not part.rows:
+                return Markup()
             table = self._table(part, lit)
             name = f"{part.name or part.caption} ({len(part.rows)})"
             fold = len(part.rows) > _FOLDED if part.fold is None else part.fold

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar
 
@@ -30,6 +30,12 @@ class Sentence:
     text: str
     mood: Mood = ""
     label: str = ""
+
+
+def labelled(label: str, texts: Iterable[str], mood: Mood = "") -> Iterator[Sentence]:
+    """What is said of one thing, the label once."""
+    for number, text in enumerate(texts):
+        yield Sentence(text, mood, "" if number else label)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from studies.report.parts import Raw, shown
+from studies.document import Raw
+from studies.document.plain import shown
 
 
 @dataclass(frozen=True)

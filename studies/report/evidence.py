@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-from xml.etree.ElementTree import ParseError
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,10 +15,10 @@ from calib.errors import CalibError, InputError
 from calib.files.read import sha256
 from calib.poses import Poses, poses_at
 from studies.design.record import DesignRecord
+from studies.diagnose.record import DiagnoseRecord
 from studies.identify.point_errors import HELD_OUT
 from studies.identify.record import IdentifyRecord
-from studies.kinds import KINDS as RECORDS
-from studies.record import Record, kind_of, read
+from studies.record import Record, read
 
 if TYPE_CHECKING:
     from studies.document import Document
@@ -29,36 +26,9 @@ if TYPE_CHECKING:
 KINDS = ("identify", "diagnose", "design", "plan", "compare", "enough", "compensate")
 """What a report can tell of, in the order of its headlines; ``plan`` is ``diagnose --plan-only``."""
 
-FAULTS = (
-    LookupError,
-    TypeError,
-    ValueError,
-    AttributeError,
-    ArithmeticError,
-    MemoryError,
-    ParseError,
-)
-"""What is raised where a result that was never checked is not as its command writes it."""
-
 _SAME_JOINTS = 1e-6  # rad or m
-_MOST_BYTES = 200_000_000
-_LARGEST_NUMBER = 1e30
 _ANEW = "write it anew with this version"
 _LARGEST_JOINT = 1e6  # rad or m
-
-
-@contextmanager
-def faults_of(file: Path | str, where: str = "") -> Iterator[None]:
-    """Take a failure for a fault of the file: only where what is read of it was never checked.
-
-    Raises InputError.
-    """
-    try:
-        yield
-    except FAULTS as error:
-        plain = "is not as its command writes it"
-        what = f"lacks {error}" if isinstance(error, KeyError) else plain
-        raise InputError(file, where, what, "write it anew with this version") from None
 
 
 @dataclass(frozen=True)
@@ -75,37 +45,22 @@ class Input:
 class Result:
     """A result file.
 
-    kind : one of KINDS; inputs : tuple of Input, the cell first
-    record : its content; of kinds that are no records yet it is None, and ``fields`` hold them
+    record : its content; inputs : tuple of Input, the cell first
     """
 
     path: Path
-    kind: str
+    record: Record
     inputs: tuple[Input, ...]
-    record: Record | None
-    fields: dict[str, Any]
+
+    @property
+    def kind(self) -> str:
+        """One of KINDS."""
+        return self.record.kind
 
     @cached_property
-    def told(self) -> Document | None:
+    def told(self) -> Document:
         """What it says of itself."""
-        return None if self.record is None else self.record.told()
-
-    @property
-    def version(self) -> str:
-        """Of posecal, by which it was written."""
-        return str(self.fields.get("version", "")) if self.record is None else self.record.version
-
-    @property
-    def seed(self) -> str:
-        """Of its chance."""
-        return str(self.fields.get("seed", "") if self.record is None else self.record.seed)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What a reader should know."""
-        if self.record is not None:
-            return self.record.warnings
-        return tuple(self.fields.get("warnings", ()))
+        return self.record.told()
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,8 +156,7 @@ def load_evidence(paths: Sequence[Path]) -> Evidence:
         if isinstance(result.record, DesignRecord):
             plans[result.path] = plan_poses(cell, result.record, result.path)
         if result.kind in ("identify", "diagnose"):
-            with faults_of(result.path):
-                measured, lost = _measured(cell, result)
+            measured, lost = _measured(cell, result)
             notes += lost
             if measured is not None:
                 data[result.path] = measured
@@ -217,9 +171,7 @@ def _digest(results: tuple[Result, ...]) -> str:
 def _measured(cell: Cell, result: Result) -> tuple[Measured | None, list[str]]:
     """The tables of a result, and what is missing of them."""
     sources = result.inputs[1 + len(cell.robot_files) :]
-    record = result.record
-    own = record.holdout if isinstance(record, IdentifyRecord) else result.fields.get("holdout")
-    held = [source for source in sources[1:] if source.file == own]
+    held = [source for source in sources[1:] if source.file == _holdout(result.record)]
     wanted = [*sources[:1], *held]
     lost = [
         f"{source.file} is {source.state}: figures that need it are left out"
@@ -233,46 +185,15 @@ def _measured(cell: Cell, result: Result) -> tuple[Measured | None, list[str]]:
     return Measured(tables[0], tables[1] if held else None), lost
 
 
+def _holdout(record: Record) -> str | None:
+    """As the user gave it."""
+    return record.holdout if isinstance(record, IdentifyRecord | DiagnoseRecord) else None
+
+
 def _result(path: Path) -> Result:
-    if kind_of(path) in RECORDS:
-        record = read(path)
-        inputs = tuple(_input(path, entry.file, entry.sha256) for entry in record.inputs)
-        return Result(path, record.kind, inputs, record, {})
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise InputError(path, "", "is larger than any result", "name a result of posecal")
-        fields = json.loads(path.read_text(encoding="utf-8"))
-        _check_numbers(fields)
-        command, inputs = fields["command"], fields["inputs"]
-        kind = "plan" if command == "diagnose" and fields.get("plan_only") else str(command)
-        found = tuple(_input(path, str(entry["file"]), str(entry["sha256"])) for entry in inputs)
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})") from None
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        raise InputError(
-            path, "", "is no result of posecal", "write one with --json of a command"
-        ) from None
-    if fields.get("schema") != 1:
-        raise InputError(path, "schema", "is not 1", "write the result anew with this version")
-    if kind not in KINDS:
-        raise InputError(
-            path, "command", f"{kind[:40]!r} has no place in a report", "give results of "
-            "design, compare, identify, diagnose, compensate or enough",
-        )  # fmt: skip
-    return Result(path, kind, found, None, fields)
-
-
-def _check_numbers(fields: Any) -> None:
-    """Raise ValueError for a number that no result holds: not finite, or beyond all that is drawn."""
-    pending = [fields]
-    while pending:
-        entry = pending.pop()
-        if isinstance(entry, dict):
-            pending += entry.values()
-        elif isinstance(entry, list):
-            pending += entry
-        elif isinstance(entry, int | float) and not abs(entry) < _LARGEST_NUMBER:
-            raise ValueError
+    record = read(path)
+    inputs = tuple(_input(path, entry.file, entry.sha256) for entry in record.inputs)
+    return Result(path, record, inputs)
 
 
 def _input(result: Path, file: str, digest: str) -> Input:

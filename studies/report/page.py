@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from dataclasses import dataclass
 
 from markupsafe import Markup
 
 from studies.document.page import Writer
 from studies.report.assets import asset
-from studies.report.evidence import Evidence, faults_of
+from studies.report.evidence import Evidence
 from studies.report.sections import Placed, sections
 
 _STYLES = ("page.css", "lit.css", "arm_view.css")
@@ -52,7 +51,5 @@ def page(evidence: Evidence, title: str, told: dict[str, str]) -> str:
 
 
 def _shown(writer: Writer, placed: Placed) -> _Shown:
-    unchecked = placed.unchecked
-    with nullcontext() if unchecked is None else faults_of(unchecked):
-        html = writer.section(placed.section, placed.lit)
+    html = writer.section(placed.section, placed.lit)
     return _Shown(placed.section.key, placed.section.title, html)

@@ -169,10 +169,62 @@ def _identify() -> list[Record]:
     ]  # fmt: skip
 
 
+def _diagnose() -> list[Record]:
+    old = old_fields("diagnose")
+    first, *others = old["effects"]
+    gap, noise, spectra = old["gap"], old["noise"], old["spectra"]
+    quiet = {"effects": [], "located": [], "refused": [], "verdict": "unknown"}
+    pose = {"located": [{"where": "arm", "depends_on": "pose", "share_of_gap": None}]}
+    many = [{**first["parameters"][0], "name": f"p{i}"} for i in range(9)]
+    unknown = [{**many[0], "name": f"u{i}", "std": None} for i in range(6)]
+    unproved = {"heldout_before_mm": None, "heldout_after_mm": None, "closed": None}
+    steps = {"of": "fitted poses", "added": ["a:A1", "b:A2"], "rms_mm": [0.3, 0.1, 0.2]}
+    plain = {**old["curves"][0], "effect": None}
+    plain["panels"] = [{**plain["panels"][0], "effect": None}] * 3
+    cross = {**old["curves"][1], "panels": [{**old["curves"][1]["panels"][0], "line": False}]}
+    alone = {**spectra[0], "joint": "joint_4", "lines": []}
+    return [
+        changed("diagnose"),
+        changed("diagnose", verdict="explained", effects=[first], next_poses=[], steps=steps,
+                curves=[plain, cross], gap={**gap, "closed_ci95": None}),
+        changed("diagnose", verdict="ambiguous", next_poses_predicted=[],
+                next_poses_assume=[], gap={**gap, "closed": -0.1}),
+        changed("diagnose", verdict="ambiguous", effects=[{**first, "shape_tested": False}],
+                gap={**gap, **unproved}, spectra=[alone], not_asked=[], outliers=[]),
+        changed("diagnose", verdict="no_gap", effects=[], located=[], steps=None, spectra=[],
+                noise={**noise, "sigma_mm": 0.9}),
+        changed("diagnose", verdict="explained", could_not_see=[], curves=[],
+                effects=[{**first, "parameters": [*many, *unknown], "aliases": [8.0]}, *others]),
+        changed("diagnose", **quiet, next_poses=[], next_poses_predicted=[]),
+        changed("diagnose", **{**quiet, **pose}),
+        changed("diagnose", **{**quiet, **pose, "refused": old["refused"]}),
+        changed("diagnose", **{**quiet, "located": old["located"]}),
+    ]  # fmt: skip
+
+
+def _plan() -> list[Record]:
+    old = old_fields("plan")
+    alone = [{**group, "split_by": []} for group in old["twins"]]
+    lost = [{"names": ["a", "b"], "reason": "they go together"}]
+    never = [
+        {**pair, "told_apart_times": None, "told_apart_from": None} for pair in old["look_alikes"]
+    ]
+    hidden = [entry for entry in old["could_not_see"] if entry["reason"]]
+    return [
+        changed("plan"),
+        changed("plan", joints=["a1", "a2", "the_third_of_all", "a3"], hidden_markers=3, twins=alone),
+        changed("plan", could_not_see=hidden, look_alikes=[], twins=[], not_asked=[],
+                before_the_first_move=["p1"], approach_derived=True),
+        changed("plan", joints=["a1", "a2", "a3"], look_alikes=never, unidentifiable=lost),
+    ]  # fmt: skip
+
+
 EXAMPLES = {
     "design": _design(),
+    "plan": _plan(),
     "compare": _compare(),
     "identify": _identify(),
+    "diagnose": _diagnose(),
     "enough": _enough(),
     "compensate": _compensate(),
 }

@@ -4,28 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from studies.document import Section
-from studies.report.evidence import Evidence, Result, faults_of
+from studies.report.evidence import Evidence, Result
 from studies.report.sections.against import against
 from studies.report.sections.arm import arm
 from studies.report.sections.cell import cell
-from studies.report.sections.diagnosis import diagnosis, further
 from studies.report.sections.provenance import provenance
-from studies.report.sections.sight import sight
 from studies.report.sections.summary import summary
 
 OF_THE_CELL: tuple[Callable[[Evidence], Section | None], ...] = (arm, cell)
 
 ORDER = ("design", "plan", "compare", "identify", "diagnose", "enough", "compensate")
 """Kinds of result as their sections follow each other."""
-
-UNCHECKED: dict[str, tuple[Callable[[Evidence, Result], Section | None], ...]] = {
-    "plan": (sight,),
-    "diagnose": (diagnosis, further),
-}
-"""Sections about results that are no records yet; a record tells itself."""
 
 WITH_INPUTS: dict[str, tuple[Callable[[Evidence, Result], Section | None], ...]] = {
     "identify": (against,),
@@ -38,12 +29,10 @@ class Placed:
     """A section on the page.
 
     lit : pose -> the name under which the page lights it
-    unchecked : the result whose faults show only when the section is drawn; None for a record
     """
 
     section: Section
     lit: Mapping[str, str]
-    unchecked: Path | None
 
 
 def sections(evidence: Evidence, told: dict[str, str]) -> Iterator[Placed]:
@@ -51,35 +40,26 @@ def sections(evidence: Evidence, told: dict[str, str]) -> Iterator[Placed]:
 
     told : what the user tells of the measurement, by label
 
-    Raises InputError that names the result and the section where a result is not complete.
     """
-    yield Placed(summary(evidence), {}, None)
+    yield Placed(summary(evidence), {})
     for about in OF_THE_CELL:
         section = about(evidence)
         if section is not None:
-            yield Placed(section, {}, None)
+            yield Placed(section, {})
     for kind in ORDER:
         several = evidence.of(kind)
         for number, result in enumerate(several, 1):
             lit = evidence.lit.get(result.path, {})
-            unchecked = result.path if result.record is None else None
             for section in _of(evidence, result):
                 own = _own(section, result, number) if len(several) > 1 else section
-                yield Placed(own, lit, unchecked)
-    yield Placed(provenance(evidence, told), {}, None)
+                yield Placed(own, lit)
+    yield Placed(provenance(evidence, told), {})
 
 
 def _of(evidence: Evidence, result: Result) -> Iterator[Section]:
-    if result.told is not None:
-        yield from result.told.sections
-        told = [tell(evidence, result) for tell in WITH_INPUTS.get(result.kind, ())]
-        yield from (section for section in told if section is not None)
-        return
-    for tell in UNCHECKED[result.kind]:
-        with faults_of(result.path, f"for section {tell.__name__}"):
-            section = tell(evidence, result)
-        if section is not None:
-            yield section
+    yield from result.told.sections
+    told = [tell(evidence, result) for tell in WITH_INPUTS.get(result.kind, ())]
+    yield from (section for section in told if section is not None)
 
 
 def _own(section: Section, result: Result, number: int) -> Section:

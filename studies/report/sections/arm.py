@@ -9,10 +9,10 @@ import numpy as np
 
 from calib.poses import Measurements, Poses
 from studies.design.record import DesignRecord
+from studies.document import Raw, Section
 from studies.report.arm_scene import scene
 from studies.report.arm_view import figure_html
 from studies.report.evidence import Evidence
-from studies.report.parts import Raw, Section
 
 
 def arm(evidence: Evidence) -> Section | None:

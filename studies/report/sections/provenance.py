@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from studies.report.evidence import Evidence
-from studies.report.parts import Part, Section, Table, Text
+from studies.report.parts import Part, Section, Sentence, Table
 
 
 def provenance(evidence: Evidence, told: dict[str, str]) -> Section:
@@ -12,8 +12,8 @@ def provenance(evidence: Evidence, told: dict[str, str]) -> Section:
         (
             result.path.name,
             "diagnose --plan-only" if result.kind == "plan" else result.kind,
-            result.version,
-            result.seed,
+            result.record.version,
+            str(result.record.seed),
         )
         for result in evidence.results
     ]
@@ -29,7 +29,9 @@ def provenance(evidence: Evidence, told: dict[str, str]) -> Section:
             "Inputs",
         ),
     ]
-    parts += [Text(note, "note") for note in evidence.notes]
+    parts += [Sentence(note, "note") for note in evidence.notes]
     for result in evidence.results:
-        parts += [Text(f"{result.path.name}: {line}", "note") for line in result.warnings]
+        parts += [
+            Sentence(f"{result.path.name}: {line}", "note") for line in result.record.warnings
+        ]
     return Section("provenance", "Where the figures come from", tuple(parts))

@@ -31,11 +31,11 @@ import click
 import numpy as np
 
 import calib
-from calib.files.diagnosis import diagnosis_fields
 from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
+from studies.diagnose.record import findings
 from studies.research.benchmarks.day import SCARA
 from studies.research.withheld.actions import Action, State
 from studies.research.withheld.case_files import write_case
@@ -238,7 +238,9 @@ def one_control(name: str, seed: int) -> Answer:
             calib.load_measurements(cell, folder / table)
             for table in ("measurements.csv", "heldout.csv")
         )
-        answer = diagnosis_fields(calib.diagnose(cell, data, heldout=heldout))
+        answer = findings(calib.diagnose(cell, data, heldout=heldout)).model_dump(
+            mode="json", by_alias=True
+        )
     return {"case": name, "seed": seed, "right": right(answer), **answer}
 
 

@@ -41,13 +41,13 @@ import numpy as np
 
 import calib
 from calib.arrays import Array
-from calib.files.diagnosis import diagnosis_fields
 from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
 from doe.prospect.sufficiency import Enough
 from doe.prospect.sufficiency.enough import enough
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
+from studies.diagnose.record import findings
 from studies.research.benchmarks.day import ARMS, Day, Setting, draw_day, write_day
 from studies.research.withheld.figures import wilson
 from studies.tables import plain_table
@@ -88,7 +88,9 @@ def _diagnosed(cell: calib.Cell, data: calib.Measurements, holdout: float, seed:
     heldout = None
     if holdout:
         data, heldout = data.split(holdout, np.random.default_rng(seed))
-    fields = diagnosis_fields(calib.diagnose(cell, data, heldout=heldout))
+    fields = findings(calib.diagnose(cell, data, heldout=heldout)).model_dump(
+        mode="json", by_alias=True
+    )
     named = [f"{e['effect']}:{e['where']}" for e in fields["effects"]]
     places = [f"{p['where']} by {p['depends_on']}" for p in fields["located"]]
     alarm = bool(named) or any(p["depends_on"] != "pose" for p in fields["located"])

@@ -28,11 +28,11 @@ import numpy as np
 import calib
 from calib.arrays import Array
 from calib.diagnosis.spectra import spectra
-from calib.files.diagnosis import diagnosis_fields
 from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
+from studies.diagnose.record import findings
 from studies.research.benchmarks.day import Setting, draw_day, write_day
 from studies.tables import plain_table
 
@@ -82,7 +82,7 @@ def _diagnosed(folder: Path) -> dict[str, Any]:
     cell = calib.load_cell(folder / "cell.toml")
     data = calib.load_measurements(cell, folder / "measurements.csv")
     found = calib.diagnose(cell, data)
-    return diagnosis_fields(found, spectra(found))
+    return findings(found, spectra(found)).model_dump(mode="json", by_alias=True)
 
 
 def _width(q: Array) -> float:

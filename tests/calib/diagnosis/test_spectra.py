@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,8 +13,6 @@ from calib.arrays import Array
 from calib.diagnosis.spectra import Spectrum, spectra_of
 from calib.diagnosis.stage import Stage
 from calib.effects.gear_ripple import GearRipple
-from calib.files.spectra import spectra_fields, with_aliases
-from calib.files.write import json_text
 from calib.identification.identify import whitening
 from calib.identification.initial import initial_values
 from calib.model.build import build, context_of, place_effect
@@ -159,30 +156,6 @@ def test_a_ripple_of_the_model_shows_and_does_not_leak() -> None:
     for joint in ("j1", "j2", "j4"):
         assert found[joint].fall.max() < found[joint].false_alarm
         assert not found[joint].named
-
-
-def test_fields_keep_every_peak_and_say_aliases() -> None:
-    cell, rng = arm(), np.random.default_rng(9)
-    poses = on_grid(session(cell, rng, 90), 1)
-    data = read(cell, poses, rng, with_ripple(poses, 1, 100.0, 6e-5))
-    found = list(spectra_at(cell, data, [("j2", 100.0)]).values())
-    text = json_text(spectra_fields(found))
-    assert len(text) < 200_000 * len(found) / 6
-    for entry, spectrum in zip(json.loads(text), found, strict=True):
-        assert max(entry["fall"]) == pytest.approx(spectrum.fall.max(), abs=0.01)
-        assert (np.diff(entry["cycles_1_turn"]) > 0.0).all()
-    (cycles,) = (c for c, _ in found[1].named)
-    effects = [
-        {
-            "effect": "gear_ripple",
-            "where": where,
-            "parameters": [{"name": "cycles", "value": cycles}],
-        }
-        for where in ("j1", "j2")
-    ]
-    with_aliases(effects, found)
-    assert "aliases" not in effects[0]
-    np.testing.assert_allclose(np.sort(effects[1]["aliases"]), mirrored(cycles), atol=0.1)  # type: ignore[arg-type]
 
 
 def test_a_joint_that_stands_still_has_none() -> None:

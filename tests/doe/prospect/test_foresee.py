@@ -16,7 +16,6 @@ from calib.poses.moves import with_moves
 from calib.simulation import simulate
 from doe.prospect import PowerAnalysis
 from doe.prospect.confounded import remedies_of
-from doe.prospect.fields import power_fields
 from doe.prospect.foresee import foresee
 from tests.helpers import cell_of, random_robot, with_effects
 
@@ -92,10 +91,10 @@ def test_the_reading_before_the_first_move_counts_no_more_than_in_a_diagnosis() 
     cell = cell_of(robot, rng.uniform(-0.2, 0.2, (2, 3)), ("base", "tool"))
     plan = poses_at(rng.uniform(*robot.sample_limits().T, (9, 4)))
     derived = foresee(cell, plan)
-    assert power_fields(derived)["before_the_first_move"] == ["p0000"]
+    assert np.flatnonzero(derived.view.waiting).tolist() == [0]
     poses = with_moves(plan)
     given = foresee(cell, replace(poses, approach_derived=False))
-    assert power_fields(given)["before_the_first_move"] == []
+    assert not given.view.waiting.any()
     for seen, first in ((derived, 1), (given, 0)):
         cause = next(s for s in seen.seen if s.key == "backlash:j2")
         columns = [calib.observation(with_effects(cell, *more), poses)[first:]
@@ -170,7 +169,7 @@ def test_a_load_means_two_readings_and_points_do_not_count(kr270: Cell, table_tw
     assert [s.key for s in table.seen] == [s.key for s in plan.seen]
     for one, two in zip(plan.seen, table.seen, strict=True):
         np.testing.assert_allclose(one.smallest, two.smallest, rtol=1e-9)
-    asked = {entry["effect"] for entry in power_fields(plan)["not_asked"]}
+    asked = {entry.effect for entry in plan.view.missing}
     assert {"base_drift:base", "tracker_drift:instrument", "thermal_expansion:arm"} <= asked
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 
@@ -10,13 +9,13 @@ import numpy as np
 import pytest
 
 from calib.diagnosis import Diagnosis
-from calib.files.diagnosis import diagnosis_fields
-from calib.files.write import json_text
-from studies.diagnose.pictures import pictures
-from studies.diagnose.shown import shown_fields
-from studies.plots.error_curve import Panel, error_curve
+from studies.diagnose.error_curve import error_curve
+from studies.diagnose.record import diagnose_record
+from studies.diagnose.shown import Curve, Panel, Steps, shown
+from studies.diagnose.waterfall import waterfall
+from studies.document import pictures_of
 from studies.plots.style import Picture, files, svg_text
-from studies.plots.waterfall import waterfall
+from studies.record import envelope, read
 from tests.calib.diagnosis.test_error_curve import HALF, found
 
 
@@ -26,10 +25,11 @@ def result() -> Diagnosis:
 
 
 @pytest.fixture(scope="module")
-def drawn(result: Diagnosis) -> dict[str, Picture]:
-    fields = {**diagnosis_fields(result), **shown_fields(result)}
-    read_back = json.loads(json_text(fields))
-    return {picture.name: picture for picture in pictures(read_back)}
+def drawn(result: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Picture]:
+    file = tmp_path_factory.mktemp("diagnosed") / "d.json"
+    record = diagnose_record(result, (), None, shown(result), None, envelope("cell", []))
+    file.write_text(record.dumps())
+    return {picture.name: picture for picture in pictures_of(read(file).told())}
 
 
 @pytest.mark.long
@@ -74,13 +74,15 @@ def test_every_picture_is_complete_and_the_same_again(drawn: dict[str, Picture])
 
 
 def test_what_makes_it_worse_is_marked() -> None:
-    picture = waterfall(["a:A1", "b:A2"], np.array([3e-4, 1e-4, 2e-4]), 0.5e-4, of="fitted poses")
+    picture = waterfall(
+        Steps(of="fitted poses", added=("a:A1", "b:A2"), rms_mm=(0.3, 0.1, 0.2)), 0.05
+    )
     labels = [text.get_text() for text in picture.figure.axes[0].texts]
     assert labels == ["0.300", "\N{MINUS SIGN}0.200", "+0.100", "0.200"]
     keys = [text.get_text() for text in picture.figure.legends[0].get_texts()]
     assert keys == ["floor: noise alone, 0.0500 mm", "taken off by an effect", "added by an effect"]
     assert "4.00 times the floor" in picture.caption
-    alone = waterfall([], np.array([2e-4]), 2e-4)
+    alone = waterfall(Steps(of="held-out poses", added=(), rms_mm=(0.2,)), 0.2)
     assert [row[0] for row in alone.rows] == ["model as given"]
     assert "No effect was found" in alone.caption
 
@@ -88,22 +90,34 @@ def test_what_makes_it_worse_is_marked() -> None:
 def test_panels_for_each_direction() -> None:
     rng = np.random.default_rng(0)
     grid, variable = np.linspace(0.0, 1.0, 71), rng.uniform(0.0, 1.0, 40)
-    panels = [
+    single = [float(np.sin(v)) if v > 0.1 else None for v in variable]
+    panels = tuple(
         Panel(
             label=f"base {axis} [um]",
-            value=np.sin(grid),
-            std=np.full(71, 0.1),
-            at_poses=np.sin(variable),
-            std_at_poses=np.full(40, 0.1),
-            single=np.where(variable > 0.1, np.sin(variable), np.nan),
-            effect=variable if line is not None else None,
-            line=bool(line),
+            value=tuple(np.sin(grid).tolist()),
+            std=(0.1,) * 71,
+            at_poses=tuple(np.sin(variable).tolist()),
+            std_at_poses=(0.1,) * 40,
+            single=tuple(single),
+            effect=tuple(variable.tolist()),
+            line=line,
         )
-        for axis, line in zip("xyz", (True, False, None), strict=True)
-    ]
-    names = [f"p{i}" for i in range(40)]
-    picture = error_curve(panels, grid, variable, "time [h]", names, effect="base_drift:base")
-    shown = [axes for axes in picture.figure.axes if axes.get_visible()]
-    assert [axes.get_ylabel() for axes in shown] == [panel.label for panel in panels]
+        for axis, line in zip("xyz", (True, False, True), strict=True)
+    )
+    curve = Curve(
+        name="error",
+        title="Error",
+        caption="A caption.",
+        effect="base_drift:base",
+        levels=False,
+        variable_label="time [h]",
+        grid=tuple(grid.tolist()),
+        variable=tuple(variable.tolist()),
+        pose_names=tuple(f"p{i}" for i in range(40)),
+        panels=panels,
+    )
+    picture = error_curve(curve)
+    visible = [axes for axes in picture.figure.axes if axes.get_visible()]
+    assert [axes.get_ylabel() for axes in visible] == [panel.label for panel in panels]
     keys = [text.get_text() for text in picture.figure.legends[0].get_texts()]
     assert {"base_drift:base", "base_drift:base, at each pose", "95 % band"} <= set(keys)

@@ -7,22 +7,37 @@ import re
 import numpy as np
 import pytest
 
-from studies.diagnose.aliasing import aliasing_sentences
-from studies.diagnose.pictures import _spectrum
-from studies.plots.spectra import Mark, Panel, families, spectra
+from studies.diagnose.record import Line, Spectrum
+from studies.diagnose.spectra import families, spectra
 from studies.plots.style import svg_text
 
 
-def panel(joint: str, *cycles: float, repeats: float | None = None) -> Panel:
+def panel(joint: str, *cycles: float, repeats: float | None = None) -> Spectrum:
     grid = np.arange(0.25, 450.0, 0.3)
     fall = np.random.default_rng(0).chisquare(2, grid.size)
-    marks = []
+    lines = []
     for height, c in zip((150.0, 80.0, 40.0), cycles, strict=False):
         fall[np.argmin(np.abs(grid - c))] = height
-        marks.append(
-            Mark(c, 0.1, 50.0, height, (c / 2.0, c), () if repeats is None else (8.0, 28.0))
+        lines.append(
+            Line(
+                cycles=c,
+                std=0.1,
+                amplitude_urad=50.0,
+                amplitude_std_urad=5.0,
+                fall=height,
+                ratios=(c / 2.0, c),
+                aliases=() if repeats is None else (8.0, 28.0),
+            )
         )
-    return Panel(joint, grid, fall, 27.0, 1.2, repeats, tuple(marks))
+    return Spectrum(
+        joint=joint,
+        cycles_1_turn=tuple(grid.tolist()),
+        fall=tuple(fall.tolist()),
+        false_alarm=27.0,
+        width_1_turn=1.2,
+        repeats_1_turn=repeats,
+        lines=tuple(lines),
+    )
 
 
 def test_joints_of_one_gear_are_one_family() -> None:
@@ -73,26 +88,3 @@ def test_words_do_not_meet() -> None:
     assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
     inside = axes.get_window_extent()
     assert all(inside.x0 <= box.x0 and box.x1 <= inside.x1 for box in boxes)
-
-
-def test_a_sentence_for_each_joint_that_a_grid_deceives() -> None:
-    line = {
-        "cycles": 100.0, "std": 0.1, "amplitude_urad": 50.0, "fall": 90.0, "ratios": [50.0, 100.0],
-        "aliases": [8.0, 28.0, 44.0, 64.0, 80.0],
-    }  # fmt: skip
-    entry = {
-        "joint": "A2", "cycles_1_turn": [1.0, 100.0], "fall": [1.0, 90.0], "false_alarm": 27.0,
-        "width_1_turn": 1.0, "repeats_1_turn": 36.0, "lines": [line],
-    }  # fmt: skip
-    clear = {**entry, "joint": "A1", "repeats_1_turn": None, "lines": [{**line, "aliases": []}]}
-    bare = {**entry, "joint": "A3", "lines": []}
-    chance = {**entry, "joint": "A4", "repeats_1_turn": None}
-    assert list(aliasing_sentences([clear, entry, bare, chance])) == [
-        "A2 stands in steps of 10 deg, so that its line at 100.0 cycles a turn might as well be at "
-        "8.0, 28.0, 44.0, 64.0 or 1 more; steps that are not equal would tell",
-        "A3 stands in steps of 10 deg, so that c and 36 \N{MINUS SIGN} c cycles a turn are the same at "
-        "these poses; steps that are not equal would tell",
-        "A4: its line at 100.0 cycles a turn might as well be at 8.0, 28.0, 44.0, 64.0 or 1 more; "
-        "steps that are not equal would tell",
-    ]
-    assert spectra([_spectrum(entry)]).rows[0][-1] == "8.0, 28.0, 44.0, 64.0, 80.0"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import sys
 from dataclasses import replace
 from typing import Any
@@ -25,10 +24,8 @@ from calib.diagnosis.verdict import Named
 from calib.errors import CalibError
 from doe.constraints import constraints_of, scene_of
 from doe.prospect.conditions import loads_of_data
-from doe.prospect.likeness import SURE
 from doe.prospect.rivals.evidence import Evidence
 from doe.prospect.rivals.next_poses import data_rows, situation_after
-from doe.prospect.rivals.results import next_fields
 from doe.prospect.rivals.search import Contested, Search
 from doe.prospect.situation import Offer
 from tests.calib.diagnosis.test_diagnose import measured
@@ -300,20 +297,3 @@ def test_no_pose_but_another_station_tells_drifts_apart(drift: tuple[Cell, Diagn
     assert not prediction.inseparable
     assert [remedy.name for remedy in prediction.remedies] == ["another_station"]
     assert prediction.remedies[0].probability > 0.99
-
-
-def test_fields_are_those_of_the_contract(alike: tuple[Cell, Diagnosis]) -> None:
-    cell, found = alike
-    result = doe.next_poses(cell, found, count=5)
-    fields = json.loads(json.dumps(next_fields(result, cell.robot), allow_nan=False))
-    pair = [c.key for c, _ in found.causes[0].named.members]
-    assert len(fields["next_poses"]) == 5
-    for pose, q in zip(fields["next_poses"], result.poses.q, strict=True):
-        np.testing.assert_allclose(
-            [pose["joints_deg"][joint] for joint in cell.robot.joints], np.degrees(q), atol=1e-5
-        )
-    assert any(pose["splits"] == [pair] for pose in fields["next_poses"])
-    (predicted,) = fields["next_poses_predicted"]
-    assert predicted["rivals"] == pair
-    assert predicted["probability_now"] < SURE <= predicted["probability_after"]
-    assert predicted["inseparable"] is False

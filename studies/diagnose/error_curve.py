@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calib.arrays import Array
+from studies.diagnose.shown import Curve, Panel, Row
 from studies.plots.style import (
     BLUE,
     SOFT,
     VERMILLION,
     Cell,
     Picture,
-    cell,
     legend_below,
     sheet,
     styled,
@@ -29,49 +28,17 @@ _VECTOR = 1500  # points; a larger cloud becomes a picture within the SVG
 _TWO_SIDED = 1.959964  # 95 % of a normal distribution
 
 
-@dataclass(frozen=True, eq=False)
-class Panel:
-    """One direction of the error, in the units shown.
-
-    label : str, of the axis; value, std : ndarray, shape (g,), the curve on the grid
-    at_poses, std_at_poses : ndarray, shape (m,), the curve at the poses
-    single : ndarray, shape (m,), what each pose says, NaN where nothing
-    effect : ndarray, shape (m,), the effect that was named, or None
-    line : whether that is a line over the variable; else it is a point at each pose
-    """
-
-    label: str
-    value: Array
-    std: Array
-    at_poses: Array
-    std_at_poses: Array
-    single: Array
-    effect: Array | None
-    line: bool
-
-
 @styled
-def error_curve(
-    panels: Sequence[Panel],
-    grid: Array,
-    variable: Array,
-    variable_label: str,
-    pose_names: Sequence[str],
-    *,
-    effect: str | None,
-    levels: bool = False,
-    caption: str = "",
-    name: str = "error_curve",
-    title: str = "Located error",
-) -> Picture:
-    """A panel for each direction, one above the other or in two columns.
-
-    grid : ndarray, shape (g,); variable : ndarray, shape (m,), at the poses; both as shown
-    effect : name of the effect, None where there is none
-    levels : whether the variable takes a few values only, between which there is nothing
-    """
+def error_curve(curve: Curve) -> Picture:
+    """A panel for each direction, one above the other or in two columns."""
     from matplotlib.ticker import MaxNLocator
 
+    panels, levels, grid, variable = (
+        curve.panels,
+        curve.levels,
+        _array(curve.grid),
+        _array(curve.variable),
+    )
     columns = 1 if len(panels) < 3 else 2
     rows = -(-len(panels) // columns)
     figure = sheet(6.4 if columns == 1 else 9.6, 1.0 + (3.2 if rows == 1 else 2.5) * rows)
@@ -82,62 +49,63 @@ def error_curve(
         panel.axhline(0.0, color=SOFT, linewidth=0.8, zorder=1)
         drawn = _fitted(panel, shown, grid, variable, levels)
         if shown.effect is not None:
-            drawn.append(_named(panel, shown, shown.effect, grid, variable, effect, levels))
+            drawn.append(_named(panel, shown, grid, variable, curve))
         handles |= {handle.get_label(): handle for handle in drawn}
         panel.set(ylabel=shown.label, ylim=_limits(shown))
     for panel in axes[len(panels) :]:
         panel.set_visible(False)
     for panel in axes[max(0, len(panels) - columns) : len(panels)]:
-        panel.set_xlabel(variable_label)
+        panel.set_xlabel(curve.variable_label)
         panel.tick_params(labelbottom=True)
     if levels:
         axes[0].set_xticks(grid, [f"{x:g}".replace("-", "\N{MINUS SIGN}") for x in grid])
     elif columns > 1:
         axes[0].xaxis.set_major_locator(MaxNLocator(6))
     legend_below(figure, list(handles.values()))
-    header = ["pose", variable_label]
+    header = ["pose", curve.variable_label]
     for shown in panels:
-        of = ("curve", "standard deviation", "this pose alone", *([effect] if effect else []))
+        own = [] if shown.effect is None else [curve.effect]
+        of = ("curve", "standard deviation", "this pose alone", *own)
         header += [f"{shown.label}, {part}".replace("\n", " ") for part in of]
-    return Picture(name, title, caption, figure, tuple(header), _rows(panels, variable, pose_names))
+    return Picture(
+        curve.name, curve.title, curve.caption, figure, tuple(header), tuple(_rows(curve))
+    )
+
+
+def _array(values: Row) -> Array:
+    """Numbers, NaN for what is undefined."""
+    return np.array(values, dtype=np.float64)
 
 
 def _fitted(panel: Axes, shown: Panel, grid: Array, variable: Array, levels: bool) -> list[Any]:
     """What each pose says, and the curve through it with its band; entries of the legend."""
-    half = _TWO_SIDED * shown.std
+    value, half = _array(shown.value), _TWO_SIDED * _array(shown.std)
     points, = panel.plot(
-        _aside(variable, grid) if levels else variable, shown.single, color="0.6", marker="o",
+        _aside(variable, grid) if levels else variable, _array(shown.single), color="0.6", marker="o",
         linestyle="", markersize=2.8, markeredgewidth=0.0, label="each pose by itself", zorder=2,
         rasterized=len(variable) > _VECTOR,
     )  # fmt: skip
     if levels:
         bars = panel.errorbar(
-            grid, shown.value, half, color=BLUE, marker="s", markersize=7.0, linestyle="",
+            grid, value, half, color=BLUE, marker="s", markersize=7.0, linestyle="",
             elinewidth=2.0, capsize=7.0, capthick=2.0, label="fitted freely, 95 % interval", zorder=3,
         )  # fmt: skip
         return [points, bars]
     band = panel.fill_between(
-        grid, shown.value - half, shown.value + half, color=BLUE, alpha=0.22, linewidth=0.0,
+        grid, value - half, value + half, color=BLUE, alpha=0.22, linewidth=0.0,
         label="95 % band", zorder=2.5,
     )  # fmt: skip
     curve, = panel.plot(
-        grid, shown.value, color=BLUE, linewidth=2.0, label="fitted freely", zorder=3
+        grid, value, color=BLUE, linewidth=2.0, label="fitted freely", zorder=3
     )  # fmt: skip
     return [points, curve, band]
 
 
-def _named(
-    panel: Axes,
-    shown: Panel,
-    values: Array,
-    grid: Array,
-    variable: Array,
-    effect: str | None,
-    levels: bool,
-) -> Any:
+def _named(panel: Axes, shown: Panel, grid: Array, variable: Array, curve: Curve) -> Any:
     """The effect: a line where it is a function of the variable, else a cross for each pose."""
+    values, effect = _array(shown.effect or ()), curve.effect
     look: Any = {"color": VERMILLION, "zorder": 4}
-    if levels:
+    if curve.levels:
         at = np.argmin(np.abs(variable[:, None] - grid), axis=1)
         means = np.bincount(at, values, len(grid)) / np.maximum(np.bincount(at, None, len(grid)), 1)
         look |= {"marker": "D", "markerfacecolor": "none", "markeredgewidth": 1.8}
@@ -158,15 +126,15 @@ def _named(
 
 def _limits(shown: Panel) -> tuple[float, float]:
     """What the curve, its band and the effect need, and most of the points."""
-    half = _TWO_SIDED * shown.std
-    parts = [shown.value - half, shown.value + half]
-    if shown.effect is not None:
-        parts.append(shown.effect)
-    known = shown.single[np.isfinite(shown.single)]
+    value, half = _array(shown.value), _TWO_SIDED * _array(shown.std)
+    parts = [value - half, value + half, _array(shown.effect or ())]
+    known = _array(shown.single)
+    known = known[np.isfinite(known)]
     if len(known):
         parts.append(np.quantile(known, [0.02, 0.98]))
     every = np.concatenate(parts)
-    low, high = min(float(np.nanmin(every)), 0.0), max(float(np.nanmax(every)), 0.0)
+    every = every[np.isfinite(every)]
+    low, high = float(every.min(initial=0.0)), float(every.max(initial=0.0))
     room = 0.08 * (high - low) or 1.0
     return low - room, high + room
 
@@ -177,15 +145,9 @@ def _aside(values: Array, marks: Array) -> Array:
     return values + 0.22 * float(np.diff(marks).min()) * (2.0 * golden - 1.0)
 
 
-def _rows(
-    panels: Sequence[Panel], variable: Array, names: Sequence[str]
-) -> tuple[tuple[Cell, ...], ...]:
-    found = []
-    for i, pose in enumerate(names):
-        row: list[Cell] = [pose, cell(variable[i])]
-        for shown in panels:
-            parts = [shown.at_poses, shown.std_at_poses, shown.single]
-            parts += [] if shown.effect is None else [shown.effect]
-            row += [cell(part[i]) for part in parts]
-        found.append(tuple(row))
-    return tuple(found)
+def _rows(curve: Curve) -> Iterator[tuple[Cell, ...]]:
+    parts: list[Sequence[Cell]] = [curve.pose_names, curve.variable]
+    for shown in curve.panels:
+        parts += [shown.at_poses, shown.std_at_poses, shown.single]
+        parts += [] if shown.effect is None else [shown.effect]
+    yield from zip(*parts, strict=True)

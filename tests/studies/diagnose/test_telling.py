@@ -1,4 +1,4 @@
-"""The tables of a diagnosis: the verdict first, nothing undefined, nothing too wide."""
+"""What a diagnosis says: the verdict first, nothing undefined, nothing too wide."""
 
 from __future__ import annotations
 
@@ -9,21 +9,29 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from calib.files.write import json_text
-from studies.diagnose.tables import diagnosis_tables, verdict_sentence
+from studies.diagnose.record import DiagnoseRecord
+from studies.diagnose.telling import verdict_sentence
+from studies.document.terminal import terminal
+from tests.studies.examples import old_fields
+
+
+def likely(name: str, where: str) -> dict[str, Any]:
+    return {"effect": name, "where": where, "probability": 0.5}
 
 
 def effect(name: str, where: str, parameters: list[dict[str, Any]], **more: Any) -> dict[str, Any]:
     own = {"effect": name, "where": where, "probability": 0.9}
-    return {**own, "class": [own], "parameters": parameters, "share_of_gap": 0.5, **more}
+    alike = {**own, "class": [own], "parameters": parameters}
+    return {**alike, "p_value": 1e-9, "shape_p_value": 0.5, "share_of_gap": 0.5, **more}
 
 
 def parameter(name: str, value: float, std: float | None) -> dict[str, Any]:
     return {"name": name, "value": value, "std": std, "unit": "urad/h"}
 
 
-def fields(**changed: Any) -> dict[str, Any]:
-    return {
+def diagnosed(**changed: Any) -> DiagnoseRecord:
+    entries = {
+        **old_fields("diagnose"),
         "verdict": "explained",
         "noise": {"sigma_mm": 0.01, "believed_sigma_mm": 0.005, "source": "residual"},
         "effects": [effect("backlash", "A3", [parameter("half_width", 41.0, 1.2)])],
@@ -36,24 +44,33 @@ def fields(**changed: Any) -> dict[str, Any]:
         "could_not_see": [],
         "outliers": [],
         "not_asked": [],
+        "next_poses": [],
+        "next_poses_predicted": [],
+        "refused": [],
+        "spectra": [],
+        "approach_derived": False,
         **changed,
     }  # fmt: skip
+    return DiagnoseRecord.model_validate_json(json.dumps(entries))
 
 
-def shown(of: dict[str, Any], width: int = 80) -> list[str]:
+def shown(of: DiagnoseRecord, width: int = 80) -> list[str]:
     out = io.StringIO()
     console = Console(file=out, width=width, highlight=False, soft_wrap=True)
-    for part in diagnosis_tables("cell", of):
+    for part in terminal(of.told(), "cell"):
         console.print(part)
     return [line.rstrip() for line in out.getvalue().splitlines()]
 
 
 def test_the_verdict_comes_first_and_the_error_next() -> None:
-    lines = shown(fields())
-    assert lines[0] == "cell: the gap is explained by backlash:A3"
-    assert lines[1].endswith("from what is left; the cell states 0.0050")
+    lines = shown(diagnosed())
+    assert lines[0].startswith(
+        "cell: The gap is explained by backlash:A3. At poses that the choice"
+    )
+    noise = next(line for line in lines if line.startswith("noise "))
+    assert noise.endswith("from what is left; the cell states 0.0050")
     (held,) = (line.split() for line in lines if line.startswith("held out"))
-    assert held[2:] == ["0.0520", "0.0220", "0.0200", "97", "%", "(94", "to", "99)"]
+    assert held[4:] == ["0.0520", "0.0220", "0.0200", "97", "%", "(94", "to", "99)"]
     (place,) = (line.split() for line in lines if line.startswith("A3 "))
     assert place == ["A3", "approach:A3", "50", "%", "backlash"]
 
@@ -70,8 +87,7 @@ def test_the_verdict_comes_first_and_the_error_next() -> None:
                 "verdict": "ambiguous",
                 "effects": [
                     effect("backlash", "A3", []),
-                    effect("x", "A1", [], **{"class": [{"effect": "x", "where": "A1"},
-                                                        {"effect": "y", "where": "A2"}]}),
+                    effect("x", "A1", [], **{"class": [likely("x", "A1"), likely("y", "A2")]}),
                 ],
             },
             "explained by backlash:A3 and x:A1 or y:A2; these data cannot tell which",
@@ -83,24 +99,21 @@ def test_the_verdict_comes_first_and_the_error_next() -> None:
     ],
 )  # fmt: skip
 def test_every_verdict_is_a_sentence(changed: dict[str, Any], words: str) -> None:
-    assert words in verdict_sentence(fields(**changed))
+    assert words in verdict_sentence(diagnosed(**changed))
 
 
 def test_what_is_undefined_is_said_and_null_in_the_json() -> None:
     drift = [parameter("x", 3.0, 0.1), parameter("y", 0.0, None)]
-    of = fields(
+    of = diagnosed(
         effects=[effect("base_drift", "base", drift, probability=None, share_of_gap=None)],
         located=[{"where": "base", "depends_on": "time", "share_of_gap": None}],
     )
     lines = shown(of)
     assert "base_drift:base, probability -, - of the gap" in lines
-    (row,) = (line for line in lines if line.split()[:1] == ["y"])
-    assert row.split() == ["y", "-", "not", "identified"]
+    assert "not identified at these poses: y" in lines
     assert "nan" not in "\n".join(lines)
-    text = json_text(of | {"worst": float("nan")})
-    again = json.loads(text, parse_constant=pytest.fail)
+    again = json.loads(of.dumps(), parse_constant=pytest.fail)
     assert again["effects"][0]["parameters"][1]["std"] is None
-    assert again["worst"] is None
 
 
 def test_many_parameters_outliers_and_effects_are_summed_up() -> None:
@@ -114,7 +127,7 @@ def test_many_parameters_outliers_and_effects_are_summed_up() -> None:
         {"effect": kind, "where": "A6", "minimum_detectable": None, "unit": "urad"}
         for kind in ("backlash", "tracker_scale")
     ]
-    of = fields(
+    of = diagnosed(
         effects=[effect("gravity_sag", "arm", many)],
         outliers=[{"pose": f"p{i:03d}", "reason": "far off"} for i in range(20)],
         not_asked=[
@@ -125,23 +138,52 @@ def test_many_parameters_outliers_and_effects_are_summed_up() -> None:
         could_not_see=hidden,
     )  # fmt: skip
     lines = shown(of)
-    assert "  and 22 that differ less from zero (JSON)" in lines
-    assert "  not identified at these poses: u0, u1, u2, u3 and 5 more" in lines
-    assert any(line.startswith("20 outliers left out: p000, p001") for line in lines)
-    assert "not asked: thermal_expansion; no temperature; add a column" in lines
+    assert "and 22 more (JSON)" in lines
+    assert "not identified at these poses: u0, u1, u2, u3 and 5 more" in lines
+    assert "and 17 more (JSON)" in lines
+    said = " ".join(" ".join(lines).split())
+    assert "not asked thermal_expansion:A0,A1,A2,A3,A4,A5; no temperature; add a column" in said
     (sizes,) = (line.split() for line in lines if line.startswith("backlash"))
     assert sizes == ["backlash", "10", "(A1)", "50", "(A5)", "urad", "A6"]
-    assert lines[-1] == "not visible at these poses, wherever it acts: tracker_scale"
-    assert len(lines) < 45
+    assert lines[-1] == "Not visible at these poses, wherever it acts: tracker_scale."
+    assert len(lines) < 55
 
 
 @pytest.mark.parametrize("width", [80, 100])
 def test_tables_fit_the_terminal(width: int) -> None:
     place = "shoulder_lift_joint"
-    of = fields(
+    of = diagnosed(
         effects=[effect("transmission_harmonic", place, [parameter("cos_1", 1.0, 0.1)])],
         located=[{"where": place, "depends_on": f"q:{place}", "share_of_gap": 0.5}],
     )
     lines = shown(of, width)
-    assert max(map(len, lines)) <= width
+    tables = [line for line in lines if line.startswith(place)]
+    assert len(tables) == 1
+    assert max(map(len, tables)) <= width
     assert "…" not in "\n".join(lines)
+
+
+def test_a_sentence_for_each_joint_that_a_grid_deceives() -> None:
+    line = {
+        "cycles": 100.0, "std": 0.1, "amplitude_urad": 50.0, "amplitude_std_urad": 5.0, "fall": 90.0,
+        "ratios": [50.0, 100.0], "aliases": [8.0, 28.0, 44.0, 64.0, 80.0],
+    }  # fmt: skip
+    entry = {
+        "joint": "A2", "cycles_1_turn": [1.0, 100.0], "fall": [1.0, 90.0], "false_alarm": 27.0,
+        "width_1_turn": 1.0, "repeats_1_turn": 36.0, "lines": [line],
+    }  # fmt: skip
+    clear = {**entry, "joint": "A1", "repeats_1_turn": None, "lines": [{**line, "aliases": []}]}
+    bare = {**entry, "joint": "A3", "lines": []}
+    chance = {**entry, "joint": "A4", "repeats_1_turn": None}
+    said = " ".join(" ".join(shown(diagnosed(spectra=[clear, entry, bare, chance]))).split())
+    for words in (
+        "A2 stands in steps of 10 deg, so that its line at 100.0 cycles a turn might as well be at "
+        "8.0, 28.0, 44.0, 64.0 or 1 more; steps that are not equal would tell",
+        "A3 stands in steps of 10 deg, so that c and 36 \N{MINUS SIGN} c cycles a turn are the same at "
+        "these poses; steps that are not equal would tell",
+        "A4: its line at 100.0 cycles a turn might as well be at 8.0, 28.0, 44.0, 64.0 or 1 more; "
+        "steps that are not equal would tell",
+    ):
+        assert words in said
+    assert "A1 stands" not in said
+    assert "A1: its line" not in said

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calib.arrays import Array
 from calib.effects.protocol import ARM
-from doe.prospect import Detectability, PowerAnalysis
 from studies.plots.style import (
     FAINT,
     INK,
@@ -31,6 +30,8 @@ from studies.plots.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from studies.plan.record import PlanRecord, Seen
+
 _MOST = 32  # causes on the map; the others are easier to tell and stand in the table
 _HARDEST = 30.0  # times the smallest size at which the colours end
 _CELL = 0.3  # inch
@@ -38,41 +39,27 @@ _COLUMNS = 4
 _FAR = 100.0  # a usual size that is farther from what is found is not drawn
 
 
-def pictures(found: PowerAnalysis) -> list[Picture]:
-    """The map where anything looks alike, and the power where anything can be seen."""
-    return list(_pictures(found))
-
-
-def _pictures(found: PowerAnalysis) -> Iterator[Picture]:
-    if found.order:
-        yield look_alikes(found)
-    if found.seen:
-        yield power(found)
-
-
 # -- map of look-alikes ------------------------------------------------------------------------
 
 
 @styled
-def look_alikes(found: PowerAnalysis) -> Picture:
+def look_alikes(record: PlanRecord) -> Picture:
     """Map of the sizes from which on each cause (row) is told from each other (column)."""
     from matplotlib.colors import LogNorm
 
-    shown = _hardest(found)
-    names, times = [found.seen[i].key for i in shown], found.times[np.ix_(shown, shown)]
+    members, times = _times(record)
+    shown = _hardest(times)
+    names, times = [members[i] for i in shown], times[np.ix_(shown, shown)]
     side = _CELL * len(shown)
     figure = sheet(side + 4.6, side + 2.9, "compressed")
     panel = figure.subplots()
     panel.set_facecolor("white")
-    drawn = np.zeros(found.times.shape, dtype=bool)
-    drawn[tuple(np.array(found.pairs).T)] = True
-    drawn = drawn[np.ix_(shown, shown)]
-    alike = np.where(drawn, np.clip(times, 1.0, _HARDEST), np.nan)
+    alike = np.where(times > 0.0, np.clip(times, 1.0, _HARDEST), np.nan)
     image = panel.imshow(
         alike, cmap="Blues", norm=LogNorm(0.7, _HARDEST), interpolation="nearest", aspect="equal"
     )
     _frame(panel, names)
-    _write(panel, np.where(drawn, times, 0.0))
+    _write(panel, times)
     bar = figure.colorbar(image, ax=panel, shrink=min(1.0, 3.2 / side + 0.2), aspect=25)
     bar.ax.set_ylim(1.0, _HARDEST)
     log_ticks(bar.ax.yaxis, 1.0, _HARDEST)
@@ -81,20 +68,36 @@ def look_alikes(found: PowerAnalysis) -> Picture:
     return Picture(
         "look_alikes",
         "Map of look-alikes",
-        _map_caption(found, len(shown)),
+        _map_caption(record, len(members), len(shown)),
         figure,
         ("cause", "is taken for", "rho", "told apart from [times its smallest size]"),
-        tuple(_pairs(found)),
+        tuple((p.key, p.like.key, p.rho, p.told_apart_times) for p in record.look_alikes),
     )
 
 
-def _hardest(found: PowerAnalysis) -> list[int]:
-    """Causes on the map, in its order: those that are hardest to tell from another."""
-    order = found.order
-    if len(order) <= _MOST:
-        return order
-    either = np.maximum(found.times, found.times.T).max(axis=1)
-    kept = set(sorted(order, key=lambda i: -either[i])[:_MOST])
+def _times(record: PlanRecord) -> tuple[list[str], Array]:
+    """Causes with look-alikes, and the size from which on each is told from each; zero at once."""
+    pairs, keys = record.look_alikes, [cause.key for cause in record.seen]
+    either = {pair.key for pair in pairs} | {pair.like.key for pair in pairs}
+    members = [key for key in keys if key in either]
+    times = np.zeros((len(members), len(members)))
+    for pair in pairs:
+        told = pair.told_apart_times
+        times[members.index(pair.key), members.index(pair.like.key)] = told or np.inf
+    return members, times
+
+
+def _hardest(times: Array) -> list[int]:
+    """Causes on the map: those that are hardest to tell, each beside those that it is taken for."""
+    from scipy.cluster.hierarchy import leaves_list, linkage
+    from scipy.spatial.distance import squareform
+
+    either = np.maximum(times, times.T)
+    distance = 1.0 / np.maximum(either, 1.0)
+    np.fill_diagonal(distance, 0.0)
+    tree = linkage(squareform(distance), method="average", optimal_ordering=True)
+    order = [int(i) for i in leaves_list(tree)]
+    kept = sorted(order, key=lambda i: -either[i].max())[:_MOST]
     return [i for i in order if i in kept]
 
 
@@ -125,27 +128,20 @@ def _write(panel: Axes, times: Array) -> None:
         panel.text(j, i, text, ha="center", va="center", fontsize=9, color=color)
 
 
-def _map_caption(found: PowerAnalysis, shown: int) -> str:
-    order, twins = found.order, found.confounded
+def _map_caption(record: PlanRecord, members: int, shown: int) -> str:
+    seen = len(record.seen)
     caption = (
         "Row: a cause that is there, as small as can be found. Column: what it is taken for. The "
         "number says how many times larger the cause must be to be told apart in 95 of 100 cases; "
         "= means that no size would do at these poses, an empty cell that they are told apart at once. "
-        f"{len(found.seen) - len(order)} of {len(found.seen)} visible causes look like no other."
+        f"{seen - members} of {seen} visible causes look like no other."
     )
-    if len(order) > shown:
-        caption += f" The {shown} hardest of {len(order)} are drawn; the table has all."
-    if twins:
-        groups = "; ".join(" and ".join(found.seen[i].key for i in group) for group in twins)
+    if members > shown:
+        caption += f" The {shown} hardest of {members} are drawn; the table has all."
+    if record.twins:
+        groups = "; ".join(" and ".join(m.key for m in twins.members) for twins in record.twins)
         caption += f" Twins: {groups}."
     return caption
-
-
-def _pairs(found: PowerAnalysis) -> Iterator[tuple[Cell, ...]]:
-    rho = None if found.alike is None else found.alike.rho
-    for i, j in found.pairs:
-        own = None if rho is None else float(rho[i, j])
-        yield found.seen[i].key, found.seen[j].key, own, cell(found.times[i, j])
 
 
 def _label(key: str) -> str:
@@ -158,13 +154,12 @@ def _label(key: str) -> str:
 
 
 @styled
-def power(found: PowerAnalysis) -> Picture:
+def power(record: PlanRecord) -> Picture:
     """Probability that a cause is found against its size, one panel a kind of cause."""
-    panels: dict[tuple[str, str], list[Detectability]] = {}
-    for cause in found.seen:
-        unit = cause.parameters[cause.lead].unit
-        panels.setdefault((cause.candidate.effect.kind, unit), []).append(cause)
-    look = _looks(found)
+    panels: dict[tuple[str, str], list[Seen]] = {}
+    for cause in record.seen:
+        panels.setdefault((cause.effect, cause.unit), []).append(cause)
+    look = _looks(record)
     columns = min(_COLUMNS, len(panels))
     lines = -(-len(panels) // columns)
     figure = sheet(3.0 * columns, 2.35 * lines + 0.5)
@@ -172,7 +167,7 @@ def power(found: PowerAnalysis) -> Picture:
     for panel in axes.flat[len(panels) :]:
         panel.remove()
     for own, panel in zip(panels.values(), axes.flat, strict=False):
-        _power_panel(panel, own, look)
+        _power_panel(panel, own, look, record.power)
     for row in axes:
         row[0].set_ylabel("found [%]")
     if look:
@@ -185,36 +180,39 @@ def power(found: PowerAnalysis) -> Picture:
     header = (
         "cause", "parameter", "unit", "found 10 %", "found 50 %", "found 90 %", "found 99 %", "usual",
     )  # fmt: skip
-    rows = tuple(_power_row(cause) for cause in found.seen)
+    rows = tuple(_power_row(cause, record.power) for cause in record.seen)
     return Picture("detection_power", "Detection power against size", caption, figure, header, rows)
 
 
-def _looks(found: PowerAnalysis) -> dict[str, Look]:
+def _looks(record: PlanRecord) -> dict[str, Look]:
     """Of the joints, and of the arm as a whole; what acts in one place only needs none."""
-    places = {cause.candidate.where for cause in found.seen}
-    look = looks([j for j in found.view.model.robot.joints if j in places])
+    places = {cause.where for cause in record.seen}
+    look = looks([joint for joint in record.joints if joint in places])
     if ARM in places:
         look[ARM] = Look(ARM, SKY, "", (0, (3, 1, 1, 1)), "", "")  # type: ignore[arg-type]
     return look
 
 
-def _power_panel(panel: Axes, own: Sequence[Detectability], look: dict[str, Look]) -> None:
+def _power_panel(panel: Axes, own: Sequence[Seen], look: dict[str, Look], power: float) -> None:
     """All causes of one kind whose sizes have one unit."""
+    from scipy.special import chndtr
+
     tidy(panel)
     panel.set_xscale("log")
-    first = own[0].parameters[own[0].lead]
-    sizes = np.array([cause.smallest[cause.lead] for cause in own]) / first.scale
-    usual = np.array([cause.sizes[cause.lead] for cause in own]) / first.scale
+    sizes = np.array([cause.size for cause in own])
+    usual = np.array([cause.plausible for cause in own])
     shown = usual[(usual > sizes.min() / _FAR) & (usual < sizes.max() * _FAR)]
     low, high = (f([*end, *between]) for f, end, between in (
         (min, [0.25 * sizes.min()], 0.7 * shown), (max, [2.5 * sizes.max()], 1.4 * shown),
     ))  # fmt: skip
-    for cause, size in zip(own, sizes, strict=True):
-        drawn = look.get(cause.candidate.where)
-        x = np.geomspace(low, high, 240)
+    x = np.geomspace(low, high, 240)
+    for cause in own:
+        drawn, limit = look.get(cause.where), _limit(cause, power)
+        there = (cause.noncentrality or 0.0) * (x / cause.size) ** 2
         panel.plot(
-            x, 100.0 * cause.found(x / size), color=INK if drawn is None else drawn.color,
-            linestyle="-" if drawn is None else drawn.linestyle, linewidth=1.8,
+            x, 100.0 * (1.0 - chndtr(limit, cause.directions, there)), linewidth=1.8,
+            color=INK if drawn is None else drawn.color,
+            linestyle="-" if drawn is None else drawn.linestyle,
         )  # fmt: skip
     panel.plot(
         shown, np.zeros(len(shown)), linestyle="", marker="^", color=SOFT, markersize=6,
@@ -225,20 +223,26 @@ def _power_panel(panel: Axes, own: Sequence[Detectability], look: dict[str, Look
     panel.set_ylim(0.0, 104.0)
     panel.set_yticks([0, 50, 90])
     log_ticks(panel.xaxis, low, high)
-    panel.set_title(own[0].candidate.effect.kind.replace("_", " "), loc="left")
-    names = {cause.parameters[cause.lead].name for cause in own}
+    panel.set_title(own[0].effect.replace("_", " "), loc="left")
+    names = {cause.parameter for cause in own}
     what = names.pop() if len(names) == 1 else "best parameter"
-    panel.set_xlabel(f"{what.replace('_', ' ')} [{first.unit}]", fontsize=9)
+    panel.set_xlabel(f"{what.replace('_', ' ')} [{own[0].unit}]", fontsize=9)
     panel.tick_params(labelsize=9)
 
 
-def _power_row(cause: Detectability) -> tuple[Cell, ...]:
-    from calib.diagnosis.power import needed_beyond
+def _limit(cause: Seen, power: float) -> float:
+    """The score beyond which a cause is believed: its smallest size is found with this power."""
+    from scipy.special import chndtrix
 
-    main, size = cause.parameters[cause.lead], cause.smallest[cause.lead]
-    levels = [
-        np.sqrt(needed_beyond(cause.limit, cause.directions, chance) / cause.needed)
+    return float(chndtrix(1.0 - power, cause.directions, cause.noncentrality))
+
+
+def _power_row(cause: Seen, power: float) -> tuple[Cell, ...]:
+    from scipy.special import chndtrinc
+
+    limit, needed = _limit(cause, power), cause.noncentrality or 1.0
+    sizes = [
+        cell(cause.size * (float(chndtrinc(limit, cause.directions, 1.0 - chance)) / needed) ** 0.5)
         for chance in (0.1, 0.5, 0.9, 0.99)
     ]
-    sizes = [float(size * level / main.scale) for level in levels]
-    return cause.key, main.name, main.unit, *sizes, main.size / main.scale
+    return cause.key, cause.parameter, cause.unit, *sizes, cause.plausible

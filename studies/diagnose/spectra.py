@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calib.arrays import Array
+from studies.diagnose.record import Line, Spectrum
 from studies.plots.style import (
     INK,
     SERIES,
@@ -38,48 +38,9 @@ _ALONE, _SHARED = replace(SERIES[0], color=INK), SERIES[1:]
 _OCTAVE = 2.0  # a gear errs once and twice a turn of its fast side
 
 
-@dataclass(frozen=True)
-class Mark:
-    """A line that was found.
-
-    cycles, std : float, 1/turn; amplitude : float, urad; fall : float, when it was found
-    ratios : gear ratios that it would mean; aliases : what else it might be, 1/turn
-    """
-
-    cycles: float
-    std: float
-    amplitude: float
-    fall: float
-    ratios: tuple[float, float]
-    aliases: tuple[float, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Panel:
-    """A joint: cycles and fall, shape (C,); width of a line; repeats, where its steps are equal."""
-
-    joint: str
-    cycles: Array
-    fall: Array
-    false_alarm: float
-    width: float
-    repeats: float | None
-    marks: tuple[Mark, ...]
-
-
 @styled
-def spectra(
-    panels: Sequence[Panel],
-    *,
-    name: str = "spectra",
-    title: str = "What repeats in each joint's turn",
-) -> Picture:
-    """A row for each joint, all on one scale; lines that may be of one type of gear look alike.
-
-    Raises ValueError where there is no panel.
-    """
-    if not panels:
-        raise ValueError("there is no spectrum to draw")
+def spectra(panels: Sequence[Spectrum]) -> Picture:
+    """A row for each joint, all on one scale; lines that may be of one type of gear look alike."""
     shared = families(panels)
     looks = {
         line: look for family, look in zip(shared, cycle(_SHARED), strict=False) for line in family
@@ -87,7 +48,7 @@ def spectra(
     figure = sheet(6.2, 1.3 + 1.0 * len(panels))
     axes = figure.subplots(len(panels), 1, sharex=True, sharey=True, squeeze=False).ravel()
     for i, (axis, panel) in enumerate(zip(axes, panels, strict=True)):
-        _draw(axis, panel, [looks.get((i, k), _ALONE) for k in range(len(panel.marks))])
+        _draw(axis, panel, [looks.get((i, k), _ALONE) for k in range(len(panel.lines))])
     axes[0].set(xlim=(0.0, _MOST), ylim=(_LOWEST, _highest(panels)))
     axes[0].set_yscale("log")
     axes[0].minorticks_off()
@@ -106,12 +67,13 @@ def spectra(
         "joint", "cycles [1/turn]", "standard deviation [1/turn]", "amplitude [urad]",
         "gear ratio, if twice a turn", "gear ratio, if once", "or, at these poses, cycles [1/turn]",
     )  # fmt: skip
-    return Picture(name, title, caption, figure, header, tuple(_rows(panels)))
+    title = "What repeats in each joint's turn"
+    return Picture("spectra", title, caption, figure, header, tuple(_rows(panels)))
 
 
-def families(panels: Sequence[Panel]) -> list[frozenset[tuple[int, int]]]:
+def families(panels: Sequence[Spectrum]) -> list[frozenset[tuple[int, int]]]:
     """Lines, as (panel, mark), that agree between joints within their widths, or are 2:1."""
-    lines = [(i, k) for i, panel in enumerate(panels) for k in range(len(panel.marks))]
+    lines = [(i, k) for i, panel in enumerate(panels) for k in range(len(panel.lines))]
     groups = [{line} for line in lines]
     for n, one in enumerate(lines):
         for other in lines[:n]:
@@ -122,24 +84,26 @@ def families(panels: Sequence[Panel]) -> list[frozenset[tuple[int, int]]]:
     return sorted(shared, key=lambda group: min(group))
 
 
-def _akin(panels: Sequence[Panel], one: tuple[int, int], other: tuple[int, int]) -> bool:
-    low, high = sorted(panels[i].marks[k].cycles for i, k in (one, other))
-    within = 0.5 * (panels[one[0]].width + panels[other[0]].width)
+def _akin(panels: Sequence[Spectrum], one: tuple[int, int], other: tuple[int, int]) -> bool:
+    low, high = sorted(panels[i].lines[k].cycles for i, k in (one, other))
+    within = 0.5 * (panels[one[0]].width_1_turn + panels[other[0]].width_1_turn)
     return high - low < within or abs(high - _OCTAVE * low) < within
 
 
-def _draw(axis: Axes, panel: Panel, own: Sequence[Look]) -> None:
+def _draw(axis: Axes, panel: Spectrum, own: Sequence[Look]) -> None:
     """One joint; own : the look of each of its lines."""
     tidy(axis, "none")
     alarm = panel.false_alarm**0.5
-    axis.plot(panel.cycles, np.sqrt(np.maximum(panel.fall, _LOWEST**2)), color=SOFT, linewidth=0.7)
+    fall = np.maximum(panel.fall, _LOWEST**2)
+    axis.plot(panel.cycles_1_turn, np.sqrt(fall), color=SOFT, linewidth=0.7)
     axis.axhline(alarm, color=INK, linewidth=1.1, linestyle=(0, (4, 2)))
     axis.set_title(elided(panel.joint), loc="left", pad=3.0)
-    if panel.repeats is not None:
-        text = f"steps of {360.0 / panel.repeats:.3g} deg: repeats every {panel.repeats:.3g} cycles"
+    repeats = panel.repeats_1_turn
+    if repeats is not None:
+        text = f"steps of {360.0 / repeats:.3g} deg: repeats every {repeats:.3g} cycles"
         axis.set_title(text, loc="right", pad=3.0, fontsize=9, color=SOFT)
     places = _places(panel)
-    for mark, look, place in zip(panel.marks, own, places, strict=True):
+    for mark, look, place in zip(panel.lines, own, places, strict=True):
         top = mark.fall**0.5
         drawn: Any = {"color": look.color, "marker": look.marker, "markersize": 5.5}
         axis.plot([mark.cycles] * 2, [_LOWEST, top], color=look.color, linewidth=1.6, zorder=3)
@@ -151,11 +115,11 @@ def _draw(axis: Axes, panel: Panel, own: Sequence[Look]) -> None:
             words.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.85})
 
 
-def _places(panel: Panel) -> list[tuple[float, str, str] | None]:
+def _places(panel: Spectrum) -> list[tuple[float, str, str] | None]:
     """Where the words of each line stand, the strongest first; None where there is no room."""
-    taken = [(mark.cycles - 0.5 * _ASIDE, mark.cycles + 0.5 * _ASIDE) for mark in panel.marks]
+    taken = [(mark.cycles - 0.5 * _ASIDE, mark.cycles + 0.5 * _ASIDE) for mark in panel.lines]
     found: list[tuple[float, str, str] | None] = []
-    for mark in panel.marks:
+    for mark in panel.lines:
         found.append(None)
         for text in (_words(mark), f"{mark.cycles:.1f}"):
             length = _LETTER * len(text)
@@ -171,22 +135,23 @@ def _places(panel: Panel) -> list[tuple[float, str, str] | None]:
     return found
 
 
-def _words(mark: Mark) -> str:
+def _words(mark: Line) -> str:
     """A line with the gear ratios that it would mean, or with what else it might be."""
     if mark.aliases:
         return f"{mark.cycles:.1f}, or {len(mark.aliases)} others"
     return f"{mark.cycles:.1f}: ratio {' or '.join(f'{ratio:.1f}' for ratio in mark.ratios)}"
 
 
-def _highest(panels: Sequence[Panel]) -> float:
+def _highest(panels: Sequence[Spectrum]) -> float:
     """What the lines and the false alarm need; what is slow may leave the panel."""
     tops = [panel.false_alarm for panel in panels]
-    tops += [float(p.fall[p.cycles >= _SLOW].max(initial=0.0)) for p in panels]
-    tops += [mark.fall for panel in panels for mark in panel.marks]
+    for p in panels:
+        tops += [fall for c, fall in zip(p.cycles_1_turn, p.fall, strict=True) if c >= _SLOW]
+    tops += [mark.fall for panel in panels for mark in panel.lines]
     return 1.6 * float(np.sqrt(max(tops)))
 
 
-def _key(panels: Sequence[Panel], shared: Sequence[frozenset[tuple[int, int]]]) -> list[Any]:
+def _key(panels: Sequence[Spectrum], shared: Sequence[frozenset[tuple[int, int]]]) -> list[Any]:
     from matplotlib.lines import Line2D
 
     alarm = Line2D(
@@ -196,7 +161,7 @@ def _key(panels: Sequence[Panel], shared: Sequence[frozenset[tuple[int, int]]]) 
     for family, look in zip(shared, cycle(_SHARED), strict=False):
         joints = ", ".join(elided(panels[i].joint) for i in sorted({i for i, _ in family}))
         found.append(_entry(look, f"lines that {joints} share"))
-    if sum(len(panel.marks) for panel in panels) > sum(map(len, shared)):
+    if sum(len(panel.lines) for panel in panels) > sum(map(len, shared)):
         found.append(_entry(_ALONE, "line of one joint"))
     return found
 
@@ -207,10 +172,10 @@ def _entry(look: Look, label: str) -> Any:
     return Line2D([], [], color=look.color, marker=look.marker, linewidth=1.6, label=label)
 
 
-def _rows(panels: Sequence[Panel]) -> Iterator[tuple[Cell, ...]]:
+def _rows(panels: Sequence[Spectrum]) -> Iterator[tuple[Cell, ...]]:
     for panel in panels:
-        for mark in panel.marks:
+        for mark in panel.lines:
             others = ", ".join(f"{cycles:.1f}" for cycles in mark.aliases)
-            yield (panel.joint, mark.cycles, mark.std, mark.amplitude, *mark.ratios, others)
-        if not panel.marks:
+            yield (panel.joint, mark.cycles, mark.std, mark.amplitude_urad, *mark.ratios, others)
+        if not panel.lines:
             yield (panel.joint, *[None] * 5, "")

@@ -7,19 +7,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from studies.command.deliver import (
-    check_outputs,
-    figure_files,
-    output_file,
-    say_written,
-    show,
-    warn,
-)
+from studies.command.deliver import check_outputs, deliver, output_file, show
 from studies.command.options import PATH, cell_argument, data_argument, faults_in, result_options
-from studies.commands.common import envelope, output_texts
 
 if TYPE_CHECKING:
     from calib import Cell
+    from calib.diagnosis import Diagnosis
+    from doe.prospect.rivals.next_poses import NextPoses
 
 
 @click.command(short_help="What the model lacks: where, why, how much.")
@@ -74,93 +68,75 @@ def diagnose(
       posecal diagnose cell.toml plan.csv --plan-only
     """
     import calib
-    from calib.compensation.estimate import estimate_of
     from calib.diagnosis.diagnose import diagnose as diagnose_data
     from calib.diagnosis.spectra import spectra
-    from calib.errors import CalibError, InputError
-    from calib.files.diagnosis import diagnosis_fields
-    from calib.files.write import write_files
-    from doe.prospect.rivals.next_poses import next_poses
-    from doe.prospect.rivals.results import next_fields
+    from calib.errors import InputError
     from studies.command.holdout import held_out
-    from studies.diagnose.next_tables import next_tables
-    from studies.diagnose.shown import shown_fields
-    from studies.diagnose.tables import diagnosis_tables
-    from studies.estimate import estimated
+    from studies.diagnose.cell_out import better_cell
+    from studies.diagnose.record import diagnose_record
+    from studies.diagnose.shown import shown
+    from studies.record import envelope
 
     cell = calib.load_cell(cell_path)
     if plan_only:
         for name, value in (("--holdout", holdout), ("--cell-out", cell_out)):
             if value is not None:
                 raise InputError(name, "", "does not go with --plan-only", "give one of them")
-        _foresee(cell, cell_path, data_path, folder, json_path, seed)
+        _foresee(cell, data_path, folder, json_path, seed)
         return
     data = calib.load_measurements(cell, data_path)
-    inputs = [cell_path, *cell.robot_files, data_path]
     data, heldout, extra, warnings = held_out(cell, data, holdout, seed, data_path)
-    targets = cell.design["targets"]
+    inputs, targets = [cell_path, *cell.robot_files, data_path, *extra], cell.design["targets"]
     outputs = [output_file(json_path), cell_out]
-    check_outputs(outputs, [*inputs, *extra, *([targets] if targets else [])], folder)
-    warn(warnings)
+    check_outputs(outputs, [*inputs, *([targets] if targets else [])], folder)
     with faults_in(data_path, effects_of=cell_path):
-        result = diagnose_data(cell, data, heldout=heldout)
-    fields = {
-        **envelope("diagnose", [*inputs, *extra], seed),
-        "holdout": holdout,
-        **diagnosis_fields(result, spectra(result)),
-        "estimate": estimated(estimate_of(result)).model_dump(by_alias=True),
-    }
-    if next_count:
-        try:
-            chosen = next_poses(cell, result, count=next_count, seed=seed)
-            fields |= next_fields(chosen, cell.robot)
-        except CalibError as error:  # the diagnosis stands without them
-            warn((f"no next poses: {error}",))
-    if json_path is not None or folder is not None:
-        fields |= shown_fields(result)
-    texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
+        found = diagnose_data(cell, data, heldout=heldout)
+    chosen, failed = _next(cell, found, next_count, seed)
+    for_figures = shown(found) if json_path is not None or folder is not None else None
+    record = diagnose_record(
+        found,
+        spectra(found),
+        chosen,
+        for_figures,
+        holdout,
+        envelope(cell.name, inputs, seed),
+        (*warnings, *failed),
+    )
+    texts: dict[Path, str | bytes] = {}
     notes: list[str] = []
     if cell_out is not None:
-        from studies.diagnose.cell_out import better_cell
+        texts[cell_out], notes = better_cell(cell, found, cell_out)
+    deliver(record, json_path, folder, texts)
+    show(notes, json_path)
 
-        texts[cell_out], notes = better_cell(cell, result, cell_out)
-    if folder is not None:
-        from studies.diagnose.pictures import pictures
 
-        texts |= figure_files(pictures(fields), folder)
-    write_files(texts)
-    show((*diagnosis_tables(cell.name, fields), *next_tables(fields), *notes), json_path)
-    say_written(texts, folder, json_path)
+def _next(
+    cell: Cell, found: Diagnosis, count: int, seed: int
+) -> tuple[NextPoses | None, tuple[str, ...]]:
+    """Poses that tell rivals apart, and why there are none: the diagnosis stands without them."""
+    from calib.errors import CalibError
+    from doe.prospect.rivals.next_poses import next_poses
+
+    try:
+        return (next_poses(cell, found, count=count, seed=seed) if count else None), ()
+    except CalibError as error:
+        return None, (f"no next poses: {error}",)
 
 
 def _foresee(
-    cell: Cell,
-    cell_path: Path,
-    plan_path: Path,
-    folder: Path | None,
-    json_path: str | None,
-    seed: int,
+    cell: Cell, plan_path: Path, folder: Path | None, json_path: str | None, seed: int
 ) -> None:
     """What a plan, or the readings of a table without their points, could show."""
     import calib
     from calib.files.tables import holds_points
-    from calib.files.write import write_files
-    from doe.prospect.fields import power_fields
     from doe.prospect.foresee import foresee
-    from studies.diagnose.plan_tables import foresight_tables
+    from studies.plan.record import plan_record
+    from studies.record import envelope
 
-    inputs = [cell_path, *cell.robot_files, plan_path]
+    inputs = [cell.path, *cell.robot_files, plan_path]
     check_outputs([output_file(json_path)], inputs, folder)
     load = calib.load_measurements if holds_points(plan_path) else calib.load_plan
     plan = load(cell, plan_path)
-    with faults_in(plan_path, effects_of=cell_path):
+    with faults_in(plan_path, effects_of=cell.path):
         found = foresee(cell, plan)
-    fields = {**envelope("diagnose", inputs, seed), **power_fields(found)}
-    texts: dict[Path, str | bytes] = {**output_texts(json_path, fields)}
-    if folder is not None:
-        from studies.diagnose.plan_pictures import pictures
-
-        texts |= figure_files(pictures(found), folder)
-    write_files(texts)
-    show(foresight_tables(cell.name, cell.robot.joints, fields), json_path)
-    say_written(texts, folder, json_path)
+    deliver(plan_record(found, envelope(cell.name, inputs, seed)), json_path, folder)

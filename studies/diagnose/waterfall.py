@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calib.arrays import Array
+from studies.diagnose.shown import Steps
 from studies.plots.style import (
     BLUE,
     INK,
@@ -25,34 +25,19 @@ from studies.plots.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MM = 1e3
 _MOST_DIGITS = 9
 _HEIGHT = 0.62
 _TEXT = 0.16  # width of a number, over the longest bar
 
 
 @styled
-def waterfall(
-    names: Sequence[str],
-    rms: Array,
-    floor: float,
-    *,
-    of: str = "held-out poses",
-    name: str = "waterfall",
-    title: str = "From the gap to the floor",
-) -> Picture:
+def waterfall(steps: Steps, floor_mm: float) -> Picture:
     """RMS before, what each effect takes off it when it is added to those above, and what is left.
 
-    names : of the n effects, in the order in which they are added
-    rms : ndarray, shape (n + 1,), m, before and after each
-    floor : RMS of the noise alone [m]
-
-    Raises ValueError for errors below zero, and a floor that is not above it.
+    floor_mm : RMS of the noise alone, above zero
     """
-    values: Array = np.asarray(rms, dtype=np.float64) * _MM
-    n, low = len(names), floor * _MM
-    if not (values >= 0.0).all() or not low > 0.0:
-        raise ValueError("an RMS is below zero, or the floor is not above it")
+    values, names, low = np.array(steps.rms_mm), steps.added, floor_mm
+    n, of = len(names), steps.of
     labels = ["model as given", *names, *(["what is left"] if n else [])]
     figure = sheet(7.2, 1.5 + 0.44 * len(labels))
     panel = figure.subplots()
@@ -102,7 +87,8 @@ def waterfall(
         rows.append((label, float(value), float(change), low))
     if n:
         rows.append((labels[-1], float(values[n]), None, low))
-    return Picture(name, title, caption, figure, header, tuple(rows))
+    title = "From the gap to the floor"
+    return Picture("waterfall", title, caption, figure, header, tuple(rows))
 
 
 def _bar(panel: Axes, at: int, start: float, end: float, look: Any) -> None:

@@ -1,0 +1,77 @@
+"""Causes of error that a model lacks, as a diagnosis and a plan's forecast name them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import groupby
+from typing import TypeVar
+
+from studies.document import Sentence, labelled
+from studies.record import Entry, Maybe
+
+
+class Cause(Entry):
+    """An effect at a place."""
+
+    effect: str
+    where: str
+
+    @property
+    def key(self) -> str:
+        """``effect:where``."""
+        return f"{self.effect}:{self.where}"
+
+
+C = TypeVar("C", bound=Cause)
+
+
+class Sought(Cause):
+    """A cause with the smallest size that is found nine times in ten, None where no size would be."""
+
+    minimum_detectable: Maybe
+    unit: str
+
+
+class NotAsked(Entry):
+    """A cause, ``effect:where``, that the columns of the table cannot speak of, and why."""
+
+    effect: str
+    reason: str
+
+
+def gathered(causes: Iterable[Cause], of: Mapping[str, int] | None = None) -> str:
+    """``effect:where,where`` of each effect; its name alone where those are all of several places.
+
+    of : effect -> the number of places that were asked
+
+    >>> both = [Cause(effect="backlash", where=joint) for joint in ("A1", "A2")]
+    >>> gathered(both), gathered(both, {"backlash": 2})
+    ('backlash:A1,A2', 'backlash')
+    """
+    return ", ".join(_gathered(causes, of or {}))
+
+
+def _gathered(causes: Iterable[Cause], of: Mapping[str, int]) -> Iterator[str]:
+    for effect, group in groupby(causes, key=lambda cause: cause.effect):
+        places = [cause.where for cause in group]
+        everywhere = len(places) == of.get(effect) and len(places) > 1
+        yield effect if everywhere else f"{effect}:{','.join(places)}"
+
+
+def by_reason(pairs: Iterable[tuple[C, str]]) -> dict[str, list[C]]:
+    """Causes by the reason that they share, in the order in which the reasons come first."""
+    found: dict[str, list[C]] = {}
+    for cause, reason in pairs:
+        found.setdefault(reason, []).append(cause)
+    return found
+
+
+def not_asked(entries: Iterable[NotAsked]) -> Iterator[Sentence]:
+    """What could not be asked, by what is missing."""
+    split = ((entry.effect.partition(":"), entry.reason) for entry in entries)
+    reasons = by_reason(
+        (Cause(effect=kind, where=where), reason.partition(" cannot act: ")[2] or reason)
+        for (kind, _, where), reason in split
+    )
+    said = (f"{gathered(causes)}; {reason}" for reason, causes in reasons.items())
+    yield from labelled("not asked", said)

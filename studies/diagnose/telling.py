@@ -1,0 +1,419 @@
+"""What a diagnosis says: where the gap lies, what causes it, how far it shrinks, what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from studies.causes import Sought, not_asked
+from studies.diagnose.pictures import pictures
+from studies.diagnose.record import (
+    DiagnoseRecord,
+    Effect,
+    Gap,
+    Line,
+    NextPose,
+    Outlier,
+    Place,
+    Prediction,
+    Refused,
+    Spectrum,
+    Value,
+)
+from studies.document import (
+    FOUR,
+    HUNDREDTH,
+    MM,
+    PROBABILITY,
+    SHARE,
+    STD,
+    TENTH,
+    TEXT,
+    TWO,
+    Column,
+    Detail,
+    Document,
+    Figure,
+    Part,
+    Rule,
+    Section,
+    Sentence,
+    Table,
+    labelled,
+    listed,
+)
+from studies.joints import joint_columns
+from studies.noise import UNFOLLOWED, noise_words
+
+_MOST_PARAMETERS = 8  # of one cause; sag of a whole arm has fifty
+_MOST_OUTLIERS = 3  # that are worth a line each
+_MOST_ALIASES = 4
+_MOST_PAIRS = 6
+_LONG = 12  # letters of a place that is no longer named beside a number
+_MEANS = {
+    "no_gap": "The measurements show nothing beyond the model and the noise.",
+    "explained": "Each cause is named, and nothing is left to explain.",
+    "ambiguous": "Nothing is left to explain, but other causes or forms would do as well.",
+    "unknown": "Something is there that no cause in the catalogue does.",
+}
+_NEXT = {
+    "no_gap": "nothing is missing that these data could show; posecal compensate uses the model",
+    "explained": "put the found effects into the model (posecal diagnose --cell-out) and identify "
+    "again; posecal compensate then uses them",
+    "ambiguous": "posecal diagnose --next chooses poses that tell the causes apart",
+    "unknown": "look at the arm where the gap sits; what is there is in no catalogue",
+}
+
+
+def told(record: DiagnoseRecord) -> Document:
+    """The verdict, causes and places, the fall of the error, what stayed unseen, and what next."""
+    sections = (
+        Section("diagnosis", "Where the gap comes from", tuple(_parts(record))),
+        Section("unseen", "What these data could not have shown", tuple(_unseen(record))),
+        Section("next", "What to measure next", tuple(_further(record))),
+    )
+    return Document((_headline(record),), tuple(s for s in sections if s.parts))
+
+
+def to_do(record: DiagnoseRecord) -> str:
+    """What a reader should do with this; nothing where the noise is to be looked at first."""
+    return "" if record.noise.loud else UNFOLLOWED if _fine(record) else _NEXT[record.verdict]
+
+
+def _fine(record: DiagnoseRecord) -> bool:
+    """Whether nothing is left but what follows no column."""
+    return bool(record.located) and all(place.unfollowed for place in record.located)
+
+
+# -- the verdict -------------------------------------------------------------------------------
+
+
+def _headline(record: DiagnoseRecord) -> Sentence:
+    sentence, closed = verdict_sentence(record), record.gap.closed
+    good = record.verdict in ("no_gap", "explained") and not record.noise.loud
+    proof = ""
+    if closed is not None and record.effects:
+        proof = (
+            f" At poses that the choice never saw, {SHARE(closed)} of the gap is gone."
+            if closed > 0.0
+            else " At poses that the choice never saw, the error did not shrink."
+        )
+    return Sentence(f"{sentence[0].upper()}{sentence[1:]}.{proof}", "good" if good else "warn")
+
+
+def verdict_sentence(record: DiagnoseRecord) -> str:
+    """The verdict in words: what it is, or where it sits."""
+    causes = _and([effect.names for effect in record.effects])
+    match record.verdict:
+        case "no_gap":
+            loud = record.noise.loud
+            return f"no gap beyond noise, {loud}" if loud else "no gap beyond noise"
+        case "explained":
+            return f"the gap is explained by {causes}"
+        case "ambiguous":
+            return f"the gap is explained by {causes}; these data cannot tell {_untold(record)}"
+    if record.effects:
+        return f"the gap is more than {causes}; the rest has no cause in the catalogue"
+    return _somewhere(record)
+
+
+def _untold(record: DiagnoseRecord) -> str:
+    untested = [effect.key for effect in record.effects if not effect.shape_tested]
+    if not untested:
+        return "which"
+    return f"whether the size of {_and(untested)} varies with the joints' angles"
+
+
+def _somewhere(record: DiagnoseRecord) -> str:
+    """The verdict where no name stands, and perhaps no column either."""
+    for place in record.located:
+        if not place.unfollowed:
+            return (
+                f"a gap at {place.where} that depends on {place.depends_on}; "
+                "no cause in the catalogue does the same"
+            )
+    if record.refused:
+        return "more is left than noise, and nothing that was tried predicts other poses better"
+    for place in record.located:
+        who = "the arm" if place.where == "arm" else place.where
+        return f"{who} errs from pose to pose as no cause in the catalogue and no column does"
+    return "more is left than noise, and neither its place nor its cause was found"
+
+
+def _and(parts: Sequence[str]) -> str:
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+
+
+# -- causes and places -------------------------------------------------------------------------
+
+
+def _parts(record: DiagnoseRecord) -> Iterator[Part]:
+    yield Sentence(_MEANS[record.verdict])
+    yield from labelled("noise", noise_words(record.noise))
+    yield Table(_GAP, list(_gap(record.gap)), "The error before and after")
+    for effect in record.effects:
+        yield from _effect(effect)
+    for draw in pictures(record):
+        yield Figure(draw)
+    yield Table(_LOCATED, list(_located(record)), caption="Where the gap sits")
+    for place in record.located:
+        if place.unfollowed:
+            yield Sentence(f"{place.where} by pose: {UNFOLLOWED}.", "note")
+    if record.refused:
+        yield Sentence("Refused: found, and not named all the same.")
+        yield Table(_REFUSED, list(_refused(record.refused)), "Refused")
+    yield Table(_OUTLIERS, record.outliers, "Poses left out", of_poses=True, most=_MOST_OUTLIERS)
+    yield from _notes(record)
+
+
+@dataclass(frozen=True)
+class _Error:
+    """RMS errors of some poses, mm; and what is said of the share that is gone."""
+
+    label: str
+    before: float
+    after: float | None
+    floor: float
+    closed: str = ""
+
+
+_GAP: tuple[Column[_Error], ...] = (
+    Column("RMS", lambda row: row.label),
+    Column("before", lambda row: row.before, MM, "mm"),
+    Column("after", lambda row: row.after, MM, "mm"),
+    Column("noise alone", lambda row: row.floor, MM, "mm"),
+    Column("gap closed\n(95 % interval)", lambda row: row.closed),
+)
+
+
+def _gap(gap: Gap) -> Iterator[_Error]:
+    floor = gap.floor_mm
+    yield _Error("fitted poses", gap.fit_before_mm, gap.fit_after_mm, floor)
+    if gap.heldout_before_mm is not None:
+        before, after = gap.heldout_before_mm, gap.heldout_after_mm
+        yield _Error("held out: never seen", before, after, floor, _closed(gap))
+    if gap.over_time_before_mm is not None:
+        before, after = gap.over_time_before_mm, gap.over_time_after_mm
+        yield _Error("quarters of the session", before, after, floor)
+
+
+def _closed(gap: Gap) -> str:
+    if gap.closed is None:
+        return "none was above the floor"
+    if gap.closed_ci95 is None or gap.heldout_before_mm == gap.heldout_after_mm:
+        return SHARE(gap.closed)
+    low, high = map(SHARE, gap.closed_ci95)
+    return f"{SHARE(gap.closed)} ({low.removesuffix(' %')} to {high.removesuffix(' %')})"
+
+
+_VALUES: tuple[Column[Value], ...] = (
+    Column("parameter", lambda row: row.name),
+    Column("value", lambda row: row.value, FOUR),
+    Column("standard deviation", lambda row: row.std, FOUR),
+    Column("unit", lambda row: row.unit, TEXT),
+)
+
+
+def _effect(effect: Effect) -> Iterator[Part]:
+    """A line for the cause, whose name may be long, and its parameters below it."""
+    share = SHARE(effect.share_of_gap)
+    yield Sentence(
+        f"{effect.key}, probability {PROBABILITY(effect.probability)}, {share} of the gap"
+    )
+    for other in effect.alike[1:]:
+        yield Sentence(f"or {other.key}, probability {PROBABILITY(other.probability)}")
+    known = [p for p in effect.parameters if p.std is not None]
+    if len(known) > _MOST_PARAMETERS:
+        known.sort(key=lambda p: -abs(p.value) / (p.std or 1e-300))
+    yield Table(_VALUES, known, f"Parameters of {effect.key}", most=_MOST_PARAMETERS)
+    unknown = [p.name for p in effect.parameters if p.std is None]
+    if unknown:
+        yield Sentence(f"not identified at these poses: {listed(unknown, 4)}")
+
+
+@dataclass(frozen=True)
+class _Located:
+    """A place with the cause that is named for it."""
+
+    place: Place
+    cause: str
+
+
+_LOCATED: tuple[Column[_Located], ...] = (
+    Column("where", lambda row: row.place.where),
+    Column("depends on", lambda row: row.place.depends_on),
+    Column("share of\nthe gap", lambda row: row.place.share_of_gap, SHARE),
+    Column("cause", lambda row: row.cause),
+)
+
+
+def _located(record: DiagnoseRecord) -> Iterator[_Located]:
+    left = list(record.effects)
+    for place in record.located:
+        key = place.where, place.share_of_gap
+        own = next((e for e in left if (e.where, e.share_of_gap) == key), None)
+        if own is not None:
+            left.remove(own)
+        yield _Located(place, "unknown" if own is None else own.effect)
+
+
+_REFUSED: tuple[Column[tuple[str, str]], ...] = (
+    Column("cause", lambda row: row[0]),
+    Column("why", lambda row: row[1]),
+)
+
+
+def _refused(entries: Sequence[Refused]) -> Iterator[tuple[str, str]]:
+    """Those of one reason and kind in one line."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for entry in entries:
+        groups.setdefault((entry.effect, entry.reason), []).append(entry.where)
+    for (kind, reason), where in groups.items():
+        yield f"{kind}:{listed(list(dict.fromkeys(where)), 4)}", reason
+
+
+_OUTLIERS: tuple[Column[Outlier], ...] = (
+    Column("left out", lambda row: row.pose),
+    Column("because", lambda row: row.reason),
+)
+
+
+def _aliasing(spectra: Sequence[Spectrum]) -> Iterator[str]:
+    """What the poses cannot tell of a ripple's cycles: equal steps, and lines that might be others."""
+    for spectrum in spectra:
+        lines = [line for line in spectrum.lines if line.aliases]
+        repeats = spectrum.repeats_1_turn
+        if repeats is None and not lines:
+            continue
+        steps = f" stands in steps of {STD(360.0 / repeats)} deg, so that" if repeats else ":"
+        said = " and ".join(map(_might_be, lines)) or (
+            f"c and {STD(repeats)} \N{MINUS SIGN} c cycles a turn are the same at these poses"
+        )
+        yield f"{spectrum.joint}{steps} {said}; steps that are not equal would tell"
+
+
+def _might_be(line: Line) -> str:
+    named = [TENTH(cycles) for cycles in line.aliases[:_MOST_ALIASES]]
+    rest = len(line.aliases) - len(named)
+    last = f"{rest} more" if rest else named.pop()
+    others = f"{', '.join(named)} or {last}" if named else last
+    return f"its line at {TENTH(line.cycles)} cycles a turn might as well be at {others}"
+
+
+def _notes(record: DiagnoseRecord) -> Iterator[Sentence]:
+    """Where approaches come from, cycles that cannot be told, causes that have no columns."""
+    if record.approach_derived:
+        first = listed(record.not_fitted, 3)
+        unknown = f"; {first}, where it is unknown, took no part" if first else ""
+        yield Sentence(f"derived from the order of the poses{unknown}", label="approach")
+    yield from labelled("aliasing", _aliasing(record.spectra))
+    yield from not_asked(record.not_asked)
+    if not _fine(record):
+        yield from labelled("next", filter(None, [to_do(record)]))
+
+
+# -- what stayed unseen ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """Causes of one kind whose sizes have one unit, the smallest first, and those never seen."""
+
+    seen: list[Sought]
+    blind: list[str]
+
+    def size(self, entry: Sought) -> str:
+        """Two digits, with the place where there is a choice of them."""
+        choice = len(self.seen) + len(self.blind) > 1 and len(entry.where) <= _LONG
+        return TWO(entry.minimum_detectable) + f" ({entry.where})" * choice
+
+    @property
+    def worst(self) -> str:
+        """The largest of several."""
+        return self.size(self.seen[-1]) if len(self.seen) > 1 else ""
+
+
+_KINDS: tuple[Column[_Kind], ...] = (
+    Column("effect", lambda row: row.seen[0].effect),
+    Column("at best", lambda row: row.size(row.seen[0])),
+    Column("at worst", lambda row: row.worst),
+    Column("unit", lambda row: row.seen[0].unit),
+    Column("not visible at", lambda row: ", ".join(row.blind)),
+)
+_EACH: tuple[Column[Sought], ...] = (
+    Column("cause", lambda row: row.effect),
+    Column("where", lambda row: row.where),
+    Column("smallest size", lambda row: row.minimum_detectable, Rule(FOUR.show, "not visible")),
+    Column("unit", lambda row: row.unit, TEXT),
+)
+
+
+def _unseen(record: DiagnoseRecord) -> Iterator[Part]:
+    """The smallest sizes that would have been found, over the places, and what no pose shows."""
+    entries = record.could_not_see
+    groups: dict[tuple[str, str], list[Sought]] = {}
+    blind: dict[str, list[str]] = {}
+    for entry in entries:
+        if entry.minimum_detectable is None:
+            blind.setdefault(entry.effect, []).append(entry.where)
+        else:
+            groups.setdefault((entry.effect, entry.unit), []).append(entry)
+    if groups:
+        yield Sentence(
+            "The smallest size of each cause that would have been found, nine times in ten."
+        )
+    kinds = [
+        _Kind(sorted(own, key=lambda e: e.minimum_detectable or 0.0), blind.get(effect, []))
+        for (effect, _), own in groups.items()
+    ]
+    yield Table(_KINDS, kinds, "Smallest sizes", fold=False)
+    if entries:
+        yield Detail((Table(_EACH, entries),), f"The same, place by place ({len(entries)})")
+    nowhere = [effect for effect in blind if effect not in {effect for effect, _ in groups}]
+    if nowhere:
+        said = ", ".join(nowhere)
+        yield Sentence(f"Not visible at these poses, wherever it acts: {said}.")
+
+
+# -- what to measure next ----------------------------------------------------------------------
+
+_DOUBTS: tuple[Column[Prediction], ...] = (
+    Column("in doubt", lambda row: row.rivals[0]),
+    Column("or", lambda row: row.rivals[1]),
+    Column("true one\npreferred", lambda row: row.probability_now, PROBABILITY),
+    Column("with the\nnext poses", lambda row: row.probability_after, PROBABILITY),
+)
+_POSE: Column[NextPose] = Column("next\npose", lambda row: row.pose)
+_SPLITS: Column[NextPose] = Column(
+    "tells apart", lambda row: "; ".join(" from ".join(p) for p in row.splits), detail=True
+)
+
+
+def _further(record: DiagnoseRecord) -> Iterator[Part]:
+    """Rivals with their prospects, the poses that split them, and what to do where none can."""
+    doubts, poses = record.next_poses_predicted, record.next_poses
+    if doubts:
+        yield Table(_DOUBTS, doubts, "Causes in doubt", most=_MOST_PAIRS)
+    for doubt in doubts[:_MOST_PAIRS]:
+        yield from _remedies(doubt)
+    if poses:
+        yield Sentence("These poses tell apart what the data so far leave open.")
+        columns: tuple[Column[NextPose], ...] = (
+            _POSE,
+            *joint_columns(poses, HUNDREDTH, detail=False),
+            _SPLITS,
+        )
+        yield Table(columns, poses, "The next poses")
+        if record.next_poses_assume:
+            yield Sentence(f"Read {'; '.join(record.next_poses_assume)}.")
+
+
+def _remedies(doubt: Prediction) -> Iterator[Sentence]:
+    pair = " or ".join(doubt.rivals)
+    for remedy in doubt.interventions:
+        yield Sentence(f"{pair}: {remedy.says} ({PROBABILITY(remedy.probability)})")
+    if doubt.inseparable:
+        yield Sentence(
+            f"{pair}: neither these poses nor any change that was tried tells them apart; on these "
+            "data correct for either"
+        )

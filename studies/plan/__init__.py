@@ -1,0 +1,1 @@
+"""``posecal diagnose --plan-only``: its record, how it is told and drawn."""

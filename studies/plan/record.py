@@ -1,0 +1,232 @@
+"""What ``posecal diagnose --plan-only`` finds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from studies.causes import Cause, NotAsked, Sought
+from studies.record import Count, Entry, Envelope, Maybe, Number, Positive, Record
+
+if TYPE_CHECKING:
+    from doe.prospect import Detectability, PowerAnalysis
+    from studies.document import Document
+
+_UM = 1e6
+_TOLD = 1e6  # noncentrality from which on anything is told
+Probability = Annotated[float, Field(gt=0, lt=1)]
+
+
+class Size(Entry):
+    """A parameter taken alone, with the part of its signal that is left beside the model."""
+
+    name: str
+    minimum_detectable: Maybe
+    unit: str
+    left: Number
+
+
+class Seen(Sought):
+    """The smallest size of one parameter, the best seen, or the reason why none would be found.
+
+    plausible : a usual size; rms_um : how far the smallest moves the markers
+    noncentrality : of the smallest size, in so many directions
+    """
+
+    parameter: str
+    plausible: Positive
+    rms_um: Maybe
+    noncentrality: Annotated[float, Field(gt=0, lt=_TOLD)] | None
+    directions: Count
+    reason: str | None
+    parameters: tuple[Size, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _seen_or_not(self) -> Self:
+        known = (self.minimum_detectable or 0.0) > 0.0 and self.noncentrality and self.directions
+        if bool(known) == bool(self.reason):
+            raise ValueError("has not either a reason or a size with noncentrality and directions")
+        return self
+
+    @property
+    def size(self) -> float:
+        """The smallest one of a cause that is seen."""
+        return self.minimum_detectable or 0.0
+
+    @property
+    def unusual(self) -> bool:
+        """Whether a cause of usual size may go unseen."""
+        return self.size > self.plausible
+
+
+class LookAlike(Cause):
+    """A cause and what it is taken for at its smallest size.
+
+    rho : correlation over plausible parameters, and in the worst direction
+    told_apart_from : the size from which on that is sure, and as a multiple; None where none would do
+    """
+
+    like: Cause
+    rho: Number
+    rho_worst: Maybe
+    probability_at_minimum: Number
+    told_apart_times: Positive | None
+    told_apart_from: Maybe
+    parameter: str
+    unit: str
+
+
+class Twins(Entry):
+    """Causes that stand for each other at these poses at any size, and what would split them."""
+
+    members: tuple[Cause, ...]
+    split_by: tuple[str, ...]
+
+
+class Unidentifiable(Entry):
+    """Parameters of the model that the plan leaves open."""
+
+    names: tuple[str, ...]
+    reason: str
+
+
+class PlanRecord(Record):
+    """What a plan can tell of causes that no model has yet.
+
+    joints : of the robot, not in results of earlier versions
+    """
+
+    command: Literal["diagnose"] = "diagnose"
+    plan_only: Literal[True] = True
+    joints: tuple[str, ...] = ()
+    readings: Count
+    points: Count
+    hidden_markers: Count
+    before_the_first_move: tuple[str, ...]
+    asked: Count
+    alpha: Number
+    power: Probability
+    sure: Probability
+    approach_derived: bool
+    elastic_assumed: bool
+    unidentifiable: tuple[Unidentifiable, ...]
+    could_not_see: tuple[Seen, ...]
+    look_alikes: tuple[LookAlike, ...]
+    twins: tuple[Twins, ...]
+    not_asked: tuple[NotAsked, ...]
+
+    @model_validator(mode="after")
+    def _belongs_together(self) -> Self:
+        seen = {cause.key for cause in self.seen}
+        named = [pair.key for pair in self.look_alikes]
+        named += [pair.like.key for pair in self.look_alikes]
+        named += [member.key for group in self.twins for member in group.members]
+        if not seen.issuperset(named):
+            raise ValueError("look_alikes or twins name a cause that could_not_see has not as seen")
+        if any(pair.key == pair.like.key for pair in self.look_alikes):
+            raise ValueError("look_alikes compare a cause with itself")
+        return self
+
+    @property
+    def kind(self) -> str:
+        return "plan"
+
+    @property
+    def seen(self) -> tuple[Seen, ...]:
+        """Causes that are found where they are large enough."""
+        return tuple(cause for cause in self.could_not_see if not cause.reason)
+
+    def told(self) -> Document:
+        from studies.plan.telling import told
+
+        return told(self)
+
+
+def plan_record(found: PowerAnalysis, made_from: Envelope) -> PlanRecord:
+    """The record of what a plan can tell."""
+    from calib.diagnosis.power import POWER
+    from calib.diagnosis.rounds import ALPHA
+    from calib.effects.protocol import LoadEffect
+    from doe.prospect.confounded import remedies_of
+    from doe.prospect.likeness import SURE
+
+    view = found.view
+    poses, causes = view.data.poses, {cause.key: cause for cause in (*found.seen, *found.hidden)}
+    through = any(isinstance(cause.candidate.effect, LoadEffect) for cause in found.seen)
+    return PlanRecord(
+        **made_from,
+        joints=tuple(view.model.robot.joints),
+        readings=len(view.data),
+        points=int(view.data.seen.sum()),
+        hidden_markers=int((~view.data.seen).sum()),
+        before_the_first_move=tuple(
+            name for name, waits in zip(poses.names, view.waiting, strict=True) if waits
+        ),
+        asked=view.asked,
+        alpha=ALPHA,
+        power=POWER,
+        sure=SURE,
+        approach_derived=bool(poses.approach_derived),
+        elastic_assumed=view.assumed and through,
+        unidentifiable=tuple(Unidentifiable(names=u.names, reason=u.reason) for u in view.lost),
+        could_not_see=tuple(_seen(causes[suspect.key]) for suspect in view.suspects),
+        look_alikes=tuple(_look_alikes(found)),
+        twins=tuple(
+            Twins(
+                members=tuple(_cause(found.seen[i]) for i in group),
+                split_by=tuple(way.says for way in ways),
+            )
+            for group, ways in zip(found.confounded, remedies_of(found), strict=True)
+        ),
+        not_asked=tuple(NotAsked(effect=n.effect, reason=n.reason) for n in view.missing),
+    )
+
+
+def _cause(cause: Detectability) -> Cause:
+    return Cause(effect=cause.candidate.effect.kind, where=cause.candidate.where)
+
+
+def _seen(cause: Detectability) -> Seen:
+    lead, parameters = cause.lead, cause.parameters
+    main = parameters[lead]
+    sizes = zip(parameters, cause.smallest.tolist(), cause.share.tolist(), strict=True)
+    return Seen(
+        **_cause(cause).model_dump(),
+        parameter=main.name,
+        minimum_detectable=cause.smallest[lead] / main.scale,
+        unit=main.unit,
+        plausible=main.size / main.scale,
+        rms_um=cause.moved[lead] * _UM,
+        noncentrality=None if cause.reason else cause.needed,
+        directions=cause.directions,
+        reason=cause.reason or None,
+        parameters=tuple(
+            Size(name=p.name, minimum_detectable=size / p.scale, unit=p.unit, left=share)
+            for p, size, share in sizes
+        ),
+    )
+
+
+def _look_alikes(found: PowerAnalysis) -> Iterator[LookAlike]:
+    if found.alike is None:
+        return
+    rho, worst = found.alike.rho, found.alike.rho_worst
+    needed = np.array([cause.needed for cause in found.seen])
+    chance = found.alike.preferred(needed, found.view.field.rows)
+    for i, j in found.pairs:
+        cause, times = found.seen[i], float(found.times[i, j])
+        main, told = cause.parameters[cause.lead], times < float("inf")
+        yield LookAlike(
+            **_cause(cause).model_dump(),
+            like=_cause(found.seen[j]),
+            rho=float(rho[i, j]),
+            rho_worst=float(worst[i, j]),
+            probability_at_minimum=float(chance[i, j]),
+            told_apart_times=times if told else None,
+            told_apart_from=times * float(cause.smallest[cause.lead]) / main.scale,
+            parameter=main.name,
+            unit=main.unit,
+        )

@@ -1,0 +1,196 @@
+"""What a plan can tell: the smallest sizes by cause and place, what is hidden, what looks alike."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+from studies.causes import by_reason, gathered, not_asked
+from studies.document import (
+    CORRELATION,
+    STD,
+    TENTH,
+    TEXT,
+    Column,
+    Detail,
+    Document,
+    Figure,
+    Part,
+    Rule,
+    Section,
+    Sentence,
+    Table,
+    labelled,
+    plural,
+)
+from studies.plan.pictures import look_alikes, power
+from studies.plan.record import LookAlike, PlanRecord, Seen, Twins
+
+_MOST_PAIRS = 12
+_LONG = 8  # letters of a joint's name that a column takes
+
+
+def _shown(cause: Seen) -> str:
+    size = STD(cause.size)
+    return "hidden" if cause.reason else f"({size})" if cause.unusual else size
+
+
+_SIZE = Rule(lambda cause: _shown(cause), absent="")
+"""The smallest size of a cause, in brackets where it is more than is usual."""
+_NEVER = Rule(STD.show, absent="never")
+
+
+def told(record: PlanRecord) -> Document:
+    """How many causes the plan could find, and each."""
+    sections = (
+        Section("sight", "What the plan can and cannot see", tuple(_parts(record))),
+        Section(
+            "alike",
+            "What looks alike",
+            tuple(_alike(record)),
+        ),
+    )
+    return Document((_headline(record),), tuple(s for s in sections if s.parts))
+
+
+def _headline(record: PlanRecord) -> Sentence:
+    seen, asked = len(record.seen), len(record.could_not_see)
+    said = (
+        f"This plan can see {seen} of {asked} causes that a gap may have, if they are large enough"
+    )
+    groups = len(record.twins)
+    if groups:
+        said += f"; {plural(groups, 'group')} of them would stand for each other"
+    return Sentence(f"{said}.")
+
+
+def _parts(record: PlanRecord) -> Iterator[Part]:
+    yield Sentence(
+        "The smallest size of each cause that a diagnosis of these poses finds "
+        f"{round(100 * record.power)} times in 100, if it is the only one that the model lacks."
+    )
+    yield from _reads(record)
+    rows = list(_by_effect(record))
+    yield Table(_by_joint(record.joints), rows, "Smallest sizes by joint", fold=False)
+    elsewhere = [cause for cause in record.seen if cause.where not in record.joints]
+    yield Table(_CAUSES, elsewhere, "Smallest sizes elsewhere")
+    if any(cause.unusual for cause in record.seen):
+        yield Sentence("In brackets: more than is usual, so one of usual size may go unseen.")
+    if rows:
+        sizes = Table(_CAUSES, record.seen, fold=False)
+        yield Detail((sizes,), f"Every cause with its usual size ({len(record.seen)})")
+    if record.seen:
+        yield Figure(lambda: power(record))
+    yield from labelled("hidden", _hidden(record.could_not_see))
+    yield from not_asked(record.not_asked)
+
+
+def _reads(record: PlanRecord) -> Iterator[Sentence]:
+    said = [plural(record.readings, "reading"), plural(record.points, "point")]
+    if record.hidden_markers:
+        said.append(f"{record.hidden_markers} marker readings out of sight")
+    first = len(record.before_the_first_move)
+    if first:
+        said.append(f"{first} before the first move do not count")
+    yield Sentence(", ".join(said), label="reads")
+    if record.approach_derived:
+        yield Sentence("follows from the order of the poses", label="approach")
+    if record.elastic_assumed:
+        said_of = "as soft as usual: sizes of weights, springs and payload go with it"
+        yield Sentence(said_of, label="elastic")
+    lost = (f"{', '.join(entry.names)}: {entry.reason}" for entry in record.unidentifiable)
+    yield from labelled("open", lost)
+
+
+# -- smallest sizes ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Effect:
+    """Causes of one kind by place, one of them at least seen; of : what the size is of, its unit."""
+
+    effect: str
+    of: str
+    own: dict[str, Seen]
+
+
+def _by_effect(record: PlanRecord) -> Iterator[_Effect]:
+    for effect, group in groupby(record.could_not_see, key=lambda cause: cause.effect):
+        own = {cause.where: cause for cause in group if cause.where in record.joints}
+        seen = [cause for cause in own.values() if not cause.reason]
+        if seen:
+            names, units = {c.parameter for c in seen}, {c.unit for c in seen}
+            many = max(len(c.parameters) for c in seen)
+            what = names.pop() if len(names) == 1 else f"best of {many}"
+            unit = units.pop() if len(units) == 1 else "by joint"
+            yield _Effect(effect, f"{what} [{unit}]", own)
+
+
+def _by_joint(joints: Sequence[str]) -> tuple[Column[_Effect], ...]:
+    """Names of joints stand in narrow columns, the long ones broken at underscores."""
+
+    def at(joint: str) -> Callable[[_Effect], Seen | None]:
+        return lambda row: row.own.get(joint)
+
+    heads = ((joint, joint.replace("_", "\n") if len(joint) > _LONG else joint) for joint in joints)
+    return (
+        Column("cause", lambda row: row.effect),
+        Column("of", lambda row: row.of),
+        *(Column(head, at(joint), _SIZE) for joint, head in heads),
+    )
+
+
+_CAUSES: tuple[Column[Seen], ...] = (
+    Column("cause", lambda row: row.key),
+    Column("of", lambda row: row.parameter),
+    Column("smallest", lambda row: row, _SIZE),
+    Column("usual", lambda row: row.plausible, STD, detail=True),
+    Column("unit", lambda row: row.unit, TEXT),
+)
+
+
+def _hidden(causes: Sequence[Seen]) -> Iterator[str]:
+    """Hidden causes, by reason."""
+    of = Counter(cause.effect for cause in causes)
+    hidden = ((cause, cause.reason) for cause in causes if cause.reason)
+    for reason, own in by_reason(hidden).items():
+        yield f"{gathered(own, of)}: {reason}"
+
+
+# -- what looks alike --------------------------------------------------------------------------
+
+
+def _twins(group: Twins) -> str:
+    names = " = ".join(member.key for member in group.members)
+    if group.split_by:
+        return f"{names}: alike at any size here; told apart by {' or by '.join(group.split_by)}"
+    other = "with other poses, loads or stations too: one name stands for both"
+    return f"{names}: alike at any size, {other}"
+
+
+_ALIKE: tuple[Column[LookAlike], ...] = (
+    Column("cause", lambda row: row.key),
+    Column("is taken for", lambda row: row.like.key),
+    Column("rho", lambda row: row.rho, CORRELATION),
+    Column("told apart\nfrom", lambda row: row.told_apart_from, _NEVER),
+    Column("unit", lambda row: row.unit if row.told_apart_times else None, TEXT),
+    Column("times its\nsmallest", lambda row: row.told_apart_times, Rule(TENTH.show, absent="")),
+)
+
+
+def _alike(record: PlanRecord) -> Iterator[Part]:
+    """Twins, and each other two causes once, the harder way round, which comes first."""
+    yield from labelled("twins", map(_twins, record.twins))
+    if record.look_alikes:
+        yield Figure(lambda: look_alikes(record))
+    twins = [{member.key for member in group.members} for group in record.twins]
+    once: dict[frozenset[str], LookAlike] = {}
+    for pair in record.look_alikes:
+        both = frozenset({pair.key, pair.like.key})
+        if not any(both <= group for group in twins):
+            once.setdefault(both, pair)
+    if once:
+        yield Sentence("From which size on a cause is told apart from what it is taken for:")
+        yield Table(_ALIKE, list(once.values()), "Causes that look alike", most=_MOST_PAIRS)

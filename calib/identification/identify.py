@@ -71,7 +71,7 @@ def identify(
     _check_options(approach, method, weighting, length, differences)
     built = build(cell, data.poses)
     model = built.model
-    data = _after_the_first_move(model, data)
+    data = after_the_first_move(model, data)
     check_counts(model, data)
     refuse_idle_effects(cell, model, data.poses)
     estimator: Estimator = Differences() if differences else Readings(method)
@@ -148,7 +148,7 @@ def identify(
     )
 
 
-def _after_the_first_move(model: Model, data: Measurements) -> Measurements:
+def after_the_first_move(model: Model, data: Measurements) -> Measurements:
     """The data without what was read before the first move, where the model asks whence joints came.
 
     An approach of zero would say that the gap was in its middle, which it never is.

@@ -24,9 +24,6 @@ def _strangers(fields: dict[str, Any]) -> None:
     fields["residuals"] = [{**row, "pose": f"p{i}", "marker": f"m{i}"} for i in range(2000)]
 
 
-OTHER_FORM = "is not as its command writes it"
-
-
 def _falling(result: dict[str, Any], first: float) -> dict[str, Any]:
     """A diagnosis whose error falls from a first figure [mm] with one effect."""
     place = {"where": "X1", "depends_on": "approach:X1", "share_of_gap": 0.9}
@@ -53,8 +50,12 @@ DAMAGED: dict[str, tuple[str, Change, str]] = {
         lambda r: r["plans"][0]["approaches"].clear(),
         r"plans\[0\].approaches: ",
     ),
-    "no floor": ("diagnosed", lambda r: _falling(r, 0.03)["gap"].update(floor_mm=0.0), OTHER_FORM),
-    "below zero": ("diagnosed", lambda r: _falling(r, -1.0), OTHER_FORM),
+    "no floor": (
+        "diagnosed",
+        lambda r: _falling(r, 0.03)["gap"].update(floor_mm=0.0),
+        "gap.floor_mm: ",
+    ),
+    "below zero": ("diagnosed", lambda r: _falling(r, -1.0), r"steps.rms_mm\[0\]: "),
     "strangers": ("identified", _strangers, "residuals"),
 }
 

@@ -17,7 +17,7 @@ from studies.document import pictures_of
 from studies.document.terminal import terminal
 from studies.kinds import KINDS, record_type
 from studies.record import Record, json_schema, read
-from studies.report.sections import ORDER, UNCHECKED
+from studies.report.sections import ORDER
 from tests.studies.examples import EXAMPLES, OLD, old_fields
 
 
@@ -26,7 +26,7 @@ def test_every_kind_has_its_type_its_place_and_its_examples() -> None:
         assert all(record.kind == kind for record in EXAMPLES[kind])
         assert all(isinstance(record, record_type(kind)) for record in EXAMPLES[kind])
     assert set(EXAMPLES) == set(KINDS)
-    assert set(ORDER) == {*KINDS, *UNCHECKED}
+    assert set(ORDER) == set(KINDS)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -15,7 +15,7 @@ from calib.compensation.unexplained import Unexplained, scatter_at
 from calib.effects.tool import Tool
 from calib.errors import EffectCannotAct, TooFewPoses
 from calib.identification import Identification
-from calib.identification.identify import identify
+from calib.identification.identify import after_the_first_move, identify
 from calib.identification.noise_level import believed_sigma
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
@@ -75,6 +75,7 @@ def enough(
     refuse_idle_effects(cell, model, day.poses)
     values = _values(model, day.poses, found)
     day = _foreseen(day, model.predict(values, day.poses), len(data))
+    day = after_the_first_move(model, day)
     arm = _arm(cell, model, found)
     at = Linearisation(cell, model, values, arm)
     rows = at.of(day, _kept(day, found)).per(model.sizes)

@@ -6,14 +6,14 @@ import json
 
 import numpy as np
 import pytest
-from doe.discriminate.next_poses import TOLD
 
 import doe
 from calib import Cell
 from calib.diagnosis import Diagnosis
+from doe.prospect.likeness import SURE
 from studies.diagnose.record import diagnose_record
 from studies.record import envelope
-from tests.doe.test_discriminate import alike
+from tests.doe.prospect.rivals.test_next_poses import alike
 
 __all__ = ["alike"]  # a fixture
 
@@ -32,5 +32,5 @@ def test_fields_are_those_of_the_contract(alike: tuple[Cell, Diagnosis]) -> None
     assert any(pose["splits"] == [pair] for pose in fields["next_poses"])
     (predicted,) = fields["next_poses_predicted"]
     assert predicted["rivals"] == pair
-    assert predicted["probability_now"] < TOLD <= predicted["probability_after"]
+    assert predicted["probability_now"] < SURE <= predicted["probability_after"]
     assert predicted["inseparable"] is False

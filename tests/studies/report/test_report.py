@@ -182,7 +182,7 @@ def _with(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
         ("[]", "is no result of posecal"),
         ('{"command": "identify"}', "is no result of posecal"),
         ('{"command": "identify", "inputs": [], "schema": 2}', "schema: is not 1"),
-        ('{"command": "rm -rf", "inputs": [], "schema": 1}', "has no place in a report"),
+        ('{"command": "rm -rf", "inputs": [], "schema": 1}', "is no kind of result"),
         ('{"command": "identify", "inputs": [], "schema": 1}', "is missing"),
         ("[" * 100_000, "is no result of posecal"),
     ],

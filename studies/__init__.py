@@ -22,10 +22,5 @@ To add a kind: its folder, its name and type in ``kinds.py``, its command in ``c
 where files of earlier versions are to be read. ``posecal schema`` follows by itself. What needs the
 inputs of a result again (the arm, errors against joints) is a section of ``report/sections``.
 
-Kinds that are no records yet go the old way beside it: dictionaries, ``commands/``, ``tables.py``,
-sections told of ``Result.fields`` whose faults ``faults_of`` catches. To convert one, move it into its
-folder as above, take it out of ``UNCHECKED`` (``report/sections``) and ``_SAYS`` (``summary.py``), read
-``record`` where ``fields`` are read (``evidence.py``, ``summary.py``, ``demo``), put an old result into
-``tests/studies/old_results`` and its turns into ``tests/studies/examples.py``. With the last one go
-``faults_of``, ``report/parts.py`` and ``commands/``.
+``commands/`` holds what has no record: its output is another file or a page.
 """

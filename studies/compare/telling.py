@@ -291,10 +291,10 @@ def _tables(plan: Plan, columns: list[Column[_Parameter]], name: str) -> Iterato
     many = len(points) > _MOST_PARAMETERS
     placing = [i for i, p in enumerate(points) if many and p.effect in ("base", "tool")]
     robot = [i for i in range(len(points)) if i not in placing]
-    yield Table((*titles, *columns), _numbered(plan, robot), name)
+    yield Table((*titles, *columns), _numbered(plan, robot), name, fold=False)
     if placing:
-        table = Table((*titles, *columns), _numbered(plan, placing), f"{name}, base and tool")
-        yield Detail((table,))
+        table = Table((*titles, *columns), _numbered(plan, placing))
+        yield Detail((table,), f"{name}, base and tool")
 
 
 def _numbered(plan: Plan, chosen: list[int]) -> list[_Parameter]:

@@ -160,4 +160,6 @@ def identify(
     if zeros_path is not None:
         files[zeros_path], lost = offsets_file(cell, found, zeros_path, counts)
         left_out += lost
-    deliver(record, json_path, folder, files, warnings=left_out)
+    deliver(record, json_path, folder, files)
+    for line in left_out:
+        click.echo(line, err=json_path == "-")

@@ -214,12 +214,12 @@ class IdentifyRecord(Record):
         size = len(self.parameters)
         if any(len(rows) != size for rows in (self.correlation, *self.correlation)):
             raise ValueError("correlation has not a row and a column for each parameter")
-        held = self.rms_mm.heldout is not None
-        if {row.heldout for row in self.residuals} != {False, held}:
-            raise ValueError("residuals and rms_mm are not of the same poses")
         poses = {(row.pose, row.heldout) for row in self.residuals}
         if len(poses) * len({row.marker for row in self.residuals}) > _MOST:
             raise ValueError("residuals have too many poses and markers")
+        held = self.rms_mm.heldout is not None
+        if {row.heldout for row in self.residuals} != {False, held}:
+            raise ValueError("residuals and rms_mm are not of the same poses")
         return self
 
     @property

@@ -56,7 +56,7 @@ DAMAGED: dict[str, tuple[str, Change, str]] = {
         "gap.floor_mm: ",
     ),
     "below zero": ("diagnosed", lambda r: _falling(r, -1.0), r"steps.rms_mm\[0\]: "),
-    "strangers": ("identified", _strangers, "residuals"),
+    "strangers": ("identified", _strangers, "residuals have too many poses and markers"),
 }
 
 

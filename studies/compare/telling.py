@@ -96,7 +96,7 @@ def _parts(record: CompareRecord) -> Iterator[Part]:
     else:
         yield from _by_plan(record)
     for draw in pictures(record):
-        yield Figure(draw)
+        yield Figure(draw, lit=False)
     yield from (Sentence(note, "note", "note") for note in record.notes)
 
 

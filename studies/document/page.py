@@ -103,19 +103,19 @@ class Writer:
 
     def _figure(self, figure: Figure, lit: Mapping[str, str]) -> Markup:
         picture = figure.draw()
-        drawn = inline_svg(picture, f"f{next(self.numbers)}", lit)
+        drawn = inline_svg(picture, f"f{next(self.numbers)}", lit if figure.lit else None)
         below = Markup()
         if figure.numbers and picture.rows:
             title = f"The numbers: {plural(len(picture.rows), 'row')}"
-            below = self._folded(title, self._table(_numbers(picture, title), lit))
+            below = self._folded(title, self._table(_numbers(picture, title, figure.lit), lit))
         made: Markup = self.macros.figure(picture.title, picture.caption, drawn, below)
         return made
 
 
-def _numbers(picture: Picture, title: str) -> Table[Any]:
+def _numbers(picture: Picture, title: str, lit: bool) -> Table[Any]:
     """The table of a picture's numbers."""
     columns = plain_columns(picture.header, picture.rows)
-    return Table(columns, picture.rows, title, of_poses=picture.header[0] == "pose")
+    return Table(columns, picture.rows, title, of_poses=lit and picture.header[0] == "pose")
 
 
 def _head(column: Column[Any]) -> str:

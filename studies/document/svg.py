@@ -30,11 +30,11 @@ _GREY = re.compile("|".join(_THEMED), re.IGNORECASE)
 _COLOURED = ("style", "fill", "stroke")
 
 
-def inline_svg(picture: Picture, key: str, names: Mapping[str, str]) -> Markup:
+def inline_svg(picture: Picture, key: str, names: Mapping[str, str] | None) -> Markup:
     """The figure as an element of the page, labelled by its title and caption.
 
     key : str, begins the identifiers in it; one of its own for each figure of a page
-    names : pose -> the name under which it is lit
+    names : pose -> the name under which it is lit; None where none is
     """
     ET.register_namespace("", _SVG)
     ET.register_namespace("xlink", _XLINK)
@@ -49,7 +49,7 @@ def inline_svg(picture: Picture, key: str, names: Mapping[str, str]) -> Markup:
     return Markup(text)  # noqa: S704 - drawn by matplotlib, which escapes what it writes
 
 
-def _clean(root: ET.Element, key: str, names: Mapping[str, str]) -> None:
+def _clean(root: ET.Element, key: str, names: Mapping[str, str] | None) -> None:
     """Names of elements that are unique on the page, none that nobody refers to, no metadata."""
     for tag in ("metadata", "title", "desc"):
         for element in root.findall(f"{{{_SVG}}}{tag}"):
@@ -64,7 +64,8 @@ def _clean(root: ET.Element, key: str, names: Mapping[str, str]) -> None:
         own = element.attrib.pop("id", None)
         if own is not None and own.startswith(POSE):
             pose = own.removeprefix(POSE)
-            element.set("data-pose", names.get(pose, pose))
+            if names is not None:
+                element.set("data-pose", names.get(pose, pose))
         elif own in referred:
             element.set("id", f"{key}-{own}")
         for attribute, value in element.attrib.items():

@@ -94,4 +94,4 @@ def test_the_next_run_starts_from_the_better_model(
     assert '"backlash:a5"' in better.read_text()
     second = run("diagnose", better, data / "examples" / "one_effect" / "measurements.csv")
     assert second.exit_code == 0, second.output
-    assert "no gap beyond noise" in second.output
+    assert "No gap beyond noise" in second.output

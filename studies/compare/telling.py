@@ -31,6 +31,7 @@ from studies.plots.style import APPROACHES
 _MOST_PARAMETERS = 24  # above it base and tool are for the page
 _MOST_NAMES = 4
 _SAME = 1.005
+_OPEN = 3  # figures that stand open
 _TITLES = {
     "pose plain": "#1\nplain",
     "pose normalised": "#1\nnorm.",
@@ -95,8 +96,9 @@ def _parts(record: CompareRecord) -> Iterator[Part]:
         yield from _by_approach(record.plans[0], record.trials > 1)
     else:
         yield from _by_plan(record)
-    for draw in pictures(record):
-        yield Figure(draw, lit=False)
+    drawn = [Figure(draw, lit=False) for draw in pictures(record)]
+    yield from drawn[:_OPEN]
+    yield Detail(tuple(drawn[_OPEN:]), "Further figures")
     yield from (Sentence(note, "note", "note") for note in record.notes)
 
 

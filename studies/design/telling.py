@@ -87,10 +87,10 @@ def _parts(record: DesignRecord) -> Iterator[Part]:
     if record.curve:
         yield Table(_steps(record), record.curve, "Fewer and more poses")
         yield from _reading(record)
-    for draw in pictures(record):
-        yield Figure(draw)
+    drawn = [Figure(draw) for draw in pictures(record)]
     if record.at_targets:
-        yield Figure(lambda: over_the_workspace(record.at_targets))
+        drawn.append(Figure(lambda: over_the_workspace(record.at_targets)))
+    yield Detail(tuple(drawn), "Figures of the plan")
     yield from (Sentence(note, "note", "note") for note in record.notes)
 
 

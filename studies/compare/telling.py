@@ -293,7 +293,7 @@ def _tables(plan: Plan, columns: list[Column[_Parameter]], name: str) -> Iterato
     many = len(points) > _MOST_PARAMETERS
     placing = [i for i, p in enumerate(points) if many and p.effect in ("base", "tool")]
     robot = [i for i in range(len(points)) if i not in placing]
-    yield Table((*titles, *columns), _numbered(plan, robot), name, fold=False)
+    yield Table((*titles, *columns), _numbered(plan, robot), name)
     if placing:
         table = Table((*titles, *columns), _numbered(plan, placing))
         yield Detail((table,), f"{name}, base and tool")

@@ -173,7 +173,7 @@ def _determined(record: DesignRecord) -> Iterator[Part]:
     many = len(record.predicted_std) > _MOST_PARAMETERS
     placing = [p for p in record.predicted_std if many and p.effect in ("base", "tool")]
     robot = [p for p in record.predicted_std if p not in placing]
-    yield Table(_DETERMINED, robot, "What the plan will determine", fold=False)
+    yield Table(_DETERMINED, robot, "What the plan will determine")
     if placing:
         yield Detail((Table(_DETERMINED, placing),), "What it will determine of base and tool")
 

@@ -82,7 +82,7 @@ def _parts(record: PlanRecord) -> Iterator[Part]:
         sizes = Table(_CAUSES, record.seen, fold=False)
         yield Detail((sizes,), f"Every cause with its usual size ({len(record.seen)})")
     if record.seen:
-        yield Figure(lambda: power(record))
+        yield Detail((Figure(lambda: power(record)),), "Detection power against size")
     yield from labelled("hidden", _hidden(record.could_not_see))
     yield from not_asked(record.not_asked)
 
@@ -184,7 +184,7 @@ def _alike(record: PlanRecord) -> Iterator[Part]:
     """Twins, and each other two causes once, the harder way round, which comes first."""
     yield from labelled("twins", map(_twins, record.twins))
     if record.look_alikes:
-        yield Figure(lambda: look_alikes(record))
+        yield Detail((Figure(lambda: look_alikes(record)),), "Map of look-alikes")
     twins = [{member.key for member in group.members} for group in record.twins]
     once: dict[frozenset[str], LookAlike] = {}
     for pair in record.look_alikes:

@@ -20,6 +20,7 @@ from calib.solver import Minimum, levenberg_marquardt
 
 _TURNS = 12  # rigid parameters and elastic differences in turn: each gains three digits
 _SETTLED = 1e-6  # of a plausible size
+_STIFF = 0.03  # of the plausible size of a compliance: as the drives of a heavy arm yield
 
 
 class Judged(NamedTuple):
@@ -170,7 +171,7 @@ def choose_directions(
     model = observation.model
     probe = values.copy()
     elastic = model.where(ElasticEffect)
-    probe[elastic] = np.maximum(probe[elastic], 0.1 * model.sizes[elastic])
+    probe[elastic] = np.maximum(probe[elastic], _STIFF * model.sizes[elastic])
     _, J = observation.flat(probe)
     span = observation.span() if span is None else span
     ids = [p.id for p in model.parameters]

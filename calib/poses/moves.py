@@ -54,8 +54,11 @@ def with_moves(poses: Poses) -> Poses:
 
 
 def before_the_first_move(poses: Poses) -> Mask:
-    """Readings whose approach should follow from the order and does not, shape (m,)."""
-    if poses.approach is None or not poses.approach_derived:
+    """Readings whose approach should follow from the order and does not, shape (m,).
+
+    None where no joint ever moves: nothing comes first there, and what asks for moves cannot act.
+    """
+    if poses.approach is None or not poses.approach_derived or not poses.approach.any():
         return np.zeros(len(poses), dtype=bool)
     return np.asarray(np.logical_not(poses.approach.any(axis=1)))
 

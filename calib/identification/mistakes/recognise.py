@@ -78,7 +78,10 @@ def refuse_mistakes(model: Model, data: Measurements, start: Array) -> None:
 
 def refuse_unreachable(model: Model, data: Measurements, lengths: float) -> None:
     """Refuse points that lie more than so many arm lengths apart. Raises CalibError."""
-    spread = float(np.ptp(data.points[data.seen], axis=0).max(initial=0.0))
+    points = data.points[data.seen]
+    if not len(points):  # the counts say what is missing
+        return
+    spread = float(np.ptp(points, axis=0).max())
     if spread > lengths * model.robot.reach:
         raise CalibError(
             f"the points lie {spread:.0f} m apart and the arm is {model.robot.reach:.1f} m long; check "

@@ -83,7 +83,7 @@ def test_its_repeats_count_in_what_is_expected(tmp_path: Path) -> None:
     assert [pose["pose"] for pose in fields["poses"]] == list(again.names)
     assert (fields["reference"]["every"], fields["reference"]["poses"]) == (
         5,
-        ["ref1", "ref2", "ref3"],
+        ("ref1", "ref2", "ref3"),
     )
     at = {pose["pose"]: pose["joints_deg"] for pose in fields["poses"]}
     for name in ("ref1", "ref2", "ref3", fields["reference"]["pose"]):

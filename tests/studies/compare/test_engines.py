@@ -225,7 +225,7 @@ def test_an_interrupted_command_writes_what_is_done(
     assert done.exit_code == 0, done.output
     fields = json.loads(out.read_text())
     assert (fields["trials"], fields["trials_asked"]) == (2 * MOST_TRIALS, 170)
-    assert "interrupted plan.csv: 100 of 170 experiments simulated" in done.stdout
+    assert "stopped    plan.csv: 100 of 170 experiments simulated" in done.stdout
 
 
 def alive(session: int) -> list[str]:

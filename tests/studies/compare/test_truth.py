@@ -247,4 +247,4 @@ def test_the_command(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, call)
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["truth"] == "mujoco"
-    assert "readings drawn from MuJoCo's arm\n" in done.stderr
+    assert "readings drawn from MuJoCo's arm; " in done.stderr

@@ -12,7 +12,7 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arm.statics import Payload
 from calib.arrays import Array
-from calib.instruments import TRACKER, Channels, Instrument, Tracker
+from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
 from calib.noise import Noise
 
 
@@ -68,6 +68,7 @@ class Cell:
     repeatability : Repeatability, or None where it is to be estimated
     excluded : tuple of str, ``name`` or ``name:where``, causes that this robot cannot have
     gear_ratios : dict, joint -> float, turns of motor or wave generator a turn of the joint
+    known_distances : tuple of KnownDistance
     """
 
     name: str
@@ -91,6 +92,7 @@ class Cell:
     repeatability: Repeatability | None = None
     excluded: tuple[str, ...] = ()
     gear_ratios: Mapping[str, float] = field(default_factory=dict)
+    known_distances: tuple[KnownDistance, ...] = ()
 
     @property
     def channels(self) -> Channels:

@@ -15,6 +15,8 @@ from calib.files.csv_table import Table
 from calib.instruments import Instrument
 
 _UNITS = {"length": LENGTHS}  # the first is the one we write
+Sites = np.ndarray[tuple[int], np.dtype[np.str_]]
+"""Names of places, one for each pose."""
 _FARTHEST = 1e4  # m: no instrument of this trade reads as far
 
 
@@ -42,9 +44,11 @@ def reading_columns(
 ) -> list[tuple[str, float]]:
     """Column and SI factor of each number. Raises InputError where one is missing or unitless."""
     found = []
-    for name, quantity in instrument.columns:
+    for name, quantity, optional in instrument.columns:
         named = [(f"{name}_{unit}", scale) for unit, scale in _UNITS[quantity].items()]
         present = [pair for pair in named if pair[0] in columns]
+        if not present and optional and name not in columns:
+            continue
         if not present:
             bare = f"column {name!r} has no unit"
             what = bare if name in columns else f"column {named[0][0]} is missing"
@@ -76,7 +80,7 @@ def readings_of(table: Table, cell: Cell, pose: IntArray, count: int) -> tuple[A
         channel[own] = position[marker[own]]
         if len(own):
             numbers = _numbers(table, instrument, own)
-            readings[pose[own], channel[own], : instrument.rows] = numbers
+            readings[pose[own], channel[own], : numbers.shape[1]] = numbers
     for row, (i, c) in enumerate(zip(pose, channel, strict=True)):
         if seen[i, c]:
             name, whose = cell.marker_names[marker[row]], table.text("pose")[row]
@@ -95,11 +99,37 @@ def readings_of(table: Table, cell: Cell, pose: IntArray, count: int) -> tuple[A
     return readings, seen, sigma
 
 
+def sites_of(table: Table, cell: Cell, pose: IntArray, first: IntArray) -> Sites | None:
+    """Which place of an instrument with sites each pose touches, shape (m,); None without any.
+
+    pose : ndarray of int, shape (rows,), of each row; first : ndarray of int, shape (m,), rows
+
+    Raises InputError where one pose touches two.
+    """
+    sites = [name for own in cell.instruments for name in own.sites]
+    if not sites or "instrument" not in table.columns:
+        return None
+    named = np.array([name if name in sites else "" for name in table.text("instrument")])
+    found = named[first]
+    for row in np.flatnonzero(named != ""):
+        if found[pose[row]] not in ("", named[row]):
+            what = f"pose {table.text('pose')[row]!r} touches {found[pose[row]]!r} too"
+            raise table.fault(int(row), "instrument", what, "give each its own pose identifier")
+        found[pose[row]] = named[row]
+    return found
+
+
 def _numbers(table: Table, instrument: Instrument, rows: IntArray) -> Array:
-    """Numbers of an instrument's rows, shape (rows, r), SI."""
+    """Numbers of an instrument's rows, shape (rows, k), SI: those that its columns hold."""
     columns = reading_columns(table.path, instrument, table.columns)
-    found = np.column_stack([table.numbers(name, rows) * scale for name, scale in columns])
-    length = np.array([column.quantity == "length" for column in instrument.columns])
+    found, blank = np.zeros((len(rows), len(columns))), any(c.optional for c in instrument.columns)
+    for k, (name, scale) in enumerate(columns):
+        text = table.text(name)
+        told = rows[[bool(text[row]) for row in rows]] if blank else rows
+        found[np.isin(rows, told), k] = table.numbers(name, told) * scale
+    # An optional column is the only one of its instrument.
+    length = np.array([c.quantity == "length" for c in instrument.columns], bool)
+    length = length[: len(columns)]
     if (far := (np.abs(found) > _FARTHEST) & length).any():
         at, column = (int(i[0]) for i in np.nonzero(far))
         row, name = int(rows[at]), columns[column][0]
@@ -110,9 +140,9 @@ def _numbers(table: Table, instrument: Instrument, rows: IntArray) -> Array:
 
 def _instruments(table: Table, cell: Cell) -> IntArray:
     """Which instrument read each row, shape (rows,)."""
-    if len(cell.instruments) == 1:
+    if sum(len(own.names) for own in cell.instruments) == 1:
         return np.zeros(len(table.rows), dtype=int)
-    numbers = {instrument.name: k for k, instrument in enumerate(cell.instruments)}
+    numbers = {name: k for k, own in enumerate(cell.instruments) for name in own.names}
     known = f"instruments are {', '.join(numbers)}"
     if "instrument" not in table.columns:
         what = "column 'instrument' is missing and the cell has several"

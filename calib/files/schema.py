@@ -162,6 +162,48 @@ class InstrumentTable(Table):
     position_mm: Vector | None = None
 
 
+class DistanceTable(Table):
+    kind: Literal["distance"]
+    sigma_mm: Positive
+    anchor_mm: Vector | None = None
+    offset: Annotated[bool, Strict()] = False
+
+
+class PlaneTable(Table):
+    kind: Literal["plane"]
+    sigma_mm: Positive
+
+
+class SphereTable(Table):
+    kind: Literal["sphere"]
+    sigma_mm: Positive
+    radius_mm: Positive | None = None
+
+
+class SocketTable(Table):
+    kind: Literal["socket"]
+    sigma_mm: Positive
+
+
+class PointsTable(InstrumentTable):
+    kind: Literal["points"]
+
+
+AnyInstrument = Annotated[
+    PointsTable | DistanceTable | PlaneTable | SphereTable | SocketTable,
+    Field(discriminator="kind"),
+]
+
+
+KINDS = frozenset({"points", "distance", "plane", "sphere", "socket"})
+
+
+class KnownDistanceTable(Table):
+    between: tuple[Name, Name]
+    mm: Positive
+    sigma_mm: Positive
+
+
 class GravityTable(Table):
     m_s2: Vector = (0.0, 0.0, -9.80665)
 
@@ -229,10 +271,18 @@ class CellFile(Table):
     name: Name | None = None
     robot: RobotTable
     markers_mm: Annotated[dict[Name, Marker], Field(min_length=1)]
-    instrument: InstrumentTable
+    instrument: InstrumentTable | None = None
+    instruments: dict[Name, AnyInstrument] = {}
+    known_distances: list[KnownDistanceTable] = []
     gravity: GravityTable = GravityTable()
     payload: PayloadTable = PayloadTable()
     load: LoadTable | None = None
     design: DesignTable = DesignTable()
     diagnosis: DiagnosisTable = DiagnosisTable()
     model: ModelTable
+
+    @model_validator(mode="after")
+    def _read_by_something(self) -> Self:
+        if (self.instrument is None) == (not self.instruments):
+            raise ValueError("needs [instrument] or tables [instruments.NAME], and not both")
+        return self

@@ -22,7 +22,7 @@ from calib.files.columns import (
     torque_columns,
 )
 from calib.files.csv_table import LONGEST_LINE, Table, read_table
-from calib.files.readings import reading_columns, reading_names, readings_of
+from calib.files.readings import reading_columns, reading_names, readings_of, sites_of
 from calib.poses import Measurements, Poses, hung, poses_at
 from calib.poses.moves import with_moves
 
@@ -53,6 +53,7 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     given = covariates(table, cell.robot, first)
     poses = with_moves(poses_at(q_rows[first], pose_names, **given))
     _check_poses_agree(table, cell, pose_of_row, first)
+    poses = replace(poses, site=sites_of(table, cell, pose_of_row, first))
 
     m = len(pose_names)
     readings, seen, sigma = readings_of(table, cell, pose_of_row, m)
@@ -122,6 +123,7 @@ def _load_poses(cell: Cell, path: Path, required: Sequence[str]) -> tuple[Poses,
                 raise table.fault(row, "pose", f"{name!r} stands twice", "rename one of them")
             known.add(name)
         given["names"] = tuple(names)
+    given["site"] = sites_of(table, cell, np.arange(len(q)), np.arange(len(q)))
     return poses_at(q, **given), table
 
 

@@ -52,16 +52,17 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
         for j in cell.channels.marker[part]
     ]
     columns = dict(c for instrument in cell.instruments for c in written_columns(instrument))
-    several = ["instrument"] if len(cell.instruments) > 1 else []
+    several = ["instrument"] if len([n for i in cell.instruments for n in i.names]) > 1 else []
     header = ["pose", "marker", *several, *_joint_header(cell.robot), *columns]
     loaded = bool(wrench.any())
     header += WRENCH if loaded else ()
     session = _session(cell, poses)
     header += session
     rows = []
+    sites = [""] * len(poses) if poses.site is None else poses.site.tolist()
     for i, c in np.argwhere(data.seen):
         instrument, marker = channels[c]
-        row = [poses.names[i], marker, *[instrument.name for _ in several]]
+        row = [poses.names[i], marker, *[instrument.name_at(sites[i]) for _ in several]]
         row += _joint_text(cell.robot, poses.q[i])
         row += _reading_text(instrument, data.readings[i, c], columns)
         row += [f"{value:.6f}" for value in wrench[i]] if loaded else []

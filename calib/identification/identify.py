@@ -246,11 +246,13 @@ def _with_levels(
     scatter = scatter_of(model, values, observation.data.poses, Variances.none(model.robot.dof))
     counted = observation.only(found.kept)
     judged = estimator.judged(counted, values, found.span)
+    off, by_known = model.beside(values)
     levels = levels_of(
         scatter,
         counted.points().rows(scatter.levers),
         judged.r,
         judged.J @ judged.span,
+        held=np.column_stack([by_known @ judged.span, off]),
         known=known,
     )
     return replace(observation, scatter=scatter.at(levels.variances)), levels
@@ -260,6 +262,7 @@ def _noise(estimator: Estimator, observation: Observation, found: Found) -> tupl
     """Noise level from the kept poses, and the degrees of freedom of their residuals."""
     counted = observation.only(found.kept)
     cost = float((estimator.judged(counted, found.best.values, found.span).r ** 2).sum())
+    cost += float((observation.model.beside(found.best.values)[0] ** 2).sum())
     dof = estimator.dof(counted, found.span)
     data, weights = observation.data.take(found.kept), observation.weights[found.kept]
     return noise_level(cost, dof, data, weights), dof
@@ -298,7 +301,8 @@ def _std_by_pose(counted: Observation, found: Found) -> Array | None:
     if kept < _POSES_PER_DIRECTION * found.span.shape[1] or not counted.efficient:
         return None
     r, J = replace(counted.points(), known=counted.known).linearise(found.best.values)
-    return np.sqrt(np.diag(clustered(r[found.kept], J[found.kept], found.span)))
+    held = counted.model.beside(found.best.values)[1]
+    return np.sqrt(np.diag(clustered(r[found.kept], J[found.kept], found.span, held)))
 
 
 def _step_two_std(observation: Observation, values: Array, span: Array) -> Array:
@@ -322,7 +326,8 @@ def _predicted(
     """Residuals of poses that took no part, judged by the limit of those that did."""
     model, data = observation.model, observation.data
     r, J = observation.points().linearise(values)
-    limit = threshold(pose_statistics(r, J, found.kept, found.span)[0], r.shape[-1])
+    held = model.beside(values)[1]
+    limit = threshold(pose_statistics(r, J, found.kept, found.span, held)[0], r.shape[-1])
     heldout = _with_stations_of(data, heldout)
     _check_covariates(model, data, heldout)
     points = Points(model, heldout, whitening(cell, model, values, heldout))

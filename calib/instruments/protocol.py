@@ -35,10 +35,14 @@ class Unknown(NamedTuple):
 
 
 class Column(NamedTuple):
-    """One number of a row in a table, ``<name>_<unit>`` with any unit of its quantity."""
+    """One number of a row in a table, ``<name>_<unit>`` with any unit of its quantity.
+
+    optional : whether column or number may be missing: it is zero then
+    """
 
     name: str
     quantity: Literal["length"]
+    optional: bool = False
 
 
 class Linear(NamedTuple):
@@ -84,19 +88,41 @@ class Instrument(ABC):
     name : str, its own among those of the cell
     markers : tuple of int or None, positions of the markers that it reads, reading by reading; None for
         all of them
-    rows : numbers of one reading; each : markers that one takes, k; unknowns : its place; columns : of
-        a table
+    sites : tuple of str, names of the cell where several are one that stands elsewhere from pose to
+        pose, at one of them each time; none where it is one
+    rows : numbers of one reading; each : markers that one takes, k; columns : of a table
     stationed : whether it may stand elsewhere at other poses, a place for every station
+    sought : whether its place is unknown even where the model has no base: nothing else tells it
     """
 
     name: str = "instrument"
     markers: tuple[int, ...] | None = None
+    sites: tuple[str, ...] = ()
     kind: ClassVar[str]
     rows: ClassVar[int]
     each: ClassVar[int] = 1
-    unknowns: ClassVar[tuple[Unknown, ...]]
     columns: ClassVar[tuple[Column, ...]]
     stationed: ClassVar[bool] = False
+    sought: ClassVar[bool] = False
+
+    @property
+    @abstractmethod
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """The coordinates of its place."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the cell calls it: its own name, or those of its sites."""
+        return self.sites or (self.name,)
+
+    def name_at(self, site: str) -> str:
+        """What the cell calls it where it stands at a site."""
+        return site if site in self.sites else self.name
+
+    @property
+    def metric(self) -> bool:
+        """Whether its readings hold a length: without any, an arm of twice the size reads the same."""
+        return True
 
     @abstractmethod
     def read(self, place: Array, points: Array) -> Array:

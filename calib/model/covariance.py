@@ -129,10 +129,11 @@ def _half(J: Array, span: Array) -> Array:
     return np.asarray(span @ (np.linalg.inv(R) / scale[:, None]))
 
 
-def clustered(r: Array, J: Array, span: Array) -> Array:
+def clustered(r: Array, J: Array, span: Array, held: Array) -> Array:
     """Covariance of all p values when the rows of one pose err together, shape (p, p).
 
     r : ndarray, shape (m, rows), residuals; J : ndarray, shape (m, rows, p); any common unit
+    held : ndarray, shape (h, p), derivatives of what is known beside the poses, exactly
     Sandwich over the poses (Liang and Zeger, Biometrika 73(1), 1986) with the usual correction
     m / (m - 1) (N - 1) / (N - k), N the number of rows that count. It takes the scatter from the
     residuals themselves and wants several times more poses than k.
@@ -140,6 +141,7 @@ def clustered(r: Array, J: Array, span: Array) -> Array:
     m, k = len(r), span.shape[1]
     projected = J @ span
     flat = projected.reshape(-1, k)
+    flat = np.concatenate([flat, held @ span])
     scale = np.linalg.norm(flat, axis=0)
     inverse = np.linalg.inv(np.linalg.qr(flat / scale, mode="r")) / scale[:, None]
     scores = np.einsum("mrk,mr->mk", projected, r) @ inverse @ inverse.T

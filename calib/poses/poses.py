@@ -33,6 +33,8 @@ class Poses:
     torque : ndarray, shape (m, n), N m or N, that the arm measured along each joint, or None
     station : ndarray of int, shape (m,), index into ``stations``
     stations : tuple of str, names of the instrument's frames
+    site : ndarray of str, shape (m,), which of the places of an instrument that has sites is touched,
+        or None where nothing says it
     load_mass : ndarray, shape (m,), kg hung at ``load_com`` (tip frame, m)
     """
 
@@ -51,6 +53,7 @@ class Poses:
     stations: tuple[str, ...]
     load_mass: Array
     load_com: Array
+    site: np.ndarray[tuple[int], np.dtype[np.str_]] | None = None
 
     def __len__(self) -> int:
         return len(self.names)

@@ -19,7 +19,7 @@ from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.cell import Capsule, Cell, Load, Repeatability
 from calib.errors import InputError, UnknownEffect
-from calib.files.instruments import instruments_of, known_distances
+from calib.files.instruments import bodies_of, instruments_of, known_distances
 from calib.files.read import read_text
 from calib.files.robot import load_robot, robot_files
 from calib.files.schema import (
@@ -56,19 +56,22 @@ def load_cell(path: str | Path) -> Cell:
         name: m if isinstance(m, MarkerTable) else MarkerTable(position=m)
         for name, m in table.markers_mm.items()
     }
+    bodies = bodies_of(table.bodies, len(markers))
+    unseen = [MarkerTable(position=(0.0, 0.0, 0.0))] * len(bodies.names)
+    positions = np.array([m.position for m in markers.values()]).reshape(-1, 3)
     cell = Cell(
         name=table.name or path.stem,
         path=path,
         robot_form=form,
         robot_files=robot_files(form, file),
         robot=_narrowed(path, robot, table.robot),
-        marker_names=tuple(markers),
-        markers=np.array([m.position for m in markers.values()]) * _MM,
-        marker_normals=np.array([_unit(m.normal) for m in markers.values()]),
+        marker_names=(*markers, *bodies.names),
+        markers=np.concatenate([positions * _MM, bodies.markers]),
+        marker_normals=np.array([_unit(m.normal) for m in (*markers.values(), *unseen)]),
         marker_acceptance=np.array(
-            [math.radians(m.acceptance_deg or math.nan) for m in markers.values()]
+            [math.radians(m.acceptance_deg or math.nan) for m in (*markers.values(), *unseen)]
         ),
-        instruments=instruments_of(table),
+        instruments=instruments_of(table, tuple(markers), bodies),
         gravity=np.array(table.gravity.m_s2),
         payload=Payload(table.payload.mass_kg, _metres(table.payload.com_mm)),
         load=None
@@ -89,6 +92,7 @@ def load_cell(path: str | Path) -> Cell:
         repeatability=_repeatability(table.robot),
         gear_ratios=dict(table.robot.gear_ratio),
         known_distances=known_distances(path, table),
+        bodies=bodies.first,
     )
     return replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))
 
@@ -137,7 +141,7 @@ def _validated(path: Path, raw: dict[str, Any]) -> CellFile:
 
 def _keys(location: tuple[int | str, ...]) -> list[str]:
     """Keys of the file; a union's tag (number, position, box ..) stands in the location alone."""
-    named = ("markers_mm", "instruments")  # below these, keys are the user's own names
+    named = ("markers_mm", "instruments", "bodies")  # below these, keys are the user's own names
     return [
         str(key)
         for before, key in zip((None, *location), location, strict=False)
@@ -145,7 +149,9 @@ def _keys(location: tuple[int | str, ...]) -> list[str]:
     ]
 
 
-_TAGS = frozenset({"number", "polar", "mpe", "position", "table", "box", "sphere", "halfspace"}) | KINDS
+_TAGS = KINDS | frozenset(
+    ("number", "polar", "mpe", "position", "table", "box", "sphere", "halfspace")
+)
 
 
 _PLAINLY = {

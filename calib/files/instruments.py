@@ -1,22 +1,28 @@
-"""The instruments of a cell file, in SI."""
+"""The instruments of a cell file: tables of millimetres to objects in SI."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from calib.arm.se3 import from_xyz_rpy
+from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.schema import (
-    AnyInstrument,
+    BodyTable,
     CellFile,
     DistanceTable,
     InstrumentTable,
     MpeSigma,
     PlaneTable,
     PolarSigma,
+    PoseTable,
     Sigma,
+    SocketTable,
     SphereTable,
 )
 from calib.instruments import (
@@ -24,53 +30,97 @@ from calib.instruments import (
     Instrument,
     KnownDistance,
     Plane,
+    Pose,
     Socket,
     Sphere,
     Tracker,
 )
+from calib.instruments.pose import CORNERS, corners_of
 from calib.noise import Noise
 
 _MM = 1e-3
+_URAD = 1e-6
 
 
-def instruments_of(table: CellFile) -> tuple[Instrument, ...]:
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """The bodies of a cell as markers that follow its own.
+
+    first : dict, name -> position of its origin; names : tuple of str, of all of these markers
+    markers : ndarray, shape (3 b, 3), m, tip frame
+    """
+
+    first: Mapping[str, int]
+    names: tuple[str, ...]
+    markers: Array
+
+
+def bodies_of(table: Mapping[str, BodyTable], markers: int) -> Bodies:
+    """The bodies after so many markers; where nothing is said of one, it is guessed in the tip frame."""
+    first = {name: markers + CORNERS * i for i, name in enumerate(table)}
+    names = tuple(name + end for name in table for end in ("", ":x", ":y"))
+    placed = [_corners(body) for body in table.values()]
+    return Bodies(first, names, np.concatenate([np.zeros((0, 3)), *placed]))
+
+
+def _corners(table: BodyTable) -> Array:
+    T = from_xyz_rpy(np.array(table.position_mm) * _MM, np.radians(table.rpy_deg))
+    return corners_of(T[:3, :3], T[:3, 3])
+
+
+def instruments_of(
+    table: CellFile, markers: Sequence[str], bodies: Bodies
+) -> tuple[Instrument, ...]:
     """All of them; sockets of one uncertainty are one instrument that stands elsewhere each time."""
     if table.instrument is not None:
-        return (_tracker(table.instrument),)
+        return (_tracker(table.instrument, "instrument", None),)
+    own = tuple(range(len(markers))) if bodies.first else None
     placed = "base" in table.model.effects
     found: list[Instrument] = []
     groups: dict[float, list[str]] = {}
-    for name, own in table.instruments.items():
-        if own.kind == "socket":
-            groups.setdefault(own.sigma_mm, []).append(name)
+    for name, entry in table.instruments.items():
+        if isinstance(entry, PoseTable):
+            found.append(_pose(entry, name, bodies))
+        elif isinstance(entry, InstrumentTable):
+            found.append(_tracker(entry, name, own))
+        elif isinstance(entry, SocketTable):
+            groups.setdefault(entry.sigma_mm, []).append(name)
         else:
-            found.append(replace(_instrument(own, placed), name=name))
+            found.append(replace(_touching(entry, placed), name=name, markers=own))
     for sigma, names in groups.items():
         sites = tuple(names) if len(names) > 1 else ()
-        found.append(Socket(names[0], None, sites, sigma * _MM))
+        found.append(Socket(names[0], own, sites, sigma * _MM))
     return tuple(found)
 
 
-def _instrument(table: AnyInstrument, placed: bool) -> Instrument:
+def _touching(table: DistanceTable | PlaneTable | SphereTable, placed: bool) -> Instrument:
     """placed : whether the model has places of instruments: what is given of them is a guess."""
+    sigma = table.sigma_mm * _MM
     if isinstance(table, DistanceTable):
         anchor = None if table.anchor_mm is None else np.array(table.anchor_mm) * _MM
         known = anchor is not None and not placed
-        sigma, offset = table.sigma_mm * _MM, table.offset
-        return Distance(sigma=sigma, anchor=anchor, known=known, offset=offset)
+        return Distance(sigma=sigma, anchor=anchor, known=known, offset=table.offset)
     if isinstance(table, PlaneTable):
-        return Plane(sigma=table.sigma_mm * _MM)
-    if isinstance(table, SphereTable):
-        radius = None if table.radius_mm is None else table.radius_mm * _MM
-        return Sphere(sigma=table.sigma_mm * _MM, radius=radius)
-    if isinstance(table, InstrumentTable):
-        return _tracker(table)
-    return Socket(sigma=table.sigma_mm * _MM)
+        return Plane(sigma=sigma)
+    radius = None if table.radius_mm is None else table.radius_mm * _MM
+    return Sphere(sigma=sigma, radius=radius)
 
 
-def _tracker(table: InstrumentTable) -> Tracker:
+def _tracker(table: InstrumentTable, name: str, reads: tuple[int, ...] | None) -> Tracker:
     stands = None if table.position_mm is None else np.array(table.position_mm) * _MM
-    return Tracker(noise=_noise(table.sigma_mm), stands=stands)
+    return Tracker(name=name, markers=reads, noise=_noise(table.sigma_mm), stands=stands)
+
+
+def _pose(table: PoseTable, name: str, bodies: Bodies) -> Pose:
+    reads = tuple(i for first in bodies.first.values() for i in range(first, first + CORNERS))
+    units = np.repeat([_MM, _URAD], 3)
+    if table.covariance is not None:
+        covariance = np.array(table.covariance) * np.outer(units, units)
+    else:
+        sigma = np.repeat([table.sigma_mm or math.nan, table.sigma_urad or math.nan], 3)
+        covariance = np.diag((sigma * units) ** 2)
+    alone = float(np.sqrt(np.trace(covariance[:3, :3]) / 3.0))
+    return Pose(name=name, markers=reads, noise=Noise.isotropic(alone), covariance=covariance)
 
 
 def _noise(sigma: Sigma) -> Noise:

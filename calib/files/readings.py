@@ -14,7 +14,7 @@ from calib.files.columns import LENGTHS
 from calib.files.csv_table import Table
 from calib.instruments import Instrument
 
-_UNITS = {"length": LENGTHS}  # the first is the one we write
+_UNITS = {"length": LENGTHS, "ratio": {"": 1.0}}  # the first is the one we write
 Sites = np.ndarray[tuple[int], np.dtype[np.str_]]
 """Names of places, one for each pose."""
 _FARTHEST = 1e4  # m: no instrument of this trade reads as far
@@ -23,11 +23,15 @@ _FARTHEST = 1e4  # m: no instrument of this trade reads as far
 def reading_names(instruments: Iterable[Instrument]) -> set[str]:
     """Every column that may hold a number of theirs."""
     return {
-        f"{column.name}_{unit}"
+        _titled(column.name, unit)
         for instrument in instruments
         for column in instrument.columns
         for unit in _UNITS[column.quantity]
     }
+
+
+def _titled(name: str, unit: str) -> str:
+    return f"{name}_{unit}" if unit else name
 
 
 def written_columns(instrument: Instrument) -> list[tuple[str, float]]:
@@ -35,7 +39,7 @@ def written_columns(instrument: Instrument) -> list[tuple[str, float]]:
     found = []
     for column in instrument.columns:
         unit, scale = next(iter(_UNITS[column.quantity].items()))
-        found.append((f"{column.name}_{unit}", scale))
+        found.append((_titled(column.name, unit), scale))
     return found
 
 
@@ -45,14 +49,15 @@ def reading_columns(
     """Column and SI factor of each number. Raises InputError where one is missing or unitless."""
     found = []
     for name, quantity, optional in instrument.columns:
-        named = [(f"{name}_{unit}", scale) for unit, scale in _UNITS[quantity].items()]
+        named = [(_titled(name, unit), scale) for unit, scale in _UNITS[quantity].items()]
         present = [pair for pair in named if pair[0] in columns]
         if not present and optional and name not in columns:
             continue
         if not present:
             bare = f"column {name!r} has no unit"
             what = bare if name in columns else f"column {named[0][0]} is missing"
-            raise InputError(path, "line 1", what, f"name it {' or '.join(n for n, _ in named)}")
+            titles = " or ".join(n for n, _ in named)
+            raise InputError(path, "line 1", what, f"name it {titles}")
         found.append(present[0])
     return found
 
@@ -80,7 +85,7 @@ def readings_of(table: Table, cell: Cell, pose: IntArray, count: int) -> tuple[A
         channel[own] = position[marker[own]]
         if len(own):
             numbers = _numbers(table, instrument, own)
-            readings[pose[own], channel[own], : numbers.shape[1]] = numbers
+            readings[pose[own], channel[own], : instrument.rows] = numbers
     for row, (i, c) in enumerate(zip(pose, channel, strict=True)):
         if seen[i, c]:
             name, whose = cell.marker_names[marker[row]], table.text("pose")[row]
@@ -135,7 +140,12 @@ def _numbers(table: Table, instrument: Instrument, rows: IntArray) -> Array:
         row, name = int(rows[at]), columns[column][0]
         what = f"{table.rows[row][table.columns.index(name)]} is farther than 10 km"
         raise table.fault(row, name, what, "check the reading and its unit")
-    return found
+    read = instrument.row_of(found)
+    if len(wrong := rows[~np.isfinite(read).all(axis=1)]):
+        name = columns[int(np.flatnonzero(~length)[0])][0]
+        what = f"and what belongs to it are no reading of kind {instrument.kind}"
+        raise table.fault(int(wrong[0]), name, what, "a quaternion has a length of one")
+    return read
 
 
 def _instruments(table: Table, cell: Cell) -> IntArray:
@@ -155,10 +165,11 @@ def _instruments(table: Table, cell: Cell) -> IntArray:
 
 
 def _markers(table: Table, cell: Cell) -> IntArray:
-    numbers = {name: i for i, name in enumerate(cell.marker_names)}
+    numbers = {name: cell.marker_names.index(name) for name in cell.read_names}
     names = table.text("marker")
     for row, name in enumerate(names):
         if name not in numbers:
-            known = f"markers are {', '.join(cell.marker_names[:12])}"
-            raise table.fault(row, "marker", f"{name!r} is not in the cell's [markers_mm]", known)
+            known = f"markers are {', '.join(cell.read_names[:12])}"
+            tables = " or ".join(("[markers_mm]", "[bodies]")[: 1 + bool(cell.bodies)])
+            raise table.fault(row, "marker", f"{name!r} is not in the cell's {tables}", known)
     return np.array([numbers[name] for name in names])

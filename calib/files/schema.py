@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -19,6 +20,7 @@ from calib.files.read import fault_of_name
 
 _LARGEST = 1e9  # in any unit
 _SMALLEST = 1e-9
+_SYMMETRIC = 1e-6  # of the deviations
 
 
 def _plausible(value: float) -> float:
@@ -38,6 +40,7 @@ Positive = Annotated[Number, Field(gt=0), AfterValidator(_not_vanishing)]
 NotNegative = Annotated[Number, Field(ge=0)]
 Count = Annotated[int, Strict(), Field(ge=1, le=1_000_000)]
 Vector = tuple[Number, Number, Number]
+Row = tuple[Number, Number, Number, Number, Number, Number]
 
 
 def _plain(name: str) -> str:
@@ -189,13 +192,47 @@ class PointsTable(InstrumentTable):
     kind: Literal["points"]
 
 
+class PoseTable(Table):
+    kind: Literal["pose"]
+    sigma_mm: Positive | None = None
+    sigma_urad: Positive | None = None
+    covariance: tuple[Row, Row, Row, Row, Row, Row] | None = None  # mm and urad, body axes
+
+    @model_validator(mode="after")
+    def _one_noise(self) -> Self:
+        stated = (self.sigma_mm is not None, self.sigma_urad is not None)
+        if self.covariance is None and not all(stated):
+            raise ValueError("needs its noise, sigma_mm and sigma_urad, or covariance")
+        if self.covariance is not None:
+            if any(stated):
+                raise ValueError("has both sigma and covariance; keep one of them")
+            _refuse_no_covariance(np.array(self.covariance))
+        return self
+
+
+def _refuse_no_covariance(C: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> None:
+    size = np.sqrt(np.maximum(np.diag(C), 0.0))
+    if not (size > 0.0).all():
+        raise ValueError("covariance needs variances above zero on its diagonal")
+    scaled = C / np.outer(size, size)
+    if np.abs(scaled - scaled.T).max() > _SYMMETRIC:
+        raise ValueError("covariance is not symmetric")
+    if np.linalg.eigvalsh(scaled)[0] < _SMALLEST:
+        raise ValueError("covariance is not positive definite")
+
+
+class BodyTable(Table):
+    position_mm: Vector = (0.0, 0.0, 0.0)
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+
+
 AnyInstrument = Annotated[
-    PointsTable | DistanceTable | PlaneTable | SphereTable | SocketTable,
+    PointsTable | PoseTable | DistanceTable | PlaneTable | SphereTable | SocketTable,
     Field(discriminator="kind"),
 ]
 
 
-KINDS = frozenset({"points", "distance", "plane", "sphere", "socket"})
+KINDS = frozenset({"points", "pose", "distance", "plane", "sphere", "socket"})
 
 
 class KnownDistanceTable(Table):
@@ -270,7 +307,8 @@ class CellFile(Table):
     format: Literal[1] = Field(alias="schema")
     name: Name | None = None
     robot: RobotTable
-    markers_mm: Annotated[dict[Name, Marker], Field(min_length=1)]
+    markers_mm: dict[Name, Marker] = {}
+    bodies: dict[Name, BodyTable] = {}
     instrument: InstrumentTable | None = None
     instruments: dict[Name, AnyInstrument] = {}
     known_distances: list[KnownDistanceTable] = []
@@ -282,7 +320,19 @@ class CellFile(Table):
     model: ModelTable
 
     @model_validator(mode="after")
-    def _read_by_something(self) -> Self:
+    def _something_read(self) -> Self:
         if (self.instrument is None) == (not self.instruments):
-            raise ValueError("needs [instrument] or tables [instruments.NAME], and not both")
+            raise ValueError("needs either [instrument] or [instruments.NAME], and not both")
+        kinds = {entry.kind for entry in self.instruments.values()} or {"points"}
+        touching = kinds - {"pose"}
+        if touching and not self.markers_mm:
+            raise ValueError(f"reads {min(touching)} and has no [markers_mm]; add what is read")
+        if "pose" in kinds and not self.bodies:
+            raise ValueError("reads pose and has no [bodies]; add what is read")
+        if self.bodies and "pose" not in kinds:
+            raise ValueError("has [bodies] and no instrument of kind pose that reads them")
+        if self.markers_mm and not touching:
+            raise ValueError("has [markers_mm] and no instrument that reads them")
+        if both := set(self.markers_mm) & set(self.bodies):
+            raise ValueError(f"{min(both)!r} names a marker and a body; rename one")
         return self

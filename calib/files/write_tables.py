@@ -74,8 +74,11 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
 def _reading_text(instrument: Instrument, numbers: Array, columns: Iterable[str]) -> list[str]:
     """A row of an instrument, empty in the columns of others."""
     own = written_columns(instrument)
+    entries = instrument.entries_of(numbers[: instrument.rows])
+    digits = (5 if column.quantity == "length" else 9 for column in instrument.columns)
     shown = {
-        name: f"{value / scale:.5f}" for (name, scale), value in zip(own, numbers, strict=False)
+        name: f"{value / scale:.{places}f}"
+        for (name, scale), value, places in zip(own, entries, digits, strict=True)
     }
     return [shown.get(name, "") for name in columns]
 

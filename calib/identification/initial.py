@@ -47,8 +47,7 @@ def initial_values(model: Model, data: Measurements) -> Array:
                 values[bases[station]] = start.place
     for effect, part in zip(model.effects, model.slices, strict=True):
         if isinstance(effect, Tool):
-            offset = markers[effect.marker] - model.markers[effect.marker]
-            values[part] = offset[list(effect.components)]
+            values[part] = effect.values_at((markers - model.markers)[effect.markers])
     return values
 
 

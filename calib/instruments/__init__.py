@@ -5,6 +5,7 @@ from calib.instruments.distance import Distance
 from calib.instruments.known_distances import KnownDistance
 from calib.instruments.plane import Plane
 from calib.instruments.points import TRACKER, Tracker
+from calib.instruments.pose import Pose
 from calib.instruments.protocol import Instrument
 from calib.instruments.socket import Socket
 from calib.instruments.sphere import Sphere
@@ -16,6 +17,7 @@ __all__ = [
     "Instrument",
     "KnownDistance",
     "Plane",
+    "Pose",
     "Socket",
     "Sphere",
     "Tracker",

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.arm.se3 import rotate
 from calib.arrays import Array, IntArray, Mask
-from calib.instruments.protocol import Instrument, Nominal, Start, Unknown
+from calib.instruments.protocol import Instrument, Nominal, Number, Start, Unknown
 from calib.solver import levenberg_marquardt
 
 _MISSES = 5e-3  # m: what a nominal arm may miss, one standard deviation
@@ -27,6 +27,18 @@ class Even(Instrument, ABC):
 
     sigma: float = 1.0
     sought: ClassVar[bool] = True
+
+    @property
+    def numbers(self) -> tuple[Number, ...]:
+        names = ("d",) if self.rows == 1 else ("x", "y", "z")
+        return tuple(Number(name, "mm", 1e-3) for name in names)
+
+    @property
+    def lengths(self) -> IntArray:
+        return np.arange(self.rows)
+
+    def row_of(self, entries: Array) -> Array:
+        return np.pad(entries, ((0, 0), (0, self.rows - entries.shape[-1])))
 
     def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
         own = np.where(np.isnan(sigma), self.sigma, sigma)
@@ -53,7 +65,9 @@ def best(instrument: Instrument, rows: Array, seen: Mask, arm: Nominal, starts: 
     measured, R = rows[seen][:, None], arm.R_tip[pose]
     told = arm.free & seen.any(axis=0)[:, None]
     free, u = np.argwhere(told), len(instrument.unknowns)
-    own = np.equal(channel[:, None], free[:, 0])  # (n, f): which marker components move which reading
+    own = np.equal(
+        channel[:, None], free[:, 0]
+    )  # (n, f): which marker components move which reading
     lever = np.where(own[:, None, :], R[:, :, free[:, 1]], 0.0)
 
     def linearise(values: Array) -> tuple[Array, Array]:

@@ -9,6 +9,7 @@ frame, which an instrument may read, or ride on. How it stands against the robot
     whitening           from the covariance of a row; what the simulator adds follows from it
     start               the place, and the markers if it tells them, from nothing but the rows
     columns             how a row stands in a table
+    numbers             what it says of an error, by which figures are grouped
     position            where the picture shows it, and lines of sight end
 
 Of C readings a pose the points are (m, C, 3), or (m, C, 3 k) where each takes k, the rows (m, C, r).
@@ -35,14 +36,22 @@ class Unknown(NamedTuple):
 
 
 class Column(NamedTuple):
-    """One number of a row in a table, ``<name>_<unit>`` with any unit of its quantity.
+    """One number of a row in a table, ``<name>_<unit>`` with any unit of its quantity; a ratio has none.
 
     optional : whether column or number may be missing: it is zero then
     """
 
     name: str
-    quantity: Literal["length"]
+    quantity: Literal["length", "ratio"]
     optional: bool = False
+
+
+class Number(NamedTuple):
+    """One number of an error: its name, the unit shown, and that unit in SI."""
+
+    name: str
+    unit: str
+    scale: float
 
 
 class Linear(NamedTuple):
@@ -131,6 +140,28 @@ class Instrument(ABC):
     @abstractmethod
     def linearise(self, place: Array, points: Array) -> Linear:
         """The same with the derivatives."""
+
+    @property
+    def numbers(self) -> tuple[Number, ...]:
+        """What :meth:`shown` gives, in its order: as many as a reading has that are independent."""
+        return tuple(Number(c.name, "mm", 1e-3) for c in self.columns if c.quantity == "length")
+
+    @property
+    def lengths(self) -> IntArray:
+        """Positions in a row of the numbers whose errors are lengths, m."""
+        return np.flatnonzero([c.quantity == "length" for c in self.columns])
+
+    def shown(self, measured: Array, off: Array) -> Array:
+        """The error (..., k) of readings (..., r) that are ``off`` (..., r), as people read it, SI."""
+        return off
+
+    def row_of(self, entries: Array) -> Array:
+        """Rows (..., r) of what stands in the columns of a table (..., c), SI; NaN for nonsense."""
+        return entries
+
+    def entries_of(self, rows: Array) -> Array:
+        """The way back."""
+        return rows
 
     def difference(self, measured: Array, predicted: Array) -> Array:
         """What rows (..., r) are measured beyond those predicted, to first order linear in both."""

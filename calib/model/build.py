@@ -161,6 +161,7 @@ def context_of(cell: Cell, poses: Poses | None) -> Context:
         "s" if poses is None else poses.clock_unit,
         dict(cell.gear_ratios),
         cell.instruments,
+        dict(cell.bodies),
     )
 
 

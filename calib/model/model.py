@@ -233,7 +233,7 @@ class Model:
         offsets = np.zeros((*values.shape[:-1], *self.markers.shape))
         for effect, part in self._parts:
             if isinstance(effect, Tool):
-                offsets[..., effect.marker, list(effect.components)] = values[..., part]
+                offsets[..., effect.markers, :] = effect.offsets(values[..., part])
         return self.markers + offsets
 
     @cached_property
@@ -355,7 +355,8 @@ class Model:
         for effect, part in self._parts:
             if isinstance(effect, Tool):
                 R_tip = state.frames.R[..., -1, :, :]
-                J[..., effect.marker, :, part] = R_tip[..., list(effect.components)]
+                by_values = effect.columns(values[..., part])[..., None, :, :, :]
+                J[..., effect.markers, :, part] = R_tip[..., None, :, :] @ by_values
             elif isinstance(effect, MarkerEffect):
                 R_tip, marker = state.frames.R[..., -1, :, :], effect.marker(self.marker_names)
                 J[..., marker, :, part] = R_tip @ effect.columns(poses, values[..., part])

@@ -99,7 +99,9 @@ class Observation(ABC):
         if self.mixing is None:
             return covariance(self.flat(values)[1], span)
         held = len(self.model.lengths)
-        of_known = gain(self.flat(values)[1], span)[:, -held:] if held else np.zeros((len(values), 0))
+        of_known = (
+            gain(self.flat(values)[1], span)[:, -held:] if held else np.zeros((len(values), 0))
+        )
         return self.mixing.covariance(self.gains(values, span)) + of_known @ of_known.T
 
     def gains(self, values: Array, span: Array) -> Array:

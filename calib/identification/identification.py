@@ -168,6 +168,11 @@ class Identification:
                 f"the nominal model misses the data by {nominal * 1e3:.0f} mm: check units, signs and "
                 "order of the joints, and the units of URDF and points"
             )
+        if self.model.scaleless and any(p.effect == "geometry" for p in self.model.parameters):
+            found.append(
+                "no length is known here, and an arm of another size would read the same: the arm keeps "
+                "the size of its nominal model; give [[known_distances]] between sockets, or measure one"
+            )
         if self.undecided:
             shown = ", ".join(self.undecided[:_SHOWN]) + (" .." if self.undecided[_SHOWN:] else "")
             found.append(

@@ -34,6 +34,7 @@ class Socket(Even):
 
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
         """``R_i u - c = -p_i`` is linear in the markers and c; one that is known leaves their mean."""
+        del rows
         pose, channel, points = contacts(seen, arm)
         told = arm.free & seen.any(axis=0)[:, None]
         free = np.argwhere(told)

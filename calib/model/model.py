@@ -284,6 +284,11 @@ class Model:
         predicted = self.predict(values, data.poses)
         return self.readout.difference(data.readings, predicted) * data.seen[..., None]
 
+    @property
+    def scaleless(self) -> bool:
+        """Whether nothing here knows a length but the nominal arm."""
+        return not self.lengths and not any(i.metric for i in self.instruments)
+
     def beside(self, values: Array) -> tuple[Array, Array]:
         """What is known beside all readings, as rows of unit variance: residuals and derivatives.
 
@@ -300,7 +305,7 @@ class Model:
         return residuals, J
 
     def _place_of(self, name: str, values: Array) -> tuple[Array, Array]:
-        """A marker in the tip frame or a socket in base axes, (..., 3), m, and its derivative (3, p)."""
+        """A marker in the tip frame or a socket in base axes, (..., 3), and its derivative (3, p)."""
         J = np.zeros((3, len(self.parameters)))
         if name in self.marker_names:
             marker = self.marker_names.index(name)

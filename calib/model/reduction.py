@@ -90,10 +90,9 @@ def _as_tracked(model: Model) -> Model:
     trackers = tuple(i for i in model.instruments if isinstance(i, Tracker))
     if len(trackers) == len(model.instruments):
         return model.with_effects(tuple(e for e in effects if not _moved_on(e)))
-    known = model.lengths or any(i.metric for i in model.instruments)
     placed = any(isinstance(e, Base) for e in effects)
     stands: list[Effect] = [Base("base", None, TRACKER)] if placed else []
-    if not known:
+    if model.scaleless:
         stands.append(TrackerScale(_SCALE))
     effects = [*stands, *(e for e in effects if not isinstance(e, Base))]
     tracked = replace(model, instruments=(TRACKER,), lengths=())

@@ -41,7 +41,7 @@ class Bodies:
 
 
 def bodies_of(table: Mapping[str, BodyTable], markers: int) -> Bodies:
-    """The bodies after so many markers; where nothing is said of one, it is guessed in the tip frame."""
+    """The bodies after so many markers; one of which nothing is said is guessed at the tip frame."""
     first = {name: markers + CORNERS * i for i, name in enumerate(table)}
     names = tuple(name + end for name in table for end in ("", ":x", ":y"))
     placed = [_corners(body) for body in table.values()]
@@ -53,7 +53,9 @@ def _corners(table: BodyTable) -> Array:
     return corners_of(T[:3, :3], T[:3, 3])
 
 
-def instruments_of(table: CellFile, markers: Sequence[str], bodies: Bodies) -> tuple[Instrument, ...]:
+def instruments_of(
+    table: CellFile, markers: Sequence[str], bodies: Bodies
+) -> tuple[Instrument, ...]:
     """All of them, in the order of the file."""
     if table.instrument is not None:
         return (_tracker(table.instrument, "instrument", None),)

@@ -20,7 +20,7 @@ from calib.effects.protocol import Constant, ConstantTwist, Effect
 from calib.effects.tool import Tool
 from calib.effects.tracker_scale import TrackerScale
 from calib.model import Model
-from calib.poses import poses_at
+from calib.poses import Poses, poses_at
 
 _DEPENDENT = 3e-3
 """Sine of the angle to the span of the others below which a column is dropped.
@@ -69,8 +69,7 @@ def irreducible(model: Model) -> tuple[Model, tuple[Dropped, ...]]:
     rigid = model.with_effects(tuple(constant))
     count = 20 + 2 * len(rigid.parameters) // int(model.readout.channels.rows.sum())
     poses = poses_at(generic_configurations(model.robot, count))
-    _, J = rigid.jacobian(_generic_values(rigid), poses)
-    X = J.reshape(-1, J.shape[-1])
+    X = _rows(rigid, _generic_values(rigid), poses)
     norms = np.linalg.norm(X, axis=0)
     X = X / np.where(norms < _NOTHING * norms.max(), np.inf, norms)
     kept = _select(X, _priorities(rigid))
@@ -78,6 +77,15 @@ def irreducible(model: Model) -> tuple[Model, tuple[Dropped, ...]]:
     gone = {d.id for d in dropped}
     effects = tuple(_without(e, gone) for e in model.effects)
     return model.with_effects(tuple(e for e in effects if e is not None)), dropped
+
+
+def _rows(model: Model, values: Array, poses: Poses) -> Array:
+    """Rows (N, p) of the Jacobian: as read where all have one unit, else in standard deviations."""
+    readings, J = model.jacobian(values, poses)
+    if len({n.unit for i in model.instruments for n in i.numbers}) > 1:
+        unstated = np.full(readings.shape[:-1], np.nan)
+        J = model.readout.whitening(values, poses, readings, unstated) @ J
+    return J.reshape(-1, J.shape[-1])
 
 
 def _is_constant(effect: Effect) -> bool:

@@ -166,8 +166,11 @@ class Measurements:
 
     @property
     def points(self) -> Array:
-        """The points of a tracker that reads alone, shape (m, M, 3), m."""
-        return self.readings
+        """Points where instruments read them: of a tracker that reads alone (..., m, M, 3), m.
+
+        Of whole poses their origins.
+        """
+        return self.readings[..., :3]
 
     def only(self, channels: slice, rows: int) -> Measurements:
         """What some channels read, so many numbers each."""

@@ -277,7 +277,8 @@ def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:
     cost = float((fit.r**2).sum())
     weights = stage.weights[kept] * factor
     dof = int(counted(weights).sum()) - fit.span.shape[1]
-    alone = noise_level(cost * factor**2, dof, stage.data.take(kept), weights)
+    lengths = stage.model.readout.channels.lengths
+    alone = noise_level(cost * factor**2, dof, stage.data.take(kept), weights, lengths)
     if alone.source == "residual" and fit.levels is not None and fit.levels.instrument_only:
         # What the markers of one reading say of each other repeats in every reading.
         return replace(alone, source="replicates")

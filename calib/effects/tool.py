@@ -58,7 +58,7 @@ class Tool(Effect):
 
     def values_at(self, offsets: Array) -> Array:
         """The values (p,) that move its markers by (k, 3), m, as far as they can."""
-        return offsets[0, list(self.components)]
+        return np.asarray(offsets[0, list(self.components)])
 
     def only(self, kept: tuple[int, ...]) -> Self:
         """The same with some of its parameters, given by their positions."""
@@ -67,8 +67,7 @@ class Tool(Effect):
 
 @dataclass(frozen=True, eq=False)
 class Body(Tool):
-    """Where a body sits on the tip: x, y, z of its origin and its rotation vector, in tip axes, from the
-    cell's first guess.
+    """Where a body sits on the tip: its origin and its rotation vector, in tip axes, from the guess.
 
     marker : position of its origin among the markers; the ends of its x and y axes follow
     guess : ndarray, shape (3, 3), m, these three points

@@ -56,7 +56,7 @@ class Bodies:
 
 
 def bodies_of(table: Mapping[str, BodyTable], markers: int) -> Bodies:
-    """The bodies after so many markers; where nothing is said of one, it is guessed in the tip frame."""
+    """The bodies after so many markers; one of which nothing is said is guessed at the tip frame."""
     first = {name: markers + CORNERS * i for i, name in enumerate(table)}
     names = tuple(name + end for name in table for end in ("", ":x", ":y"))
     placed = [_corners(body) for body in table.values()]

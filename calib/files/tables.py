@@ -59,10 +59,11 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     readings, seen, sigma = readings_of(table, cell, pose_of_row, m)
     shown = set(table.text("marker")) if every_marker else set(cell.read_names)
     for name in (n for n in cell.read_names if n not in shown):
+        table_of = "bodies" if name in cell.bodies else "markers_mm"
         raise InputError(
             path,
             f"marker {name}",
-            f"is in the cell's [{'bodies' if name in cell.bodies else 'markers_mm'}] and never measured",
+            f"is in the cell's [{table_of}] and never measured",
             "measure it or take it out of the cell",
         )
     if cell.load is not None and not poses.wrench.any() and poses.configuration.max() + 1 < m:

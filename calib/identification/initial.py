@@ -56,8 +56,8 @@ def _sessions(
 ) -> list[tuple[int | str | None, Mask]]:
     """Stations or sites of an instrument with their poses, that with the most poses first."""
     read = np.asarray(data.seen[:, part].any(axis=1))
-    if instrument.sites and data.poses.site is not None:
-        touched = [(name, read & np.equal(data.poses.site, name)) for name in instrument.sites]
+    if sites := instrument.sites:
+        touched = [(name, read & data.poses.touching(name, sites)) for name in sites]
         touched.sort(key=lambda own: -int(own[1].sum()))
         return [(name, here) for name, here in touched if here.any()]
     if not instrument.stationed:

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from calib.arm.se3 import nearest_rotation, rotate, skew, so3_exp, so3_log, so3_right_jacobian
-from calib.arrays import Array, Mask
+from calib.arrays import Array, IntArray, Mask
 from calib.solver import levenberg_marquardt
 
 Motions: TypeAlias = tuple[Array, Array]
@@ -45,7 +45,7 @@ def hand_eye(
 
 
 def _rotations(
-    R_read: Array, R_tip: Array, body: Array, R_X: Array, known: Mask, placed: bool
+    R_read: Array, R_tip: Array, body: IntArray, R_X: Array, known: Mask, placed: bool
 ) -> tuple[Array, Array]:
     """Those of the place and of every body, by the readings n."""
     if placed:
@@ -61,7 +61,7 @@ def _rotations(
     return R_Y, _averaged(back, body, R_X, known)
 
 
-def _averaged(back: Array, body: Array, R_X: Array, known: Mask) -> Array:
+def _averaged(back: Array, body: IntArray, R_X: Array, known: Mask) -> Array:
     """Each unknown body's rotation, as all of its readings (n, 3, 3) have it."""
     found = R_X.copy()
     for c in np.unique(body):
@@ -70,7 +70,7 @@ def _averaged(back: Array, body: Array, R_X: Array, known: Mask) -> Array:
     return found
 
 
-def _place(R_read: Array, R_tip: Array, body: Array, count: int) -> Array:
+def _place(R_read: Array, R_tip: Array, body: IntArray, count: int) -> Array:
     """R_Y with every body unknown: the null space, and a search from there and from anywhere."""
     n, eye = len(body), np.eye(3)
     rows = np.zeros((n, 9, 1 + count, 9))
@@ -83,7 +83,7 @@ def _place(R_read: Array, R_tip: Array, body: Array, count: int) -> Array:
     return _searched(first, R_read[chosen], R_tip[chosen], body[chosen], count).T
 
 
-def _searched(first: Array, R_read: Array, R_tip: Array, body: Array, count: int) -> Array:
+def _searched(first: Array, R_read: Array, R_tip: Array, body: IntArray, count: int) -> Array:
     """The S = R_Y^T from which the bodies' rotations scatter least."""
     wide = np.zeros((len(body), 1 + count))
     wide[np.arange(len(body)), 1 + body] = 1.0
@@ -113,7 +113,7 @@ def _searched(first: Array, R_read: Array, R_tip: Array, body: Array, count: int
 
 
 def _translations(
-    there: Array, R_tip: Array, body: Array, p_X: Array, known: Mask, placed: bool
+    there: Array, R_tip: Array, body: IntArray, p_X: Array, known: Mask, placed: bool
 ) -> tuple[Array, Array]:
     """``there = t + R_tip p_X``: where the base is from the place, base axes, and the bodies."""
     free = np.flatnonzero(~known)
@@ -127,4 +127,5 @@ def _translations(
     solution = np.linalg.lstsq(A.reshape(-1, A.shape[-1]), rest.reshape(-1), rcond=1e-9)[0]
     found = p_X.copy()
     found[free] = solution[first:].reshape(-1, 3)
-    return (np.zeros(3) if placed else solution[:3]), found
+    t = np.zeros(3) if placed else np.asarray(solution[:3])
+    return t, found

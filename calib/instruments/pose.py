@@ -75,6 +75,7 @@ class Pose(Tracker):
 
         sigma : of a coordinate, m; all of the covariance scales with it
         """
+        del place  # noise is stated in the axes of the body
         own = np.sqrt(np.trace(self.covariance[:3, :3]) / 3.0)
         factor = np.where(np.isnan(sigma), 1.0, own / sigma)
         half = np.linalg.inv(np.linalg.cholesky(self.covariance))
@@ -114,18 +115,18 @@ class Pose(Tracker):
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
         """Place and bodies by hand-eye calibration of the nominal arm."""
         corners, free = arm.markers.reshape(-1, CORNERS, 3), arm.free.reshape(-1, CORNERS, 3)
-        known = ~free.any(axis=(1, 2))
+        known, read = ~free.any(axis=(1, 2)), np.asarray(seen.any(axis=0))
         R, t, frames = hand_eye(
             (_rotation(rows), rows[..., :3]),
             seen,
             (arm.R_tip, arm.p_tip),
             _frame(_flat(corners)),
-            known,
+            np.asarray(known),
             arm.placed,
         )
         found = np.einsum("ab,cbi->cai", np.linalg.inv(_DIFFERENCES), frames)
-        corners = np.where((~known & seen.any(axis=0))[:, None, None], found, corners)
-        told = arm.free & np.repeat(seen.any(axis=0), CORNERS)[:, None]
+        corners = np.where(np.asarray(~known & read)[:, None, None], found, corners)
+        told = arm.free & np.repeat(read, CORNERS)[:, None]
         return Start(np.concatenate([t, so3_log(R)]), corners.reshape(-1, 3), told)
 
 
@@ -140,7 +141,7 @@ def corners_of(R: Array, p: Array) -> Array:
 def _frame(points: Array) -> Array:
     """Origin and two axes (..., 3, 3), by rows, of three points (..., 9)."""
     corners = points.reshape((*points.shape[:-1], CORNERS, 3))
-    return np.einsum("ab,...bi->...ai", _DIFFERENCES, corners)
+    return np.asarray(np.einsum("ab,...bi->...ai", _DIFFERENCES, corners))
 
 
 def _flat(corners: Array) -> Array:

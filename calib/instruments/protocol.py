@@ -36,7 +36,7 @@ class Unknown(NamedTuple):
 
 
 class Column(NamedTuple):
-    """One number of a row in a table, ``<name>_<unit>`` with any unit of its quantity; a ratio has none.
+    """One number of a row in a table, ``<name>_<unit>`` with any unit of its quantity, if it has one.
 
     optional : whether column or number may be missing: it is zero then
     """
@@ -153,6 +153,7 @@ class Instrument(ABC):
 
     def shown(self, measured: Array, off: Array) -> Array:
         """The error (..., k) of readings (..., r) that are ``off`` (..., r), as people read it, SI."""
+        del measured
         return off
 
     def row_of(self, entries: Array) -> Array:

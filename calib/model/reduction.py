@@ -21,7 +21,7 @@ from calib.effects.tool import Tool
 from calib.effects.tracker_scale import TrackerScale
 from calib.instruments import TRACKER, Tracker
 from calib.model import Model
-from calib.poses import poses_at
+from calib.poses import Poses, poses_at
 
 _DEPENDENT = 3e-3
 """Sine of the angle to the span of the others below which a column is dropped.
@@ -68,8 +68,7 @@ def irreducible(model: Model) -> tuple[Model, tuple[Dropped, ...]]:
         return model, ()
     count = 20 + 2 * len(rigid.parameters) // int(rigid.readout.channels.rows.sum())
     poses = poses_at(generic_configurations(model.robot, count))
-    _, J = rigid.jacobian(_generic_values(rigid), poses)
-    X = J.reshape(-1, J.shape[-1])
+    X = _rows(rigid, _generic_values(rigid), poses)
     norms = np.linalg.norm(X, axis=0)
     X = X / np.where(norms < _NOTHING * norms.max(), np.inf, norms)
     kept = _select(X, _priorities(rigid))
@@ -102,6 +101,15 @@ def _as_tracked(model: Model) -> Model:
 def _moved_on(effect: Effect) -> bool:
     """Whether it is the place of a tracker at a station after its first."""
     return isinstance(effect, Base) and bool(effect.station)
+
+
+def _rows(model: Model, values: Array, poses: Poses) -> Array:
+    """Rows (N, p) of the Jacobian: as read where all have one unit, else in standard deviations."""
+    readings, J = model.jacobian(values, poses)
+    if len({n.unit for i in model.instruments for n in i.numbers}) > 1:
+        unstated = np.full(readings.shape[:-1], np.nan)
+        J = model.readout.whitening(values, poses, readings, unstated) @ J
+    return J.reshape(-1, J.shape[-1])
 
 
 def _is_constant(effect: Effect) -> bool:

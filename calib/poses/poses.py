@@ -68,6 +68,15 @@ class Poses:
                 changed[field.name] = value[chosen]
         return replace(self, **changed)
 
+    def touching(self, name: str, sites: tuple[str, ...]) -> Mask:
+        """At which poses a place of an instrument with these sites is touched, shape (m,).
+
+        Where nothing says it, the first one is; without sites the instrument reads all alike.
+        """
+        if not sites or self.site is None:
+            return np.full(len(self), not sites or name == sites[0])
+        return np.asarray(self.site == name)
+
     @property
     def elapsed(self) -> Array:
         """Time since the first pose of the session, shape (m,), s; zero where none is given."""
@@ -169,8 +178,11 @@ class Measurements:
 
     @property
     def points(self) -> Array:
-        """The points of a tracker that reads alone, shape (m, M, 3), m."""
-        return self.readings
+        """Points where instruments read them: of a tracker that reads alone (..., m, M, 3), m.
+
+        Of whole poses their origins.
+        """
+        return self.readings[..., :3]
 
     def only(self, channels: slice, rows: int) -> Measurements:
         """What some channels read, so many numbers each."""

@@ -14,12 +14,12 @@ from studies.commands.compare import compare
 from studies.commands.demo import demo
 from studies.commands.design import design
 from studies.commands.diagnose import diagnose
-from studies.commands.identify import identify
 from studies.commands.import_ import import_
 from studies.commands.program import program
 from studies.commands.report import report
 from studies.compensate.command import compensate
 from studies.enough.command import enough
+from studies.identify.command import identify
 from studies.schema.command import schema
 
 

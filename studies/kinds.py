@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from studies.record import Record
 
-KINDS = ("enough", "compensate")
+KINDS = ("identify", "enough", "compensate")
 """In the order in which a page tells of them."""
 
 
@@ -15,6 +15,11 @@ def record_type(kind: str) -> type[Record]:
     """The record of a kind."""
     from studies.compensate.record import CompensateRecord
     from studies.enough.record import EnoughRecord
+    from studies.identify.record import IdentifyRecord
 
-    types: dict[str, type[Record]] = {"enough": EnoughRecord, "compensate": CompensateRecord}
+    types: dict[str, type[Record]] = {
+        "identify": IdentifyRecord,
+        "enough": EnoughRecord,
+        "compensate": CompensateRecord,
+    }
     return types[kind]

@@ -21,8 +21,8 @@ from calib.files.write_tables import measurements_csv
 from calib.model.build import build, parse_effect
 from doe.problem.levels import levels_of
 from doe.problem.wish import Wish, direction_of, subset_of, with_rivals
+from studies.command.holdout import held_out
 from studies.commands.design import candidates_of, two_effects
-from studies.commands.identify import held_out
 from studies.demo import embedded_cell, embedded_plan, embedded_text, simulated
 from tests.fuzz.estimates import ESTIMATES, estimate
 from tests.fuzz.exports import JOINTS, POINTS, joints, points

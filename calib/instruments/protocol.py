@@ -36,7 +36,7 @@ class Unknown(NamedTuple):
 
 
 class Column(NamedTuple):
-    """One number of a row in a table, ``<name>_<unit>`` with any unit of its quantity, if it has one."""
+    """One number of a row in a table, ``<name>_<unit>`` with a unit of its quantity, if it has one."""
 
     name: str
     quantity: Literal["length", "ratio"]

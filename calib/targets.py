@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import CalibError
 from calib.files.tables import load_targets
+from calib.model.covariance import errors_at, task_error
 from calib.poses import Poses, hung, poses_at
+
+if TYPE_CHECKING:
+    from calib.identification import Identification
 
 _COUNT = 200
 _OUTSIDE = 1e-4  # rad or m: rounding of limits
@@ -25,6 +32,30 @@ def targets_of(cell: Cell) -> tuple[Poses, Array]:
     if cell.load is not None:
         poses = hung(poses, cell.load.mass, cell.load.com)
     return poses, np.ones(_COUNT)
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy:
+    """What the uncertainty of identified parameters leaves at the targets.
+
+    errors : ndarray, shape (m,), m, infinite where a parameter is open; rms, worst : float, m
+    source : str, what the targets are
+    """
+
+    targets: Poses
+    errors: Array
+    rms: float
+    worst: float
+    source: str
+
+
+def accuracy_at_targets(cell: Cell, found: Identification) -> Accuracy:
+    """The accuracy to expect at the cell's targets. Raises InputError as :func:`targets_of`."""
+    targets, weights = targets_of(cell)
+    errors = errors_at(found.model, found.values, found.knowledge, targets)
+    own = cell.design.get("targets")
+    source = str(own) if own is not None else f"{len(targets)} Sobol poses within the limits"
+    return Accuracy(targets, errors, *task_error(errors, weights), source)
 
 
 def sobol_poses(cell: Cell, count: int, seed: int) -> Poses:

@@ -12,7 +12,6 @@ import click
 
 from studies.commands.demo import demo
 from studies.commands.diagnose import diagnose
-from studies.commands.identify import identify
 from studies.commands.import_ import import_
 from studies.commands.program import program
 from studies.commands.report import report
@@ -20,6 +19,7 @@ from studies.compare.command import compare
 from studies.compensate.command import compensate
 from studies.design.command import design
 from studies.enough.command import enough
+from studies.identify.command import identify
 from studies.schema.command import schema
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from studies.record import Record
 
-KINDS = ("design", "compare", "enough", "compensate")
+KINDS = ("design", "compare", "identify", "enough", "compensate")
 """In the order in which a page tells of them."""
 
 
@@ -17,10 +17,12 @@ def record_type(kind: str) -> type[Record]:
     from studies.compensate.record import CompensateRecord
     from studies.design.record import DesignRecord
     from studies.enough.record import EnoughRecord
+    from studies.identify.record import IdentifyRecord
 
     types: dict[str, type[Record]] = {
         "design": DesignRecord,
         "compare": CompareRecord,
+        "identify": IdentifyRecord,
         "enough": EnoughRecord,
         "compensate": CompensateRecord,
     }

@@ -10,7 +10,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -28,6 +28,7 @@ from studies.kinds import KINDS, record_type
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
+    from calib.arrays import Array
     from studies.document import Document
 
 _MOST_BYTES = 200_000_000
@@ -52,13 +53,24 @@ Maybe = Annotated[Number | None, BeforeValidator(_defined)]
 NotNegative = Annotated[Number, Field(ge=0)]
 Positive = Annotated[Number, Field(gt=0)]
 MaybePositive = Annotated[Positive | None, BeforeValidator(_defined)]
+Three = tuple[Number, Number, Number]
+"""A vector in space."""
 Count = Annotated[int, Field(ge=0, lt=2**53)]
+
+
+def three(values: Array) -> tuple[float, float, float]:
+    """A vector of an array, shape (3,)."""
+    x, y, z = values.tolist()
+    return x, y, z
 
 
 class Entry(BaseModel):
     """A part of a record: the names and types of its JSON, no others."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, populate_by_name=True)
+
+
+R = TypeVar("R", bound="Record")
 
 
 class InputFile(Entry):
@@ -155,6 +167,14 @@ def read(path: Path) -> Record:
         first, *others = error.errors(include_url=False, include_input=False)
         more = f" (and {len(others)} more)" if others else ""
         raise InputError(path, _place(first), f"{_fault(first)}{more}", _ANEW) from None
+
+
+def read_as(path: Path, kind: type[R]) -> R:
+    """The record in a file that is known to be of a kind. Raises InputError."""
+    record = read(path)
+    if not isinstance(record, kind):
+        raise InputError(path, "command", f"is {record.command}", "name another result")
+    return record
 
 
 def _head(text: str, path: Path) -> _Head:

@@ -1,4 +1,4 @@
-"""An identified model in the JSON of a result, and read back from it."""
+"""An identified model, read back from the entry ``estimate`` of a result."""
 
 from __future__ import annotations
 
@@ -33,32 +33,6 @@ _KEY = ("effect", "where", "name")
 
 Key: TypeAlias = tuple[str, ...]
 """Effect, where and name of a parameter."""
-
-
-def estimate_fields(estimate: Estimate) -> dict[str, Any]:
-    """The entry ``estimate`` of a result: all that the next command needs, SI."""
-    return {
-        "parameters": [
-            {"effect": p.effect, "where": p.where, "name": p.name, "value_SI": value}
-            for p, value in zip(estimate.model.parameters, estimate.values, strict=True)
-        ],
-        "covariance_SI": estimate.covariance,
-        "session_start_s": estimate.start,
-        "session_clock": estimate.clock_unit,
-        "unexplained": {
-            "rms_mm": estimate.unexplained.rms * 1e3,
-            "source": estimate.unexplained.source,
-        },
-        "scatter_SI": None if estimate.variances is None else _scatter_fields(estimate.variances),
-        "undetermined": list(estimate.undetermined),
-        "notes": list(estimate.notes),
-        "converged": estimate.converged,
-    }
-
-
-def _scatter_fields(variances: Variances) -> dict[str, Any]:
-    """Variances of joints, tip's translation and rotation, rad^2 or m^2."""
-    return {"approach": variances.approach, "configuration": variances.configuration}
 
 
 def load_estimate(cell: Cell, path: str | Path) -> Estimate:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from calib.arrays import Array
 from calib.cell import Cell
@@ -17,13 +18,44 @@ from calib.files.urdf_out import corrected_urdf
 from calib.files.urdf_to_mjcf import mjcf_of_urdf
 from calib.model import Model
 
+if TYPE_CHECKING:
+    from calib.identification import Identification
+
 Form = Literal["urdf", "mjcf"]
 
-LACKS = {
+_LACKS = {
     ("urdf", "mjcf"): "without shapes",
     ("mjcf", "urdf"): "the bare chain, without shapes and moments of inertia",
 }
 """What a robot has not in the second form that it may have in the first."""
+
+
+def corrected_robots(
+    cell: Cell, found: Identification, paths: Mapping[Form, Path | None]
+) -> dict[Path, str]:
+    """The text of each robot to write, by its path. Raises InputError as :func:`corrected_robot`."""
+    corrections = found.model.constant_displacements(found.values)
+    markers = dict(zip(found.model.marker_names, found.marker_positions, strict=True))
+    return {
+        path: corrected_robot(cell, form, corrections, markers, path)
+        for form, path in paths.items()
+        if path is not None
+    }
+
+
+def left_out(cell: Cell, model: Model, paths: Mapping[Form, Path | None]) -> list[str]:
+    """What the robots that are written do not hold, in sentences."""
+    written = {form: path for form, path in paths.items() if path is not None}
+    said = [
+        f"{path} is made anew from the {cell.robot_form.upper()}: {_LACKS[cell.robot_form, form]}"
+        for form, path in written.items()
+        if form != cell.robot_form
+    ]
+    rigid = (Constant, Base, Tool)
+    names = [f"{e.kind}:{e.where}" for e in model.effects if not isinstance(e, rigid)]
+    if written and names:
+        said.append(f"the robot written is rigid, without {', '.join(names)}")
+    return said
 
 
 def corrected_robot(
@@ -46,9 +78,3 @@ def corrected_robot(
         return corrected_mjcf(source, cell.robot, corrections, markers, target)
     whole = load_robot("mjcf", source, cell.robot.base, cell.robot.tip)  # limits as in the file
     return chain_urdf(whole, corrections, markers)
-
-
-def not_rigid(model: Model) -> list[str]:
-    """Effects ``name:where`` of a model that no rigid robot can hold."""
-    rigid = (Constant, Base, Tool)
-    return [f"{e.kind}:{e.where}" for e in model.effects if not isinstance(e, rigid)]

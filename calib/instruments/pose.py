@@ -7,6 +7,7 @@ error is ``predicted^-1 measured``, of which a row's nine numbers hold the six o
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -103,6 +104,12 @@ class Pose(Tracker):
         half = np.linalg.norm(r, axis=-1, keepdims=True) / 2.0
         sine = r / 2.0 * np.sinc(half / np.pi)
         return np.concatenate([rows[..., :3], np.cos(half), sine], axis=-1)
+
+    def bodies(self, markers: Array) -> Iterator[tuple[int, tuple[Array, Array]]]:
+        """Of each body the position of its origin among markers (M, 3), and p and rotation vector."""
+        for first in self.read_of(len(markers))[::CORNERS].tolist():
+            frame = _frame(markers[first : first + CORNERS].reshape(9))
+            yield first, (frame[0], so3_log(_rotation(_flat(frame))))
 
     @property
     def even(self) -> float | None:

@@ -36,7 +36,7 @@ class Unknown(NamedTuple):
 
 
 class Column(NamedTuple):
-    """One number of a row in a table, ``<name>_<unit>`` with any unit of its quantity, if it has one.
+    """One number of a row in a table, ``<name>_<unit>`` with a unit of its quantity, if it has one.
 
     optional : whether column or number may be missing: it is zero then
     """

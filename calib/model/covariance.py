@@ -164,8 +164,8 @@ def correlation(cov: Array) -> Array:
 def working_points(model: Model) -> Model:
     """The model at the points where its accuracy counts.
 
-    Markers and origins of bodies, or the tip's origin where they are not part of the model; in the frame
-    of the first instrument that has one, or in base axes where there is none.
+    Markers and origins of bodies, or the tip's origin where they are not part of the model; in the
+    frame of the first instrument that has one, or in base axes where there is none.
     """
     trackers = [i for i in model.instruments if isinstance(i, Tracker)]
     known = not any(isinstance(e, Tool) for e in model.effects)

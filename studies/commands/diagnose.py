@@ -79,14 +79,14 @@ def diagnose(
     from calib.diagnosis.spectra import spectra
     from calib.errors import CalibError, InputError
     from calib.files.diagnosis import diagnosis_fields
-    from calib.files.estimate import estimate_fields
     from calib.files.write import write_files
     from doe.prospect.rivals.next_poses import next_poses
     from doe.prospect.rivals.results import next_fields
-    from studies.commands.identify import held_out
+    from studies.command.holdout import held_out
     from studies.diagnose.next_tables import next_tables
     from studies.diagnose.shown import shown_fields
     from studies.diagnose.tables import diagnosis_tables
+    from studies.estimate import estimated
 
     cell = calib.load_cell(cell_path)
     if plan_only:
@@ -97,18 +97,18 @@ def diagnose(
         return
     data = calib.load_measurements(cell, data_path)
     inputs = [cell_path, *cell.robot_files, data_path]
-    data, heldout, extra = held_out(cell, data, holdout, seed, data_path)
+    data, heldout, extra, warnings = held_out(cell, data, holdout, seed, data_path)
     targets = cell.design["targets"]
     outputs = [output_file(json_path), cell_out]
     check_outputs(outputs, [*inputs, *extra, *([targets] if targets else [])], folder)
-    warn(data.warnings + (heldout.warnings if heldout is not None and extra else ()))
+    warn(warnings)
     with faults_in(data_path, effects_of=cell_path):
         result = diagnose_data(cell, data, heldout=heldout)
     fields = {
         **envelope("diagnose", [*inputs, *extra], seed),
         "holdout": holdout,
         **diagnosis_fields(result, spectra(result)),
-        "estimate": estimate_fields(estimate_of(result)),
+        "estimate": estimated(estimate_of(result)).model_dump(by_alias=True),
     }
     if next_count:
         try:

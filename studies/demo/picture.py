@@ -13,7 +13,7 @@ from calib import Cell, load_cell, load_plan
 from calib.arm.kinematics import forward
 from calib.arrays import Array
 from calib.files.write import write_files
-from studies.identify.point_errors import point_errors
+from studies.identify.record import IdentifyRecord
 from studies.plots import view as draw
 from studies.plots.style import (
     BLUE,
@@ -29,6 +29,7 @@ from studies.plots.style import (
     svg_text,
     tidy,
 )
+from studies.record import read_as
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,17 +41,13 @@ _VIEW = draw.View(-58.0, 18.0)
 def picture(folder: Path) -> Picture:
     """The arm at the planned poses, and how far prediction and measurement are apart, step by step."""
     cell = load_cell(folder / "cell.toml")
-    identified, diagnosed = (
-        json.loads((folder / f"{name}.json").read_text("utf-8"))
-        for name in ("identify", "diagnose")
-    )
-    gap, errors = diagnosed["gap"], point_errors(identified["residuals"], "nominal_mm")
-    unseen = errors.take(errors.heldout)
-    nominal = 1e3 * float(np.sqrt((unseen.before**2).sum() / unseen.seen.sum()))
+    identified = read_as(folder / "identify.json", IdentifyRecord)
+    diagnosed = json.loads((folder / "diagnose.json").read_text("utf-8"))
+    gap, nominal = diagnosed["gap"], identified.nominal_at_heldout_mm
     cause = diagnosed["effects"][0]
     steps = (
         ("as delivered", nominal, VERMILLION),
-        ("identified", identified["rms_mm"]["heldout"], BLUE),
+        ("identified", identified.rms_mm.heldout, BLUE),
         (f"{cause['effect'].replace('_', ' ')}\nfound and added", gap["heldout_after_mm"], GREEN),
     )
     figure = sheet(9.6, 3.7)

@@ -20,12 +20,13 @@ from calib.files.write import json_text, write_files
 from calib.files.write_tables import measurements_csv
 from studies.commands.common import envelope
 from studies.commands.diagnose import diagnose
-from studies.commands.identify import identify
 from studies.commands.report import report
 from studies.compare.command import compare
 from studies.demo import embedded_text, session
 from studies.design.command import design
-from studies.noise_words import lacks
+from studies.identify.command import identify
+from studies.identify.record import IdentifyRecord
+from studies.record import read_as
 
 RECORD = "demo.json"
 _GIVEN = {"cell.toml": "cell.toml", "kr270.urdf": "kr270.urdf", "table2.csv": "plan.csv"}
@@ -139,15 +140,16 @@ def measure(way: Way) -> str:
 
 def fit(way: Way) -> str:
     """Identify the cell's model."""
-    fields = way.run(
+    way.run(
         identify, "identify", "--holdout", _CHECK, "--seed", str(way.seed), _CELL, _DATA,
         urdf="kr270_calibrated.urdf",
     )  # fmt: skip
-    rms, noise = fields["rms_mm"], fields["noise"]
-    floor = 3.0**0.5 * noise["believed_sigma_mm"]
-    missing = ": something is missing" if lacks(noise) else ""
+    found = read_as(way.folder / "identify.json", IdentifyRecord)
+    rms, noise = found.rms_mm, found.noise
+    floor = 3.0**0.5 * noise.believed_sigma_mm
+    missing = ": something is missing" if noise.lacks else ""
     return (
-        f"off by {rms['nominal']:.2f} mm, now by {rms['fitted_all']:.3f} mm; noise alone would leave "
+        f"off by {rms.nominal:.2f} mm, now by {rms.fitted_all:.3f} mm; noise alone would leave "
         f"{floor:.3f} mm{missing}"
     )
 

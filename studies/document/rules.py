@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 _MOST_NAMES = 8
+_MOST_DIGITS = 12
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,17 @@ def listed(names: Sequence[str], most: int = _MOST_NAMES) -> str:
     return f"{', '.join(names[:most])} and {len(names) - most} more"
 
 
+def to_std(*values: float | None) -> str:
+    """Values to two digits of the standard deviation, which stands last, joined by "to".
+
+    >>> to_std(1.23456, 0.0123), to_std(1.2, 3.4, 0.5), to_std(1234.5678, None)
+    ('1.235', '1.20 to 3.40', '1234.568')
+    """
+    *shown, std = values
+    digits = 1 - math.floor(math.log10(std)) if std else 3
+    return " to ".join(f"{value:.{min(max(digits, 0), _MOST_DIGITS)}f}" for value in shown)
+
+
 TEXT = Rule(str, absent="", number=False)
 COUNT = Rule(lambda value: f"{value:d}" if value else "", absent="")
 NAMES = Rule(lambda names: listed(names, 2), absent="", number=False)
@@ -58,6 +70,12 @@ PROVED = Rule(lambda share: f"{math.floor(share * 1e4) / 1e2:.2f} %")
 """Never rounded up."""
 PERCENT = Rule(lambda share: f"{100.0 * share:.1f}")
 STD = Rule(lambda value: f"{value:.3g}", absent="open")
+TO_STD = Rule(lambda values: to_std(*values), absent="not estimated")
+TENTH = fixed(1)
+HOURS = fixed(2)
+P = Rule(lambda value: f"{value:.2g}")
+CORRELATION = Rule(lambda value: f"{value:+.3f}")
+THREE = Rule(lambda values: " ".join(f"{value:6.1f}" for value in values))
 
 
 def mm(value: float | None) -> str:

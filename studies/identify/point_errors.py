@@ -1,21 +1,24 @@
-"""Errors of the measured points, read back from the fields of a result."""
+"""Errors of the measured points as arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.arrays import Array
 
+if TYPE_CHECKING:
+    from studies.identify.record import IdentifyRecord
+
+K = TypeVar("K")
 HELD_OUT = " (held out)"
 """After the name of a held-out pose that is called as a fitted one."""
 
 _MM = 1e3
-_MOST = 3_000_000  # points; a damaged file may name poses and markers that fill any memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +26,7 @@ class PointErrors:
     """Measured minus predicted points of m poses and M markers.
 
     poses, markers : tuple of str, names in the order of the rows
-    before, after : ndarray, shape (m, M, 3), m, by the model as given and as found; zero where hidden
+    before, after : ndarray, shape (m, M, 3), m, by the nominal model and as found; zero where hidden
     seen : ndarray of bool, shape (m, M)
     heldout : ndarray of bool, shape (m,), poses that took no part in the fit
     """
@@ -37,40 +40,38 @@ class PointErrors:
 
     def take(self, chosen: NDArray[np.bool_]) -> PointErrors:
         """The poses of a mask, shape (m,)."""
-        return PointErrors(
-            tuple(name for name, own in zip(self.poses, chosen, strict=True) if own),
-            self.markers,
-            self.before[chosen],
-            self.after[chosen],
-            self.seen[chosen],
-            self.heldout[chosen],
+        return replace(
+            self,
+            poses=tuple(name for name, own in zip(self.poses, chosen, strict=True) if own),
+            **{
+                name: getattr(self, name)[chosen] for name in ("before", "after", "seen", "heldout")
+            },
         )
 
+    def by_pose(self, errors: Array) -> Array:
+        """RMS over the markers of each pose, shape (m,), of ``before`` or ``after``."""
+        squared = np.where(self.seen, (errors**2).sum(axis=-1), np.nan)
+        return np.asarray(np.sqrt(np.nanmean(squared, axis=1)))
 
-def point_errors(residuals: Sequence[Mapping[str, Any]], before: str) -> PointErrors:
-    """Arrays from the rows ``residuals`` of a result.
 
-    before : key of the errors before: "nominal_mm" of ``identify``, "before_mm" of ``diagnose``
-
-    Raises ValueError for more points than any measurement has.
-    """
-    poses = {key: i for i, key in enumerate(dict.fromkeys(map(_pose, residuals)))}
-    markers = {name: j for j, name in enumerate(dict.fromkeys(r["marker"] for r in residuals))}
+def point_errors(record: IdentifyRecord) -> PointErrors:
+    """Arrays from the residuals of a record."""
+    rows = record.residuals
+    # Two tables of a session may call their poses alike.
+    poses = _places((row.pose, row.heldout) for row in rows)
+    markers = _places(row.marker for row in rows)
     shape = len(poses), len(markers), 3
-    if len(poses) * len(markers) > _MOST:
-        raise ValueError(f"{len(poses)} poses with {len(markers)} markers are too many")
-    first, second = np.zeros(shape), np.zeros(shape)
+    before, after = np.zeros(shape), np.zeros(shape)
     seen = np.zeros(shape[:2], dtype=bool)
-    for row in residuals:
-        at = poses[_pose(row)], markers[row["marker"]]
-        first[at] = np.asarray(row[before], dtype=float) / _MM
-        second[at] = np.array([row["x_mm"], row["y_mm"], row["z_mm"]], dtype=float) / _MM
-        seen[at] = True
-    names = [name + HELD_OUT * (held and (name, False) in poses) for name, held in poses]
+    at = [poses[row.pose, row.heldout] for row in rows], [markers[row.marker] for row in rows]
+    before[at] = np.array([row.nominal_mm for row in rows]) / _MM
+    after[at] = np.array([(row.x_mm, row.y_mm, row.z_mm) for row in rows]) / _MM
+    seen[at] = True
+    names = tuple(name + HELD_OUT * (held and (name, False) in poses) for name, held in poses)
     heldout = np.array([held for _, held in poses], dtype=bool)
-    return PointErrors(tuple(names), tuple(markers), first, second, seen, heldout)
+    return PointErrors(names, tuple(markers), before, after, seen, heldout)
 
 
-def _pose(row: Mapping[str, Any]) -> tuple[str, bool]:
-    """Name, and whether held out: two tables of a session may call their poses alike."""
-    return row["pose"], bool(row["heldout"])
+def _places(keys: Iterable[K]) -> dict[K, int]:
+    """The place of each key, in the order in which they come first."""
+    return {key: i for i, key in enumerate(dict.fromkeys(keys))}

@@ -19,6 +19,7 @@ from calib.files.read import sha256
 from calib.poses import Poses, poses_at
 from studies.design.record import DesignRecord
 from studies.identify.point_errors import HELD_OUT
+from studies.identify.record import IdentifyRecord
 from studies.kinds import KINDS as RECORDS
 from studies.record import Record, kind_of, read
 
@@ -216,7 +217,9 @@ def _digest(results: tuple[Result, ...]) -> str:
 def _measured(cell: Cell, result: Result) -> tuple[Measured | None, list[str]]:
     """The tables of a result, and what is missing of them."""
     sources = result.inputs[1 + len(cell.robot_files) :]
-    held = [source for source in sources[1:] if source.file == result.fields.get("holdout")]
+    record = result.record
+    own = record.holdout if isinstance(record, IdentifyRecord) else result.fields.get("holdout")
+    held = [source for source in sources[1:] if source.file == own]
     wanted = [*sources[:1], *held]
     lost = [
         f"{source.file} is {source.state}: figures that need it are left out"

@@ -16,9 +16,10 @@ from calib.arm.se3 import so3_exp
 from calib.arrays import Array
 from calib.compensation.estimate import estimate_of
 from calib.errors import CalibError, EffectCannotAct
-from calib.files.estimate import estimate_fields, load_estimate
+from calib.files.estimate import load_estimate
 from calib.poses import Poses, poses_at
 from calib.poses.moves import with_moves
+from studies.estimate import estimated
 from tests.calib.test_effects import seen, tips
 from tests.helpers import cell_of, random_context, random_robot, with_effects
 
@@ -220,9 +221,9 @@ def test_estimates_keep_their_tunings(effect: str, tmp_path: Path) -> None:
     data, _ = SCENES[effect](cell, np.random.default_rng(9))
     found = estimate_of(calib.identify(cell, data))
     assert not found.undetermined
-    fields = {"command": "identify", "estimate": estimate_fields(found)}
+    fields = {"command": "identify", "estimate": estimated(found).model_dump(by_alias=True)}
     path = tmp_path / "result.json"
-    path.write_text(json.dumps(fields, default=np.ndarray.tolist))
+    path.write_text(json.dumps(fields))
     again = load_estimate(cell, path)
     np.testing.assert_allclose(
         again.model.predict(again.values, data.poses),

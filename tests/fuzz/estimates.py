@@ -10,12 +10,13 @@ import numpy as np
 import calib
 from calib.compensation.estimate import Estimate
 from calib.compensation.unexplained import Unexplained
-from calib.files.estimate import estimate_fields, load_estimate
+from calib.files.estimate import load_estimate
 from calib.files.write import json_text
 from calib.model.build import build
 from studies.commands.common import envelope
 from studies.compensate.record import compensate_record
 from studies.demo import embedded_cell, embedded_plan
+from studies.estimate import estimated
 from studies.record import envelope as made_from
 from tests.fuzz.reader import put
 
@@ -44,7 +45,9 @@ def _result(command: str, effects: tuple[str, ...]) -> str:
         ("a note",),
     )
     inputs = [CELL.path, *CELL.robot_files]
-    return json_text({**envelope(command, inputs, 0), "estimate": estimate_fields(own)})
+    return json_text(
+        {**envelope(command, inputs, 0), "estimate": estimated(own).model_dump(by_alias=True)}
+    )
 
 
 ESTIMATES = (

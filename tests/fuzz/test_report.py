@@ -55,7 +55,7 @@ DAMAGED: dict[str, tuple[str, Change, str]] = {
     ),
     "no floor": ("diagnosed", lambda r: _falling(r, 0.03)["gap"].update(floor_mm=0.0), OTHER_FORM),
     "below zero": ("diagnosed", lambda r: _falling(r, -1.0), OTHER_FORM),
-    "strangers": ("identified", _strangers, OTHER_FORM),
+    "strangers": ("identified", _strangers, "residuals have too many poses and markers"),
 }
 
 

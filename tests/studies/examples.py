@@ -130,9 +130,49 @@ def _design() -> list[Record]:
     ]  # fmt: skip
 
 
+def _identify() -> list[Record]:
+    old = old_fields("identify")
+    names = ("joint_offset", "joint_offset", "base_drift")
+    robot = [{**p, "effect": name} for p, name in zip(old["parameters"], names, strict=False)]
+    robot[0] |= {"std_by_pose": 10.0 * robot[0]["std"], "step_two_optimism": 3.0}
+    parameters = [*robot, *old["parameters"][3:]]
+    unknown = [*parameters[:-1], {**parameters[-1], "std": None, "ci95": None}]
+    close = [[1.0 if i == j else 0.95 for j in range(11)] for i in range(11)]
+    out = [{"pose": "p1", "reason": "residual up to 3 mm"}]
+    share = {"variable": "q:A2", "low": 10.0, "high": 12.0, "unit": "deg", "poses": 3, "of_poses": 8,
+             "outliers": 1, "of_outliers": 1, "p": 1e-3, "beyond_all_others": None}  # fmt: skip
+    alone = {**share, "beyond_all_others": 40.0}
+    good = {**old["rms_mm"], "nominal": 3.0, "heldout": None, "heldout_trimmed": None}
+    fitted = [row for row in old["residuals"] if not row["heldout"]]
+    open_ = [{"names": ["a:b.c"], "reason": "no pose excites it"}]
+    quiet = {"repeatability_mm": None, "repeatability_urad": None, "configuration_mm": None,
+             "configuration_urad": None}  # fmt: skip
+    noise = {**old["noise"], **quiet, "sigma_mm": 0.02}
+    turned = {**old["noise"], "repeatability_mm": None, "configuration_urad": 40.0}
+    told = {**noise, "source": "replicates", "instrument_seen": True}
+    three = [1.0, -2.0, 3.0]
+    rate = {f"{key}_per_h": three for key in ("translation_um", "translation_std_um", "rotation_urad",
+                                               "rotation_std_urad")}  # fmt: skip
+    drift = {**old["drift"], "verdict": "drift", "trend_p": 1e-9, "one_side": False}
+    rated = {**drift, "rates": [{"station": "base", **rate}], "noise_factor": 2.0}
+    moved = {**drift, "verdict": "moved", "references": 2 * drift["references"]}
+    return [
+        changed("identify"),
+        changed("identify", parameters=unknown, rms_mm=good, residuals=fitted, noise=noise, drift=rated,
+                correlation=close, outliers=out, outliers_share=share, differences=True,
+                weak=["a:b.c"], unused_poses=["p3"], unidentifiable=open_),
+        changed("identify", rms_mm={**old["rms_mm"], "heldout": 1e-3}, drift=moved, noise=turned,
+                outliers=out, outliers_share=alone, heldout_outliers=out, status="not_converged"),
+        changed("identify", drift={**drift, "rates": []}, noise=told, pair_distances_mm={}),
+        changed("identify", drift=rated, noise={**told, "instrument_seen": None}, absorbed=[],
+                parameters=[{**p, "std": 2e-3 if p["std"] else None} for p in old["parameters"]]),
+    ]  # fmt: skip
+
+
 EXAMPLES = {
     "design": _design(),
     "compare": _compare(),
+    "identify": _identify(),
     "enough": _enough(),
     "compensate": _compensate(),
 }

@@ -126,9 +126,17 @@ def test_a_damaged_file_is_refused_or_told(kind: str, tmp_path: Path) -> None:
                 continue
             read_well += 1
             assert list(terminal(record.told()))
-            if value in (0, 1e29) and str(place[-1]).endswith("_mm"):
+            if value in (0, 1e29) and _drawn(place):
                 assert list(pictures_of(record.told()))
     assert read_well > 20
+
+
+UNDRAWN = {"estimate", "length_mm", "task_rms_mm", "task_worst_mm", "rms_of_residuals_mm"}
+
+
+def _drawn(place: tuple[str | int, ...]) -> bool:
+    """Whether figures show it, and it is the first of its kind: they take their time."""
+    return str(place[-1]).endswith("_mm") and place[0] not in UNDRAWN and 1 not in place
 
 
 def _read_or_refused(path: Path) -> Record | None:

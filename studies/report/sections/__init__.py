@@ -8,11 +8,10 @@ from pathlib import Path
 
 from studies.document import Section
 from studies.report.evidence import Evidence, Result, faults_of
+from studies.report.sections.against import against
 from studies.report.sections.arm import arm
 from studies.report.sections.cell import cell
 from studies.report.sections.diagnosis import diagnosis, further
-from studies.report.sections.errors import errors, workspace
-from studies.report.sections.parameters import parameters
 from studies.report.sections.provenance import provenance
 from studies.report.sections.sight import sight
 from studies.report.sections.summary import summary
@@ -24,10 +23,14 @@ ORDER = ("design", "plan", "compare", "identify", "diagnose", "enough", "compens
 
 UNCHECKED: dict[str, tuple[Callable[[Evidence, Result], Section | None], ...]] = {
     "plan": (sight,),
-    "identify": (errors, parameters, workspace),
     "diagnose": (diagnosis, further),
 }
 """Sections about results that are no records yet; a record tells itself."""
+
+WITH_INPUTS: dict[str, tuple[Callable[[Evidence, Result], Section | None], ...]] = {
+    "identify": (against,),
+}
+"""What is told of a record and its inputs, where these are unchanged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +72,8 @@ def sections(evidence: Evidence, told: dict[str, str]) -> Iterator[Placed]:
 def _of(evidence: Evidence, result: Result) -> Iterator[Section]:
     if result.told is not None:
         yield from result.told.sections
+        told = [tell(evidence, result) for tell in WITH_INPUTS.get(result.kind, ())]
+        yield from (section for section in told if section is not None)
         return
     for tell in UNCHECKED[result.kind]:
         with faults_of(result.path, f"for section {tell.__name__}"):

@@ -7,11 +7,11 @@ from typing import Any
 
 from studies.diagnose.tables import loud, unfollowed, verdict_sentence
 from studies.document import Sentence
-from studies.identify.common import shared_sentence
-from studies.noise_words import UNFOLLOWED, lacks, noise_words, scatters
+from studies.identify.record import IdentifyRecord
+from studies.noise_words import UNFOLLOWED
 from studies.report.bars import Bar, bars
 from studies.report.evidence import KINDS, Evidence, Result, faults_of
-from studies.report.parts import Section, Text, listed
+from studies.report.parts import Section, Text
 
 
 def summary(evidence: Evidence) -> Section:
@@ -45,13 +45,13 @@ def _bars(evidence: Evidence) -> Iterator[Bar]:
     """Errors from the nominal model to what the diagnosis leaves, and the noise."""
     identified, diagnosed = evidence.first("identify"), evidence.first("diagnose")
     noise = None
-    if identified is not None:
-        rms = identified.fields["rms_mm"]
-        yield Bar("nominal model", rms["nominal"], "bad")
-        yield Bar("identified model", rms["fitted_all"], "good")
-        if rms["heldout"] is not None:
-            yield Bar("identified model, at poses it never saw", rms["heldout"], "good")
-        noise = 3.0**0.5 * identified.fields["noise"]["believed_sigma_mm"]
+    if identified is not None and isinstance(identified.record, IdentifyRecord):
+        rms = identified.record.rms_mm
+        yield Bar("nominal model", rms.nominal, "bad")
+        yield Bar("identified model", rms.fitted_all, "good")
+        if rms.heldout is not None:
+            yield Bar("identified model, at poses it never saw", rms.heldout, "good")
+        noise = 3.0**0.5 * identified.record.noise.believed_sigma_mm
     if identified is not None and diagnosed is not None and not _same_data(identified, diagnosed):
         diagnosed = None
     if diagnosed is not None and diagnosed.fields["effects"]:
@@ -80,9 +80,10 @@ def _next(evidence: Evidence) -> Iterator[Sentence]:
         fine = bool(places) and all(map(unfollowed, places))
         after = f"{UNFOLLOWED}." if fine else _AFTER[diagnosed.fields["verdict"]]
         yield Text(f"What to do next: {after}", "next")
-    elif identified is not None and lacks(identified.fields["noise"]):
-        yield Text("What to do next: posecal diagnose says what the model lacks.", "next")
-    elif identified is not None:
+    elif identified is not None and isinstance(identified.record, IdentifyRecord):
+        if identified.record.noise.lacks:
+            yield Text("What to do next: posecal diagnose says what the model lacks.", "next")
+            return
         yield Text(
             "What to do next: posecal compensate turns targets into corrected commands; "
             "posecal diagnose says whether anything is left.",
@@ -101,62 +102,6 @@ _AFTER = {
     "ambiguous": "posecal diagnose --next chooses poses that tell the causes apart.",
     "unknown": "look at the arm where the gap sits; what is there is in no catalogue.",
 }
-
-
-def _identify(fields: Mapping[str, Any]) -> Iterator[Sentence]:
-    rms, status = fields["rms_mm"], fields["status"]
-    found = (
-        f"{fields['rank']} of {len(fields['parameters'])} parameters identified from {fields['poses']} "
-        f"readings, {fields['points']} points"
-    )
-    before, after, where = rms["nominal"], rms["fitted_all"], ""
-    if rms["heldout"] is not None:
-        before, after, where = _unseen(fields), rms["heldout"], "at poses it never saw, "
-    good = status == "converged" and after < before
-    if after < before:
-        better = f", {before / after:.0f} times better" if before >= 2.0 * after > 0.0 else ""
-        said = f"off by {before:.3f} mm and is now predicted to {after:.3f} mm{better}"
-    else:
-        said = f"off by {before:.3f} mm and is predicted to {after:.3f} mm, which is no better"
-    sentence = f"{where}the robot was {said}: {found}."
-    yield Text(sentence[0].upper() + sentence[1:], "good" if good else "warn")
-    if after >= before:
-        yield Text(
-            "Do not use the identified model: measure more poses, or identify fewer parameters.",
-            "warn",
-        )
-    if status != "converged":
-        name = status.replace("_", " ")
-        yield Text(f"{name[0].upper()}{name[1:]}: {fields['advice']}.", "warn")
-    yield Text(
-        f"The uncertainty of the parameters leaves {fields['task_rms_mm']:.3f} mm at other poses, "
-        f"{fields['task_worst_mm']:.3f} mm at worst; what the model lacks comes on top."
-    )
-    noise = fields["noise"]
-    if scatters(noise):
-        yield Text(f"Noise: {'; '.join(noise_words(noise))}.")
-    elif noise["source"] == "residual":
-        yield Text(
-            f"The points scatter by {noise['sigma_mm']:.4f} mm in each coordinate where the instrument "
-            f"should by {noise['believed_sigma_mm']:.4f} mm: the model lacks something, or the noise "
-            "is not as stated.",
-            "warn",
-        )
-    if fields["outliers"]:
-        names = [entry["pose"] for entry in fields["outliers"]]
-        yield Text(f"Left out of the fit as outliers: {listed(names)}.", "warn")
-    if fields.get("outliers_share"):
-        yield Text(shared_sentence(fields["outliers_share"]), "warn")
-
-
-def _unseen(fields: Mapping[str, Any]) -> float:
-    """RMS of the nominal model at the held-out points, mm."""
-    squares = [
-        sum(float(x) ** 2 for x in row["nominal_mm"])
-        for row in fields["residuals"]
-        if row["heldout"]
-    ]
-    return float((sum(squares) / len(squares)) ** 0.5)
 
 
 def _diagnose(fields: Mapping[str, Any]) -> Iterator[Sentence]:
@@ -191,7 +136,6 @@ def _mm(value: float | None) -> str:
 
 
 _SAYS = {
-    "identify": _identify,
     "diagnose": _diagnose,
     "plan": _plan,
 }

@@ -13,10 +13,10 @@ from calib import Cell
 from calib.compensation.estimate import Estimate
 from calib.compensation.unexplained import Unexplained
 from calib.errors import InputError
-from calib.files.estimate import estimate_fields, load_estimate
-from calib.files.write import json_text
+from calib.files.estimate import load_estimate
 from calib.model.build import build
 from calib.scatter import Variances
+from studies.estimate import estimated
 
 UNIX = 1_763_700_000.0  # s, November 2025
 
@@ -29,7 +29,8 @@ def spring(cell: Cell) -> Estimate:
 
 
 def written(known: Estimate, path: Path) -> Path:
-    path.write_text(json_text({"command": "identify", "estimate": estimate_fields(known)}))
+    entry = estimated(known).model_dump(by_alias=True)
+    path.write_text(json.dumps({"command": "identify", "estimate": entry}))
     return path
 
 

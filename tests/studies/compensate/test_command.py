@@ -15,9 +15,9 @@ from click.testing import CliRunner, Result
 
 import calib
 from calib.compensation.estimate import estimate_of
-from calib.files.estimate import estimate_fields, load_estimate
-from calib.files.write import json_text
+from calib.files.estimate import load_estimate
 from studies.cli import main
+from studies.estimate import estimated
 from studies.record import json_schema
 from tests.helpers import measured_cell
 
@@ -119,7 +119,8 @@ def test_estimate_is_read_back_as_it_was(demo: Path, tmp_path: Path) -> None:
     ):
         known = estimate_of(result)
         path = tmp_path / f"{command}.json"
-        path.write_text(json_text({"command": command, "estimate": estimate_fields(known)}))
+        entry = estimated(known).model_dump(by_alias=True)
+        path.write_text(json.dumps({"command": command, "estimate": entry}))
         read = load_estimate(cell, path)
         assert [p.id for p in read.model.parameters] == [p.id for p in known.model.parameters]
         np.testing.assert_array_equal(read.values, known.values)

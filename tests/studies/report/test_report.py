@@ -17,6 +17,8 @@ from click.testing import CliRunner, Result
 
 from studies.cli import main
 from studies.identify.point_errors import point_errors
+from studies.identify.record import IdentifyRecord
+from studies.record import read_as
 from studies.report.evidence import load_evidence
 
 RESULTS = ("identify", "diagnose", "design", "foresight", "compare")
@@ -68,7 +70,7 @@ def outline(html: str) -> Outline:
 def test_every_section_is_there_and_in_the_contents(outline: Outline) -> None:
     assert outline.sections == [
         "summary", "arm", "cell", "plan", "sight", "approaches", "errors", "parameters", "workspace",
-        "diagnosis", "provenance",
+        "against", "diagnosis", "provenance",
     ]  # fmt: skip
     assert {f"#{key}" for key in outline.sections} <= set(outline.links)
 
@@ -107,7 +109,7 @@ def test_figures_of_the_results_stand_in_it(demo_folder: Path, html: str) -> Non
     text = re.sub(r"\s+", " ", html)
     identified = json.loads((demo_folder / "identify.json").read_text())
     designed = json.loads((demo_folder / "design.json").read_text())
-    assert f"now predicted to {identified['rms_mm']['heldout']:.3f} mm" in text
+    assert f"now predicted to {identified['rms_mm']['heldout']:.4f} mm" in text
     share = int(1e3 * designed["efficiency"]) / 10.0
     assert f"at least {share:.1f} %" in text
     for entry in identified["inputs"]:
@@ -181,7 +183,7 @@ def _with(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
         ('{"command": "identify"}', "is no result of posecal"),
         ('{"command": "identify", "inputs": [], "schema": 2}', "schema: is not 1"),
         ('{"command": "rm -rf", "inputs": [], "schema": 1}', "has no place in a report"),
-        ('{"command": "identify", "inputs": [], "schema": 1}', "lacks 'rms_mm'"),
+        ('{"command": "identify", "inputs": [], "schema": 1}', "is missing"),
         ("[" * 100_000, "is no result of posecal"),
     ],
 )
@@ -241,7 +243,7 @@ def test_held_out_poses_may_be_called_as_the_fitted(moved: Path) -> None:
     )  # fmt: skip
     assert done.exit_code == 0, done.output
     fields = json.loads(result.read_text())
-    errors = point_errors(fields["residuals"], "nominal_mm")
+    errors = point_errors(read_as(result, IdentifyRecord))
     assert (len(errors.poses), int(errors.heldout.sum())) == (46, 16)
     for held, key in ((False, "fitted_all"), (True, "heldout")):
         own = errors.take(errors.heldout == held)
@@ -296,8 +298,8 @@ def test_a_model_that_is_worse_elsewhere_is_not_praised(moved: Path) -> None:
     assert "box good" not in summary
 
 
-def test_a_fault_names_the_section(moved: Path) -> None:
+def test_a_fault_names_its_place(moved: Path) -> None:
     _with(moved / "identify.json", lambda fields: fields.pop("pair_distances_mm"))
     done = run("report", moved / "identify.json", "-o", moved / "page.html")
     assert done.exit_code == 2
-    assert "identify.json: for section errors: lacks 'pair_distances_mm'" in done.stderr
+    assert "identify.json: pair_distances_mm: is missing" in done.stderr

@@ -1,0 +1,456 @@
+"""What ``posecal identify`` finds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal, Self, TypeAlias, TypedDict
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from studies.estimate import Estimated, estimated
+from studies.identify.drift import Drift, drift_entry
+from studies.noise import Noise, by_level
+from studies.record import (
+    Count,
+    Entry,
+    Envelope,
+    Maybe,
+    MaybePositive,
+    NotNegative,
+    Number,
+    Record,
+    Three,
+    three,
+)
+from studies.targets import AtTarget, at_targets
+
+if TYPE_CHECKING:
+    from calib import Identification
+    from calib.arrays import Array
+    from calib.compensation.estimate import Estimate
+    from calib.drift import Drift as Moved
+    from calib.identification import Residuals
+    from calib.identification.common import Shared
+    from calib.targets import Accuracy
+    from studies.document import Document
+
+_MM = 1e3
+_MOST = 3_000_000  # points; a damaged file may name poses and markers that fill any memory
+_PLACED = ("base", "tool")
+
+
+class IdentifyNoise(Noise):
+    """The noise that the standard deviations rest on, and what speaks for it."""
+
+    replicate_sigma_mm: NotNegative | None
+    lack_of_fit_p: Number
+
+
+class Parameter(Entry):
+    """An identified value; what belongs to its deviation is None where it was not estimated.
+
+    std_by_pose : if the points of a pose err together, as under a model that lacks something
+    step_two_optimism : factor by which it would be less if base and tool were known
+    """
+
+    id: str
+    name: str
+    effect: str
+    where: str
+    value: Number
+    std: MaybePositive
+    ci95: tuple[Number, Number] | None
+    std_by_pose: Maybe
+    step_two_optimism: Maybe
+    unit: str
+
+    @property
+    def placed(self) -> bool:
+        """Whether it says where base or markers are."""
+        return self.effect in _PLACED
+
+
+class Unidentifiable(Entry):
+    """Parameters that the poses do not determine."""
+
+    names: tuple[str, ...]
+    reason: str
+
+
+class Absorbed(Entry):
+    """A constant that others stand for at any pose."""
+
+    id: str
+    absorbed_by: tuple[str, ...]
+
+
+class Outlier(Entry):
+    """A pose that stands out."""
+
+    pose: str
+    reason: str
+
+
+class Share(Entry):
+    """What the outliers have in common, in the unit that it names."""
+
+    variable: str
+    low: Number
+    high: Number
+    unit: str
+    poses: Count
+    of_poses: Count
+    outliers: Count
+    of_outliers: Count
+    p: Number
+    beyond_all_others: Maybe
+
+
+class Distances(Entry):
+    """A figure over the distances between measured and predicted points.
+
+    nominal : base and markers fitted; fitted : without the outliers; None where there is no point
+    """
+
+    nominal: NotNegative
+    fitted_all: NotNegative
+    fitted: NotNegative | None
+    heldout: NotNegative | None
+    heldout_trimmed: NotNegative | None
+
+
+class OfInstrument(Entry):
+    """RMS of an instrument's errors in one unit: lengths in space, and of whole poses their turns."""
+
+    instrument: str
+    unit: Literal["mm", "mrad", "px"]
+    nominal: NotNegative | None = None
+    fitted_all: NotNegative | None = None
+    fitted: NotNegative | None = None
+    heldout: NotNegative | None = None
+    heldout_trimmed: NotNegative | None = None
+
+
+Model: TypeAlias = Literal["nominal", "fitted_all", "fitted", "heldout", "heldout_trimmed"]
+
+
+class Pairs(Entry):
+    """Errors of the distances between points of two poses, mm."""
+
+    rms: NotNegative
+    p95: NotNegative
+    max: NotNegative
+    pairs: Count
+
+
+class Placement(Entry):
+    """The base in the frame of the readings."""
+
+    rotation_vector_rad: Three
+    translation_mm: Three
+
+
+class Base(Placement):
+    """That of the first station, and of each where there are several."""
+
+    stations: dict[str, Placement] = Field(default_factory=dict)
+
+
+class Residual(Entry):
+    """Measured minus predicted reading, by the identified and by the nominal model.
+
+    Of a point in the instrument's frame; of a body's pose in its own, turns beside it.
+    """
+
+    pose: str
+    marker: str
+    instrument: str = "instrument"
+    x_mm: Number
+    y_mm: Number
+    z_mm: Number
+    rx_mrad: Maybe = None
+    ry_mrad: Maybe = None
+    rz_mrad: Maybe = None
+    nominal_mm: Three
+    nominal_mrad: Three | None = None
+    heldout: bool
+
+
+class Asked(TypedDict):
+    """What the caller chose, beside approach and method."""
+
+    weighting: Literal["full", "normalised", "plain"] | None
+    length_mm: float | None
+    differences: bool
+    holdout: str | None
+
+
+class IdentifyRecord(Record):
+    """The identified parameters, how sure they are, and what they leave."""
+
+    command: Literal["identify"] = "identify"
+    weighting: Literal["full", "normalised", "plain"] | None
+    length_mm: Maybe
+    differences: bool
+    holdout: str | None
+    status: Literal["converged", "not_converged", "rank_deficient"]
+    advice: str
+    approach: Literal["points", "pose"]
+    method: Literal["joint", "two-step"]
+    noise: IdentifyNoise
+    poses: Count
+    points: Count
+    rank: Count
+    degrees_of_freedom: Count
+    iterations: Count
+    parameters: tuple[Parameter, ...] = Field(min_length=1)
+    weak: tuple[str, ...]
+    unused_poses: tuple[str, ...]
+    unidentifiable: tuple[Unidentifiable, ...]
+    absorbed: tuple[Absorbed, ...]
+    outliers: tuple[Outlier, ...]
+    outliers_share: Share | None = None
+    heldout_outliers: tuple[Outlier, ...]
+    rms_mm: Distances
+    max_mm: Distances
+    p95_mm: Distances
+    instruments: tuple[OfInstrument, ...] = ()
+    pair_distances_mm: dict[Model, Pairs]
+    rms_of_residuals_mm: NotNegative
+    base: Base
+    markers_mm: dict[str, Three]
+    bodies: dict[str, Placement] = Field(default_factory=dict)
+    correlation: tuple[tuple[Maybe, ...], ...]
+    residuals: tuple[Residual, ...]
+    task_rms_mm: Maybe
+    task_worst_mm: Maybe
+    targets: str
+    at_targets: tuple[AtTarget, ...] = Field(min_length=1)
+    drift: Drift | None = None
+    estimate: Estimated
+
+    @model_validator(mode="after")
+    def _belongs_together(self) -> Self:
+        size = len(self.parameters)
+        if any(len(rows) != size for rows in (self.correlation, *self.correlation)):
+            raise ValueError("correlation has not a row and a column for each parameter")
+        poses = {(row.pose, row.heldout) for row in self.residuals}
+        if len(poses) * len({row.marker for row in self.residuals}) > _MOST:
+            raise ValueError("residuals have too many poses and markers")
+        held = self.rms_mm.heldout is not None
+        if {row.heldout for row in self.residuals} != {False, held}:
+            raise ValueError("residuals and rms_mm are not of the same poses")
+        return self
+
+    @property
+    def nominal_at_heldout_mm(self) -> float | None:
+        """RMS of the nominal model at the points held out."""
+        held = [row.nominal_mm for row in self.residuals if row.heldout]
+        return float(np.sqrt(3.0 * np.mean(np.square(held)))) if held else None
+
+    def told(self) -> Document:
+        from studies.identify.telling import told
+
+        return told(self)
+
+
+def identify_record(
+    found: Identification,
+    accuracy: Accuracy,
+    drift: Moved | None,
+    estimate: Estimate,
+    asked: Asked,
+    made_from: Envelope,
+    warnings: tuple[str, ...] = (),
+) -> IdentifyRecord:
+    """The record of an identification.
+
+    accuracy : to expect at the targets; drift : what readings that were repeated say
+    warnings : of the tables, beside those of the identification
+    """
+    from calib.identification import ADVICE
+
+    fit, held, noise = found.fit, found.heldout, found.noise
+    again = noise.replicate_factor
+    return IdentifyRecord(
+        **made_from,
+        **asked,
+        warnings=(*warnings, *found.warnings),
+        status=found.status,
+        advice=ADVICE[found.status],
+        approach=found.approach,
+        method=found.method,
+        noise=IdentifyNoise(
+            sigma_mm=noise.sigma * _MM,
+            believed_sigma_mm=noise.believed * _MM,
+            source=noise.source,
+            replicate_sigma_mm=None if again is None else again * noise.believed * _MM,
+            lack_of_fit_p=noise.lack_of_fit_p,
+            **by_level(found.levels, found.scatter),
+        ),
+        poses=len(fit.data),
+        points=int(fit.data.seen.sum()),
+        rank=found.rank,
+        degrees_of_freedom=found.dof,
+        iterations=found.iterations,
+        parameters=tuple(_parameters(found)),
+        weak=found.weak,
+        unused_poses=found.unused,
+        unidentifiable=tuple(
+            Unidentifiable(names=u.names, reason=u.reason) for u in found.unidentifiable
+        ),
+        absorbed=tuple(
+            Absorbed(id=d.id, absorbed_by=tuple(name for name, _ in d.absorbed_by))
+            for d in found.absorbed
+        ),
+        outliers=tuple(_outliers(fit)),
+        outliers_share=_share(found.shared),
+        heldout_outliers=() if held is None else tuple(_outliers(held)),
+        rms_mm=_distances(found, lambda d: float(np.sqrt(np.mean(d**2)))),
+        max_mm=_distances(found, lambda d: float(d.max())),
+        p95_mm=_distances(found, lambda d: float(np.quantile(d, 0.95))),
+        instruments=tuple(
+            OfInstrument.model_validate({"instrument": name, "unit": unit, **rms})
+            for (name, unit), rms in found.by_instrument.items()
+        ),
+        pair_distances_mm=dict(_pairs(found)),
+        rms_of_residuals_mm=float(np.sqrt(np.mean(fit.lengths() ** 2))) * _MM,
+        base=_base(found),
+        markers_mm={
+            found.model.marker_names[j]: three(found.marker_positions[j] * _MM)
+            for j in np.unique(found.model.readout.channels.marker).tolist()
+        },
+        bodies=_bodies(found),
+        correlation=tuple(map(tuple, np.round(found.correlation, 4).tolist())),
+        residuals=(*_residuals(found, fit), *(() if held is None else _residuals(found, held))),
+        task_rms_mm=accuracy.rms * _MM,
+        task_worst_mm=accuracy.worst * _MM,
+        targets=accuracy.source,
+        at_targets=at_targets(found.model.robot, accuracy.targets, accuracy.errors),
+        drift=None if drift is None else drift_entry(drift),
+        estimate=estimated(estimate),
+    )
+
+
+def _parameters(found: Identification) -> Iterator[Parameter]:
+    by_pose = np.full(len(found.values), np.nan) if found.std_by_pose is None else found.std_by_pose
+    for p, value, std, (low, high), own, factor in zip(
+        found.model.parameters, found.values.tolist(), found.std.tolist(),
+        found.interval().tolist(), by_pose.tolist(), found.optimism.tolist(), strict=True,
+    ):  # fmt: skip
+        known = 0.0 < std < np.inf
+        yield Parameter(
+            id=p.id,
+            name=p.name,
+            effect=p.effect,
+            where=p.where,
+            value=value / p.scale,
+            std=std / p.scale if known else None,
+            ci95=(low / p.scale, high / p.scale) if known else None,
+            std_by_pose=own / p.scale,
+            step_two_optimism=factor,
+            unit=p.unit,
+        )
+
+
+def _outliers(part: Residuals) -> Iterator[Outlier]:
+    for i in np.flatnonzero(part.outlier):
+        errors = np.where(part.channels.lengths, part.vectors[i], 0.0)
+        largest = float(np.linalg.norm(errors, axis=-1).max()) * _MM
+        ratio = float(np.sqrt(part.statistic[i] / part.limit))
+        yield Outlier(
+            pose=part.data.poses.names[i],
+            reason=f"residual up to {largest:.3f} mm, {ratio:.1f} times what the other poses allow",
+        )
+
+
+def _share(common: Shared | None) -> Share | None:
+    if common is None:
+        return None
+    return Share(
+        variable=common.variable,
+        low=common.low / common.scale,
+        high=common.high / common.scale,
+        unit=common.unit,
+        poses=common.inside,
+        of_poses=common.poses,
+        outliers=common.outliers,
+        of_outliers=common.of,
+        p=common.p,
+        beyond_all_others=common.alone / common.scale if common.alone else None,
+    )
+
+
+def _distances(found: Identification, figure: Callable[[Array], float]) -> Distances:
+    known = {key: figure(d) * _MM for key, d in found.distances.items() if len(d)}
+    return Distances.model_validate({key: known.get(key) for key in Distances.model_fields})
+
+
+def _pairs(found: Identification) -> Iterator[tuple[Model, Pairs]]:
+    from calib.identification.pairs import pair_errors
+
+    fit, held = found.fit, found.heldout
+    nominal = found.model.predict(found.nominal, fit.data.poses)[..., :3]
+    parts: list[tuple[Model, Array]] = [
+        ("nominal", pair_errors(fit.data, nominal)),
+        ("fitted", pair_errors(fit.data, fit.data.points - fit.vectors[..., :3])),
+    ]
+    if held is not None:
+        parts.append(("heldout", pair_errors(held.data, held.data.points - held.vectors[..., :3])))
+    for key, errors in parts:
+        if len(errors):
+            yield (
+                key,
+                Pairs(
+                    rms=float(np.sqrt(np.mean(errors**2))) * _MM,
+                    p95=float(np.quantile(np.abs(errors), 0.95)) * _MM,
+                    max=float(np.abs(errors).max()) * _MM,
+                    pairs=len(errors),
+                ),
+            )
+
+
+def _base(found: Identification) -> Base:
+    stations = {where: _placement(placed) for where, placed in found.bases.items()}
+    first = next(iter(stations.values()), _placement(np.zeros(6)))
+    return Base(**first.model_dump(), stations=stations if len(stations) > 1 else {})
+
+
+def _bodies(found: Identification) -> dict[str, Placement]:
+    """Each body's frame in the tip's."""
+    from calib.instruments import Pose
+
+    return {
+        found.model.marker_names[first]: _placement(np.concatenate(body))
+        for i in found.model.instruments
+        if isinstance(i, Pose)
+        for first, body in i.bodies(found.marker_positions)
+    }
+
+
+def _placement(placed: Array) -> Placement:
+    from calib.arm.se3 import so3_exp, so3_log
+
+    return Placement(
+        rotation_vector_rad=three(so3_log(so3_exp(placed[3:]))),
+        translation_mm=three(placed[:3] * _MM),
+    )
+
+
+def _residuals(found: Identification, part: Residuals) -> Iterator[Residual]:
+    nominal = replace(part, vectors=found.model.off(found.nominal, part.data))
+    held, seen = part is found.heldout, part.data.seen
+    for instrument, channels in part.channels.blocks:
+        after, before = (p.shown(instrument, channels) * _MM for p in (part, nominal))
+        markers = part.channels.marker[channels]
+        for i, c in np.argwhere(seen[:, channels]).tolist():
+            (x, y, z), turn = after[i, c, :3].tolist(), after[i, c, 3:].tolist()
+            rx, ry, rz = turn or (None, None, None)
+            yield Residual(
+                pose=part.data.poses.names[i], marker=found.model.marker_names[markers[c]],
+                instrument=instrument.name, x_mm=x, y_mm=y, z_mm=z, rx_mrad=rx, ry_mrad=ry, rz_mrad=rz,
+                nominal_mm=three(before[i, c, :3]),
+                nominal_mrad=three(before[i, c, 3:]) if turn else None, heldout=held,
+            )  # fmt: skip

@@ -1,0 +1,153 @@
+"""The noise of a result, level by level: the instrument, the arm, and what no model follows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Literal, TypedDict
+
+from studies.document import FOUR, MM, mm
+from studies.record import Entry, NotNegative, Positive
+
+if TYPE_CHECKING:
+    from calib.cell import Repeatability
+    from calib.scatter import Levels, Scatter
+
+_SAME = 1e-3  # of the stated noise
+_MM, _URAD = 1e3, 1e6
+UNFOLLOWED = (
+    "the error differs from configuration to configuration and follows no column: too fine for these "
+    "poses, as gear errors are; measure poses closer together, or give the gear ratios"
+)
+"""What ``arm`` that depends on ``pose`` means, and what to do."""
+
+
+class Noise(Entry):
+    """Standard deviations of a coordinate of the tip, or of a component of its rotation.
+
+    ``repeatability`` is new at each approach, ``configuration`` differs from pose to pose and comes
+    again at the same joints; None where the data cannot tell. Without poses that were approached again,
+    and without a figure in the cell, configuration holds both. Earlier versions had one level only.
+    """
+
+    sigma_mm: NotNegative
+    believed_sigma_mm: Positive
+    source: Literal["cell", "replicates", "residual"]
+    repeatability_mm: NotNegative | None = None
+    repeatability_urad: NotNegative | None = None
+    configuration_mm: NotNegative | None = None
+    configuration_urad: NotNegative | None = None
+    instrument_seen: bool | None = None
+
+    @property
+    def scatters(self) -> bool:
+        """Whether the arm errs beside the instrument."""
+        return any(
+            (
+                self.repeatability_mm,
+                self.repeatability_urad,
+                self.configuration_mm,
+                self.configuration_urad,
+            )
+        )
+
+    @property
+    def lacks(self) -> bool:
+        """Whether more is left than the instrument's noise as stated: the diagnosis may know why."""
+        return self.source == "residual" or self.scatters
+
+    @property
+    def instrument_mm(self) -> float:
+        """What residuals are held against.
+
+        That of repeated readings where they tell it, else the instrument's as stated: what the
+        residuals themselves say would make any of them look right.
+        """
+        told = self.sigma_mm if self.source != "residual" else 0.0
+        return told or self.believed_sigma_mm
+
+
+class ByLevel(TypedDict):
+    """The levels as fields of :class:`Noise`."""
+
+    repeatability_mm: float | None
+    repeatability_urad: float | None
+    configuration_mm: float | None
+    configuration_urad: float | None
+    instrument_seen: bool
+
+
+def by_level(levels: Levels | None, scatter: Scatter | None) -> ByLevel:
+    """The levels that an identification or a diagnosis found."""
+    again = fixed = None
+    if levels is not None and scatter is not None:
+        v = levels.variances
+        if levels.approaches or v.approach.any():
+            again = scatter.of_tip(v.approach)
+        fixed = scatter.of_tip(v.configuration)
+    return ByLevel(
+        repeatability_mm=_moved(again),
+        repeatability_urad=_turned(again),
+        configuration_mm=_moved(fixed),
+        configuration_urad=_turned(fixed),
+        instrument_seen=scatter is not None and levels is not None and levels.instrument_seen,
+    )
+
+
+def _moved(found: Repeatability | None) -> float | None:
+    return None if found is None else found.translation * _MM
+
+
+def _turned(found: Repeatability | None) -> float | None:
+    return None if found is None else found.rotation * _URAD
+
+
+def noise_words(noise: Noise) -> list[str]:
+    """Lines on the noise of a result."""
+    return [_instrument(noise), *_arm(noise), *_untold(noise)]
+
+
+def _instrument(noise: Noise) -> str:
+    stated = f"the cell states {MM(noise.believed_sigma_mm)}"
+    if not noise.scatters:
+        source = {
+            "cell": "as the cell states",
+            "replicates": f"from repeated readings; {stated}",
+            "residual": f"from what is left; {stated}",
+        }[noise.source]
+        return f"{mm(noise.sigma_mm)} in each coordinate, {source}"
+    same = abs(noise.sigma_mm - noise.believed_sigma_mm) <= _SAME * noise.believed_sigma_mm
+    source = "as the cell states" if same else stated
+    return f"instrument {mm(noise.sigma_mm)} in each coordinate ({source})"
+
+
+def _arm(noise: Noise) -> Iterator[str]:
+    if not noise.scatters:
+        return
+    again = noise.repeatability_mm is not None
+    if again:
+        both = _both(noise.repeatability_mm, noise.repeatability_urad)
+        yield f"arm {both} from approach to approach"
+    if noise.configuration_mm or noise.configuration_urad:
+        what = "that no model follows" if again else "of the arm or of what the model lacks"
+        both = _both(noise.configuration_mm, noise.configuration_urad)
+        yield f"{both} from pose to pose {what}"
+
+
+def _both(moved_mm: float | None, turned_urad: float | None) -> str:
+    parts = [mm(moved_mm)] if moved_mm else []
+    parts += [f"{FOUR(turned_urad / 1e3)} mrad"] if turned_urad else []
+    return " and ".join(parts or ["0 mm"])
+
+
+def _untold(noise: Noise) -> Iterator[str]:
+    """What these data cannot tell apart, where there is something to tell."""
+    louder = noise.source == "residual" and noise.sigma_mm > noise.believed_sigma_mm
+    if noise.instrument_seen is None:
+        return
+    if not noise.instrument_seen and (noise.scatters or louder):
+        yield (
+            "these data cannot tell the instrument from the arm and the model: measure more markers, "
+            "or read poses twice"
+        )
+    elif noise.repeatability_mm is None and noise.configuration_mm:
+        yield "these data cannot tell the arm from the model: approach some poses again"

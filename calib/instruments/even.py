@@ -66,9 +66,8 @@ def best(instrument: Instrument, rows: Array, seen: Mask, arm: Nominal, starts: 
     measured, R = rows[seen][:, None], arm.R_tip[pose]
     told = arm.free & seen.any(axis=0)[:, None]
     free, u = np.argwhere(told), len(instrument.unknowns)
-    own = np.equal(
-        channel[:, None], free[:, 0]
-    )  # (n, f): which marker components move which reading
+    # Which component of a marker moves which reading, (n, f).
+    own: Mask = np.asarray(np.equal(channel[:, None], free[:, 0]))
     lever = np.where(own[:, None, :], R[:, :, free[:, 1]], 0.0)
 
     def linearise(values: Array) -> tuple[Array, Array]:

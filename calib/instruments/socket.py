@@ -38,7 +38,7 @@ class Socket(Even):
         pose, channel, points = contacts(seen, arm)
         told = arm.free & seen.any(axis=0)[:, None]
         free = np.argwhere(told)
-        own = np.equal(channel[:, None], free[:, 0])
+        own: Mask = np.asarray(np.equal(channel[:, None], free[:, 0]))
         lever = np.where(own[:, None, :], arm.R_tip[pose][:, :, free[:, 1]], 0.0)
         # Without their means rows speak of the markers alone.
         A = (lever - lever.mean(axis=0)).reshape(3 * len(pose), len(free))

@@ -161,21 +161,28 @@ class Base(Placement):
 class Residual(Entry):
     """Measured minus predicted reading, by the identified and by the nominal model.
 
-    Of a point in the instrument's frame; of a body's pose in its own, turns beside it.
+    Of a point in the instrument's frame, of one that touches a socket in the base's; of a body's pose
+    in its own, turns beside it; of what reads one length that alone, d.
     """
 
     pose: str
     marker: str
     instrument: str = "instrument"
-    x_mm: Number
-    y_mm: Number
-    z_mm: Number
+    x_mm: Maybe = None
+    y_mm: Maybe = None
+    z_mm: Maybe = None
+    d_mm: Maybe = None
     rx_mrad: Maybe = None
     ry_mrad: Maybe = None
     rz_mrad: Maybe = None
-    nominal_mm: Three
+    nominal_mm: Three | tuple[Number]
     nominal_mrad: Three | None = None
     heldout: bool
+
+    @property
+    def vector_mm(self) -> tuple[float | None, ...]:
+        """What it is off by: a point's three coordinates, or one length."""
+        return (self.d_mm,) if self.d_mm is not None else (self.x_mm, self.y_mm, self.z_mm)
 
 
 class Asked(TypedDict):
@@ -247,8 +254,8 @@ class IdentifyRecord(Record):
     @property
     def nominal_at_heldout_mm(self) -> float | None:
         """RMS of the nominal model at the points held out."""
-        held = [row.nominal_mm for row in self.residuals if row.heldout]
-        return float(np.sqrt(3.0 * np.mean(np.square(held)))) if held else None
+        held = [float(np.linalg.norm(row.nominal_mm)) for row in self.residuals if row.heldout]
+        return float(np.sqrt(np.mean(np.square(held)))) if held else None
 
     def told(self) -> Document:
         from studies.identify.telling import told
@@ -390,8 +397,11 @@ def _distances(found: Identification, figure: Callable[[Array], float]) -> Dista
 
 def _pairs(found: Identification) -> Iterator[tuple[Model, Pairs]]:
     from calib.identification.pairs import pair_errors
+    from calib.instruments import Tracker
 
     fit, held = found.fit, found.heldout
+    if not all(isinstance(i, Tracker) for i in found.model.instruments):
+        return  # nothing else reads where a point is
     nominal = found.model.predict(found.nominal, fit.data.poses)[..., :3]
     parts: list[tuple[Model, Array]] = [
         ("nominal", pair_errors(fit.data, nominal)),
@@ -441,16 +451,20 @@ def _placement(placed: Array) -> Placement:
 
 def _residuals(found: Identification, part: Residuals) -> Iterator[Residual]:
     nominal = replace(part, vectors=found.model.off(found.nominal, part.data))
-    held, seen = part is found.heldout, part.data.seen
+    held, seen, poses = part is found.heldout, part.data.seen, part.data.poses
+    sites = [""] * len(poses) if poses.site is None else poses.site.tolist()
     for instrument, channels in part.channels.blocks:
         after, before = (p.shown(instrument, channels) * _MM for p in (part, nominal))
         markers = part.channels.marker[channels]
+        keys = [f"{n.name}_{n.unit}" for n in instrument.numbers]
         for i, c in np.argwhere(seen[:, channels]).tolist():
-            (x, y, z), turn = after[i, c, :3].tolist(), after[i, c, 3:].tolist()
-            rx, ry, rz = turn or (None, None, None)
+            turn = before[i, c, 3:]
             yield Residual(
-                pose=part.data.poses.names[i], marker=found.model.marker_names[markers[c]],
-                instrument=instrument.name, x_mm=x, y_mm=y, z_mm=z, rx_mrad=rx, ry_mrad=ry, rz_mrad=rz,
-                nominal_mm=three(before[i, c, :3]),
-                nominal_mrad=three(before[i, c, 3:]) if turn else None, heldout=held,
-            )  # fmt: skip
+                pose=poses.names[i],
+                marker=found.model.marker_names[markers[c]],
+                instrument=instrument.name_at(sites[i]),
+                **dict(zip(keys, after[i, c].tolist(), strict=True)),
+                nominal_mm=tuple(before[i, c, :3].tolist()),
+                nominal_mrad=three(turn) if len(turn) else None,
+                heldout=held,
+            )

@@ -252,7 +252,7 @@ def _replicate_factor(data: Measurements, weights: Array) -> float:
     squares = spreads[:, 0] / spreads[:, 1]
     typical = np.quantile(squares, 0.25, method="lower")
     spread, dof = spreads[squares <= _GROSS * typical].sum(axis=0)
-    if dof < _REPLICATES:
+    if dof < _REPLICATES or not spread:  # without any spread they are copies
         return 1.0
     return float(np.sqrt(spread / dof)) if refuted(float(spread), int(dof)) else 1.0
 

@@ -118,7 +118,7 @@ def sites_of(table: Table, cell: Cell, pose: IntArray, first: IntArray) -> Sites
     found = named[first]
     for row in np.flatnonzero(named != ""):
         if found[pose[row]] not in ("", named[row]):
-            what = f"pose {table.text('pose')[row]!r} touches {found[pose[row]]!r} too"
+            what = f"pose {table.text('pose')[row]!r} touches {str(found[pose[row]])!r} too"
             raise table.fault(int(row), "instrument", what, "give each its own pose identifier")
         found[pose[row]] = named[row]
     return found

@@ -197,8 +197,9 @@ class Identification:
             )
         if self.model.scaleless and any(p.effect == "geometry" for p in self.model.parameters):
             found.append(
-                "no length is known here, and an arm of another size would read the same: the arm keeps "
-                "the size of its nominal model; give [[known_distances]] between sockets, or measure one"
+                "no length is known here, and an arm of another size would read the same: the arm "
+                "keeps the size of its nominal model; give [[known_distances]] between sockets, or "
+                "measure one"
             )
         if self.undecided:
             shown = ", ".join(self.undecided[:_SHOWN]) + (" .." if self.undecided[_SHOWN:] else "")

@@ -33,6 +33,10 @@ class Distance(Even):
         return (*(() if self.known else POINT), *offset)
 
     @property
+    def anchored(self) -> bool:
+        return self.known
+
+    @property
     def position(self) -> Array | None:
         return self.anchor
 

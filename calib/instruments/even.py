@@ -40,6 +40,9 @@ class Even(Instrument, ABC):
     def row_of(self, entries: Array) -> Array:
         return np.pad(entries, ((0, 0), (0, self.rows - entries.shape[-1])))
 
+    def entries_of(self, rows: Array) -> Array:
+        return rows[..., : len(self.columns)]
+
     def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
         del place, rows
         own = np.where(np.isnan(sigma), self.sigma, sigma)

@@ -129,6 +129,11 @@ class Instrument(ABC):
         return site if site in self.sites else self.name
 
     @property
+    def anchored(self) -> bool:
+        """Whether the cell says where it stands, whatever else of its place is unknown."""
+        return False
+
+    @property
     def metric(self) -> bool:
         """Whether its readings hold a length: without any, an arm of twice the size reads the same."""
         return True

@@ -70,7 +70,7 @@ def irreducible(model: Model) -> tuple[Model, tuple[Dropped, ...]]:
     poses = poses_at(generic_configurations(model.robot, count))
     X = _rows(rigid, _generic_values(rigid), poses)
     norms = np.linalg.norm(X, axis=0)
-    X = X / np.where(norms < _NOTHING * norms.max(), np.inf, norms)
+    X = X / np.where(norms <= _NOTHING * norms.max(), np.inf, norms)
     kept = _select(X, _priorities(rigid))
     dropped = _explain(rigid, X, norms, kept)
     gone = {d.id for d in dropped}
@@ -89,8 +89,9 @@ def _as_tracked(model: Model) -> Model:
     trackers = tuple(i for i in model.instruments if isinstance(i, Tracker))
     if len(trackers) == len(model.instruments):
         return model.with_effects(tuple(e for e in effects if not _moved_on(e)))
-    placed = any(isinstance(e, Base) for e in effects)
-    stands: list[Effect] = [Base("base", None, TRACKER)] if placed else []
+    sought = {e.of.name for e in effects if isinstance(e, Base) and not e.of.anchored}
+    adrift = all(i.name in sought for i in model.instruments)
+    stands: list[Effect] = [Base("base", None, TRACKER)] if adrift else []
     if model.scaleless:
         stands.append(TrackerScale(_SCALE))
     effects = [*stands, *(e for e in effects if not isinstance(e, Base))]

@@ -1,7 +1,7 @@
 """Sockets, distances, planes and spheres: derivatives, rank, and the scatter that the covariance says.
 
-The truth is plain numpy: a chain, surfaces and contacts that share no code with the estimator. A contact
-is made by moving the joints until the marker is where it belongs, the instrument's noise aside.
+The truth is plain numpy: a chain, surfaces and contacts that share no code with the estimator. A
+contact is made by moving the joints until the marker is where it belongs, its noise aside.
 """
 
 from __future__ import annotations
@@ -199,7 +199,7 @@ SITES = ("a", "b", "c", "d")
 
 
 def contacts_of_a_larger_arm(robot: Robot) -> tuple[Measurements, Array]:
-    """Contacts in four sockets of an arm whose every length is larger than in its model; the sockets."""
+    """Contacts of an arm whose every length is larger than in its model, and its four sockets."""
     true = replace(robot, origins=robot.origins.copy())
     true.origins[:, :3, 3] *= SCALE
     rng, still = np.random.default_rng(6), np.zeros(3)
@@ -227,7 +227,7 @@ def test_scale_from_a_known_distance() -> None:
     robot = random_robot(np.random.default_rng(12), 6)
     data, centres = contacts_of_a_larger_arm(robot)
     assert len(data) > 60
-    cell = cell_of(robot, ONE + [[0.08, -0.05, 0.06]], ("tool", "geometry"))
+    cell = cell_of(robot, ONE + np.array([0.08, -0.05, 0.06]), ("tool", "geometry"))
     cell = replace(cell, instruments=(Socket(name="a", sigma=SIGMA, sites=SITES),))
     apart = length(centres[0] - centres[1])
     bar = KnownDistance(("a", "b"), float(apart), 1e-6)

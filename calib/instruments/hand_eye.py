@@ -19,8 +19,11 @@ from calib.solver import levenberg_marquardt
 Motions: TypeAlias = tuple[Array, Array]
 """Rotations (..., 3, 3) and translations (..., 3), m."""
 
-_STARTS = 24
-_SEARCHED = 60  # readings that a search looks at: more tell it nothing new
+_APART = 5.0  # times the smallest singular value: above, the next one is none of the null space
+_NOTHING = 1e-6  # relative to the largest
+_STARTS = 64
+_FOLLOWED = 6  # the best of them
+_SEARCHED = 40  # readings that a search looks at: more tell it nothing new
 _RESOLUTION = 1e-6  # rad: what the search takes for one standard deviation
 
 
@@ -76,9 +79,11 @@ def _place(R_read: Array, R_tip: Array, body: IntArray, count: int) -> Array:
     rows = np.zeros((n, 9, 1 + count, 9))
     rows[:, :, 0] = np.einsum("ij,nkl->niljk", eye, R_read).reshape(n, 9, 9)
     rows[np.arange(n), :, 1 + body] = -np.einsum("nij,kl->niljk", R_tip, eye).reshape(n, 9, 9)
-    _, _, Vt = np.linalg.svd(np.linalg.qr(rows.reshape(9 * n, -1), mode="r"))
+    _, s, Vt = np.linalg.svd(np.linalg.qr(rows.reshape(9 * n, -1), mode="r"))
     S = Vt[-1, :9].reshape(3, 3)
     first = nearest_rotation(S * np.sign(np.linalg.det(S)))
+    if s[-2] > max(_APART * s[-1], _NOTHING * s[0]):
+        return first.T
     chosen = np.unique(np.linspace(0, n - 1, _SEARCHED).astype(int))
     return _searched(first, R_read[chosen], R_tip[chosen], body[chosen], count).T
 
@@ -108,6 +113,7 @@ def _searched(first: Array, R_read: Array, R_tip: Array, body: IntArray, count: 
     back = np.swapaxes(R_tip, -1, -2) @ starts[:, None] @ R_read
     bodies = [nearest_rotation(back[:, body == c].sum(axis=1)) for c in range(count)]
     r = so3_log(np.stack([starts, *bodies], axis=1)).reshape(_STARTS, -1)
+    r = r[np.argsort(np.sum(linearise(r)[0] ** 2, axis=-1))[:_FOLLOWED]]
     found = levenberg_marquardt(linearise, r, np.eye(r.shape[-1]))
     return so3_exp(found.values[int(np.argmin(found.cost)), :3])
 

@@ -47,23 +47,30 @@ def shown_fields(result: Diagnosis) -> dict[str, Any]:
 
 
 def _residuals(result: Diagnosis, data: Measurements, heldout: bool) -> Iterator[dict[str, Any]]:
-    """Measured minus predicted at each point, before and after the found effects."""
-    before, after = (
-        (data.points - fit.model.predict(fit.values, data.poses)) * _MM
-        for fit in (result.before, result.after)
-    )
+    """Measured minus predicted at each point, before and after the found effects.
+
+    Of a point in the instrument's frame, of the origin of a body in its own.
+    """
     names = result.before.model.marker_names
-    for i, j in np.argwhere(data.seen):
-        x, y, z = (float(value) for value in after[i, j])
-        yield {
-            "pose": data.poses.names[i],
-            "marker": names[j],
-            "x_mm": x,
-            "y_mm": y,
-            "z_mm": z,
-            "before_mm": before[i, j],
-            "heldout": heldout,
-        }
+    off = [fit.model.off(fit.values, data) for fit in (result.before, result.after)]
+    channels = result.before.model.readout.channels
+    for instrument, part in channels.blocks:
+        before, after = (
+            instrument.shown(*(a[:, part, : instrument.rows] for a in (data.readings, own))) * _MM
+            for own in off
+        )
+        for i, c in np.argwhere(data.seen[:, part]):
+            x, y, z = after[i, c, :3].tolist()
+            yield {
+                "pose": data.poses.names[i],
+                "marker": names[channels.marker[part][c]],
+                "instrument": instrument.name,
+                "x_mm": x,
+                "y_mm": y,
+                "z_mm": z,
+                "before_mm": before[i, c, :3],
+                "heldout": heldout,
+            }
 
 
 def label(candidate: Candidate) -> str:

@@ -67,10 +67,10 @@ def best(instrument: Instrument, rows: Array, seen: Mask, arm: Nominal, starts: 
     """
     pose, channel, _ = contacts(seen, arm)
     measured, R = rows[seen][:, None], arm.R_tip[pose]
-    told = arm.free & seen.any(axis=0)[:, None]
+    told = arm.free & np.any(seen, axis=0)[:, None]
     free, u = np.argwhere(told), len(instrument.unknowns)
     # Which component of a marker moves which reading, (n, f).
-    own: Mask = np.asarray(np.equal(channel[:, None], free[:, 0]))
+    own = np.asarray(np.equal(channel[:, None], free[:, 0]))
     lever = np.where(own[:, None, :], R[:, :, free[:, 1]], 0.0)
 
     def linearise(values: Array) -> tuple[Array, Array]:

@@ -36,9 +36,9 @@ class Socket(Even):
         """``R_i u - c = -p_i`` is linear in the markers and c; one that is known leaves their mean."""
         del rows
         pose, channel, points = contacts(seen, arm)
-        told = arm.free & seen.any(axis=0)[:, None]
+        told = arm.free & np.any(seen, axis=0)[:, None]
         free = np.argwhere(told)
-        own: Mask = np.asarray(np.equal(channel[:, None], free[:, 0]))
+        own = np.asarray(np.equal(channel[:, None], free[:, 0]))
         lever = np.where(own[:, None, :], arm.R_tip[pose][:, :, free[:, 1]], 0.0)
         # Without their means rows speak of the markers alone.
         A = (lever - lever.mean(axis=0)).reshape(3 * len(pose), len(free))

@@ -124,7 +124,7 @@ def toward(kind: Kind, theta: Array, q: Array, site: Array) -> Array:
 
 def reached(kind: Kind, theta: Array, count: int) -> tuple[Array, Array]:
     """Joints (count, 4) at which the readings are zero, by Newton's steps, and sites (count,)."""
-    q = drawn((6 if kind.sites else 2) * count, 5)
+    q = drawn((10 if kind.sites else 4) * count, 5)
     site = np.arange(len(q)) % max(1, len(kind.sites))
     for _ in range(12):
         off = -parts(kind, theta, q, site)

@@ -13,7 +13,7 @@ from calib.arm.dh import Convention
 from calib.arm.robot import Robot
 from calib.arm.statics import Payload
 from calib.arrays import Array
-from calib.instruments import TRACKER, Channels, Instrument, Tracker
+from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
 from calib.noise import Noise
 
 Form: TypeAlias = Literal["urdf", "mjcf", "dh", "kinematics"]
@@ -80,6 +80,8 @@ class Cell:
     repeatability : Repeatability, or None where it is to be estimated
     excluded : tuple of str, ``name`` or ``name:where``, causes that this robot cannot have
     gear_ratios : dict, joint -> float, turns of motor or wave generator a turn of the joint
+    known_distances : tuple of KnownDistance
+    bodies : dict, name -> position of its origin among the markers; two points on its axes follow
     """
 
     name: str
@@ -110,10 +112,19 @@ class Cell:
         """What holds the nominal model, in words."""
         return _SOURCES[self.robot_form]
 
+    known_distances: tuple[KnownDistance, ...] = ()
+    bodies: Mapping[str, int] = field(default_factory=dict)
+
     @property
     def channels(self) -> Channels:
         """What the instruments read, in the order of readings."""
         return Channels(self.instruments, len(self.markers))
+
+    @property
+    def read_names(self) -> tuple[str, ...]:
+        """What a table may call what was read: markers, and bodies by the name of their origins."""
+        part = {i for first in self.bodies.values() for i in range(first + 1, first + 3)}
+        return tuple(name for i, name in enumerate(self.marker_names) if i not in part)
 
     @property
     def tracker(self) -> Tracker:

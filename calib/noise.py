@@ -66,7 +66,14 @@ def counted(W: Array) -> IntArray:
 
 
 def unwhitened(W: Array, white: Array) -> Array:
-    """Numbers (..., r) that W (..., r, r) makes ``white`` (..., r); zero for what does not count."""
-    used = W.any(axis=-1, keepdims=True)
+    """Numbers (..., r) that W (..., r, r) makes ``white`` (..., r); zero for what does not count.
+
+    Of several the smallest.
+    """
+    used = np.asarray(W.any(axis=-1, keepdims=True))
+    if (
+        np.sum(W.any(axis=-2), axis=-1) > used[..., 0].sum(axis=-1)
+    ).any():  # rows for fewer numbers
+        return np.asarray((np.linalg.pinv(W) @ white[..., None])[..., 0])
     found = np.linalg.solve(W + ~used * np.eye(W.shape[-1]), white[..., None])
     return np.asarray((found * used)[..., 0])

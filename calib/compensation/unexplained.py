@@ -49,6 +49,11 @@ class Fitted:
     sigma: float
     variances: Variances | None
 
+    @property
+    def lengths(self) -> Mask:
+        """Which numbers of the readings are lengths, shape (C, r)."""
+        return self.model.readout.channels.lengths
+
 
 def scatter_at(model: Model, values: Array, poses: Poses, variances: Variances | None) -> Array:
     """Squared error (m, M) [m^2] that the arm's scatter adds where it is approached anew."""
@@ -70,14 +75,17 @@ def left_in_fit(fit: Fitted) -> Unexplained:
     seen = fit.data.seen & known[:, None]
     if not seen.any():
         return Unexplained(0.0, "left-out configurations")
-    there = (vectors**2).sum(axis=-1)
+    there = (vectors**2 * fit.lengths).sum(axis=-1)
     expected = _noise(fit) + _scatter(fit, fit.data) + share * growth[:, None]
     excess = float((there - expected)[seen].mean())
     if fit.variances is not None and fit.variances.any:
         surely = _beyond(there, expected, seen, fit.data.poses.configuration)
     else:
-        rows = int(counted(fit.weights).sum())
-        surely = refuted(float(error.sum()) / fit.sigma**2, rows - fit.span.shape[1])
+        rows = int((counted(fit.weights) > 0).astype(int).sum(axis=0) @ fit.lengths.sum(axis=-1))
+        share_of = rows / max(int(counted(fit.weights).sum()), 1)
+        surely = refuted(
+            float(error.sum()) / fit.sigma**2, rows - round(share_of * fit.span.shape[1])
+        )
     return Unexplained(float(np.sqrt(excess)) if surely and excess > 0.0 else 0.0,
                        "left-out configurations")  # fmt: skip
 
@@ -90,7 +98,7 @@ def left_held_out(fit: Fitted, heldout: Measurements) -> Unexplained:
     if fit.variances is not None and fit.variances.any:
         surely = _beyond(error, expected, seen, heldout.poses.configuration)
     else:
-        numbers = fit.model.readout.channels.rows * seen
+        numbers = fit.lengths.sum(axis=-1) * seen
         surely = refuted(float((numbers * error / expected).sum()), int(numbers.sum()))
     return Unexplained(float(np.sqrt(excess)) if surely and excess > 0.0 else 0.0, "held-out poses")
 
@@ -130,13 +138,14 @@ def _shares(fit: Fitted, data: Measurements) -> tuple[Array, Array]:
     """Squared error of every point (m, M), and what the parameters' uncertainty adds to it, m^2."""
     points, J = fit.model.jacobian(fit.values, data.poses)
     off = fit.model.readout.difference(data.readings, points)
-    error = (off**2).sum(axis=-1) * data.seen
+    error = (off**2 * fit.lengths).sum(axis=-1) * data.seen
+    J = J * fit.lengths[..., None]
     return error, np.einsum("mjip,pq,mjiq->mj", J, fit.covariance, J, optimize=True)
 
 
 def _noise(fit: Fitted) -> Array:
     """What the instrument adds to each reading (C,), m^2: ``3 sigma^2`` to a point."""
-    return np.asarray(fit.model.readout.channels.rows * fit.sigma**2)
+    return np.asarray(fit.lengths.sum(axis=-1) * fit.sigma**2)
 
 
 def _scatter(fit: Fitted, data: Measurements) -> Array:

@@ -176,7 +176,7 @@ def curves(context: Context, poses: Poses, ranges: Array) -> Iterator[Curve]:
     yield from _twists("base", 0, rigid, [*common, *overturning], poses, _KNOTS_EACH)
     pulls = [Torque("load", statics, robot.tip_frame, rigid[:, c]) for c in range(6)]
     yield from _twists("tool", robot.tip_frame, rigid, [*common, *pulls], poses, _KNOTS_EACH)
-    for name in context.marker_names:
+    for name in context.single_markers:
         for variable in (*common, Pull("load", statics)):
             line = polyline(variable.at(poses), _KNOTS_EACH)
             if line is not None:

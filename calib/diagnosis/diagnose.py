@@ -253,7 +253,7 @@ def _replicate_factor(data: Measurements, weights: Array) -> float:
     squares = spreads[:, 0] / spreads[:, 1]
     typical = np.quantile(squares, 0.25, method="lower")
     spread, dof = spreads[squares <= _GROSS * typical].sum(axis=0)
-    if dof < _REPLICATES:
+    if dof < _REPLICATES or not spread:  # without any spread they are copies
         return 1.0
     return float(np.sqrt(spread / dof)) if refuted(float(spread), int(dof)) else 1.0
 
@@ -278,7 +278,8 @@ def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:
     cost = float((fit.r**2).sum())
     weights = stage.weights[kept] * factor
     dof = int(counted(weights).sum()) - fit.span.shape[1]
-    alone = noise_level(cost * factor**2, dof, stage.data.take(kept), weights)
+    lengths = stage.model.readout.channels.lengths
+    alone = noise_level(cost * factor**2, dof, stage.data.take(kept), weights, lengths)
     if alone.source == "residual" and fit.levels is not None and fit.levels.instrument_only:
         # What the markers of one reading say of each other repeats in every reading.
         return replace(alone, source="replicates")

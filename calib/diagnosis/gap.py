@@ -39,9 +39,10 @@ class Gap:
 
 
 def squared_errors(fit: Fit, data: Measurements) -> Array:
-    """Squared distance of measured and predicted points, shape (m, M), m^2, NaN where hidden."""
-    error = (fit.model.off(fit.values, data) ** 2).sum(axis=-1)
-    return np.where(data.seen, error, np.nan)
+    """Squared distance of measured and predicted points, shape (m, C), m^2, NaN where hidden."""
+    lengths = fit.model.readout.channels.lengths
+    error = (fit.model.off(fit.values, data) ** 2 * lengths).sum(axis=-1)
+    return np.where(data.seen & lengths.any(axis=-1), error, np.nan)
 
 
 def rms(squared: Array) -> float:
@@ -88,7 +89,9 @@ def reach(stage: Stage, fit: Fit, heldout: Measurements | None) -> float:
     if heldout is None or not heldout.seen.any():
         return 0.0
     kept = ~stage.dropped
-    sigma = believed_sigma(stage.data.take(kept), stage.weights[kept]) * fit.variances.scale
+    lengths = stage.model.readout.channels.lengths
+    believed = believed_sigma(stage.data.take(kept), stage.weights[kept], lengths)
+    sigma = believed * fit.variances.scale
     none = Variances.none(fit.model.robot.dof)
     arm = scatter_of(fit.model, fit.values, heldout.poses, none)
     squares = arm.point_variance(fit.variances.approach)[heldout.seen]

@@ -52,6 +52,7 @@ class LinearModel(Model):
             self.payload,
             self.gravity,
             self.instruments,
+            lengths=self.lengths,
         )
 
     def _knows(self, effect: Effect) -> bool:
@@ -129,4 +130,5 @@ def linearised(
         J,
         known,
         carried,
+        lengths=exact.lengths,
     )

@@ -11,7 +11,7 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Repeatability
 from calib.diagnosis.linear import LinearModel, linearised
-from calib.diagnosis.prior import curves_in, fitted_amplitudes, prior_rows, weak
+from calib.diagnosis.prior import curves_in, fitted_amplitudes, held_rows, weak
 from calib.diagnosis.screen import orthonormal
 from calib.effects.protocol import Effect
 from calib.identification.estimators import choose_directions
@@ -69,11 +69,11 @@ class Fit:
 
         Rows of independent readings: where whole poses err together, those that :attr:`mixing` makes.
         """
-        prior, r, J = prior_rows(self.model, self.amplitudes), self.r, self.J
+        r, J, held = self.r, self.J, held_rows(self.model, self.amplitudes, self.values)
         if self.mixing is not None:
             r, J = self.mixing(r[..., None])[..., 0], self.mixing(J)
-        flat = np.concatenate([J.reshape(-1, J.shape[-1]), prior])
-        return np.concatenate([r.ravel(), -prior @ self.values]), flat
+        flat = np.concatenate([J.reshape(-1, J.shape[-1]), held[1]])
+        return np.concatenate([r.ravel(), held[0]]), flat
 
     @cached_property
     def modelled(self) -> Array:
@@ -88,7 +88,7 @@ class Fit:
         """
         if self.mixing is None:
             return covariance(self.equations[1], self.span)
-        prior = self.pull * prior_rows(self.model, self.amplitudes)
+        _, prior = held_rows(self.model, self.amplitudes, self.values, self.pull)
         flat = np.concatenate([self.J.reshape(-1, self.J.shape[-1]), prior])
         gains = gain(flat, self.span).T
         N = self.r.size
@@ -213,19 +213,21 @@ class Stage:
         pull: float = 1.0,
     ) -> Fit:
         observation = self.observation(model, weight)
-        prior = pull * prior_rows(model, amplitudes)
         if isinstance(model, LinearModel):
             r, J = observation.linearise(start)
+            off, held = held_rows(model, amplitudes, start, pull)
             step = span @ least_squares(
-                np.concatenate([r.ravel(), -prior @ start]),
-                np.concatenate([J.reshape(-1, J.shape[-1]), prior]) @ span,
+                np.concatenate([r.ravel(), off]),
+                np.concatenate([J.reshape(-1, J.shape[-1]), held]) @ span,
             )
             r = r - J @ step
             return Fit(model, start + step, span, weight, amplitudes, r, J, True, pull=pull)
 
         def linearise(values: Array) -> tuple[Array, Array]:
-            r, J = observation.flat(values)
-            return np.concatenate([r, -prior @ values]), np.concatenate([J, prior])
+            r, J = observation.linearise(values)
+            off, held = held_rows(model, amplitudes, values, pull)
+            flat = np.concatenate([J.reshape(-1, J.shape[-1]), held])
+            return np.concatenate([r.ravel(), off]), flat
 
         found = levenberg_marquardt(linearise, start, span, _MOST_ITERATIONS)
         r, J = observation.linearise(found.values)
@@ -235,13 +237,13 @@ class Stage:
     def _under_levels(self, fit: Fit) -> Fit:
         """The fit under the levels of noise that its residual shows."""
         weighted = self.observation(fit.model, fit.weight).rows(self.scatter.levers)
-        prior = prior_rows(fit.model, fit.amplitudes)
+        off, held = held_rows(fit.model, fit.amplitudes, fit.values)
         levels = levels_of(
             self.scatter,
             weighted,
             fit.r,
             fit.J @ fit.span,
-            held=np.column_stack([prior @ fit.span, -prior @ fit.values]),
+            held=np.column_stack([held @ fit.span, off]),
             known=self.arm,
             before=fit.levels,
         )

@@ -13,7 +13,8 @@ from calib.instruments import TRACKER, Instrument
 class Base(Effect):
     """The place of an instrument, from zero.
 
-    station : int or None, the station where it stands so; None for one that never moves
+    station : int or None, the station where it stands so; None for one that never moves, or that has
+        sites: it stands so at the one of its name
     """
 
     station: int | None
@@ -34,6 +35,11 @@ class Base(Effect):
         return tuple(Parameter(self.kind, self.where, *own) for own in self.of.unknowns)
 
 
+def sought(context: Context) -> tuple[Base, ...]:
+    """Places that are unknown even where the model has no base."""
+    return tuple(base for base in _standing(context) if base.of.sought)
+
+
 def _standing(context: Context) -> list[Base]:
     """Every place: that of the tracker by its station, others by their names."""
     stations = context.stations if len(context.stations) > 1 else ("base",)
@@ -42,7 +48,7 @@ def _standing(context: Context) -> list[Base]:
         if not instrument.unknowns:
             continue
         if not instrument.stationed:
-            found.append(Base(instrument.name, None, instrument))
+            found += [Base(name, None, instrument) for name in instrument.names]
             continue
         first = not any(base.of.stationed for base in found)
         before = "" if first else f"{instrument.name}:"

@@ -96,6 +96,7 @@ class Context:
     clock_unit : str, of the session's clock, "s" or "reading"
     gear_ratios : dict, joint name -> float, turns of motor or wave generator a turn of the joint
     instruments : tuple of Instrument
+    bodies : dict, name -> position of the first of three markers that stand for it
     """
 
     robot: Robot
@@ -111,6 +112,13 @@ class Context:
     clock_unit: str = "s"
     gear_ratios: Mapping[str, float] = field(default_factory=dict)
     instruments: tuple[Instrument, ...] = (TRACKER,)
+    bodies: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def single_markers(self) -> tuple[str, ...]:
+        """Names of the markers that are markers of their own."""
+        part = {i for first in self.bodies.values() for i in range(first, first + 3)}
+        return tuple(name for i, name in enumerate(self.marker_names) if i not in part)
 
 
 @dataclass(frozen=True, eq=False)

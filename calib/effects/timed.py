@@ -64,7 +64,7 @@ def everything(context: Context) -> tuple[str, ...]:
 
 def markers(context: Context) -> tuple[str, ...]:
     """Every marker by its place."""
-    return tuple(MARKER + name for name in context.marker_names)
+    return tuple(MARKER + name for name in context.single_markers)
 
 
 def function_of(values: Array, tuning: Array, poses: Poses) -> Array:

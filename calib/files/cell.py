@@ -19,21 +19,17 @@ from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.cell import Capsule, Cell, Load, Repeatability
 from calib.errors import InputError, UnknownEffect
+from calib.files.instruments import bodies_of, instruments_of, known_distances
 from calib.files.read import ORDER, read_text
 from calib.files.robot import load_robot, robot_files
 from calib.files.schema import (
+    KINDS,
     CellFile,
     DesignTable,
-    InstrumentTable,
     MarkerTable,
-    MpeSigma,
-    PolarSigma,
     RobotTable,
-    Sigma,
 )
-from calib.instruments import Tracker
 from calib.model.build import context_of, parse_effect, parse_excluded
-from calib.noise import Noise
 
 _LARGEST_FILE = 2_000_000  # bytes; the parser of the standard library is slow
 _DEEPEST = 50  # parts of a key
@@ -61,19 +57,22 @@ def load_cell(path: str | Path) -> Cell:
         name: m if isinstance(m, MarkerTable) else MarkerTable(position=m)
         for name, m in table.markers_mm.items()
     }
+    bodies = bodies_of(table.bodies, len(markers))
+    unseen = [MarkerTable(position=(0.0, 0.0, 0.0))] * len(bodies.names)
+    positions = np.array([m.position for m in markers.values()]).reshape(-1, 3)
     cell = Cell(
         name=table.name or path.stem,
         path=path,
         robot_form=form,
         robot_files=robot_files(form, file),
         robot=_narrowed(path, robot, table.robot),
-        marker_names=tuple(markers),
-        markers=np.array([m.position for m in markers.values()]) * _MM,
-        marker_normals=np.array([_unit(m.normal) for m in markers.values()]),
+        marker_names=(*markers, *bodies.names),
+        markers=np.concatenate([positions * _MM, bodies.markers]),
+        marker_normals=np.array([_unit(m.normal) for m in (*markers.values(), *unseen)]),
         marker_acceptance=np.array(
-            [math.radians(m.acceptance_deg or math.nan) for m in markers.values()]
+            [math.radians(m.acceptance_deg or math.nan) for m in (*markers.values(), *unseen)]
         ),
-        instruments=(_tracker(table.instrument),),
+        instruments=instruments_of(table, tuple(markers), bodies),
         gravity=np.array(table.gravity.m_s2),
         payload=Payload(table.payload.mass_kg, _metres(table.payload.com_mm)),
         load=None
@@ -94,6 +93,8 @@ def load_cell(path: str | Path) -> Cell:
         repeatability=_repeatability(table.robot),
         gear_ratios=dict(table.robot.gear_ratio),
         dh_convention=convention,
+        known_distances=known_distances(path, table),
+        bodies=bodies.first,
     )
     return replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))
 
@@ -144,7 +145,7 @@ def _validated(path: Path, raw: dict[str, Any]) -> CellFile:
 
 def _keys(location: tuple[int | str, ...]) -> list[str]:
     """Keys of the file; a union's tag (number, position, box ..) stands in the location alone."""
-    named = ("markers_mm",)  # below these, keys are the user's own names
+    named = ("markers_mm", "instruments", "bodies")  # below these, keys are the user's own names
     return [
         str(key)
         for before, key in zip((None, *location), location, strict=False)
@@ -152,7 +153,9 @@ def _keys(location: tuple[int | str, ...]) -> list[str]:
     ]
 
 
-_TAGS = frozenset({"number", "polar", "mpe", "position", "table", "box", "sphere", "halfspace"})
+_TAGS = KINDS | frozenset(
+    ("number", "polar", "mpe", "position", "table", "box", "sphere", "halfspace")
+)
 
 
 _PLAINLY = {
@@ -239,26 +242,6 @@ def _narrowed(path: Path, robot: Robot, table: RobotTable) -> Robot:
                     f"those are {known}",
                 )
     return replace(robot, limits=limits)
-
-
-def _tracker(table: InstrumentTable) -> Tracker:
-    stands = None if table.position_mm is None else np.array(table.position_mm) * _MM
-    return Tracker(noise=_noise(table.sigma_mm), stands=stands)
-
-
-def _noise(sigma: Sigma) -> Noise:
-    if isinstance(sigma, PolarSigma):
-        return Noise(
-            sigma.range_mm * _MM,
-            sigma.transverse_mm * _MM,
-            sigma.range_mm_per_m * _MM,
-            sigma.transverse_mm_per_m * _MM,
-        )
-    if isinstance(sigma, MpeSigma):
-        return Noise.maximum_permissible(
-            sigma.mpe_mm * _MM, sigma.mpe_mm_per_m * _MM, sigma.divisor
-        )
-    return Noise.isotropic(sigma * _MM)
 
 
 def _repeatability(table: RobotTable) -> Repeatability | None:

@@ -14,18 +14,24 @@ from calib.files.columns import LENGTHS
 from calib.files.csv_table import Table
 from calib.instruments import Instrument
 
-_UNITS = {"length": LENGTHS}  # the first is the one we write
+_UNITS = {"length": LENGTHS, "ratio": {"": 1.0}}  # the first is the one we write
+Sites = np.ndarray[tuple[int], np.dtype[np.str_]]
+"""Names of places, one for each pose."""
 _FARTHEST = 1e4  # m: no instrument of this trade reads as far
 
 
 def reading_names(instruments: Iterable[Instrument]) -> set[str]:
     """Every column that may hold a number of theirs."""
     return {
-        f"{column.name}_{unit}"
+        _titled(column.name, unit)
         for instrument in instruments
         for column in instrument.columns
         for unit in _UNITS[column.quantity]
     }
+
+
+def _titled(name: str, unit: str) -> str:
+    return f"{name}_{unit}" if unit else name
 
 
 def written_columns(instrument: Instrument) -> list[tuple[str, float]]:
@@ -33,7 +39,7 @@ def written_columns(instrument: Instrument) -> list[tuple[str, float]]:
     found = []
     for column in instrument.columns:
         unit, scale = next(iter(_UNITS[column.quantity].items()))
-        found.append((f"{column.name}_{unit}", scale))
+        found.append((_titled(column.name, unit), scale))
     return found
 
 
@@ -42,13 +48,16 @@ def reading_columns(
 ) -> list[tuple[str, float]]:
     """Column and SI factor of each number. Raises InputError where one is missing or unitless."""
     found = []
-    for name, quantity in instrument.columns:
-        named = [(f"{name}_{unit}", scale) for unit, scale in _UNITS[quantity].items()]
+    for name, quantity, optional in instrument.columns:
+        named = [(_titled(name, unit), scale) for unit, scale in _UNITS[quantity].items()]
         present = [pair for pair in named if pair[0] in columns]
+        if not present and optional and name not in columns:
+            continue
         if not present:
             bare = f"column {name!r} has no unit"
             what = bare if name in columns else f"column {named[0][0]} is missing"
-            raise InputError(path, "line 1", what, f"name it {' or '.join(n for n, _ in named)}")
+            titles = " or ".join(n for n, _ in named)
+            raise InputError(path, "line 1", what, f"name it {titles}")
         found.append(present[0])
     return found
 
@@ -95,24 +104,55 @@ def readings_of(table: Table, cell: Cell, pose: IntArray, count: int) -> tuple[A
     return readings, seen, sigma
 
 
+def sites_of(table: Table, cell: Cell, pose: IntArray, first: IntArray) -> Sites | None:
+    """Which place of an instrument with sites each pose touches, shape (m,); None without any.
+
+    pose : ndarray of int, shape (rows,), of each row; first : ndarray of int, shape (m,), rows
+
+    Raises InputError where one pose touches two.
+    """
+    sites = [name for own in cell.instruments for name in own.sites]
+    if not sites or "instrument" not in table.columns:
+        return None
+    named = np.array([name if name in sites else "" for name in table.text("instrument")])
+    found = named[first]
+    for row in np.flatnonzero(named != ""):
+        if found[pose[row]] not in ("", named[row]):
+            what = f"pose {table.text('pose')[row]!r} touches {str(found[pose[row]])!r} too"
+            raise table.fault(int(row), "instrument", what, "give each its own pose identifier")
+        found[pose[row]] = named[row]
+    return found
+
+
 def _numbers(table: Table, instrument: Instrument, rows: IntArray) -> Array:
-    """Numbers of an instrument's rows, shape (rows, r), SI."""
+    """Numbers of an instrument's rows, shape (rows, k), SI: those that its columns hold."""
     columns = reading_columns(table.path, instrument, table.columns)
-    found = np.column_stack([table.numbers(name, rows) * scale for name, scale in columns])
-    length = np.array([column.quantity == "length" for column in instrument.columns])
+    found, blank = np.zeros((len(rows), len(columns))), any(c.optional for c in instrument.columns)
+    for k, (name, scale) in enumerate(columns):
+        text = table.text(name)
+        told = rows[[bool(text[row]) for row in rows]] if blank else rows
+        found[np.isin(rows, told), k] = table.numbers(name, told) * scale
+    # An optional column is the only one of its instrument.
+    length = np.array([c.quantity == "length" for c in instrument.columns], bool)
+    length = length[: len(columns)]
     if (far := (np.abs(found) > _FARTHEST) & length).any():
         at, column = (int(i[0]) for i in np.nonzero(far))
         row, name = int(rows[at]), columns[column][0]
         what = f"{table.rows[row][table.columns.index(name)]} is farther than 10 km"
         raise table.fault(row, name, what, "check the reading and its unit")
-    return found
+    read = instrument.row_of(found)
+    if len(wrong := rows[~np.isfinite(read).all(axis=1)]):
+        name = columns[int(np.flatnonzero(~length)[0])][0]
+        what = f"and what belongs to it are no reading of kind {instrument.kind}"
+        raise table.fault(int(wrong[0]), name, what, "a quaternion has a length of one")
+    return read
 
 
 def _instruments(table: Table, cell: Cell) -> IntArray:
     """Which instrument read each row, shape (rows,)."""
-    if len(cell.instruments) == 1:
+    if sum(len(own.names) for own in cell.instruments) == 1:
         return np.zeros(len(table.rows), dtype=int)
-    numbers = {instrument.name: k for k, instrument in enumerate(cell.instruments)}
+    numbers = {name: k for k, own in enumerate(cell.instruments) for name in own.names}
     known = f"instruments are {', '.join(numbers)}"
     if "instrument" not in table.columns:
         what = "column 'instrument' is missing and the cell has several"
@@ -125,10 +165,11 @@ def _instruments(table: Table, cell: Cell) -> IntArray:
 
 
 def _markers(table: Table, cell: Cell) -> IntArray:
-    numbers = {name: i for i, name in enumerate(cell.marker_names)}
+    numbers = {name: cell.marker_names.index(name) for name in cell.read_names}
     names = table.text("marker")
     for row, name in enumerate(names):
         if name not in numbers:
-            known = f"markers are {', '.join(cell.marker_names[:12])}"
-            raise table.fault(row, "marker", f"{name!r} is not in the cell's [markers_mm]", known)
+            known = f"markers are {', '.join(cell.read_names[:12])}"
+            tables = " or ".join(("[markers_mm]", "[bodies]")[: 1 + bool(cell.bodies)])
+            raise table.fault(row, "marker", f"{name!r} is not in the cell's {tables}", known)
     return np.array([numbers[name] for name in names])

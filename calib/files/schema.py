@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -25,6 +26,7 @@ _HEAVIEST = 2500.0  # kg: the largest arms on the market carry 2300
 _PULLS_MOST = 30.0  # m/s^2
 _STANDARD = 9.80665
 _GRAVITIES = {"cm/s^2": 100.0, "mm/s^2": 1000.0, "ft/s^2": 3.28084, "in/s^2": 39.3701}
+_SYMMETRIC = 1e-6  # of the deviations
 
 
 def _plausible(value: float) -> float:
@@ -44,6 +46,7 @@ Positive = Annotated[Number, Field(gt=0), AfterValidator(_not_vanishing)]
 NotNegative = Annotated[Number, Field(ge=0)]
 Count = Annotated[int, Strict(), Field(ge=1, le=1_000_000)]
 Vector = tuple[Number, Number, Number]
+Row = tuple[Number, Number, Number, Number, Number, Number]
 
 
 def _plain(name: str) -> str:
@@ -207,6 +210,82 @@ class InstrumentTable(Table):
     position_mm: Vector | None = None
 
 
+class DistanceTable(Table):
+    kind: Literal["distance"]
+    sigma_mm: Positive
+    anchor_mm: Vector | None = None
+    offset: Annotated[bool, Strict()] = False
+
+
+class PlaneTable(Table):
+    kind: Literal["plane"]
+    sigma_mm: Positive
+
+
+class SphereTable(Table):
+    kind: Literal["sphere"]
+    sigma_mm: Positive
+    radius_mm: Positive | None = None
+
+
+class SocketTable(Table):
+    kind: Literal["socket"]
+    sigma_mm: Positive
+
+
+class PointsTable(InstrumentTable):
+    kind: Literal["points"]
+
+
+class PoseTable(Table):
+    kind: Literal["pose"]
+    sigma_mm: Positive | None = None
+    sigma_urad: Positive | None = None
+    covariance: tuple[Row, Row, Row, Row, Row, Row] | None = None  # mm and urad, body axes
+
+    @model_validator(mode="after")
+    def _one_noise(self) -> Self:
+        stated = (self.sigma_mm is not None, self.sigma_urad is not None)
+        if self.covariance is None and not all(stated):
+            raise ValueError("needs its noise, sigma_mm and sigma_urad, or covariance")
+        if self.covariance is not None:
+            if any(stated):
+                raise ValueError("has both sigma and covariance; keep one of them")
+            _refuse_no_covariance(np.array(self.covariance))
+        return self
+
+
+def _refuse_no_covariance(C: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> None:
+    size = np.sqrt(np.maximum(np.diag(C), 0.0))
+    if not (size > 0.0).all():
+        raise ValueError("covariance needs variances above zero on its diagonal")
+    scaled = C / np.outer(size, size)
+    if np.abs(scaled - scaled.T).max() > _SYMMETRIC:
+        raise ValueError("covariance is not symmetric")
+    if np.linalg.eigvalsh(scaled)[0] < _SMALLEST:
+        raise ValueError("covariance is not positive definite")
+
+
+class BodyTable(Table):
+    position_mm: Vector = (0.0, 0.0, 0.0)
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+
+
+AnyInstrument = Annotated[
+    PointsTable | PoseTable | DistanceTable | PlaneTable | SphereTable | SocketTable,
+    Field(discriminator="kind"),
+]
+
+
+KINDS = frozenset({"points", "pose", "distance", "plane", "sphere", "socket"})
+
+
+class KnownDistanceTable(Table):
+    between: tuple[Name, Name]
+    mm: Positive
+    sigma_mm: Positive
+
+
 class GravityTable(Table):
     m_s2: Annotated[Vector, AfterValidator(_gravity)] = (0.0, 0.0, -9.80665)
 
@@ -273,8 +352,11 @@ class CellFile(Table):
     format: Literal[1] = Field(alias="schema")
     name: Name | None = None
     robot: RobotTable
-    markers_mm: Annotated[dict[Name, Marker], Field(min_length=1)]
-    instrument: InstrumentTable
+    markers_mm: dict[Name, Marker] = {}
+    bodies: dict[Name, BodyTable] = {}
+    instrument: InstrumentTable | None = None
+    instruments: dict[Name, AnyInstrument] = {}
+    known_distances: list[KnownDistanceTable] = []
     gravity: GravityTable = GravityTable()
     payload: PayloadTable = PayloadTable()
     load: LoadTable | None = None
@@ -292,4 +374,22 @@ class CellFile(Table):
                 "[payload] and [load] are the same mass at the same place; it counts once: keep "
                 "[payload] if it is carried at every pose, [load] if it is hung on for a second reading"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _something_read(self) -> Self:
+        if (self.instrument is None) == (not self.instruments):
+            raise ValueError("needs either [instrument] or [instruments.NAME], and not both")
+        kinds = {entry.kind for entry in self.instruments.values()} or {"points"}
+        touching = kinds - {"pose"}
+        if touching and not self.markers_mm:
+            raise ValueError(f"reads {min(touching)} and has no [markers_mm]; add what is read")
+        if "pose" in kinds and not self.bodies:
+            raise ValueError("reads pose and has no [bodies]; add what is read")
+        if self.bodies and "pose" not in kinds:
+            raise ValueError("has [bodies] and no instrument of kind pose that reads them")
+        if self.markers_mm and not touching:
+            raise ValueError("has [markers_mm] and no instrument that reads them")
+        if both := set(self.markers_mm) & set(self.bodies):
+            raise ValueError(f"{min(both)!r} names a marker and a body; rename one")
         return self

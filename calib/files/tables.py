@@ -23,7 +23,7 @@ from calib.files.columns import (
 )
 from calib.files.csv_table import LONGEST_LINE, Table, read_table
 from calib.files.payload_twice import refuse_payload_twice
-from calib.files.readings import reading_columns, reading_names, readings_of
+from calib.files.readings import reading_columns, reading_names, readings_of, sites_of
 from calib.poses import Measurements, Poses, hung, poses_at
 from calib.poses.moves import with_moves
 
@@ -54,16 +54,18 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     given = covariates(table, cell.robot, first)
     poses = with_moves(poses_at(q_rows[first], pose_names, **given))
     _check_poses_agree(table, cell, pose_of_row, first)
+    poses = replace(poses, site=sites_of(table, cell, pose_of_row, first))
 
     refuse_payload_twice(cell, path, poses)
     m = len(pose_names)
     readings, seen, sigma = readings_of(table, cell, pose_of_row, m)
-    shown = set(table.text("marker")) if every_marker else set(cell.marker_names)
-    for name in (n for n in cell.marker_names if n not in shown):
+    shown = set(table.text("marker")) if every_marker else set(cell.read_names)
+    for name in (n for n in cell.read_names if n not in shown):
+        table_of = "bodies" if name in cell.bodies else "markers_mm"
         raise InputError(
             path,
             f"marker {name}",
-            "is in the cell's [markers_mm] and never measured",
+            f"is in the cell's [{table_of}] and never measured",
             "measure it or take it out of the cell",
         )
     if cell.load is not None and not poses.wrench.any() and poses.configuration.max() + 1 < m:
@@ -124,6 +126,7 @@ def _load_poses(cell: Cell, path: Path, required: Sequence[str]) -> tuple[Poses,
                 raise table.fault(row, "pose", f"{name!r} stands twice", "rename one of them")
             known.add(name)
         given["names"] = tuple(names)
+    given["site"] = sites_of(table, cell, np.arange(len(q)), np.arange(len(q)))
     return poses_at(q, **given), table
 
 

@@ -32,7 +32,7 @@ def _joint_text(robot: Robot, q: Array) -> list[str]:
 
 def measurement_columns(robot: Robot, instruments: Sequence[Instrument]) -> list[str]:
     """Columns that every table of these instruments' readings has."""
-    several = ["instrument"] if len(instruments) > 1 else []
+    several = ["instrument"] if len([n for i in instruments for n in i.names]) > 1 else []
     columns = dict(c for instrument in instruments for c in written_columns(instrument))
     return ["pose", "marker", *several, *_joint_header(robot), *columns]
 
@@ -59,16 +59,17 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
         for j in cell.channels.marker[part]
     ]
     columns = dict(c for instrument in cell.instruments for c in written_columns(instrument))
-    several = ["instrument"] if len(cell.instruments) > 1 else []
     header = measurement_columns(cell.robot, cell.instruments)
+    several = "instrument" in header
     loaded = bool(wrench.any())
     header += WRENCH if loaded else ()
     session = _session(cell, poses)
     header += session
     rows = []
+    sites = [""] * len(poses) if poses.site is None else poses.site.tolist()
     for i, c in np.argwhere(data.seen):
         instrument, marker = channels[c]
-        row = [poses.names[i], marker, *[instrument.name for _ in several]]
+        row = [poses.names[i], marker, *([instrument.name_at(sites[i])] if several else [])]
         row += _joint_text(cell.robot, poses.q[i])
         row += _reading_text(instrument, data.readings[i, c], columns)
         row += [f"{value:.6f}" for value in wrench[i]] if loaded else []
@@ -80,8 +81,11 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
 def _reading_text(instrument: Instrument, numbers: Array, columns: Iterable[str]) -> list[str]:
     """A row of an instrument, empty in the columns of others."""
     own = written_columns(instrument)
+    entries = instrument.entries_of(numbers[: instrument.rows])
+    digits = (5 if column.quantity == "length" else 9 for column in instrument.columns)
     shown = {
-        name: f"{value / scale:.5f}" for (name, scale), value in zip(own, numbers, strict=False)
+        name: f"{value / scale:.{places}f}"
+        for (name, scale), value, places in zip(own, entries, digits, strict=True)
     }
     return [shown.get(name, "") for name in columns]
 

@@ -87,7 +87,8 @@ class Readings:
         return observation.covariance(values, span)
 
     def dof(self, observation: Observation, span: Array) -> int:
-        return int(observation.numbers.sum()) - int(span.shape[1])
+        known = len(observation.model.lengths)
+        return int(observation.numbers.sum()) + known - int(span.shape[1])
 
 
 @dataclass(frozen=True)

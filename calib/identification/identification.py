@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -12,6 +13,7 @@ from calib.arrays import Array, Mask
 from calib.effects.base import Base
 from calib.identification.common import Shared, shared, variables_of
 from calib.identification.noise_level import NoiseLevel
+from calib.instruments import Channels, Instrument
 from calib.model import Model
 from calib.model.covariance import Unidentifiable, correlation
 from calib.model.reduction import Dropped
@@ -38,12 +40,13 @@ ADVICE: dict[Status, str] = {
 class Residuals:
     """Measured minus predicted readings.
 
-    data : Measurements
+    channels : Channels; data : Measurements
     vectors : ndarray, shape (m, C, r), of a tracker m, zero where hidden
     outlier : ndarray of bool, shape (m,)
     statistic : ndarray, shape (m,), what outliers are judged by; limit : float
     """
 
+    channels: Channels
     data: Measurements
     vectors: Array
     outlier: Mask
@@ -51,13 +54,35 @@ class Residuals:
     limit: float
 
     def lengths(self, poses: Mask | None = None) -> Array:
-        """Lengths of the visible readings' residuals, shape (n,), of points m.
+        """Lengths of the visible readings' residuals, shape (n,), m; of those that have one.
 
         poses : ndarray of bool, shape (m,), whose points; all by default
         """
-        distance = np.linalg.norm(self.vectors, axis=-1)
-        chosen = self.data.seen if poses is None else self.data.seen & poses[:, None]
-        return np.asarray(distance[chosen])
+        measured = self.channels.lengths
+        distance = np.linalg.norm(np.where(measured, self.vectors, 0.0), axis=-1)
+        chosen = self.data.seen & measured.any(axis=-1)
+        return np.asarray(distance[chosen if poses is None else chosen & poses[:, None]])
+
+    def errors(self, poses: Mask | None = None) -> Iterator[tuple[str, str, Array]]:
+        """Instrument, unit and lengths (n,) of its errors in that unit, of the visible readings.
+
+        poses : ndarray of bool, shape (m,), whose readings; all by default
+        """
+        for instrument, part in self.channels.blocks:
+            seen = self.data.seen[:, part]
+            seen = seen if poses is None else seen & poses[:, None]
+            shown = self.shown(instrument, part)
+            for name in instrument.names:
+                here = seen & self.data.poses.touching(name, instrument.sites)[:, None]
+                for unit in dict.fromkeys(n.unit for n in instrument.numbers):
+                    own = [i for i, n in enumerate(instrument.numbers) if n.unit == unit]
+                    scale = instrument.numbers[own[0]].scale
+                    yield name, unit, np.linalg.norm(shown[here][..., own], axis=-1) / scale
+
+    def shown(self, instrument: Instrument, part: slice) -> Array:
+        """Errors of an instrument's channels as people read them, shape (m, c, k), SI."""
+        measured = self.data.readings[:, part, : instrument.rows]
+        return instrument.shown(measured, self.vectors[:, part, : instrument.rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +100,7 @@ class Identification:
     nominal : ndarray, shape (p,), base and markers fitted, all else as in the nominal model
     distances : dict, "nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed" -> distances
         between measured and predicted points, m
+    by_instrument : dict, (instrument, unit) -> dict of the same keys -> RMS of its errors in that unit
     std_by_pose : ndarray, shape (p,), standard deviations if the points of a pose err together, as
         they do under a model that lacks something; None where the poses are too few to tell
     step_two_std : ndarray, shape (p,), standard deviations that would follow if base and tool were
@@ -104,6 +130,7 @@ class Identification:
     heldout: Residuals | None
     nominal: Array
     distances: dict[str, Array]
+    by_instrument: dict[tuple[str, str], dict[str, float]]
     std_by_pose: Array | None
     step_two_std: Array
     weights: Array
@@ -173,6 +200,12 @@ class Identification:
             found.append(
                 f"the nominal model misses the data by {nominal * 1e3:.0f} mm: check units, signs and "
                 "order of the joints, and the units of URDF and points"
+            )
+        if self.model.scaleless and any(p.effect == "geometry" for p in self.model.parameters):
+            found.append(
+                "no length is known here, and an arm of another size would read the same: the arm "
+                "keeps the size of its nominal model; give [[known_distances]] between sockets, or "
+                "measure one"
             )
         if self.undecided:
             shown = ", ".join(self.undecided[:_SHOWN]) + (" .." if self.undecided[_SHOWN:] else "")

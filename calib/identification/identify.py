@@ -9,7 +9,7 @@ import numpy as np
 from calib.arrays import Array, Mask
 from calib.cell import Cell
 from calib.effects.base import Base
-from calib.effects.tool import Tool
+from calib.effects.tool import Body, Tool
 from calib.errors import CalibError, TooFewPoses, Unsolvable
 from calib.identification.estimators import Differences, Estimator, Readings, steps
 from calib.identification.identification import Identification, Method, Residuals, Status
@@ -19,6 +19,7 @@ from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.identification.outliers import pose_statistics, prediction_statistics, threshold
 from calib.identification.search import Found, search
 from calib.identification.tuning import profiled, with_tunings
+from calib.instruments import Tracker
 from calib.model import Model
 from calib.model.build import build, lacking, refuse_idle_effects
 from calib.model.covariance import clustered, covariance, ignorance
@@ -105,18 +106,17 @@ def identify(
     by_profile = profiled(counted, values, found.span, np.sqrt(np.diag(stated)), widened)
     fit = residuals(model, data, values, ~found.kept, found.statistics, found.limit)
     nominal = _nominal(observation, start)
-    distances = {
-        "nominal": residuals(model, data, nominal).lengths(),
-        "fitted": fit.lengths(found.kept),
-        "fitted_all": residuals(model, data, found.first.values).lengths(),
+    parts: dict[str, tuple[Residuals, Mask | None]] = {
+        "nominal": (residuals(model, data, nominal), None),
+        "fitted": (fit, found.kept),
+        "fitted_all": (residuals(model, data, found.first.values), None),
     }
     held = None
     if heldout is not None:
         # Judged as the fitted poses are, by the instrument's noise alone.
         alone = estimator.covariance(replace(counted, scatter=None), values, found.span)
         held = _predicted(cell, observation, heldout, values, alone, found)
-        distances["heldout"] = held.lengths()
-        distances["heldout_trimmed"] = held.lengths(~held.outlier)
+        parts |= {"heldout": (held, None), "heldout_trimmed": (held, ~held.outlier)}
     return Identification(
         model=model,
         values=values,
@@ -138,7 +138,8 @@ def identify(
         fit=fit,
         heldout=held,
         nominal=nominal,
-        distances=distances,
+        distances={key: part.lengths(poses) for key, (part, poses) in parts.items()},
+        by_instrument=_by_instrument(parts),
         std_by_pose=_std_by_pose(counted, found) if isinstance(estimator, Readings) else None,
         step_two_std=_step_two_std(counted, values, found.span) * widened,
         weights=observation.weights,
@@ -177,17 +178,17 @@ def _check_options(
 def check_counts(model: Model, data: Measurements) -> None:
     """Refuse what no choice of so few poses could determine.
 
-    A reading of M markers fixes at most 3, 5 or 6 rigid coordinates (M = 1, 2, more); the shape of
-    the marker set is common to all readings.
+    A reading of M markers fixes at most 3, 5 or 6 rigid coordinates (M = 1, 2, more), that of a body 6;
+    the shape of the set of markers and bodies is common to all readings.
 
     Raises TooFewPoses with the number that is needed, CalibError for points that no arm of this size
     could have reached.
     """
     if (tracked := model.tracked(data)) is not None:
         refuse_unreachable(*tracked, _NO_UNIT)
-    p, markers = len(model.parameters), len(model.markers)
-    rigid = {1: 3, 2: 5}.get(markers, 6)
-    shape = 3 * markers - rigid if len(model.where(Tool)) else 0
+    p, coordinates = len(model.parameters), _coordinates(model)
+    rigid = {3: 3, 6: 5}.get(coordinates, 6) if len(model.markers) < 3 else 6
+    shape = coordinates - rigid if len(model.where(Tool)) else 0
     measured = int(data.seen.any(axis=1).sum())
     placed = sum(
         len(e.parameters) for e in model.effects if isinstance(e, Base) and not e.of.stationed
@@ -196,6 +197,12 @@ def check_counts(model: Model, data: Measurements) -> None:
     equations = min(numbers, rigid * measured + shape + placed)
     if equations < p:
         raise TooFewPoses(measured, int(np.ceil((p - shape) / rigid)), p, equations)
+
+
+def _coordinates(model: Model) -> int:
+    """How many numbers say where the markers and bodies are on the tip."""
+    bodies = sum(isinstance(e, Body) for e in model.effects)
+    return 3 * (len(model.markers) - 3 * bodies) + 6 * bodies
 
 
 def whitening(cell: Cell, model: Model, values: Array, data: Measurements) -> Array:
@@ -228,12 +235,24 @@ def residuals(
     vectors = model.off(values, data)
     none = np.zeros(len(data), dtype=bool)
     return Residuals(
+        model.readout.channels,
         data,
         vectors,
         none if outlier is None else outlier,
         np.zeros(len(data)) if statistics is None else statistics,
         limit,
     )
+
+
+def _by_instrument(
+    parts: dict[str, tuple[Residuals, Mask | None]],
+) -> dict[tuple[str, str], dict[str, float]]:
+    found: dict[tuple[str, str], dict[str, float]] = {}
+    for key, (part, poses) in parts.items():
+        for name, unit, errors in part.errors(poses):
+            rms = {key: float(np.sqrt(np.mean(errors**2)))} if len(errors) else {}
+            found.setdefault((name, unit), {}).update(rms)
+    return found
 
 
 def _status(found: Found) -> Status:
@@ -257,11 +276,13 @@ def _with_levels(
     scatter = scatter_of(model, values, observation.data.poses, Variances.none(model.robot.dof))
     counted = observation.only(found.kept)
     judged = estimator.judged(counted, values, found.span)
+    off, by_known = model.beside(values)
     levels = levels_of(
         scatter,
         counted.points().rows(scatter.levers),
         judged.r,
         judged.J @ judged.span,
+        held=np.column_stack([by_known @ judged.span, off]),
         known=known,
     )
     return replace(observation, scatter=scatter.at(levels.variances)), levels
@@ -271,13 +292,20 @@ def _noise(estimator: Estimator, observation: Observation, found: Found) -> tupl
     """Noise level from the kept poses, and the degrees of freedom of their residuals."""
     counted = observation.only(found.kept)
     cost = float((estimator.judged(counted, found.best.values, found.span).r ** 2).sum())
+    cost += float((observation.model.beside(found.best.values)[0] ** 2).sum())
     dof = estimator.dof(counted, found.span)
     data, weights = observation.data.take(found.kept), observation.weights[found.kept]
-    return noise_level(cost, dof, data, weights), dof
+    lengths = observation.model.readout.channels.lengths
+    return noise_level(cost, dof, data, weights, lengths), dof
 
 
 def _with_shape(model: Model, data: Measurements, start: Array) -> Array:
     """Initial values fit for approach pose. Raises CalibError where no orientation can be had."""
+    if not all(type(i) is Tracker for i in model.instruments):
+        raise CalibError(
+            "approach pose makes poses of the points that a tracker reads of several markers; here "
+            "readings are of other kinds, so use approach points"
+        )
     if not orientable(model.marker_positions(start), data.seen).any():
         raise CalibError(
             "approach pose needs three visible markers that are not in line; "
@@ -309,7 +337,8 @@ def _std_by_pose(counted: Observation, found: Found) -> Array | None:
     if kept < _POSES_PER_DIRECTION * found.span.shape[1] or not counted.efficient:
         return None
     r, J = replace(counted.points(), known=counted.known).linearise(found.best.values)
-    return np.sqrt(np.diag(clustered(r[found.kept], J[found.kept], found.span)))
+    held = counted.model.beside(found.best.values)[1]
+    return np.sqrt(np.diag(clustered(r[found.kept], J[found.kept], found.span, held)))
 
 
 def _step_two_std(observation: Observation, values: Array, span: Array) -> Array:
@@ -333,7 +362,8 @@ def _predicted(
     """Residuals of poses that took no part, judged by the limit of those that did."""
     model, data = observation.model, observation.data
     r, J = observation.points().linearise(values)
-    limit = threshold(pose_statistics(r, J, found.kept, found.span)[0], r.shape[-1])
+    held = model.beside(values)[1]
+    limit = threshold(pose_statistics(r, J, found.kept, found.span, held)[0], r.shape[-1])
     heldout = _with_stations_of(data, heldout)
     _check_covariates(model, data, heldout)
     points = Points(model, heldout, whitening(cell, model, values, heldout))

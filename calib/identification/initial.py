@@ -29,7 +29,7 @@ def initial_values(model: Model, data: Measurements) -> Array:
         return values
     for instrument, part in model.readout.channels.blocks:
         bases = {
-            e.station: s
+            e.where if instrument.sites else e.station: s
             for e, s in zip(model.effects, model.slices, strict=True)
             if isinstance(e, Base) and e.of.name == instrument.name
         }
@@ -47,16 +47,19 @@ def initial_values(model: Model, data: Measurements) -> Array:
                 values[bases[station]] = start.place
     for effect, part in zip(model.effects, model.slices, strict=True):
         if isinstance(effect, Tool):
-            offset = markers[effect.marker] - model.markers[effect.marker]
-            values[part] = offset[list(effect.components)]
+            values[part] = effect.values_at((markers - model.markers)[effect.markers])
     return values
 
 
 def _sessions(
     instrument: Instrument, data: Measurements, part: slice
-) -> list[tuple[int | None, Mask]]:
-    """Stations of an instrument with their poses, that with the most poses first."""
+) -> list[tuple[int | str | None, Mask]]:
+    """Stations or sites of an instrument with their poses, that with the most poses first."""
     read = np.asarray(data.seen[:, part].any(axis=1))
+    if sites := instrument.sites:
+        touched = [(name, read & data.poses.touching(name, sites)) for name in sites]
+        touched.sort(key=lambda own: -int(own[1].sum()))
+        return [(name, here) for name, here in touched if here.any()]
     if not instrument.stationed:
         return [(None, read)] if read.any() else []
     counts = np.bincount(data.poses.station, minlength=len(data.poses.stations))

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from calib.arrays import Array
+from calib.arrays import Array, Mask
 from calib.noise import counted
 from calib.poses import Measurements
 from calib.scatter import Levels
@@ -53,18 +53,25 @@ def of_levels(levels: Levels, alone: NoiseLevel) -> NoiseLevel:
         source = "residual"
     elif len(levels.free):
         source = "replicates"
-    dof = float(levels.instrument_rows) if 0 in levels.free else np.inf
+    dof = float("inf")
+    if (
+        0 in levels.free
+    ):  # where nothing tells the instrument from the arm, both rest on the residual
+        dof = float(levels.instrument_rows) if levels.instrument_seen else alone.dof
     return replace(alone, factor=levels.variances.scale, source=source, dof=dof)
 
 
-def believed_sigma(data: Measurements, weights: Array) -> float:
+def believed_sigma(data: Measurements, weights: Array, lengths: Mask) -> float:
     """Root mean square over the readings of the standard deviation of a number: of a coordinate, m.
 
     weights : ndarray, shape (m, C, r, r), whitening matrices
+    lengths : ndarray of bool, shape (C, r), which numbers count
     """
     own = weights[data.seen]
-    squares = (np.linalg.pinv(own) ** 2).sum(axis=(-1, -2)).mean()
-    return float(np.sqrt(squares / max(counted(own).mean(), 1.0)))
+    of = np.broadcast_to(lengths, (*data.seen.shape, lengths.shape[-1]))[data.seen]
+    of = of & own.any(axis=-2)
+    squares = ((np.linalg.pinv(own) ** 2).sum(axis=-1) * of).sum(axis=-1).mean()
+    return float(np.sqrt(squares / max(of.sum(axis=-1).mean(), 1.0)))
 
 
 def replicate_spread(data: Measurements, weights: Array) -> tuple[float, int]:
@@ -86,15 +93,18 @@ def replicate_spread(data: Measurements, weights: Array) -> tuple[float, int]:
     return total, dof
 
 
-def noise_level(cost: float, dof: int, data: Measurements, weights: Array) -> NoiseLevel:
+def noise_level(
+    cost: float, dof: int, data: Measurements, weights: Array, lengths: Mask
+) -> NoiseLevel:
     """Decide by chi-square and F tests which source to trust, two-sided at one per cent.
 
     cost, dof : sum of squared whitened residuals of the kept poses, and degrees of freedom
     weights : ndarray, shape (m, C, r, r), whitening matrices
+    lengths : ndarray of bool, shape (C, r), numbers in whose unit the level is told
     """
     from scipy.special import chdtr, chdtrc, fdtr, fdtrc
 
-    believed = believed_sigma(data, weights)
+    believed = believed_sigma(data, weights, lengths)
     spread, repeats = replicate_spread(data, weights)
     factor = 1.0
     source: Source = "cell"

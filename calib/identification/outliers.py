@@ -23,15 +23,19 @@ _FEW = 30  # poses below which quartiles mean little and poses are tested one by
 _SINGULAR = 0.02  # directions in which a pose is fitted through itself say nothing
 
 
-def pose_statistics(r: Array, J: Array, kept: Mask, span: Array) -> tuple[Array, Array]:
+def pose_statistics(
+    r: Array, J: Array, kept: Mask, span: Array, held: Array
+) -> tuple[Array, Array]:
     """Mean square of the residual of each pose over its predicted variance, and its rows, (m,) each.
 
     r : ndarray, shape (m, rows), whitened; zero rows for hidden markers
     J : ndarray, shape (m, rows, p), whitened
     kept : ndarray of bool, shape (m,), the poses that were fitted
     span : ndarray, shape (p, k), the directions that were estimated
+    held : ndarray, shape (h, p), derivatives of what is known beside the poses
     """
-    return fit_statistics(r, J, kept, covariance(J[kept].reshape(-1, J.shape[-1]), span))
+    rows = np.concatenate([J[kept].reshape(-1, J.shape[-1]), held])
+    return fit_statistics(r, J, kept, covariance(rows, span))
 
 
 def fit_statistics(r: Array, J: Array, kept: Mask, cov: Array) -> tuple[Array, Array]:

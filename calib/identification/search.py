@@ -82,6 +82,13 @@ def search(estimator: Estimator, observation: Observation, start: Array) -> Foun
     if first is None:
         first = estimator.fit(observation, best.values, span)
     at_end = choose_directions(observation.only(kept), best.values)
+    if best.converged and at_end.rank < choice.rank:
+        # The start was where more is told: a marker on an axis tells less than one beside it.
+        choice = at_end
+        span = observation.span()[:, choice.kept]
+        best = estimator.fit(observation.only(kept), start, span)
+        fresh, statistics, limit = _judged(estimator, observation, best.values, kept, span)
+        at_end = choose_directions(observation.only(kept), best.values)
     regular = at_end.rank >= choice.rank
     return Found(first, best, kept, statistics, limit, fresh != kept, choice, span, regular)
 
@@ -91,7 +98,8 @@ def _judged(
 ) -> tuple[Mask, Array, float]:
     """Poses to keep, the statistic of every pose, and its limit, under the fit to those kept."""
     judged = estimator.judged(observation, values, span, kept)
-    statistics, rows = pose_statistics(judged.r, judged.J, kept, judged.span)
+    held = observation.model.beside(values)[1]
+    statistics, rows = pose_statistics(judged.r, judged.J, kept, judged.span, held)
     if small_set(len(kept)):
         cost = float((judged.r[kept] ** 2).sum())
         dof = estimator.dof(observation.only(kept), span)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import IntArray
+from calib.arrays import IntArray, Mask
 from calib.instruments.protocol import Instrument
 
 
@@ -44,8 +44,17 @@ class Channels:
 
     @cached_property
     def rows(self) -> IntArray:
-        """How many numbers each has, shape (C,)."""
-        return np.concatenate([np.full(part.stop - part.start, i.rows) for i, part in self.blocks])
+        """How many independent numbers each tells, shape (C,)."""
+        each = [np.full(part.stop - part.start, len(i.numbers)) for i, part in self.blocks]
+        return np.concatenate(each)
+
+    @cached_property
+    def lengths(self) -> Mask:
+        """Which numbers of the readings are lengths, shape (C, r); all where none is."""
+        found = np.zeros((len(self), self.width), dtype=bool)
+        for instrument, part in self.blocks:
+            found[part, instrument.lengths] = True
+        return found if found.any() else ~found
 
     @property
     def width(self) -> int:

@@ -9,6 +9,7 @@ frame, which an instrument may read, or ride on. How it stands against the robot
     whitening           from the covariance of a row; what the simulator adds follows from it
     start               the place, and the markers if it tells them, from nothing but the rows
     columns             how a row stands in a table
+    numbers             what it says of an error, by which figures are grouped
     position            where the picture shows it, and lines of sight end
 
 Of C readings a pose the points are (m, C, 3), or (m, C, 3 k) where each takes k, the rows (m, C, r).
@@ -35,10 +36,22 @@ class Unknown(NamedTuple):
 
 
 class Column(NamedTuple):
-    """One number of a row in a table, ``<name>_<unit>`` with any unit of its quantity."""
+    """One number of a row in a table, ``<name>_<unit>`` with a unit of its quantity, if it has one.
+
+    optional : whether column or number may be missing: it is zero then
+    """
 
     name: str
-    quantity: Literal["length"]
+    quantity: Literal["length", "ratio"]
+    optional: bool = False
+
+
+class Number(NamedTuple):
+    """One number of an error: its name, the unit shown, and that unit in SI."""
+
+    name: str
+    unit: str
+    scale: float
 
 
 class Linear(NamedTuple):
@@ -84,19 +97,46 @@ class Instrument(ABC):
     name : str, its own among those of the cell
     markers : tuple of int or None, positions of the markers that it reads, reading by reading; None for
         all of them
-    rows : numbers of one reading; each : markers that one takes, k; unknowns : its place; columns : of
-        a table
+    sites : tuple of str, names of the cell where several are one that stands elsewhere from pose to
+        pose, at one of them each time; none where it is one
+    rows : numbers of one reading; each : markers that one takes, k; columns : of a table
     stationed : whether it may stand elsewhere at other poses, a place for every station
+    sought : whether its place is unknown even where the model has no base: nothing else tells it
     """
 
     name: str = "instrument"
     markers: tuple[int, ...] | None = None
+    sites: tuple[str, ...] = ()
     kind: ClassVar[str]
     rows: ClassVar[int]
     each: ClassVar[int] = 1
-    unknowns: ClassVar[tuple[Unknown, ...]]
     columns: ClassVar[tuple[Column, ...]]
     stationed: ClassVar[bool] = False
+    sought: ClassVar[bool] = False
+
+    @property
+    @abstractmethod
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """The coordinates of its place."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the cell calls it: its own name, or those of its sites."""
+        return self.sites or (self.name,)
+
+    def name_at(self, site: str) -> str:
+        """What the cell calls it where it stands at a site."""
+        return site if site in self.sites else self.name
+
+    @property
+    def anchored(self) -> bool:
+        """Whether the cell says where it stands, whatever else of its place is unknown."""
+        return False
+
+    @property
+    def metric(self) -> bool:
+        """Whether its readings hold a length: without any, an arm of twice the size reads the same."""
+        return True
 
     @abstractmethod
     def read(self, place: Array, points: Array) -> Array:
@@ -105,6 +145,29 @@ class Instrument(ABC):
     @abstractmethod
     def linearise(self, place: Array, points: Array) -> Linear:
         """The same with the derivatives."""
+
+    @property
+    def numbers(self) -> tuple[Number, ...]:
+        """What :meth:`shown` gives, in its order: as many as a reading has that are independent."""
+        return tuple(Number(c.name, "mm", 1e-3) for c in self.columns if c.quantity == "length")
+
+    @property
+    def lengths(self) -> IntArray:
+        """Positions in a row of the numbers whose errors are lengths, m."""
+        return np.flatnonzero([c.quantity == "length" for c in self.columns])
+
+    def shown(self, measured: Array, off: Array) -> Array:
+        """The error (..., k) of readings (..., r) that are ``off`` (..., r), as people read it, SI."""
+        del measured
+        return off
+
+    def row_of(self, entries: Array) -> Array:
+        """Rows (..., r) of what stands in the columns of a table (..., c), SI; NaN for nonsense."""
+        return entries
+
+    def entries_of(self, rows: Array) -> Array:
+        """The way back."""
+        return rows
 
     def difference(self, measured: Array, predicted: Array) -> Array:
         """What rows (..., r) are measured beyond those predicted, to first order linear in both."""

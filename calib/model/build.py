@@ -11,6 +11,7 @@ from calib.arm.statics import loads_of
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects import GROUPS, Context, Effect, catalogue
+from calib.effects.base import sought
 from calib.effects.protocol import (
     ARM,
     ElasticEffect,
@@ -160,6 +161,7 @@ def context_of(cell: Cell, poses: Poses | None) -> Context:
         "s" if poses is None else poses.clock_unit,
         dict(cell.gear_ratios),
         cell.instruments,
+        dict(cell.bodies),
     )
 
 
@@ -193,6 +195,8 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
             if any(e.kind == name and e.where == where for e in effects):
                 raise UnknownEffect(f"{name}:{where} stands twice in [model] effects")
             effects.append(place_effect(name, where, context))
+    standing = {e.where for e in effects if e.kind == "base"}
+    effects = [*(base for base in sought(context) if base.where not in standing), *effects]
     full = Model(
         cell.robot,
         cell.marker_names,
@@ -201,6 +205,7 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
         cell.payload,
         cell.gravity,
         cell.instruments,
+        lengths=cell.known_distances,
     )
     built = Built(*irreducible(full))
     _refuse_absorbed(_placed(cell, context), full, built)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
-from calib.effects.tool import Tool
+from calib.effects.tool import Body, Tool
 from calib.errors import Unsolvable
 from calib.instruments import Tracker
 from calib.model import Model
@@ -129,10 +129,11 @@ def _half(J: Array, span: Array) -> Array:
     return np.asarray(span @ (np.linalg.inv(R) / scale[:, None]))
 
 
-def clustered(r: Array, J: Array, span: Array) -> Array:
+def clustered(r: Array, J: Array, span: Array, held: Array) -> Array:
     """Covariance of all p values when the rows of one pose err together, shape (p, p).
 
     r : ndarray, shape (m, rows), residuals; J : ndarray, shape (m, rows, p); any common unit
+    held : ndarray, shape (h, p), derivatives of what is known beside the poses, exactly
     Sandwich over the poses (Liang and Zeger, Biometrika 73(1), 1986) with the usual correction
     m / (m - 1) (N - 1) / (N - k), N the number of rows that count. It takes the scatter from the
     residuals themselves and wants several times more poses than k.
@@ -140,6 +141,7 @@ def clustered(r: Array, J: Array, span: Array) -> Array:
     m, k = len(r), span.shape[1]
     projected = J @ span
     flat = projected.reshape(-1, k)
+    flat = np.concatenate([flat, held @ span])
     scale = np.linalg.norm(flat, axis=0)
     inverse = np.linalg.inv(np.linalg.qr(flat / scale, mode="r")) / scale[:, None]
     scores = np.einsum("mrk,mr->mk", projected, r) @ inverse @ inverse.T
@@ -160,15 +162,28 @@ def correlation(cov: Array) -> Array:
 
 
 def working_points(model: Model) -> Model:
-    """The model at the points where its accuracy counts: the markers, or the tip's origin where the
-    markers are not part of the model; read by the tracker, or in base axes where there is none.
+    """The model at the points where its accuracy counts.
+
+    Markers and origins of bodies, or the tip's origin where they are not part of the model; in the
+    frame of the first instrument that has one, or in base axes where there is none.
     """
-    trackers = [i for i in model.instruments if isinstance(i, Tracker) and i.markers is None]
-    if model.instruments != tuple(trackers[:1]):
-        model = replace(model, instruments=tuple(trackers[:1]) or (Tracker(name=""),))
-    if any(isinstance(e, Tool) for e in model.effects):
+    trackers = [i for i in model.instruments if isinstance(i, Tracker)]
+    known = not any(isinstance(e, Tool) for e in model.effects)
+    if known:
+        model = replace(model, marker_names=("tip",), markers=np.zeros((1, 3)))
+    if [type(i) for i in model.instruments] == [Tracker] and trackers[0].markers is None:
         return model
-    return replace(model, marker_names=("tip",), markers=np.zeros((1, 3)))
+    name = trackers[0].name if trackers else ""
+    origins = None if known else _origins(model)
+    return replace(model, instruments=(Tracker(name=name, markers=origins),))
+
+
+def _origins(model: Model) -> tuple[int, ...]:
+    """Markers less the ends of bodies' axes."""
+    ends = {
+        i for e in model.effects if isinstance(e, Body) for i in range(e.marker + 1, e.marker + 3)
+    }
+    return tuple(i for i in range(len(model.markers)) if i not in ends)
 
 
 def errors_at(model: Model, values: Array, cov: Array, targets: Poses) -> Array:
@@ -178,7 +193,7 @@ def errors_at(model: Model, values: Array, cov: Array, targets: Poses) -> Array:
     """
     model = working_points(model)
     _, J = model.jacobian(values, targets)
-    squared = np.einsum("mjip,pq,mjiq->m", J, cov, J, optimize=True) / len(model.markers)
+    squared = np.einsum("mjip,pq,mjiq->m", J, cov, J, optimize=True) / J.shape[1]
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
 
 

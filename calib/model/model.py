@@ -41,7 +41,7 @@ from calib.effects.protocol import (
 )
 from calib.effects.tool import Tool
 from calib.effects.tuned import Tuned
-from calib.instruments import Channels, Instrument, Tracker
+from calib.instruments import Channels, Instrument, KnownDistance, Tracker
 from calib.model.columns import arm_columns
 from calib.model.readout import Readout
 from calib.poses import Measurements, Poses
@@ -61,6 +61,7 @@ class Model:
     payload : Payload
     gravity : ndarray, shape (3,), m/s^2, base axes
     instruments : tuple of Instrument, that read the markers: C channels, r numbers each at most
+    lengths : tuple of KnownDistance, that are known beside all readings
     """
 
     robot: Robot
@@ -70,6 +71,7 @@ class Model:
     payload: statics.Payload
     gravity: Array
     instruments: tuple[Instrument, ...]
+    lengths: tuple[KnownDistance, ...] = field(default=(), kw_only=True)
     # The last linearisation: a fit, its judgement and its covariance ask for the same one.
     _last: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
@@ -231,7 +233,7 @@ class Model:
         offsets = np.zeros((*values.shape[:-1], *self.markers.shape))
         for effect, part in self._parts:
             if isinstance(effect, Tool):
-                offsets[..., effect.marker, list(effect.components)] = values[..., part]
+                offsets[..., effect.markers, :] = effect.offsets(values[..., part])
         return self.markers + offsets
 
     @cached_property
@@ -282,6 +284,41 @@ class Model:
         predicted = self.predict(values, data.poses)
         return self.readout.difference(data.readings, predicted) * data.seen[..., None]
 
+    @property
+    def scaleless(self) -> bool:
+        """Whether nothing here knows a length but the nominal arm."""
+        return not self.lengths and not any(i.metric for i in self.instruments)
+
+    def beside(self, values: Array) -> tuple[Array, Array]:
+        """What is known beside all readings, as rows of unit variance: residuals and derivatives.
+
+        values : ndarray, shape (..., p), SI; returns shapes (..., K) and (..., K, p)
+        """
+        residuals = np.zeros((*values.shape[:-1], len(self.lengths)))
+        J = np.zeros((*residuals.shape, len(self.parameters)))
+        for k, known in enumerate(self.lengths):
+            (a, of_a), (b, of_b) = (self._place_of(name, values) for name in known.between)
+            apart = np.linalg.norm(a - b, axis=-1)
+            residuals[..., k] = (known.length - apart) / known.sigma
+            along = (a - b) / np.where(apart > 0.0, apart, 1.0)[..., None] / known.sigma
+            J[..., k, :] = (along[..., None, :] @ (of_a - of_b))[..., 0, :]
+        return residuals, J
+
+    def _place_of(self, name: str, values: Array) -> tuple[Array, Array]:
+        """A marker in the tip frame or a socket in base axes, (..., 3), and its derivative (3, p)."""
+        J = np.zeros((3, len(self.parameters)))
+        if name in self.marker_names:
+            marker = self.marker_names.index(name)
+            for effect, part in self._parts:
+                if isinstance(effect, Tool) and effect.marker == marker:
+                    J[list(effect.components), part] = np.eye(len(effect.components))
+            return self.marker_positions(values)[..., marker, :], J
+        for effect, part in self._parts:
+            if isinstance(effect, Base) and effect.where == name:
+                J[:, part] = np.eye(3)
+                return values[..., part], J
+        raise KeyError(name)
+
     def tracked(self, data: Measurements) -> tuple[Model, Measurements] | None:
         """Model and data of a tracker that reads every marker, alone; None where there is none."""
         for instrument, part in self.readout.channels.blocks:
@@ -323,7 +360,8 @@ class Model:
         for effect, part in self._parts:
             if isinstance(effect, Tool):
                 R_tip = state.frames.R[..., -1, :, :]
-                J[..., effect.marker, :, part] = R_tip[..., list(effect.components)]
+                by_values = effect.columns(values[..., part])[..., None, :, :, :]
+                J[..., effect.markers, :, part] = R_tip[..., None, :, :] @ by_values
             elif isinstance(effect, MarkerEffect):
                 R_tip, marker = state.frames.R[..., -1, :, :], effect.marker(self.marker_names)
                 J[..., marker, :, part] = R_tip @ effect.columns(poses, values[..., part])

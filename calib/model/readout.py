@@ -144,6 +144,8 @@ class Readout:
         for base, part in self.bases:
             if base.of.name == instrument.name:
                 here = left if base.station is None else poses.station == base.station
+                if base.of.sites:
+                    here = poses.touching(base.where, base.of.sites)
                 left = left & ~here
                 if here.any():
                     yield Stand(None if here.all() else here, values[..., part], part)

@@ -9,7 +9,7 @@ assumed, so parallel or intersecting axes and prismatic joints need no table of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,8 +19,9 @@ from calib.effects.base import Base
 from calib.effects.protocol import Constant, ConstantTwist, Effect
 from calib.effects.tool import Tool
 from calib.effects.tracker_scale import TrackerScale
+from calib.instruments import TRACKER, Tracker
 from calib.model import Model
-from calib.poses import poses_at
+from calib.poses import Poses, poses_at
 
 _DEPENDENT = 3e-3
 """Sine of the angle to the span of the others below which a column is dropped.
@@ -29,6 +30,7 @@ Axes that are parallel by design are so to some 1e-3 in a real, corrected robot.
 angle would show of a millimetre is three micrometres, at three hundred times the usual uncertainty.
 """
 _NOTHING = 1e-9  # norm of a column that moves no marker, relative to the largest
+_SCALE = "scale"  # of all lengths, where none is known
 _NAMED = 0.05  # smallest share of an absorbing parameter that is worth naming
 
 
@@ -61,23 +63,54 @@ def _generic_values(model: Model) -> Array:
 
 def irreducible(model: Model) -> tuple[Model, tuple[Dropped, ...]]:
     """Drop the constant parameters that base, markers and the other constants absorb."""
-    constant = [e for e in model.effects if _is_constant(e)]
-    extra_stations = [e for e in constant if isinstance(e, Base) and e.station]
-    constant = [e for e in constant if e not in extra_stations]
-    if not constant:
+    rigid = _as_tracked(model)
+    if not rigid.effects:
         return model, ()
-    rigid = model.with_effects(tuple(constant))
-    count = 20 + 2 * len(rigid.parameters) // int(model.readout.channels.rows.sum())
+    count = 20 + 2 * len(rigid.parameters) // int(rigid.readout.channels.rows.sum())
     poses = poses_at(generic_configurations(model.robot, count))
-    _, J = rigid.jacobian(_generic_values(rigid), poses)
-    X = J.reshape(-1, J.shape[-1])
+    X = _rows(rigid, _generic_values(rigid), poses)
     norms = np.linalg.norm(X, axis=0)
-    X = X / np.where(norms < _NOTHING * norms.max(), np.inf, norms)
+    X = X / np.where(norms <= _NOTHING * norms.max(), np.inf, norms)
     kept = _select(X, _priorities(rigid))
     dropped = _explain(rigid, X, norms, kept)
     gone = {d.id for d in dropped}
     effects = tuple(_without(e, gone) for e in model.effects)
     return model.with_effects(tuple(e for e in effects if e is not None)), dropped
+
+
+def _as_tracked(model: Model) -> Model:
+    """The constant part of a model, read by a tracker that stands where nobody knows.
+
+    An instrument that meets the arm at places of its own reads less at generic poses, or is not
+    there: what its places absorb, all together, is what those of a tracker do, and the scale as well
+    where no length is known.
+    """
+    effects = [e for e in model.effects if _is_constant(e)]
+    trackers = tuple(i for i in model.instruments if isinstance(i, Tracker))
+    if len(trackers) == len(model.instruments):
+        return model.with_effects(tuple(e for e in effects if not _moved_on(e)))
+    sought = {e.of.name for e in effects if isinstance(e, Base) and not e.of.anchored}
+    adrift = all(i.name in sought for i in model.instruments)
+    stands: list[Effect] = [Base("base", None, TRACKER)] if adrift else []
+    if model.scaleless:
+        stands.append(TrackerScale(_SCALE))
+    effects = [*stands, *(e for e in effects if not isinstance(e, Base))]
+    tracked = replace(model, instruments=(TRACKER,), lengths=())
+    return tracked.with_effects(tuple(effects))
+
+
+def _moved_on(effect: Effect) -> bool:
+    """Whether it is the place of a tracker at a station after its first."""
+    return isinstance(effect, Base) and bool(effect.station)
+
+
+def _rows(model: Model, values: Array, poses: Poses) -> Array:
+    """Rows (N, p) of the Jacobian: as read where all have one unit, else in standard deviations."""
+    readings, J = model.jacobian(values, poses)
+    if len({n.unit for i in model.instruments for n in i.numbers}) > 1:
+        unstated = np.full(readings.shape[:-1], np.nan)
+        J = model.readout.whitening(values, poses, readings, unstated) @ J
+    return J.reshape(-1, J.shape[-1])
 
 
 def _is_constant(effect: Effect) -> bool:
@@ -94,7 +127,7 @@ def _priorities(model: Model) -> Array:
             offset = _axis_component(model.robot, effect)
             groups += [2 if c == offset else 3 for c in effect.components]
         elif isinstance(effect, TrackerScale):
-            groups.append(4)
+            groups.append(0 if effect.where == _SCALE else 4)
         else:
             groups.append(2)
     return np.array(groups)

@@ -45,8 +45,7 @@ class Points(Observation):
         for g in np.unique(group):
             here = group == g
             own, total = information[here], information[here].sum(axis=0)
-            idle = np.eye(total.shape[-1]) * ~total.any(axis=-1, keepdims=True)
             weighted = (own @ a[..., here, :, :, :]).sum(axis=-4)
-            mean = np.linalg.solve(total + idle, weighted)
+            mean = np.linalg.pinv(total, hermitian=True) @ weighted
             out[..., here, :, :, :] = a[..., here, :, :, :] - mean[..., None, :, :, :]
         return out

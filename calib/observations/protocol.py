@@ -73,10 +73,17 @@ class Observation(ABC):
         return self.weighing(r[..., None])[..., 0], self.weighing(J)
 
     def flat(self, values: Array) -> tuple[Array, Array]:
-        """Residuals (..., N) and derivatives (..., N, p), poses and rows in one axis."""
+        """Residuals (..., N) and derivatives (..., N, p), poses and rows in one axis.
+
+        What is known beside the readings comes last.
+        """
         r, J = self.linearise(values)
         batch = values.shape[:-1]
-        return r.reshape((*batch, -1)), J.reshape((*batch, -1, J.shape[-1]))
+        r, J = r.reshape((*batch, -1)), J.reshape((*batch, -1, J.shape[-1]))
+        if not self.model.lengths:
+            return r, J
+        known, by_known = self.model.beside(values)
+        return np.concatenate([r, known], axis=-1), np.concatenate([J, by_known], axis=-2)
 
     @property
     def efficient(self) -> bool:
@@ -91,12 +98,16 @@ class Observation(ABC):
         """Covariance (p, p) of the least-squares values along ``span`` (p, k), the noise as stated."""
         if self.mixing is None:
             return covariance(self.flat(values)[1], span)
-        return self.mixing.covariance(self.gains(values, span))
+        held = len(self.model.lengths)
+        of_known = (
+            gain(self.flat(values)[1], span)[:, -held:] if held else np.zeros((len(values), 0))
+        )
+        return self.mixing.covariance(self.gains(values, span)) + of_known @ of_known.T
 
     def gains(self, values: Array, span: Array) -> Array:
         """How the least-squares values follow the whitened rows, shape (m, rows, p)."""
-        r, J = self.linearise(values)
-        follow = gain(J.reshape(-1, J.shape[-1]), span).T.reshape(*r.shape, -1)
+        r, _ = self.linearise(values)
+        follow = gain(self.flat(values)[1], span).T[: r.size].reshape(*r.shape, -1)
         return follow if self.weighing is None else self.weighing.back(follow)
 
     def only(self, kept: Mask) -> Self:

@@ -24,7 +24,7 @@ def free_components(model: Model) -> Mask:
     free = np.zeros(model.markers.shape, dtype=bool)
     for effect in model.effects:
         if isinstance(effect, Tool):
-            free[effect.marker, list(effect.components)] = True
+            free[effect.markers] |= np.abs(effect.columns(effect.initial)).any(axis=-1)
     return free
 
 

@@ -33,6 +33,8 @@ class Poses:
     torque : ndarray, shape (m, n), N m or N, that the arm measured along each joint, or None
     station : ndarray of int, shape (m,), index into ``stations``
     stations : tuple of str, names of the instrument's frames
+    site : ndarray of str, shape (m,), which of the places of an instrument that has sites is touched,
+        or None where nothing says it
     load_mass : ndarray, shape (m,), kg hung at ``load_com`` (tip frame, m)
     """
 
@@ -51,6 +53,7 @@ class Poses:
     stations: tuple[str, ...]
     load_mass: Array
     load_com: Array
+    site: np.ndarray[tuple[int], np.dtype[np.str_]] | None = None
 
     def __len__(self) -> int:
         return len(self.names)
@@ -64,6 +67,15 @@ class Poses:
             if isinstance(value, np.ndarray) and field.name != "load_com":
                 changed[field.name] = value[chosen]
         return replace(self, **changed)
+
+    def touching(self, name: str, sites: tuple[str, ...]) -> Mask:
+        """At which poses a place of an instrument with these sites is touched, shape (m,).
+
+        Where nothing says it, the first one is; without sites the instrument reads all alike.
+        """
+        if not sites or self.site is None:
+            return np.full(len(self), not sites or name == sites[0])
+        return np.asarray(self.site == name)
 
     @property
     def elapsed(self) -> Array:
@@ -166,8 +178,11 @@ class Measurements:
 
     @property
     def points(self) -> Array:
-        """The points of a tracker that reads alone, shape (m, M, 3), m."""
-        return self.readings
+        """Points where instruments read them: of a tracker that reads alone (..., m, M, 3), m.
+
+        Of whole poses their origins.
+        """
+        return self.readings[..., :3]
 
     def only(self, channels: slice, rows: int) -> Measurements:
         """What some channels read, so many numbers each."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from calib.arm.kinematics import Frames, forward
 from calib.arm.se3 import cross, rotate
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Repeatability
 from calib.model import Model
 from calib.poses import Poses
@@ -67,12 +67,14 @@ class Scatter:
 
     levers : ndarray, shape (m, C, r, n + 6): how each reading follows a displacement of each joint and
         of the tip; of a tracker's points in m/rad or 1
+    lengths : ndarray of bool, shape (C, r), which numbers of the readings are lengths
     tip : ndarray, shape (m, 6, n + 6), how the tip follows them, translation first, base axes
     approach, configuration : ndarray of int, shape (m,)
     variances : Variances
     """
 
     levers: Array
+    lengths: Mask
     tip: Array
     approach: IntArray
     configuration: IntArray
@@ -110,7 +112,8 @@ class Scatter:
 
     def point_variance(self, variances: Array) -> Array:
         """What variances (n + 2,) add to each reading, shape (m, C), of points 3-D, m^2."""
-        return np.asarray((self.levers**2 * variances[self.kinds]).sum(axis=(-1, -2)))
+        squares = (self.levers**2 * variances[self.kinds]).sum(axis=-1)
+        return np.asarray((squares * self.lengths).sum(axis=-1))
 
     def of_tip(self, variances: Array) -> Repeatability:
         """What variances (n + 2,) do to the tip, on average over the configurations."""
@@ -164,6 +167,7 @@ def scatter_of(model: Model, values: Array, poses: Poses, variances: Variances) 
     levers = np.stack([*moved, *still, *turned], axis=-1)
     return Scatter(
         model.readout.follow(values, poses, points, levers),
+        model.readout.channels.lengths,
         _tip_levers(axes, o_tip),
         visits(poses),
         poses.configuration,

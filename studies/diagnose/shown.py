@@ -158,23 +158,29 @@ def _steps(found: Diagnosis, added: list[Candidate]) -> Steps:
 
 
 def _residuals(found: Diagnosis, data: Measurements, heldout: bool) -> Iterator[Residual]:
-    """Measured minus predicted at each point, before and after the found effects."""
-    before, after = (
-        (data.points - fit.model.predict(fit.values, data.poses)) * _MM
-        for fit in (found.before, found.after)
-    )
+    """Measured minus predicted at each point, before and after the found effects.
+
+    Of a point in the instrument's frame, of the origin of a body in its own.
+    """
     names = found.before.model.marker_names
-    for i, j in np.argwhere(data.seen):
-        x, y, z = three(after[i, j])
-        yield Residual(
-            pose=data.poses.names[i],
-            marker=names[j],
-            x_mm=x,
-            y_mm=y,
-            z_mm=z,
-            before_mm=three(before[i, j]),
-            heldout=heldout,
+    off = [fit.model.off(fit.values, data) for fit in (found.before, found.after)]
+    channels = found.before.model.readout.channels
+    for instrument, part in channels.blocks:
+        before, after = (
+            instrument.shown(*(a[:, part, : instrument.rows] for a in (data.readings, own))) * _MM
+            for own in off
         )
+        for i, c in np.argwhere(data.seen[:, part]):
+            x, y, z = three(after[i, c, :3])
+            yield Residual(
+                pose=data.poses.names[i],
+                marker=names[channels.marker[part][c]],
+                x_mm=x,
+                y_mm=y,
+                z_mm=z,
+                before_mm=three(before[i, c, :3]),
+                heldout=heldout,
+            )
 
 
 def label(candidate: Candidate) -> str:

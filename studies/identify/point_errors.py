@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -59,17 +59,25 @@ def point_errors(record: IdentifyRecord) -> PointErrors:
     rows = record.residuals
     # Two tables of a session may call their poses alike.
     poses = _places((row.pose, row.heldout) for row in rows)
-    markers = _places(row.marker for row in rows)
+    read = {(row.pose, row.heldout, row.marker) for row in rows}
+    alone = len(read) == len(rows)  # several instruments may read one marker at a pose
+    what = [row.marker if alone else f"{row.instrument}: {row.marker}" for row in rows]
+    markers = _places(what)
     shape = len(poses), len(markers), 3
     before, after = np.zeros(shape), np.zeros(shape)
     seen = np.zeros(shape[:2], dtype=bool)
-    at = [poses[row.pose, row.heldout] for row in rows], [markers[row.marker] for row in rows]
-    before[at] = np.array([row.nominal_mm for row in rows]) / _MM
-    after[at] = np.array([(row.x_mm, row.y_mm, row.z_mm) for row in rows]) / _MM
+    at = [poses[row.pose, row.heldout] for row in rows], [markers[name] for name in what]
+    before[at] = np.array([_in_space(row.nominal_mm) for row in rows]) / _MM
+    after[at] = np.array([_in_space(row.vector_mm) for row in rows]) / _MM
     seen[at] = True
     names = tuple(name + HELD_OUT * (held and (name, False) in poses) for name, held in poses)
     heldout = np.array([held for _, held in poses], dtype=bool)
     return PointErrors(names, tuple(markers), before, after, seen, heldout)
+
+
+def _in_space(error: Sequence[float | None]) -> tuple[float | None, ...]:
+    """Three numbers; one length by itself takes the place of the first."""
+    return (*error, *[0.0] * (3 - len(error)))
 
 
 def _places(keys: Iterable[K]) -> dict[K, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, Self, TypeAlias, TypedDict
 
 import numpy as np
@@ -120,6 +121,18 @@ class Distances(Entry):
     heldout_trimmed: NotNegative | None
 
 
+class OfInstrument(Entry):
+    """RMS of an instrument's errors in one unit: lengths in space, and of whole poses their turns."""
+
+    instrument: str
+    unit: Literal["mm", "mrad", "px"]
+    nominal: NotNegative | None = None
+    fitted_all: NotNegative | None = None
+    fitted: NotNegative | None = None
+    heldout: NotNegative | None = None
+    heldout_trimmed: NotNegative | None = None
+
+
 Model: TypeAlias = Literal["nominal", "fitted_all", "fitted", "heldout", "heldout_trimmed"]
 
 
@@ -146,15 +159,30 @@ class Base(Placement):
 
 
 class Residual(Entry):
-    """Measured minus predicted point, by the identified and by the nominal model."""
+    """Measured minus predicted reading, by the identified and by the nominal model.
+
+    Of a point in the instrument's frame, of one that touches a socket in the base's; of a body's pose
+    in its own, turns beside it; of what reads one length that alone, d.
+    """
 
     pose: str
     marker: str
-    x_mm: Number
-    y_mm: Number
-    z_mm: Number
-    nominal_mm: Three
+    instrument: str = "instrument"
+    x_mm: Maybe = None
+    y_mm: Maybe = None
+    z_mm: Maybe = None
+    d_mm: Maybe = None
+    rx_mrad: Maybe = None
+    ry_mrad: Maybe = None
+    rz_mrad: Maybe = None
+    nominal_mm: Three | tuple[Number]
+    nominal_mrad: Three | None = None
     heldout: bool
+
+    @property
+    def vector_mm(self) -> tuple[float | None, ...]:
+        """What it is off by: a point's three coordinates, or one length."""
+        return (self.d_mm,) if self.d_mm is not None else (self.x_mm, self.y_mm, self.z_mm)
 
 
 class Asked(TypedDict):
@@ -196,10 +224,12 @@ class IdentifyRecord(Record):
     rms_mm: Distances
     max_mm: Distances
     p95_mm: Distances
+    instruments: tuple[OfInstrument, ...] = ()
     pair_distances_mm: dict[Model, Pairs]
     rms_of_residuals_mm: NotNegative
     base: Base
     markers_mm: dict[str, Three]
+    bodies: dict[str, Placement] = Field(default_factory=dict)
     correlation: tuple[tuple[Maybe, ...], ...]
     residuals: tuple[Residual, ...]
     task_rms_mm: Maybe
@@ -225,8 +255,8 @@ class IdentifyRecord(Record):
     @property
     def nominal_at_heldout_mm(self) -> float | None:
         """RMS of the nominal model at the points held out."""
-        held = [row.nominal_mm for row in self.residuals if row.heldout]
-        return float(np.sqrt(3.0 * np.mean(np.square(held)))) if held else None
+        held = [float(np.linalg.norm(row.nominal_mm)) for row in self.residuals if row.heldout]
+        return float(np.sqrt(np.mean(np.square(held)))) if held else None
 
     def told(self) -> Document:
         from studies.identify.telling import told
@@ -290,13 +320,18 @@ def identify_record(
         rms_mm=_distances(found, lambda d: float(np.sqrt(np.mean(d**2)))),
         max_mm=_distances(found, lambda d: float(d.max())),
         p95_mm=_distances(found, lambda d: float(np.quantile(d, 0.95))),
+        instruments=tuple(
+            OfInstrument.model_validate({"instrument": name, "unit": unit, **rms})
+            for (name, unit), rms in found.by_instrument.items()
+        ),
         pair_distances_mm=dict(_pairs(found)),
         rms_of_residuals_mm=float(np.sqrt(np.mean(fit.lengths() ** 2))) * _MM,
         base=_base(found),
         markers_mm={
-            name: three(place * _MM)
-            for name, place in zip(found.model.marker_names, found.marker_positions, strict=True)
+            found.model.marker_names[j]: three(found.marker_positions[j] * _MM)
+            for j in np.unique(found.model.readout.channels.marker).tolist()
         },
+        bodies=_bodies(found),
         correlation=tuple(map(tuple, np.round(found.correlation, 4).tolist())),
         residuals=(*_residuals(found, fit), *(() if held is None else _residuals(found, held))),
         task_rms_mm=accuracy.rms * _MM,
@@ -331,7 +366,8 @@ def _parameters(found: Identification) -> Iterator[Parameter]:
 
 def _outliers(part: Residuals) -> Iterator[Outlier]:
     for i in np.flatnonzero(part.outlier):
-        largest = float(np.linalg.norm(part.vectors[i], axis=-1).max()) * _MM
+        errors = np.where(part.channels.lengths, part.vectors[i], 0.0)
+        largest = float(np.linalg.norm(errors, axis=-1).max()) * _MM
         ratio = float(np.sqrt(part.statistic[i] / part.limit))
         yield Outlier(
             pose=part.data.poses.names[i],
@@ -363,15 +399,18 @@ def _distances(found: Identification, figure: Callable[[Array], float]) -> Dista
 
 def _pairs(found: Identification) -> Iterator[tuple[Model, Pairs]]:
     from calib.identification.pairs import pair_errors
+    from calib.instruments import Tracker
 
     fit, held = found.fit, found.heldout
-    nominal = found.model.predict(found.nominal, fit.data.poses)
+    if not all(isinstance(i, Tracker) for i in found.model.instruments):
+        return  # nothing else reads where a point is
+    nominal = found.model.predict(found.nominal, fit.data.poses)[..., :3]
     parts: list[tuple[Model, Array]] = [
         ("nominal", pair_errors(fit.data, nominal)),
-        ("fitted", pair_errors(fit.data, fit.data.points - fit.vectors)),
+        ("fitted", pair_errors(fit.data, fit.data.points - fit.vectors[..., :3])),
     ]
     if held is not None:
-        parts.append(("heldout", pair_errors(held.data, held.data.points - held.vectors)))
+        parts.append(("heldout", pair_errors(held.data, held.data.points - held.vectors[..., :3])))
     for key, errors in parts:
         if len(errors):
             yield (
@@ -391,6 +430,18 @@ def _base(found: Identification) -> Base:
     return Base(**first.model_dump(), stations=stations if len(stations) > 1 else {})
 
 
+def _bodies(found: Identification) -> dict[str, Placement]:
+    """Each body's frame in the tip's."""
+    from calib.instruments import Pose
+
+    return {
+        found.model.marker_names[first]: _placement(np.concatenate(body))
+        for i in found.model.instruments
+        if isinstance(i, Pose)
+        for first, body in i.bodies(found.marker_positions)
+    }
+
+
 def _placement(placed: Array) -> Placement:
     from calib.arm.se3 import so3_exp, so3_log
 
@@ -401,10 +452,21 @@ def _placement(placed: Array) -> Placement:
 
 
 def _residuals(found: Identification, part: Residuals) -> Iterator[Residual]:
-    names, poses, held = found.model.marker_names, part.data.poses, part is found.heldout
-    nominal = (part.data.points - found.model.predict(found.nominal, poses)) * _MM
-    left = part.vectors * _MM
-    for i, j in np.argwhere(part.data.seen).tolist():
-        x, y, z = left[i, j].tolist()
-        yield Residual(pose=poses.names[i], marker=names[j], x_mm=x, y_mm=y, z_mm=z,
-                       nominal_mm=three(nominal[i, j]), heldout=held)  # fmt: skip
+    nominal = replace(part, vectors=found.model.off(found.nominal, part.data))
+    held, seen, poses = part is found.heldout, part.data.seen, part.data.poses
+    sites = [""] * len(poses) if poses.site is None else poses.site.tolist()
+    for instrument, channels in part.channels.blocks:
+        after, before = (p.shown(instrument, channels) * _MM for p in (part, nominal))
+        markers = part.channels.marker[channels]
+        keys = [f"{n.name}_{n.unit}" for n in instrument.numbers]
+        for i, c in np.argwhere(seen[:, channels]).tolist():
+            turn = before[i, c, 3:]
+            yield Residual(
+                pose=poses.names[i],
+                marker=found.model.marker_names[markers[c]],
+                instrument=instrument.name_at(sites[i]),
+                **dict(zip(keys, after[i, c].tolist(), strict=True)),
+                nominal_mm=tuple(before[i, c, :3].tolist()),
+                nominal_mrad=three(turn) if len(turn) else None,
+                heldout=held,
+            )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from studies.document import (
     COUNT,
     HOURS,
     MM,
+    MRAD,
     TENTH,
     THREE,
     TO_STD,
@@ -37,6 +38,7 @@ from studies.identify.record import (
     Absorbed,
     IdentifyRecord,
     Model,
+    OfInstrument,
     Outlier,
     Parameter,
     Share,
@@ -115,16 +117,20 @@ def _headline(record: IdentifyRecord) -> Iterator[Sentence]:
 # -- errors ------------------------------------------------------------------------------------
 
 
-_FIGURES: tuple[Column[Any], ...] = (
-    Column("RMS", itemgetter(1), MM, "mm"),
-    Column("p95", itemgetter(2), MM, "mm"),
-    Column("max", itemgetter(3), MM, "mm"),
-)
-_ERRORS = (Column("distance measured - predicted", itemgetter(0)), *_FIGURES)
-_PAIRS = (
-    Column("distance between two poses", itemgetter(0)),
-    *_FIGURES,
-    Column("pairs", itemgetter(4), COUNT),
+def _figures(title: str) -> tuple[Column[Any], ...]:
+    """Columns of a row of a name, RMS, 95th percentile and largest."""
+    titles = enumerate(("RMS", "p95", "max"), 1)
+    return (Column(title, itemgetter(0)), *(Column(t, itemgetter(k), MM, "mm") for k, t in titles))
+
+
+_ERRORS = _figures("distance measured - predicted")
+_PAIRS = (*_figures("distance between two poses"), Column("pairs", itemgetter(4), COUNT))
+_OF_INSTRUMENTS: tuple[Column[OfInstrument], ...] = (
+    Column("instrument", attrgetter("instrument")),
+    Column("unit", attrgetter("unit")),
+    Column("nominal", attrgetter("nominal"), MRAD),
+    Column("identified", attrgetter("fitted_all"), MRAD),
+    Column("held out", attrgetter("heldout"), MRAD),
 )
 _OUTLIERS: tuple[Column[tuple[Outlier, str]], ...] = (
     Column("pose", lambda row: row[0].pose),
@@ -138,6 +144,9 @@ def _errors(record: IdentifyRecord) -> Iterator[Part]:
     caption = f"Distances in space; the instrument alone would leave {floor} RMS"
     yield Table(_ERRORS, list(_models(record)), "Errors by model", caption)
     yield Figure(lambda: distances(record))
+    if len(record.instruments) > 1:
+        caption = "Root mean squares; of whole poses, the length of the translation and of the turn"
+        yield Table(_OF_INSTRUMENTS, record.instruments, "Errors by instrument", caption)
     every = {**_MODELS, "fitted": _MODELS["fitted_all"]}
     pairs = [
         (every[key], own.rms, own.p95, own.max, own.pairs)

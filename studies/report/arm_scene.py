@@ -12,6 +12,7 @@ from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.errors import CalibError
 from calib.identification.initial import initial_values
+from calib.instruments import Tracker
 from calib.model.build import build, parse_effect
 from calib.poses import Measurements, Poses
 from doe.constraints import Scene, hidden_by, scene_of
@@ -146,6 +147,8 @@ def _markers(
 ) -> tuple[dict[tuple[int, int], str], Array, str]:
     """Why markers are not there, where they are (m, M, 3) m, and what those are that are there."""
     hidden = hidden_by(placed)
+    if [type(i) for i in cell.instruments] != [Tracker]:
+        return hidden, placed.markers, ""  # what others read is no point of the arm
     if isinstance(plan, Measurements):
         return _unread(plan, hidden), _in_base(cell, plan, placed.markers), "measured"
     return hidden, placed.markers, "" if cell.instrument is None else "in sight"

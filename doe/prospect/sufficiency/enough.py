@@ -90,7 +90,7 @@ def enough(
     so_far = np.arange(len(day)) < len(data)
     further = _in_best_order(criterion, rows, so_far, plan, done.left)
     steps = tuple(forecast.steps(told(rows, so_far), len(data), further))
-    sigma = believed_sigma(day, at.weights(day)) * arm.scale
+    sigma = believed_sigma(day, at.weights(day), at.model.readout.channels.lengths) * arm.scale
     result = Enough(model, found, why, sigma, done, steps, goal, lacking, ())
     known_after_all = result.needed is not None or result.beyond_reach
     if goal is None or known_after_all or any(e.uses for e in model.effects):

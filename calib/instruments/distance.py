@@ -1,0 +1,76 @@
+"""A ballbar, a draw-wire, an interferometer: the distance from an anchor, plus an offset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from calib.arrays import Array, Mask
+from calib.instruments.even import POINT, Even, around, best, contacts, mirrored
+from calib.instruments.protocol import Column, Linear, Nominal, Start, Unknown
+
+
+@dataclass(frozen=True, eq=False)
+class Distance(Even):
+    """``|p - c| + offset``; anchor c and offset, where there is one, are its place, in base axes.
+
+    anchor : ndarray, shape (3,), m, base frame, None where nothing is said of it
+    known : whether that is where it stands, and no guess
+    """
+
+    anchor: Array | None = None
+    known: bool = False
+    offset: bool = False
+    kind: ClassVar[str] = "distance"
+    rows: ClassVar[int] = 1
+    columns: ClassVar[tuple[Column, ...]] = (Column("d", "length"),)
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        offset = (Unknown("offset", "mm", 1e-3, 1e-2),) if self.offset else ()
+        return (*(() if self.known else POINT), *offset)
+
+    @property
+    def anchored(self) -> bool:
+        return self.known
+
+    @property
+    def position(self) -> Array | None:
+        return self.anchor
+
+    def read(self, place: Array, points: Array) -> Array:
+        away, offset = self._from(place, points)
+        return np.asarray(np.linalg.norm(away, axis=-1, keepdims=True) + offset)
+
+    def _from(self, place: Array, points: Array) -> tuple[Array, Array]:
+        """Vectors from the anchor, and the offset."""
+        anchor = place[..., :3] if not self.known or self.anchor is None else self.anchor
+        offset = place[..., -1:] if self.offset else np.zeros(1)
+        return points - anchor[..., None, None, :], offset[..., None, None, :]
+
+    def linearise(self, place: Array, points: Array) -> Linear:
+        away, offset = self._from(place, points)
+        distance = np.linalg.norm(away, axis=-1, keepdims=True)
+        along = (away / distance)[..., None, :]
+        parts = [] if self.known else [-along]
+        parts += [np.ones((*distance.shape, 1))] if self.offset else []
+        by_place = np.concatenate([np.zeros((*distance.shape, 0)), *parts], axis=-1)
+        return Linear(distance + offset, along, by_place)
+
+    def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
+        """``|p|^2 - d^2 = 2 p c - 2 d o - (|c|^2 - o^2)``, its mirror, and from all around."""
+        _, _, p = contacts(seen, arm)
+        d = rows[seen][:, 0]
+        shift = -2.0 * d[:, None] if self.offset else np.zeros((len(d), 0))
+        A = np.column_stack([2.0 * p, shift, -np.ones(len(p))])
+        linear = np.linalg.lstsq(A, (p**2).sum(axis=1) - d**2, rcond=1e-6)[0][:3]
+        anchors = [linear, mirrored(linear, p), *around(p, float(np.median(np.abs(d))))]
+        if self.anchor is not None:
+            anchors = [self.anchor] if self.known else [self.anchor, *anchors]
+        starts = []
+        for anchor in anchors:
+            offset = np.median(d - np.linalg.norm(p - anchor, axis=-1))
+            starts.append([*([] if self.known else anchor), *([offset] if self.offset else [])])
+        return best(self, rows, seen, arm, np.array(starts, dtype=float))

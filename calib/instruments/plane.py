@@ -1,0 +1,81 @@
+"""A plane that the marker touches, or whose dial gauge reads the marker's height above it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from calib.arm.se3 import skew, so3_exp, so3_right_jacobian
+from calib.arrays import Array, Mask
+from calib.instruments.even import Even, best, contacts
+from calib.instruments.protocol import Column, Linear, Nominal, Start, Unknown
+
+_UP = np.array([0.0, 0.0, 1.0])
+_LEAST_TURN = 1e-3  # rad: of a normal from straight down, where two tilts are one
+
+
+@dataclass(frozen=True, eq=False)
+class Plane(Even):
+    """``n p - height``, read as zero or by a gauge along the outward normal n, in base axes.
+
+    The place is the normal's turn from upright, ``n = exp(rx, ry, 0) z``, and the height of the base's
+    origin under it. A plane that is only touched has its normal upward.
+    """
+
+    kind: ClassVar[str] = "plane"
+    rows: ClassVar[int] = 1
+    unknowns: ClassVar[tuple[Unknown, ...]] = (
+        Unknown("rx", "mrad", 1e-3, 1e-2),
+        Unknown("ry", "mrad", 1e-3, 1e-2),
+        Unknown("height", "mm", 1e-3, 1e-2),
+    )
+    columns: ClassVar[tuple[Column, ...]] = (Column("d", "length", optional=True),)
+
+    @property
+    def metric(self) -> bool:
+        return False
+
+    def read(self, place: Array, points: Array) -> Array:
+        normal = so3_exp(_turn(place)) @ _UP
+        height = np.einsum("...mci,...i->...mc", points, normal)
+        return np.asarray(height[..., None] - place[..., None, None, 2:])
+
+    def linearise(self, place: Array, points: Array) -> Linear:
+        turn = _turn(place)
+        R = so3_exp(turn)
+        by_turn = (-R @ skew(_UP) @ so3_right_jacobian(turn))[..., None, None, :, :2]
+        normal = (R @ _UP)[..., None, None, None, :]
+        rows = self.read(place, points)
+        by_place = np.concatenate(
+            [points[..., None, :] @ by_turn, -np.ones((*rows.shape, 1))], axis=-1
+        )
+        return Linear(rows, normal, by_place)
+
+    def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
+        """The plane that points lie in most (SVD), either side up, and that of the gauge's heights."""
+        _, _, p = contacts(seen, arm)
+        d, middle = rows[seen][:, 0], p.mean(axis=0)
+        flat = np.linalg.svd(p - middle)[2][-1]
+        normals = [flat * (1.0 if flat[2] >= 0.0 else -1.0)]
+        if d.any():
+            slope = np.linalg.lstsq(p - middle, d - d.mean(), rcond=1e-6)[0]
+            length = float(np.linalg.norm(slope))
+            normals += [-normals[0], *([slope / length] if length > 0.0 else [])]
+        starts = [[*_tilt(n), n @ middle - d.mean()] for n in normals]
+        return best(self, rows, seen, arm, np.array(starts))
+
+
+def _turn(place: Array) -> Array:
+    """The rotation vector of a place (..., 3)."""
+    return np.concatenate([place[..., :2], np.zeros_like(place[..., 2:])], axis=-1)
+
+
+def _tilt(normal: Array) -> tuple[float, float]:
+    """rx and ry that turn the vertical into a normal (3,)."""
+    across = float(np.hypot(normal[0], normal[1]))
+    angle = float(np.arctan2(across, normal[2]))
+    if across == 0.0:
+        return (0.0, 0.0) if angle == 0.0 else (np.pi - _LEAST_TURN, 0.0)
+    return -angle * float(normal[1]) / across, angle * float(normal[0]) / across

@@ -1,0 +1,176 @@
+"""Whatever reads whole poses: a 6-D tracker, motion capture, a board's pose from a camera.
+
+A body stands on the tip as three points, its origin and the ends of its x and y axes, a metre long. A
+row is the origin and these two axes in the frame of the instrument, so it is linear in the points; the
+error is ``predicted^-1 measured``, of which a row's nine numbers hold the six of the tangent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from calib.arm.se3 import rotate, so3_log
+from calib.arrays import Array, IntArray, Mask
+from calib.instruments.hand_eye import hand_eye
+from calib.instruments.points import Tracker
+from calib.instruments.protocol import Column, Linear, Nominal, Number, Start
+
+_OFF_UNIT = 0.01  # that a quaternion's length may be off by, from rounding
+_CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+CORNERS = 3
+"""Points that stand for a body."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pose(Tracker):
+    """Frames of bodies in the frame of its station; place and stations as those of a tracker.
+
+    covariance : ndarray, shape (6, 6), of an error (x, y, z, rx, ry, rz), m and rad, in the body's axes
+    """
+
+    covariance: Array = field(default_factory=lambda: np.eye(6))
+    kind: ClassVar[str] = "pose"
+    rows: ClassVar[int] = 9
+    each: ClassVar[int] = CORNERS
+    columns: ClassVar[tuple[Column, ...]] = (
+        *(Column(c, "length") for c in "xyz"),
+        *(Column(f"q{c}", "ratio") for c in "wxyz"),
+    )
+
+    @property
+    def numbers(self) -> tuple[Number, ...]:
+        return (
+            *(Number(c, "mm", 1e-3) for c in "xyz"),
+            *(Number(f"r{c}", "mrad", 1e-3) for c in "xyz"),
+        )
+
+    @property
+    def lengths(self) -> IntArray:
+        return np.arange(3)
+
+    def read(self, place: Array, points: Array) -> Array:
+        R, p = self.placement(place)
+        rows = rotate(R[..., None, None, None, :, :], _frame(points))
+        rows[..., 0, :] += p[..., None, None, :]
+        return _flat(rows)
+
+    def linearise(self, place: Array, points: Array) -> Linear:
+        of_corners = super().linearise(place, points.reshape((*points.shape[:-2], -1, 3)))
+        R, _ = self.placement(place)
+        turned = np.einsum("ab,...ij->...aibj", _DIFFERENCES, R[..., None, None, :, :])
+        by_corner = of_corners.by_place.reshape((*points.shape[:-1], CORNERS, 3, -1))
+        by_place = np.einsum("ab,...biu->...aiu", _DIFFERENCES, by_corner)
+        return Linear(
+            _flat(_frame(of_corners.rows.reshape(points.shape))),
+            turned.reshape((*turned.shape[:-4], 9, 9)),
+            by_place.reshape((*points.shape, -1)),
+        )
+
+    def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
+        """Six rows on the tangent at each reading, three of zeros.
+
+        sigma : of a coordinate, m; all of the covariance scales with it
+        """
+        del place  # noise is stated in the axes of the body
+        own = np.sqrt(np.trace(self.covariance[:3, :3]) / 3.0)
+        factor = np.where(np.isnan(sigma), 1.0, own / sigma)
+        half = np.linalg.inv(np.linalg.cholesky(self.covariance))
+        W = np.zeros((*rows.shape, 9))
+        W[..., :6, :] = factor[..., None, None] * (half @ _tangent(_rotation(rows)))
+        return W
+
+    def shown(self, measured: Array, off: Array) -> Array:
+        """``predicted^-1 measured``: its translation, and the logarithm of its rotation."""
+        back = np.swapaxes(_rotation(measured - off), -1, -2)
+        turn = so3_log(back @ _rotation(measured))
+        return np.concatenate([rotate(back, off[..., :3]), turn], axis=-1)
+
+    def row_of(self, entries: Array) -> Array:
+        """From position and unit quaternion (w, x, y, z)."""
+        length = np.linalg.norm(entries[..., 3:], axis=-1, keepdims=True)
+        near = np.abs(length - 1.0) < _OFF_UNIT
+        w, x, y, z = np.moveaxis(entries[..., 3:] / np.where(near, length, np.nan), -1, 0)
+        e1 = [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)]
+        e2 = [2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)]
+        return np.concatenate([entries[..., :3], np.stack([*e1, *e2], axis=-1)], axis=-1)
+
+    def entries_of(self, rows: Array) -> Array:
+        r = so3_log(_rotation(rows))
+        half = np.linalg.norm(r, axis=-1, keepdims=True) / 2.0
+        sine = r / 2.0 * np.sinc(half / np.pi)
+        return np.concatenate([rows[..., :3], np.cos(half), sine], axis=-1)
+
+    def bodies(self, markers: Array) -> Iterator[tuple[int, tuple[Array, Array]]]:
+        """Of each body the position of its origin among markers (M, 3), and p and rotation vector."""
+        for first in self.read_of(len(markers))[::CORNERS].tolist():
+            frame = _frame(markers[first : first + CORNERS].reshape(9))
+            yield first, (frame[0], so3_log(_rotation(_flat(frame))))
+
+    @property
+    def even(self) -> float | None:
+        return None
+
+    @property
+    def fixed(self) -> bool:
+        return False
+
+    def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
+        """Place and bodies by hand-eye calibration of the nominal arm."""
+        corners, free = arm.markers.reshape(-1, CORNERS, 3), arm.free.reshape(-1, CORNERS, 3)
+        known, read = ~free.any(axis=(1, 2)), np.asarray(seen.any(axis=0))
+        R, t, frames = hand_eye(
+            (_rotation(rows), rows[..., :3]),
+            seen,
+            (arm.R_tip, arm.p_tip),
+            _frame(_flat(corners)),
+            np.asarray(known),
+            arm.placed,
+        )
+        found = np.einsum("ab,cbi->cai", np.linalg.inv(_DIFFERENCES), frames)
+        corners = np.where(np.asarray(~known & read)[:, None, None], found, corners)
+        told = arm.free & np.repeat(read, CORNERS)[:, None]
+        return Start(np.concatenate([t, so3_log(R)]), corners.reshape(-1, 3), told)
+
+
+_DIFFERENCES = np.array([[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0]])
+
+
+def corners_of(R: Array, p: Array) -> Array:
+    """The three points (3, 3) of a body that stands at R (3, 3), p (3,)."""
+    return np.asarray(_CORNERS @ R.T + p)
+
+
+def _frame(points: Array) -> Array:
+    """Origin and two axes (..., 3, 3), by rows, of three points (..., 9)."""
+    corners = points.reshape((*points.shape[:-1], CORNERS, 3))
+    return np.asarray(np.einsum("ab,...bi->...ai", _DIFFERENCES, corners))
+
+
+def _flat(corners: Array) -> Array:
+    return corners.reshape((*corners.shape[:-2], 9))
+
+
+def _rotation(rows: Array) -> Array:
+    """R_station_body (..., 3, 3) of rows (..., 9)."""
+    x, y = rows[..., 3:6], rows[..., 6:9]
+    return np.stack([x, y, np.cross(x, y)], axis=-1)
+
+
+def _tangent(R: Array) -> Array:
+    """How small displacements in the axes of bodies R (..., 3, 3) follow rows, shape (..., 6, 9).
+
+    The axes move by ``dx = R (w x e_x)`` and ``dy = R (w x e_y)``, hence ``w_x = z dy``,
+    ``w_y = -z dx``, and w_z is half of ``y dx - x dy``.
+    """
+    x, y, z = np.moveaxis(R, -1, 0)
+    T = np.zeros((*R.shape[:-2], 6, 9))
+    T[..., :3, :3] = np.swapaxes(R, -1, -2)
+    T[..., 3, 6:] = z
+    T[..., 4, 3:6] = -z
+    T[..., 5, 3:6], T[..., 5, 6:] = y / 2.0, -x / 2.0
+    return T

@@ -1,0 +1,63 @@
+"""A sphere that the marker touches, or whose gauge reads what is missing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from calib.arrays import Array, Mask
+from calib.instruments.even import POINT, Even, around, best, contacts, mirrored
+from calib.instruments.protocol import Column, Linear, Nominal, Start, Unknown
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere(Even):
+    """``|p - c| - r``, read as zero or by a gauge; the place is c in base axes, and r if unknown.
+
+    radius : float, m, None if unknown
+    """
+
+    radius: float | None = None
+    kind: ClassVar[str] = "sphere"
+    rows: ClassVar[int] = 1
+    columns: ClassVar[tuple[Column, ...]] = (Column("d", "length", optional=True),)
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        return POINT if self.radius is not None else (*POINT, Unknown("radius", "mm", 1e-3, 1e-2))
+
+    @property
+    def metric(self) -> bool:
+        return self.radius is not None
+
+    def read(self, place: Array, points: Array) -> Array:
+        away = points - place[..., None, None, :3]
+        return np.asarray(np.linalg.norm(away, axis=-1, keepdims=True) - self._radius(place))
+
+    def _radius(self, place: Array) -> Array:
+        own = place[..., 3:] if self.radius is None else np.full(1, self.radius)
+        return own[..., None, None, :]
+
+    def linearise(self, place: Array, points: Array) -> Linear:
+        away = points - place[..., None, None, :3]
+        distance = np.linalg.norm(away, axis=-1, keepdims=True)
+        along = (away / distance)[..., None, :]
+        by_radius = [-np.ones((*distance.shape, 1))] if self.radius is None else []
+        rows = distance - self._radius(place)
+        return Linear(rows, along, np.concatenate([-along, *by_radius], axis=-1))
+
+    def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
+        """``|p|^2 - d^2 = 2 p c + 2 d r - (|c|^2 - r^2)``, its mirror, and from all around."""
+        _, _, p = contacts(seen, arm)
+        d = rows[seen][:, 0]
+        known = 0.0 if self.radius is None else 2.0 * d * self.radius
+        A = np.column_stack([2.0 * p, -np.ones(len(p))])
+        linear = np.linalg.lstsq(A, (p**2).sum(axis=1) - d**2 - known, rcond=1e-6)[0][:3]
+        size = float(np.ptp(p, axis=0).max()) if self.radius is None else self.radius
+        centres = np.array([linear, mirrored(linear, p), *around(p, size)])
+        if self.radius is None:
+            away = np.linalg.norm(p - centres[:, None], axis=-1)
+            centres = np.column_stack([centres, np.median(away - d, axis=-1)])
+        return best(self, rows, seen, arm, centres)

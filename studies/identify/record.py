@@ -179,6 +179,15 @@ class Residual(Entry):
     nominal_mrad: Three | None = None
     heldout: bool
 
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        place = (self.x_mm, self.y_mm, self.z_mm)
+        if (self.d_mm is None) == (None in place):
+            raise ValueError("a residual has either x_mm, y_mm and z_mm or d_mm")
+        if len(self.nominal_mm) != len(self.vector_mm):
+            raise ValueError("nominal_mm has not as many numbers as the residual")
+        return self
+
     @property
     def vector_mm(self) -> tuple[float | None, ...]:
         """What it is off by: a point's three coordinates, or one length."""

@@ -117,14 +117,15 @@ def _headline(record: IdentifyRecord) -> Iterator[Sentence]:
 # -- errors ------------------------------------------------------------------------------------
 
 
-def _figures(title: str) -> tuple[Column[Any], ...]:
-    """Columns of a row of a name, RMS, 95th percentile and largest."""
-    titles = enumerate(("RMS", "p95", "max"), 1)
-    return (Column(title, itemgetter(0)), *(Column(t, itemgetter(k), MM, "mm") for k, t in titles))
-
-
-_ERRORS = _figures("distance measured - predicted")
-_PAIRS = (*_figures("distance between two poses"), Column("pairs", itemgetter(4), COUNT))
+_FIGURES: tuple[Column[Any], ...] = tuple(
+    Column(title, itemgetter(k), MM, "mm") for k, title in enumerate(("RMS", "p95", "max"), 1)
+)
+_ERRORS = (Column("distance measured - predicted", itemgetter(0)), *_FIGURES)
+_PAIRS = (
+    Column("distance between two poses", itemgetter(0)),
+    *_FIGURES,
+    Column("pairs", itemgetter(4), COUNT),
+)
 _OF_INSTRUMENTS: tuple[Column[OfInstrument], ...] = (
     Column("instrument", attrgetter("instrument")),
     Column("unit", attrgetter("unit")),

@@ -81,7 +81,8 @@ class Cell:
     excluded : tuple of str, ``name`` or ``name:where``, causes that this robot cannot have
     gear_ratios : dict, joint -> float, turns of motor or wave generator a turn of the joint
     known_distances : tuple of KnownDistance
-    bodies : dict, name -> position of its origin among the markers; two points on its axes follow
+    bodies : dict, name -> slice, the markers that are points of it: frames have an origin and the ends
+        of two axes, boards all their points
     """
 
     name: str
@@ -106,14 +107,13 @@ class Cell:
     excluded: tuple[str, ...] = ()
     gear_ratios: Mapping[str, float] = field(default_factory=dict)
     dh_convention: Convention | None = None
+    known_distances: tuple[KnownDistance, ...] = ()
+    bodies: Mapping[str, slice] = field(default_factory=dict)
 
     @property
     def robot_source(self) -> str:
         """What holds the nominal model, in words."""
         return _SOURCES[self.robot_form]
-
-    known_distances: tuple[KnownDistance, ...] = ()
-    bodies: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def channels(self) -> Channels:
@@ -121,10 +121,14 @@ class Cell:
         return Channels(self.instruments, len(self.markers))
 
     @property
+    def channel_names(self) -> tuple[str, ...]:
+        """What a table calls the reading of each channel: a marker, a body or a point of a board."""
+        return self.channels.names(self.marker_names)
+
+    @property
     def read_names(self) -> tuple[str, ...]:
-        """What a table may call what was read: markers, and bodies by the name of their origins."""
-        part = {i for first in self.bodies.values() for i in range(first + 1, first + 3)}
-        return tuple(name for i, name in enumerate(self.marker_names) if i not in part)
+        """All of these, once each."""
+        return tuple(dict.fromkeys(self.channel_names))
 
     @property
     def tracker(self) -> Tracker:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -72,6 +72,7 @@ def _identified(result: Identification) -> Estimate:
     held = result.heldout
     unseen = held is not None and held.data.seen.any()
     rest = left_held_out(fit, held.data) if held is not None and unseen else left_in_fit(fit)
+    rest = replace(rest, rms=rest.rms * result.footprint)
     return Estimate(
         fit.model,
         fit.values,
@@ -138,6 +139,7 @@ def _diagnosed(result: Diagnosis) -> Estimate:
         rest = left_in_fit(fitted)
     else:
         rest = left_held_out(fitted, result.heldout)
+    rest = replace(rest, rms=rest.rms * fit.model.footprint(fit.values, result.data))
     return Estimate(
         fit.model,
         fit.values,

@@ -112,12 +112,12 @@ class Context:
     clock_unit: str = "s"
     gear_ratios: Mapping[str, float] = field(default_factory=dict)
     instruments: tuple[Instrument, ...] = (TRACKER,)
-    bodies: Mapping[str, int] = field(default_factory=dict)
+    bodies: Mapping[str, slice] = field(default_factory=dict)
 
     @property
     def single_markers(self) -> tuple[str, ...]:
         """Names of the markers that are markers of their own."""
-        part = {i for first in self.bodies.values() for i in range(first, first + 3)}
+        part = {i for own in self.bodies.values() for i in range(own.start, own.stop)}
         return tuple(name for i, name in enumerate(self.marker_names) if i not in part)
 
 

@@ -31,8 +31,8 @@ class Tool(Effect):
     @classmethod
     def at(cls, context: Context, where: str) -> Tool:
         if where.startswith(_BODY):
-            first = context.bodies[where.removeprefix(_BODY)]
-            return Body(where, first, guess=context.markers[first : first + 3])
+            own = context.bodies[where.removeprefix(_BODY)]
+            return Body(where, own.start, guess=context.markers[own])
         return cls(where, context.marker_names.index(where.removeprefix(_MARKER)))
 
     @property
@@ -67,10 +67,10 @@ class Tool(Effect):
 
 @dataclass(frozen=True, eq=False)
 class Body(Tool):
-    """Where a body sits on the tip: its origin and its rotation vector, in tip axes, from the guess.
+    """Where a body sits on the tip: first point and rotation vector, in tip axes, from the guess.
 
-    marker : position of its origin among the markers; the ends of its x and y axes follow
-    guess : ndarray, shape (3, 3), m, these three points
+    marker : position of its first point among the markers; the others follow
+    guess : ndarray, shape (k, 3), m, these points: of a frame, its origin and the ends of two axes
     """
 
     components: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
@@ -84,7 +84,7 @@ class Body(Tool):
 
     @property
     def markers(self) -> slice:
-        return slice(self.marker, self.marker + 3)
+        return slice(self.marker, self.marker + len(self.guess))
 
     @property
     def _arms(self) -> Array:

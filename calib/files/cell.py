@@ -57,7 +57,7 @@ def load_cell(path: str | Path) -> Cell:
         name: m if isinstance(m, MarkerTable) else MarkerTable(position=m)
         for name, m in table.markers_mm.items()
     }
-    bodies = bodies_of(table.bodies, len(markers))
+    bodies = bodies_of(path, table)
     unseen = [MarkerTable(position=(0.0, 0.0, 0.0))] * len(bodies.names)
     positions = np.array([m.position for m in markers.values()]).reshape(-1, 3)
     cell = Cell(
@@ -94,7 +94,7 @@ def load_cell(path: str | Path) -> Cell:
         gear_ratios=dict(table.robot.gear_ratio),
         dh_convention=convention,
         known_distances=known_distances(path, table),
-        bodies=bodies.first,
+        bodies=bodies.parts,
     )
     return replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))
 

@@ -13,10 +13,13 @@ from calib.arm.se3 import from_xyz_rpy
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.schema import (
+    BoardTable,
     BodyTable,
+    CameraTable,
     CellFile,
     DistanceTable,
     InstrumentTable,
+    IntrinsicsStd,
     MpeSigma,
     PlaneTable,
     PolarSigma,
@@ -26,7 +29,10 @@ from calib.files.schema import (
     SphereTable,
 )
 from calib.instruments import (
+    ArmCamera,
+    Camera,
     Distance,
+    FixedCamera,
     Instrument,
     KnownDistance,
     Plane,
@@ -35,6 +41,8 @@ from calib.instruments import (
     Sphere,
     Tracker,
 )
+from calib.instruments.camera import FREE, Board
+from calib.instruments.lens import Lens
 from calib.instruments.pose import CORNERS, corners_of
 from calib.noise import Noise
 
@@ -42,25 +50,76 @@ _MM = 1e-3
 _URAD = 1e-6
 
 
+_LARGEST_BOARD = 50.0  # m
+
+
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """The bodies of a cell as markers that follow its own.
+    """The bodies of a cell as markers that follow its own: frames, boards and cameras on the tip.
 
-    first : dict, name -> position of its origin; names : tuple of str, of all of these markers
-    markers : ndarray, shape (3 b, 3), m, tip frame
+    parts : dict, name -> slice, positions of its points; names : tuple of str, of all of these markers
+    markers : ndarray, shape (k, 3), m, tip frame
+    shapes : dict, board -> names and points (n, 3), m, in its frame, of those on the tip and others
     """
 
-    first: Mapping[str, int]
+    parts: Mapping[str, slice]
     names: tuple[str, ...]
     markers: Array
+    shapes: Mapping[str, tuple[tuple[str, ...], Array]]
 
 
-def bodies_of(table: Mapping[str, BodyTable], markers: int) -> Bodies:
-    """The bodies after so many markers; one of which nothing is said is guessed at the tip frame."""
-    first = {name: markers + CORNERS * i for i, name in enumerate(table)}
-    names = tuple(name + end for name in table for end in ("", ":x", ":y"))
-    placed = [_corners(body) for body in table.values()]
-    return Bodies(first, names, np.concatenate([np.zeros((0, 3)), *placed]))
+def bodies_of(path: Path, table: CellFile) -> Bodies:
+    """The bodies after the markers; one of which nothing is said is guessed at the tip frame.
+
+    Raises InputError for a board of which no point can be.
+    """
+    shapes = {name: _shape(path, name, board) for name, board in table.boards.items()}
+    frames: dict[str, BodyTable] = dict(table.bodies)
+    frames |= {
+        name: own
+        for name, own in table.instruments.items()
+        if isinstance(own, CameraTable) and own.on == "tip"
+    }
+    parts: dict[str, slice] = {}
+    names: list[str] = []
+    points: list[Array] = [np.zeros((0, 3))]
+    first = len(table.markers_mm)
+    for name, body in frames.items():
+        parts[name] = slice(first + len(names), first + len(names) + CORNERS)
+        names += [name + end for end in ("", ":x", ":y")]
+        points.append(_corners(body))
+    for name, board in table.boards.items():
+        if board.on == "tip":
+            own, shape = shapes[name]
+            parts[name] = slice(first + len(names), first + len(names) + len(own))
+            names += own
+            points.append(_laid(board, shape))
+    return Bodies(parts, tuple(names), np.concatenate(points), shapes)
+
+
+def _shape(path: Path, name: str, board: BoardTable) -> tuple[tuple[str, ...], Array]:
+    """Names and points of a board; one that lies where no board reaches is none of it."""
+    if board.squares is not None:
+        across, down = (n - 1 for n in board.squares)
+        grid = [(x + 1, y + 1, 0) for y in range(down) for x in range(across)]
+        points = np.array(grid, dtype=float) * (board.pitch_mm or 0.0) * _MM
+        return tuple(f"{name}:{i}" for i in range(len(points))), points
+    points = np.array(list(board.points_mm.values())) * _MM
+    near = np.abs(points - np.median(points, axis=0)).max(axis=1) < _LARGEST_BOARD
+    if not near.any():
+        raise InputError(
+            path,
+            f"boards.{name}.points_mm",
+            "lie farther apart than those of any board",
+            "give them in mm",
+        )
+    kept = [point for point, own in zip(board.points_mm, near, strict=True) if own]
+    return tuple(f"{name}:{point}" for point in kept), points[near]
+
+
+def _laid(table: BodyTable, points: Array) -> Array:
+    T = from_xyz_rpy(np.array(table.position_mm) * _MM, np.radians(table.rpy_deg))
+    return points @ T[:3, :3].T + T[:3, 3]
 
 
 def _corners(table: BodyTable) -> Array:
@@ -74,13 +133,15 @@ def instruments_of(
     """All of them; sockets of one uncertainty are one instrument that stands elsewhere each time."""
     if table.instrument is not None:
         return (_tracker(table.instrument, "instrument", None),)
-    own = tuple(range(len(markers))) if bodies.first else None
+    own = tuple(range(len(markers))) if bodies.parts else None
     placed = "base" in table.model.effects
     found: list[Instrument] = []
     groups: dict[float, list[str]] = {}
     for name, entry in table.instruments.items():
         if isinstance(entry, PoseTable):
-            found.append(_pose(entry, name, bodies))
+            found.append(_pose(entry, name, [bodies.parts[own] for own in table.bodies]))
+        elif isinstance(entry, CameraTable):
+            found.append(_camera(entry, name, table, bodies))
         elif isinstance(entry, InstrumentTable):
             found.append(_tracker(entry, name, own))
         elif isinstance(entry, SocketTable):
@@ -89,7 +150,7 @@ def instruments_of(
             found.append(replace(_touching(entry, placed), name=name, markers=own))
     for sigma, names in groups.items():
         sites = tuple(names) if len(names) > 1 else ()
-        found.append(Socket(names[0], own, sites, sigma * _MM))
+        found.append(Socket(name=names[0], markers=own, sites=sites, sigma=sigma * _MM))
     return tuple(found)
 
 
@@ -111,8 +172,52 @@ def _tracker(table: InstrumentTable, name: str, reads: tuple[int, ...] | None) -
     return Tracker(name=name, markers=reads, noise=_noise(table.sigma_mm), stands=stands)
 
 
-def _pose(table: PoseTable, name: str, bodies: Bodies) -> Pose:
-    reads = tuple(i for first in bodies.first.values() for i in range(first, first + CORNERS))
+def _camera(table: CameraTable, name: str, cell: CellFile, bodies: Bodies) -> Camera:
+    """One that sees all boards on the other side, one in the world the markers too."""
+    on_tip = table.on == "tip"
+    boards: list[Board] = []
+    first = 0 if on_tip else len(cell.markers_mm)
+    for own, (_, points) in bodies.shapes.items():
+        if cell.boards[own].on != table.on:
+            boards.append(Board(own, slice(first, first + len(points)), points))
+            first += len(points)
+    reads = list(range(len(cell.markers_mm)))
+    if on_tip:
+        reads = [*range(bodies.parts[name].start, bodies.parts[name].stop)] * first
+    for board in () if on_tip else boards:
+        reads += range(bodies.parts[board.name].start, bodies.parts[board.name].stop)
+    targets = [point for board in boards for point in bodies.shapes[board.name][0]]
+    believed = _believed(table.intrinsics_std or IntrinsicsStd())
+    free = np.isfinite(believed)
+    for part in table.free:
+        free[FREE[part]] = True
+    focal = table.focal_px if isinstance(table.focal_px, tuple) else (table.focal_px,) * 2
+    return (ArmCamera if on_tip else FixedCamera)(
+        name=name,
+        markers=tuple(reads),
+        targets=tuple(targets) if on_tip else (),
+        lens=Lens(np.array([*focal, *table.center_px, *(*table.distortion, 0.0)[:5]])),
+        sigma=table.sigma_px,
+        image=None if table.image_px is None else np.array(table.image_px),
+        free=np.flatnonzero(free),
+        believed=believed,
+        boards=tuple(boards),
+    )
+
+
+def _believed(given: IntrinsicsStd) -> Array:
+    """Standard deviations of a lens's values, shape (9,), NaN where none is given."""
+    found = np.full(9, np.nan)
+    parts = zip(FREE.values(), (given.focal_px, given.center_px, given.distortion), strict=True)
+    for part, std in parts:
+        if std is not None:
+            several = [*std, *std[-1:] * 5] if isinstance(std, list) else [std] * 5
+            found[part] = several[: part.stop - part.start]
+    return found
+
+
+def _pose(table: PoseTable, name: str, bodies: Sequence[slice]) -> Pose:
+    reads = tuple(i for own in bodies for i in range(own.start, own.stop))
     units = np.repeat([_MM, _URAD], 3)
     if table.covariance is not None:
         covariance = np.array(table.covariance) * np.outer(units, units)

@@ -14,7 +14,11 @@ from calib.files.columns import LENGTHS
 from calib.files.csv_table import Table
 from calib.instruments import Instrument
 
-_UNITS = {"length": LENGTHS, "ratio": {"": 1.0}}  # the first is the one we write
+_UNITS = {
+    "length": LENGTHS,
+    "ratio": {"": 1.0},
+    "pixel": {"px": 1.0},
+}  # the first is the one we write
 Sites = np.ndarray[tuple[int], np.dtype[np.str_]]
 """Names of places, one for each pose."""
 _FARTHEST = 1e4  # m: no instrument of this trade reads as far
@@ -70,26 +74,28 @@ def readings_of(table: Table, cell: Cell, pose: IntArray, count: int) -> tuple[A
     Raises InputError naming line and column for an unknown marker, one that stands twice, and numbers
     that cannot be.
     """
-    marker = _markers(table, cell)
+    names, called = table.text("marker"), cell.channel_names
+    _check_markers(table, cell, names)
     by_row = _instruments(table, cell)
     channels, shape = cell.channels, (count, len(cell.channels))
     readings = np.zeros((*shape, channels.width))
     seen, sigma = np.zeros(shape, dtype=bool), np.full(shape, np.nan)
-    channel = np.zeros(len(marker), dtype=int)
+    channel = np.zeros(len(names), dtype=int)
     for k, (instrument, part) in enumerate(channels.blocks):
-        own, position = np.flatnonzero(by_row == k), np.full(channels.markers, -1)
-        position[channels.marker[part]] = np.arange(part.start, part.stop)
-        for row in own[position[marker[own]] < 0]:
-            what = f"is nothing that instrument {instrument.name!r} reads"
-            raise table.fault(int(row), "marker", what, "name another, or correct the instrument")
-        channel[own] = position[marker[own]]
+        own = np.flatnonzero(by_row == k)
+        position = {name: c for c, name in enumerate(called[part], part.start)}
+        for row in own.tolist():
+            if names[row] not in position:
+                what = f"is nothing that instrument {instrument.name!r} reads"
+                raise table.fault(row, "marker", what, "name another, or correct the instrument")
+            channel[row] = position[names[row]]
         if len(own):
             numbers = _numbers(table, instrument, own)
             readings[pose[own], channel[own], : instrument.rows] = numbers
     for row, (i, c) in enumerate(zip(pose, channel, strict=True)):
         if seen[i, c]:
-            name, whose = cell.marker_names[marker[row]], table.text("pose")[row]
-            what = f"pose {whose!r} has marker {name!r} twice"
+            whose = table.text("pose")[row]
+            what = f"pose {whose!r} has marker {names[row]!r} twice"
             raise table.fault(
                 row, "marker", what, "give a repeated reading its own pose identifier"
             )
@@ -164,12 +170,10 @@ def _instruments(table: Table, cell: Cell) -> IntArray:
     return np.array([numbers[name] for name in names])
 
 
-def _markers(table: Table, cell: Cell) -> IntArray:
-    numbers = {name: cell.marker_names.index(name) for name in cell.read_names}
-    names = table.text("marker")
+def _check_markers(table: Table, cell: Cell, names: list[str]) -> None:
+    known = set(cell.read_names)
     for row, name in enumerate(names):
-        if name not in numbers:
-            known = f"markers are {', '.join(cell.read_names[:12])}"
+        if name not in known:
+            few = f"markers are {', '.join(cell.read_names[:12])}"
             tables = " or ".join(("[markers_mm]", "[bodies]")[: 1 + bool(cell.bodies)])
-            raise table.fault(row, "marker", f"{name!r} is not in the cell's {tables}", known)
-    return np.array([numbers[name] for name in names])
+            raise table.fault(row, "marker", f"{name!r} is not in the cell's {tables}", few)

@@ -271,13 +271,60 @@ class BodyTable(Table):
     rpy_deg: Vector = (0.0, 0.0, 0.0)
 
 
+Anywhere = Annotated[float, Strict(), Field(allow_inf_nan=False)]
+"""A coordinate that need not be plausible as long as nobody measures the point."""
+
+
+class BoardTable(BodyTable):
+    on: Literal["tip", "world"]
+    points_mm: dict[Name, tuple[Anywhere, Anywhere, Anywhere]] = {}
+    squares: tuple[Count, Count] | None = None
+    pitch_mm: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Self:
+        if bool(self.points_mm) == (self.squares is not None):
+            raise ValueError("needs its shape: either points_mm, or squares and pitch_mm")
+        if (self.squares is None) != (self.pitch_mm is None):
+            raise ValueError("squares and pitch_mm go together")
+        if self.squares is not None and not 4 <= math.prod(n - 1 for n in self.squares) <= 10_000:
+            raise ValueError(
+                "squares are as many as the board has, [across, down], with four corners"
+            )
+        return self
+
+
+Pixels = tuple[Positive, Positive]
+Coefficients = tuple[Number, Number, Number, Number] | tuple[Number, Number, Number, Number, Number]
+
+
+class IntrinsicsStd(Table):
+    focal_px: Positive | None = None
+    center_px: Positive | None = None
+    distortion: Positive | Annotated[list[Positive], Field(min_length=4, max_length=5)] | None = (
+        None
+    )
+
+
+class CameraTable(BodyTable):
+    kind: Literal["camera"]
+    on: Literal["world", "tip"] = "world"
+    focal_px: Positive | Pixels
+    center_px: tuple[Number, Number]
+    distortion: Coefficients = (0.0, 0.0, 0.0, 0.0, 0.0)
+    image_px: Pixels | None = None
+    sigma_px: Positive
+    free: list[Literal["focal", "center", "distortion"]] = []
+    intrinsics_std: IntrinsicsStd | None = None
+
+
 AnyInstrument = Annotated[
-    PointsTable | PoseTable | DistanceTable | PlaneTable | SphereTable | SocketTable,
+    PointsTable | PoseTable | CameraTable | DistanceTable | PlaneTable | SphereTable | SocketTable,
     Field(discriminator="kind"),
 ]
 
 
-KINDS = frozenset({"points", "pose", "distance", "plane", "sphere", "socket"})
+KINDS = frozenset({"points", "pose", "camera", "distance", "plane", "sphere", "socket"})
 
 
 class KnownDistanceTable(Table):
@@ -354,6 +401,7 @@ class CellFile(Table):
     robot: RobotTable
     markers_mm: dict[Name, Marker] = {}
     bodies: dict[Name, BodyTable] = {}
+    boards: dict[Name, BoardTable] = {}
     instrument: InstrumentTable | None = None
     instruments: dict[Name, AnyInstrument] = {}
     known_distances: list[KnownDistanceTable] = []
@@ -381,15 +429,43 @@ class CellFile(Table):
         if (self.instrument is None) == (not self.instruments):
             raise ValueError("needs either [instrument] or [instruments.NAME], and not both")
         kinds = {entry.kind for entry in self.instruments.values()} or {"points"}
-        touching = kinds - {"pose"}
+        touching = kinds - {"pose", "camera"}
         if touching and not self.markers_mm:
             raise ValueError(f"reads {min(touching)} and has no [markers_mm]; add what is read")
         if "pose" in kinds and not self.bodies:
             raise ValueError("reads pose and has no [bodies]; add what is read")
         if self.bodies and "pose" not in kinds:
             raise ValueError("has [bodies] and no instrument of kind pose that reads them")
-        if self.markers_mm and not touching:
+        if self.markers_mm and not touching and not self._cameras("world"):
             raise ValueError("has [markers_mm] and no instrument that reads them")
-        if both := set(self.markers_mm) & set(self.bodies):
-            raise ValueError(f"{min(both)!r} names a marker and a body; rename one")
+        self._check_boards()
         return self
+
+    def _cameras(self, on: str) -> list[str]:
+        tables = self.instruments.items()
+        return [name for name, own in tables if isinstance(own, CameraTable) and own.on == on]
+
+    def _check_boards(self) -> None:
+        """Each camera sees what stands on the other side, and each board is seen."""
+        boards = {
+            on: [n for n, own in self.boards.items() if own.on == on] for on in ("tip", "world")
+        }
+        if (seeing := self._cameras("world")) and not boards["tip"] and not self.markers_mm:
+            raise ValueError(
+                f"has camera {seeing[0]} in the world and nothing on the tip; add [boards.NAME] with "
+                "on = 'tip', or [markers_mm]"
+            )
+        if (seeing := self._cameras("tip")) and not boards["world"]:
+            raise ValueError(
+                f"has camera {seeing[0]} on the tip and nothing in the world; add [boards.NAME] with "
+                "on = 'world'"
+            )
+        for on, other in (("tip", "world"), ("world", "tip")):
+            if boards[on] and not self._cameras(other):
+                raise ValueError(
+                    f"has board {boards[on][0]} on the {on} and no camera on the {other} that sees it"
+                )
+        named = [*self.markers_mm, *self.bodies, *self.boards, *self._cameras("tip")]
+        if len(named) > len(set(named)):
+            twice = next(name for name in named if named.count(name) > 1)
+            raise ValueError(f"{twice!r} names two things; rename one")

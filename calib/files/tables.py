@@ -60,7 +60,8 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     m = len(pose_names)
     readings, seen, sigma = readings_of(table, cell, pose_of_row, m)
     shown = set(table.text("marker")) if every_marker else set(cell.read_names)
-    for name in (n for n in cell.read_names if n not in shown):
+    alone = [n for n in cell.read_names if n in cell.marker_names and n.partition(":")[0] == n]
+    for name in (n for n in alone if n not in shown):
         table_of = "bodies" if name in cell.bodies else "markers_mm"
         raise InputError(
             path,

@@ -53,11 +53,8 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
     """
     poses = data.poses
     wrench = wrench_with_load(cell.robot, cell.gravity, poses)
-    channels = [
-        (instrument, cell.marker_names[j])
-        for instrument, part in cell.channels.blocks
-        for j in cell.channels.marker[part]
-    ]
+    read_by = [i for i, part in cell.channels.blocks for _ in range(part.start, part.stop)]
+    channels = list(zip(read_by, cell.channel_names, strict=True))
     columns = dict(c for instrument in cell.instruments for c in written_columns(instrument))
     header = measurement_columns(cell.robot, cell.instruments)
     several = "instrument" in header

@@ -87,7 +87,7 @@ class Readings:
         return observation.covariance(values, span)
 
     def dof(self, observation: Observation, span: Array) -> int:
-        known = len(observation.model.lengths)
+        known = observation.model.known_rows
         return int(observation.numbers.sum()) + known - int(span.shape[1])
 
 

@@ -108,6 +108,7 @@ class Identification:
     weights : ndarray, shape (m, C, r, r), whitening matrices of the readings, zero for hidden ones
     profiled : ndarray, shape (p,), standard deviations of tunings by the profile of the likelihood, NaN
         where the covariance holds, or None
+    footprint : float, metres to one unit of distances and noise: 1 unless no reading is a length
     scatter : Scatter or None, how whole poses err together; levels : Levels or None, how that was found
     """
 
@@ -137,6 +138,7 @@ class Identification:
     scatter: Scatter | None = None
     levels: Levels | None = None
     profiled: Array | None = None
+    footprint: float = 1.0
 
     @property
     def std(self) -> Array:
@@ -195,7 +197,7 @@ class Identification:
     def warnings(self) -> tuple[str, ...]:
         """What speaks against believing the result."""
         found = []
-        nominal = self.rms("nominal") or 0.0
+        nominal = (self.rms("nominal") or 0.0) * self.footprint
         if nominal > _FAR * self.model.robot.reach:
             found.append(
                 f"the nominal model misses the data by {nominal * 1e3:.0f} mm: check units, signs and "

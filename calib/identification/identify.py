@@ -146,6 +146,7 @@ def identify(
         scatter=observation.scatter,
         levels=levels,
         profiled=by_profile,
+        footprint=model.footprint(values, data),
     )
 
 

@@ -1,5 +1,6 @@
 """The instruments that posecal knows: one file each, all behind one protocol."""
 
+from calib.instruments.camera import ArmCamera, Camera, FixedCamera
 from calib.instruments.channels import Channels
 from calib.instruments.distance import Distance
 from calib.instruments.known_distances import KnownDistance
@@ -12,8 +13,11 @@ from calib.instruments.sphere import Sphere
 
 __all__ = [
     "TRACKER",
+    "ArmCamera",
+    "Camera",
     "Channels",
     "Distance",
+    "FixedCamera",
     "Instrument",
     "KnownDistance",
     "Plane",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -42,11 +42,24 @@ class Channels:
         """Position of the marker that each channel reads, of several the first, shape (C,)."""
         return np.concatenate([i.read_of(self.markers)[:: i.each] for i in self.instruments])
 
+    def names(self, markers: Sequence[str]) -> tuple[str, ...]:
+        """What a table calls the reading of each channel, from the names of the markers."""
+        return tuple(
+            name
+            for i, part in self.blocks
+            for name in i.targets or (markers[j] for j in self.marker[part].tolist())
+        )
+
     @cached_property
     def rows(self) -> IntArray:
         """How many independent numbers each tells, shape (C,)."""
         each = [np.full(part.stop - part.start, len(i.numbers)) for i, part in self.blocks]
         return np.concatenate(each)
+
+    @property
+    def metric(self) -> bool:
+        """Whether any number of any row is a length."""
+        return any(len(i.lengths) for i in self.instruments)
 
     @cached_property
     def lengths(self) -> Mask:

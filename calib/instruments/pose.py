@@ -62,9 +62,9 @@ class Pose(Tracker):
     def linearise(self, place: Array, points: Array) -> Linear:
         of_corners = super().linearise(place, points.reshape((*points.shape[:-2], -1, 3)))
         R, _ = self.placement(place)
-        turned = np.einsum("ab,...ij->...aibj", _DIFFERENCES, R[..., None, None, :, :])
+        turned = np.einsum("ab,...ij->...aibj", DIFFERENCES, R[..., None, None, :, :])
         by_corner = of_corners.by_place.reshape((*points.shape[:-1], CORNERS, 3, -1))
-        by_place = np.einsum("ab,...biu->...aiu", _DIFFERENCES, by_corner)
+        by_place = np.einsum("ab,...biu->...aiu", DIFFERENCES, by_corner)
         return Linear(
             _flat(_frame(of_corners.rows.reshape(points.shape))),
             turned.reshape((*turned.shape[:-4], 9, 9)),
@@ -131,13 +131,14 @@ class Pose(Tracker):
             np.asarray(known),
             arm.placed,
         )
-        found = np.einsum("ab,cbi->cai", np.linalg.inv(_DIFFERENCES), frames)
+        found = np.einsum("ab,cbi->cai", np.linalg.inv(DIFFERENCES), frames)
         corners = np.where(np.asarray(~known & read)[:, None, None], found, corners)
         told = arm.free & np.repeat(read, CORNERS)[:, None]
         return Start(np.concatenate([t, so3_log(R)]), corners.reshape(-1, 3), told)
 
 
-_DIFFERENCES = np.array([[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0]])
+DIFFERENCES = np.array([[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0]])
+"""Origin and two axes of the three points of a body."""
 
 
 def corners_of(R: Array, p: Array) -> Array:
@@ -148,7 +149,7 @@ def corners_of(R: Array, p: Array) -> Array:
 def _frame(points: Array) -> Array:
     """Origin and two axes (..., 3, 3), by rows, of three points (..., 9)."""
     corners = points.reshape((*points.shape[:-1], CORNERS, 3))
-    return np.asarray(np.einsum("ab,...bi->...ai", _DIFFERENCES, corners))
+    return np.asarray(np.einsum("ab,...bi->...ai", DIFFERENCES, corners))
 
 
 def _flat(corners: Array) -> Array:

@@ -42,7 +42,7 @@ class Column(NamedTuple):
     """
 
     name: str
-    quantity: Literal["length", "ratio"]
+    quantity: Literal["length", "ratio", "pixel"]
     optional: bool = False
 
 
@@ -99,6 +99,7 @@ class Instrument(ABC):
         all of them
     sites : tuple of str, names of the cell where several are one that stands elsewhere from pose to
         pose, at one of them each time; none where it is one
+    targets : tuple of str, what a table calls each reading, where that is not the marker's name
     rows : numbers of one reading; each : markers that one takes, k; columns : of a table
     stationed : whether it may stand elsewhere at other poses, a place for every station
     sought : whether its place is unknown even where the model has no base: nothing else tells it
@@ -107,6 +108,7 @@ class Instrument(ABC):
     name: str = "instrument"
     markers: tuple[int, ...] | None = None
     sites: tuple[str, ...] = ()
+    targets: tuple[str, ...] = ()
     kind: ClassVar[str]
     rows: ClassVar[int]
     each: ClassVar[int] = 1
@@ -132,6 +134,11 @@ class Instrument(ABC):
     def anchored(self) -> bool:
         """Whether the cell says where it stands, whatever else of its place is unknown."""
         return False
+
+    @property
+    def prior(self) -> Array:
+        """Standard deviations of its place about zero that are known beforehand, (u,), NaN for none."""
+        return np.full(len(self.unknowns), np.nan)
 
     @property
     def metric(self) -> bool:

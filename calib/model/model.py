@@ -284,17 +284,45 @@ class Model:
         predicted = self.predict(values, data.poses)
         return self.readout.difference(data.readings, predicted) * data.seen[..., None]
 
+    def footprint(self, values: Array, data: Measurements) -> float:
+        """Metres to one unit of the readings: 1 where any is a length, else those of a pixel."""
+        if self.readout.channels.metric:
+            return 1.0
+        points = self.tip_points(self.state(values, data.poses).frames, values, data.poses)
+        return self.readout.footprint(values, data.poses, points, data.seen)
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """What a table calls the reading of each channel."""
+        return self.readout.channels.names(self.marker_names)
+
     @property
     def scaleless(self) -> bool:
         """Whether nothing here knows a length but the nominal arm."""
         return not self.lengths and not any(i.metric for i in self.instruments)
+
+    @property
+    def known_rows(self) -> int:
+        """How many rows :meth:`beside` has."""
+        return len(self.lengths) + len(self._believed)
+
+    @cached_property
+    def _believed(self) -> list[tuple[int, float]]:
+        """Positions of the values that are known about zero beforehand, and their deviations."""
+        return [
+            (part.start + k, float(std))
+            for effect, part in self._parts
+            if isinstance(effect, Base)
+            for k, std in enumerate(effect.of.prior)
+            if np.isfinite(std)
+        ]
 
     def beside(self, values: Array) -> tuple[Array, Array]:
         """What is known beside all readings, as rows of unit variance: residuals and derivatives.
 
         values : ndarray, shape (..., p), SI; returns shapes (..., K) and (..., K, p)
         """
-        residuals = np.zeros((*values.shape[:-1], len(self.lengths)))
+        residuals = np.zeros((*values.shape[:-1], self.known_rows))
         J = np.zeros((*residuals.shape, len(self.parameters)))
         for k, known in enumerate(self.lengths):
             (a, of_a), (b, of_b) = (self._place_of(name, values) for name in known.between)
@@ -302,6 +330,9 @@ class Model:
             residuals[..., k] = (known.length - apart) / known.sigma
             along = (a - b) / np.where(apart > 0.0, apart, 1.0)[..., None] / known.sigma
             J[..., k, :] = (along[..., None, :] @ (of_a - of_b))[..., 0, :]
+        for k, (position, std) in enumerate(self._believed, len(self.lengths)):
+            residuals[..., k] = -values[..., position] / std
+            J[..., k, position] = 1.0 / std
         return residuals, J
 
     def _place_of(self, name: str, values: Array) -> tuple[Array, Array]:

@@ -111,6 +111,15 @@ class Readout:
 
         return self._beside(map(one, self.instruments), -2)
 
+    def footprint(self, values: Array, poses: Poses, points: Array, seen: Mask) -> float:
+        """Metres at the points to one unit of the readings, RMS over those that are seen.
+
+        points : ndarray, shape (m, M, 3), m, base axes; seen : ndarray of bool, shape (m, C)
+        """
+        moved = np.broadcast_to(np.eye(3), (*points.shape, 3))
+        squares = (self.follow(values, poses, points, moved)[seen] ** 2).sum(axis=(-1, -2))
+        return float(1.0 / np.sqrt(squares.mean() / self.channels.width))
+
     def whitening(self, values: Array, poses: Poses, readings: Array, sigma: Array) -> Array:
         """Whitening matrices of readings (..., m, C, r), shape (..., m, C, r, r).
 

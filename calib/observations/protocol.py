@@ -80,7 +80,7 @@ class Observation(ABC):
         r, J = self.linearise(values)
         batch = values.shape[:-1]
         r, J = r.reshape((*batch, -1)), J.reshape((*batch, -1, J.shape[-1]))
-        if not self.model.lengths:
+        if not self.model.known_rows:
             return r, J
         known, by_known = self.model.beside(values)
         return np.concatenate([r, known], axis=-1), np.concatenate([J, by_known], axis=-2)
@@ -98,7 +98,7 @@ class Observation(ABC):
         """Covariance (p, p) of the least-squares values along ``span`` (p, k), the noise as stated."""
         if self.mixing is None:
             return covariance(self.flat(values)[1], span)
-        held = len(self.model.lengths)
+        held = self.model.known_rows
         of_known = (
             gain(self.flat(values)[1], span)[:, -held:] if held else np.zeros((len(values), 0))
         )

@@ -8,6 +8,7 @@ from studies.identify.point_errors import HELD_OUT, PointErrors, point_errors
 from studies.identify.record import IdentifyRecord
 from studies.plots import ellipses, residuals
 from studies.plots.histogram import histogram
+from studies.plots.image import over_image
 from studies.plots.style import Picture
 
 _MM = 1e3
@@ -29,6 +30,17 @@ def residuals_by_pose(record: IdentifyRecord, heldout: bool) -> Picture:
         np.array([pose.removesuffix(HELD_OUT) in out for pose in own.poses]),
         name=f"residuals{'_heldout' * heldout}", title=f"Residuals by pose{', held out' * heldout}",
     )  # fmt: skip
+
+
+def errors_over_image(record: IdentifyRecord) -> Picture:
+    """What cameras measured beyond what is predicted, over their images."""
+    fields = {}
+    seen = [row for row in record.residuals if row.at_px is not None]
+    for camera in dict.fromkeys(row.instrument for row in seen):
+        own = [row for row in seen if row.instrument == camera]
+        at, off = np.array([row.at_px for row in own]), np.array([row.vector for row in own])
+        fields[camera] = at, off, tuple(f"{row.pose} {row.marker}" for row in own)
+    return over_image(fields)
 
 
 def correlation(record: IdentifyRecord) -> Picture:

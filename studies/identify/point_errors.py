@@ -55,8 +55,8 @@ class PointErrors:
 
 
 def point_errors(record: IdentifyRecord) -> PointErrors:
-    """Arrays from the residuals of a record."""
-    rows = record.residuals
+    """Arrays from the residuals of a record that are lengths."""
+    rows = [row for row in record.residuals if row.metric]
     # Two tables of a session may call their poses alike.
     poses = _places((row.pose, row.heldout) for row in rows)
     read = {(row.pose, row.heldout, row.marker) for row in rows}
@@ -67,15 +67,15 @@ def point_errors(record: IdentifyRecord) -> PointErrors:
     before, after = np.zeros(shape), np.zeros(shape)
     seen = np.zeros(shape[:2], dtype=bool)
     at = [poses[row.pose, row.heldout] for row in rows], [markers[name] for name in what]
-    before[at] = np.array([_in_space(row.nominal_mm) for row in rows]) / _MM
-    after[at] = np.array([_in_space(row.vector_mm) for row in rows]) / _MM
+    before[at] = np.array([_in_space(row.nominal) for row in rows]).reshape(-1, 3) / _MM
+    after[at] = np.array([_in_space(row.vector) for row in rows]).reshape(-1, 3) / _MM
     seen[at] = True
     names = tuple(name + HELD_OUT * (held and (name, False) in poses) for name, held in poses)
     heldout = np.array([held for _, held in poses], dtype=bool)
     return PointErrors(names, tuple(markers), before, after, seen, heldout)
 
 
-def _in_space(error: Sequence[float | None]) -> tuple[float | None, ...]:
+def _in_space(error: Sequence[float]) -> tuple[float, ...]:
     """Three numbers; one length by itself takes the place of the first."""
     return (*error, *[0.0] * (3 - len(error)))
 

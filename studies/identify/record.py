@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, Self, TypeAlias, TypedDict
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, TypedDict
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -111,11 +111,12 @@ class Share(Entry):
 class Distances(Entry):
     """A figure over the distances between measured and predicted points.
 
-    nominal : base and markers fitted; fitted : without the outliers; None where there is no point
+    nominal : base and markers fitted; fitted : without the outliers; None where there is no point, and
+        everywhere where no reading is a length
     """
 
-    nominal: NotNegative
-    fitted_all: NotNegative
+    nominal: NotNegative | None
+    fitted_all: NotNegative | None
     fitted: NotNegative | None
     heldout: NotNegative | None
     heldout_trimmed: NotNegative | None
@@ -162,7 +163,8 @@ class Residual(Entry):
     """Measured minus predicted reading, by the identified and by the nominal model.
 
     Of a point in the instrument's frame, of one that touches a socket in the base's; of a body's pose
-    in its own, turns beside it; of what reads one length that alone, d.
+    in its own, turns beside it; of what reads one length that alone, d; of a camera's reading in the
+    image, ``at_px`` where it was measured.
     """
 
     pose: str
@@ -172,26 +174,41 @@ class Residual(Entry):
     y_mm: Maybe = None
     z_mm: Maybe = None
     d_mm: Maybe = None
+    u_px: Maybe = None
+    v_px: Maybe = None
     rx_mrad: Maybe = None
     ry_mrad: Maybe = None
     rz_mrad: Maybe = None
-    nominal_mm: Three | tuple[Number]
+    nominal_mm: Three | tuple[Number] | None = None
+    nominal_px: tuple[Number, Number] | None = None
+    at_px: tuple[Number, Number] | None = None
     nominal_mrad: Three | None = None
     heldout: bool
 
     @model_validator(mode="after")
     def _one_place(self) -> Self:
-        place = (self.x_mm, self.y_mm, self.z_mm)
-        if (self.d_mm is None) == (None in place):
-            raise ValueError("a residual has either x_mm, y_mm and z_mm or d_mm")
-        if len(self.nominal_mm) != len(self.vector_mm):
-            raise ValueError("nominal_mm has not as many numbers as the residual")
+        places = [(self.x_mm, self.y_mm, self.z_mm), (self.d_mm,), (self.u_px, self.v_px)]
+        if sum(None not in place for place in places) != 1:
+            raise ValueError("a residual has either x_mm, y_mm and z_mm, or d_mm, or u_px and v_px")
+        if len(self.nominal) != len(self.vector):
+            raise ValueError("the nominal residual has not as many numbers as the residual")
         return self
 
     @property
-    def vector_mm(self) -> tuple[float | None, ...]:
-        """What it is off by: a point's three coordinates, or one length."""
-        return (self.d_mm,) if self.d_mm is not None else (self.x_mm, self.y_mm, self.z_mm)
+    def vector(self) -> tuple[float, ...]:
+        """What it is off by: a point's three coordinates, one length, or two of the image."""
+        places = [(self.x_mm, self.y_mm, self.z_mm), (self.d_mm,), (self.u_px, self.v_px)]
+        return next(tuple(map(float, place)) for place in places if None not in place)  # type: ignore[arg-type]
+
+    @property
+    def nominal(self) -> tuple[float, ...]:
+        """The same by the nominal model."""
+        return self.nominal_mm or self.nominal_px or ()
+
+    @property
+    def metric(self) -> bool:
+        """Whether it is a length."""
+        return self.u_px is None
 
 
 class Asked(TypedDict):
@@ -235,7 +252,7 @@ class IdentifyRecord(Record):
     p95_mm: Distances
     instruments: tuple[OfInstrument, ...] = ()
     pair_distances_mm: dict[Model, Pairs]
-    rms_of_residuals_mm: NotNegative
+    rms_of_residuals_mm: NotNegative | None
     base: Base
     markers_mm: dict[str, Three]
     bodies: dict[str, Placement] = Field(default_factory=dict)
@@ -256,15 +273,22 @@ class IdentifyRecord(Record):
         poses = {(row.pose, row.heldout) for row in self.residuals}
         if len(poses) * len({row.marker for row in self.residuals}) > _MOST:
             raise ValueError("residuals have too many poses and markers")
-        held = self.rms_mm.heldout is not None
+        told = [self.rms_mm.heldout, *(own.heldout for own in self.instruments)]
+        held = any(figure is not None for figure in told)
         if {row.heldout for row in self.residuals} != {False, held}:
             raise ValueError("residuals and rms_mm are not of the same poses")
         return self
 
     @property
+    def held_out(self) -> bool:
+        """Whether there were poses that took no part."""
+        return any(row.heldout for row in self.residuals)
+
+    @property
     def nominal_at_heldout_mm(self) -> float | None:
         """RMS of the nominal model at the points held out."""
-        held = [float(np.linalg.norm(row.nominal_mm)) for row in self.residuals if row.heldout]
+        own = (row for row in self.residuals if row.heldout and row.metric)
+        held = [float(np.linalg.norm(row.nominal)) for row in own]
         return float(np.sqrt(np.mean(np.square(held)))) if held else None
 
     def told(self) -> Document:
@@ -290,7 +314,8 @@ def identify_record(
     from calib.identification import ADVICE
 
     fit, held, noise = found.fit, found.heldout, found.noise
-    again = noise.replicate_factor
+    again, metric = noise.replicate_factor, fit.channels.metric
+    mm = found.footprint * _MM
     return IdentifyRecord(
         **made_from,
         **asked,
@@ -300,10 +325,10 @@ def identify_record(
         approach=found.approach,
         method=found.method,
         noise=IdentifyNoise(
-            sigma_mm=noise.sigma * _MM,
-            believed_sigma_mm=noise.believed * _MM,
+            sigma_mm=noise.sigma * mm,
+            believed_sigma_mm=noise.believed * mm,
             source=noise.source,
-            replicate_sigma_mm=None if again is None else again * noise.believed * _MM,
+            replicate_sigma_mm=None if again is None else again * noise.believed * mm,
             lack_of_fit_p=noise.lack_of_fit_p,
             **by_level(found.levels, found.scatter),
         ),
@@ -323,9 +348,9 @@ def identify_record(
             Absorbed(id=d.id, absorbed_by=tuple(name for name, _ in d.absorbed_by))
             for d in found.absorbed
         ),
-        outliers=tuple(_outliers(fit)),
+        outliers=tuple(_outliers(fit, found.footprint)),
         outliers_share=_share(found.shared),
-        heldout_outliers=() if held is None else tuple(_outliers(held)),
+        heldout_outliers=() if held is None else tuple(_outliers(held, found.footprint)),
         rms_mm=_distances(found, lambda d: float(np.sqrt(np.mean(d**2)))),
         max_mm=_distances(found, lambda d: float(d.max())),
         p95_mm=_distances(found, lambda d: float(np.quantile(d, 0.95))),
@@ -334,7 +359,7 @@ def identify_record(
             for (name, unit), rms in found.by_instrument.items()
         ),
         pair_distances_mm=dict(_pairs(found)),
-        rms_of_residuals_mm=float(np.sqrt(np.mean(fit.lengths() ** 2))) * _MM,
+        rms_of_residuals_mm=float(np.sqrt(np.mean(fit.lengths() ** 2))) * _MM if metric else None,
         base=_base(found),
         markers_mm={
             found.model.marker_names[j]: three(found.marker_positions[j] * _MM)
@@ -373,10 +398,10 @@ def _parameters(found: Identification) -> Iterator[Parameter]:
         )
 
 
-def _outliers(part: Residuals) -> Iterator[Outlier]:
+def _outliers(part: Residuals, footprint: float) -> Iterator[Outlier]:
     for i in np.flatnonzero(part.outlier):
         errors = np.where(part.channels.lengths, part.vectors[i], 0.0)
-        largest = float(np.linalg.norm(errors, axis=-1).max()) * _MM
+        largest = float(np.linalg.norm(errors, axis=-1).max()) * footprint * _MM
         ratio = float(np.sqrt(part.statistic[i] / part.limit))
         yield Outlier(
             pose=part.data.poses.names[i],
@@ -402,7 +427,9 @@ def _share(common: Shared | None) -> Share | None:
 
 
 def _distances(found: Identification, figure: Callable[[Array], float]) -> Distances:
-    known = {key: figure(d) * _MM for key, d in found.distances.items() if len(d)}
+    """Nothing where no reading is a length."""
+    metric = found.fit.channels.metric
+    known = {key: figure(d) * _MM for key, d in found.distances.items() if metric and len(d)}
     return Distances.model_validate({key: known.get(key) for key in Distances.model_fields})
 
 
@@ -465,17 +492,23 @@ def _residuals(found: Identification, part: Residuals) -> Iterator[Residual]:
     held, seen, poses = part is found.heldout, part.data.seen, part.data.poses
     sites = [""] * len(poses) if poses.site is None else poses.site.tolist()
     for instrument, channels in part.channels.blocks:
-        after, before = (p.shown(instrument, channels) * _MM for p in (part, nominal))
-        markers = part.channels.marker[channels]
+        scales = np.array([n.scale for n in instrument.numbers])
+        after, before = (p.shown(instrument, channels) / scales for p in (part, nominal))
+        names = found.model.channel_names[channels]
         keys = [f"{n.name}_{n.unit}" for n in instrument.numbers]
+        first = instrument.numbers[0].unit
+        linear = sum(n.unit == first for n in instrument.numbers)
         for i, c in np.argwhere(seen[:, channels]).tolist():
-            turn = before[i, c, 3:]
+            turn = before[i, c, linear:]
+            numbers: dict[str, Any] = dict(zip(keys, after[i, c].tolist(), strict=True))
+            numbers[f"nominal_{first}"] = tuple(before[i, c, :linear].tolist())
+            if first == "px":
+                numbers["at_px"] = tuple(part.data.readings[i, channels][c, :2].tolist())
             yield Residual(
                 pose=poses.names[i],
-                marker=found.model.marker_names[markers[c]],
+                marker=names[c],
                 instrument=instrument.name_at(sites[i]),
-                **dict(zip(keys, after[i, c].tolist(), strict=True)),
-                nominal_mm=tuple(before[i, c, :3].tolist()),
+                **numbers,
                 nominal_mrad=three(turn) if len(turn) else None,
                 heldout=held,
             )

@@ -32,7 +32,12 @@ from studies.document import (
     plural,
 )
 from studies.identify.drift import Drift, Motion, Rate, Reference
-from studies.identify.pictures import correlation, distances, residuals_by_pose
+from studies.identify.pictures import (
+    correlation,
+    distances,
+    errors_over_image,
+    residuals_by_pose,
+)
 from studies.identify.point_errors import point_errors
 from studies.identify.record import (
     Absorbed,
@@ -75,20 +80,17 @@ def told(record: IdentifyRecord) -> Document:
 
 
 def _headline(record: IdentifyRecord) -> Iterator[Sentence]:
-    before, after, where = record.rms_mm.nominal, record.rms_mm.fitted_all, "the robot"
-    unseen, held = record.nominal_at_heldout_mm, record.rms_mm.heldout
-    if unseen is not None and held is not None:
-        before, after, where = unseen, held, "at poses it never saw, the robot"
+    before, after, unit = _before_and_after(record)
+    where = "at poses it never saw, the robot" if record.held_out else "the robot"
     better, converged = after < before, record.status == "converged"
-    now = (
-        f"is now predicted to {mm(after)}" if better else f"is predicted to {mm(after)}, no better"
-    )
+    figure = f"{MRAD(after)} {unit}" if unit == "px" else mm(after)
+    now = f"is now predicted to {figure}" if better else f"is predicted to {figure}, no better"
     praised = record.status != "not_converged" and before >= 2.0 * after > 0.0
     times = f", {before / after:.0f} times better" if praised else ""
     yield Sentence(
         f"{record.rank} of {len(record.parameters)} parameters identified from "
         f"{plural(record.poses, 'reading')}, {plural(record.points, 'point')}: {where} was off by "
-        f"{mm(before)} and {now}{times}.",
+        f"{f'{MRAD(before)} px' if unit == 'px' else mm(before)} and {now}{times}.",
         "good" if better and converged else "warn",
     )
     if not better:
@@ -112,6 +114,30 @@ def _headline(record: IdentifyRecord) -> Iterator[Sentence]:
     if record.outliers:
         names = listed([entry.pose for entry in record.outliers])
         yield Sentence(f"Left out of the fit as outliers: {names}.", "warn")
+
+
+def _before_and_after(record: IdentifyRecord) -> tuple[float, float, str]:
+    """RMS by the nominal and by the identified model, held out where anything was, and the unit.
+
+    In space; where no reading is a length, of the instrument that is predicted worst.
+    """
+    rms = record.rms_mm
+    if rms.nominal is not None and rms.fitted_all is not None:
+        unseen = record.nominal_at_heldout_mm
+        if unseen is not None and rms.heldout is not None:
+            return unseen, rms.heldout, "mm"
+        return rms.nominal, rms.fitted_all, "mm"
+    of = {own.instrument: own for own in record.instruments}
+    worst = max(of.values(), key=lambda own: own.heldout or own.fitted_all or 0.0)
+    own = [row for row in record.residuals if row.instrument == worst.instrument]
+    if record.held_out:
+        own = [row for row in own if row.heldout]
+    both = (
+        [sum(x * x for x in vector) for vector in vectors]
+        for vectors in ([row.nominal for row in own], [row.vector for row in own])
+    )
+    before, after = ((sum(squares) / len(squares)) ** 0.5 for squares in both)
+    return before, after, worst.unit
 
 
 # -- errors ------------------------------------------------------------------------------------
@@ -143,9 +169,10 @@ _OUTLIERS: tuple[Column[tuple[Outlier, str]], ...] = (
 def _errors(record: IdentifyRecord) -> Iterator[Part]:
     floor = mm(3.0**0.5 * record.noise.instrument_mm)
     caption = f"Distances in space; the instrument alone would leave {floor} RMS"
-    yield Table(_ERRORS, list(_models(record)), "Errors by model", caption)
-    yield Figure(lambda: distances(record))
-    if len(record.instruments) > 1:
+    if rows := list(_models(record)):
+        yield Table(_ERRORS, rows, "Errors by model", caption)
+        yield Figure(lambda: distances(record))
+    if len(record.instruments) > 1 or not rows:
         caption = "Root mean squares; of whole poses, the length of the translation and of the turn"
         yield Table(_OF_INSTRUMENTS, record.instruments, "Errors by instrument", caption)
     every = {**_MODELS, "fitted": _MODELS["fitted_all"]}
@@ -159,6 +186,10 @@ def _errors(record: IdentifyRecord) -> Iterator[Part]:
     )
     yield Detail((Table(_PAIRS, pairs, "Distances between two poses", caption),) if pairs else ())
     yield from _outliers(record)
+    if any(not row.metric for row in record.residuals):
+        yield Figure(lambda: errors_over_image(record))
+    if not rows:
+        return
     yield Figure(lambda: residuals_by_pose(record, heldout=False))
     if record.rms_mm.heldout is not None:
         yield Figure(lambda: residuals_by_pose(record, heldout=True))

@@ -35,6 +35,8 @@ def _bars(evidence: Evidence) -> Iterator[Bar]:
     noise: Noise | None = None
     if identified is not None and isinstance(identified.record, IdentifyRecord):
         rms = identified.record.rms_mm
+        if rms.nominal is None or rms.fitted_all is None:
+            return  # no reading is a length
         yield Bar("nominal model", rms.nominal, "bad")
         yield Bar("identified model", rms.fitted_all, "good")
         if rms.heldout is not None:

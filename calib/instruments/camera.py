@@ -1,0 +1,248 @@
+"""Cameras: pixels of points on the tip seen from the world, or of a board in the world from the tip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from calib.arm.se3 import cross, rotate, skew, so3_exp, so3_log, so3_right_jacobian
+from calib.arrays import Array, IntArray, Mask
+from calib.instruments.hand_eye import hand_eye
+from calib.instruments.lens import CENTER, DISTORTION, FOCAL, Lens
+from calib.instruments.pose import CORNERS, DIFFERENCES, corners_of
+from calib.instruments.protocol import (
+    Column,
+    Instrument,
+    Linear,
+    Nominal,
+    Number,
+    Start,
+    Unknown,
+)
+from calib.instruments.seen_boards import board_poses, resected
+
+_STANDING = (
+    *(Unknown(c, "mm", 1e-3, 1e-2) for c in "xyz"),
+    *(Unknown(f"r{c}", "mrad", 1e-3, 1e-2) for c in "xyz"),
+)
+_LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+_ENOUGH = 4  # images of a board that fix it: three, and one to spare
+_BENT = 0.1  # plausible size of a coefficient of distortion
+_OFF = 0.02  # of the focal length: plausible error of it and of the centre
+FREE = {"focal": FOCAL, "center": CENTER, "distortion": DISTORTION}
+"""Parts of a lens that may be unknown, by their names in a cell."""
+
+
+@dataclass(frozen=True, eq=False)
+class Board:
+    """A shape that is known: positions among the readings, and the points (n, 3), m, in its frame."""
+
+    name: str
+    channels: slice
+    points: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Camera(Instrument):
+    """A pinhole with its lens. The place ends with what is unknown of the lens, beyond the given.
+
+    sigma : float, px, of a coordinate; image : ndarray, shape (2,), px, its size, or None
+    free : ndarray of int, positions of the unknown values of the lens
+    believed : ndarray, shape (9,), standard deviations of the lens's values, NaN where none is given
+    boards : tuple of Board, that it sees
+    """
+
+    lens: Lens = field(default_factory=Lens)
+    sigma: float = 1.0
+    image: Array | None = None
+    free: IntArray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    believed: Array = field(default_factory=lambda: np.full(9, np.nan))
+    boards: tuple[Board, ...] = ()
+    kind: ClassVar[str] = "camera"
+    rows: ClassVar[int] = 2
+    columns: ClassVar[tuple[Column, ...]] = (Column("u", "pixel"), Column("v", "pixel"))
+
+    @property
+    def of_lens(self) -> tuple[Unknown, ...]:
+        """What is unknown of the lens."""
+        focal = float(self.lens.values[FOCAL].mean())
+        return tuple(
+            Unknown(_LENS[i], "px", 1.0, _OFF * focal) if i < DISTORTION.start
+            else Unknown(_LENS[i], "", 1.0, _BENT)
+            for i in self.free.tolist()
+        )  # fmt: skip
+
+    @property
+    def prior(self) -> Array:
+        standing = len(self.unknowns) - len(self.free)
+        return np.concatenate([np.full(standing, np.nan), self.believed[self.free]])
+
+    @property
+    def metric(self) -> bool:
+        return bool(self.boards)
+
+    @property
+    def numbers(self) -> tuple[Number, ...]:
+        return (Number("u", "px", 1.0), Number("v", "px", 1.0))
+
+    def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
+        """Even in both directions; sigma : of a coordinate, px."""
+        del place
+        own = np.where(np.isnan(sigma), self.sigma, sigma)[..., None, None]
+        return np.broadcast_to(np.eye(2) / own, (*rows.shape, 2))
+
+    def _split(self, place: Array) -> tuple[Array, Lens]:
+        """Where it, or the boards stand; the lens."""
+        standing = place.shape[-1] - len(self.free)
+        if not len(self.free):
+            return place, self.lens
+        by = np.zeros((*place.shape[:-1], 9))
+        by[..., self.free] = place[..., standing:]
+        return place[..., :standing], self.lens.moved(by)
+
+
+@dataclass(frozen=True, eq=False)
+class FixedCamera(Camera):
+    """In the world, of markers and boards on the tip. The place begins with ``T_camera_base``."""
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        return (*_STANDING, *self.of_lens)
+
+    def read(self, place: Array, points: Array) -> Array:
+        standing, lens = self._split(place)
+        R, t = so3_exp(standing[..., 3:]), standing[..., :3]
+        return lens.project(rotate(R[..., None, None, :, :], points) + t[..., None, None, :])
+
+    def linearise(self, place: Array, points: Array) -> Linear:
+        standing, lens = self._split(place)
+        R = so3_exp(standing[..., 3:])[..., None, None, :, :]
+        rows, by_own, by_lens = lens.linearise(
+            rotate(R, points) + standing[..., None, None, :3]
+        )  # fmt: skip
+        turn = -R @ skew(points) @ so3_right_jacobian(standing[..., 3:])[..., None, None, :, :]
+        by_place = np.concatenate([by_own, by_own @ turn, by_lens[..., self.free]], axis=-1)
+        return Linear(rows, by_own @ R, by_place)
+
+    def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
+        """By hand-eye calibration where images hold enough of a board, else by resection."""
+        ideal = self.lens.ideal(rows)
+        told = arm.free & np.any(seen, axis=0)[:, None]
+        for board in self.boards:
+            told[board.channels] = arm.free[board.channels]
+        shapes = tuple((board.channels, board.points) for board in self.boards)
+        measured, whole = board_poses(ideal, seen, shapes)
+        first = None
+        if shapes and (whole.sum(axis=0) >= _ENOUGH).all():
+            frames = np.stack([_frame_of(arm.markers[own], shape) for own, shape in shapes])
+            known = np.array([not arm.free[own].any() for own, _ in shapes])
+            tips = (arm.R_tip, arm.p_tip)
+            first = hand_eye(measured, whole, tips, frames, known, arm.placed)
+        R, t, markers = resected(ideal, seen, arm, shapes, first)
+        place = np.concatenate([t, so3_log(R), np.zeros(len(self.free))])
+        return Start(place, markers, told)
+
+
+@dataclass(frozen=True, eq=False)
+class ArmCamera(Camera):
+    """On the tip, of boards in the world. The place begins with ``T_base_board`` of each board.
+
+    It rides on the tip as a body does: three points, its centre and the ends of its x and y axes.
+
+    guess : ndarray, shape (boards, 6), where the boards stand, translation first, in base axes
+    """
+
+    each: ClassVar[int] = CORNERS
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        several = len(self.boards) > 1
+        standing = (
+            u._replace(name=f"{board.name}.{u.name}" if several else u.name)
+            for board in self.boards
+            for u in _STANDING
+        )
+        return (*standing, *self.of_lens)
+
+    def _seen_from(self, corners: Array) -> tuple[Array, Array]:
+        """The centre (..., 3) and the axes (..., 3, 3), by rows, of the camera in base axes."""
+        frame = np.einsum("ab,...bi->...ai", DIFFERENCES, corners)
+        x, y = frame[..., 1, :], frame[..., 2, :]
+        return frame[..., 0, :], np.stack([x, y, cross(x, y)], axis=-2)
+
+    def _targets(self, standing: Array) -> tuple[Array, Array]:
+        """The boards' points (..., C, 3) in base axes, and their derivatives (..., C, 3, 6 boards)."""
+        batch, places = standing.shape[:-1], standing.reshape((*standing.shape[:-1], -1, 6))
+        count = sum(len(board.points) for board in self.boards)
+        points, by = np.zeros((*batch, count, 3)), np.zeros((*batch, count, 3, standing.shape[-1]))
+        for k, board in enumerate(self.boards):
+            R = so3_exp(places[..., k, 3:])[..., None, :, :]
+            points[..., board.channels, :] = (
+                rotate(R, board.points) + places[..., k, None, :3]
+            )  # fmt: skip
+            turn = so3_right_jacobian(places[..., k, 3:])[..., None, :, :]
+            by[..., board.channels, :, 6 * k : 6 * k + 3] = np.eye(3)
+            by[..., board.channels, :, 6 * k + 3 : 6 * k + 6] = -R @ skew(board.points) @ turn
+        return points, by
+
+    def read(self, place: Array, points: Array) -> Array:
+        standing, lens = self._split(place)
+        corners = points.reshape((*points.shape[:-1], CORNERS, 3))
+        centre, axes = self._seen_from(corners)
+        targets, _ = self._targets(standing)
+        return lens.project(rotate(axes, targets[..., None, :, :] - centre))
+
+    def linearise(self, place: Array, points: Array) -> Linear:
+        standing, lens = self._split(place)
+        corners = points.reshape((*points.shape[:-1], CORNERS, 3))
+        centre, axes = self._seen_from(corners)
+        targets, by_board = self._targets(standing)
+        ray = targets[..., None, :, :] - centre
+        rows, by_own, by_lens = lens.linearise(rotate(axes, ray))
+        x, y = axes[..., 0, :], axes[..., 1, :]
+        none = np.zeros_like(x)
+        by_x = np.stack([ray, none, cross(y, ray)], axis=-2)  # of (x, y, x cross y) . ray
+        by_y = np.stack([none, ray, cross(ray, x)], axis=-2)
+        by_corners = np.concatenate([-axes - by_x - by_y, by_x, by_y], axis=-1)
+        by_place = np.concatenate(
+            [by_own @ (axes @ by_board[..., None, :, :, :]), by_lens[..., self.free]], axis=-1
+        )
+        return Linear(rows, by_own @ by_corners, by_place)
+
+    def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
+        """Hand-eye calibration with the board that most images hold; the others from the camera."""
+        shapes = tuple((board.channels, board.points) for board in self.boards)
+        (R, t), whole = board_poses(self.lens.ideal(rows), seen, shapes)
+        back = np.swapaxes(R, -1, -2), -rotate(np.swapaxes(R, -1, -2), t)  # the camera in the board
+        frame = np.einsum("ab,bi->ai", DIFFERENCES, arm.markers[:CORNERS])
+        known = not arm.free[:CORNERS].any()
+        places = np.zeros((len(shapes), 6))
+        for k in np.argsort(-whole.sum(axis=0)):
+            if not whole[:, k].any():
+                continue
+            own = (back[0][:, k : k + 1], back[1][:, k : k + 1])
+            R_board, t_board, bodies = hand_eye(
+                own,
+                whole[:, k : k + 1],
+                (arm.R_tip, arm.p_tip),
+                frame[None],
+                np.array([known]),
+                arm.placed,
+            )
+            frame, known = bodies[0], True
+            places[k, :3], places[k, 3:] = -R_board.T @ t_board, so3_log(R_board.T)
+        axes = np.stack([frame[1], frame[2], np.cross(frame[1], frame[2])], axis=-1)
+        corners = corners_of(axes, frame[0])
+        told = arm.free & bool(whole.any())
+        markers = np.where(told, np.tile(corners, (len(arm.markers) // CORNERS, 1)), arm.markers)
+        return Start(np.concatenate([places.reshape(-1), np.zeros(len(self.free))]), markers, told)
+
+
+def _frame_of(markers: Array, shape: Array) -> Array:
+    """Origin and two axes (3, 3), by rows, of a board whose points lie at markers (n, 3)."""
+    from calib.arm.se3 import fit_rigid
+
+    T = fit_rigid(markers, shape)
+    return np.stack([T[:3, 3], T[:3, 0], T[:3, 1]])

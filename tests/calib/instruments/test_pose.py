@@ -101,7 +101,7 @@ def cell_with(
     return replace(
         cell,
         marker_names=("m1",) * first + tuple(n + end for n in names for end in ("", ":x", ":y")),
-        bodies={name: first + 3 * b for b, name in enumerate(names)},
+        bodies={name: slice(first + 3 * b, first + 3 * b + 3) for b, name in enumerate(names)},
         instruments=(*more, eye(first, bodies)),
     )
 

@@ -56,7 +56,7 @@ def errors_by_robot(record: FleetRecord) -> Picture:
     _finish(figure, panels, every, "robots, sorted", list(LOOKS))
     caption = (
         "RMS distance between measured and predicted points of each robot's last table, by type, in "
-        "the order of the nominal model's error. A robot that stands above its neighbours is worth a look."
+        "the order of the nominal model's error. A robot above its neighbours is worth a look."
     )
     rows: tuple[tuple[Cell, ...], ...] = tuple(
         (own.type, own.robot, own.rms_mm.nominal, own.rms_mm.fitted, own.rms_mm.heldout)

@@ -45,9 +45,9 @@ def told(record: FleetRecord) -> Document:
 
 def _headline(record: FleetRecord) -> Iterator[Sentence]:
     whole = len(record.sessions) - len(record.faults)
-    kinds = listed([f"{plural(own.robots, 'robot')} {own.type}" for own in record.types], 4)
+    types = listed([f"{own.type} ({own.robots})" for own in record.types], 4)
     yield Sentence(
-        f"{plural(whole, 'table')} of {plural(record.robots, 'robot')} done: {kinds}."
+        f"{plural(whole, 'table')} of {plural(record.robots, 'robot')} done, by type: {types}."
         if whole
         else "No table could be done."
     )
@@ -68,7 +68,8 @@ def _robots(record: FleetRecord) -> Iterator[Part]:
     yield Table(_FAULTS, record.faults, "Tables at fault", most=_MOST)
     whole = [own for own in record.sessions if own.status or own.verdict]
     asked = {"identify": _IDENTIFIED, "diagnose": _DIAGNOSED}
-    columns = (*_TABLE, *(column for verb in record.verbs for column in asked[verb]), *_FILES)
+    day = _DAY if any(own.day for own in whole) else ()
+    columns = (*_TABLE, *day, *(column for verb in record.verbs for column in asked[verb]), *_FILES)
     yield Table(columns, whole, "Robots and their tables", most=_MOST)
     if any(own.status for own in whole):
         yield Figure(lambda: errors_by_robot(record), numbers=False)
@@ -78,8 +79,8 @@ _TABLE: tuple[Column[Session], ...] = (
     Column("robot", lambda row: row.robot),
     Column("type", lambda row: row.type),
     Column("table", lambda row: row.table, detail=True),
-    Column("day", lambda row: row.day, TEXT),
 )
+_DAY: tuple[Column[Session], ...] = (Column("day", lambda row: row.day, TEXT),)
 _IDENTIFIED: tuple[Column[Session], ...] = (
     Column("status", lambda row: row.status, TEXT),
     Column("poses", lambda row: row.poses, COUNT),

@@ -65,6 +65,12 @@ class Session(Entry):
     causes: tuple[Named, ...]
     results: tuple[str, ...]
 
+    @model_validator(mode="after")
+    def _has_errors(self) -> Self:
+        if self.status is not None and None in (self.rms_mm.nominal, self.rms_mm.fitted):
+            raise ValueError("a session with a status has no rms_mm")
+        return self
+
 
 class Shared(Cause):
     """A cause among the robots of a type.

@@ -58,10 +58,14 @@ def _headline(record: FleetRecord) -> Iterator[Sentence]:
         names = listed(list(dict.fromkeys(own.robot for own in record.off)), 5)
         yield Sentence(f"Unlike the others of their type: {names}.", "warn")
     for own in record.types:
-        frequent = [cause for cause in own.causes if 2 * cause.robots > own.diagnosed > 1]
+        frequent = [_shared(own, c) for c in own.causes if 2 * c.possible > own.diagnosed > 1]
         if frequent:
-            said = ", ".join(f"{c.key} ({c.robots} of {own.diagnosed})" for c in frequent)
-            yield Sentence(f"Most robots of {own.type} share {said}.")
+            yield Sentence(f"In most robots of {own.type}: {listed(frequent, 3)}.")
+
+
+def _shared(own: Type, cause: Shared) -> str:
+    also = f", possible in {cause.possible}" if cause.possible > cause.robots else ""
+    return f"{cause.key} (named in {cause.robots} of {own.diagnosed}{also})"
 
 
 def _robots(record: FleetRecord) -> Iterator[Part]:
@@ -141,7 +145,9 @@ class _OfType:
 def _types(record: FleetRecord) -> Iterator[Part]:
     if not record.types:
         return
-    yield Table(_TYPES, record.types, "Types, medians over their robots")
+    asked = {"identify": _OF_ERRORS, "diagnose": _OF_VERDICTS}
+    columns = (*_TYPES, *(column for verb in record.verbs for column in asked[verb]))
+    yield Table(columns, record.types, "Types, medians over their robots")
     rows = [_OfType(own, cause) for own in record.types for cause in own.causes]
     yield Table(_CAUSES, rows, "Causes by type", most=_MOST)
 
@@ -149,9 +155,13 @@ def _types(record: FleetRecord) -> Iterator[Part]:
 _TYPES: tuple[Column[Type], ...] = (
     Column("type", lambda row: row.type),
     Column("robots", lambda row: row.robots, COUNT),
+)
+_OF_ERRORS: tuple[Column[Type], ...] = (
     Column("nominal", lambda row: row.rms_mm.nominal, MM, "mm RMS"),
     Column("identified", lambda row: row.rms_mm.fitted, MM, "mm RMS"),
     Column("held out", lambda row: row.rms_mm.heldout, MM, "mm RMS"),
+)
+_OF_VERDICTS: tuple[Column[Type], ...] = (
     Column("diagnosed", lambda row: row.diagnosed, COUNT),
     Column(
         "verdicts", lambda row: [f"{n} {verdict}" for verdict, n in row.verdicts.items()], NAMES

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import resource
 import shutil
 import signal
 import subprocess
@@ -54,11 +55,12 @@ class Sample:
 
 @dataclass(frozen=True)
 class Run:
-    """A run of the command: what it said, and how it went."""
+    """A run of the command: what it said, how it went, and its time on processors [s]."""
 
     status: int
     said: str
     samples: list[Sample]
+    cpu_s: float
 
     @property
     def counts(self) -> tuple[int, int]:
@@ -79,6 +81,7 @@ def run(folder: Path, *options: str, until: Callable[[Sample], bool] = lambda _:
     own = {"cwd": folder, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     env = {**os.environ, "PYTHONPATH": os.pathsep.join([os.getcwd(), *sys.path])}
     begun, samples = time.monotonic(), []
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     with subprocess.Popen([*RUN, *options], env=env, start_new_session=True, **own) as process:  # type: ignore[call-overload]  # noqa: S603
         while process.poll() is None:
             samples.append(_sample(process.pid, folder, time.monotonic() - begun))
@@ -87,7 +90,9 @@ def run(folder: Path, *options: str, until: Callable[[Sample], bool] = lambda _:
             time.sleep(_TICK_S)
         said = process.stdout.read()
     samples.append(Sample(time.monotonic() - begun, len(results(folder)), 0, 0))
-    return Run(process.returncode, said, samples)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return Run(process.returncode, said, samples, cpu)
 
 
 def _sample(pid: int, folder: Path, seconds: float) -> Sample:
@@ -145,6 +150,7 @@ def measured(
         "seconds": first.samples[-1].seconds,
         "robots_a_minute": 60.0 * robots / first.samples[-1].seconds,
         "robots_a_minute_started": 60.0 * robots / (busy[-1] - busy[0]) if len(busy) > 1 else None,
+        "processor_s_a_robot": single.cpu_s / robots,
         "robots_a_minute_one_worker": 60.0 * robots / single.samples[-1].seconds,
         "memory_to_a_third_mb": first.memory_mb(0.01, 1 / 3),
         "memory_of_the_last_tenth_mb": first.memory_mb(0.9, 1.0),

@@ -58,6 +58,7 @@ def fleet(
       posecal fleet plant --only identify --holdout 0.3 --json plant.json
     """
     from calib.errors import InputError
+    from studies.document import plural
     from studies.engines import engine
     from studies.fleet.find import find
     from studies.fleet.one import VERBS, Asked, share
@@ -86,9 +87,8 @@ def fleet(
     record = fleet_record(done, str(fleet_folder), asked, made_from)
     deliver(record, json_path, folder)
     kept, files = sum(own.kept for own in done), sum(len(own.files) for own in done)
-    click.echo(
-        f"{files - kept} results written beside their tables, {kept} kept", err=json_path == "-"
-    )
+    said = f"{plural(files - kept, 'result')} written beside the tables, {kept} kept"
+    click.echo(said, err=json_path == "-")
 
 
 def _done(

@@ -80,7 +80,7 @@ def over_days(record: FleetRecord) -> Picture:
         panel.plot(at, _drawn(own.fitted_mm), **LOOKS["fitted"].line)
         panel.set_title(elided(own.robot))
     every = [value for own in shown for value in (*own.nominal_mm, *own.fitted_mm)]
-    x = "days since the first table" if dated else "table"
+    x = "days since the first" if dated else "table"
     _finish(figure, panels, every, x, ["nominal", "fitted"])
     left = f" Of {len(trends)} robots the {_PANELS} that changed most." * (len(trends) > _PANELS)
     caption = (
@@ -129,12 +129,14 @@ def _finish(
 
     known = _drawn([value for value in values if value is not None])
     low, high = float(known.min()) / 1.6, float(known.max()) * 1.6
-    for panel in panels:
+    for number, panel in enumerate(panels):
         tidy(panel, "y")
+        if number % _ACROSS == 0:
+            panel.set_ylabel("RMS [mm]")
+        if number >= len(panels) - _ACROSS:
+            panel.set_xlabel(x)
         panel.set_yscale("log")
         panel.set_ylim(low, high)
         panel.xaxis.set_major_locator(MaxNLocator(4, integer=True))
         log_ticks(panel.yaxis, low, high)
-    figure.supxlabel(x)
-    figure.supylabel("RMS [mm]")
     legend_below(figure, [key_of(LOOKS[key], linestyle="") for key in keys])

@@ -65,7 +65,7 @@ class Run:
     @property
     def counts(self) -> tuple[int, int]:
         """Results written and kept, as it says."""
-        found = re.search(r"(\d+) results written beside their tables, (\d+) kept", self.said)
+        found = re.search(r"(\d+) results? written beside the tables, (\d+) kept", self.said)
         return (int(found[1]), int(found[2])) if found else (0, 0)
 
     def memory_mb(self, low: float, high: float) -> tuple[float, float]:

@@ -9,6 +9,7 @@ again; by one. All results must be the same to the last byte, and nothing be com
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import re
 import resource
@@ -27,7 +28,7 @@ import click
 import psutil
 
 from studies.command.deliver import console_for
-from studies.research.benchmarks.plant import FAULTY, write_plant
+from studies.research.benchmarks.plant import FAULTY, knocked, write_plant
 
 RUN = [
     sys.executable,
@@ -138,6 +139,7 @@ def measured(
     stood = {path: path.stat().st_mtime_ns for path in results(killed)}
     second = run(killed, *many)
     single = run(alone, "--workers", "1", *options)
+    summary = json.loads((whole / "fleet.json").read_text(encoding="utf-8"))
     busy = [own.seconds for own in first.samples if 0 < own.results < wanted]
     return {
         "robots": robots,
@@ -159,6 +161,8 @@ def measured(
         "kept_untouched": all(p.stat().st_mtime_ns == when for p, when in stood.items()),
         "killed_same_bytes": digests(killed) == digests(whole),
         "one_worker_same_bytes": digests(alone) == digests(whole),
+        "knocked": [index for index in range(robots) if knocked(index)],
+        "stand_out": sorted({int(own["robot"][-5:]) for own in summary["off"]}),
         "left_over": [p.name for p in killed.rglob(".posecal-*")],
     }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,10 +15,11 @@ from studies.fleet.one import Done
 _FEWEST = 6
 """Robots of a type by which one of them can stand out."""
 _ALARM = 0.05  # chance that anything stands out of a type where nothing is the matter
-_NORMAL = 1.4826  # standard deviation over median absolute deviation
-_FREEDOM = 0.45
-"""Degrees of freedom that a median absolute deviation is worth, of each of n - 1: with it the tail of a
-Student t holds at most 1.3 times what it says, from 6 to 300 robots, down to 1e-4."""
+_MOST = 4
+"""One robot in so many may stand out of one figure; the others are its type."""
+
+
+_EQUAL = 1e-9  # of a value, below which the spread is that of the last digits
 
 
 class Off(NamedTuple):
@@ -82,52 +84,82 @@ def _errors(robots: Sequence[Done]) -> Iterator[_Figure]:
         known = [own for own in robots if own.rms_mm.get(key)]
         values = np.array([own.rms_mm[key] for own in known], dtype=float)
         yield known, f"{key} RMS", "mm", values, np.zeros(0)
-    known = [own for own in robots if own.sigma_mm]
-    yield known, "noise", "mm", np.array([own.sigma_mm for own in known], dtype=float), np.zeros(0)
 
 
 def _parameters(robots: Sequence[Done]) -> Iterator[_Figure]:
-    """Those of robots whose models hold the same: others may mean other things by the same name."""
-    alike: dict[tuple[tuple[str, str], ...], list[Done]] = defaultdict(list)
+    """Each over the robots that have it.
+
+    Which of those that go together a model holds may differ from robot to robot: what one means then
+    differs a little too, and its spread counts that.
+    """
+    having: dict[tuple[str, str], list[tuple[Done, int]]] = defaultdict(list)
     for own in robots:
         if own.values is not None and own.status == "converged":
-            alike[own.values.names].append(own)
-    for names, known in alike.items():
-        values = np.array([own.values.value for own in known if own.values is not None])
-        std = np.array([own.values.std for own in known if own.values is not None])
-        for (name, unit), value, own_std in zip(names, values.T, std.T, strict=True):
-            yield known, name, unit, value, own_std
+            for column, parameter in enumerate(own.values.names):
+                having[parameter].append((own, column))
+    for (name, unit), known in having.items():
+        values = np.array([own.values.value[k] for own, k in known if own.values is not None])
+        std = np.array([own.values.std[k] for own, k in known if own.values is not None])
+        yield [own for own, _ in known], name, unit, values, std
 
 
 def _beyond(
     known: list[Done], what: str, unit: str, values: Array, std: Array, asked: int
 ) -> Iterator[Off]:
-    """Who exceeds the limit; std : shape (n,), empty for errors, compared by their logarithm."""
-    from scipy.stats import t
+    """Who exceeds the limit; std : shape (n,), empty for errors, compared by their logarithm.
 
-    n = len(values)
-    if n < _FEWEST:
+    The farthest is taken out and compared with those that are left, then the next: all up to the last
+    that exceeds its limit stand out, so that two do not hide each other (Rosner's generalised ESD).
+    """
+    if len(values) < _FEWEST:
         return
     shown = values if len(std) else np.log(values)
-    typical = float(np.median(shown))
-    spread = _NORMAL * float(np.median(np.abs(shown - typical)))
-    if not spread > 0.0:
+    out = _standing_out(shown, asked)
+    rest = np.delete(shown, out)
+    typical, spread, limit = float(rest.mean()), _spread(rest), _limit(len(rest), asked)
+    if spread <= _EQUAL * abs(typical):
         return
-    vague = np.maximum(0.0, std**2 - np.median(std**2)) if len(std) else 0.0
-    deviation = np.abs(shown - typical) / np.sqrt(spread**2 + vague)
-    limit = float(t.isf(_ALARM / (2 * asked), _FREEDOM * (n - 1)))
-    for i in np.flatnonzero(deviation > limit):
-        yield Off(
-            known[i].robot,
-            known[i].type,
-            what,
-            unit,
-            float(values[i]),
-            typical if len(std) else float(np.exp(typical)),
-            spread if len(std) else float(np.exp(typical) * spread),
-            float(deviation[i]),
-            limit,
-        )
+    vague = np.maximum(0.0, std**2 - np.median(std**2)) if len(std) else np.zeros(len(shown))
+    for i in out:
+        deviation = abs(float(shown[i]) - typical) / float(np.sqrt(spread**2 + vague[i]))
+        if deviation > limit:
+            yield Off(
+                known[i].robot,
+                known[i].type,
+                what,
+                unit,
+                float(values[i]),
+                typical if len(std) else float(np.exp(typical)),
+                spread if len(std) else float(np.exp(typical) * spread),
+                deviation,
+                limit,
+            )
+
+
+def _standing_out(shown: Array, asked: int) -> list[int]:
+    """The farthest first."""
+    rest, taken, last = np.arange(len(shown)), list[int](), 0
+    while len(taken) < len(shown) // _MOST:
+        far = int(np.argmax(np.abs(shown[rest] - shown[rest].mean())))
+        taken.append(int(rest[far]))
+        rest = np.delete(rest, far)
+        away = abs(shown[taken[-1]] - shown[rest].mean())
+        if away > _limit(len(rest), asked) * _spread(shown[rest]):
+            last = len(taken)
+    return taken[:last]
+
+
+def _spread(rest: Array) -> float:
+    """Standard deviation of one more from the mean of these."""
+    return float(rest.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(rest)))
+
+
+@cache
+def _limit(rest: int, asked: int) -> float:
+    """By Student's t, in spreads; over all that was asked."""
+    from scipy.stats import t
+
+    return float(t.isf(_ALARM / (2 * asked), rest - 1))
 
 
 def shared(robots: Sequence[Done]) -> list[Shared]:

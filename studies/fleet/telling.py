@@ -110,8 +110,8 @@ def _off(record: FleetRecord) -> Iterator[Part]:
     if not record.off:
         return
     yield Sentence(
-        "Compared with the last table of each robot of its type: median, spread by the median absolute "
-        "deviation. In one type of twenty one figure stands here by chance."
+        "Compared with the last tables of the robots of its type that do not stand out; the spread is "
+        "the standard deviation of one robot more. In one type of twenty one stands here by chance."
     )
     yield Table(_OFF, record.off, "Figures that stand out", most=_MOST)
 

@@ -99,12 +99,16 @@ def test_who_is_off_and_what_rises(done: tuple[dict[str, Any], str]) -> None:
     fields, said = done
     assert fields["off"][0]["what"] == "joint_offset:j2.offset"
     assert fields["off"][0]["value"] == pytest.approx(9e3, rel=0.02)
-    assert {own["robot"] for own in fields["off"]} == {FAR}
+    assert {own["robot"] for own in fields["off"]} == {FAR, "again"}
+    assert {own["what"] for own in fields["off"] if own["robot"] == "again"} <= {
+        "joint_offset:j2.offset",  # 2.6 mrad by now, where all others have 1.0 to 1.3
+        "nominal RMS",
+    }
     (trend,) = fields["trends"]
     assert trend["robot"] == "again"
     assert trend["days"] == [0, 31, 59, 90]
     assert sorted(trend["nominal_mm"]) == trend["nominal_mm"]
-    assert f"Unlike the others of their type: {FAR}." in said
+    assert f"Unlike the others of their type: {FAR}, again." in said
     assert max(map(len, said.splitlines())) <= 120
 
 
@@ -150,6 +154,7 @@ def test_other_options_or_another_version_start_anew(
     assert len(anew(few, "--seed", 1)) == 2
 
 
+@pytest.mark.long
 def test_no_digit_depends_on_the_workers(few: Path) -> None:
     made = []
     for workers in (1, 2):

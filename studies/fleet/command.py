@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -102,10 +103,14 @@ def _done(
     from studies.fleet.one import do
 
     done: dict[int, Done] = {}
+    names: dict[tuple[tuple[str, str], ...], tuple[tuple[str, str], ...]] = {}
     try:
         with closing(computed(do, ((job, asked) for job in jobs), executor, AHEAD)) as coming:
             for index, own in coming:
                 done[index] = own
+                if own.values is not None:  # thousands of robots share the names of a few types
+                    shared = names.setdefault(own.values.names, own.values.names)
+                    own.values = replace(own.values, names=shared)
                 progress(1)
     except KeyboardInterrupt:
         click.echo(

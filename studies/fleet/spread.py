@@ -137,14 +137,16 @@ def _beyond(
 
 
 def _standing_out(shown: Array, asked: int) -> list[int]:
-    """The farthest first."""
-    rest, taken, last = np.arange(len(shown)), list[int](), 0
+    """The farthest first; it is at one end of those that are left, in their order."""
+    order = np.argsort(shown, kind="stable")
+    rest, taken, last = shown[order], list[int](), 0
     while len(taken) < len(shown) // _MOST:
-        far = int(np.argmax(np.abs(shown[rest] - shown[rest].mean())))
-        taken.append(int(rest[far]))
-        rest = np.delete(rest, far)
-        away = abs(shown[taken[-1]] - shown[rest].mean())
-        if away > _limit(len(rest), asked) * _spread(shown[rest]):
+        middle = rest.mean()
+        above = rest[-1] - middle > middle - rest[0]
+        taken.append(int(order[-1] if above else order[0]))
+        kept = slice(None, -1) if above else slice(1, None)
+        rest, order = rest[kept], order[kept]
+        if abs(shown[taken[-1]] - rest.mean()) > _limit(len(rest), asked) * _spread(rest):
             last = len(taken)
     return taken[:last]
 

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -250,3 +255,42 @@ def test_a_cause_that_a_type_shares(tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     assert run("report", out, "-o", page).exit_code == 0
     assert "transmission_harmonic:j3" in page.read_text()
+
+
+@pytest.mark.long
+def test_on_a_cluster(few: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    here = {name: (few / name).read_bytes() for name in written(few)}
+    fleet(few, "--seed", 3)
+    seeded = {name: (few / name).read_bytes() for name in written(few)}
+    fleet(few, "--seed", 4)
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0"
+    ) as cluster:
+        fleet(few, "--seed", 3, "--scheduler", cluster.scheduler_address)
+    assert {name: (few / name).read_bytes() for name in written(few)} == seeded != here
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="no groups of processes")
+def test_ctrl_c_leaves_what_is_done(copy: Path) -> None:
+    for name in written(copy):
+        (copy / name).unlink()
+    words = ["fleet", ".", "--only", "identify", "--workers", "2"]
+    with subprocess.Popen(
+        [sys.executable, "-c", "from studies.cli import run; run()", *words],
+        cwd=copy, env={**os.environ, "PYTHONPATH": os.pathsep.join([os.getcwd(), *sys.path])},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    ) as process:  # fmt: skip
+        end = time.monotonic() + 60.0
+        while not written(copy) and time.monotonic() < end:
+            time.sleep(0.02)
+        os.killpg(process.pid, signal.SIGINT)
+        stdout, stderr = process.communicate(timeout=60.0)
+    assert process.returncode == 130, stderr
+    assert not stdout
+    assert stderr.startswith("posecal: interrupted; ")
+    assert stderr.count("\n") == 1
+    assert not list(copy.rglob(".posecal-*"))
+    for name in written(copy):
+        assert json.loads((copy / name).read_text())["command"] == "identify"

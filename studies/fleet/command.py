@@ -66,7 +66,6 @@ def fleet(
     from studies.fleet.record import fleet_record, results_of
     from studies.record import envelope
 
-    check_outputs([output_file(json_path)], [], folder)
     if not fleet_folder.is_dir():
         raise InputError(fleet_folder, "", "is no folder", "name one with cells below it")
     jobs = find(fleet_folder, None if share(holdout) else holdout)
@@ -75,6 +74,8 @@ def fleet(
         raise InputError(
             fleet_folder, "", f"holds {what}", "put tables of measurements beside cells"
         )
+    inputs = dict.fromkeys(path for job in jobs for path in (job.cell, job.table) if path)
+    check_outputs([output_file(json_path)], [path for path in inputs if path.is_file()], folder)
     asked = Asked(tuple(v for v in VERBS if only in (None, v)), holdout, seed)
     with (
         engine(processes(workers, len(jobs) > 1), scheduler) as executor,

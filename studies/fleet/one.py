@@ -163,10 +163,21 @@ def _kept(path: Path, verb: Verb, session: Session) -> Record | None:
     same = (
         record.kind == verb
         and (record.version, record.seed) == (now["version"], session.seed)
-        and getattr(record, "holdout", None) == session.holdout
+        and _as_asked(record, session)
         and [e.sha256 for e in record.inputs] == [*map(sha256, made.inputs_of(session))]
     )
     return record if same else None
+
+
+def _as_asked(record: Record, session: Session) -> bool:
+    """Whether its options are those of this run: a user may have put a result there by others."""
+    from studies.diagnose.record import DiagnoseRecord
+    from studies.identify.record import IdentifyRecord
+
+    if isinstance(record, IdentifyRecord):
+        plain = (record.approach, record.method, record.differences) == ("points", "joint", False)
+        return plain and record.holdout == session.holdout
+    return isinstance(record, DiagnoseRecord) and record.holdout == session.holdout
 
 
 def _made(verb: Verb, session: Session) -> Record:

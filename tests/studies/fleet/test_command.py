@@ -196,6 +196,21 @@ def test_it_goes_on_after_an_interruption(few: Path, monkeypatch: pytest.MonkeyP
     assert {name: when for name, when in written(few).items() if name in stood} == stood
 
 
+def test_a_result_by_other_options_is_not_taken(few: Path) -> None:
+    place, out = few / "r0", few / "r0" / "measurements.identify.json"
+    asked = ("identify", place / "cell.toml", place / "measurements.csv", "--holdout", "0.3")
+    assert run(*asked, "--method", "two-step", "--json", out).exit_code == 0
+    assert anew(few, "--holdout", "0.3") == {"r0/measurements.identify.json"}
+
+
+def test_the_summary_takes_no_place_of_a_table(few: Path) -> None:
+    table_before = (few / "r0" / "measurements.csv").read_bytes()
+    done = run("fleet", few, "--json", few / "r0" / "measurements.csv")
+    assert done.exit_code == 2
+    assert "is already an input" in done.stderr
+    assert (few / "r0" / "measurements.csv").read_bytes() == table_before
+
+
 def test_a_fault_of_our_own_ends_no_run(few: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (few / "r0" / "measurements.identify.json").unlink()
     monkeypatch.setattr(one, "_made", lambda *_: divmod(1, 0))

@@ -19,6 +19,7 @@ from studies.compensate.command import compensate
 from studies.design.command import design
 from studies.diagnose.command import diagnose
 from studies.enough.command import enough
+from studies.fleet.command import fleet
 from studies.identify.command import identify
 from studies.init.command import init
 from studies.schema.command import schema
@@ -54,6 +55,7 @@ COMMANDS = (
     identify,
     diagnose,
     compensate,
+    fleet,
     report,
     schema,
 )

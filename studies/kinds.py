@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from studies.record import Record
 
-KINDS = ("design", "plan", "compare", "identify", "diagnose", "enough", "compensate")
+KINDS = ("design", "plan", "compare", "identify", "diagnose", "enough", "compensate", "fleet")
 """In the order in which a page tells of them."""
 
 
@@ -18,6 +18,7 @@ def record_type(kind: str) -> type[Record]:
     from studies.design.record import DesignRecord
     from studies.diagnose.record import DiagnoseRecord
     from studies.enough.record import EnoughRecord
+    from studies.fleet.record import FleetRecord
     from studies.identify.record import IdentifyRecord
     from studies.plan.record import PlanRecord
 
@@ -29,5 +30,6 @@ def record_type(kind: str) -> type[Record]:
         "diagnose": DiagnoseRecord,
         "enough": EnoughRecord,
         "compensate": CompensateRecord,
+        "fleet": FleetRecord,
     }
     return types[kind]

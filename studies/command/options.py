@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,6 +32,19 @@ figures_option = click.option(
     metavar="FOLDER",
     type=PATH,
     help="Write the figures, as SVG and PNG, with their numbers as CSV.",
+)
+_workers_option = click.option(
+    "--workers",
+    metavar="N",
+    type=click.IntRange(min=1),
+    default=None,
+    help="Processes of this machine. Default: one for each processor.",
+)
+_scheduler_option = click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    default=None,
+    help="A dask scheduler that computes instead, such as tcp://host:8786.",
 )
 seed_option = click.option(
     "--seed",
@@ -61,6 +75,18 @@ def one_line_faults(function: Callable[P, T]) -> Callable[P, T]:
 def result_options(function: Callable[P, T]) -> Callable[P, T]:
     """What every command with a result takes, and how it ends: --figures, --json and --seed."""
     return figures_option(json_option(seed_option(one_line_faults(function))))
+
+
+def engine_options(function: Callable[P, T]) -> Callable[P, T]:
+    """Who computes, where there is much to compute: --workers and --scheduler."""
+    return _workers_option(_scheduler_option(function))
+
+
+def processes(workers: int | None, pays: bool) -> int:
+    """As many as were asked for, else one for each processor where more than one pays."""
+    if workers is None:
+        return len(os.sched_getaffinity(0)) if pays else 1
+    return workers
 
 
 class Finite(click.FloatRange):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,10 +12,13 @@ from studies.command.options import (
     PATH,
     Finite,
     cell_argument,
+    engine_options,
     faults_in,
     plan_names,
+    processes,
     result_options,
 )
+from studies.command.progress import progress_bar
 
 if TYPE_CHECKING:
     from studies.compare.compare import Truth
@@ -41,10 +42,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Simulated experiments at each plan; 0 predicts only.",
 )
-@click.option("--workers", metavar="N", type=click.IntRange(min=1), default=None,
-              help="Processes of this machine. Default: one for each processor.")  # fmt: skip
-@click.option("--scheduler", metavar="ADDRESS", default=None,
-              help="A dask scheduler that computes the trials, such as tcp://host:8786.")  # fmt: skip
+@engine_options
 @click.option(
     "--length-mm",
     metavar="MM",
@@ -87,8 +85,8 @@ def compare(
     from calib.files.values import load_values
     from calib.model.build import build
     from studies.compare.compare import compare as compare_plans
-    from studies.compare.engines import engine
     from studies.compare.record import compare_record
+    from studies.engines import engine
     from studies.record import envelope
 
     cell = calib.load_cell(cell_path)
@@ -108,7 +106,7 @@ def compare(
             values = load_values(values_path, build(cell, loaded[0]).model.parameters)
         with (
             engine(_processes(workers, trials), scheduler) as executor,
-            _progress(trials * len(plans)) as progress,
+            progress_bar(trials * len(plans), "simulated experiments") as progress,
         ):
             result = compare_plans(
                 cell,
@@ -128,26 +126,6 @@ def compare(
 
 def _processes(workers: int | None, trials: int) -> int:
     """One for each processor, and none of their own where a single block is all there is."""
-    import os
-
     from studies.compare.montecarlo import MOST_TRIALS
 
-    if workers is None:
-        return len(os.sched_getaffinity(0)) if trials > MOST_TRIALS else 1
-    return workers
-
-
-@contextmanager
-def _progress(total: int) -> Iterator[Callable[[int], None]]:
-    """A bar on a terminal's standard error; nothing where it is no terminal."""
-    import sys
-
-    if not sys.stderr.isatty() or not total:
-        yield lambda _: None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("simulated experiments", total=total)
-        yield lambda done: bar.update(task, advance=done)
+    return processes(workers, trials > MOST_TRIALS)

@@ -9,12 +9,11 @@ or in which order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
-from queue import SimpleQueue
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +21,10 @@ from numpy.typing import NDArray
 from calib.arrays import Array
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
-from studies.compare.engines import interrupts_in
 from studies.compare.experiment import Experiment
 from studies.compare.prediction import Prediction
 from studies.compare.scratch import FromScratch, from_scratch, share_of
+from studies.engines import computed
 
 MOST_TRIALS = 50  # a block: enough for array operations to pay, few enough to stay in the cache
 _MOST_NUMBERS = 4_000_000  # entries of the derivatives of one block
@@ -144,7 +143,7 @@ def refits(
     ]
     done: dict[int, Block] = {}
     try:
-        with closing(_blocks(jobs, executor)) as blocks:
+        with closing(computed(refit, jobs, executor)) as blocks:
             for index, block in blocks:
                 done[index] = block
                 progress(sizes[index])
@@ -171,29 +170,3 @@ def _block_sizes(experiment: Experiment, trials: int) -> list[int]:
     numbers = experiment.weights[..., 0].size * len(experiment.nominal)
     most = max(1, min(MOST_TRIALS, _MOST_NUMBERS // numbers))
     return [min(most, trials - start) for start in range(0, trials, most)]
-
-
-def _blocks(jobs: list[tuple[Any, ...]], executor: Executor | None) -> Generator[tuple[int, Block]]:
-    if executor is None:
-        for index, job in enumerate(jobs):
-            yield index, refit(*job)
-        return
-    done: SimpleQueue[Future[Block] | None] = SimpleQueue()  # None is an interruption
-    futures: dict[Future[Block], int] = {}
-    with interrupts_in(done):
-        try:
-            for index, job in enumerate(jobs):
-                future = executor.submit(refit, *job)
-                futures[future] = index
-                future.add_done_callback(done.put)
-            for _ in jobs:
-                ready = done.get()
-                if ready is None:
-                    raise KeyboardInterrupt
-                yield futures[ready], ready.result()
-        except BrokenExecutor:
-            raise  # the pool is ending its blocks; it stumbles over one that is cancelled meanwhile
-        except BaseException:
-            for future in futures:
-                future.cancel()
-            raise

@@ -9,11 +9,11 @@ import click
 
 from studies.command.deliver import check_outputs, deliver, output_file, show
 from studies.command.options import PATH, cell_argument, data_argument, faults_in, result_options
+from studies.command.session import read_session
+from studies.diagnose.make import NEXT
 
 if TYPE_CHECKING:
     from calib import Cell
-    from calib.diagnosis import Diagnosis
-    from doe.prospect.rivals.next_poses import NextPoses
 
 
 @click.command(short_help="What the model lacks: where, why, how much.")
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     "next_count",
     metavar="N",
     type=click.IntRange(min=0, max=1000),
-    default=8,
+    default=NEXT,
     show_default=True,
     help="Poses to choose that tell rival causes apart; 0 for none.",
 )
@@ -68,14 +68,9 @@ def diagnose(
       posecal diagnose cell.toml plan.csv --plan-only
     """
     import calib
-    from calib.diagnosis.diagnose import diagnose as diagnose_data
-    from calib.diagnosis.spectra import spectra
     from calib.errors import InputError
-    from studies.command.holdout import held_out
     from studies.diagnose.cell_out import better_cell
-    from studies.diagnose.record import diagnose_record
-    from studies.diagnose.shown import shown
-    from studies.record import envelope
+    from studies.diagnose.make import diagnosed, inputs_of
 
     cell = calib.load_cell(cell_path)
     if plan_only:
@@ -84,23 +79,11 @@ def diagnose(
                 raise InputError(name, "", "does not go with --plan-only", "give one of them")
         _foresee(cell, data_path, folder, json_path, seed)
         return
-    data = calib.load_measurements(cell, data_path)
-    data, heldout, extra, warnings = held_out(cell, data, holdout, seed, data_path)
-    inputs, targets = [cell_path, *cell.robot_files, data_path, *extra], cell.design["targets"]
+    session = read_session(cell, data_path, holdout, seed)
     outputs = [output_file(json_path), cell_out]
-    check_outputs(outputs, [*inputs, *([targets] if targets else [])], folder)
-    with faults_in(data_path, effects_of=cell_path):
-        found = diagnose_data(cell, data, heldout=heldout)
-    chosen, failed = _next(cell, found, next_count, seed)
-    for_figures = shown(found) if json_path is not None or folder is not None else None
-    record = diagnose_record(
-        found,
-        spectra(found),
-        chosen,
-        for_figures,
-        holdout,
-        envelope(cell.name, inputs, seed),
-        (*warnings, *failed),
+    check_outputs(outputs, [*inputs_of(session), *session.targets], folder)
+    found, record = diagnosed(
+        session, next_count, figures=json_path is not None or folder is not None
     )
     texts: dict[Path, str | bytes] = {}
     notes: list[str] = []
@@ -108,19 +91,6 @@ def diagnose(
         texts[cell_out], notes = better_cell(cell, found, cell_out)
     deliver(record, json_path, folder, texts)
     show(notes, json_path)
-
-
-def _next(
-    cell: Cell, found: Diagnosis, count: int, seed: int
-) -> tuple[NextPoses | None, tuple[str, ...]]:
-    """Poses that tell rivals apart, and why there are none: the diagnosis stands without them."""
-    from calib.errors import CalibError
-    from doe.prospect.rivals.next_poses import next_poses
-
-    try:
-        return (next_poses(cell, found, count=count, seed=seed) if count else None), ()
-    except CalibError as error:
-        return None, (f"no next poses: {error}",)
 
 
 def _foresee(

@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file
-from studies.command.holdout import held_out
 from studies.command.options import (
     PATH,
     Finite,
     cell_argument,
     data_argument,
-    faults_in,
     result_options,
 )
+from studies.command.session import read_session
 
 if TYPE_CHECKING:
     from calib.arm.dh import Convention
@@ -117,45 +116,22 @@ def identify(
       posecal identify cell.toml measurements.csv --holdout 0.3 --json result.json
     """
     import calib
-    from calib.compensation.estimate import estimate_of
-    from calib.drift import drift_of
-    from calib.identification.identify import whitening
-    from calib.targets import accuracy_at_targets
-    from studies.identify.record import Asked, identify_record
+    from studies.identify.make import identified, inputs_of
     from studies.identify.robots import counts_of, offsets_file, robot_texts
-    from studies.record import envelope
 
     cell = calib.load_cell(cell_path)
-    targets = cell.design["targets"]
-    whole = calib.load_measurements(cell, data_path)
-    data, heldout, further, warnings = held_out(cell, whole, holdout, seed, data_path)
-    inputs = [cell_path, *cell.robot_files, data_path, *([targets] if targets else []), *further]
+    session = read_session(cell, data_path, holdout, seed)
     robots: dict[Form, Path | None] = {
         "urdf": urdf_path, "mjcf": mjcf_path, "dh": dh_path, "kinematics": kinematics_path,
     }  # fmt: skip
     counts = counts_of(counts_per_deg)
-    check_outputs([*robots.values(), zeros_path, output_file(json_path)], inputs, folder)
-    with faults_in(data_path, effects_of=cell_path):
-        found = calib.identify(
-            cell, data, heldout=heldout, approach=approach, method=method, weighting=weighting,
-            length=length_mm * 1e-3, differences=differences,
-        )  # fmt: skip
-    of_pose = approach == "pose"
-    asked = Asked(
-        weighting=weighting if of_pose else None,
-        length_mm=length_mm if of_pose and weighting == "plain" else None,
+    check_outputs(
+        [*robots.values(), zeros_path, output_file(json_path)], inputs_of(session), folder
+    )
+    found, record = identified(
+        session, approach=approach, method=method, weighting=weighting, length_mm=length_mm,
         differences=differences,
-        holdout=holdout,
-    )
-    record = identify_record(
-        found,
-        accuracy_at_targets(cell, found),
-        drift_of(whole, whitening(cell, found.model, found.values, whole)),
-        estimate_of(found),
-        asked,
-        envelope(cell.name, inputs, seed),
-        warnings,
-    )
+    )  # fmt: skip
     files, left_out = robot_texts(cell, found, robots, dh_convention)
     if zeros_path is not None:
         files[zeros_path], lost = offsets_file(cell, found, zeros_path, counts)

@@ -23,7 +23,7 @@ from studies.record import Record, read
 if TYPE_CHECKING:
     from studies.document import Document
 
-KINDS = ("identify", "diagnose", "design", "plan", "compare", "enough", "compensate")
+KINDS = ("fleet", "identify", "diagnose", "design", "plan", "compare", "enough", "compensate")
 """What a report can tell of, in the order of its headlines; ``plan`` is ``diagnose --plan-only``."""
 
 _SAME_JOINTS = 1e-6  # rad or m
@@ -107,7 +107,7 @@ class Evidence:
         """Warnings of files that are not the same in all results."""
         known: dict[str, tuple[str, Path]] = {}
         found = []
-        for result in self.results:
+        for result in _of_one_cell(self.results):
             for entry in result.inputs:
                 name = Path(entry.file).name
                 digest, first = known.setdefault(name, (entry.sha256, result.path))
@@ -148,10 +148,11 @@ def load_evidence(paths: Sequence[Path]) -> Evidence:
     Raises InputError where a file is no result of posecal, or misses what results of its kind hold.
     """
     results = tuple(_result(path) for path in paths)
-    cell, notes = _cell(results)
+    of_cell = _of_one_cell(results)
+    cell, notes = _cell(of_cell) if of_cell else (None, [])
     data, plans = {}, {}
-    for result in results:
-        if cell is None or not result.inputs or result.inputs[0].sha256 != _digest(results):
+    for result in of_cell:
+        if cell is None or not result.inputs or result.inputs[0].sha256 != _digest(of_cell):
             continue
         if isinstance(result.record, DesignRecord):
             plans[result.path] = plan_poses(cell, result.record, result.path)
@@ -161,6 +162,11 @@ def load_evidence(paths: Sequence[Path]) -> Evidence:
             if measured is not None:
                 data[result.path] = measured
     return Evidence(results, cell, data, plans, tuple(dict.fromkeys(notes)))
+
+
+def _of_one_cell(results: tuple[Result, ...]) -> tuple[Result, ...]:
+    """Those that begin with a cell: a fleet's inputs are results of many."""
+    return tuple(result for result in results if result.kind != "fleet")
 
 
 def _digest(results: tuple[Result, ...]) -> str:

@@ -57,6 +57,7 @@ _COMMANDS = (
     ("compare cell.toml plan.csv --monte-carlo 10 --workers 1", "compared"),
     ("enough cell.toml data.csv --plan plan.csv --goal-mm 0.1", "enough"),
     ("compensate cell.toml identified.json targets.csv", "compensated"),
+    ("fleet . --only identify", "fleet"),
 )
 
 
@@ -85,7 +86,8 @@ def _made() -> tuple[dict[str, str], dict[str, Any]]:
 
 def _result(folder: Path, line: str, own: str) -> dict[str, Any]:
     """What a command writes; its inputs are named as they stand beside it, whatever the folder."""
-    words = [str(folder / w) if w.endswith(("csv", "toml", "json")) else w for w in line.split()]
+    files = ("csv", "toml", "json", ".")
+    words = [str(folder / w) if w.endswith(files) else w for w in line.split()]
     file = folder / f"{own}.json"
     done = CliRunner().invoke(main, [*words, "--json", str(file)])
     if done.exit_code:

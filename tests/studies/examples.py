@@ -219,6 +219,27 @@ def _plan() -> list[Record]:
     ]  # fmt: skip
 
 
+def _fleet() -> list[Record]:
+    old = old_fields("fleet")
+    first, *others = old["sessions"]
+    none = {"status": None, "verdict": None, "poses": None, "sigma_mm": None, "causes": []}
+    none |= {"rms_mm": dict.fromkeys(("nominal", "fitted", "heldout")), "results": []}
+    lost = {**first, **none, "fault": "measurements.csv: line 3, column x_mm: is not a number"}
+    alone = {"types": [], "off": [], "trends": []}
+    cause = {"effect": "backlash", "where": "j2", "robots": 3, "possible": 4}
+    kind = {**old["types"][0], "diagnosed": 4, "verdicts": {"explained": 3, "no_gap": 1}}
+    kind |= {"causes": [{**cause, "share_ci95": [0.19, 0.99]}]}
+    dated = {**first, "day": "2026-03-01", "verdict": "explained"}
+    steady = {**old["trends"][0], "p": 1e-3, "days": None}
+    return [
+        changed("fleet"),
+        changed("fleet", verbs=["identify"], sessions=[lost, *others], types=[kind]),
+        changed("fleet", sessions=[dated], off=[], types=[kind], trends=[]),
+        changed("fleet", sessions=[lost], **alone),
+        changed("fleet", trends=[steady, *(25 * [old["trends"][0]])], off=[]),
+    ]
+
+
 EXAMPLES = {
     "design": _design(),
     "plan": _plan(),
@@ -227,4 +248,5 @@ EXAMPLES = {
     "diagnose": _diagnose(),
     "enough": _enough(),
     "compensate": _compensate(),
+    "fleet": _fleet(),
 }

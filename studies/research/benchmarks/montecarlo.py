@@ -34,11 +34,11 @@ from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
-from studies.compare.engines import engine
 from studies.compare.experiment import PLAIN, POINTS, Experiment, experiment_of
 from studies.compare.montecarlo import MOST_TRIALS, Refits, refits
 from studies.compare.prediction import Prediction, predict
 from studies.demo import embedded_plan
+from studies.engines import engine
 from studies.research.paper import table_one
 from studies.research.paper.elastostatic import cell_of_section_five
 from studies.tables import number, plain_table

@@ -24,13 +24,14 @@ import pytest
 from click.testing import CliRunner, Result
 
 from calib.errors import InputError
+from studies import engines
 from studies.cli import main
-from studies.compare import command, engines, montecarlo
-from studies.compare.engines import engine
+from studies.compare import command, montecarlo
 from studies.compare.experiment import Experiment, experiment_of
 from studies.compare.montecarlo import MOST_TRIALS, Refits, refits
 from studies.compare.prediction import Prediction, predict
 from studies.demo import embedded_text
+from studies.engines import engine
 from tests.helpers import cell_of, random_poses, random_robot
 
 pytestmark = pytest.mark.long
@@ -216,10 +217,10 @@ def test_an_interrupted_command_writes_what_is_done(
     small: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     @contextmanager
-    def progress(_: int) -> Iterator[Callable[[int], None]]:
+    def progress(*_: object) -> Iterator[Callable[[int], None]]:
         yield interrupt_at(2)
 
-    monkeypatch.setattr(command, "_progress", progress)
+    monkeypatch.setattr(command, "progress_bar", progress)
     out = tmp_path / "result.json"
     done = compare(*small, "--monte-carlo", "170", "--workers", "1", "--json", str(out))
     assert done.exit_code == 0, done.output

@@ -1,4 +1,4 @@
-"""Where trials are computed: here, on processes of this machine, or on a dask cluster."""
+"""Where much of one kind is computed: here, on processes of this machine, or on a dask cluster."""
 
 from __future__ import annotations
 
@@ -6,9 +6,16 @@ import asyncio
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Executor, Future, InvalidStateError
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    InvalidStateError,
+)
 from contextlib import contextmanager, suppress
+from itertools import islice
 from multiprocessing import get_context, parent_process
 from queue import SimpleQueue
 from typing import Any, ParamSpec, TypeVar
@@ -48,6 +55,52 @@ def engine(workers: int = 1, scheduler: str | None = None) -> Iterator[Executor 
             pool.shutdown(kill_workers=True)  # what still runs was given up
     else:
         yield None
+
+
+def computed(
+    function: Callable[..., T],
+    jobs: Iterable[tuple[Any, ...]],
+    executor: Executor | None,
+    ahead: int | None = None,
+) -> Generator[tuple[int, T]]:
+    """What a function makes of jobs, as it comes, each with the number of its job.
+
+    jobs : arguments of each call; executor : where they are computed, here without one
+    ahead : int, most jobs that are given out at once, None for all
+
+    An interruption is raised as KeyboardInterrupt between two results. Whatever ends it early takes
+    back the jobs that are not begun; close it.
+    """
+    if executor is None:
+        for index, job in enumerate(jobs):
+            yield index, function(*job)
+        return
+    done: SimpleQueue[Future[T] | None] = SimpleQueue()  # None is an interruption
+    futures: dict[Future[T], int] = {}
+    waiting = enumerate(jobs)
+
+    def give(most: int | None) -> None:
+        for index, job in islice(waiting, most):
+            future = executor.submit(function, *job)
+            futures[future] = index
+            future.add_done_callback(done.put)
+
+    with interrupts_in(done):
+        try:
+            give(ahead)
+            while futures:
+                ready = done.get()
+                if ready is None:
+                    raise KeyboardInterrupt
+                index = futures.pop(ready)
+                give(1)
+                yield index, ready.result()
+        except BrokenExecutor:
+            raise  # the pool is ending its jobs; it stumbles over one that is cancelled meanwhile
+        except BaseException:
+            for future in futures:
+                future.cancel()
+            raise
 
 
 class _Given(loky.Future):  # type: ignore[misc]  # loky brings no types

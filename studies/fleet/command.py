@@ -1,0 +1,123 @@
+"""``posecal fleet``: every robot below a folder, identified and diagnosed, and told together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from studies.command.deliver import check_outputs, deliver, output_file
+from studies.command.options import PATH, engine_options, processes, result_options
+from studies.command.progress import progress_bar
+
+if TYPE_CHECKING:
+    from studies.fleet.find import Job
+    from studies.fleet.one import Asked, Done
+
+AHEAD = 1000
+"""Tables that are given out at once: more than a cluster has workers, few enough for any memory."""
+
+
+@click.command(short_help="Every robot below a folder, one summary.")
+@click.argument("fleet_folder", metavar="FOLDER", type=PATH)
+@click.option("--only", type=click.Choice(["identify", "diagnose"]), default=None,
+              help="One of both: a diagnosis takes a hundred times as long.")  # fmt: skip
+@click.option(
+    "--holdout",
+    metavar="NAME|FRACTION",
+    help="Poses that take no part and are predicted: a table of this name beside each other one, or a "
+    "share of the configurations.",
+)
+@engine_options
+@result_options
+def fleet(
+    fleet_folder: Path,
+    only: str | None,
+    holdout: str | None,
+    workers: int | None,
+    scheduler: str | None,
+    folder: Path | None,
+    json_path: str | None,
+    seed: int,
+) -> None:
+    """Identify and diagnose every robot below FOLDER, and say how they stand together.
+
+    A robot is a cell.toml, or another TOML with a [robot]; tables of measurements beside and below it
+    are its own. Results stand beside each table, as identify and diagnose --json write them:
+    measurements.identify.json, measurements.diagnose.json. One that stands is kept as long as cell,
+    robot, table, options and version are the same, so that a run that was ended is gone on with by the
+    same command. What is wrong with a robot is a line of the summary and ends no run; the status is 2
+    only where no robot could be done. Workers of a scheduler see FOLDER under the same path.
+
+    \b
+    Example:
+      posecal fleet plant --only identify --holdout 0.3 --json plant.json
+    """
+    from calib.errors import InputError
+    from studies.document import plural
+    from studies.engines import engine
+    from studies.fleet.find import find
+    from studies.fleet.one import VERBS, Asked, share
+    from studies.fleet.record import fleet_record, results_of
+    from studies.record import envelope
+
+    if not fleet_folder.is_dir():
+        raise InputError(fleet_folder, "", "is no folder", "name one with cells below it")
+    jobs = find(fleet_folder, None if share(holdout) else holdout)
+    if not any(job.table for job in jobs):
+        what = f"{len(jobs)} cells and no table" if jobs else "no cell.toml"
+        raise InputError(
+            fleet_folder, "", f"holds {what}", "put tables of measurements beside cells"
+        )
+    inputs = dict.fromkeys(path for job in jobs for path in (job.cell, job.table) if path)
+    check_outputs([output_file(json_path)], [path for path in inputs if path.is_file()], folder)
+    asked = Asked(tuple(v for v in VERBS if only in (None, v)), holdout, seed)
+    with (
+        engine(processes(workers, len(jobs) > 1), scheduler) as executor,
+        progress_bar(len(jobs), "tables") as progress,
+    ):
+        done = _done(jobs, asked, executor, progress)
+    if not any(own.files for own in done):
+        raise InputError(fleet_folder, "", f"no robot could be done: {done[0].fault}")
+    made_from = envelope("", [], seed)
+    made_from["inputs"] = results_of(done)
+    record = fleet_record(done, str(fleet_folder), asked, made_from)
+    deliver(record, json_path, folder)
+    kept, files = sum(own.kept for own in done), sum(len(own.files) for own in done)
+    said = f"{plural(files - kept, 'result')} written beside the tables, {kept} kept"
+    click.echo(said, err=json_path == "-")
+
+
+def _done(
+    jobs: Sequence[Job],
+    asked: Asked,
+    executor: Executor | None,
+    progress: Callable[[int], None],
+) -> list[Done]:
+    """What became of every table, in the order of the jobs, whoever was first."""
+    from studies.engines import computed
+    from studies.fleet.one import do
+
+    done: dict[int, Done] = {}
+    names: dict[tuple[tuple[str, str], ...], tuple[tuple[str, str], ...]] = {}
+    try:
+        with closing(computed(do, ((job, asked) for job in jobs), executor, AHEAD)) as coming:
+            for index, own in coming:
+                done[index] = own
+                if own.values is not None:  # thousands of robots share the names of a few types
+                    shared = names.setdefault(own.values.names, own.values.names)
+                    own.values = replace(own.values, names=shared)
+                progress(1)
+    except KeyboardInterrupt:
+        click.echo(
+            f"posecal: interrupted; {len(done)} of {len(jobs)} tables are done and kept: the same "
+            "command goes on from there",
+            err=True,
+        )
+        raise click.exceptions.Exit(130) from None
+    return [done[index] for index in sorted(done)]

@@ -1,0 +1,218 @@
+"""One table of one robot: its results kept or made, and the few figures that the fleet is told by.
+
+Results go to files where they are made, so that what travels and what stays in memory is small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import numpy as np
+
+from calib.arrays import Array
+from calib.errors import CalibError, InputError, plain_line
+from calib.threads import one_blas_thread
+from studies.fleet.find import Job
+
+if TYPE_CHECKING:
+    from studies.command.session import Session
+    from studies.diagnose.record import DiagnoseRecord
+    from studies.identify.record import IdentifyRecord
+    from studies.record import Record
+
+Verb: TypeAlias = Literal["identify", "diagnose"]
+VERBS: tuple[Verb, ...] = ("identify", "diagnose")
+_CLOCK = 1e9  # s: a time beyond it counts from 1970
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is wanted of every table; holdout : a share, or the name of a file beside it."""
+
+    verbs: tuple[Verb, ...]
+    holdout: str | None
+    seed: int
+
+    def holdout_of(self, table: Path) -> str | None:
+        """The share, or the file's path."""
+        return self.holdout if share(self.holdout) else str(table.parent / str(self.holdout))
+
+
+def share(holdout: str | None) -> bool:
+    """Whether poses are held out by a share, or not at all, and not by a file."""
+    try:
+        float(holdout or 0.0)
+    except ValueError:
+        return False
+    return True
+
+
+@dataclass(frozen=True, eq=False)
+class Values:
+    """Identified parameters of the robot itself, base and markers left out.
+
+    value, std : ndarray, shape (p,), in the units of the results; std 0 where it was not estimated
+    """
+
+    names: tuple[tuple[str, str], ...]  # with the unit of each
+    value: Array
+    std: Array
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A named cause, and what the data cannot tell from it, itself included."""
+
+    effect: str
+    where: str
+    alike: tuple[str, ...]
+
+
+@dataclass
+class Done:
+    """What became of a table: ``fault`` is a line where something could not be done.
+
+    files : results with their sha256; kept : how many of them stood already
+    """
+
+    robot: str
+    table: str
+    type: str = ""
+    day: str | None = None
+    fault: str | None = None
+    status: str | None = None
+    poses: int | None = None
+    rms_mm: dict[str, float | None] = field(default_factory=dict)
+    sigma_mm: float | None = None
+    values: Values | None = None
+    verdict: str | None = None
+    causes: tuple[Cause, ...] = ()
+    files: tuple[tuple[str, str], ...] = ()
+    kept: int = 0
+
+
+@one_blas_thread
+def do(job: Job, asked: Asked) -> Done:
+    """Identify and diagnose a table, or read what stands of it. A fault is a line of the answer.
+
+    So is one of our own code: a run of hours does not end by it, and the command named shows it.
+    """
+    done = Done(job.robot, job.label, day=job.day)
+    try:
+        _do(job, asked, done)
+    except CalibError as error:
+        done.fault = str(error)
+    except Exception as error:
+        said = plain_line(f"{type(error).__name__}: {error}")
+        verb = asked.verbs[min(len(done.files), len(asked.verbs) - 1)]
+        done.fault = (
+            f"a fault of posecal itself ({said}); posecal {verb} {job.cell} {job.table} shows where"
+        )
+    return done
+
+
+def _do(job: Job, asked: Asked, done: Done) -> None:
+    import calib
+    from calib.files.read import sha256
+    from calib.files.write import write_files
+    from studies.command.session import read_session
+
+    cell = calib.load_cell(job.cell)
+    done.type = cell.robot.name
+    if job.table is None:
+        raise InputError(job.cell, "", "has no table of measurements", "put one beside or below it")
+    session = read_session(cell, job.table, asked.holdout_of(job.table), asked.seed)
+    done.day = job.day or _day_of(session)
+    for verb in asked.verbs:
+        path = job.result(verb)
+        record = _kept(path, verb, session)
+        done.kept += record is not None
+        if record is None:
+            record = _made(verb, session)
+            write_files({path: record.dumps()})
+        done.files += ((str(path), sha256(path)),)
+        _note(record, done)
+
+
+def _day_of(session: Session) -> str | None:
+    """The day on which the first pose was read, where time counts from 1970."""
+    times = session.whole.poses.time
+    if times is None or not times.min() > _CLOCK:
+        return None
+    return datetime.fromtimestamp(float(times.min()), UTC).date().isoformat()
+
+
+def _kept(path: Path, verb: Verb, session: Session) -> Record | None:
+    """The result that stands, if the same version made it from the same contents and options."""
+    from calib.files.read import sha256
+    from studies.diagnose import make as diagnosis
+    from studies.identify import make as identification
+    from studies.record import envelope, read
+
+    if not path.is_file():
+        return None
+    made = {"identify": identification, "diagnose": diagnosis}[verb]
+    try:
+        record = read(path)
+    except InputError:
+        return None
+    now = envelope(session.cell.name, [], session.seed)
+    same = (
+        record.kind == verb
+        and (record.version, record.seed) == (now["version"], session.seed)
+        and _as_asked(record, session)
+        and [e.sha256 for e in record.inputs] == [*map(sha256, made.inputs_of(session))]
+    )
+    return record if same else None
+
+
+def _as_asked(record: Record, session: Session) -> bool:
+    """Whether its options are those of this run: a user may have put a result there by others."""
+    from studies.diagnose.record import DiagnoseRecord
+    from studies.identify.record import IdentifyRecord
+
+    if isinstance(record, IdentifyRecord):
+        plain = (record.approach, record.method, record.differences) == ("points", "joint", False)
+        return plain and record.holdout == session.holdout
+    return isinstance(record, DiagnoseRecord) and record.holdout == session.holdout
+
+
+def _made(verb: Verb, session: Session) -> Record:
+    from studies.diagnose.make import diagnosed
+    from studies.identify.make import identified
+
+    return identified(session)[1] if verb == "identify" else diagnosed(session)[1]
+
+
+def _note(record: Record, done: Done) -> None:
+    """The few figures of a result."""
+    from studies.diagnose.record import DiagnoseRecord
+    from studies.identify.record import IdentifyRecord
+
+    if isinstance(record, IdentifyRecord):
+        _identified(record, done)
+    elif isinstance(record, DiagnoseRecord):
+        _diagnosed(record, done)
+
+
+def _identified(record: IdentifyRecord, done: Done) -> None:
+    rms = record.rms_mm
+    done.status, done.poses, done.sigma_mm = record.status, record.poses, record.noise.sigma_mm
+    done.rms_mm = {"nominal": rms.nominal, "fitted": rms.fitted_all, "heldout": rms.heldout}
+    own = [p for p in record.parameters if not p.placed]
+    done.values = Values(
+        tuple((p.id, p.unit) for p in own),
+        np.array([p.value for p in own]),
+        np.array([p.std or 0.0 for p in own]),
+    )
+
+
+def _diagnosed(record: DiagnoseRecord, done: Done) -> None:
+    done.verdict = record.verdict
+    done.causes = tuple(
+        Cause(own.effect, own.where, tuple(dict.fromkeys((own.key, *(c.key for c in own.alike)))))
+        for own in record.effects
+    )

@@ -1,0 +1,284 @@
+"""What ``posecal fleet`` finds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from typing import TYPE_CHECKING, Literal, Self, TypeAlias
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from studies.causes import Cause
+from studies.record import (
+    Count,
+    Entry,
+    Envelope,
+    InputFile,
+    Maybe,
+    NotNegative,
+    Number,
+    Positive,
+    Record,
+)
+
+if TYPE_CHECKING:
+    from studies.document import Document
+    from studies.fleet.one import Asked, Done
+
+Status: TypeAlias = Literal["converged", "not_converged", "rank_deficient"]
+Verdict: TypeAlias = Literal["no_gap", "explained", "ambiguous", "unknown"]
+Share = tuple[Number, Number]
+
+
+class Distances(Entry):
+    """RMS distances between measured and predicted points; nominal : base and markers fitted."""
+
+    nominal: NotNegative | None = None
+    fitted: NotNegative | None = None
+    heldout: NotNegative | None = None
+
+
+class Named(Cause):
+    """A cause that was found, and what the data cannot tell from it, itself first."""
+
+    alike: tuple[str, ...]
+
+
+class Session(Entry):
+    """A table of a robot. What was not asked for or could not be done is None; fault says why.
+
+    robot, table : their places below the folder; type : name of the robot's model
+    day : YYYY-MM-DD; results : files that hold all the rest
+    """
+
+    robot: str
+    type: str
+    table: str
+    day: str | None
+    fault: str | None
+    status: Status | None
+    poses: Count | None
+    rms_mm: Distances
+    sigma_mm: NotNegative | None
+    verdict: Verdict | None
+    causes: tuple[Named, ...]
+    results: tuple[str, ...]
+
+    @model_validator(mode="after")
+    def _has_errors(self) -> Self:
+        if self.status is not None and None in (self.rms_mm.nominal, self.rms_mm.fitted):
+            raise ValueError("a session with a status has no rms_mm")
+        return self
+
+
+class Shared(Cause):
+    """A cause among the robots of a type.
+
+    robots : in which it is named; possible : in which it is named or cannot be told from what is
+    """
+
+    robots: Count
+    possible: Count
+    share_ci95: Share
+
+
+class Type(Entry):
+    """Robots of one model; figures are medians of the last table of each."""
+
+    type: str
+    robots: Count
+    diagnosed: Count
+    rms_mm: Distances
+    verdicts: dict[Verdict, Count]
+    causes: tuple[Shared, ...]
+
+
+class Off(Entry):
+    """A figure by which a robot stands out of its type.
+
+    deviation : from the typical value, in spreads; limit : what chance seldom exceeds in any of all
+    """
+
+    robot: str
+    type: str
+    what: str
+    unit: str
+    value: Number
+    typical: Number
+    spread: NotNegative
+    deviation: NotNegative
+    limit: Positive
+
+
+class Trend(Entry):
+    """The tables of a robot that was measured again, in their order.
+
+    days : since the first, None where a table has no date; p : of a steady rise or fall of the nominal
+    model's error, None of fewer than four
+    """
+
+    robot: str
+    type: str
+    tables: tuple[str, ...]
+    days: tuple[int, ...] | None
+    nominal_mm: tuple[NotNegative, ...] = Field(min_length=2)
+    fitted_mm: tuple[NotNegative, ...]
+    p: Maybe
+
+    @model_validator(mode="after")
+    def _one_each(self) -> Self:
+        lengths = {len(self.tables), len(self.nominal_mm), len(self.fitted_mm)}
+        if lengths | {len(self.tables if self.days is None else self.days)} != {len(self.tables)}:
+            raise ValueError("tables, days, nominal_mm and fitted_mm are of different lengths")
+        return self
+
+    @property
+    def change_mm(self) -> float:
+        """From the first to the last table."""
+        return self.nominal_mm[-1] - self.nominal_mm[0]
+
+
+class FleetRecord(Record):
+    """Every robot below a folder."""
+
+    command: Literal["fleet"] = "fleet"
+    folder: str
+    verbs: tuple[Literal["identify", "diagnose"], ...] = Field(min_length=1)
+    holdout: str | None
+    sessions: tuple[Session, ...] = Field(min_length=1)
+    types: tuple[Type, ...]
+    off: tuple[Off, ...]
+    trends: tuple[Trend, ...]
+
+    @model_validator(mode="after")
+    def _belongs_together(self) -> Self:
+        robots = {own.robot for own in self.sessions}
+        told = {own.robot for own in self.off} | {own.robot for own in self.trends}
+        if not told <= robots:
+            raise ValueError("off and trends name robots that have no session")
+        for own in self.types:
+            if any(cause.robots > own.diagnosed for cause in own.causes):
+                raise ValueError("a cause is counted in more robots than were diagnosed")
+        return self
+
+    @property
+    def robots(self) -> int:
+        """How many there are."""
+        return len({own.robot for own in self.sessions})
+
+    @property
+    def faults(self) -> tuple[Session, ...]:
+        """Tables with which something could not be done."""
+        return tuple(own for own in self.sessions if own.fault)
+
+    def told(self) -> Document:
+        from studies.fleet.telling import told
+
+        return told(self)
+
+
+def fleet_record(
+    done: Sequence[Done], folder: str, asked: Asked, made_from: Envelope
+) -> FleetRecord:
+    """The record of a fleet, its tables in any order."""
+    from studies.fleet import spread
+
+    ordered = _ordered(done)
+    groups = spread.by_type(spread.latest(ordered))
+    return FleetRecord(
+        **made_from,
+        folder=folder,
+        verbs=asked.verbs,
+        holdout=asked.holdout,
+        sessions=tuple(map(_session, ordered)),
+        types=tuple(_type(name, robots) for name, robots in groups.items()),
+        off=tuple(Off(**row._asdict()) for own in groups.values() for row in spread.off(own)),
+        trends=tuple(_trends(ordered)),
+    )
+
+
+def results_of(done: Sequence[Done]) -> tuple[InputFile, ...]:
+    """What a fleet's record is made from."""
+    return tuple(InputFile(file=f, sha256=h) for own in _ordered(done) for f, h in own.files)
+
+
+def _ordered(done: Sequence[Done]) -> list[Done]:
+    """By robot, the tables of each by day where all have one, else by name."""
+    dated = {own.robot: True for own in done}
+    for own in done:
+        dated[own.robot] &= own.day is not None
+    return sorted(done, key=lambda own: (own.robot, own.day if dated[own.robot] else "", own.table))
+
+
+def _session(own: Done) -> Session:
+    causes = (Named(effect=c.effect, where=c.where, alike=c.alike) for c in own.causes)
+    return Session.model_validate(
+        {
+            "robot": own.robot,
+            "type": own.type,
+            "table": own.table,
+            "day": own.day,
+            "fault": own.fault,
+            "status": own.status,
+            "poses": own.poses,
+            "rms_mm": Distances(**own.rms_mm),
+            "sigma_mm": own.sigma_mm,
+            "verdict": own.verdict,
+            "causes": tuple(causes),
+            "results": tuple(file for file, _ in own.files),
+        }
+    )
+
+
+def _type(name: str, robots: Sequence[Done]) -> Type:
+    from studies.fleet.spread import shared
+
+    verdicts = [own.verdict for own in robots if own.verdict is not None]
+    middle = {
+        key: float(np.median(known)) if (known := _known(robots, key)) else None
+        for key in Distances.model_fields
+    }
+    return Type.model_validate(
+        {
+            "type": name,
+            "robots": len(robots),
+            "diagnosed": len(verdicts),
+            "rms_mm": Distances(**middle),
+            "verdicts": {verdict: verdicts.count(verdict) for verdict in sorted({*verdicts})},
+            "causes": tuple(
+                Shared(
+                    effect=row.effect,
+                    where=row.where,
+                    robots=row.robots,
+                    possible=row.possible,
+                    share_ci95=row.ci95,
+                )
+                for row in shared(robots)
+            ),
+        }
+    )
+
+
+def _known(robots: Sequence[Done], key: str) -> list[float]:
+    return [value for own in robots if (value := own.rms_mm.get(key)) is not None]
+
+
+def _trends(done: Sequence[Done]) -> Iterator[Trend]:
+    """Of robots with several tables that could be identified."""
+    from studies.fleet.spread import days_of, trend_p
+
+    for robot, own_tables in groupby(done, lambda own: own.robot):
+        tables = [own for own in own_tables if own.status]
+        if len(tables) < 2:
+            continue
+        nominal, days = _known(tables, "nominal"), days_of(tables)
+        yield Trend(
+            robot=robot,
+            type=tables[-1].type,
+            tables=tuple(own.table for own in tables),
+            days=None if days is None else tuple(days),
+            nominal_mm=tuple(nominal),
+            fitted_mm=tuple(_known(tables, "fitted")),
+            p=trend_p(nominal),
+        )

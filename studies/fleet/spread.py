@@ -1,0 +1,204 @@
+"""Who stands out of a fleet, what a type shares, and what moves from day to day."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.arrays import Array
+from studies.fleet.one import Done
+
+_FEWEST = 6
+"""Robots of a type by which one of them can stand out."""
+_ALARM = 0.05  # chance that anything stands out of a type where nothing is the matter
+_MOST = 4
+"""One robot in so many may stand out of one figure; the others are its type."""
+
+
+_EQUAL = 1e-9  # of a value, below which the spread is that of the last digits
+
+
+class Off(NamedTuple):
+    """A figure by which a robot stands out of its type; limit : of the deviation, in spreads."""
+
+    robot: str
+    type: str
+    what: str
+    unit: str
+    value: float
+    typical: float
+    spread: float
+    deviation: float
+    limit: float
+
+
+class Shared(NamedTuple):
+    """A cause among the diagnosed robots of a type.
+
+    robots : in which it is named; possible : in which it is named or cannot be told from what is
+    """
+
+    effect: str
+    where: str
+    robots: int
+    possible: int
+    ci95: tuple[float, float]
+
+
+def latest(done: Sequence[Done]) -> list[Done]:
+    """The last table of each robot that could be identified or diagnosed; the tables are in order."""
+    last = {own.robot: own for own in done if own.status or own.verdict}
+    return list(last.values())
+
+
+def by_type(done: Iterable[Done]) -> dict[str, list[Done]]:
+    """Tables by the name of the robot's model."""
+    found: dict[str, list[Done]] = defaultdict(list)
+    for own in done:
+        if own.type:
+            found[own.type].append(own)
+    return dict(sorted(found.items()))
+
+
+def off(robots: Sequence[Done]) -> list[Off]:
+    """What stands out among robots of one type, the farthest first.
+
+    Errors are compared by their logarithm, parameters with what their own standard deviations exceed
+    the usual ones by. The limit counts everything that was asked.
+    """
+    figures = [*_errors(robots), *_parameters(robots)]
+    asked = sum(len(values) for _, _, _, values, _ in figures)
+    found = (row for figure in figures for row in _beyond(*figure, asked))
+    return sorted(found, key=lambda row: -row.deviation / row.limit)
+
+
+_Figure = tuple[list[Done], str, str, Array, Array]
+
+
+def _errors(robots: Sequence[Done]) -> Iterator[_Figure]:
+    for key in ("nominal", "fitted", "heldout"):
+        known = [own for own in robots if own.rms_mm.get(key)]
+        values = np.array([own.rms_mm[key] for own in known], dtype=float)
+        yield known, f"{key} RMS", "mm", values, np.zeros(0)
+
+
+def _parameters(robots: Sequence[Done]) -> Iterator[_Figure]:
+    """Each over the robots that have it.
+
+    Which of those that go together a model holds may differ from robot to robot: what one means then
+    differs a little too, and its spread counts that.
+    """
+    having: dict[tuple[str, str], list[tuple[Done, int]]] = defaultdict(list)
+    for own in robots:
+        if own.values is not None and own.status == "converged":
+            for column, parameter in enumerate(own.values.names):
+                having[parameter].append((own, column))
+    for (name, unit), known in having.items():
+        values = np.array([own.values.value[k] for own, k in known if own.values is not None])
+        std = np.array([own.values.std[k] for own, k in known if own.values is not None])
+        yield [own for own, _ in known], name, unit, values, std
+
+
+def _beyond(
+    known: list[Done], what: str, unit: str, values: Array, std: Array, asked: int
+) -> Iterator[Off]:
+    """Who exceeds the limit; std : shape (n,), empty for errors, compared by their logarithm.
+
+    The farthest is taken out and compared with those that are left, then the next: all up to the last
+    that exceeds its limit stand out, so that two do not hide each other (Rosner's generalised ESD).
+    """
+    if len(values) < _FEWEST:
+        return
+    shown = values if len(std) else np.log(values)
+    out = _standing_out(shown, asked)
+    rest = np.delete(shown, out)
+    typical, spread, limit = float(rest.mean()), _spread(rest), _limit(len(rest), asked)
+    if spread <= _EQUAL * abs(typical):
+        return
+    vague = np.maximum(0.0, std**2 - np.median(std**2)) if len(std) else np.zeros(len(shown))
+    for i in out:
+        deviation = abs(float(shown[i]) - typical) / float(np.sqrt(spread**2 + vague[i]))
+        if deviation > limit:
+            yield Off(
+                known[i].robot,
+                known[i].type,
+                what,
+                unit,
+                float(values[i]),
+                typical if len(std) else float(np.exp(typical)),
+                spread if len(std) else float(np.exp(typical) * spread),
+                deviation,
+                limit,
+            )
+
+
+def _standing_out(shown: Array, asked: int) -> list[int]:
+    """The farthest first; it is at one end of those that are left, in their order."""
+    order = np.argsort(shown, kind="stable")
+    rest, taken, last = shown[order], list[int](), 0
+    while len(taken) < len(shown) // _MOST:
+        middle = rest.mean()
+        above = rest[-1] - middle > middle - rest[0]
+        taken.append(int(order[-1] if above else order[0]))
+        kept = slice(None, -1) if above else slice(1, None)
+        rest, order = rest[kept], order[kept]
+        if abs(shown[taken[-1]] - rest.mean()) > _limit(len(rest), asked) * _spread(rest):
+            last = len(taken)
+    return taken[:last]
+
+
+def _spread(rest: Array) -> float:
+    """Standard deviation of one more from the mean of these."""
+    return float(rest.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(rest)))
+
+
+@cache
+def _limit(rest: int, asked: int) -> float:
+    """By Student's t, in spreads; over all that was asked."""
+    from scipy.stats import t
+
+    return float(t.isf(_ALARM / (2 * asked), rest - 1))
+
+
+def shared(robots: Sequence[Done]) -> list[Shared]:
+    """The causes named in robots of a type, the most frequent first."""
+    diagnosed = [own for own in robots if own.verdict is not None]
+    named, possible = Counter[tuple[str, str]](), Counter[str]()
+    for own in diagnosed:
+        named.update({(cause.effect, cause.where) for cause in own.causes})
+        possible.update({key for cause in own.causes for key in cause.alike})
+    rows = [
+        Shared(*key, count, possible[":".join(key)], _interval(count, len(diagnosed)))
+        for key, count in named.items()
+    ]
+    return sorted(rows, key=lambda row: (-row.robots, -row.possible, row.effect, row.where))
+
+
+def _interval(count: int, of: int) -> tuple[float, float]:
+    """Clopper and Pearson's, 95 %, of a share."""
+    from scipy.special import betaincinv
+
+    low = float(betaincinv(count, of - count + 1, 0.025)) if count else 0.0
+    high = float(betaincinv(count + 1, of - count, 0.975)) if count < of else 1.0
+    return low, high
+
+
+def days_of(tables: Sequence[Done]) -> list[int] | None:
+    """Days from a robot's first table to each, None where one has no date."""
+    from datetime import date
+
+    dates = [date.fromisoformat(own.day) for own in tables if own.day]
+    return [(day - dates[0]).days for day in dates] if len(dates) == len(tables) else None
+
+
+def trend_p(values: Sequence[float]) -> float | None:
+    """Chance that values in any order rise or fall as steadily (Kendall), None of fewer than four."""
+    from scipy.stats import kendalltau
+
+    if len(values) < 4 or np.ptp(values) == 0.0:
+        return None
+    return float(kendalltau(range(len(values)), values).pvalue)

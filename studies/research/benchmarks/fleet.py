@@ -1,0 +1,192 @@
+"""A plant of simulated robots through ``posecal fleet``: speed, memory, a kill, workers.
+
+    python -m studies.research.benchmarks.fleet [--robots 1000] [--diagnose] [--json FILE]
+
+Three runs over the same files: by several workers; by as many, killed when a third is done and started
+again; by one. All results must be the same to the last byte, and nothing be computed twice.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import psutil
+
+from studies.command.deliver import console_for
+from studies.research.benchmarks.plant import FAULTY, knocked, write_plant
+
+RUN = [
+    sys.executable,
+    "-c",
+    "from studies.cli import run; run()",
+    "fleet",
+    ".",
+    "--json",
+    "fleet.json",
+]
+_RESULT = "*.json"
+_TICK_S = 0.2
+_MB = 1e6
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Seconds since the start, results that stand, and memory [byte] of the command and its workers."""
+
+    seconds: float
+    results: int
+    command: int
+    workers: int
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run of the command: what it said, how it went, and its time on processors [s]."""
+
+    status: int
+    said: str
+    samples: list[Sample]
+    cpu_s: float
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """Results written and kept, as it says."""
+        found = re.search(r"(\d+) results? written beside the tables, (\d+) kept", self.said)
+        return (int(found[1]), int(found[2])) if found else (0, 0)
+
+    def memory_mb(self, low: float, high: float) -> tuple[float, float]:
+        """Most of the command and of its workers while so large a share of the results stood."""
+        last = self.samples[-1].results
+        own = [s for s in self.samples[:-1] if low * last <= s.results < high * last]
+        command = max((s.command for s in own), default=0)
+        return command / _MB, max((s.workers for s in own), default=0) / _MB
+
+
+def run(folder: Path, *options: str, until: Callable[[Sample], bool] = lambda _: False) -> Run:
+    """The command in a folder, killed as soon as ``until`` holds."""
+    own = {"cwd": folder, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join([os.getcwd(), *sys.path])}
+    begun, samples = time.monotonic(), []
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    with subprocess.Popen([*RUN, *options], env=env, start_new_session=True, **own) as process:  # type: ignore[call-overload]  # noqa: S603
+        while process.poll() is None:
+            samples.append(_sample(process.pid, folder, time.monotonic() - begun))
+            if until(samples[-1]):
+                process.send_signal(signal.SIGKILL)
+            time.sleep(_TICK_S)
+        said = process.stdout.read()
+    samples.append(Sample(time.monotonic() - begun, len(results(folder)), 0, 0))
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return Run(process.returncode, said, samples, cpu)
+
+
+def _sample(pid: int, folder: Path, seconds: float) -> Sample:
+    count = len(results(folder))
+    try:
+        command = psutil.Process(pid)
+        own = command.memory_info().rss
+        workers = sum(child.memory_info().rss for child in command.children(recursive=True))
+    except psutil.Error:  # it ended just now
+        own = workers = 0
+    return Sample(seconds, count, own, workers)
+
+
+def results(folder: Path) -> list[Path]:
+    """The results beside the tables."""
+    return sorted(folder.glob(f"*/*/{_RESULT}"))
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """Every result and the summary, by their place below the folder."""
+    files = [*results(folder), folder / "fleet.json"]
+    return {
+        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in files
+        if path.exists()
+    }
+
+
+def measured(
+    base: Path, robots: int, workers: int, seed: int, options: list[str]
+) -> dict[str, Any]:
+    """The three runs, and whether they agree."""
+    whole, killed, alone = (base / name for name in ("whole", "killed", "alone"))
+    begun = time.monotonic()
+    write_plant(whole, robots, seed=seed)
+    drawn_s = time.monotonic() - begun
+    for copy in (killed, alone):
+        shutil.copytree(whole, copy)
+    many = ["--workers", str(workers), *options]
+    first = run(whole, *many)
+    wanted = len(results(whole))
+    cut = run(killed, *many, until=lambda own: own.results >= wanted // 3)
+    stood = {path: path.stat().st_mtime_ns for path in results(killed)}
+    second = run(killed, *many)
+    single = run(alone, "--workers", "1", *options)
+    summary = json.loads((whole / "fleet.json").read_text(encoding="utf-8"))
+    busy = [own.seconds for own in first.samples if 0 < own.results < wanted]
+    return {
+        "robots": robots,
+        "workers": workers,
+        "options": options,
+        "simulated_s": drawn_s,
+        "status": [first.status, cut.status, second.status, single.status],
+        "results": wanted,
+        "faults": robots // FAULTY,
+        "seconds": first.samples[-1].seconds,
+        "robots_a_minute": 60.0 * robots / first.samples[-1].seconds,
+        "robots_a_minute_started": 60.0 * robots / (busy[-1] - busy[0]) if len(busy) > 1 else None,
+        "processor_s_a_robot": single.cpu_s / robots,
+        "robots_a_minute_one_worker": 60.0 * robots / single.samples[-1].seconds,
+        "memory_to_a_third_mb": first.memory_mb(0.01, 1 / 3),
+        "memory_of_the_last_tenth_mb": first.memory_mb(0.9, 1.0),
+        "stood_at_the_kill": len(stood),
+        "second_run_written_and_kept": second.counts,
+        "kept_untouched": all(p.stat().st_mtime_ns == when for p, when in stood.items()),
+        "killed_same_bytes": digests(killed) == digests(whole),
+        "one_worker_same_bytes": digests(alone) == digests(whole),
+        "knocked": [index for index in range(robots) if knocked(index)],
+        "stand_out": sorted({int(own["robot"][-5:]) for own in summary["off"]}),
+        "left_over": [p.name for p in killed.rglob(".posecal-*")],
+    }
+
+
+@click.command()
+@click.option("--robots", type=click.IntRange(min=6), default=1000, show_default=True)
+@click.option("--workers", type=click.IntRange(min=1), default=2, show_default=True)
+@click.option("--diagnose", "both", is_flag=True, help="Diagnose too: some seconds a robot.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option("--json", "path", type=click.Path(path_type=Path), help="Write the figures as JSON.")
+def main(robots: int, workers: int, both: bool, seed: int, path: Path | None) -> None:
+    """Measure ``posecal fleet``; about a second of a processor a robot and run without --diagnose."""
+    from calib.files.write import json_text, write_files
+
+    options = ["--holdout", "0.3", *([] if both else ["--only", "identify"])]
+    with tempfile.TemporaryDirectory() as name:
+        found = measured(Path(name), robots, workers, seed, options)
+    console = console_for(None)
+    for key, value in found.items():
+        shown = f"{value:.4g}" if isinstance(value, float) else value
+        console.print(f"{key:30} {shown}")
+    if path is not None:
+        write_files({path: json_text(found)})
+
+
+if __name__ == "__main__":
+    main()

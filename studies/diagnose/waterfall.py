@@ -81,7 +81,7 @@ def waterfall(steps: Steps, floor_mm: float) -> Picture:
     caption += (
         f"What is left is {values[-1] / low:.2f} times the floor, which noise alone would leave."
     )
-    header = ("step", "RMS [mm]", "change [mm]", "floor [mm]")
+    header = ("step", *(f"{what} [{steps.unit}]" for what in ("RMS", "change", "floor")))
     rows: list[tuple[Cell, ...]] = [(labels[0], float(values[0]), None, low)]
     for label, value, change in zip(names, values[1:], np.diff(values), strict=True):
         rows.append((label, float(value), float(change), low))

@@ -196,7 +196,9 @@ def _check(cell: Cell, poses: Poses, weights: Array) -> None:
 def _block(estimate: Estimate, poses: Poses) -> tuple[Array, ...]:
     """(q, before, left, turn before, turn left, spread, scatter, reasons) of some targets."""
     model, values = estimate.model, estimate.values
-    points = working_points(model).marker_positions(values)
+    working = working_points(model)
+    points = working.marker_positions(values)
+    points = points[working.instruments[0].read_of(len(points))]
     nominal, now = forward(model.robot, poses.q), tip_of(model, values, poses)
     R, o = nominal.R[:, -1], nominal.o[:, -1]
     found = reach(model, values, poses, Goal(R, o, points))

@@ -182,8 +182,9 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     outcome, named, after, refused = believed(linear, outcome)
     before, after = stage.exact(outcome.before), stage.exact(sparing(linear, after))
     noise = _noise(stage, after, factor)
-    floor = float(np.sqrt(3.0)) * noise.sigma
     counted = data.take(~stage.dropped)
+    channels = stage.model.readout.channels
+    floor = float(np.sqrt(channels.numbers_each(counted.seen))) * noise.sigma
     if heldout is not None and outcome.active:
         gap = gap_of(before, after, counted, heldout, floor, reach(stage, after, heldout))
         if gap.heldout_after is not None and gap.heldout_after >= (gap.heldout_before or 0.0):

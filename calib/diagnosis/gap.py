@@ -89,13 +89,13 @@ def reach(stage: Stage, fit: Fit, heldout: Measurements | None) -> float:
     if heldout is None or not heldout.seen.any():
         return 0.0
     kept = ~stage.dropped
-    lengths = stage.model.readout.channels.lengths
-    believed = believed_sigma(stage.data.take(kept), stage.weights[kept], lengths)
+    channels = stage.model.readout.channels
+    believed = believed_sigma(stage.data.take(kept), stage.weights[kept], channels.lengths)
     sigma = believed * fit.variances.scale
     none = Variances.none(fit.model.robot.dof)
     arm = scatter_of(fit.model, fit.values, heldout.poses, none)
     squares = arm.point_variance(fit.variances.approach)[heldout.seen]
-    return float(np.sqrt(3.0 * sigma**2 + squares.mean()))
+    return float(np.sqrt(channels.numbers_each(heldout.seen) * sigma**2 + squares.mean()))
 
 
 def share_closed(before: Array, after: Array, floor: float) -> float | None:

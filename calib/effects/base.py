@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
+from calib.arrays import Array
 from calib.effects.protocol import Context, Effect, Parameter
 from calib.instruments import TRACKER, Instrument
 
 
 @dataclass(frozen=True, eq=False)
 class Base(Effect):
-    """The place of an instrument, from zero.
+    """The place of an instrument; at first where the cell says that it stands, or at zero.
 
     station : int or None, the station where it stands so; None for one that never moves, or that has
         sites: it stands so at the one of its name
@@ -29,6 +30,10 @@ class Base(Effect):
     def at(cls, context: Context, where: str) -> Self:
         found = next(base for base in _standing(context) if base.where == where)
         return cls(where, found.station, found.of)
+
+    @property
+    def initial(self) -> Array:
+        return self.of.guess
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.arm.se3 import from_xyz_rpy
+from calib.arm.se3 import from_xyz_rpy, inverse, so3_log
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.schema import (
@@ -202,7 +202,21 @@ def _camera(table: CameraTable, name: str, cell: CellFile, bodies: Bodies) -> Ca
         free=np.flatnonzero(free),
         believed=believed,
         boards=tuple(boards),
+        standing=_standing(table, [cell.boards[board.name] for board in boards]),
     )
+
+
+def _standing(table: CameraTable, boards: Sequence[BoardTable]) -> Array | None:
+    """The place of a camera in the world, or of the boards that one on the tip sees, if given."""
+    in_world: list[BodyTable] = [*boards] if table.on == "tip" else [table]
+    if not all({"position_mm", "rpy_deg"} & own.model_fields_set for own in in_world):
+        return None
+    places = [
+        from_xyz_rpy(np.array(own.position_mm) * _MM, np.radians(own.rpy_deg)) for own in in_world
+    ]
+    if table.on == "world":
+        places = [inverse(places[0])]
+    return np.concatenate([np.concatenate([T[:3, 3], so3_log(T[:3, :3])]) for T in places])
 
 
 def _believed(given: IntrinsicsStd) -> Array:

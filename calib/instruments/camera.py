@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -52,6 +53,7 @@ class Camera(Instrument):
     free : ndarray of int, positions of the unknown values of the lens
     believed : ndarray, shape (9,), standard deviations of the lens's values, NaN where none is given
     boards : tuple of Board, that it sees
+    standing : ndarray, shape (6,) or (6 boards,), where it, or they stand as far as is known, or None
     """
 
     lens: Lens = field(default_factory=Lens)
@@ -60,6 +62,7 @@ class Camera(Instrument):
     free: IntArray = field(default_factory=lambda: np.zeros(0, dtype=int))
     believed: Array = field(default_factory=lambda: np.full(9, np.nan))
     boards: tuple[Board, ...] = ()
+    standing: Array | None = None
     kind: ClassVar[str] = "camera"
     rows: ClassVar[int] = 2
     columns: ClassVar[tuple[Column, ...]] = (Column("u", "pixel"), Column("v", "pixel"))
@@ -73,6 +76,13 @@ class Camera(Instrument):
             else Unknown(_LENS[i], "", 1.0, _BENT)
             for i in self.free.tolist()
         )  # fmt: skip
+
+    @property
+    def guess(self) -> Array:
+        found = np.zeros(len(self.unknowns))
+        if self.standing is not None:
+            found[: len(self.standing)] = self.standing
+        return found
 
     @property
     def prior(self) -> Array:
@@ -92,6 +102,18 @@ class Camera(Instrument):
         del place
         own = np.where(np.isnan(sigma), self.sigma, sigma)[..., None, None]
         return np.broadcast_to(np.eye(2) / own, (*rows.shape, 2))
+
+    @abstractmethod
+    def inside(self, points: Array) -> Mask:
+        """Whether points (..., 3 k), m, base axes, that a reading takes are in the image: (...)."""
+
+    def in_image(self, points: Array) -> Mask:
+        """Whether points (..., 3), m, camera axes, lie ahead and in the image, if its size is given."""
+        ahead = points[..., 2] > 0.0
+        if self.image is None:
+            return np.asarray(ahead)
+        pixels = self.lens.project(points)
+        return np.asarray(ahead & ((pixels >= 0.0) & (pixels <= self.image)).all(axis=-1))
 
     def _split(self, place: Array) -> tuple[Array, Lens]:
         """Where it, or the boards stand; the lens."""
@@ -144,14 +166,33 @@ class FixedCamera(Camera):
         place = np.concatenate([t, so3_log(R), np.zeros(len(self.free))])
         return Start(place, markers, told)
 
+    @property
+    def unforeseen(self) -> str:
+        return (
+            ""
+            if self.standing is not None
+            else "where it stands is not known; give its position_mm and rpy_deg in the base's frame, "
+            "z ahead and x to the right of the image"
+        )
+
+    @property
+    def position(self) -> Array | None:
+        if self.standing is None:
+            return None
+        return np.asarray(-so3_exp(self.standing[3:]).T @ self.standing[:3])
+
+    def inside(self, points: Array) -> Mask:
+        """Whether points (..., 3), m, base axes, are before it and in its image."""
+        if self.standing is None:
+            return np.ones(points.shape[:-1], dtype=bool)
+        return self.in_image(rotate(so3_exp(self.standing[3:]), points) + self.standing[:3])
+
 
 @dataclass(frozen=True, eq=False)
 class ArmCamera(Camera):
     """On the tip, of boards in the world. The place begins with ``T_base_board`` of each board.
 
     It rides on the tip as a body does: three points, its centre and the ends of its x and y axes.
-
-    guess : ndarray, shape (boards, 6), where the boards stand, translation first, in base axes
     """
 
     each: ClassVar[int] = CORNERS
@@ -165,6 +206,22 @@ class ArmCamera(Camera):
             for u in _STANDING
         )
         return (*standing, *self.of_lens)
+
+    @property
+    def unforeseen(self) -> str:
+        return (
+            ""
+            if self.standing is not None
+            else "where its boards stand is not known; give position_mm and rpy_deg of each in the "
+            "base's frame, and of the camera on the tip"
+        )
+
+    def inside(self, points: Array) -> Mask:
+        if self.standing is None:
+            return np.ones(points.shape[:-1], dtype=bool)
+        centre, axes = self._seen_from(points.reshape((*points.shape[:-1], CORNERS, 3)))
+        targets, _ = self._targets(self.standing)
+        return self.in_image(rotate(axes, targets - centre))
 
     def _seen_from(self, corners: Array) -> tuple[Array, Array]:
         """The centre (..., 3) and the axes (..., 3, 3), by rows, of the camera in base axes."""

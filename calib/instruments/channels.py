@@ -69,6 +69,12 @@ class Channels:
             found[part, instrument.lengths] = True
         return found if found.any() else ~found
 
+    def numbers_each(self, seen: Mask) -> float:
+        """How many numbers that are errors of length a reading has, 3 of a tracker; seen : (m, C)."""
+        each = self.lengths.sum(axis=-1)
+        counted = seen & (each > 0)
+        return float((counted * each).sum() / max(1, counted.sum()))
+
     @property
     def width(self) -> int:
         """Numbers of the widest row."""

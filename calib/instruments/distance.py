@@ -37,6 +37,17 @@ class Distance(Even):
         return self.known
 
     @property
+    def guess(self) -> Array:
+        found = np.zeros(len(self.unknowns))
+        if self.anchor is not None and not self.known:
+            found[:3] = self.anchor
+        return found
+
+    @property
+    def unforeseen(self) -> str:
+        return "" if self.anchor is not None else "give its anchor_mm in the base's frame"
+
+    @property
     def position(self) -> Array | None:
         return self.anchor
 

@@ -49,6 +49,13 @@ class Even(Instrument, ABC):
         return np.asarray(np.eye(self.rows) / own[..., None, None])
 
     @property
+    def unforeseen(self) -> str:
+        return (
+            f"the arm meets a {self.kind} at poses of its own, and plans draw them anywhere; measure "
+            "where it does, and ask identify and diagnose"
+        )
+
+    @property
     def even(self) -> float | None:
         return self.sigma
 

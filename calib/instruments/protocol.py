@@ -141,6 +141,16 @@ class Instrument(ABC):
         return np.full(len(self.unknowns), np.nan)
 
     @property
+    def guess(self) -> Array:
+        """Where it is taken to stand before it has read anything, (u,): known, or zero."""
+        return np.zeros(len(self.unknowns))
+
+    @property
+    def unforeseen(self) -> str:
+        """What keeps its readings from being foreseen, and what to do; empty where nothing does."""
+        return ""
+
+    @property
     def metric(self) -> bool:
         """Whether its readings hold a length: without any, an arm of twice the size reads the same."""
         return True

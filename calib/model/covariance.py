@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
-from calib.effects.tool import Body, Tool
+from calib.effects.tool import Tool
 from calib.errors import Unsolvable
 from calib.instruments import Tracker
 from calib.model import Model
@@ -174,16 +174,9 @@ def working_points(model: Model) -> Model:
     if [type(i) for i in model.instruments] == [Tracker] and trackers[0].markers is None:
         return model
     name = trackers[0].name if trackers else ""
-    origins = None if known else _origins(model)
-    return replace(model, instruments=(Tracker(name=name, markers=origins),))
-
-
-def _origins(model: Model) -> tuple[int, ...]:
-    """Markers less the ends of bodies' axes."""
-    ends = {
-        i for e in model.effects if isinstance(e, Body) for i in range(e.marker + 1, e.marker + 3)
-    }
-    return tuple(i for i in range(len(model.markers)) if i not in ends)
+    # Of a frame its origin: the ends of its axes are not where anybody works.
+    read = None if known else tuple(np.unique(model.readout.channels.marker).tolist())
+    return replace(model, instruments=(Tracker(name=name, markers=read),))
 
 
 def errors_at(model: Model, values: Array, cov: Array, targets: Poses) -> Array:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from calib.arrays import Array, Mask
+from calib.instruments import Camera
 from doe.constraints.distances import point_segment, segment_segment
 from doe.constraints.obstacles import Obstacle, obstacles_of
 from doe.constraints.scene import PlacedCapsule, Scene, turned
@@ -41,6 +42,8 @@ def _hidings(scene: Scene) -> Iterator[tuple[str, int, Mask]]:
     """Cause, channel, and the configurations (n,) where it is the first to hide its marker."""
     channels = scene.cell.channels
     for instrument, part in channels.blocks:
+        if isinstance(instrument, Camera):
+            yield from _beside_the_image(scene, instrument, part)
         at = instrument.position
         if at is None:
             continue
@@ -49,6 +52,13 @@ def _hidings(scene: Scene) -> Iterator[tuple[str, int, Mask]]:
             j = int(channels.marker[channel])
             for why, hidden in _hidden(scene, j, at, obstacles):
                 yield why, channel, hidden
+
+
+def _beside_the_image(scene: Scene, camera: Camera, part: slice) -> Iterator[tuple[str, int, Mask]]:
+    read = camera.read_of(len(scene.cell.markers))
+    points = scene.markers[:, read].reshape(len(scene), -1, 3 * camera.each)
+    for channel, seen in enumerate(camera.inside(points).T, part.start):
+        yield "beside the image", channel, ~seen
 
 
 def _hidden(

@@ -14,6 +14,7 @@ from calib.effects.tool import Tool
 from calib.errors import CalibError, InputError
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
+from calib.model.covariance import working_points
 from calib.poses import Poses, poses_at
 from calib.targets import check_targets, targets_of
 from doe.constraints import Constraint, constraints_of, scene_of, visible
@@ -24,7 +25,7 @@ from doe.problem.information import Regressor
 from doe.problem.nominal import nominal
 from doe.problem.pool import Pool, drawn, rounded
 from doe.problem.probe import PROBE, check_identifiable, is_silent, probe_of
-from doe.problem.refusals import CannotIdentify
+from doe.problem.refusals import CannotIdentify, refuse_unplaced
 from doe.problem.request import Request, direction_of, rival_rows, subset_of, with_rivals
 
 RIDGE = 1e-10
@@ -104,12 +105,13 @@ def counts_at_markers(model: Model, request: Request) -> bool:
 
 def target_rows(regressor: Regressor, targets: Poses, at_markers: bool) -> Array:
     """``J`` at target poses, shape (K, rows, p), m per y, the mean over the markers in it."""
-    model = replace(regressor.model)
+    model = replace(working_points(regressor.model))
     if not at_markers:
-        model = replace(model, marker_names=("tip",), markers=np.zeros((1, 3)))
+        alone = (replace(model.instruments[0], markers=None),)
+        model = replace(model, instruments=alone, marker_names=("tip",), markers=np.zeros((1, 3)))
     _, J = model.jacobian(regressor.values, targets)
     rows = J.reshape(len(targets), -1, J.shape[-1]) @ regressor.T
-    return np.asarray(rows / np.sqrt(len(model.markers)))
+    return np.asarray(rows / np.sqrt(J.shape[1]))
 
 
 def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
@@ -118,6 +120,7 @@ def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
     Raises CalibError: unknown effects, targets outside the limits, no feasible candidate, parameters
     that no plan determines (CannotIdentify), a criterion that lacks what it needs.
     """
+    refuse_unplaced(cell)
     if request.rivals is not None:
         cell = with_rivals(cell, request.rivals)
     constraints = constraints_of(cell)

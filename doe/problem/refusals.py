@@ -17,6 +17,16 @@ class CannotIdentify(CalibError):
         super().__init__(text)
 
 
+def refuse_unplaced(cell: Cell) -> None:
+    """Raise CalibError where an instrument reads nothing that can be foreseen."""
+    for instrument in cell.instruments:
+        if instrument.unforeseen:
+            raise CalibError(
+                f"what {instrument.kind} {instrument.name!r} would read cannot be foreseen: "
+                f"{instrument.unforeseen}"
+            )
+
+
 def no_candidate(
     count: int, removed: dict[str, int], where: str = "", found: int = 0, needed: int = 1
 ) -> str:

@@ -29,6 +29,7 @@ from calib.poses import Measurements, Poses
 from calib.scatter import Scatter, Variances, scatter_of
 from calib.simulation import approached, tip_origins, whitening
 from doe.constraints import scene_of, visible
+from doe.problem.refusals import refuse_unplaced
 
 _PLAUSIBLE_M = 1e-3  # what an assumed error moves the markers by at most
 
@@ -143,8 +144,9 @@ def experiment_of(
         the seed: each parameter by its usual size, or by what moves the markers a millimetre. A load
         effect shows through compliances only: with one in the model, predictions hold at those drawn
 
-    Raises UnknownEffect, EffectCannotAct.
+    Raises UnknownEffect, EffectCannotAct, CalibError where readings cannot be foreseen.
     """
+    refuse_unplaced(cell)
     poses = in_turn(cell, plan)
     model = build(cell, poses).model
     refuse_idle_effects(cell, model, poses)

@@ -104,8 +104,12 @@ class Place(Entry):
 
 
 class Gap(Entry):
-    """RMS errors before and after; over time: each quarter of the session by the other three."""
+    """RMS errors before and after; over time: each quarter of the session by the other three.
 
+    unit : of all of them, mm but where no reading is a length
+    """
+
+    unit: Literal["mm", "px"] = "mm"
     floor_mm: Positive
     fit_before_mm: NotNegative
     fit_after_mm: NotNegative
@@ -265,11 +269,12 @@ def diagnose_record(
 def findings(found: Diagnosis, spectra: Sequence[FoundSpectrum] = ()) -> Findings:
     """The diagnosis without what it was made from; spectra : of it, where they are asked for."""
     noise, tip, poses = found.noise, found.after.model.robot.tip, found.data.poses
+    mm = found.after.model.footprint(found.after.values, found.data) * _MM
     return Findings(
         verdict=found.verdict,
         noise=DiagnoseNoise(
-            sigma_mm=noise.sigma * _MM,
-            believed_sigma_mm=noise.believed * _MM,
+            sigma_mm=noise.sigma * mm,
+            believed_sigma_mm=noise.believed * mm,
             source=noise.source,
             grows_with_range=None
             if found.growth is None
@@ -281,7 +286,7 @@ def findings(found: Diagnosis, spectra: Sequence[FoundSpectrum] = ()) -> Finding
             Place(where=_at(p.where, tip), depends_on=p.depends_on, share_of_gap=p.share)
             for p in found.located
         ),
-        gap=_gap(found.gap),
+        gap=_gap(found.gap, found.after.model.readout.channels.metric),
         could_not_see=tuple(
             Sought(
                 effect=entry.effect,
@@ -308,23 +313,25 @@ def _at(where: str, tip: str) -> str:
     return "tool" if where == tip else where
 
 
-def _gap(gap: Shrinkage) -> Gap:
+def _gap(gap: Shrinkage, metric: bool) -> Gap:
     before, after = gap.over_time or (None, None)
+    scale = _MM if metric else 1.0
+
+    def shown(error: float | None) -> float | None:
+        return None if error is None else error * scale
+
     return Gap(
-        floor_mm=gap.floor * _MM,
-        fit_before_mm=gap.fit_before * _MM,
-        fit_after_mm=gap.fit_after * _MM,
-        heldout_before_mm=_mm(gap.heldout_before),
-        heldout_after_mm=_mm(gap.heldout_after),
-        over_time_before_mm=_mm(before),
-        over_time_after_mm=_mm(after),
+        unit="mm" if metric else "px",
+        floor_mm=gap.floor * scale,
+        fit_before_mm=gap.fit_before * scale,
+        fit_after_mm=gap.fit_after * scale,
+        heldout_before_mm=shown(gap.heldout_before),
+        heldout_after_mm=shown(gap.heldout_after),
+        over_time_before_mm=shown(before),
+        over_time_after_mm=shown(after),
         closed=gap.closed,
         closed_ci95=gap.closed_ci95,
     )
-
-
-def _mm(length: float | None) -> float | None:
-    return None if length is None else length * _MM
 
 
 def _effect(cause: Found, spectra: Sequence[FoundSpectrum], tip: str) -> Effect:

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from calib.threads import one_blas_thread
-from studies.record import Entry, Maybe, NotNegative, Number, Three, three
+from studies.record import Entry, Maybe, NotNegative, Number, Three
 
 if TYPE_CHECKING:
     from calib.arm.robot import Robot
@@ -34,6 +34,7 @@ class Steps(Entry):
     """RMS error before and after each effect, added one to the other by their share of the gap."""
 
     of: str
+    unit: Literal["mm", "px"] = "mm"
     added: tuple[str, ...]
     rms_mm: tuple[NotNegative, ...]
 
@@ -101,15 +102,33 @@ class Curve(Entry):
 
 
 class Residual(Entry):
-    """Measured minus predicted point, with what was found and before."""
+    """Measured minus predicted reading, with what was found and before.
+
+    Three coordinates of a point, one length d, or two of an image.
+    """
 
     pose: str
     marker: str
-    x_mm: Number
-    y_mm: Number
-    z_mm: Number
-    before_mm: Three
+    instrument: str = "instrument"
+    x_mm: Maybe = None
+    y_mm: Maybe = None
+    z_mm: Maybe = None
+    d_mm: Maybe = None
+    u_px: Maybe = None
+    v_px: Maybe = None
+    before_mm: Three | tuple[Number] | None = None
+    before_px: tuple[Number, Number] | None = None
     heldout: bool
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        places = [(self.x_mm, self.y_mm, self.z_mm), (self.d_mm,), (self.u_px, self.v_px)]
+        (*told,) = (len(place) for place in places if None not in place)
+        if len(told) != 1 or len(self.before_mm or self.before_px or ()) != told[0]:
+            raise ValueError(
+                "a residual has x_mm, y_mm and z_mm, or d_mm, or u_px and v_px, and as many before"
+            )
+        return self
 
 
 class Shown(NamedTuple):
@@ -150,10 +169,12 @@ def _steps(found: Diagnosis, added: list[Candidate]) -> Steps:
     fits = [found.before]
     fits += [found.linear.fit([c.effect for c in added[:n]]) for n in range(1, len(added))]
     fits += [found.after] if added else []
+    metric = found.before.model.readout.channels.metric
     return Steps(
+        unit="mm" if metric else "px",
         of="fitted poses" if found.heldout is None else "held-out poses",
         added=tuple(map(label, added)),
-        rms_mm=tuple(rms(squared_errors(fit, data)) * _MM for fit in fits),
+        rms_mm=tuple(rms(squared_errors(fit, data)) * (_MM if metric else 1.0) for fit in fits),
     )
 
 
@@ -162,23 +183,27 @@ def _residuals(found: Diagnosis, data: Measurements, heldout: bool) -> Iterator[
 
     Of a point in the instrument's frame, of the origin of a body in its own.
     """
-    names = found.before.model.marker_names
+    model = found.before.model
     off = [fit.model.off(fit.values, data) for fit in (found.before, found.after)]
-    channels = found.before.model.readout.channels
-    for instrument, part in channels.blocks:
+    for instrument, part in model.readout.channels.blocks:
+        unit = instrument.numbers[0].unit
+        own = [k for k, n in enumerate(instrument.numbers) if n.unit == unit]
+        keys = [f"{instrument.numbers[k].name}_{unit}" for k in own]
         before, after = (
-            instrument.shown(*(a[:, part, : instrument.rows] for a in (data.readings, own))) * _MM
-            for own in off
+            instrument.shown(*(a[:, part, : instrument.rows] for a in (data.readings, missed)))[
+                ..., own
+            ]
+            / instrument.numbers[0].scale
+            for missed in off
         )
-        for i, c in np.argwhere(data.seen[:, part]):
-            x, y, z = three(after[i, c, :3])
+        for i, c in np.argwhere(data.seen[:, part]).tolist():
+            numbers: dict[str, Any] = dict(zip(keys, after[i, c].tolist(), strict=True))
+            numbers[f"before_{unit}"] = tuple(before[i, c].tolist())
             yield Residual(
                 pose=data.poses.names[i],
-                marker=names[channels.marker[part][c]],
-                x_mm=x,
-                y_mm=y,
-                z_mm=z,
-                before_mm=three(before[i, c, :3]),
+                marker=model.channel_names[part][c],
+                instrument=instrument.name,
+                **numbers,
                 heldout=heldout,
             )
 

@@ -150,7 +150,7 @@ def _and(parts: Sequence[str]) -> str:
 def _parts(record: DiagnoseRecord) -> Iterator[Part]:
     yield Sentence(_MEANS[record.verdict])
     yield from labelled("noise", noise_words(record.noise))
-    yield Table(_GAP, list(_gap(record.gap)), "The error before and after")
+    yield Table(_of_gap(record.gap.unit), list(_gap(record.gap)), "The error before and after")
     for effect in record.effects:
         yield from _effect(effect)
     for draw in pictures(record):
@@ -168,7 +168,7 @@ def _parts(record: DiagnoseRecord) -> Iterator[Part]:
 
 @dataclass(frozen=True)
 class _Error:
-    """RMS errors of some poses, mm; and what is said of the share that is gone."""
+    """RMS errors of some poses; and what is said of the share that is gone."""
 
     label: str
     before: float
@@ -177,13 +177,14 @@ class _Error:
     closed: str = ""
 
 
-_GAP: tuple[Column[_Error], ...] = (
-    Column("RMS", lambda row: row.label),
-    Column("before", lambda row: row.before, MM, "mm"),
-    Column("after", lambda row: row.after, MM, "mm"),
-    Column("noise alone", lambda row: row.floor, MM, "mm"),
-    Column("gap closed\n(95 % interval)", lambda row: row.closed),
-)
+def _of_gap(unit: str) -> tuple[Column[_Error], ...]:
+    return (
+        Column("RMS", lambda row: row.label),
+        Column("before", lambda row: row.before, MM, unit),
+        Column("after", lambda row: row.after, MM, unit),
+        Column("noise alone", lambda row: row.floor, MM, unit),
+        Column("gap closed\n(95 % interval)", lambda row: row.closed),
+    )
 
 
 def _gap(gap: Gap) -> Iterator[_Error]:

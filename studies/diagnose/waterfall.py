@@ -65,12 +65,12 @@ def waterfall(steps: Steps, floor_mm: float) -> Picture:
         color=INK,
         linewidth=1.4,
         linestyle=(0, (4, 2)),
-        label=f"floor: noise alone, {short(low)} mm",
+        label=f"floor: noise alone, {short(low)} {steps.unit}",
     )
     panel.set_yticks(range(len(labels)), labels)
     panel.tick_params(axis="y", length=0)
     panel.set(xlim=(0.0, (1.0 + _TEXT) * most), ylim=(len(labels) - 0.4, -0.6))
-    panel.set_xlabel(f"RMS distance measured \N{MINUS SIGN} predicted, {of} [mm]")
+    panel.set_xlabel(f"RMS distance measured \N{MINUS SIGN} predicted, {of} [{steps.unit}]")
     legend_below(figure, [line, *_key(values)])
     caption = f"3-D root mean square error of the {of}. " + (
         "Each effect is added to those above it and the whole model fitted again, so that a bar is "
@@ -81,7 +81,7 @@ def waterfall(steps: Steps, floor_mm: float) -> Picture:
     caption += (
         f"What is left is {values[-1] / low:.2f} times the floor, which noise alone would leave."
     )
-    header = ("step", "RMS [mm]", "change [mm]", "floor [mm]")
+    header = ("step", *(f"{what} [{steps.unit}]" for what in ("RMS", "change", "floor")))
     rows: list[tuple[Cell, ...]] = [(labels[0], float(values[0]), None, low)]
     for label, value, change in zip(names, values[1:], np.diff(values), strict=True):
         rows.append((label, float(value), float(change), low))

@@ -44,6 +44,8 @@ def _bars(evidence: Evidence) -> Iterator[Bar]:
         noise = identified.record.noise
     if diagnosed is not None and (identified is None or _same_data(identified, diagnosed)):
         found = diagnosed.record
+        if isinstance(found, DiagnoseRecord) and found.gap.unit != "mm":
+            return
         if isinstance(found, DiagnoseRecord) and found.effects:
             label, held = "with what the diagnosis found", found.gap.heldout_after_mm
             yield Bar(label, found.gap.fit_after_mm, "good")

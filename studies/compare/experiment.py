@@ -14,6 +14,7 @@ from calib.cell import Cell, Repeatability
 from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
+from calib.instruments import Tracker
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
 from calib.observations import (
@@ -82,7 +83,9 @@ class Experiment:
 
     @property
     def ways(self) -> tuple[Way, ...]:
-        """The ways that the markers allow: no pose can be computed from fewer than three."""
+        """The ways that the readings allow: a pose needs the points of three markers."""
+        if not all(type(i) is Tracker for i in self.model.instruments):
+            return (POINTS,)
         usable = orientable(self.model.marker_positions(self.nominal), self.seen)
         return WAYS if usable.any() else (POINTS,)
 

@@ -119,7 +119,7 @@ def _gain(record: CompareRecord) -> Iterator[Sentence]:
     """What approach #1 loses, plain and by its full covariance."""
     if all(plan.of("pose full") is None for plan in record.plans):
         yield Sentence(
-            "#1 (pose) needs three visible markers that are not in line; #2 (points) does not",
+            "#1 (pose) needs the points of three markers that are not in line; #2 (points) does not",
             label="approach",
         )
         return

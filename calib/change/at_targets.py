@@ -8,7 +8,6 @@ in the mean, which is taken off. Its interval inverts the distribution, a gamma 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -42,13 +41,14 @@ class Length:
 class AtTargets:
     """Errors over the m targets.
 
-    rms, worst : Length; errors : tuple of Length, at each target; worst_at : int, its position
+    rms, worst : Length; worst_at : int, position of the target that errs most
+    errors : ndarray, shape (m, 3), m, of each: value, low, high
     """
 
     rms: Length
     worst: Length
-    errors: tuple[Length, ...]
     worst_at: int
+    errors: Array
 
 
 def rows_at(
@@ -80,57 +80,54 @@ def at_targets(rows: Array, change: Array, cov: Array, weights: Array) -> AtTarg
     rows : ndarray, shape (m, R, k), of :func:`rows_at`; weights : ndarray, shape (m,)
     The worst target is that of the largest estimate; above it stands the largest upper limit of any.
     """
-    roots, axes = np.linalg.eigh(_symmetric(cov))
+    roots, axes = np.linalg.eigh((cov + cov.T) / 2.0)
     half = axes * np.sqrt(np.maximum(roots, 0.0))
     moved, spread = rows @ change, rows @ half
     share = np.sqrt(weights / weights.sum())
-    whole = _length((share[:, None] * moved).ravel(),
-                    (share[:, None, None] * spread).reshape(-1, spread.shape[-1]))  # fmt: skip
-    errors = tuple(_length(own, its) for own, its in zip(moved, spread, strict=True))
-    counted = [i for i in np.flatnonzero(weights > 0.0).tolist()]
-    at = max(counted, key=lambda i: errors[i].value)
-    worst = Length(
-        errors[at].value,
-        max(errors[i].low for i in counted),
-        max(errors[i].high for i in counted),
-    )
-    return AtTargets(whole, worst, errors, at)
+    all_moved, all_spread = share[:, None] * moved, share[:, None, None] * spread
+    whole = _lengths(all_moved.reshape(1, -1), all_spread.reshape(1, -1, len(half)))[0]
+    errors = _lengths(moved, spread)
+    counted = np.flatnonzero(weights > 0.0)
+    at = int(counted[np.argmax(errors[counted, 0])])
+    worst = Length(float(errors[at, 0]), *errors[counted, 1:].max(axis=0).tolist())
+    return AtTargets(Length(*whole.tolist()), worst, at, errors)
 
 
-def _symmetric(matrix: Array) -> Array:
-    return np.asarray((matrix + matrix.T) / 2.0)
+def _lengths(moved: Array, spread: Array) -> Array:
+    """Value, low and high, shape (m, 3), of lengths estimated as moved (m, R).
+
+    spread : ndarray, shape (m, R, k), covariance ``spread spread^T``
+    """
+    total = (moved**2).sum(axis=1)
+    noise = (spread**2).sum(axis=(1, 2))
+    small = spread.shape[1] <= spread.shape[2]
+    turned = np.swapaxes(spread, 1, 2)
+    noise2 = ((spread @ turned if small else turned @ spread) ** 2).sum(axis=(1, 2))
+    sure = noise <= 0.0
+    noise, noise2 = np.where(sure, 1.0, noise), np.where(sure, 1.0, noise2)
+    along = ((turned @ moved[..., None]) ** 2).sum(axis=(1, 2)) / np.where(total > 0.0, total, 1.0)
+    along = np.maximum(along, noise2 / noise)
+    low, high = (_solved(total, noise, noise2, along, level) for level in (1.0 - _TAIL, _TAIL))
+    squared = np.column_stack([np.maximum(total - noise, 0.0), low, high])
+    return np.asarray(np.sqrt(np.where(sure[:, None], total[:, None], squared)))
 
 
-def _length(moved: Array, spread: Array) -> Length:
-    """Length of what was estimated as moved (R,), with covariance ``spread spread^T``."""
-    total = float(moved @ moved)
-    gram = spread.T @ spread
-    noise, noise2 = float(np.trace(gram)), float((gram**2).sum())
-    if noise <= 0.0:
-        return Length(*3 * [float(np.sqrt(total))])
-    along = float(((spread.T @ moved) ** 2).sum()) / total if total > 0.0 else 0.0
-    along = max(along, noise2 / noise)
-    low, high = (_solved(total, noise, noise2, along, tail) for tail in (1.0 - _TAIL, _TAIL))
-    return Length(float(np.sqrt(max(total - noise, 0.0))), float(np.sqrt(low)), float(np.sqrt(high)))
-
-
-def _solved(total: float, noise: float, noise2: float, along: float, level: float) -> float:
+def _solved(total: Array, noise: Array, noise2: Array, along: Array, level: float) -> Array:
     """The s at which a square below the one found has a probability, zero where none is so small."""
     from scipy.special import gammainc
 
-    def below(s: float) -> float:
+    def below(s: Array) -> Array:
         mean, variance = noise + s, 2.0 * noise2 + 4.0 * along * s
-        return float(gammainc(mean**2 / variance, total * mean / variance))
+        return np.asarray(gammainc(mean**2 / variance, total * mean / variance))
 
-    if below(0.0) <= level:
-        return 0.0
-    low, high = 0.0, max(total, noise)
-    while below(high) > level:
-        high *= 2.0
+    low, high = np.zeros_like(total), np.maximum(total, noise)
+    while (short := below(high) > level).any():
+        high = np.where(short, 2.0 * high, high)
     for _ in range(_HALVINGS):
         middle = (low + high) / 2.0
-        low, high = (middle, high) if below(middle) > level else (low, middle)
-    return high
+        more = below(middle) > level
+        low, high = np.where(more, middle, low), np.where(more, high, middle)
+    return np.where(below(np.zeros_like(total)) <= level, 0.0, high)
 
 
 def verdict(error: Length, tolerance: float) -> Verdict:
@@ -138,8 +135,3 @@ def verdict(error: Length, tolerance: float) -> Verdict:
     if error.high <= tolerance:
         return "holds"
     return "does_not" if error.low > tolerance else "cannot_be_said"
-
-
-def largest(lengths: Iterable[Length]) -> float:
-    """The largest upper limit, m."""
-    return max(length.high for length in lengths)

@@ -10,7 +10,7 @@ are the places of one kind.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,7 +62,7 @@ class Explanation:
     probability : float, among all that were asked; share : float, of the squared difference
     p_left : float, of what it leaves by chance
     values, std : ndarray, shape (r,), SI, its sizes; NaN where the difference does not tell one
-    same_as : tuple of Cause, that could do the same; hidden : whether a plausible size would not show
+    hidden : whether a plausible size would not show
     """
 
     cause: Cause
@@ -71,7 +71,6 @@ class Explanation:
     p_left: float
     values: Array
     std: Array
-    same_as: tuple[Cause, ...]
     hidden: bool
 
     @property
@@ -94,8 +93,8 @@ def explanations(found: Difference, causes: Sequence[Cause]) -> tuple[Explanatio
     weight = np.exp(score - score.max(initial=-np.inf))
     probability = weight / weight.sum()
     told = [
-        _explained(found, cause, Y, float(p), _same(i, whitened, causes))
-        for i, (cause, Y, p) in enumerate(zip(causes, whitened, probability, strict=True))
+        _explained(found, cause, Y, float(p))
+        for cause, Y, p in zip(causes, whitened, probability, strict=True)
     ]
     return tuple(sorted(told, key=lambda e: (not e.explains, -e.probability)))
 
@@ -115,9 +114,7 @@ def _basis(Y: Array) -> Array:
     return np.asarray(U[:, s > 1e-6 * max(s.max(initial=0.0), 1e-12)])
 
 
-def _explained(
-    found: Difference, cause: Cause, Y: Array, probability: float, same_as: tuple[Cause, ...]
-) -> Explanation:
+def _explained(found: Difference, cause: Cause, Y: Array, probability: float) -> Explanation:
     y, U = found.whitened, _basis(Y)
     along = float(((U.T @ y) ** 2).sum())
     left, rows = float(y @ y) - along, len(y) - U.shape[1]
@@ -130,20 +127,19 @@ def _explained(
         tail(max(left, 0.0), rows, found.dof),
         np.where(determined, inverse @ y, np.nan) * cause.sizes,
         np.where(determined, np.linalg.norm(inverse, axis=1), np.nan) * cause.sizes,
-        same_as,
         bool(np.linalg.norm(Y) < _FELT),
     )
 
 
-def _same(i: int, whitened: Sequence[Array], causes: Sequence[Cause]) -> tuple[Cause, ...]:
-    """Causes that can do all that this one does."""
-    own = _basis(whitened[i])
-    found = []
-    for j, Y in enumerate(whitened):
-        U = _basis(Y)
-        if j != i and own.size and np.linalg.norm(own - U @ (U.T @ own)) < _SAME:
-            found.append(causes[j])
-    return tuple(found)
+def same_as(found: Difference, cause: Cause, others: Iterable[Cause]) -> tuple[Cause, ...]:
+    """Causes that can do all that one does."""
+    own = _basis(found.half @ (cause.columns * cause.sizes))
+    bases = ((other, _basis(found.half @ (other.columns * other.sizes))) for other in others)
+    return tuple(
+        other
+        for other, U in bases
+        if other is not cause and np.linalg.norm(own - U @ (U.T @ own)) < _SAME
+    )
 
 
 def candidates(
@@ -173,7 +169,12 @@ def candidates(
         if kind in ("base", "tool"):
             sizes = np.full(len(sizes), _KNOCK)
         causes.append(_cause(kind, effect, taken[rows, part], sizes))
-    return tuple(cause for cause in causes if np.abs(cause.columns).any())
+    return tuple(cause for cause in causes if _shows(found, cause) > _NOTHING)
+
+
+def _shows(found: Difference, cause: Cause) -> float:
+    """By how many standard deviations a plausible size shifts what is compared."""
+    return float(np.linalg.norm(found.half @ (cause.columns * cause.sizes)))
 
 
 def _cause(kind: str, effect: Effect, columns: Array, sizes: Array) -> Cause:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.change.at_targets import AtTargets, Length, Verdict, at_targets, rows_at, verdict
-from calib.change.causes import Explanation, candidates, explanations
+from calib.change.causes import Cause, Explanation, candidates, explanations, same_as
 from calib.change.difference import Difference, difference
 from calib.change.known import Known
 from calib.change.moved import Moved, moved
@@ -67,6 +68,14 @@ class Changes:
     def cause(self) -> Explanation | None:
         """The likeliest cause that explains all."""
         return self.explanations[0] if self.told in ("named", "ambiguous") else None
+
+    @cached_property
+    def same_as(self) -> tuple[Cause, ...]:
+        """What looks like the likeliest cause at any measurement of these points."""
+        if self.cause is None:
+            return ()
+        every = (explanation.cause for explanation in self.explanations)
+        return same_as(self.difference, self.cause.cause, every)
 
     @property
     def expected(self) -> tuple[Length, Length]:

@@ -57,7 +57,7 @@ class Difference:
 
     @cached_property
     def half(self) -> Array:
-        """Rows W, shape (n, k): ``W change`` has unit variance and sees nothing that a day left open."""
+        """Rows W, shape (n, k): ``W change`` has unit variance blind to what a day left open."""
         std = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         scale = np.where(std > 0.0, std, 1.0)
         roots, axes = np.linalg.eigh(self.covariance / np.outer(scale, scale))
@@ -73,7 +73,7 @@ class Difference:
 
     @cached_property
     def best(self) -> tuple[Array, Array]:
-        """The difference with what a day left open at its likeliest, (k,), and its covariance (k, k)."""
+        """The difference (k,) with what a day left open at its likeliest, and its covariance (k, k)."""
         back = self.covariance @ self.half.T
         return back @ self.whitened, back @ back.T
 
@@ -92,17 +92,19 @@ def difference(before: Known, after: Known) -> Difference:
     before, after = (known.restricted(_alone(known, other))
                      for known, other in ((before, after), (after, before)))  # fmt: skip
     apart = _apart(before, after)
-    keys = tuple(
-        key for key in after.keys if key in set(before.keys) and _compared(key, before, after, apart)
-    )
+    keys = tuple(key for key in after.keys if key in set(before.keys) and _compared(key, apart))
     if not any(key[0] not in _PLACES for key in keys):
         raise CalibError("the results have no parameter of the robot in common")
     rows = [np.array([known.keys.index(key) for key in keys]) for known in (before, after)]
-    noise = [known.noise()[np.ix_(own, own)] for known, own in zip((before, after), rows, strict=True)]
+    noise = [
+        known.noise()[np.ix_(own, own)] for known, own in zip((before, after), rows, strict=True)
+    ]
     change = after.values[rows[1]] - before.values[rows[0]]
     for i, (effect, where, name) in enumerate(keys):
         marker = where.removeprefix("marker:")
-        if effect == "tool" and marker in after.markers:  # values count from guesses that may differ
+        if (
+            effect == "tool" and marker in after.markers
+        ):  # values count from guesses that may differ
             change[i] = (after.markers[marker] - before.markers[marker])["xyz".index(name)]
     return Difference(
         keys,
@@ -154,7 +156,7 @@ def _apart(before: Known, after: Known) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _compared(key: Key, before: Known, after: Known, apart: tuple[str, ...]) -> bool:
+def _compared(key: Key, apart: tuple[str, ...]) -> bool:
     if key[0] in _PLACES:
         return f"{key[0]}:{key[1]}" not in apart
     return _lasting(key)

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from studies.record import Record
 
-KINDS = ("design", "plan", "compare", "identify", "diagnose", "enough", "compensate")
+KINDS = ("design", "plan", "compare", "identify", "diagnose", "enough", "compensate", "changes")
 """In the order in which a page tells of them."""
 
 
 def record_type(kind: str) -> type[Record]:
     """The record of a kind."""
+    from studies.changes.record import ChangesRecord
     from studies.compare.record import CompareRecord
     from studies.compensate.record import CompensateRecord
     from studies.design.record import DesignRecord
@@ -29,5 +30,6 @@ def record_type(kind: str) -> type[Record]:
         "diagnose": DiagnoseRecord,
         "enough": EnoughRecord,
         "compensate": CompensateRecord,
+        "changes": ChangesRecord,
     }
     return types[kind]

@@ -32,6 +32,7 @@ _KNOCK = 1e-3  # m and rad
 _LEFT = 0.01  # p value below which a cause does not explain the difference
 _LIKELY = 0.05  # probability at which another cause is still named
 _SAME = 1e-3  # of a direction outside what another cause can do
+_NOTHING = 0.01  # standard deviations: a plausible size that moves less is not asked
 _FELT = 3.0  # standard deviations: a plausible size that moves less stays hidden
 _DRIVES = ("transmission_scale", "transmission_harmonic", "backlash", "joint_compliance")
 

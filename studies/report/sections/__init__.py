@@ -15,7 +15,7 @@ from studies.report.sections.summary import summary
 
 OF_THE_CELL: tuple[Callable[[Evidence], Section | None], ...] = (arm, cell)
 
-ORDER = ("design", "plan", "compare", "identify", "diagnose", "enough", "compensate")
+ORDER = ("design", "plan", "compare", "identify", "diagnose", "enough", "compensate", "changes")
 """Kinds of result as their sections follow each other."""
 
 WITH_INPUTS: dict[str, tuple[Callable[[Evidence, Result], Section | None], ...]] = {

@@ -117,7 +117,8 @@ def changes(
     targets = replace(targets, start=estimate.start)
     rows = rows_at(model, values, targets, found, weights)
     change, kept = (
-        at_targets(rows, *of, weights) for of in (found.best, (found.change, found.later))
+        at_targets(rows, *of, weights)
+        for of in (found.best, (found.change, found.later * found.wider))
     )
     scatter = scatter_at(model, values, targets, estimate.variances).mean(axis=1)
     share = weights / weights.sum()

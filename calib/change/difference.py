@@ -43,6 +43,8 @@ class Difference:
     unseen : ndarray, shape (k, u), SI, how the difference follows what a day left open
     dof : float, of the noise of both days together
     apart : tuple of str, bases and markers that stand elsewhere, ``base:..`` or ``tool:marker:..``
+    left : tuple of float, m, RMS that each fit leaves; grown : float, probability that the later leaves
+        as much more by chance
     alone : dict, parameter of one result only -> its size there in standard deviations
     """
 
@@ -54,6 +56,8 @@ class Difference:
     dof: float
     apart: tuple[str, ...]
     alone: Mapping[Key, float]
+    left: tuple[float, float]
+    grown: float
 
     @cached_property
     def half(self) -> Array:
@@ -75,7 +79,12 @@ class Difference:
     def best(self) -> tuple[Array, Array]:
         """The difference (k,) with what a day left open at its likeliest, and its covariance (k, k)."""
         back = self.covariance @ self.half.T
-        return back @ self.whitened, back @ back.T
+        return back @ self.whitened, back @ back.T * self.wider
+
+    @property
+    def wider(self) -> float:
+        """Factor of a variance that itself is known by few degrees of freedom: that of Student's t."""
+        return self.dof / (self.dof - 2.0) if self.dof > 3.0 else 3.0
 
     @cached_property
     def determined(self) -> Mask:
@@ -115,6 +124,8 @@ def difference(before: Known, after: Known) -> Difference:
         _freedom(noise, (before.dof, after.dof)),
         apart,
         alone,
+        (before.left, after.left),
+        _grown(before, after),
     )
 
 
@@ -160,6 +171,16 @@ def _compared(key: Key, apart: tuple[str, ...]) -> bool:
     if key[0] in _PLACES:
         return f"{key[0]}:{key[1]}" not in apart
     return _lasting(key)
+
+
+def _grown(before: Known, after: Known) -> float:
+    """P value of the ratio of what the fits leave, poses erring independently."""
+    from scipy.special import fdtrc
+
+    if before.left <= 0.0 or after.left <= 0.0:
+        return 1.0
+    ratio = (after.left / before.left) ** 2
+    return float(fdtrc(after.approaches, before.approaches, ratio))
 
 
 def _unseen(before: Known, after: Known, rows: list[Array]) -> Array:

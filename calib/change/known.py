@@ -26,6 +26,8 @@ class Known:
     lost : ndarray of bool, shape (p,), what was not determined
     markers : dict, name -> ndarray, shape (3,), m, tip frame
     dof : float, degrees of freedom behind the covariance, infinite where the noise was known
+    left : float, m, RMS that the fit leaves, 3-D per point; approaches : float, degrees of freedom of
+        that, a pose counting as one
     """
 
     keys: tuple[Key, ...]
@@ -34,6 +36,8 @@ class Known:
     lost: Mask
     markers: Mapping[str, Array]
     dof: float
+    left: float = 0.0
+    approaches: float = 1.0
 
     def restricted(self, gone: Collection[Key]) -> Known:
         """The same data under a model without some parameters: their values are zero.
@@ -69,14 +73,22 @@ class Known:
         return np.asarray(self.covariance - V @ V.T)
 
 
-def freedom(source: str, dof: float, poses: int, scatters: bool) -> float:
+def approaches(poses: int, parameters: int) -> float:
+    """Degrees of freedom where the points of a pose err together: poses, less what the fit took up of
+    their three coordinates. Where variances come from few poses, fewer than REML would give; chosen so
+    that :func:`calib.change.moved.moved` holds its false alarms (``studies.research.benchmarks.changes``).
+    """
+    return max(poses - parameters / 3.0, 1.0)
+
+
+def freedom(source: str, dof: float, errant: float, scatters: bool) -> float:
     """Degrees of freedom behind a covariance.
 
     source : of the noise, "cell", "replicates" or "residual"; dof : of the fit
-    poses : int, that were fitted; scatters : whether whole poses err, by variances that these show
+    errant : :func:`approaches`; scatters : whether whole poses err, by variances that these show
     """
     if scatters:
-        return float(max(poses - 1, 1))
+        return errant
     return float(dof) if source != "cell" else np.inf
 
 
@@ -84,6 +96,7 @@ def known_of(found: Identification) -> Known:
     """What an identification knows."""
     estimate, model = estimate_of(found), found.model
     variances = estimate.variances
+    free = approaches(len(found.fit.data), len(found.values))
     return Known(
         keys=tuple((p.effect, p.where, p.name) for p in model.parameters),
         values=found.values,
@@ -93,7 +106,9 @@ def known_of(found: Identification) -> Known:
         dof=freedom(
             found.noise.source,
             found.dof,
-            len(found.fit.data),
+            free,
             variances is not None and variances.any,
         ),
+        left=found.rms("fitted") or found.rms("fitted_all") or 0.0,
+        approaches=free,
     )

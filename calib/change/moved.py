@@ -12,6 +12,9 @@ from calib.change.difference import Difference
 FALSE_ALARM = 0.02
 """How often anything is said to have changed where nothing has."""
 
+GROWN = 0.005
+"""How often a later fit is said to leave more where it does not."""
+
 
 @dataclass(frozen=True, eq=False)
 class Moved:
@@ -20,6 +23,7 @@ class Moved:
     statistic : float, the squared difference in its standard deviations, over the n rows that count
     rows : int, n; p_value : float, of so large a one by chance
     std : ndarray, shape (k,), SI, of each difference; NaN where a day does not determine it
+    grown : float, p value of what the later fit leaves more
     family_p : ndarray, shape (k,), by Holm's step-down over all parameters (Scand. J. Statist. 6, 1979)
     """
 
@@ -28,11 +32,17 @@ class Moved:
     p_value: float
     std: Array
     family_p: Array
+    grown: float
 
     @property
     def anything(self) -> bool:
         """Whether something changed."""
         return self.p_value < FALSE_ALARM
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the later fit leaves surely more: something came up that the model lacks."""
+        return self.grown < GROWN
 
     @property
     def parameters(self) -> Mask:
@@ -49,7 +59,9 @@ def moved(found: Difference) -> Moved:
     ratio = np.abs(found.change) / std
     single = 2.0 * stdtr(min(found.dof, 1e9), -ratio)
     statistic = float(y @ y)
-    return Moved(statistic, len(y), tail(statistic, len(y), found.dof), std, holm(single))
+    return Moved(
+        statistic, len(y), tail(statistic, len(y), found.dof), std, holm(single), found.grown
+    )
 
 
 def tail(statistic: float, rows: int, dof: float) -> float:

@@ -23,7 +23,7 @@ from studies.command.options import (
 @click.option("--cell", "cell_path", metavar="CELL", type=PATH,
               help="The cell of AFTER. Default: the one that AFTER names.")  # fmt: skip
 @click.option("--tolerance-mm", metavar="X", type=Finite(min=0, min_open=True),
-              help="Largest error at any target with which the calibration of BEFORE still holds.")  # fmt: skip
+              help="Largest error at any target with which BEFORE still holds.")  # fmt: skip
 @figures_option
 @json_option
 @one_line_faults

@@ -1,4 +1,4 @@
-"""What a comparison of two days says: whether anything moved, what that does, and what may be behind it."""
+"""What a comparison of two days says: did anything move, what does that do, what may be behind it."""
 
 from __future__ import annotations
 

@@ -175,7 +175,7 @@ def drawn_change(
     cause = own[int(rng.integers(len(own)))]
     size = rng.normal(size=len(cause.sizes)) * cause.sizes
     shown = float(((found.half @ cause.columns @ size) ** 2).sum())
-    wanted = rng.uniform(*NONCENTRALITY)
+    wanted = rng.uniform(1.2 * NONCENTRALITY[0], NONCENTRALITY[1])
     return cause, size * np.sqrt(wanted / max(shown, 1e-12))
 
 

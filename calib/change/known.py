@@ -75,8 +75,8 @@ class Known:
 
 def approaches(poses: int, parameters: int) -> float:
     """Degrees of freedom where the points of a pose err together: poses, less what the fit took up of
-    their three coordinates. Where variances come from few poses, fewer than REML would give; chosen so
-    that :func:`calib.change.moved.moved` holds its false alarms (``studies.research.benchmarks.changes``).
+    their three coordinates. Where variances come from few poses, fewer than REML would give; so that
+    :func:`calib.change.moved.moved` holds its false alarms (``studies.research.benchmarks.changes``).
     """
     return max(poses - parameters / 3.0, 1.0)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from calib import Cell, load_cell, load_measurements
-from calib.change import Known, freedom
+from calib.change import Known, approaches, freedom
 from calib.compensation.estimate import Estimate
 from calib.errors import InputError
 from calib.files.estimate import load_estimate
@@ -111,6 +111,7 @@ def _known(record: IdentifyRecord) -> Known:
     estimate, scatter = record.estimate, record.estimate.scatter_si
     scatters = scatter is not None and any((*scatter.approach, *scatter.configuration))
     keys = tuple((p.effect, p.where, p.name) for p in estimate.parameters)
+    free = approaches(record.poses, len(keys))
     lost = [f"{effect}:{where}.{name}" in estimate.undetermined for effect, where, name in keys]
     return Known(
         keys=keys,
@@ -118,5 +119,7 @@ def _known(record: IdentifyRecord) -> Known:
         covariance=np.array(estimate.covariance_si),
         lost=np.array(lost),
         markers={name: np.array(at) * 1e-3 for name, at in record.markers_mm.items()},
-        dof=freedom(record.noise.source, float(record.degrees_of_freedom), record.poses, scatters),
+        dof=freedom(record.noise.source, float(record.degrees_of_freedom), free, scatters),
+        left=(record.rms_mm.fitted or record.rms_mm.fitted_all) * 1e-3,
+        approaches=free,
     )

@@ -64,6 +64,15 @@ class Alone(Entry):
     sigmas: NotNegative
 
 
+class Left(Entry):
+    """What the fits leave, 3-D RMS per point; p : of so much more on the later day by chance."""
+
+    before_mm: NotNegative
+    after_mm: NotNegative
+    p: NotNegative
+    grown: bool
+
+
 class Size(Entry):
     """A size of a cause; None where the difference does not tell it."""
 
@@ -119,6 +128,7 @@ class ChangesRecord(Record):
     parameters: tuple[Parameter, ...] = Field(min_length=1)
     apart: tuple[str, ...]
     alone: tuple[Alone, ...]
+    left: Left
     cause: Literal["none", "named", "ambiguous", "unclear"]
     causes: tuple[Explained, ...]
     same_as: tuple[Cause, ...]
@@ -167,6 +177,12 @@ def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRe
         alone=tuple(
             Alone(id=f"{effect}:{where}.{name}", sigmas=sigmas)
             for (effect, where, name), sigmas in found.difference.alone.items()
+        ),
+        left=Left(
+            before_mm=found.difference.left[0] * _MM,
+            after_mm=found.difference.left[1] * _MM,
+            p=found.moved.grown,
+            grown=found.moved.beyond,
         ),
         cause=found.told,
         causes=tuple(map(_explained, found.explanations[:_MOST])) if found.moved.anything else (),

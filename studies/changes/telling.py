@@ -82,6 +82,13 @@ def _headline(record: ChangesRecord) -> Iterator[Sentence]:
             "warn",
         )
         yield _cause(record)
+    if record.left.grown:
+        yield Sentence(
+            f"The fit of {record.after} leaves {mm(record.left.after_mm)} RMS where that of "
+            f"{record.before} left {mm(record.left.before_mm)}: unless the instrument is another, "
+            "something came up that the model lacks; posecal diagnose asks what.",
+            "warn",
+        )
     yield from _tolerance(record)
 
 
@@ -201,7 +208,7 @@ _SIZES: tuple[Column[_Sized], ...] = (
 
 def _causes(record: ChangesRecord) -> Iterator[Part]:
     if record.causes:
-        caption = "Each cause alone, by its marginal likelihood; one whose rest is not noise explains nothing"
+        caption = "Each alone, by its marginal likelihood; one that leaves more than noise explains nothing"
         yield Table(_CAUSES, record.causes, "Causes", caption, most=4)
     if record.cause in ("named", "ambiguous"):
         first = record.causes[0]

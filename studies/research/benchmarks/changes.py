@@ -11,6 +11,10 @@ compared) is drawn from 60 to 400. Pairs are drawn to first order, estimates nor
 squares makes of the truth; ``--identified`` of them besides are simulated in full and go through
 ``calib.identify`` twice, half of those with an arm that scatters by 0.02 mm and 0.02 mrad.
 
+Its noncentrality is taken by the covariances that the pair itself has: a change that the model lacks
+also makes the later fit worse, and where the noise is found from what the fit leaves, the less sure.
+Changes that end below 60 stand apart; "fit worse" counts what is said of that.
+
 ``exact`` counts causes named first, ``class`` those named first or as one that can do the same or is
 worth naming beside it.
 """
@@ -57,8 +61,10 @@ VISIBLE = (
 )
 SCATTER = Repeatability(2e-5, 2e-5)
 _HEADINGS = (
-    ("pairs of", "left"), ("no change", "right"), ("alarms", "right"), ("changes", "right"),
+    ("pairs", "left"), ("no change", "right"), ("alarms", "right"), ("changes", "right"),
     ("seen", "right"), ("exact", "right"), ("class", "right"), ("interval holds", "right"),
+    ("below 60", "right"), ("seen", "right"), ("fit worse: no change", "right"),
+    ("change", "right"),
 )  # fmt: skip
 
 
@@ -205,7 +211,9 @@ def pair(cell: Cell, seed: int, full: bool) -> dict[str, Any]:
             options |= {"effect": effect_of(cell, cause, second), "size": size}
     after = day(cell, model, later, second, rng, **options)
     found = compare(cell, before, after)
-    return {"full": full, "scatters": arm is not None, "elsewhere": moved, **_told(found, cause),
+    D = found.difference
+    shown = None if cause is None else float(((D.half @ cause.columns @ size) ** 2).sum())
+    return {"full": full, "noncentrality": shown, "scatters": arm is not None, "elsewhere": moved, **_told(found, cause),
             "holds": _holds(found, cell, model, truth, later, cause, size)}  # fmt: skip
 
 
@@ -217,6 +225,7 @@ def _told(found: Changes, cause: Cause | None) -> dict[str, Any]:
     true = None if cause is None else (cause.kind, cause.where)
     return {
         "cause": None if true is None else ":".join(true),
+        "grown": found.moved.beyond,
         "moved": found.moved.anything,
         "told": found.told,
         "named": None if first is None else f"{first.cause.kind}:{first.cause.where}",
@@ -259,11 +268,14 @@ def rows(pairs: list[dict[str, Any]]) -> Iterator[list[str]]:
             groups[f"  {one['cause'].partition(':')[0]}"].append(one)
     for name, own in groups.items():
         still = [one for one in own if one["cause"] is None]
-        changed = [one for one in own if one["cause"] is not None]
+        every = [one for one in own if one["cause"] is not None]
+        changed = [one for one in every if one["noncentrality"] >= NONCENTRALITY[0]]
+        below = [one for one in every if one not in changed]
         held = [one["holds"] for one in own if one["holds"] is not None]
         yield [name, str(len(still)), _share([one["moved"] for one in still]), str(len(changed)),
                *(_share([one[key] for one in changed]) for key in ("moved", "exact", "class")),
-               _share(held)]  # fmt: skip
+               _share(held), str(len(below) or ""), _share([one["moved"] for one in below]),
+               _share([one["grown"] for one in still]), _share([one["grown"] for one in every])]  # fmt: skip
 
 
 def _share(said: list[bool]) -> str:

@@ -18,10 +18,10 @@ import numpy as np
 from calib.arm.statics import loads_of
 from calib.arrays import Array
 from calib.change.difference import Difference
+from calib.change.lacking import lacked, taken_up
 from calib.change.moved import tail
-from calib.effects import Context, Effect, catalogue
+from calib.effects import Context, Effect
 from calib.effects.geometry import Geometry
-from calib.effects.joint_offset import JointOffset
 from calib.effects.link_geometry import LinkGeometry
 from calib.effects.tool import Tool
 from calib.model import Model
@@ -153,15 +153,7 @@ def candidates(
     keys = [(p.effect, p.where, p.name) for p in model.parameters]
     rows = np.array([keys.index(key) for key in found.keys])
     suspects = tuple(_suspects(model, poses, context))
-    whole, everything = model.extended(values, [effect for _, effect in suspects])
-    own = len(model.parameters)
-    _, J = whole.jacobian(everything, poses)
-    J = J.reshape(-1, J.shape[-1])
-    scale = np.linalg.norm(J[:, :own], axis=0)
-    moving = scale > 0.0
-    taken = np.zeros((own, J.shape[1] - own))
-    kept = J[:, :own][:, moving] / scale[moving]
-    taken[moving] = np.linalg.lstsq(kept, J[:, own:], rcond=1e-8)[0] / scale[moving, None]
+    taken, _ = taken_up(model, values, poses, tuple(effect for _, effect in suspects))
     causes = [*_of_the_model(found, model)]
     start = 0
     for kind, effect in suspects:
@@ -210,27 +202,15 @@ def _suspects(model: Model, poses: Poses, context: Context) -> Iterator[tuple[st
     robot = model.robot
     yield "base", LinkGeometry(robot.base, 0)
     yield "tool", LinkGeometry(robot.tip, robot.tip_frame)
-    known = {(effect.kind, effect.where) for effect in model.effects}
-    for joint in robot.joints:
-        if ("joint_offset", joint) not in known:
-            yield "joint_offset", JointOffset.at(context, joint)
+    yield from (("joint_offset", e) for e in lacked(model, context, ("joint_offset",)))
     for joint in robot.joints[1:]:  # the first segment is the base's
         yield "link_geometry", LinkGeometry.at(context, joint)
-    for kind in _DRIVES:
-        for effect in _placed(kind, model, poses, context):
-            if (kind, effect.where) not in known:
-                yield kind, effect
+    kinds = [kind for kind in _DRIVES if kind != "joint_compliance" or _stressed(model, poses)]
+    yield from ((effect.kind, effect) for effect in lacked(model, context, kinds))
 
 
-def _placed(kind: str, model: Model, poses: Poses, context: Context) -> Iterator[Effect]:
-    """A drive's error at every joint where it can act."""
-    effect = catalogue()[kind]
-    if any(name in context.lacking for name in effect.uses):
-        return
-    if kind == "joint_compliance" and (
-        loads_of(model.robot, poses, model.payload, model.gravity).absent
-        or any(e.kind == "stiffness_vs_angle" for e in model.effects)
-    ):
-        return
-    for where in effect.places(context):
-        yield effect.at(context, where)
+def _stressed(model: Model, poses: Poses) -> bool:
+    """Whether a compliance shows, and none by angle stands for it."""
+    if any(effect.kind == "stiffness_vs_angle" for effect in model.effects):
+        return False
+    return not loads_of(model.robot, poses, model.payload, model.gravity).absent

@@ -14,11 +14,13 @@ from calib.change.at_targets import AtTargets, Length, Verdict, at_targets, rows
 from calib.change.causes import Cause, Explanation, candidates, explanations, same_as
 from calib.change.difference import Difference, difference
 from calib.change.known import Known
+from calib.change.lacking import shown_otherwise
 from calib.change.moved import Moved, moved
 from calib.compensation.estimate import Estimate
 from calib.compensation.unexplained import scatter_at
 from calib.effects.protocol import Parameter
 from calib.errors import CalibError
+from calib.model import Model
 from calib.model.build import context_of
 from calib.model.reduction import generic_configurations
 from calib.poses import Poses, poses_at
@@ -93,14 +95,13 @@ def changes(
     before: Known,
     after: Known,
     estimate: Estimate,
-    poses: Poses | None = None,
     tolerance: float | None = None,
 ) -> Changes:
     """Compare two results of one robot.
 
     cell : of the later result; estimate : Estimate, the later result itself
-    poses : that it was identified at; generic ones by default, at which causes that depend on the
-        approach or the load cannot be asked
+        without its poses, causes that follow load or approach are not asked; without those of both,
+        what the model lacks may pass for a change
     tolerance : float, m, of the worst target
 
     Raises CalibError where one did not converge or nothing can be compared, InputError as
@@ -108,8 +109,8 @@ def changes(
     """
     if not estimate.converged:
         raise CalibError("the later result did not converge; mend the identification first")
-    found = difference(before, after)
-    model, values = estimate.model, estimate.values
+    model, values, poses = estimate.model, estimate.values, after.poses
+    found = _with_lacking(cell, model, values, difference(before, after), before, after)
     keys = {(p.effect, p.where, p.name): p for p in model.parameters}
     at = poses_at(generic_configurations(cell.robot, _GENERIC)) if poses is None else poses
     causes = candidates(found, model, values, at, context_of(cell, at))
@@ -133,6 +134,22 @@ def changes(
         _spread(rows, found.later, share),
         float(np.sqrt(share @ scatter + estimate.unexplained.rms**2)),
         tolerance,
+    )
+
+
+def _with_lacking(
+    cell: Cell, model: Model, values: Array, found: Difference, before: Known, after: Known
+) -> Difference:
+    """The difference with what the model lacks in its covariance."""
+    if before.poses is None or after.poses is None:
+        return found
+    days, excess = (before.poses, after.poses), max(before.excess, after.excess)
+    keys = [(p.effect, p.where, p.name) for p in model.parameters]
+    rows = [keys.index(key) for key in found.keys]
+    context = context_of(cell, after.poses)
+    both, own = (X[rows] for X in shown_otherwise(model, values, days, context, excess))
+    return replace(
+        found, covariance=found.covariance + both @ both.T, later=found.later + own @ own.T
     )
 
 

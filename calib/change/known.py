@@ -11,6 +11,9 @@ import numpy as np
 from calib.arrays import Array, Mask
 from calib.compensation.estimate import estimate_of
 from calib.identification.identification import Identification
+from calib.poses import Poses
+
+_CHANCE = 3.0  # standard deviations of a mean square
 
 Key: TypeAlias = tuple[str, str, str]
 """Effect, where and name of a parameter."""
@@ -27,7 +30,8 @@ class Known:
     markers : dict, name -> ndarray, shape (3,), m, tip frame
     dof : float, degrees of freedom behind the covariance, infinite where the noise was known
     left : float, m, RMS that the fit leaves, 3-D per point; approaches : float, degrees of freedom of
-        that, a pose counting as one
+        that, a pose counting as one; excess : float, m, what of it is surely not the instrument
+    poses : Poses that were fitted, or None
     """
 
     keys: tuple[Key, ...]
@@ -38,6 +42,8 @@ class Known:
     dof: float
     left: float = 0.0
     approaches: float = 1.0
+    excess: float = 0.0
+    poses: Poses | None = None
 
     def restricted(self, gone: Collection[Key]) -> Known:
         """The same data under a model without some parameters: their values are zero.
@@ -81,6 +87,15 @@ def approaches(poses: int, parameters: int) -> float:
     return max(poses - parameters / 3.0, 1.0)
 
 
+def beyond(left: float, sigma: float, points: int) -> float:
+    """What a fit leaves beyond the instrument, 3-D RMS per point, m; none where chance may do it.
+
+    left : float, m; sigma : float, m, of one coordinate, as stated
+    """
+    most = 3.0 * sigma**2 * (1.0 + _CHANCE * np.sqrt(2.0 / (3.0 * points)))
+    return float(np.sqrt(left**2 - 3.0 * sigma**2)) if left**2 > most else 0.0
+
+
 def freedom(source: str, dof: float, errant: float, scatters: bool) -> float:
     """Degrees of freedom behind a covariance.
 
@@ -96,7 +111,9 @@ def known_of(found: Identification) -> Known:
     """What an identification knows."""
     estimate, model = estimate_of(found), found.model
     variances = estimate.variances
-    free = approaches(len(found.fit.data), len(found.values))
+    fitted = found.fit.data.take(~found.fit.outlier)
+    free = approaches(len(fitted), len(found.values))
+    left = found.rms("fitted") or found.rms("fitted_all") or 0.0
     return Known(
         keys=tuple((p.effect, p.where, p.name) for p in model.parameters),
         values=found.values,
@@ -109,6 +126,8 @@ def known_of(found: Identification) -> Known:
             free,
             variances is not None and variances.any,
         ),
-        left=found.rms("fitted") or found.rms("fitted_all") or 0.0,
+        left=left,
         approaches=free,
+        excess=beyond(left, found.noise.believed, int(fitted.seen.sum())),
+        poses=fitted.poses,
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from calib import Cell, load_cell, load_measurements
-from calib.change import Known, approaches, freedom
+from calib.change import Known, approaches, beyond, freedom
 from calib.compensation.estimate import Estimate
 from calib.errors import InputError
 from calib.files.estimate import load_estimate
@@ -23,7 +23,7 @@ from studies.report.evidence import located
 class Days:
     """What two results know.
 
-    cell : of the later one; poses : that it was identified at, None where its table is gone
+    cell, estimate : of the later one
     notes : tuple of str, what could not be done
     """
 
@@ -33,13 +33,12 @@ class Days:
     before: Known
     after: Known
     estimate: Estimate
-    poses: Poses | None
     notes: tuple[str, ...]
 
     @property
-    def compared(self) -> tuple[Cell, Known, Known, Estimate, Poses | None]:
+    def compared(self) -> tuple[Cell, Known, Known, Estimate]:
         """What :func:`calib.change.changes` asks for."""
-        return self.cell, self.before, self.after, self.estimate, self.poses
+        return self.cell, self.before, self.after, self.estimate
 
 
 def days_of(before_path: Path, after_path: Path, cell_path: Path | None) -> Days:
@@ -55,17 +54,16 @@ def days_of(before_path: Path, after_path: Path, cell_path: Path | None) -> Days
     cell = load_cell(_cell_file(after_path, after) if cell_path is None else cell_path)
     for path, record in ((before_path, before), (after_path, after)):
         _check_robot(cell, path, record)
-    poses, notes = _poses(cell, after_path, after)
+    tables = [_poses(cell, path, own) for path, own in ((before_path, before), (after_path, after))]
     estimate = load_estimate(cell, after_path)
     return Days(
         before_path,
         after_path,
         cell,
-        _known(before),
-        _known(after),
+        _known(before, tables[0][0]),
+        _known(after, tables[1][0]),
         estimate,
-        poses,
-        (*estimate.notes, *notes),
+        (*estimate.notes, *(note for _, notes in tables for note in notes)),
     )
 
 
@@ -98,7 +96,7 @@ def _poses(cell: Cell, path: Path, record: IdentifyRecord) -> tuple[Poses | None
     for entry in sources:
         source = located(path, entry.file, entry.sha256)
         if source.path is None:
-            note = f"{source.file} is {source.state}: causes that follow load or approach are not asked"
+            note = f"{source.file} is {source.state}: what the model lacks may pass for a change"
             return None, (note,)
         poses = load_measurements(cell, source.path, every_marker=False).poses
         out = {entry.pose for entry in record.outliers}
@@ -107,10 +105,11 @@ def _poses(cell: Cell, path: Path, record: IdentifyRecord) -> tuple[Poses | None
     return None, ()
 
 
-def _known(record: IdentifyRecord) -> Known:
+def _known(record: IdentifyRecord, poses: Poses | None) -> Known:
     estimate, scatter = record.estimate, record.estimate.scatter_si
     scatters = scatter is not None and any((*scatter.approach, *scatter.configuration))
     keys = tuple((p.effect, p.where, p.name) for p in estimate.parameters)
+    left = (record.rms_mm.fitted or record.rms_mm.fitted_all) * 1e-3
     free = approaches(record.poses, len(keys))
     lost = [f"{effect}:{where}.{name}" in estimate.undetermined for effect, where, name in keys]
     return Known(
@@ -120,6 +119,8 @@ def _known(record: IdentifyRecord) -> Known:
         lost=np.array(lost),
         markers={name: np.array(at) * 1e-3 for name, at in record.markers_mm.items()},
         dof=freedom(record.noise.source, float(record.degrees_of_freedom), free, scatters),
-        left=(record.rms_mm.fitted or record.rms_mm.fitted_all) * 1e-3,
+        left=left,
         approaches=free,
+        excess=beyond(left, record.noise.believed_sigma_mm * 1e-3, record.points),
+        poses=poses,
     )

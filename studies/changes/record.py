@@ -65,12 +65,17 @@ class Alone(Entry):
 
 
 class Left(Entry):
-    """What the fits leave, 3-D RMS per point; p : of so much more on the later day by chance."""
+    """What the fits leave, 3-D RMS per point; p : of so much more on the later day by chance.
+
+    excess : of the day with more, beyond the instrument; it counts as errors of the drives that were
+    there on both days
+    """
 
     before_mm: NotNegative
     after_mm: NotNegative
     p: NotNegative
     grown: bool
+    excess_mm: NotNegative
 
 
 class Size(Entry):
@@ -183,6 +188,7 @@ def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRe
             after_mm=found.difference.left[1] * _MM,
             p=found.moved.grown,
             grown=found.moved.beyond,
+            excess_mm=max(days.before.excess, days.after.excess) * _MM,
         ),
         cause=found.told,
         causes=tuple(map(_explained, found.explanations[:_MOST])) if found.moved.anything else (),

@@ -46,7 +46,7 @@ _WORDS = {
 }
 _VERDICTS: dict[str, tuple[str, Mood]] = {
     "holds": ("holds", "good"),
-    "does_not": ("does not hold any more", "warn"),
+    "does_not": ("does not hold", "warn"),
     "cannot_be_said": ("may or may not hold: these data cannot say", "warn"),
 }
 
@@ -85,8 +85,8 @@ def _headline(record: ChangesRecord) -> Iterator[Sentence]:
     if record.left.grown:
         yield Sentence(
             f"The fit of {record.after} leaves {mm(record.left.after_mm)} RMS where that of "
-            f"{record.before} left {mm(record.left.before_mm)}: unless the instrument is another, "
-            "something came up that the model lacks; posecal diagnose asks what.",
+            f"{record.before} left {mm(record.left.before_mm)}: unless instrument or poses are "
+            "others, something came up that the model lacks; posecal diagnose asks what.",
             "warn",
         )
     yield from _tolerance(record)
@@ -165,6 +165,12 @@ def _compared(record: ChangesRecord) -> Iterator[Sentence]:
         what = listed(markers) if markers else "markers"
         yield Sentence(f"{what}: of other names or places, another tool or put on anew",
                        label="" if elsewhere else "not compared")  # fmt: skip
+    if record.left.excess_mm:
+        yield Sentence(
+            f"the fits leave {mm(record.left.excess_mm)} beyond the instrument: errors of the drives "
+            "as large, that were there on both days, are no change",
+            label="model",
+        )
     open_ = [p.id for p in record.parameters if p.std is None]
     if open_:
         yield Sentence(f"{listed(open_)}: not determined on both days by itself", label="open")
@@ -208,7 +214,9 @@ _SIZES: tuple[Column[_Sized], ...] = (
 
 def _causes(record: ChangesRecord) -> Iterator[Part]:
     if record.causes:
-        caption = "Each alone, by its marginal likelihood; one that leaves more than noise explains nothing"
+        caption = (
+            "Each alone, by its marginal likelihood; what leaves more than noise explains nothing"
+        )
         yield Table(_CAUSES, record.causes, "Causes", caption, most=4)
     if record.cause in ("named", "ambiguous"):
         first = record.causes[0]

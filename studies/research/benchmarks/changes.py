@@ -129,7 +129,7 @@ def linear_day(
         estimate = estimate + cov @ J[:, :own].T @ (J[:, own:] @ size)
     markers = dict(zip(model.marker_names, model.marker_positions(estimate), strict=True))
     keys = tuple((p.effect, p.where, p.name) for p in model.parameters)
-    known = Known(keys, estimate, cov, np.zeros(own, dtype=bool), markers, np.inf)
+    known = Known(keys, estimate, cov, np.zeros(own, dtype=bool), markers, np.inf, poses=poses)
     rest = Unexplained(0.0, "")
     return Day(known, Estimate(model, estimate, cov, 0.0, rest, ()), poses)
 
@@ -143,12 +143,12 @@ def full_day(
     values = values if size is None else np.concatenate([truth, size])
     data = simulate(whole, values, poses, cell.noise, rng, arm=arm)
     found = calib.identify(cell, data)
-    return Day(known_of(found), estimate_of(found), found.fit.data.poses)
+    return Day(known_of(found), estimate_of(found), data.poses)
 
 
 def compare(cell: Cell, before: Day, after: Day) -> Changes:
     """What ``posecal changes`` finds."""
-    return changes(cell, before.known, after.known, after.estimate, after.poses)
+    return changes(cell, before.known, after.known, after.estimate)
 
 
 def effect_of(cell: Cell, cause: Cause, poses: Poses) -> Effect:
@@ -212,8 +212,11 @@ def pair(cell: Cell, seed: int, full: bool) -> dict[str, Any]:
     after = day(cell, model, later, second, rng, **options)
     found = compare(cell, before, after)
     D = found.difference
-    shown = None if cause is None else float(((D.half @ cause.columns @ size) ** 2).sum())
-    return {"full": full, "noncentrality": shown, "scatters": arm is not None, "elsewhere": moved, **_told(found, cause),
+    shown = (
+        None if cause is None else float(((D.half @ cause.columns @ np.asarray(size)) ** 2).sum())
+    )
+    return {"full": full, "noncentrality": shown,
+            "scatters": arm is not None, "elsewhere": moved, **_told(found, cause),
             "holds": _holds(found, cell, model, truth, later, cause, size)}  # fmt: skip
 
 
@@ -248,7 +251,7 @@ def _holds(
     if cause is not None and cause.kind != "marker":
         if cause.kind not in ("base", "tool", "joint_offset", "link_geometry"):
             return None
-        true = true + cause.columns @ size
+        true = true + cause.columns @ np.asarray(size)
     from calib.change.at_targets import rows_at
     from calib.targets import targets_of
 
@@ -275,7 +278,7 @@ def rows(pairs: list[dict[str, Any]]) -> Iterator[list[str]]:
         yield [name, str(len(still)), _share([one["moved"] for one in still]), str(len(changed)),
                *(_share([one[key] for one in changed]) for key in ("moved", "exact", "class")),
                _share(held), str(len(below) or ""), _share([one["moved"] for one in below]),
-               _share([one["grown"] for one in still]), _share([one["grown"] for one in every])]  # fmt: skip
+               *(_share([one["grown"] for one in of]) for of in (still, every))]  # fmt: skip
 
 
 def _share(said: list[bool]) -> str:

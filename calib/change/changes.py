@@ -118,8 +118,7 @@ def changes(
     targets = replace(targets, start=estimate.start)
     rows = rows_at(model, values, targets, found, weights)
     change, kept = (
-        at_targets(rows, *of, weights)
-        for of in (found.best, (found.change, found.later * found.wider))
+        at_targets(rows, *of, weights) for of in (found.best, (found.change, found.doubt))
     )
     scatter = scatter_at(model, values, targets, estimate.variances).mean(axis=1)
     share = weights / weights.sum()
@@ -147,10 +146,8 @@ def _with_lacking(
     keys = [(p.effect, p.where, p.name) for p in model.parameters]
     rows = [keys.index(key) for key in found.keys]
     context = context_of(cell, after.poses)
-    both, own = (X[rows] for X in shown_otherwise(model, values, days, context, excess))
-    return replace(
-        found, covariance=found.covariance + both @ both.T, later=found.later + own @ own.T
-    )
+    own = shown_otherwise(model, values, days, context, excess)[rows]
+    return replace(found, covariance=found.covariance + own @ own.T, lacking=own @ own.T)
 
 
 def _spread(rows: Array, cov: Array, share: Array) -> float:

@@ -45,6 +45,7 @@ class Difference:
     apart : tuple of str, bases and markers that stand elsewhere, ``base:..`` or ``tool:marker:..``
     left : tuple of float, m, RMS that each fit leaves; grown : float, probability that the later leaves
         as much more by chance
+    lacking : ndarray, shape (k, k), SI, part of the covariance by what the model lacks
     alone : dict, parameter of one result only -> its size there in standard deviations
     """
 
@@ -58,6 +59,7 @@ class Difference:
     alone: Mapping[Key, float]
     left: tuple[float, float]
     grown: float
+    lacking: Array | float = 0.0
 
     @cached_property
     def half(self) -> Array:
@@ -80,6 +82,11 @@ class Difference:
         """The difference (k,) with what a day left open at its likeliest, and its covariance (k, k)."""
         back = self.covariance @ self.half.T
         return back @ self.whitened, back @ back.T * self.wider
+
+    @property
+    def doubt(self) -> Array:
+        """Covariance (k, k) of the difference as an error of the earlier values on the later day."""
+        return np.asarray(self.later * self.wider + self.lacking)
 
     @property
     def wider(self) -> float:

@@ -58,16 +58,14 @@ def shown_otherwise(
     days: tuple[Poses, Poses],
     context: Context,
     excess: float,
-) -> tuple[Array, Array]:
-    """How the difference of all p values, and those of the later day, follow what the model lacks.
+) -> Array:
+    """How the difference of all p values follows what the model lacks, shape (p, h), SI.
 
-    Both of shape (p, h), SI, for errors of unit variance.
     days : the poses of both; excess : float, m, RMS that the fits leave beyond the instrument
     """
     effects = tuple(lacked(model, context, _DRIVES))
     if excess <= 0.0 or not effects:
-        return np.zeros((len(values), 0)), np.zeros((len(values), 0))
+        return np.zeros((len(values), 0))
     (before, one), (after, other) = (taken_up(model, values, poses, effects) for poses in days)
     sizes = np.concatenate([[p.size for p in effect.parameters] for effect in effects])
-    scale = sizes * excess / max(one, other, 1e-12)
-    return (after - before) * scale, after * scale
+    return np.asarray((after - before) * sizes * excess / max(one, other, 1e-12))

@@ -174,7 +174,7 @@ def _cause(kind: str, effect: Effect, columns: Array, sizes: Array) -> Cause:
     own = effect.parameters
     return Cause(
         kind,
-        effect.where,
+        effect.where.removeprefix("marker:"),
         tuple(p.name for p in own),
         tuple(p.unit for p in own),
         np.array([p.scale for p in own]),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from studies.causes import Cause, gathered
 from studies.changes.pictures import changed_parameters, errors_at_targets
-from studies.changes.record import ChangesRecord, Error, Explained, Parameter, Size
+from studies.changes.record import ChangesRecord, Error, Explained, Parameter, Size, Test
 from studies.document import (
     MM,
     PROBABILITY,
@@ -36,7 +36,7 @@ _LARGE = 3.0  # standard deviations of a parameter that one result alone has
 _WORDS = {
     "base": "the robot's base was knocked, or the instrument (the two look the same)",
     "tool": "the tool was moved on its flange, or exchanged",
-    "marker": "{} was moved",
+    "marker": "marker {} was moved",
     "joint_offset": "the zero of {} slipped (a belt, a coupling, a new mastering)",
     "link_geometry": "the link before {} was bent",
     "backlash": "the gear of {} is worn, or was set anew: it loses other motion",
@@ -64,21 +64,20 @@ def told(record: ChangesRecord) -> Document:
 
 
 def _headline(record: ChangesRecord) -> Iterator[Sentence]:
-    change, test = record.change_rms_mm, record.test
+    change, chance = record.change_rms_mm, _chance(record.test)
     between = f"{record.before} and {record.after}"
     if record.status == "unchanged":
         yield Sentence(
-            f"Nothing moved between {between} beyond the uncertainty of both (p = {P(test.p)} over "
-            f"{plural(test.rows, 'direction')}); what may hide in it is at most {mm(change.high)} RMS "
-            "at the targets.",
+            f"Nothing moved between {between} beyond the uncertainty of both ({chance}); what may hide "
+            f"in it is at most {mm(change.high)} RMS at the targets.",
             "good",
         )
     else:
         own = [p.id for p in record.parameters if p.moved]
         named = f", surely {listed(own)}" if own else ", of no single parameter surely"
         yield Sentence(
-            f"Something moved between {between} (p = {P(test.p)} over "
-            f"{plural(test.rows, 'direction')}){named}: {_shown(change)} RMS at the targets.",
+            f"Something moved between {between} ({chance}){named}: "
+            f"{_shown(change)} RMS at the targets.",
             "warn",
         )
         yield _cause(record)
@@ -90,6 +89,12 @@ def _headline(record: ChangesRecord) -> Iterator[Sentence]:
             "warn",
         )
     yield from _tolerance(record)
+
+
+def _chance(test: Test) -> str:
+    """How likely so large a difference is by chance."""
+    p = f"p = {P(test.p)}" if test.p > 1e-300 else "p below 1e-300"
+    return f"{p} over {plural(test.rows, 'direction')}"
 
 
 def _shown(error: Error) -> str:
@@ -113,8 +118,7 @@ def words(cause: Cause) -> str:
     >>> words(Cause(effect="joint_offset", where="A3"))
     'the zero of A3 slipped (a belt, a coupling, a new mastering)'
     """
-    place = cause.where.replace("marker:", "marker ")
-    return _WORDS.get(cause.effect, f"{cause.effect} of {{}} is another").format(place)
+    return _WORDS.get(cause.effect, f"{cause.effect} of {{}} is another").format(cause.where)
 
 
 def _tolerance(record: ChangesRecord) -> Iterator[Sentence]:

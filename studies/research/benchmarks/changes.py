@@ -158,8 +158,7 @@ def effect_of(cell: Cell, cause: Cause, poses: Poses) -> Effect:
         return LinkGeometry(robot.base, 0)
     if cause.kind == "tool":
         return LinkGeometry(robot.tip, robot.tip_frame)
-    kind = "tool" if cause.kind == "marker" else cause.kind
-    return catalogue()[kind].at(context, cause.where)
+    return catalogue()[cause.kind].at(context, cause.where)
 
 
 def drawn_change(
@@ -205,7 +204,9 @@ def pair(cell: Cell, seed: int, full: bool) -> dict[str, Any]:
         plain = day(cell, model, later, second, rng, **options)
         cause, size = drawn_change(before, plain, cell, rng)
         if cause.kind == "marker":
-            own = [p.effect == "tool" and p.where == cause.where for p in model.parameters]
+            own = [
+                p.effect == "tool" and p.where == f"marker:{cause.where}" for p in model.parameters
+            ]
             later[own] += size
         else:
             options |= {"effect": effect_of(cell, cause, second), "size": size}

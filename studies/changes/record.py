@@ -13,6 +13,7 @@ from studies.record import (
     Entry,
     Envelope,
     Maybe,
+    MaybePositive,
     NotNegative,
     Number,
     Positive,
@@ -51,7 +52,7 @@ class Parameter(Entry):
     where: str
     name: str
     change: Number
-    std: Maybe
+    std: MaybePositive
     family_p: Maybe
     moved: bool
     unit: str
@@ -83,7 +84,7 @@ class Size(Entry):
 
     name: str
     value: Maybe
-    std: Maybe
+    std: MaybePositive
     unit: str
 
 

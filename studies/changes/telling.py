@@ -207,10 +207,14 @@ class _Sized:
     size: Size
 
 
+def _sized(size: Size) -> tuple[float, float] | None:
+    return None if size.value is None or size.std is None else (size.value, size.std)
+
+
 _SIZES: tuple[Column[_Sized], ...] = (
     Column("likeliest", lambda row: row.cause.key, TEXT),
     Column("size", lambda row: row.size.name, TEXT),
-    Column("value", lambda row: (row.size.value, row.size.std) if row.size.std else None, TO_STD),
+    Column("value", lambda row: _sized(row.size), TO_STD),
     Column("standard\ndeviation", lambda row: row.size.std, STD),
     Column("unit", lambda row: row.size.unit, TEXT),
 )

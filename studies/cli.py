@@ -10,6 +10,7 @@ from typing import NoReturn
 
 import click
 
+from studies.changes.command import changes
 from studies.commands.demo import demo
 from studies.commands.import_ import import_
 from studies.commands.program import program
@@ -56,6 +57,7 @@ COMMANDS = (
     diagnose,
     compensate,
     fleet,
+    changes,
     report,
     schema,
 )

@@ -7,12 +7,23 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from studies.record import Record
 
-KINDS = ("design", "plan", "compare", "identify", "diagnose", "enough", "compensate", "fleet")
+KINDS = (
+    "design",
+    "plan",
+    "compare",
+    "identify",
+    "diagnose",
+    "enough",
+    "compensate",
+    "changes",
+    "fleet",
+)
 """In the order in which a page tells of them."""
 
 
 def record_type(kind: str) -> type[Record]:
     """The record of a kind."""
+    from studies.changes.record import ChangesRecord
     from studies.compare.record import CompareRecord
     from studies.compensate.record import CompensateRecord
     from studies.design.record import DesignRecord
@@ -31,5 +42,6 @@ def record_type(kind: str) -> type[Record]:
         "enough": EnoughRecord,
         "compensate": CompensateRecord,
         "fleet": FleetRecord,
+        "changes": ChangesRecord,
     }
     return types[kind]

@@ -23,7 +23,17 @@ from studies.record import Record, read
 if TYPE_CHECKING:
     from studies.document import Document
 
-KINDS = ("fleet", "identify", "diagnose", "design", "plan", "compare", "enough", "compensate")
+KINDS = (
+    "fleet",
+    "identify",
+    "diagnose",
+    "design",
+    "plan",
+    "compare",
+    "enough",
+    "compensate",
+    "changes",
+)
 """What a report can tell of, in the order of its headlines; ``plan`` is ``diagnose --plan-only``."""
 
 _SAME_JOINTS = 1e-6  # rad or m
@@ -198,11 +208,11 @@ def _holdout(record: Record) -> str | None:
 
 def _result(path: Path) -> Result:
     record = read(path)
-    inputs = tuple(_input(path, entry.file, entry.sha256) for entry in record.inputs)
+    inputs = tuple(located(path, entry.file, entry.sha256) for entry in record.inputs)
     return Result(path, record, inputs)
 
 
-def _input(result: Path, file: str, digest: str) -> Input:
+def located(result: Path, file: str, digest: str) -> Input:
     """The file where it was, or beside the result."""
     state = "not found"
     for path in (Path(file), result.parent / Path(file).name):

@@ -55,6 +55,32 @@ def _compensate() -> list[Record]:
     ]  # fmt: skip
 
 
+def _changes() -> list[Record]:
+    old = old_fields("changes")
+    first, second = old["causes"][:2]
+    still = [{**p, "moved": False} for p in old["parameters"]]
+    open_ = [{**p, "std": None, "family_p": None} for p in still[:3]]
+    robot = [p for p in still if p["effect"] not in ("base", "tool")]
+    quiet = {"status": "unchanged", "cause": "none", "causes": [], "same_as": []}
+    left = {"before_mm": 0.01, "after_mm": 0.03, "p": 1e-9, "grown": True, "excess_mm": 0.02}
+    alone = [{"id": "backlash:A1.half_width", "sigmas": 7.0}]
+    likely = {**second, "explains": True, "likely": True, "probability": 0.45}
+    lost = [{**cause, "explains": False, "likely": False} for cause in old["causes"]]
+    other = {**first, "effect": "gravity_sag", "sizes": [{**first["sizes"][0], "std": None}]}
+    apart = ["base:base", "tool:marker:m1"]
+    return [
+        changed("changes"),
+        changed("changes", **quiet, parameters=still, verdict="holds", tolerance_mm=3.0),
+        changed(
+            "changes", **quiet, parameters=[*open_, *still[3:]], verdict=None, tolerance_mm=None
+        ),
+        changed("changes", cause="unclear", causes=lost, parameters=still, left=left, same_as=[]),
+        changed("changes", cause="unclear", causes=[], same_as=[], hidden=[]),
+        changed("changes", cause="ambiguous", causes=[first, likely], verdict="cannot_be_said"),
+        changed("changes", causes=[other], parameters=robot, apart=apart, alone=alone),
+    ]
+
+
 def _compare() -> list[Record]:
     old = old_fields("compare")
     first, second = old["plans"]
@@ -249,4 +275,5 @@ EXAMPLES = {
     "enough": _enough(),
     "compensate": _compensate(),
     "fleet": _fleet(),
+    "changes": _changes(),
 }

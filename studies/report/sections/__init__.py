@@ -15,7 +15,17 @@ from studies.report.sections.summary import summary
 
 OF_THE_CELL: tuple[Callable[[Evidence], Section | None], ...] = (arm, cell)
 
-ORDER = ("fleet", "design", "plan", "compare", "identify", "diagnose", "enough", "compensate")
+ORDER = (
+    "fleet",
+    "design",
+    "plan",
+    "compare",
+    "identify",
+    "diagnose",
+    "enough",
+    "compensate",
+    "changes",
+)
 """Kinds of result as their sections follow each other."""
 
 WITH_INPUTS: dict[str, tuple[Callable[[Evidence, Result], Section | None], ...]] = {

@@ -1,0 +1,216 @@
+"""The likeliest single cause of a difference: each explains it in a few directions, ``d ~ N(B c, C)``.
+
+A cause acts from one day to the next. Where it is an effect of the model, its parameters show it. Else
+they take up of it what least squares at the later day's poses put into them: a constant one, as a knock
+of the base or a slipped belt, whole and at any poses; a worn gear in part. Causes are compared by their
+marginal likelihood, c normal in plausible sizes times a factor from a thirtieth to thirty, which no
+change of a given size need fit better than another; kinds are as likely as each other before, and so
+are the places of one kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arm.statics import loads_of
+from calib.arrays import Array
+from calib.change.difference import Difference
+from calib.change.lacking import lacked, taken_up
+from calib.change.moved import tail
+from calib.effects import Context, Effect
+from calib.effects.geometry import Geometry
+from calib.effects.link_geometry import LinkGeometry
+from calib.effects.tool import Tool
+from calib.model import Model
+from calib.poses import Poses
+
+_FACTORS = np.geomspace(1 / 30, 30.0, 9)
+_KNOCK = 1e-3  # m and rad
+_LEFT = 0.01  # p value below which a cause does not explain the difference
+_LIKELY = 0.05  # probability at which another cause is still named
+_SAME = 1e-3  # of a direction outside what another cause can do
+_NOTHING = 0.01  # standard deviations: a plausible size that moves less is not asked
+_FELT = 3.0  # standard deviations: a plausible size that moves less stays hidden
+_DRIVES = ("transmission_scale", "transmission_harmonic", "backlash", "joint_compliance")
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """What may have happened.
+
+    kind : "base", "tool", "marker", or a kind of effect; where : its place
+    names, units : tuple of str, of its r sizes; scales : ndarray, shape (r,), SI per unit
+    columns : ndarray, shape (k, r), SI, how the compared parameters follow
+    sizes : ndarray, shape (r,), SI, plausible
+    """
+
+    kind: str
+    where: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    scales: Array
+    columns: Array
+    sizes: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """A cause beside the difference.
+
+    probability : float, among all that were asked; share : float, of the squared difference
+    p_left : float, of what it leaves by chance
+    values, std : ndarray, shape (r,), SI, its sizes; NaN where the difference does not tell one
+    hidden : whether a plausible size would not show
+    """
+
+    cause: Cause
+    probability: float
+    share: float
+    p_left: float
+    values: Array
+    std: Array
+    hidden: bool
+
+    @property
+    def explains(self) -> bool:
+        """Whether what it leaves may be noise."""
+        return self.p_left > _LEFT
+
+    @property
+    def likely(self) -> bool:
+        """Whether it is worth naming beside others."""
+        return self.explains and self.probability > _LIKELY
+
+
+def explanations(found: Difference, causes: Sequence[Cause]) -> tuple[Explanation, ...]:
+    """All causes, those that explain the difference first, each by its probability."""
+    whitened = [found.half @ (cause.columns * cause.sizes) for cause in causes]
+    score = np.array([_evidence(found.whitened, Y) for Y in whitened])
+    kinds = [cause.kind for cause in causes]
+    score -= np.log([kinds.count(kind) for kind in kinds])
+    weight = np.exp(score - score.max(initial=-np.inf))
+    probability = weight / weight.sum()
+    told = [
+        _explained(found, cause, Y, float(p))
+        for cause, Y, p in zip(causes, whitened, probability, strict=True)
+    ]
+    return tuple(sorted(told, key=lambda e: (not e.explains, -e.probability)))
+
+
+def _evidence(y: Array, Y: Array) -> float:
+    """Logarithm of the marginal likelihood over that of no cause, mean over the factors of size."""
+    roots, axes = np.linalg.eigh(Y.T @ Y)
+    roots, along = np.maximum(roots, 0.0), (axes.T @ (Y.T @ y)) ** 2
+    squared = _FACTORS[:, None] ** 2
+    wide = 1.0 + squared * roots
+    each = 0.5 * (squared * along / wide - np.log(wide)).sum(axis=1)
+    return float(np.logaddexp.reduce(each) - np.log(len(each)))
+
+
+def _basis(Y: Array) -> Array:
+    U, s, _ = np.linalg.svd(Y, full_matrices=False)
+    return np.asarray(U[:, s > 1e-6 * max(s.max(initial=0.0), 1e-12)])
+
+
+def _explained(found: Difference, cause: Cause, Y: Array, probability: float) -> Explanation:
+    y, U = found.whitened, _basis(Y)
+    along = float(((U.T @ y) ** 2).sum())
+    left, rows = float(y @ y) - along, len(y) - U.shape[1]
+    inverse = np.linalg.pinv(Y)
+    determined = np.abs(np.diag(inverse @ Y) - 1.0) < 1e-6
+    return Explanation(
+        cause,
+        probability,
+        along / max(float(y @ y), 1e-300),
+        tail(max(left, 0.0), rows, found.dof),
+        np.where(determined, inverse @ y, np.nan) * cause.sizes,
+        np.where(determined, np.linalg.norm(inverse, axis=1), np.nan) * cause.sizes,
+        bool(np.linalg.norm(Y) < _FELT),
+    )
+
+
+def same_as(found: Difference, cause: Cause, others: Iterable[Cause]) -> tuple[Cause, ...]:
+    """Causes that can do all that one does."""
+    own = _basis(found.half @ (cause.columns * cause.sizes))
+    bases = ((other, _basis(found.half @ (other.columns * other.sizes))) for other in others)
+    return tuple(
+        other
+        for other, U in bases
+        if other is not cause and np.linalg.norm(own - U @ (U.T @ own)) < _SAME
+    )
+
+
+def candidates(
+    found: Difference, model: Model, values: Array, poses: Poses, context: Context
+) -> tuple[Cause, ...]:
+    """Every cause that may be asked here.
+
+    model, values : of the later day; poses : that it was identified at
+    """
+    keys = [(p.effect, p.where, p.name) for p in model.parameters]
+    rows = np.array([keys.index(key) for key in found.keys])
+    suspects = tuple(_suspects(model, poses, context))
+    taken, _ = taken_up(model, values, poses, tuple(effect for _, effect in suspects))
+    causes = [*_of_the_model(found, model)]
+    start = 0
+    for kind, effect in suspects:
+        part = slice(start, start := start + len(effect.parameters))
+        sizes = np.array([p.size for p in effect.parameters])
+        if kind in ("base", "tool"):
+            sizes = np.full(len(sizes), _KNOCK)
+        causes.append(_cause(kind, effect, taken[rows, part], sizes))
+    return tuple(cause for cause in causes if _shows(found, cause) > _NOTHING)
+
+
+def _shows(found: Difference, cause: Cause) -> float:
+    """By how many standard deviations a plausible size shifts what is compared."""
+    return float(np.linalg.norm(found.half @ (cause.columns * cause.sizes)))
+
+
+def _cause(kind: str, effect: Effect, columns: Array, sizes: Array) -> Cause:
+    own = effect.parameters
+    return Cause(
+        kind,
+        effect.where.removeprefix("marker:"),
+        tuple(p.name for p in own),
+        tuple(p.unit for p in own),
+        np.array([p.scale for p in own]),
+        columns,
+        sizes,
+    )
+
+
+def _of_the_model(found: Difference, model: Model) -> Iterator[Cause]:
+    """Effects whose parameters are compared, each by itself; of the geometry nothing."""
+    for effect in model.effects:
+        if isinstance(effect, Geometry) or effect.kind == "base":
+            continue
+        keys = [(p.effect, p.where, p.name) for p in effect.parameters]
+        columns = np.array([[float(key == own) for own in keys] for key in found.keys])
+        if not columns.any():
+            continue
+        marker = isinstance(effect, Tool)
+        sizes = np.array([_KNOCK if marker else p.size for p in effect.parameters])
+        yield _cause("marker" if marker else effect.kind, effect, columns, sizes)
+
+
+def _suspects(model: Model, poses: Poses, context: Context) -> Iterator[tuple[str, Effect]]:
+    """Kinds and effects that the model lacks, base and tool moved as a whole among them."""
+    robot = model.robot
+    yield "base", LinkGeometry(robot.base, 0)
+    yield "tool", LinkGeometry(robot.tip, robot.tip_frame)
+    yield from (("joint_offset", e) for e in lacked(model, context, ("joint_offset",)))
+    for joint in robot.joints[1:]:  # the first segment is the base's
+        yield "link_geometry", LinkGeometry.at(context, joint)
+    kinds = [kind for kind in _DRIVES if kind != "joint_compliance" or _stressed(model, poses)]
+    yield from ((effect.kind, effect) for effect in lacked(model, context, kinds))
+
+
+def _stressed(model: Model, poses: Poses) -> bool:
+    """Whether a compliance shows, and none by angle stands for it."""
+    if any(effect.kind == "stiffness_vs_angle" for effect in model.effects):
+        return False
+    return not loads_of(model.robot, poses, model.payload, model.gravity).absent

@@ -1,0 +1,211 @@
+"""The difference of two estimates, in what both determine.
+
+Frames and markers may differ between the days: a base or a marker is compared where it stands within
+:data:`SAME_PLACE` of where it stood. Else the instrument, the marker or the tool was put elsewhere, and
+says nothing of the robot: it stays free, as any unknown of the day does.
+
+What a day left open (:meth:`calib.change.known.Known.ignorance`) stood at nominal, and least squares
+put part of it into the others: ``d = e + (V_after - V_before) u`` with u the true errors. Rows that see
+u are taken out, so no plausible size enters, and what poses of both days took up alike stays compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calib.arrays import Array, Mask
+from calib.change.known import Key, Known
+from calib.effects import catalogue
+from calib.effects.protocol import ReadingEffect
+from calib.effects.tuned import Tuned
+from calib.errors import CalibError
+
+SAME_PLACE = 0.02
+"""m and rad: frames and markers within it are taken for the same."""
+_PLACES = ("base", "tool")
+_OF_THE_DAY = ("base_drift", "step", "warm_up", "tracker_drift")
+_FELT = 0.1  # standard deviations: what an open parameter of plausible size may shift a row by
+_NUMERICAL = 1e-10  # of the largest eigenvalue of a correlation matrix
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """After minus before.
+
+    keys : tuple of Key, the k parameters that are compared
+    change : ndarray, shape (k,), SI
+    covariance : ndarray, shape (k, k), SI, by the noise of both days
+    later : ndarray, shape (k, k), SI, what the later day does not know
+    unseen : ndarray, shape (k, u), SI, how the difference follows what a day left open
+    dof : float, of the noise of both days together
+    apart : tuple of str, bases and markers that stand elsewhere, ``base:..`` or ``tool:marker:..``
+    left : tuple of float, m, RMS that each fit leaves; grown : float, probability that the later leaves
+        as much more by chance
+    lacking : ndarray, shape (k, k), SI, part of the covariance by what the model lacks
+    alone : dict, parameter of one result only -> its size there in standard deviations
+    """
+
+    keys: tuple[Key, ...]
+    change: Array
+    covariance: Array
+    later: Array
+    unseen: Array
+    dof: float
+    apart: tuple[str, ...]
+    alone: Mapping[Key, float]
+    left: tuple[float, float]
+    grown: float
+    lacking: Array | float = 0.0
+
+    @cached_property
+    def half(self) -> Array:
+        """Rows W, shape (n, k): ``W change`` has unit variance blind to what a day left open."""
+        std = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        scale = np.where(std > 0.0, std, 1.0)
+        roots, axes = np.linalg.eigh(self.covariance / np.outer(scale, scale))
+        kept = roots > _NUMERICAL * roots.max(initial=0.0)
+        W = np.asarray((axes[:, kept] / np.sqrt(roots[kept])).T / scale)
+        U, felt, _ = np.linalg.svd(W @ self.unseen, full_matrices=True)
+        return np.asarray(U[:, int((felt > _FELT).sum()) :].T @ W)
+
+    @cached_property
+    def whitened(self) -> Array:
+        """The difference in independent rows of unit variance, shape (n,)."""
+        return np.asarray(self.half @ self.change)
+
+    @cached_property
+    def best(self) -> tuple[Array, Array]:
+        """The difference (k,) with what a day left open at its likeliest, and its covariance (k, k)."""
+        back = self.covariance @ self.half.T
+        return back @ self.whitened, back @ back.T * self.wider
+
+    @property
+    def doubt(self) -> Array:
+        """Covariance (k, k) of the difference as an error of the earlier values on the later day."""
+        return np.asarray(self.later * self.wider + self.lacking)
+
+    @property
+    def wider(self) -> float:
+        """Factor of a variance that itself is known by few degrees of freedom: that of Student's t."""
+        return self.dof / (self.dof - 2.0) if self.dof > 3.0 else 3.0
+
+    @cached_property
+    def determined(self) -> Mask:
+        """Which parameters both days determine by themselves, shape (k,)."""
+        open_ = (self.unseen**2).sum(axis=1)
+        noise = np.diag(self.covariance)
+        return np.asarray((noise > 0.0) & (open_ < _FELT**2 * noise))
+
+
+def difference(before: Known, after: Known) -> Difference:
+    """What lies between two results. Raises CalibError where they have nothing in common."""
+    alone = {key: z for known, other in ((before, after), (after, before))
+             for key, z in _alone(known, other).items()}  # fmt: skip
+    before, after = (known.restricted(_alone(known, other))
+                     for known, other in ((before, after), (after, before)))  # fmt: skip
+    apart = _apart(before, after)
+    keys = tuple(key for key in after.keys if key in set(before.keys) and _compared(key, apart))
+    if not any(key[0] not in _PLACES for key in keys):
+        raise CalibError("the results have no parameter of the robot in common")
+    rows = [np.array([known.keys.index(key) for key in keys]) for known in (before, after)]
+    noise = [
+        known.noise()[np.ix_(own, own)] for known, own in zip((before, after), rows, strict=True)
+    ]
+    change = after.values[rows[1]] - before.values[rows[0]]
+    for i, (effect, where, name) in enumerate(keys):
+        marker = where.removeprefix("marker:")
+        if (
+            effect == "tool" and marker in after.markers
+        ):  # values count from guesses that may differ
+            change[i] = (after.markers[marker] - before.markers[marker])["xyz".index(name)]
+    return Difference(
+        keys,
+        change,
+        noise[0] + noise[1],
+        after.covariance[np.ix_(rows[1], rows[1])],
+        _unseen(before, after, rows),
+        _freedom(noise, (before.dof, after.dof)),
+        apart,
+        alone,
+        (before.left, after.left),
+        _grown(before, after),
+    )
+
+
+def _lasting(key: Key) -> bool:
+    """Whether a parameter is the robot's: not of a day's frames, instrument or clock, nor of a tuning
+    by which its others change their meaning.
+    """
+    kind = catalogue().get(key[0])
+    unlike = kind is None or issubclass(kind, ReadingEffect | Tuned)
+    return not (unlike or key[0] in _PLACES or key[0] in _OF_THE_DAY)
+
+
+def _alone(known: Known, other: Known) -> dict[Key, float]:
+    """Parameters of the robot that the other result lacks, in standard deviations from nothing."""
+    std = np.sqrt(np.diag(known.covariance))
+    return {
+        key: float(abs(value) / s) if s > 0.0 else 0.0
+        for key, value, s in zip(known.keys, known.values, std, strict=True)
+        if _lasting(key) and key not in other.keys
+    }
+
+
+def _apart(before: Known, after: Known) -> tuple[str, ...]:
+    """Bases and markers of both results that stand elsewhere."""
+    found = []
+    shared = [key for key in after.keys if key[0] == "base" and key in before.keys]
+    for where in dict.fromkeys(key[1] for key in shared):
+        own = [key for key in shared if key[1] == where]
+        then, now = (
+            np.array([known.values[known.keys.index(key)] for key in own])
+            for known in (before, after)
+        )
+        if np.abs(now - then).max() > SAME_PLACE:
+            found.append(f"base:{where}")
+    for name in after.markers:
+        moved = name in before.markers and np.abs(after.markers[name] - before.markers[name]).max()
+        if moved > SAME_PLACE:
+            found.append(f"tool:marker:{name}")
+    return tuple(found)
+
+
+def _compared(key: Key, apart: tuple[str, ...]) -> bool:
+    if key[0] in _PLACES:
+        return f"{key[0]}:{key[1]}" not in apart
+    return _lasting(key)
+
+
+def _grown(before: Known, after: Known) -> float:
+    """P value of the ratio of what the fits leave, poses erring independently."""
+    from scipy.special import fdtrc
+
+    if before.left <= 0.0 or after.left <= 0.0:
+        return 1.0
+    ratio = (after.left / before.left) ** 2
+    return float(fdtrc(after.approaches, before.approaches, ratio))
+
+
+def _unseen(before: Known, after: Known, rows: list[Array]) -> Array:
+    """How the rows follow the errors that either day left open, shape (k, u)."""
+    (names, then), (others, now) = before.ignorance(), after.ignorance()
+    every = tuple(dict.fromkeys((*names, *others)))
+    D = np.zeros((len(rows[0]), len(every)))
+    D[:, [every.index(key) for key in others]] += now[rows[1]]
+    D[:, [every.index(key) for key in names]] -= then[rows[0]]
+    return D
+
+
+def _freedom(noise: list[Array], dof: tuple[float, float]) -> float:
+    """Degrees of freedom of a sum of two covariances (Welch and Satterthwaite), by their shares."""
+    total = noise[0] + noise[1]
+    std = np.sqrt(np.diag(total))
+    scale = np.outer(*2 * [np.where(std > 0.0, std, 1.0)])
+    inverse = np.linalg.pinv(total / scale, rcond=_NUMERICAL, hermitian=True)
+    shares = np.array([np.trace(inverse @ (own / scale)) for own in noise])
+    shares = shares / shares.sum()
+    return float(1.0 / max(float((shares**2 / np.array(dof)).sum()), 1e-12))

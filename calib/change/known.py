@@ -1,0 +1,133 @@
+"""What one result knows of a robot, without the cell that it was made in."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from calib.arrays import Array, Mask
+from calib.compensation.estimate import estimate_of
+from calib.identification.identification import Identification
+from calib.poses import Poses
+
+_CHANCE = 3.0  # standard deviations of a mean square
+
+Key: TypeAlias = tuple[str, str, str]
+"""Effect, where and name of a parameter."""
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """The estimate of one day.
+
+    keys : tuple of Key; values : ndarray, shape (p,), SI
+    covariance : ndarray, shape (p, p), SI, with what was not determined at its plausible size
+        (:attr:`calib.compensation.Estimate.covariance`)
+    lost : ndarray of bool, shape (p,), what was not determined
+    markers : dict, name -> ndarray, shape (3,), m, tip frame
+    dof : float, degrees of freedom behind the covariance, infinite where the noise was known
+    left : float, m, RMS that the fit leaves, 3-D per point; approaches : float, degrees of freedom of
+        that, a pose counting as one; excess : float, m, what of it is surely not the instrument
+    poses : Poses that were fitted, or None
+    """
+
+    keys: tuple[Key, ...]
+    values: Array
+    covariance: Array
+    lost: Mask
+    markers: Mapping[str, Array]
+    dof: float
+    left: float = 0.0
+    approaches: float = 1.0
+    excess: float = 0.0
+    poses: Poses | None = None
+
+    def restricted(self, gone: Collection[Key]) -> Known:
+        """The same data under a model without some parameters: their values are zero.
+
+        Least squares under a linear restriction: values and covariance given that these are zero.
+        """
+        if not gone:
+            return self
+        out = np.array([key in gone for key in self.keys])
+        cross = self.covariance[np.ix_(~out, out)]
+        block = self.covariance[np.ix_(out, out)]
+        std = np.sqrt(np.where(np.diag(block) > 0.0, np.diag(block), 1.0))
+        gain = cross / std @ np.linalg.pinv(block / np.outer(std, std), hermitian=True) / std
+        return replace(
+            self,
+            keys=tuple(key for key in self.keys if key not in gone),
+            values=self.values[~out] - gain @ self.values[out],
+            covariance=self.covariance[np.ix_(~out, ~out)] - gain @ cross.T,
+            lost=self.lost[~out],
+        )
+
+    def ignorance(self) -> tuple[tuple[Key, ...], Array]:
+        """What was not determined, and how all values follow it, shape (p, u), SI: ``V V^T`` of
+        :func:`calib.model.covariance.ignorance`, each column for an error of the plausible size.
+        """
+        own = np.flatnonzero(self.lost)
+        sizes = np.sqrt(np.diag(self.covariance)[own])
+        return tuple(self.keys[i] for i in own), self.covariance[:, own] / sizes
+
+    def noise(self) -> Array:
+        """Covariance by the noise alone, shape (p, p), SI."""
+        _, V = self.ignorance()
+        return np.asarray(self.covariance - V @ V.T)
+
+
+def approaches(poses: int, parameters: int) -> float:
+    """Degrees of freedom where the points of a pose err together: poses, less what the fit took up of
+    their three coordinates. Where variances come from few poses, fewer than REML would give; so that
+    :func:`calib.change.moved.moved` holds its false alarms (``studies.research.benchmarks.changes``).
+    """
+    return max(poses - parameters / 3.0, 1.0)
+
+
+def beyond(left: float, sigma: float, points: int) -> float:
+    """What a fit leaves beyond the instrument, 3-D RMS per point, m; none where chance may do it.
+
+    left : float, m; sigma : float, m, of one coordinate, as stated
+    """
+    most = 3.0 * sigma**2 * (1.0 + _CHANCE * np.sqrt(2.0 / (3.0 * points)))
+    return float(np.sqrt(left**2 - 3.0 * sigma**2)) if left**2 > most else 0.0
+
+
+def freedom(source: str, dof: float, errant: float, scatters: bool) -> float:
+    """Degrees of freedom behind a covariance.
+
+    source : of the noise, "cell", "replicates" or "residual"; dof : of the fit
+    errant : :func:`approaches`; scatters : whether whole poses err, by variances that these show
+    """
+    if scatters:
+        return errant
+    return float(dof) if source != "cell" else np.inf
+
+
+def known_of(found: Identification) -> Known:
+    """What an identification knows."""
+    estimate, model = estimate_of(found), found.model
+    variances = estimate.variances
+    fitted = found.fit.data.take(~found.fit.outlier)
+    free = approaches(len(fitted), len(found.values))
+    left = found.rms("fitted") or found.rms("fitted_all") or 0.0
+    return Known(
+        keys=tuple((p.effect, p.where, p.name) for p in model.parameters),
+        values=found.values,
+        covariance=estimate.covariance,
+        lost=np.array([p.id in estimate.undetermined for p in model.parameters]),
+        markers=dict(zip(model.marker_names, found.marker_positions, strict=True)),
+        dof=freedom(
+            found.noise.source,
+            found.dof,
+            free,
+            variances is not None and variances.any,
+        ),
+        left=left,
+        approaches=free,
+        excess=beyond(left, found.noise.believed, int(fitted.seen.sum())),
+        poses=fitted.poses,
+    )

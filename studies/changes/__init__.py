@@ -1,0 +1,1 @@
+"""``posecal changes``: its record, how it is told and drawn, its command."""

@@ -1,0 +1,62 @@
+"""``posecal changes``: what moved between two results of one robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from studies.command.deliver import check_outputs, deliver, output_file
+from studies.command.options import (
+    PATH,
+    Finite,
+    faults_in,
+    figures_option,
+    json_option,
+    one_line_faults,
+)
+
+
+@click.command(short_help="What moved between two results of one robot?")
+@click.argument("before_path", metavar="BEFORE", type=PATH)
+@click.argument("after_path", metavar="AFTER", type=PATH)
+@click.option("--cell", "cell_path", metavar="CELL", type=PATH,
+              help="The cell of AFTER. Default: the one that AFTER names.")  # fmt: skip
+@click.option("--tolerance-mm", metavar="X", type=Finite(min=0, min_open=True),
+              help="Largest error at any target with which BEFORE still holds.")  # fmt: skip
+@figures_option
+@json_option
+@one_line_faults
+def changes(
+    before_path: Path,
+    after_path: Path,
+    cell_path: Path | None,
+    tolerance_mm: float | None,
+    folder: Path | None,
+    json_path: str | None,
+) -> None:
+    """Say what moved on a robot between two results, what that does, and what may have caused it.
+
+    BEFORE and AFTER are the JSON of identify. Parameters are compared in what both determine; the
+    instrument and the markers may stand elsewhere. With --tolerance-mm it says whether the calibration
+    of BEFORE still holds today.
+
+    \b
+    Example:
+      posecal identify cell.toml may.csv --json may.json
+      posecal identify cell.toml june.csv --json june.json
+      posecal changes may.json june.json --tolerance-mm 0.2
+    """
+    from calib.change import changes as compared
+    from studies.changes.days import days_of
+    from studies.changes.record import changes_record
+    from studies.record import envelope
+
+    days = days_of(before_path, after_path, cell_path)
+    inputs = [days.cell.path, *days.cell.robot_files, before_path, after_path]
+    check_outputs([output_file(json_path)], inputs, folder)
+    tolerance = None if tolerance_mm is None else tolerance_mm * 1e-3
+    with faults_in(after_path):
+        found = compared(*days.compared, tolerance)
+    record = changes_record(found, days, envelope(days.cell.name, inputs))
+    deliver(record, json_path, folder)

@@ -1,0 +1,128 @@
+"""Two results of identify as they are compared: refused where they are of different robots."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib import Cell, load_cell, load_measurements
+from calib.change import Known, approaches, beyond, freedom
+from calib.compensation.estimate import Estimate
+from calib.errors import InputError
+from calib.files.estimate import load_estimate
+from calib.files.read import sha256
+from calib.poses import Poses
+from studies.identify.record import IdentifyRecord
+from studies.record import read_as
+from studies.report.evidence import located
+
+
+@dataclass(frozen=True, eq=False)
+class Days:
+    """What two results know.
+
+    cell, estimate : of the later one
+    notes : tuple of str, what could not be done
+    """
+
+    before_path: Path
+    after_path: Path
+    cell: Cell
+    before: Known
+    after: Known
+    estimate: Estimate
+    notes: tuple[str, ...]
+
+    @property
+    def compared(self) -> tuple[Cell, Known, Known, Estimate]:
+        """What :func:`calib.change.changes` asks for."""
+        return self.cell, self.before, self.after, self.estimate
+
+
+def days_of(before_path: Path, after_path: Path, cell_path: Path | None) -> Days:
+    """Read both results and the cell of the later one.
+
+    Raises InputError: no results of identify, one that did not converge, results of different robots,
+    a cell that is gone.
+    """
+    before, after = (read_as(path, IdentifyRecord) for path in (before_path, after_path))
+    for path, record in ((before_path, before), (after_path, after)):
+        if not record.estimate.converged:
+            raise InputError(path, "", "did not converge", "mend the identification first")
+    cell = load_cell(_cell_file(after_path, after) if cell_path is None else cell_path)
+    for path, record in ((before_path, before), (after_path, after)):
+        _check_robot(cell, path, record)
+    tables = [_poses(cell, path, own) for path, own in ((before_path, before), (after_path, after))]
+    estimate = load_estimate(cell, after_path)
+    return Days(
+        before_path,
+        after_path,
+        cell,
+        _known(before, tables[0][0]),
+        _known(after, tables[1][0]),
+        estimate,
+        (*estimate.notes, *(note for _, notes in tables for note in notes)),
+    )
+
+
+def _cell_file(path: Path, record: IdentifyRecord) -> Path:
+    """The cell that a result names, as long as it is unchanged."""
+    source = located(path, record.inputs[0].file, record.inputs[0].sha256)
+    if source.path is None:
+        raise InputError(
+            path, "inputs", f"its cell {source.file} is {source.state}", "give it with --cell"
+        )
+    return source.path
+
+
+def _check_robot(cell: Cell, path: Path, record: IdentifyRecord) -> None:
+    """Values count from a nominal model: another one makes them another robot's."""
+    known = {entry.sha256 for entry in record.inputs}
+    for file in cell.robot_files:
+        if sha256(file) not in known:
+            raise InputError(
+                path,
+                "inputs",
+                f"was not made with the {cell.robot_source} {file} as it stands",
+                "compare results of one robot, identified from one nominal model",
+            )
+
+
+def _poses(cell: Cell, path: Path, record: IdentifyRecord) -> tuple[Poses | None, tuple[str, ...]]:
+    """The poses of the fit, from the table that a result names; a note where it is gone."""
+    sources = record.inputs[1 + len(cell.robot_files) :][:1]
+    for entry in sources:
+        source = located(path, entry.file, entry.sha256)
+        if source.path is None:
+            note = f"{source.file} is {source.state}: what the model lacks may pass for a change"
+            return None, (note,)
+        poses = load_measurements(cell, source.path, every_marker=False).poses
+        out = {entry.pose for entry in record.outliers}
+        fitted = {row.pose for row in record.residuals if not row.heldout} - out
+        return poses.take(np.flatnonzero([name in fitted for name in poses.names])), ()
+    return None, ()
+
+
+def _known(record: IdentifyRecord, poses: Poses | None) -> Known:
+    estimate, scatter = record.estimate, record.estimate.scatter_si
+    scatters = scatter is not None and any((*scatter.approach, *scatter.configuration))
+    keys = tuple((p.effect, p.where, p.name) for p in estimate.parameters)
+    rms = record.rms_mm
+    # Without any length read, what scatters across the line of sight stands for it.
+    left = (rms.fitted or rms.fitted_all or 2.0**0.5 * record.noise.sigma_mm) * 1e-3
+    free = approaches(record.poses, len(keys))
+    lost = [f"{effect}:{where}.{name}" in estimate.undetermined for effect, where, name in keys]
+    return Known(
+        keys=keys,
+        values=np.array([p.value_si for p in estimate.parameters]),
+        covariance=np.array(estimate.covariance_si),
+        lost=np.array(lost),
+        markers={name: np.array(at) * 1e-3 for name, at in record.markers_mm.items()},
+        dof=freedom(record.noise.source, float(record.degrees_of_freedom), free, scatters),
+        left=left,
+        approaches=free,
+        excess=beyond(left, record.noise.believed_sigma_mm * 1e-3, record.points),
+        poses=poses,
+    )

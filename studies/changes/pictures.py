@@ -1,0 +1,98 @@
+"""By how much each parameter moved, and what that does at each target."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from studies.plots.style import (
+    BLUE,
+    FAINT,
+    INK,
+    SOFT,
+    VERMILLION,
+    Cell,
+    Picture,
+    brief,
+    legend_below,
+    pose_ticks,
+    sheet,
+    styled,
+    tidy,
+)
+
+if TYPE_CHECKING:
+    from studies.changes.record import ChangesRecord
+
+
+@styled
+def changed_parameters(record: ChangesRecord) -> Picture:
+    """Each difference in its standard deviations, those that surely moved apart."""
+    known = [p for p in record.parameters if p.std]
+    ratio = np.array([p.change / p.std for p in known if p.std])
+    at, moved = np.arange(len(known)), np.array([p.moved for p in known], dtype=bool)
+    figure = sheet(6.4, max(2.4, 1.2 + 0.19 * len(known)))
+    panel = figure.subplots()
+    tidy(panel, "x")
+    panel.axvspan(-2.0, 2.0, color=FAINT, linewidth=0, zorder=0)
+    panel.axvline(0.0, color=SOFT, linewidth=0.8)
+    handles = [
+        *panel.plot(ratio[~moved], at[~moved], color=BLUE, marker="o", linestyle="",
+                    label="within the uncertainty"),
+        *panel.plot(ratio[moved], at[moved], color=VERMILLION, marker="^", linestyle="",
+                    label="moved"),
+    ]  # fmt: skip
+    panel.set_xscale("symlog", linthresh=5.0)
+    panel.set_yticks(at, brief([p.id for p in known]), fontsize=9)
+    panel.set(xlabel="after - before [standard deviations]", ylim=(len(known) - 0.4, -0.6))
+    legend_below(figure, handles)
+    caption = (
+        "By how much each parameter differs between the two results, in standard deviations of the "
+        "difference; the band is two of them, the scale logarithmic beyond five. Parameters are "
+        "correlated: what moved is told by all of them together."
+    )
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
+        (p.id, p.change, p.std, p.unit, p.family_p, "moved" if p.moved else "") for p in known
+    )
+    header = ("parameter", "after - before", "standard deviation", "unit", "p over all", "")
+    return Picture(
+        "changed_parameters", "Parameters, after minus before", caption, figure, header, rows
+    )
+
+
+@styled
+def errors_at_targets(record: ChangesRecord) -> Picture:
+    """The error at each target with the earlier values, and what the robot itself moved by."""
+    targets = sorted(record.at_targets, key=lambda target: -target.kept_mm.value)
+    at = np.arange(len(targets))
+    figure = sheet(7.2, 4.0)
+    panel = figure.subplots()
+    tidy(panel, "y")
+    handles = []
+    for errors, color, mark, label in (
+        ([t.kept_mm for t in targets], VERMILLION, "^", f"off today with {record.before}"),
+        ([t.change_mm for t in targets], BLUE, "o", "the robot itself moved"),
+    ):
+        value = np.array([error.value for error in errors])
+        low, high = (np.array([getattr(e, end) for e in errors]) for end in ("low", "high"))
+        panel.vlines(at, low, high, color=color, linewidth=0.8, alpha=0.5)
+        handles += panel.plot(at, value, color=color, marker=mark, markersize=4, linestyle="",
+                              label=label)  # fmt: skip
+    if record.tolerance_mm is not None:
+        line = panel.axhline(record.tolerance_mm, color=INK, linestyle="-.", label="tolerance")
+        handles.append(line)
+    panel.set(ylabel="error at the target [mm]", ylim=(0.0, None))
+    pose_ticks(panel, [target.pose for target in targets])
+    legend_below(figure, handles)
+    caption = (
+        "By how much each target is missed on the later day with the earlier calibration, and how far "
+        "the robot itself moved there between the days, with 95 % intervals."
+    )
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
+        (t.pose, t.kept_mm.value, t.kept_mm.low, t.kept_mm.high, t.change_mm.value,
+         t.change_mm.low, t.change_mm.high)
+        for t in targets
+    )  # fmt: skip
+    header = ("target", "kept [mm]", "from [mm]", "to [mm]", "moved [mm]", "from [mm]", "to [mm]")
+    return Picture("changes_at_targets", "Error at each target", caption, figure, header, rows)

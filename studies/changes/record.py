@@ -1,0 +1,273 @@
+"""What ``posecal changes`` finds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from studies.causes import Cause
+from studies.record import (
+    Count,
+    Entry,
+    Envelope,
+    Maybe,
+    MaybePositive,
+    NotNegative,
+    Number,
+    Positive,
+    Record,
+)
+
+if TYPE_CHECKING:
+    from calib.change import Changes
+    from calib.change.at_targets import AtTargets, Length
+    from calib.change.causes import Explanation
+    from studies.changes.days import Days
+    from studies.document import Document
+
+_MM = 1e3
+_MOST = 8  # causes that are kept
+
+
+class Test(Entry):
+    """Against "nothing changed": the squared difference over the rows that both days determine.
+
+    dof : of the noise behind it, None where that was known
+    """
+
+    statistic: NotNegative
+    rows: Count
+    dof: Maybe
+    p: NotNegative
+    false_alarm: Positive
+
+
+class Parameter(Entry):
+    """A parameter, after minus before; std and family_p are None where a day does not determine it."""
+
+    id: str
+    effect: str
+    where: str
+    name: str
+    change: Number
+    std: MaybePositive
+    family_p: Maybe
+    moved: bool
+    unit: str
+
+
+class Alone(Entry):
+    """A parameter of one result only, which takes no part; sigmas : its size in standard deviations."""
+
+    id: str
+    sigmas: NotNegative
+
+
+class Left(Entry):
+    """What the fits leave, 3-D RMS per point; p : of so much more on the later day by chance.
+
+    excess : of the day with more, beyond the instrument; it counts as errors of the drives that were
+    there on both days
+    """
+
+    before_mm: NotNegative
+    after_mm: NotNegative
+    p: NotNegative
+    grown: bool
+    excess_mm: NotNegative
+
+
+class Size(Entry):
+    """A size of a cause; None where the difference does not tell it."""
+
+    name: str
+    value: Maybe
+    std: MaybePositive
+    unit: str
+
+
+class Explained(Cause):
+    """A cause beside the difference.
+
+    effect : ``base`` and ``tool`` moved as a whole, ``marker``, or an effect
+    share : of the squared difference; p_left : of what is left over, by chance
+    """
+
+    probability: NotNegative
+    share: Number
+    p_left: NotNegative
+    explains: bool
+    likely: bool
+    sizes: tuple[Size, ...]
+
+
+class Error(Entry):
+    """An error with its 95 % interval."""
+
+    value: NotNegative
+    low: NotNegative
+    high: NotNegative
+
+
+class AtTarget(Entry):
+    """What lies between the days at a target, and the error there with the values of before."""
+
+    pose: str
+    change_mm: Error
+    kept_mm: Error
+
+
+class ChangesRecord(Record):
+    """What moved between two results of one robot.
+
+    change : of the robot between the days; kept : with the values of BEFORE on the robot of AFTER;
+    renewed : with those of AFTER; rest : beside each, by what the model lacks and the arm's scatter
+    """
+
+    command: Literal["changes"] = "changes"
+    before: str
+    after: str
+    status: Literal["unchanged", "changed"]
+    test: Test
+    parameters: tuple[Parameter, ...] = Field(min_length=1)
+    apart: tuple[str, ...]
+    alone: tuple[Alone, ...]
+    left: Left
+    cause: Literal["none", "named", "ambiguous", "unclear"]
+    causes: tuple[Explained, ...]
+    same_as: tuple[Cause, ...]
+    hidden: tuple[Cause, ...]
+    targets: str
+    change_rms_mm: Error
+    change_worst_mm: Error
+    kept_rms_mm: Error
+    kept_worst_mm: Error
+    renewed_rms_mm: NotNegative
+    rest_mm: NotNegative
+    worst_at: str
+    at_targets: tuple[AtTarget, ...] = Field(min_length=1)
+    tolerance_mm: Positive | None
+    verdict: Literal["holds", "does_not", "cannot_be_said"] | None
+
+    @model_validator(mode="after")
+    def _belongs_together(self) -> Self:
+        if (self.cause == "none") != (self.status == "unchanged"):
+            raise ValueError("cause and status do not go together")
+        if self.cause in ("named", "ambiguous") and not self.causes:
+            raise ValueError("a cause is named and none is listed")
+        if (self.tolerance_mm is None) != (self.verdict is None):
+            raise ValueError("verdict and tolerance_mm do not go together")
+        return self
+
+    def told(self) -> Document:
+        from studies.changes.telling import told
+
+        return told(self)
+
+
+def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRecord:
+    """The record of a comparison."""
+    own = days.cell.design.get("targets")
+    rms, worst = found.expected
+    return ChangesRecord(
+        **made_from,
+        warnings=days.notes,
+        before=days.before_path.name,
+        after=days.after_path.name,
+        status="changed" if found.moved.anything else "unchanged",
+        test=_test(found),
+        parameters=_parameters(found),
+        apart=found.difference.apart,
+        alone=tuple(
+            Alone(id=f"{effect}:{where}.{name}", sigmas=sigmas)
+            for (effect, where, name), sigmas in found.difference.alone.items()
+        ),
+        left=Left(
+            before_mm=found.difference.left[0] * _MM,
+            after_mm=found.difference.left[1] * _MM,
+            p=found.moved.grown,
+            grown=found.moved.beyond,
+            excess_mm=max(days.before.excess, days.after.excess) * _MM,
+        ),
+        cause=found.told,
+        causes=tuple(map(_explained, found.explanations[:_MOST])) if found.moved.anything else (),
+        same_as=tuple(Cause(effect=c.kind, where=c.where) for c in found.same_as),
+        hidden=tuple(
+            Cause(effect=e.cause.kind, where=e.cause.where) for e in found.explanations if e.hidden
+        ),
+        targets=str(own) if own is not None else f"{len(found.targets)} Sobol poses within the limits",
+        change_rms_mm=_error(found.change.rms),
+        change_worst_mm=_error(found.change.worst),
+        kept_rms_mm=_error(rms),
+        kept_worst_mm=_error(worst),
+        renewed_rms_mm=float(np.hypot(found.renewed, found.rest)) * _MM,
+        rest_mm=found.rest * _MM,
+        worst_at=found.targets.names[found.kept.worst_at],
+        at_targets=tuple(
+            AtTarget(pose=name, change_mm=change, kept_mm=kept)
+            for name, change, kept in zip(
+                found.targets.names, _errors(found.change, 0.0), _errors(found.kept, found.rest),
+                strict=True,
+            )
+        ),
+        tolerance_mm=None if found.tolerance is None else found.tolerance * _MM,
+        verdict=found.verdict,
+    )  # fmt: skip
+
+
+def _test(found: Changes) -> Test:
+    from calib.change.moved import FALSE_ALARM
+
+    moved, dof = found.moved, found.difference.dof
+    return Test(
+        statistic=moved.statistic,
+        rows=moved.rows,
+        dof=dof if dof < 1e8 else None,
+        p=moved.p_value,
+        false_alarm=FALSE_ALARM,
+    )
+
+
+def _parameters(found: Changes) -> tuple[Parameter, ...]:
+    moved = found.moved
+    return tuple(
+        Parameter(
+            id=p.id, effect=p.effect, where=p.where, name=p.name, change=change / p.scale,
+            std=std / p.scale, family_p=family, moved=bool(named), unit=p.unit,
+        )
+        for p, change, std, family, named in zip(
+            found.parameters, found.difference.change.tolist(), moved.std.tolist(),
+            moved.family_p.tolist(), moved.parameters, strict=True,
+        )
+    )  # fmt: skip
+
+
+def _explained(found: Explanation) -> Explained:
+    cause = found.cause
+    return Explained(
+        effect=cause.kind,
+        where=cause.where,
+        probability=found.probability,
+        share=found.share,
+        p_left=found.p_left,
+        explains=found.explains,
+        likely=found.likely,
+        sizes=tuple(
+            Size(name=name, value=value, std=std, unit=unit)
+            for name, unit, value, std in zip(
+                cause.names, cause.units, (found.values / cause.scales).tolist(),
+                (found.std / cause.scales).tolist(), strict=True,
+            )
+        ),
+    )  # fmt: skip
+
+
+def _error(length: Length) -> Error:
+    return Error(value=length.value * _MM, low=length.low * _MM, high=length.high * _MM)
+
+
+def _errors(found: AtTargets, rest: float) -> list[Error]:
+    shown = (np.hypot(found.errors, rest) * _MM).tolist()
+    return [Error(value=value, low=low, high=high) for value, low, high in shown]

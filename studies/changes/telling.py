@@ -1,0 +1,274 @@
+"""What a comparison of two days says: did anything move, what does that do, what may be behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from studies.causes import Cause, gathered
+from studies.changes.pictures import changed_parameters, errors_at_targets
+from studies.changes.record import ChangesRecord, Error, Explained, Parameter, Size, Test
+from studies.document import (
+    MM,
+    PROBABILITY,
+    SHARE,
+    STD,
+    TEXT,
+    TO_STD,
+    Column,
+    Detail,
+    Document,
+    Figure,
+    Mood,
+    P,
+    Part,
+    Section,
+    Sentence,
+    Table,
+    labelled,
+    listed,
+    mm,
+    plural,
+)
+
+_MOST = 12  # parameters that are worth a line each in the terminal
+_LARGE = 3.0  # standard deviations of a parameter that one result alone has
+_WORDS = {
+    "base": "the robot's base was knocked, or the instrument (the two look the same)",
+    "tool": "the tool was moved on its flange, or exchanged",
+    "marker": "marker {} was moved",
+    "joint_offset": "the zero of {} slipped (a belt, a coupling, a new mastering)",
+    "link_geometry": "the link before {} was bent",
+    "backlash": "the gear of {} is worn, or was set anew: it loses other motion",
+    "transmission_scale": "the gear or encoder of {} has another ratio",
+    "transmission_harmonic": "the gear of {} errs otherwise within its turn: worn, or exchanged",
+    "joint_compliance": "{} yields otherwise under load",
+}
+_VERDICTS: dict[str, tuple[str, Mood]] = {
+    "holds": ("holds", "good"),
+    "does_not": ("does not hold", "warn"),
+    "cannot_be_said": ("may or may not hold: these data cannot say", "warn"),
+}
+
+
+def told(record: ChangesRecord) -> Document:
+    """The answer, the parameters, the causes and the targets."""
+    return Document(
+        tuple(_headline(record)),
+        (
+            Section("changes", "What moved", tuple(_moved(record))),
+            Section("changes-cause", "What may be behind it", tuple(_causes(record))),
+            Section("changes-targets", "What it does at the targets", tuple(_targets(record))),
+        ),
+    )
+
+
+def _headline(record: ChangesRecord) -> Iterator[Sentence]:
+    change, chance = record.change_rms_mm, _chance(record.test)
+    between = f"{record.before} and {record.after}"
+    if record.status == "unchanged":
+        yield Sentence(
+            f"Nothing moved between {between} beyond the uncertainty of both ({chance}); what may hide "
+            f"in it is at most {mm(change.high)} RMS at the targets.",
+            "good",
+        )
+    else:
+        own = [p.id for p in record.parameters if p.moved]
+        named = f", surely {listed(own)}" if own else ", of no single parameter surely"
+        yield Sentence(
+            f"Something moved between {between} ({chance}){named}: "
+            f"{_shown(change)} RMS at the targets.",
+            "warn",
+        )
+        yield _cause(record)
+    if record.left.grown:
+        yield Sentence(
+            f"The fit of {record.after} leaves {mm(record.left.after_mm)} RMS where that of "
+            f"{record.before} left {mm(record.left.before_mm)}: unless instrument or poses are "
+            "others, something came up that the model lacks; posecal diagnose asks what.",
+            "warn",
+        )
+    yield from _tolerance(record)
+
+
+def _chance(test: Test) -> str:
+    """How likely so large a difference is by chance."""
+    p = f"p = {P(test.p)}" if test.p > 1e-300 else "p below 1e-300"
+    return f"{p} over {plural(test.rows, 'direction')}"
+
+
+def _shown(error: Error) -> str:
+    return f"{MM(error.value)} mm ({MM(error.low)} to {MM(error.high)})"
+
+
+def _cause(record: ChangesRecord) -> Sentence:
+    if record.cause == "unclear":
+        first = next(iter(sorted(record.causes, key=lambda cause: -cause.share)), None)
+        most = f"; {first.key} would do most of it, {SHARE(first.share)}" if first else ""
+        return Sentence(f"No single cause explains it{most}.", "warn")
+    first = record.causes[0]
+    said = f"{words(first)} ({first.key}, probability {PROBABILITY(first.probability)})"
+    lead = "Likeliest" if record.cause == "named" else "Several causes explain it; likeliest"
+    return Sentence(f"{lead}: {said}.", "note")
+
+
+def words(cause: Cause) -> str:
+    """What happened, in words.
+
+    >>> words(Cause(effect="joint_offset", where="A3"))
+    'the zero of A3 slipped (a belt, a coupling, a new mastering)'
+    """
+    return _WORDS.get(cause.effect, f"{cause.effect} of {{}} is another").format(cause.where)
+
+
+def _tolerance(record: ChangesRecord) -> Iterator[Sentence]:
+    kept = record.kept_worst_mm
+    said = (
+        f"with the values of {record.before} the worst target is off by {_shown(kept)} today, "
+        f"{mm(record.kept_rms_mm.value)} RMS; with those of {record.after} by "
+        f"{mm(record.renewed_rms_mm)} RMS"
+    )
+    if record.verdict is None:
+        yield Sentence(f"{said[0].upper()}{said[1:]}.")
+        return
+    verdict, mood = _VERDICTS[record.verdict]
+    yield Sentence(f"The calibration {verdict} within {record.tolerance_mm:g} mm: {said}.", mood)
+
+
+# -- what moved --------------------------------------------------------------------------------
+
+
+_PARAMETERS: tuple[Column[Parameter], ...] = (
+    Column("parameter", lambda p: p.id, TEXT),
+    Column("after -\nbefore", lambda p: (p.change, p.std) if p.std else None, TO_STD),
+    Column("standard\ndeviation", lambda p: p.std, STD),
+    Column("unit", lambda p: p.unit, TEXT),
+    Column("p over\nall", lambda p: p.family_p, P),
+    Column("moved", lambda p: "yes" if p.moved else "", TEXT),
+)
+
+
+def _moved(record: ChangesRecord) -> Iterator[Part]:
+    rows = sorted(record.parameters, key=lambda p: 2.0 if p.family_p is None else p.family_p)
+    yield from _compared(record)
+    yield Table(_PARAMETERS, rows, "Parameters, after minus before", most=_MOST)
+    yield Figure(lambda: changed_parameters(record))
+
+
+def _compared(record: ChangesRecord) -> Iterator[Sentence]:
+    """What takes no part, and why."""
+    elsewhere = [name.partition(":")[2] for name in record.apart if name.startswith("base:")]
+    markers = [name.rpartition(":")[2] for name in record.apart if name.startswith("tool:")]
+    compared = {p.effect for p in record.parameters}
+    if elsewhere or "base" not in compared:
+        yield Sentence(
+            "the instrument stood elsewhere: a knock of the robot's base cannot be told from that",
+            label="not compared",
+        )
+    if markers or "tool" not in compared:
+        what = listed(markers) if markers else "markers"
+        yield Sentence(f"{what}: of other names or places, another tool or put on anew",
+                       label="" if elsewhere else "not compared")  # fmt: skip
+    if record.left.excess_mm:
+        yield Sentence(
+            f"the fits leave {mm(record.left.excess_mm)} beyond the instrument: errors of the drives "
+            "as large, that were there on both days, are no change",
+            label="model",
+        )
+    open_ = [p.id for p in record.parameters if p.std is None]
+    if open_:
+        yield Sentence(f"{listed(open_)}: not determined on both days by itself", label="open")
+    for alone in record.alone:
+        mood: Mood = "warn" if alone.sigmas > _LARGE else ""
+        yield Sentence(
+            f"{alone.id} stands in one result only ({alone.sigmas:.1f} standard deviations from "
+            "nothing) and counts as zero: identify both with one [model]",
+            mood,
+        )
+
+
+# -- causes ------------------------------------------------------------------------------------
+
+
+_CAUSES: tuple[Column[Explained], ...] = (
+    Column("cause", lambda row: row.key, TEXT),
+    Column("probability", lambda row: row.probability, PROBABILITY),
+    Column("share of the\ndifference", lambda row: row.share, SHARE),
+    Column("p of\nthe rest", lambda row: row.p_left, P),
+    Column("what happened", words, TEXT, detail=True),
+)
+
+
+@dataclass(frozen=True)
+class _Sized:
+    """A size of the likeliest cause."""
+
+    cause: Explained
+    size: Size
+
+
+def _sized(size: Size) -> tuple[float, float] | None:
+    return None if size.value is None or size.std is None else (size.value, size.std)
+
+
+_SIZES: tuple[Column[_Sized], ...] = (
+    Column("likeliest", lambda row: row.cause.key, TEXT),
+    Column("size", lambda row: row.size.name, TEXT),
+    Column("value", lambda row: _sized(row.size), TO_STD),
+    Column("standard\ndeviation", lambda row: row.size.std, STD),
+    Column("unit", lambda row: row.size.unit, TEXT),
+)
+
+
+def _causes(record: ChangesRecord) -> Iterator[Part]:
+    if record.causes:
+        caption = (
+            "Each alone, by its marginal likelihood; what leaves more than noise explains nothing"
+        )
+        yield Table(_CAUSES, record.causes, "Causes", caption, most=4)
+    if record.cause in ("named", "ambiguous"):
+        first = record.causes[0]
+        yield Table(_SIZES, [_Sized(first, size) for size in first.sizes], "Its size")
+        likely = [cause for cause in record.causes[1:] if cause.likely]
+        yield from labelled("also", [f"{words(cause)} ({cause.key})" for cause in likely])
+        same = [f"{words(cause)} ({cause.key})" for cause in record.same_as]
+        yield from labelled("looks the same", same)
+    if record.hidden:
+        said = f"{gathered(record.hidden)}: of plausible size, these would not show here"
+        yield Detail((Sentence(said, label="hidden"),))
+
+
+# -- targets -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Row:
+    label: str
+    rms: Error | None
+    worst: Error | None
+    value: float | None = None
+
+
+_TARGETS: tuple[Column[_Row], ...] = (
+    Column("error at the targets", lambda row: row.label),
+    Column("RMS", lambda row: row.rms.value if row.rms else row.value, MM, "mm"),
+    Column("from", lambda row: row.rms and row.rms.low, MM, "mm"),
+    Column("to", lambda row: row.rms and row.rms.high, MM, "mm"),
+    Column("worst", lambda row: row.worst and row.worst.value, MM, "mm"),
+    Column("from", lambda row: row.worst and row.worst.low, MM, "mm"),
+    Column("to", lambda row: row.worst and row.worst.high, MM, "mm"),
+)
+
+
+def _targets(record: ChangesRecord) -> Iterator[Part]:
+    rows = [
+        _Row("the robot itself moved by", record.change_rms_mm, record.change_worst_mm),
+        _Row(f"off today with {record.before}", record.kept_rms_mm, record.kept_worst_mm),
+        _Row(f"off today with {record.after}", None, None, record.renewed_rms_mm),
+    ]
+    caption = (
+        f"With 95 % intervals, at {record.targets}; {mm(record.rest_mm)} of what is off is not the "
+        f"parameters'; worst is {record.worst_at}"
+    )
+    yield Table(_TARGETS, rows, "Errors at the targets", caption)
+    yield Figure(lambda: errors_at_targets(record))

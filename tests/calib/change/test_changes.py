@@ -1,0 +1,266 @@
+"""Changes of a robot between two days, against a truth composed by plain matrices.
+
+The arm is a chain of joints about z behind origins of its own (:mod:`tests.plain_arm`): nothing that
+makes the readings is known to the estimator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import calib
+from calib import Cell, Measurements
+from calib.arm.robot import Robot
+from calib.arrays import Array
+from calib.change import Changes, Known, changes, known_of
+from calib.change.at_targets import at_targets, verdict
+from calib.change.difference import difference
+from calib.change.moved import holm, moved
+from calib.compensation.estimate import estimate_of
+from calib.errors import CalibError
+from calib.poses import poses_at
+from tests.helpers import cell_of
+from tests.plain_arm import rpy_pose, shift, turn
+
+ORIGINS = [
+    [0.0, 0.0, 0.4, 0.0, 0.0, 0.1],
+    [0.2, 0.05, 0.1, -1.5, 0.1, 0.0],
+    [0.6, 0.0, 0.05, 0.2, -0.3, 0.2],
+    [0.3, 0.1, 0.2, -1.4, 0.2, 0.1],
+    [0.05, 0.1, 0.3, 1.5, 0.1, -0.2],
+    [0.0, 0.05, 0.15, -1.3, 0.3, 0.0],
+    [0.0, 0.0, 0.1, 0.0, 0.0, 0.0],
+]
+MARKERS = np.array([[0.1, 0.0, 0.02], [-0.05, 0.1, 0.0], [0.0, -0.08, 0.1]])
+INSTRUMENT = shift(3.0, -1.0, 0.5) @ turn("z", 0.7) @ turn("x", 0.1)
+ELSEWHERE = shift(-2.0, 2.5, 0.3) @ turn("z", -1.1)
+SIGMA = 1e-5
+POSES = 30
+
+
+def arm() -> Cell:
+    origins = np.array([rpy_pose([origin], np.zeros(0)) for origin in ORIGINS])
+    robot = Robot(
+        name="plain",
+        base="base",
+        tip="tip",
+        joints=tuple(f"j{k}" for k in range(1, 7)),
+        prismatic=np.zeros(6, dtype=bool),
+        origins=origins,
+        axes=np.tile([0.0, 0.0, 1.0], (6, 1)),
+        limits=np.tile([-2.0, 2.0], (6, 1)),
+        efforts=np.full(6, np.nan),
+        masses=np.zeros(6),
+        coms=np.zeros((6, 3)),
+    )
+    return cell_of(robot, MARKERS, ["base", "tool", "geometry"], SIGMA)
+
+
+def measured(
+    seed: int, instrument: Array = INSTRUMENT, offsets: Sequence[float] = (0,) * 6,
+    lost_motion: float = 0.0, knock: Array | None = None, markers: Array = MARKERS,
+) -> Measurements:  # fmt: skip
+    """Readings of a day, m: T_instrument T_knock T_arm(q + errors) marker + noise."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-1.8, 1.8, (POSES, 6))
+    approach = rng.choice([-1.0, 1.0], q.shape)
+    true = q + np.array(offsets)
+    true[:, 2] += lost_motion * approach[:, 2]
+    frames = [
+        instrument @ (np.eye(4) if knock is None else knock) @ rpy_pose(ORIGINS, row)
+        for row in true
+    ]
+    points = np.array([markers @ T[:3, :3].T + T[:3, 3] for T in frames])
+    noisy = points + SIGMA * rng.standard_normal(points.shape)
+    seen = np.ones(points.shape[:2], dtype=bool)
+    return Measurements(poses_at(q, approach=approach), noisy, seen, np.full(seen.shape, np.nan))
+
+
+@pytest.fixture(scope="module")
+def cell() -> Cell:
+    return arm()
+
+
+@pytest.fixture(scope="module")
+def before(cell: Cell) -> Known:
+    return known_of(calib.identify(cell, measured(1)))
+
+
+def compared(
+    cell: Cell, before: Known, data: Measurements, tolerance: float | None = None
+) -> Changes:
+    found = calib.identify(cell, data)
+    return changes(cell, before, known_of(found), estimate_of(found), tolerance)
+
+
+def test_a_robot_that_stayed_raises_no_alarm(cell: Cell, before: Known) -> None:
+    for seed, instrument in ((2, INSTRUMENT), (3, ELSEWHERE)):
+        found = compared(cell, before, measured(seed, instrument), 1e-4)
+        assert not found.moved.anything
+        assert (found.told, found.cause, found.verdict) == ("none", None, "holds")
+        assert not found.moved.parameters.any()
+        assert found.change.rms.low == 0.0
+    assert found.difference.apart == ("base:base",)
+    assert all(key[0] != "base" for key in found.difference.keys)
+
+
+def test_a_slipped_belt_is_named_and_sized(cell: Cell, before: Known) -> None:
+    slip = 1.5e-4
+    for instrument in (INSTRUMENT, ELSEWHERE):
+        found = compared(cell, before, measured(4, instrument, (0, 0, slip, 0, 0, 0)), 5e-6)
+        assert found.told == "named"
+        assert found.cause is not None
+        assert (found.cause.cause.kind, found.cause.cause.where) == ("joint_offset", "j3")
+        assert abs(found.cause.values[0] - slip) < 4.0 * found.cause.std[0] < 0.1 * slip
+        assert found.verdict == "does_not"
+        # What the slip does at the targets, by plain matrices about the true arm. Where the instrument
+        # stands elsewhere, the base is placed anew and takes up a part.
+        moved_by = []
+        for q in found.targets.q:
+            then, now = (rpy_pose(ORIGINS, q + s * np.eye(6)[2]) for s in (0.0, slip))
+            points = [MARKERS @ T[:3, :3].T + T[:3, 3] for T in (then, now)]
+            moved_by.append(((points[1] - points[0]) ** 2).sum(axis=1).mean())
+        true = float(np.sqrt(np.mean(moved_by)))
+        if instrument is INSTRUMENT:
+            assert found.change.rms.low < true < found.change.rms.high
+            assert found.change.rms.value == pytest.approx(true, rel=0.15)
+        else:
+            assert found.change.rms.value < true
+
+
+def test_a_knock_of_the_base_is_one_of_the_instrument(cell: Cell, before: Known) -> None:
+    knock = shift(1e-4, -5e-5, 2e-4) @ turn("x", 1e-4) @ turn("y", -2e-4)
+    found = compared(cell, before, measured(5, knock=knock))
+    assert found.cause is not None
+    assert found.cause.cause.kind == "base"
+    np.testing.assert_allclose(found.cause.values[:3], [1e-4, -5e-5, 2e-4], atol=2e-5)
+    # Of the knock nothing is left where the instrument was put elsewhere: nobody can tell.
+    hidden = compared(cell, before, measured(5, ELSEWHERE, knock=knock))
+    assert hidden.told == "none"
+    assert all(e.cause.kind != "base" for e in hidden.explanations)
+
+
+def test_the_first_joints_zero_looks_like_a_turned_base(cell: Cell, before: Known) -> None:
+    found = compared(cell, before, measured(6, offsets=(2e-4, 0, 0, 0, 0, 0)))
+    assert found.cause is not None
+    assert (found.cause.cause.kind, found.cause.cause.where) == ("joint_offset", "j1")
+    # A link turned about the first axis does the same.
+    assert {(c.kind, c.where) for c in found.same_as} == {("base", "base"), ("link_geometry", "j2")}
+
+
+def test_markers_and_tools(cell: Cell, before: Known) -> None:
+    bent = MARKERS + np.array([[0, 0, 0], [1e-4, 5e-5, 0], [0, 0, 0]])
+    found = compared(cell, before, measured(7, markers=bent))
+    assert found.cause is not None
+    assert (found.cause.cause.kind, found.cause.cause.where) == ("marker", "m2")
+    T = shift(1e-4, 0, -1e-4) @ turn("z", 1e-3)
+    found = compared(cell, before, measured(8, markers=MARKERS @ T[:3, :3].T + T[:3, 3]))
+    assert found.cause is not None
+    assert found.cause.cause.kind == "tool"
+    apart = compared(cell, before, measured(9, markers=MARKERS + np.array([0.05, 0.0, 0.0])))
+    assert set(apart.difference.apart) == {f"tool:marker:m{j}" for j in (1, 2, 3)}
+    assert apart.told == "none"
+
+
+def test_a_worn_gear_leaves_more_than_before(cell: Cell, before: Known) -> None:
+    found = compared(cell, before, measured(10, lost_motion=3e-4))
+    assert found.moved.beyond
+    quiet = compared(cell, before, measured(11))
+    assert not quiet.moved.beyond
+
+
+def test_what_one_day_left_open_is_no_change(cell: Cell) -> None:
+    """With joint 4 held still, its neighbours take up what it cannot show; both days know the rest."""
+    truth = (0, 0, 0, 3e-4, 0, 0)
+    still = measured(12, offsets=truth)
+    still.poses.q[:, 3] = 0.4
+    T = [INSTRUMENT @ rpy_pose(ORIGINS, row) for row in still.poses.q + np.array(truth)]
+    points = np.array([MARKERS @ t[:3, :3].T + t[:3, 3] for t in T])
+    points += SIGMA * np.random.default_rng(0).standard_normal(points.shape)
+    poor = known_of(calib.identify(cell, replace(still, readings=points)))
+    assert poor.lost.any()
+    found = compared(cell, poor, measured(13, offsets=truth))
+    assert len(found.difference.whitened) < len(found.difference.keys)
+    assert not found.moved.anything
+    assert not found.moved.parameters.any()
+    assert (~found.difference.determined).any()
+
+
+def drawn(rng: np.random.Generator, cov: Array, shift_: Array | float = 0.0) -> Known:
+    """An estimate of joint offsets that is known to be normal."""
+    k = len(cov)
+    keys = tuple(("joint_offset", f"j{i}", "offset") for i in range(k))
+    values = rng.multivariate_normal(np.zeros(k), cov) + shift_
+    return Known(keys, values, cov, np.zeros(k, dtype=bool), {}, np.inf)
+
+
+def test_false_alarms_are_held_over_all_parameters() -> None:
+    rng = np.random.default_rng(3)
+    k, trials = 25, 800
+    A, B = rng.normal(size=(2, k, k))
+    covs = [1e-10 * (M @ M.T + 0.1 * np.eye(k)) for M in (A, B)]
+    found = [moved(difference(drawn(rng, covs[0]), drawn(rng, covs[1]))) for _ in range(trials)]
+    alarms = np.mean([one.anything for one in found])
+    assert 0.008 < alarms < 0.034
+    assert np.mean([one.parameters.any() for one in found]) <= alarms
+    # A known shift of noncentrality 60 is seen.
+    total = covs[0] + covs[1]
+    e = np.eye(k)[0]
+    shift_ = e * np.sqrt(60.0 / (e @ np.linalg.solve(total, e)))
+    seen = [
+        moved(difference(drawn(rng, covs[0]), drawn(rng, covs[1], shift_))).anything
+        for _ in range(100)
+    ]
+    assert np.mean(seen) > 0.95
+
+
+def test_models_are_compared_in_what_both_have() -> None:
+    """Zero is put in for what one result lacks, as a fit without it would have found."""
+    rng = np.random.default_rng(4)
+    J, theta = rng.normal(size=(60, 4)), np.array([1e-3, -2e-3, 5e-4, 0.0])
+    y = J @ theta + 1e-5 * rng.standard_normal(60)
+    keys = tuple(("joint_offset", f"j{i}", "offset") for i in range(3))
+    more = (*keys, ("backlash", "j1", "half_width"))
+
+    def fitted(columns: Array, names: tuple[tuple[str, str, str], ...]) -> Known:
+        cov = 1e-10 * np.linalg.inv(columns.T @ columns)
+        values = np.linalg.lstsq(columns, y, rcond=None)[0]
+        return Known(names, values, cov, np.zeros(len(names), dtype=bool), {}, np.inf)
+
+    small, large = fitted(J[:, :3], keys), fitted(J, more)
+    found = difference(small, large)
+    assert found.keys == keys
+    np.testing.assert_allclose(found.change, 0.0, atol=1e-15)
+    assert list(found.alone) == [more[3]]
+    with pytest.raises(CalibError, match="no parameter of the robot in common"):
+        difference(small, Known(more[3:], np.zeros(1), np.eye(1), np.zeros(1, dtype=bool), {}, 1.0))
+
+
+def test_intervals_hold_the_truth() -> None:
+    rng = np.random.default_rng(5)
+    k, trials = 8, 600
+    M = rng.normal(size=(k, k))
+    cov = M @ M.T
+    rows, weights = rng.normal(size=(12, 3, k)), rng.uniform(0.5, 2.0, 12)
+    root = np.linalg.cholesky(cov)
+    for size in (0.0, 0.5, 2.0, 10.0):
+        delta = size * rng.normal(size=k)
+        true = np.sqrt((weights @ ((rows @ delta) ** 2).sum(axis=1)) / weights.sum())
+        inside = []
+        for _ in range(trials // 4):
+            found = at_targets(rows, delta + root @ rng.standard_normal(k), cov, weights)
+            inside.append(found.rms.low <= true + 1e-12 and true <= found.rms.high)
+            assert found.worst.high >= found.errors[:, 2].max() - 1e-12
+        assert np.mean(inside) > 0.89
+    assert verdict(found.rms, found.rms.high) == "holds"
+    assert verdict(found.rms, 0.999 * found.rms.high) == "cannot_be_said"
+    assert verdict(found.rms, 0.999 * found.rms.low) == "does_not"
+
+
+def test_holm_steps_down() -> None:
+    p = np.array([0.01, np.nan, 0.04, 0.03])
+    np.testing.assert_allclose(holm(p), [0.03, np.nan, 0.06, 0.06])

@@ -1,0 +1,160 @@
+"""``posecal changes`` as a user sees it a month after the last calibration."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import calib
+from calib.files.write_tables import measurements_csv
+from calib.model.build import build
+from calib.poses import poses_at
+from calib.simulation import simulate
+from studies.cli import main
+from studies.demo import INPUTS, embedded_text
+from studies.record import json_schema
+
+SLIP = 3e-4
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """May and June of one robot, of which the belt of A3 slipped in between, and of July nothing."""
+    path = tmp_path_factory.mktemp("months")
+    for name in INPUTS:
+        (path / name).write_text(embedded_text(name))
+    lines = (path / "cell.toml").read_text().splitlines()
+    effects = 'effects = ["base", "tool", "geometry"]'
+    (path / "cell.toml").write_text(
+        "\n".join(effects if line.startswith("effects = ") else line for line in lines)
+    )
+    cell = calib.load_cell(path / "cell.toml")
+    low, high = cell.robot.sample_limits().T
+    for seed, month in enumerate(("may", "june", "july")):
+        rng = np.random.default_rng(seed)
+        poses = poses_at(rng.uniform(low, high, (25, 6)))
+        model = build(cell, poses).model
+        truth = np.zeros(len(model.parameters))
+        truth[:6] = [2.0, -1.0, 0.3, 0.1, -0.2, 0.5]
+        slipped = [p.id for p in model.parameters].index("geometry:A3.ry")
+        truth[slipped] = 1e-3 + SLIP * (month == "june")
+        data = simulate(model, truth, poses, cell.noise, rng)
+        (path / f"{month}.csv").write_text(measurements_csv(cell, data))
+        done = run("identify", path / "cell.toml", path / f"{month}.csv", "--json",
+                   path / f"{month}.json")  # fmt: skip
+        assert done.exit_code == 0, done.output
+    return path
+
+
+def changes(folder: Path, before: str, after: str, *more: object) -> tuple[dict[str, Any], str]:
+    out = folder / "out.json"
+    done = run("changes", folder / before, folder / after, *more, "--json", out)
+    assert done.exit_code == 0, done.output
+    assert max(len(line) for line in done.output.splitlines() if "wrote" not in line) <= 110
+    fields = json.loads(out.read_text(), parse_constant=pytest.fail)
+    jsonschema.validate(fields, json_schema("changes"))
+    return fields, " ".join(done.output.split())
+
+
+def test_a_slipped_belt_is_told_with_what_it_does(folder: Path, tmp_path: Path) -> None:
+    fields, said = changes(
+        folder, "may.json", "june.json", "--tolerance-mm", 0.1, "--figures", tmp_path / "figures"
+    )
+    assert fields["status"] == "changed"
+    assert [p["id"] for p in fields["parameters"] if p["moved"]] == ["geometry:A3.ry"]
+    first = fields["causes"][0]
+    assert (fields["cause"], first["effect"], first["where"]) == ("named", "joint_offset", "A3")
+    assert first["sizes"][0]["value"] == pytest.approx(SLIP * 1e6, rel=0.05)
+    assert fields["verdict"] == "does_not"
+    assert fields["kept_worst_mm"]["low"] > 0.1
+    assert "The calibration does not hold within 0.1 mm" in said
+    assert "the zero of A3 slipped" in said
+    assert [Path(i["file"]).name for i in fields["inputs"]] == [
+        "cell.toml", "kr270.urdf", "may.json", "june.json",
+    ]  # fmt: skip
+    assert {path.name for path in (tmp_path / "figures").iterdir()} == {
+        f"{name}.{kind}"
+        for name in ("changed_parameters", "changes_at_targets")
+        for kind in ("svg", "png", "csv")
+    }
+
+
+def test_a_robot_that_stayed_still_holds(folder: Path) -> None:
+    fields, said = changes(folder, "may.json", "july.json", "--tolerance-mm", 0.1)
+    assert (fields["status"], fields["cause"], fields["verdict"]) == ("unchanged", "none", "holds")
+    assert fields["causes"] == []
+    assert "Nothing moved between may.json and july.json" in said
+    worst = fields["kept_worst_mm"]
+    assert worst["low"] < 0.9 * worst["high"] < 0.1
+    tight, _ = changes(folder, "may.json", "july.json", "--tolerance-mm", 0.9 * worst["high"])
+    assert tight["verdict"] == "cannot_be_said"
+    free, _ = changes(folder, "may.json", "july.json")
+    assert free["verdict"] is None
+
+
+def test_the_page_tells_of_it(folder: Path, tmp_path: Path) -> None:
+    changes(folder, "may.json", "june.json")
+    done = run("report", folder / "out.json", "-o", tmp_path / "page.html")
+    assert done.exit_code == 0, done.output
+    page = (tmp_path / "page.html").read_text()
+    assert "What may be behind it" in page
+    assert "changed_parameters" in page or "standard deviations" in page
+
+
+def refused(*arguments: object) -> str:
+    done = run("changes", *arguments)
+    assert done.exit_code == 2
+    assert len(done.output.splitlines()) == 1
+    return done.output
+
+
+def test_results_of_other_robots_and_kinds_are_refused(folder: Path, tmp_path: Path) -> None:
+    other = json.loads((folder / "may.json").read_text())
+    other["inputs"][1]["sha256"] = "0" * 64
+    (tmp_path / "other.json").write_text(json.dumps(other))
+    said = refused(tmp_path / "other.json", folder / "june.json")
+    assert "was not made with the URDF" in said
+    assert "compare results of one robot" in said
+    astray = json.loads((folder / "may.json").read_text())
+    astray["estimate"]["converged"] = False
+    (tmp_path / "astray.json").write_text(json.dumps(astray))
+    assert "did not converge" in refused(tmp_path / "astray.json", folder / "june.json")
+    without = {**other}
+    del without["estimate"]
+    (tmp_path / "old.json").write_text(json.dumps(without))
+    assert "estimate: is missing" in refused(tmp_path / "old.json", folder / "june.json")
+    changes(folder, "may.json", "june.json")
+    assert "command: is changes" in refused(folder / "out.json", folder / "june.json")
+
+
+def test_cell_and_tables_that_are_gone(folder: Path, tmp_path: Path) -> None:
+    for name in ("may.json", "june.json", "kr270.urdf", "cell.toml"):
+        shutil.copy(folder / name, tmp_path / name)
+    moved = {}
+    for month in ("may", "june"):
+        fields = json.loads((folder / f"{month}.json").read_text())
+        for entry in fields["inputs"]:
+            entry["file"] = Path(entry["file"]).name
+        (tmp_path / f"{month}.json").write_text(json.dumps(fields))
+        moved[month] = tmp_path / f"{month}.json"
+    done = run("changes", moved["may"], moved["june"])
+    assert done.exit_code == 0, done.output
+    assert "what the model lacks may pass for a change" in done.output
+    assert "joint_offset:A3" in done.output
+    text = (tmp_path / "cell.toml").read_text()
+    (tmp_path / "cell.toml").write_text(text + "\n# later\n")
+    said = refused(moved["may"], moved["june"])
+    assert "cell.toml is changed since; give it with --cell" in said
+    done = run("changes", moved["may"], moved["june"], "--cell", tmp_path / "cell.toml")
+    assert done.exit_code == 0, done.output

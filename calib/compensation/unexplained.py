@@ -185,7 +185,8 @@ def _unseen(fit: Fitted, data: Measurements, error: Array, share: Array, source:
     else:
         numbers = fit.model.readout.channels.rows * seen
         surely = refuted(float((numbers * error / expected).sum()), int(numbers.sum()))
-    return Unseen(*np.sqrt([rms, lacking, excess * surely]).tolist(), source)
+    rms, lacking, excess = np.sqrt([rms, lacking, excess * surely]).tolist()
+    return Unseen(rms, lacking, excess, source)
 
 
 def _shares(fit: Fitted, data: Measurements) -> tuple[Array, Array]:

@@ -85,13 +85,17 @@ class Chosen:
     relaxed: Relaxation
 
 
-def choose(problem: Problem, pool: Pool, effort: Effort, clock: Clock) -> Chosen:
+def choose(
+    problem: Problem, pool: Pool, effort: Effort, clock: Clock, *, thorough: bool = True
+) -> Chosen:
     """Best weights over the pool and the best whole plan found. Raises CannotIdentify."""
     blocks, rules = problem.blocks(pool), problem.rules(pool.level)
     relaxed = relax(problem.criterion, blocks, rules)
     clock.lap("relaxation")
     effort.progress(f"weighted plan after {relaxed.rounds} rounds, certified to {relaxed.gap:.1e}")
-    found = best_plan(problem.criterion, blocks, rules, relaxed, seed=effort.seed)
+    found = best_plan(
+        problem.criterion, blocks, rules, relaxed, seed=effort.seed, thorough=thorough
+    )
     clock.lap("exchange")
     _check_regular(problem, blocks.total(found.plan))
     effort.progress(f"whole plan found, at least {found.value / relaxed.bound:.4f} of the best")

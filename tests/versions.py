@@ -16,7 +16,7 @@ _ROOT = Path(__file__).resolve().parent.parent
 _ASKED = (("3.11", "lowest-direct"), ("3.13", "highest"))
 _TARGETS = "A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg\n12,-60,70,20,45,10\n-30,-90,100,0,30,0\n"
 _WAY = (
-    "design cell.toml --candidates 100 --levels A2=-140,-57,-10x5 --criterion D -o plan.csv --json d.json",
+    "design cell.toml --candidates 300 --criterion D -o plan.csv --json d.json",
     "identify cell.toml measurements.csv --json i.json --urdf better.urdf --figures figures",
     "enough cell.toml measurements.csv --goal-mm 0.02",
     "compensate cell.toml i.json targets.csv -o corrected.csv",

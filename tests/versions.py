@@ -20,7 +20,6 @@ _WAY = (
     "identify cell.toml measurements.csv --json i.json --urdf better.urdf --figures figures",
     "enough cell.toml measurements.csv --goal-mm 0.02",
     "compensate cell.toml i.json targets.csv -o corrected.csv",
-    "compare cell.toml plan.csv --monte-carlo 5",
     "report i.json d.json -o report.html",
 )
 

@@ -23,7 +23,8 @@ def accuracy_curve(problem: Problem, pool: Pool, effort: Effort) -> tuple[Step, 
     steps = []
     for smaller in _sizes(problem):
         try:
-            chosen = choose(smaller, pool, replace(effort, progress=lambda _: None), Clock())
+            quiet = replace(effort, progress=lambda _: None)
+            chosen = choose(smaller, pool, quiet, Clock(), thorough=False)
         except CannotIdentify:
             continue
         judged = assess(smaller, pool.q[chosen.index])

@@ -28,6 +28,7 @@ from doe.problem.refusals import CannotIdentify
 
 _PROVABLE = 400  # surviving candidates up to which branch and bound is tried
 _NODES = 400
+_WORK = 2e7  # candidates times squared parameters of all nodes: fewer of them where each costs more
 _ROUNDING = 1e-6
 _SHOWN = 20_000  # candidates of the landscape
 _LOOKED_AT = 100  # candidates of each level by which a number of poses is judged
@@ -84,13 +85,17 @@ class Chosen:
     relaxed: Relaxation
 
 
-def choose(problem: Problem, pool: Pool, effort: Effort, clock: Clock) -> Chosen:
+def choose(
+    problem: Problem, pool: Pool, effort: Effort, clock: Clock, *, thorough: bool = True
+) -> Chosen:
     """Best weights over the pool and the best whole plan found. Raises CannotIdentify."""
     blocks, rules = problem.blocks(pool), problem.rules(pool.level)
     relaxed = relax(problem.criterion, blocks, rules)
     clock.lap("relaxation")
     effort.progress(f"weighted plan after {relaxed.rounds} rounds, certified to {relaxed.gap:.1e}")
-    found = best_plan(problem.criterion, blocks, rules, relaxed, seed=effort.seed)
+    found = best_plan(
+        problem.criterion, blocks, rules, relaxed, seed=effort.seed, thorough=thorough
+    )
     clock.lap("exchange")
     _check_regular(problem, blocks.total(found.plan))
     effort.progress(f"whole plan found, at least {found.value / relaxed.bound:.4f} of the best")
@@ -151,7 +156,8 @@ def finish(
     provable = criterion.smooth and not (rules.chooses_levels or rules.repeats or effort.robust)
     if provable and len(live) <= _PROVABLE:
         G = chosen.relaxed.G
-        proof = prove(criterion, blocks, rules, chosen.index, G, most_nodes=_NODES)
+        nodes = min(_NODES, round(_WORK / (len(live) * len(G) ** 2 + 1)))
+        proof = prove(criterion, blocks, rules, chosen.index, G, most_nodes=nodes)
         clock.lap("branch and bound")
         effort.progress(
             f"branch and bound: {proof.value / proof.bound:.4f} after {proof.nodes} nodes"

@@ -53,22 +53,26 @@ def estimate_of(result: Result) -> Estimate:
     return _identified(result) if isinstance(result, Identification) else _diagnosed(result)
 
 
-def _identified(result: Identification) -> Estimate:
-    kept = ~result.fit.outlier
-    fitted, lost = result.fit.data.take(kept), np.diag(result.covariance) <= 0.0
-    scanned = np.zeros(len(lost), dtype=bool)
-    scanned[result.model.still] = True
-    levels = result.levels
-    fit = Fitted(
+def fitted_of(result: Identification) -> Fitted:
+    """The fit of an identification and its noise, over what was not left out."""
+    kept, levels = ~result.fit.outlier, result.levels
+    known = np.diag(result.covariance) > 0.0
+    return Fitted(
         model=result.model,
         values=result.values,
         covariance=result.covariance,
-        span=np.eye(len(lost))[:, ~lost],
-        data=fitted,
+        span=np.eye(len(known))[:, known],
+        data=result.fit.data.take(kept),
         weights=result.weights[kept],
         sigma=result.noise.believed * _instrument(result),
         variances=None if levels is None else levels.variances,
     )
+
+
+def _identified(result: Identification) -> Estimate:
+    fit, lost = fitted_of(result), np.diag(result.covariance) <= 0.0
+    scanned = np.zeros(len(lost), dtype=bool)
+    scanned[result.model.still] = True
     held = result.heldout
     unseen = held is not None and held.data.seen.any()
     rest = left_held_out(fit, held.data) if held is not None and unseen else left_in_fit(fit)
@@ -77,13 +81,13 @@ def _identified(result: Identification) -> Estimate:
         fit.model,
         fit.values,
         result.knowledge,
-        fitted.poses.start,
+        fit.data.poses.start,
         rest,
         _names(fit.model, lost & ~scanned),
         _untold(result),
         converged=result.status != "not_converged",
         variances=fit.variances,
-        clock_unit=fitted.poses.clock_unit,
+        clock_unit=fit.data.poses.clock_unit,
     )
 
 

@@ -12,9 +12,11 @@ from calib.model import Model
 from calib.model.covariance import working_points
 from calib.noise import counted, unwhitened
 from calib.poses import Measurements, Poses
+from calib.poses.moves import in_order
 from calib.scatter import Variances, scatter_of
 from calib.scatter.poses import by_size
 
+_ENDS = (1 / 3, 1 / 5, 1 / 10)  # of the readings; the largest that the others can do without
 _FREE = 1e-4  # of a row's freedom: less, and nothing but its own configuration tells of it
 
 
@@ -28,6 +30,26 @@ class Unexplained:
 
     rms: float
     source: str
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """What poses showed that the fit was without, 3-D RMS per point, m.
+
+    rms : less the instrument's noise; lacking : less what the parameters' uncertainty adds there, too
+    unexplained : less the arm's scatter, too, zero where that may be chance; source : str, which poses
+    """
+
+    rms: float
+    lacking: float
+    unexplained: float
+    source: str
+
+    def times(self, factor: float) -> Unseen:
+        """The same in another unit."""
+        return Unseen(
+            self.rms * factor, self.lacking * factor, self.unexplained * factor, self.source
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,15 +114,43 @@ def left_in_fit(fit: Fitted) -> Unexplained:
 
 def left_held_out(fit: Fitted, heldout: Measurements) -> Unexplained:
     """``u^2 = rms^2 - s^2 - 3 sigma^2 - scatter^2`` at poses that the parameters never saw."""
+    shown = at_held_out(fit, heldout)
+    return Unexplained(shown.unexplained, shown.source)
+
+
+def at_held_out(fit: Fitted, heldout: Measurements) -> Unseen:
+    """What poses show that the parameters never saw, at least one point of them seen."""
     error, share = _shares(fit, heldout)
-    expected, seen = _noise(fit) + share + _scatter(fit, heldout), heldout.seen
-    excess = float((error - expected)[seen].mean())
-    if fit.variances is not None and fit.variances.any:
-        surely = _beyond(error, expected, seen, heldout.poses.configuration)
-    else:
-        numbers = fit.lengths.sum(axis=-1) * seen
-        surely = refuted(float((numbers * error / expected).sum()), int(numbers.sum()))
-    return Unexplained(float(np.sqrt(excess)) if surely and excess > 0.0 else 0.0, "held-out poses")
+    return _unseen(fit, heldout, error, share, "held-out poses")
+
+
+def at_ends(fit: Fitted) -> Unseen | None:
+    """What the first and the last readings show, each of them by a fit to all the others.
+
+    What drifts or warms up hides among readings of the same hours, and fresh poses come later. None
+    where the others do not determine the model. With Q an orthonormal basis of the fitted columns, the
+    readings F that are left out miss by ``r_F + Q_F (I - Q_F^T Q_F)^-1 Q_F^T r_F``. The worse end
+    counts.
+    """
+    _, share = _shares(fit, fit.data)
+    r, Q = _projected(fit)
+    order, found = in_order(fit.data.poses), []
+    for own in (order, order[::-1]):
+        for part in _ENDS:
+            end = np.sort(own[: round(part * len(own))])
+            F = Q[end].reshape(-1, Q.shape[-1])
+            rest = np.eye(F.shape[-1]) - F.T @ F
+            if not len(end) or np.linalg.eigvalsh(rest)[0] < _FREE:
+                continue
+            more = np.linalg.solve(rest, F.T)
+            missed = (r[end].ravel() + F @ (more @ r[end].ravel())).reshape(r[end].shape)
+            off = unwhitened(fit.weights[end], missed.reshape(fit.weights[end].shape[:-1]))
+            growth = (F * more.T).sum() / max(float((F**2).sum()), 1e-300)
+            data = fit.data.take(end)
+            error = (off**2 * fit.lengths).sum(axis=-1) * data.seen
+            found.append(_unseen(fit, data, error, growth * share[end], "the ends of the day"))
+            break
+    return max(found, key=lambda one: one.lacking, default=None)
 
 
 def left_out(fit: Fitted) -> tuple[Array, Array, Mask]:
@@ -110,16 +160,8 @@ def left_out(fit: Fitted) -> tuple[Array, Array, Mask]:
     ``(I - Q_F Q_F^T)^-1 r_F``. Returns these errors (m, C, r); by how much more the parameters'
     uncertainty counts there, (m,); and whether the others tell of the configuration at all, (m,).
     """
-    points, J = fit.model.jacobian(fit.values, fit.data.poses)
-    seen = fit.data.seen[..., None]
-    W = fit.weights
-    off = fit.model.readout.difference(fit.data.readings, points) * seen
-    r = (W @ off[..., None])[..., 0]
-    A = (W @ (J @ fit.span)).reshape(-1, fit.span.shape[1])
-    Q, _ = np.linalg.qr(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300))
-    m, R = len(r), r[0].size
-    r = (r.ravel() - Q @ (Q.T @ r.ravel())).reshape(m, R)
-    Q = Q.reshape(m, R, -1)
+    r, Q = _projected(fit)
+    m, R = r.shape
     errors, growth, known = np.zeros((m, R)), np.ones(m), np.zeros(m, dtype=bool)
     for index in by_size(fit.data.poses.configuration):
         B, own = len(index), Q[index].reshape(len(index), -1, Q.shape[-1])
@@ -131,7 +173,34 @@ def left_out(fit: Fitted) -> tuple[Array, Array, Mask]:
         errors[index] = (axes @ (turned / freedom[..., None])).reshape(*index.shape, R)
         inside = np.trace(held, axis1=-2, axis2=-1)
         growth[index] = ((1.0 / freedom - 1.0).sum(axis=-1) / np.maximum(inside, 1e-300))[:, None]
-    return unwhitened(W, errors.reshape(W.shape[:-1])), growth, known
+    return unwhitened(fit.weights, errors.reshape(fit.weights.shape[:-1])), growth, known
+
+
+def _projected(fit: Fitted) -> tuple[Array, Array]:
+    """Whitened residuals (m, R) outside the fitted columns, and a basis of these, (m, R, k)."""
+    points, J = fit.model.jacobian(fit.values, fit.data.poses)
+    off = fit.model.readout.difference(fit.data.readings, points) * fit.data.seen[..., None]
+    r = (fit.weights @ off[..., None])[..., 0]
+    A = (fit.weights @ (J @ fit.span)).reshape(-1, fit.span.shape[1])
+    Q, _ = np.linalg.qr(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300))
+    m, R = len(r), r[0].size
+    return (r.ravel() - Q @ (Q.T @ r.ravel())).reshape(m, R), Q.reshape(m, R, -1)
+
+
+def _unseen(fit: Fitted, data: Measurements, error: Array, share: Array, source: str) -> Unseen:
+    """From squared errors where the fit was without, and what the parameters add, both (m, C)."""
+    seen, expected = data.seen, _noise(fit) + share + _scatter(fit, data)
+    noise = np.broadcast_to(_noise(fit), seen.shape)
+    rms, lacking, excess = (
+        float(max(0.0, (error - known)[seen].mean())) for known in (noise, noise + share, expected)
+    )
+    if fit.variances is not None and fit.variances.any:
+        surely = _beyond(error, expected, seen, data.poses.configuration)
+    else:
+        numbers = fit.lengths.sum(axis=-1) * seen
+        surely = refuted(float((numbers * error / expected).sum()), int(numbers.sum()))
+    rms, lacking, excess = np.sqrt([rms, lacking, excess * surely]).tolist()
+    return Unseen(rms, lacking, excess, source)
 
 
 def _shares(fit: Fitted, data: Measurements) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from calib.cell import Cell
 from calib.compensation.commands import Compensation
 from calib.errors import InputError
+from calib.files.cartesian import is_cartesian
 from calib.files.columns import joint_columns
 from calib.files.csv_table import Table, read_table
 from calib.files.write_tables import csv_text
@@ -37,13 +38,18 @@ def compensated_csv(cell: Cell, table: Table, found: Compensation) -> str:
 
     table : Table, the targets that were compensated
     """
+    if is_cartesian(cell.robot, table.columns):
+        named = [
+            (f"{joint}_mm", 1e-3) if slides else (f"{joint}_deg", math.pi / 180.0)
+            for joint, slides in zip(cell.robot.joints, cell.robot.prismatic, strict=True)
+        ]
+    else:
+        named = joint_columns(table.path, cell.robot, table.columns)
     joints = {
         name: [f"{value / scale:.9g}" for value in q]
-        for (name, scale), q in zip(
-            joint_columns(table.path, cell.robot, table.columns), found.q.T, strict=True
-        )
+        for (name, scale), q in zip(named, found.q.T, strict=True)
     }
-    columns = {"pose": list(found.targets.names)}
+    columns = {"pose": list(found.targets.names), **joints}
     columns |= {name: joints.get(name) or table.text(name) for name in table.columns}
     columns |= _added(cell, found)
     return csv_text(list(columns), zip(*columns.values(), strict=True))

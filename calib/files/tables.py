@@ -11,6 +11,7 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.errors import InputError
+from calib.files.cartesian import QUATERNION, cartesian_columns, is_cartesian, tip_joints
 from calib.files.columns import (
     OTHERS,
     WRENCH,
@@ -109,15 +110,26 @@ def _check_poses_agree(
                 )
 
 
-def _load_poses(cell: Cell, path: Path, required: Sequence[str]) -> tuple[Poses, Table]:
+def _load_poses(
+    cell: Cell, path: Path, required: Sequence[str], *, tips: bool = False
+) -> tuple[Poses, Table]:
+    """Poses of a table; tips : whether they may be given as poses of the tip."""
     warnings: list[str] = []
 
     def check(columns: tuple[str, ...]) -> None:
-        warnings.extend(check_known(path, cell.robot, columns, reading_names(cell.instruments)))
-        joint_columns(path, cell.robot, columns)
+        more = {*QUATERNION} if tips else set()
+        names = {*reading_names(cell.instruments), *more}
+        warnings.extend(check_known(path, cell.robot, columns, names))
+        if tips and is_cartesian(cell.robot, columns):
+            cartesian_columns(path, columns)
+        else:
+            joint_columns(path, cell.robot, columns)
 
     table = read_table(path, required, check)
-    q = joint_values(table, cell.robot)
+    if tips and is_cartesian(cell.robot, table.columns):
+        q = tip_joints(table, cell.robot)
+    else:
+        q = joint_values(table, cell.robot)
     given = covariates(table, cell.robot, np.arange(len(q)))
     if "pose" in table.columns:
         names = table.names("pose")
@@ -153,10 +165,11 @@ def holds_points(path: str | Path) -> bool:
 def load_targets(cell: Cell, path: str | Path) -> tuple[Poses, Array]:
     """Read target poses and their weights, shape (targets,). Raises InputError.
 
-    A target without wrench columns carries the cell's [load], if there is one.
+    Targets are joints, or poses of the nominal tip in the robot's base frame (``x_mm`` .. ``qz``). One
+    without wrench columns carries the cell's [load], if there is one.
     """
     path = Path(path)
-    poses, table = _load_poses(cell, path, ())
+    poses, table = _load_poses(cell, path, (), tips=True)
     weights = np.ones(len(poses))
     if "weight" in table.columns:
         weights = table.numbers("weight")

@@ -22,7 +22,8 @@ from doe.optimal.exchange import exchange
 from doe.optimal.function import InformationFunction
 from doe.optimal.newton import newton_weights
 
-_PRECISION = 1e-6
+_FINEST, _COARSEST = 1e-6, 1e-3  # of a node's weights, relative
+_DIGITS = 0.02  # of the gap that is left, the precision of a node's weights: its bound holds anyway
 _FRACTION = 1e-3  # weights closer to 0 or 1 than this count as whole
 _SAME = 1e-9  # relative difference of two plans that is rounding
 
@@ -74,9 +75,10 @@ def prove(
     heap = [(-bound(G, blocks, allowed), next(ticket), root)]
     nodes = 0
     while heap and nodes < most_nodes and -heap[0][0] > value * (1.0 + _SAME):
+        gap = -heap[0][0] / value - 1.0
         _, _, node = heapq.heappop(heap)
         nodes += 1
-        found, children, better = _branch(criterion, blocks, allowed, node, value)
+        found, children, better = _branch(criterion, blocks, allowed, node, value, gap)
         if better is not None:
             plan, value = better
         if found > value * (1.0 + _SAME):
@@ -87,7 +89,12 @@ def prove(
 
 
 def _branch(
-    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, node: _Node, value: float
+    criterion: InformationFunction,
+    blocks: Blocks,
+    allowed: Allowed,
+    node: _Node,
+    value: float,
+    gap: float,
 ) -> tuple[float, list[_Node], tuple[IntArray, float] | None]:
     """Bound of a node, the nodes below it, and a better plan if one was met."""
     taken = np.bincount(allowed.group[node.inside], minlength=len(allowed.positions))
@@ -106,7 +113,7 @@ def _branch(
     open_level = rules.counts[rules.group] > 0
     node = _Node(node.inside, node.free[open_level])
     part, rules = part.take(np.flatnonzero(open_level)), rules.take(np.flatnonzero(open_level))
-    w = newton_weights(criterion, part, rules, _PRECISION)
+    w = newton_weights(criterion, part, rules, float(np.clip(_DIGITS * gap, _FINEST, _COARSEST)))
     M = part.total(np.arange(len(w)), w)
     G = criterion.gradient(M)
     found = bound(G, part, rules)

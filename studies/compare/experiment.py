@@ -17,6 +17,7 @@ from calib.effects.tool import Tool
 from calib.instruments import Tracker
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
+from calib.model.covariance import working_points
 from calib.observations import (
     Approach,
     Observation,
@@ -177,7 +178,8 @@ def plausible(model: Model, poses: Poses, seed: int) -> Array:
     soft[elastic] = _sizes(model, soft, poses)[elastic]
     size = _sizes(model, soft, poses)
     values: Array = size * np.random.default_rng(seed).standard_normal(len(size))
-    values[model.where(Base, Tool)] = 0.0
+    placed = model.where(Base, Tool)
+    values[placed] = model.initial[placed]
     values[model.tunings] = model.initial[model.tunings]
     values[elastic] = np.abs(values[elastic])
     return values
@@ -185,6 +187,7 @@ def plausible(model: Model, poses: Poses, seed: int) -> Array:
 
 def _sizes(model: Model, values: Array, poses: Poses) -> Array:
     """Usual size of each parameter, or what moves the markers a millimetre, shape (p,), SI."""
-    _, J = model.jacobian(values, poses)
+    metric = model.readout.channels.metric
+    _, J = (model if metric else working_points(model)).jacobian(values, poses)
     moved = np.linalg.norm(J, axis=-2).max(axis=(0, 1))
     return np.asarray(np.minimum(model.sizes, _PLAUSIBLE_M / np.maximum(moved, 1e-300)))

@@ -36,9 +36,10 @@ def compensate(
 ) -> None:
     """Correct joint commands so that the real arm stands where the nominal one should.
 
-    RESULT is the JSON of identify or diagnose, TARGETS a table of nominal joint commands, with the
-    wrench at each where it bears one (else the cell's [load] hangs there). Geometry, load and whatever
-    else was identified are corrected together, and the error expected to remain is stated.
+    RESULT is the JSON of identify or diagnose, TARGETS a table of nominal joint commands, or of poses
+    of the tip in the robot's base frame (x_mm y_mm z_mm qw qx qy qz), with the wrench at each where it
+    bears one (else the cell's [load] hangs there). Geometry, load and whatever else was identified are
+    corrected together, and the error expected to remain is stated.
 
     \b
     Example:
@@ -47,6 +48,7 @@ def compensate(
     """
     import calib
     from calib.errors import InputError
+    from calib.files.cartesian import is_cartesian, solution_said
     from calib.files.compensation import compensated_csv, nominal_table
     from calib.files.estimate import load_estimate
     from studies.compensate.record import compensate_record
@@ -64,4 +66,6 @@ def compensate(
         found = calib.compensate(cell, estimate, targets, weights=weights)
     record = compensate_record(cell.robot, found, envelope(cell.name, inputs))
     tables = {} if plan_path is None else {plan_path: compensated_csv(cell, table, found)}
-    deliver(record, json_path, folder, tables)
+    tips = is_cartesian(cell.robot, table.columns)
+    said = solution_said(cell.robot, targets.names, targets.q) if tips else ()
+    deliver(record, json_path, folder, tables, warnings=said)

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file
+from studies.command.holdout import held_out
 from studies.command.options import (
     PATH,
     Finite,
@@ -24,12 +25,15 @@ from studies.command.options import (
               help="The plan that is being measured; what DATA hold of it is recognised.")  # fmt: skip
 @click.option("--goal-mm", metavar="X", type=Finite(min=0, min_open=True),
               help="Expected RMS error at the targets that is wanted.")  # fmt: skip
+@click.option("--holdout", "holdout_path", metavar="FILE", type=PATH,
+              help="Poses measured to check by, which take no part.")  # fmt: skip
 @result_options
 def enough(
     cell_path: Path,
     data_path: Path,
     plan_path: Path | None,
     goal_mm: float | None,
+    holdout_path: Path | None,
     folder: Path | None,
     json_path: str | None,
     seed: int,
@@ -38,11 +42,13 @@ def enough(
 
     CELL is the description of the measurement cell (cell.toml), DATA the table of points measured so
     far. With the noise that the data show, it says what accuracy to expect now, after each further pose
-    of the plan in the best order, and after how many the goal is met.
+    of the plan in the best order, and after how many the goal is met. No goal is called reached that
+    poses miss which were held out; without these, the first and the last readings stand in for them,
+    each predicted from the others.
 
     \b
     Example:
-      posecal enough cell.toml measurements.csv --plan plan.csv --goal-mm 0.05
+      posecal enough cell.toml measurements.csv --plan plan.csv --goal-mm 0.05 --holdout check.csv
     """
     import calib
     import doe
@@ -52,13 +58,15 @@ def enough(
     cell = calib.load_cell(cell_path)
     targets = cell.design.get("targets")
     inputs = [cell_path, *cell.robot_files, data_path, *([targets] if targets else [])]
-    inputs += [plan_path] if plan_path is not None else []
+    inputs += [path for path in (plan_path, holdout_path) if path is not None]
     check_outputs([output_file(json_path)], inputs, folder)
-    data = calib.load_measurements(cell, data_path)
+    whole = calib.load_measurements(cell, data_path)
+    holdout = None if holdout_path is None else str(holdout_path.resolve())  # never a share
+    data, heldout, _, warnings = held_out(cell, whole, holdout, seed, data_path)
     plan = None if plan_path is None else calib.load_plan(cell, plan_path)
     goal = None if goal_mm is None else goal_mm * 1e-3
     with faults_in(cell_path, readings_of=data_path):
-        answer = doe.enough(cell, data, plan, goal=goal, seed=seed)
+        answer = doe.enough(cell, data, plan, heldout=heldout, goal=goal, seed=seed)
     planned = 0 if plan is None else len(plan)
     record = enough_record(answer, planned, targets, envelope(cell.name, inputs, seed))
-    deliver(record, json_path, folder, warnings=data.warnings)
+    deliver(record, json_path, folder, warnings=warnings)

@@ -35,6 +35,17 @@ class Noise(Entry):
     source: Literal["cell", "replicates", "residual"]
 
 
+class Seen(Entry):
+    """What poses showed that the fit was without: their error less the instrument's noise, 3-D RMS.
+
+    ``heldout_mm`` is what was read there, noise included, None where no poses were held out.
+    """
+
+    rms_mm: NotNegative
+    source: str
+    heldout_mm: Maybe
+
+
 class Lacking(Entry):
     """The error at the targets that no more poses lower."""
 
@@ -42,6 +53,7 @@ class Lacking(Entry):
     scatter_mm: NotNegative
     unexplained_mm: NotNegative
     unexplained_from: str
+    seen: Seen | None
 
 
 class Progress(Entry):
@@ -149,6 +161,7 @@ def enough_record(
             scatter_mm=answer.lacking.scatter * _MM,
             unexplained_mm=answer.lacking.unexplained.rms * _MM,
             unexplained_from=answer.lacking.unexplained.source,
+            seen=_seen(answer),
         ),
         plan=Progress(poses=planned, measured=answer.match.poses, to_measure=len(coming)),
         now=_state(answer.model, now),
@@ -160,6 +173,18 @@ def enough_record(
         fresh_poses_to_goal=answer.fresh_needed,
         fresh=tuple(map(_step, answer.fresh)),
         pays_until=answer.pays_until,
+    )
+
+
+def _seen(answer: Enough) -> Seen | None:
+    seen, found = answer.lacking.seen, answer.found
+    if found is None or not seen.source:
+        return None
+    read = found.rms("heldout")
+    return Seen(
+        rms_mm=seen.rms * _MM,
+        source=seen.source,
+        heldout_mm=None if read is None else read * _MM,
     )
 
 

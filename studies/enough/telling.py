@@ -97,7 +97,11 @@ def _beyond_reach(lacking: Lacking) -> str:
             f"the arm errs anew by {mm(lacking.scatter_mm)} wherever it goes; posecal diagnose tells "
             "whether a cause is behind it"
         )
-    return f"what the model lacks is {mm(lacking.unexplained_mm)}; posecal diagnose asks what it is"
+    shown = f", as {lacking.unexplained_from} show" if lacking.unexplained_from else ""
+    return (
+        f"what the model lacks is {mm(lacking.unexplained_mm)}{shown}; "
+        "posecal diagnose asks what it is"
+    )
 
 
 def _parts(record: EnoughRecord) -> Iterator[Part]:
@@ -117,6 +121,7 @@ def _facts(record: EnoughRecord) -> Iterator[Sentence]:
         yield Sentence(f"no identification yet: {record.reason}")
     yield Sentence(f"{_expected(record.now)}, at {record.targets}", label="now")
     yield from _shares(record)
+    yield from _seen(record)
     if record.order:
         yield Sentence(_expected(record.end), label="plan's end")
         yield from _pays(record)
@@ -142,6 +147,21 @@ def _shares(record: EnoughRecord) -> Iterator[Sentence]:
             f"of it {mm(record.now.from_parameters_mm)} from the parameters, and "
             f"{' and '.join(said)}, which no more poses lower"
         )
+
+
+def _seen(record: EnoughRecord) -> Iterator[Sentence]:
+    """What poses showed that the fit was without."""
+    seen = record.lacking.seen
+    if seen is None:
+        return
+    if seen.heldout_mm is not None:
+        said = f"{mm(seen.heldout_mm)} RMS at held-out poses, {mm(seen.rms_mm)} without their noise"
+    else:
+        said = (
+            f"{mm(seen.rms_mm)} RMS at {seen.source}, without their noise, predicted from the other "
+            "readings"
+        )
+    yield Sentence(said, label="missed")
 
 
 def _pays(record: EnoughRecord) -> Iterator[Sentence]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.compensation.unexplained import Unexplained
+from calib.compensation.unexplained import Unexplained, Unseen
 from calib.identification import Identification
 from calib.model import Model
 from doe.curve import stops_paying
@@ -19,10 +19,12 @@ class Lacking:
     """The error at the targets that does not average away, RMS, m.
 
     scatter : the arm errs anew at every target; unexplained : what the model lacks beside it
+    seen : what poses showed that the fit was without, zero where there are none
     """
 
     scatter: float
     unexplained: Unexplained
+    seen: Unseen
 
     @property
     def rms(self) -> float:

@@ -10,8 +10,14 @@ import numpy as np
 from calib.api import readings
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
-from calib.compensation.estimate import estimate_of
-from calib.compensation.unexplained import Unexplained, scatter_at
+from calib.compensation.estimate import estimate_of, fitted_of
+from calib.compensation.unexplained import (
+    Unexplained,
+    Unseen,
+    at_ends,
+    at_held_out,
+    scatter_at,
+)
 from calib.effects.tool import Tool
 from calib.errors import EffectCannotAct, TooFewPoses
 from calib.identification import Identification
@@ -51,6 +57,7 @@ def enough(
     data: Measurements,
     plan: Poses | None = None,
     *,
+    heldout: Measurements | None = None,
     goal: float | None = None,
     seed: int = 0,
 ) -> Enough:
@@ -58,18 +65,20 @@ def enough(
 
     data : the readings so far; poses of the plan among them are found by their joints, or their names
     plan : the plan that is being measured, None for the data alone
+    heldout : poses that take no part: what they miss by is expected elsewhere, too
     goal : expected RMS error at the targets that is wanted, m
     seed : of the fresh candidates by which poses beyond the plan are judged
 
     The order is greedy: each pose is the one that lowers the expected error most beside those before
     it. The noise is what the data show; outliers count nothing. Time, temperature and approach of what
-    is to come follow the data and the plan's order, whatever the order here.
+    is to come follow the data and the plan's order, whatever the order here. What the model lacks is
+    taken from held-out poses, else from the first and the last readings, each predicted by the others.
 
     Raises CalibError where the whole plan would not do.
     """
     plan = data.poses.take([]) if plan is None else plan
     done = match(cell, plan, data.poses)
-    found, why = _identified(cell, data)
+    found, why = _identified(cell, data, heldout)
     day = whole_day(cell, data, plan, done.left)
     model = build(cell, day.poses).model
     refuse_idle_effects(cell, model, day.poses)
@@ -82,10 +91,13 @@ def enough(
     lacking, beside = _lacking(cell, model, values, arm, found)
     targets, weights = targets_of(cell)
     doubt = unnoticed(cell, model, values, found, targets, weights)
+    if not lacking.rms:
+        doubt = replace(doubt, at_targets=max(doubt.at_targets, lacking.seen.lacking))
     regressor = Regressor(cell, model, values, np.diag(model.sizes))
     aims = target_rows(regressor, targets, any(isinstance(e, Tool) for e in model.effects))
     behind = _behind(found, lacking)
-    forecast = Forecast(model, aims, weights / weights.sum(), beside, behind, doubt)
+    share = weights / weights.sum()
+    forecast = Forecast(model, aims, share, beside, lacking.seen.rms, behind, doubt)
     criterion = _task(regressor, forecast)
     so_far = np.arange(len(day)) < len(data)
     further = _in_best_order(criterion, rows, so_far, plan, done.left)
@@ -98,10 +110,12 @@ def enough(
     return replace(result, fresh=_fresh(regressor, criterion, forecast, at, rows, result, seed))
 
 
-def _identified(cell: Cell, data: Measurements) -> tuple[Identification | None, str]:
+def _identified(
+    cell: Cell, data: Measurements, heldout: Measurements | None
+) -> tuple[Identification | None, str]:
     """The identification of the data so far, or why there is none yet."""
     try:
-        return identify(cell, data), ""
+        return identify(cell, data, heldout=heldout), ""
     except (TooFewPoses, EffectCannotAct) as error:
         return None, str(error)
 
@@ -128,12 +142,29 @@ def _arm(cell: Cell, model: Model, found: Identification | None) -> Variances:
 def _lacking(
     cell: Cell, model: Model, values: Array, arm: Variances, found: Identification | None
 ) -> tuple[Lacking, Array]:
-    """What does not average away, over all targets and at each, (targets,), m."""
+    """What does not average away, over all targets and at each, (targets,), m.
+
+    Where something is lacking, it is as much as poses miss by that the fit was without.
+    """
     targets, weights = targets_of(cell)
     scatter = scatter_at(model, values, targets, arm).mean(axis=-1)
-    rest = Unexplained(0.0, "") if found is None else estimate_of(found).unexplained
     rms = task_error(np.sqrt(scatter), weights)[0]
-    return Lacking(rms, rest), np.sqrt(scatter + rest.rms**2)
+    rest = Unexplained(0.0, "") if found is None else estimate_of(found).unexplained
+    seen = None if found is None else _unseen(found)
+    if seen is not None and (rms or rest.rms):
+        beyond = float(np.sqrt(max(0.0, seen.lacking**2 - rms**2)))
+        rest = max(rest, Unexplained(beyond, seen.source), key=lambda one: one.rms)
+    lacking = Lacking(rms, rest, seen or Unseen(0.0, 0.0, 0.0, ""))
+    return lacking, np.sqrt(scatter + rest.rms**2)
+
+
+def _unseen(found: Identification) -> Unseen | None:
+    """What poses show that the fit was without: those held out, else the ends of the day."""
+    fit, held = fitted_of(found), found.heldout
+    if held is not None and held.data.seen.any():
+        return at_held_out(fit, held.data).times(found.footprint)
+    ends = at_ends(fit)
+    return None if ends is None else ends.times(found.footprint)
 
 
 def _behind(found: Identification | None, lacking: Lacking) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -83,6 +83,7 @@ class Forecast:
     weights : ndarray, shape (targets,), summing to one
     beside : ndarray, shape (targets,), m, error that no reading lowers: the arm's scatter, and what the
         model lacks
+    seen : float, m, error that poses showed which the fit was without: the least that holds now
     dof : float, degrees of freedom behind the noise, infinite where it is known
     unnoticed : Unnoticed, what the bound allows for beside that
     """
@@ -91,6 +92,7 @@ class Forecast:
     rows: Array
     weights: Array
     beside: Array
+    seen: float
     dof: float
     unnoticed: Unnoticed
 
@@ -102,7 +104,8 @@ class Forecast:
 
         Rows are in standard deviations per plausible size.
         """
-        yield self._step("", readings, known)
+        now = self._step("", readings, known)
+        yield replace(now, task_most=max(now.task_most, self.seen))
         for name, count, told in further:
             readings += count
             yield self._step(name, readings, told)

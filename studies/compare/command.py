@@ -51,6 +51,9 @@ if TYPE_CHECKING:
     show_default=True,
     help="Characteristic length of approach pose, plain: about the size of the marker set.",
 )
+@click.option("--with", "with_paths", metavar="CELL", multiple=True, type=PATH,
+              help="Another cell of the robot, with other instruments: what it leaves at the same "
+              "poses. May be given several times.")  # fmt: skip
 @click.option("--values", "values_path", metavar="RESULT", type=PATH,
               help="A result of identify: predict and simulate at its values.")  # fmt: skip
 @click.option("--truth", type=click.Choice(["model", "mujoco"]), default="model", show_default=True,
@@ -64,6 +67,7 @@ def compare(
     workers: int | None,
     scheduler: str | None,
     length_mm: float,
+    with_paths: tuple[Path, ...],
     values_path: Path | None,
     truth: Truth,
     folder: Path | None,
@@ -79,12 +83,14 @@ def compare(
     \b
     Example:
       posecal compare cell.toml plan_a.csv plan_b.csv --monte-carlo 1000
+      posecal compare tracker.toml plan.csv --with camera.toml --monte-carlo 0
     """
     import calib
     from calib.errors import InputError
     from calib.files.values import load_values
     from calib.model.build import build
     from studies.compare.compare import compare as compare_plans
+    from studies.compare.instruments import read_by_each
     from studies.compare.record import compare_record
     from studies.engines import engine
     from studies.record import envelope
@@ -92,7 +98,8 @@ def compare(
     cell = calib.load_cell(cell_path)
     targets = cell.design.get("targets")
     inputs = [cell_path, *cell.robot_files, *plan_paths, *([targets] if targets else [])]
-    inputs += [values_path] if values_path is not None else []
+    others = {path: calib.load_cell(path) for path in with_paths}
+    inputs += [*others, *([values_path] if values_path is not None else [])]
     check_outputs([output_file(json_path)], inputs, folder)
     loaded = [calib.load_plan(cell, path) for path in plan_paths]
     names = plan_names(plan_paths)
@@ -119,8 +126,10 @@ def compare(
                 executor=executor,
                 progress=progress,
             )
+    files = dict(zip(names, plan_paths, strict=True))
+    read_by = list(read_by_each({cell_path: cell, **others}, files)) if others else []
     made_from = envelope(cell.name, inputs, seed)
-    record = compare_record(result, made_from, curves=folder is not None)
+    record = compare_record(result, made_from, curves=folder is not None, read_by=read_by)
     deliver(record, json_path, folder)
 
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from studies.compare.agreement import Agreement as Agreed
     from studies.compare.anatomy import Curve
     from studies.compare.compare import Comparison, PlanStudy, Verdict
+    from studies.compare.instruments import Reading
     from studies.compare.scratch import FromScratch as Scratch
     from studies.document import Document
 
@@ -182,6 +183,22 @@ class Plan(Entry):
         return next((own for own in self.approaches if own.key == key), None)
 
 
+class ReadBy(Entry):
+    """A plan as the instruments of a cell read it, and what the arm's own scatter leaves alone.
+
+    poses_to_match : how many such poses leave what the first cell's instruments leave
+    """
+
+    cell: str
+    instruments: tuple[str, ...]
+    plan: str
+    poses: Count
+    task_rms_mm: Maybe
+    task_worst_mm: Maybe
+    arm_rms_mm: Maybe
+    poses_to_match: Maybe
+
+
 class Agreement(Entry):
     """Whether the prediction can be believed, over all plans and approaches."""
 
@@ -206,6 +223,7 @@ class CompareRecord(Record):
     trials_asked: Count
     truth: Literal["model", "mujoco"]
     agreement: Agreement
+    read_by: tuple[ReadBy, ...] = ()
 
     def told(self) -> Document:
         from studies.compare.telling import told
@@ -214,10 +232,15 @@ class CompareRecord(Record):
 
 
 def compare_record(
-    found: Comparison, made_from: Envelope, *, curves: bool = False
+    found: Comparison,
+    made_from: Envelope,
+    *,
+    curves: bool = False,
+    read_by: Sequence[Reading] = (),
 ) -> CompareRecord:
     """The record of a comparison.
 
+    read_by : its plans as the instruments of several cells read them, those of this cell first
     curves : whether to predict for fewer poses and markers too, which takes as long as 200 plans
     """
     from calib.effects.tool import Tool
@@ -233,6 +256,21 @@ def compare_record(
         trials_asked=found.asked,
         truth=found.truth,
         agreement=_agreement(found),
+        read_by=tuple(_read_by(own, read_by) for own in read_by),
+    )
+
+
+def _read_by(own: Reading, every: Sequence[Reading]) -> ReadBy:
+    first = next(one for one in every if one.plan == own.plan)
+    return ReadBy(
+        cell=own.cell.name,
+        instruments=tuple(f"{i.name} ({i.kind})" for i in own.cell.instruments),
+        plan=own.plan,
+        poses=own.poses,
+        task_rms_mm=own.task_rms * _MM,
+        task_worst_mm=own.task_worst * _MM,
+        arm_rms_mm=own.arm_rms * _MM if own.cell.scatters else None,
+        poses_to_match=own.poses * (own.task_rms / first.task_rms) ** 2,
     )
 
 

@@ -6,19 +6,21 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from studies.compare.pictures import pictures
-from studies.compare.record import Approach, CompareRecord, Plan
+from studies.compare.record import Approach, CompareRecord, Plan, ReadBy
 from studies.document import (
     COUNT,
+    HUNDREDTH,
     MM,
     STD,
     TEXT,
+    WHOLE,
     Column,
     Detail,
     Document,
     Figure,
     Mood,
+    P,
     Part,
-    Rule,
     Section,
     Sentence,
     Table,
@@ -31,6 +33,7 @@ from studies.plots.style import APPROACHES
 _MOST_PARAMETERS = 24  # above it base and tool are for the page
 _MOST_NAMES = 4
 _SAME = 1.005
+_ARM_RULES = 1.25  # times what the arm alone leaves: below, its scatter sets the limit
 _OPEN = 3  # figures that stand open
 _TITLES = {
     "pose plain": "#1\nplain",
@@ -38,15 +41,16 @@ _TITLES = {
     "pose full": "#1\nfull",
     "points": "#2\npoints",
 }
-_CHANCE = Rule(lambda p: f"{p:.2g}")
-_FACTOR = Rule(lambda factor: f"{factor:.2f}")
 
 
 def told(record: CompareRecord) -> Document:
     """The answer, accuracy of every approach at every plan, and what each parameter is known to."""
     headline = (_best(record), Sentence(f"{_first_up(record.agreement.says)}.", _mood(record)))
-    section = Section("approaches", "Both approaches side by side", tuple(_parts(record)))
-    return Document(headline, (section,))
+    sections = [Section("approaches", "Both approaches side by side", tuple(_parts(record)))]
+    if record.read_by:
+        parts = tuple(_instruments(record))
+        sections.insert(0, Section("instruments", "Instruments side by side", parts))
+    return Document(headline, tuple(sections))
 
 
 def _first_up(text: str) -> str:
@@ -100,6 +104,36 @@ def _parts(record: CompareRecord) -> Iterator[Part]:
     yield from drawn[:_OPEN]
     yield Detail(tuple(drawn[_OPEN:]), "Further figures")
     yield from (Sentence(note, "note", "note") for note in record.notes)
+
+
+_READ_BY: tuple[Column[ReadBy], ...] = (
+    Column("plan", lambda row: row.plan),
+    Column("cell", lambda row: row.cell),
+    Column("instruments", lambda row: ", ".join(row.instruments)),
+    Column("task RMS", lambda row: row.task_rms_mm, MM, "mm"),
+    Column("at worst", lambda row: row.task_worst_mm, MM, "mm"),
+    Column("arm alone", lambda row: row.arm_rms_mm, MM, "mm"),
+    Column("poses to\nmatch", lambda row: row.poses_to_match, WHOLE),
+)
+
+
+def _instruments(record: CompareRecord) -> Iterator[Part]:
+    """What each cell's instruments leave at the same poses."""
+    for own in record.read_by:
+        if own.arm_rms_mm and own.task_rms_mm and own.task_rms_mm < _ARM_RULES * own.arm_rms_mm:
+            yield Sentence(
+                f"{', '.join(own.instruments)} at {own.plan}: the arm comes back no better than "
+                f"{mm(own.arm_rms_mm)} of its {mm(own.task_rms_mm)}; a better instrument gains little",
+                "note",
+            )
+    yield Table(
+        _READ_BY,
+        record.read_by,
+        "Error expected at the targets, by instrument",
+        "Each at the points and in the frame that it reads. Arm alone: with perfect instruments, where "
+        "the cell states a repeatability. Poses to match: how many of this plan's kind leave what the "
+        "first cell's instruments leave.",
+    )
 
 
 def _others(record: CompareRecord) -> Iterator[Sentence]:
@@ -161,7 +195,7 @@ def _belief(record: CompareRecord) -> Iterator[Sentence]:
     if found.chi2_p is not None and found.worst_ratio is not None and low and high:
         yield Sentence(
             f"simulated / predicted is {found.worst_ratio:.2f} where it is farthest from one "
-            f"({low:.2f} to {high:.2f} is chance among {found.ratios}); p = {_CHANCE(found.chi2_p)}"
+            f"({low:.2f} to {high:.2f} is chance among {found.ratios}); p = {P(found.chi2_p)}"
         )
     drawn = "MuJoCo's arm" if record.truth == "mujoco" else "the model that is fitted"
     yield Sentence(f"readings drawn from {drawn}; {_from_scratch(record)}")
@@ -237,7 +271,7 @@ _ACCURACY: tuple[Column[_Row], ...] = (
     Column("task RMS", lambda row: row.own.task_rms_mm, MM, "mm"),
     Column("at worst", lambda row: row.own.task_worst_mm, MM, "mm"),
     Column("simulated", lambda row: row.own.monte_carlo_task_rms_mm, MM, "mm"),
-    Column("p", lambda row: row.own.agreement and row.own.agreement.chi2_p, _CHANCE),
+    Column("p", lambda row: row.own.agreement and row.own.agreement.chi2_p, P),
 )
 
 
@@ -261,7 +295,7 @@ def _by_approach(plan: Plan, simulated: bool) -> Iterator[Part]:
         columns.append(Column("#2\nsim.", lambda row: points[row.number].monte_carlo_std, STD))
     if plan.improvement:
         factors = [f.factor for f in plan.improvement]
-        columns.append(Column("plain\nover #2", lambda row: factors[row.number], _FACTOR))
+        columns.append(Column("plain\nover #2", lambda row: factors[row.number], HUNDREDTH))
     loses = ", and what plain #1 loses" if plan.improvement else ""
     yield from _tables(plan, columns, f"Standard deviations{loses}")
 

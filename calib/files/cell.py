@@ -6,10 +6,10 @@ import difflib
 import math
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
@@ -145,7 +145,12 @@ def _validated(path: Path, raw: dict[str, Any]) -> CellFile:
 
 def _keys(location: tuple[int | str, ...]) -> list[str]:
     """Keys of the file; a union's tag (number, position, box ..) stands in the location alone."""
-    named = ("markers_mm", "instruments", "bodies")  # below these, keys are the user's own names
+    named = (
+        "markers_mm",
+        "instruments",
+        "bodies",
+        "boards",
+    )  # below these, keys are the user's own names
     return [
         str(key)
         for before, key in zip((None, *location), location, strict=False)
@@ -163,8 +168,6 @@ _PLAINLY = {
     "list_type": "should be a list in brackets",
     "dict_type": "should be a table of its own",
     "model_type": "should be a table of its own",
-    "union_tag_invalid": "has no known type; write box, sphere or halfspace",
-    "union_tag_not_found": "lacks its type; write box, sphere or halfspace",
     "too_short": "has no entry; at least one is needed",
 }
 
@@ -178,6 +181,12 @@ def _plain(problem: Mapping[str, Any], keys: list[str]) -> str:
     if kind == "extra_forbidden":
         close = difflib.get_close_matches(keys[-1], _known_keys(CellFile), n=1)
         return "is not a known key" + (f"; did you mean {close[0]!r}?" if close else "")
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        of = problem.get("ctx", {}).get("discriminator", "type").strip("'")
+        known = "box, sphere or halfspace" if of == "type" else ", ".join(sorted(KINDS))
+        return (
+            f"{'has no known' if kind == 'union_tag_invalid' else 'lacks its'} {of}; write {known}"
+        )
     if kind in _PLAINLY:
         return _PLAINLY[kind]
     text = str(problem["msg"]).removeprefix("Value error, ")
@@ -190,10 +199,17 @@ def _known_keys(model: type[BaseModel]) -> set[str]:
     keys: set[str] = set()
     for name, entry in model.model_fields.items():
         keys.add(entry.alias or name)
-        annotation = entry.annotation
-        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-            keys |= _known_keys(annotation)
+        for below in _models(entry.annotation):
+            keys |= _known_keys(below)
     return keys
+
+
+def _models(annotation: object) -> Iterator[type[BaseModel]]:
+    """Tables that a key may hold, by themselves or in lists, dictionaries and unions."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _models(part)
 
 
 def _check_joints(path: Path, robot: Robot, table: CellFile) -> None:

@@ -426,8 +426,14 @@ class CellFile(Table):
 
     @model_validator(mode="after")
     def _something_read(self) -> Self:
-        if (self.instrument is None) == (not self.instruments):
-            raise ValueError("needs either [instrument] or [instruments.NAME], and not both")
+        if self.instrument is None and not self.instruments:
+            raise ValueError(
+                "has no [instrument]; add it, as in the cell that `posecal demo` writes"
+            )
+        if self.instrument is not None and self.instruments:
+            raise ValueError(
+                "has [instrument] and [instruments]; make [instrument] one of these, too"
+            )
         kinds = {entry.kind for entry in self.instruments.values()} or {"points"}
         touching = kinds - {"pose", "camera"}
         if touching and not self.markers_mm:

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.effects.tool import Tool
-from calib.model.covariance import working_points
+from calib.model.covariance import at_points_read
 from doe.constraints import scene_of, visible
 from doe.problem import RIDGE, Problem
 
@@ -117,7 +117,7 @@ def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
 def _without_markers(problem: Problem, q: Array, seen: Mask) -> dict[str, float]:
     """Task RMS with all but one marker, m; the lost marker's position is no unknown then."""
     model, T = problem.model, problem.regressor.T
-    if len(model.marker_names) == 1 or working_points(model) is not model:
+    if len(model.marker_names) == 1 or at_points_read(model) is not model:
         return {}  # nothing to lose, or readings that are no markers by themselves
     back = np.linalg.inv(T / model.sizes[:, None])
     found = {}

@@ -164,19 +164,39 @@ def correlation(cov: Array) -> Array:
 def working_points(model: Model) -> Model:
     """The model at the points where its accuracy counts.
 
-    Markers and origins of bodies, or the tip's origin where they are not part of the model; in the
-    frame of the first instrument that has one, or in base axes where there is none.
+    Those that are read, or the tip's origin where they are not part of the model.
     """
-    trackers = [i for i in model.instruments if isinstance(i, Tracker)]
     known = not any(isinstance(e, Tool) for e in model.effects)
-    if known:
-        model = replace(model, marker_names=("tip",), markers=np.zeros((1, 3)))
-    if [type(i) for i in model.instruments] == [Tracker] and trackers[0].markers is None:
+    return at_tip(model) if known else at_points_read(model)
+
+
+def at_tip(model: Model) -> Model:
+    """The model with the tip's origin in place of its markers, read by a tracker."""
+    model = replace(model, marker_names=("tip",), markers=np.zeros((1, 3)))
+    return model if _plain(model) else replace(model, instruments=(_tracker(model, None),))
+
+
+def at_points_read(model: Model) -> Model:
+    """The model with a tracker on its markers, and on origins of frames; of a tracker itself.
+
+    The ends of a frame's axes are not where anybody works.
+    """
+    if _plain(model):
         return model
-    name = trackers[0].name if trackers else ""
-    # Of a frame its origin: the ends of its axes are not where anybody works.
-    read = None if known else tuple(np.unique(model.readout.channels.marker).tolist())
-    return replace(model, instruments=(Tracker(name=name, markers=read),))
+    read = tuple(np.unique(model.readout.channels.marker).tolist())
+    return replace(model, instruments=(_tracker(model, read),))
+
+
+def _plain(model: Model) -> bool:
+    """Whether one tracker reads every marker."""
+    (first, *others) = model.instruments
+    return not others and type(first) is Tracker and first.markers is None
+
+
+def _tracker(model: Model, read: tuple[int, ...] | None) -> Tracker:
+    """In the frame of the first that is one, or in base axes where there is none."""
+    name = next((i.name for i in model.instruments if isinstance(i, Tracker)), "")
+    return Tracker(name=name, markers=read)
 
 
 def errors_at(model: Model, values: Array, cov: Array, targets: Poses) -> Array:

@@ -14,7 +14,7 @@ from calib.effects.tool import Tool
 from calib.errors import CalibError, InputError
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
-from calib.model.covariance import working_points
+from calib.model.covariance import at_points_read, at_tip
 from calib.poses import Poses, poses_at
 from calib.targets import check_targets, targets_of
 from doe.constraints import Constraint, constraints_of, scene_of, visible
@@ -105,10 +105,9 @@ def counts_at_markers(model: Model, request: Request) -> bool:
 
 def target_rows(regressor: Regressor, targets: Poses, at_markers: bool) -> Array:
     """``J`` at target poses, shape (K, rows, p), m per y, the mean over the markers in it."""
-    model = replace(working_points(regressor.model))
-    if not at_markers:
-        alone = (replace(model.instruments[0], markers=None),)
-        model = replace(model, instruments=alone, marker_names=("tip",), markers=np.zeros((1, 3)))
+    model = (at_points_read if at_markers else at_tip)(regressor.model)
+    # A model of its own: the last linearisation that a model remembers is no use to others.
+    model = replace(model)
     _, J = model.jacobian(regressor.values, targets)
     rows = J.reshape(len(targets), -1, J.shape[-1]) @ regressor.T
     return np.asarray(rows / np.sqrt(J.shape[1]))

@@ -1,0 +1,140 @@
+"""Identification from readings of every kind, on real data: nominal, fitted, held out.
+
+    python -m studies.research.benchmarks.instruments [--splits 10] [--only NAME ..] [--images 500]
+
+Each set under ``POSECAL_DATA`` that no tracker read is identified with three tenths of its
+configurations held out, drawn by seeds 0, 1, ..; medians over them, in each unit that its instruments
+have. ``--images``: so many simulated images of a board of 40 corners instead, identified once; seconds
+and largest memory.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import click
+import numpy as np
+
+import calib
+from calib.model.build import build
+from calib.poses import Measurements, poses_at
+from studies.command.deliver import console_for
+from studies.demo import embedded_text
+from studies.tables import plain_table
+
+HELD_OUT = 0.3
+SETS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("fr3_eye_in_hand", ()),
+    ("positioner_poses", ()),
+    ("panda_sockets_2", ()),
+    ("iiwa7_torque", ()),
+    ("iiwa7_torque", ("measured_torque",)),
+    ("ma1400_cameras", ()),
+)
+"""Folder, and what is identified beside the cell's own effects."""
+_HEADINGS = (
+    ("data", "left"), ("instrument", "left"), ("unit", "left"), ("nominal", "right"),
+    ("fitted", "right"), ("held out", "right"), ("parameters", "right"), ("[s]", "right"),
+)  # fmt: skip
+_CAMERA = """
+[boards.b]
+on = "tip"
+squares = [9, 6]
+pitch_mm = 30
+position_mm = [200, -100, 0]
+
+[instruments.cam]
+kind = "camera"
+focal_px = 2400
+center_px = [2000, 1500]
+sigma_px = 0.2
+position_mm = [4000, 0, 1500]
+rpy_deg = [-90, 0, 90]
+
+[model]
+effects = ["base", "tool", "geometry"]
+"""
+
+
+def rows_of(folder: Path, more: tuple[str, ...], splits: int) -> list[list[str]]:
+    """A row for each instrument and unit: medians over the splits."""
+    cell = calib.load_cell(folder / "cell.toml")
+    cell = replace(cell, effects=(*cell.effects, *more))
+    data = calib.load_measurements(cell, folder / "measurements.csv")
+    found: dict[tuple[str, str], list[list[float]]] = {}
+    seconds, ranks = [], []
+    for seed in range(splits):
+        kept, held = data.split(HELD_OUT, np.random.default_rng(seed))
+        begun = time.process_time()
+        result = calib.identify(cell, kept, heldout=held)
+        seconds.append(time.process_time() - begun)
+        ranks.append(result.rank)
+        for key, rms in result.by_instrument.items():
+            own = [rms.get(name, np.nan) for name in ("nominal", "fitted_all", "heldout")]
+            found.setdefault(key, []).append(own)
+    name = " + ".join([folder.name, *more])
+    last = [f"{np.median(ranks):.0f}", f"{np.median(seconds):.1f}"]
+    shown = list(found.items())[:_MOST]
+    return [
+        [name, instrument, unit, *(f"{x:.3f}" for x in np.median(rms, axis=0)), *last]
+        for (instrument, unit), rms in shown
+    ]
+
+
+_MOST = 4  # instruments of one set that are shown: a socket is one
+
+
+def images(count: int) -> str:
+    """Seconds and memory of one identification of a KR 270 from simulated images."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
+        head = 'schema = 1\n[robot]\nurdf = "kr270.urdf"\nbase = "base_link"\ntip = "tool0"\n'
+        (folder / "cell.toml").write_text(head + _CAMERA)
+        cell = calib.load_cell(folder / "cell.toml")
+    rng = np.random.default_rng(0)
+    home = np.radians([0.0, -60.0, 80.0, 0.0, 30.0, 0.0])
+    poses = poses_at(home + rng.uniform(-0.6, 0.6, (count, 6)))
+    model = build(cell, poses).model
+    placed = [k for k, p in enumerate(model.parameters) if p.effect in ("base", "tool")]
+    truth = 0.3 * model.sizes * rng.normal(size=len(model.parameters))
+    truth[placed] = model.initial[placed]
+    data: Measurements = calib.simulate(model, truth, poses, None, rng)
+    begun = time.perf_counter()
+    found = calib.identify(cell, data)
+    seconds = time.perf_counter() - begun
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    corners = len(model.readout.channels)
+    off = (found.values - truth) / np.where(found.std > 0.0, found.std, np.inf)
+    return (
+        f"{count} images of {corners} corners, {found.rank} parameters: {seconds:.1f} s, {memory:.0f} MB "
+        f"at most, {found.status}; off by {np.sqrt(np.mean(off**2)):.2f} standard deviations RMS"
+    )
+
+
+@click.command()
+@click.option("--splits", type=click.IntRange(min=1), default=10, show_default=True)
+@click.option("--only", multiple=True, help="Folders, by their names.")
+@click.option(
+    "--images", "count", type=click.IntRange(min=20), help="Time simulated images instead."
+)
+def main(splits: int, only: tuple[str, ...], count: int | None) -> None:
+    """Identify each set, or time simulated images."""
+    if count is not None:
+        click.echo(images(count))
+        return
+    root = Path(os.environ["POSECAL_DATA"])
+    table = plain_table(*_HEADINGS)
+    for name, more in SETS:
+        for row in rows_of(root / name, more, splits) if not only or name in only else ():
+            table.add_row(*row)
+    console_for(None).print(table)
+
+
+if __name__ == "__main__":
+    main()

@@ -112,8 +112,8 @@ def images(count: int) -> str:
     corners = len(model.readout.channels)
     off = (found.values - truth) / np.where(found.std > 0.0, found.std, np.inf)
     return (
-        f"{count} images of {corners} corners, {found.rank} parameters: {seconds:.1f} s, {memory:.0f} MB "
-        f"at most, {found.status}; off by {np.sqrt(np.mean(off**2)):.2f} standard deviations RMS"
+        f"{count} images of {corners} corners, {found.rank} parameters: {seconds:.1f} s, at most "
+        f"{memory:.0f} MB, {found.status}; off by {np.sqrt(np.mean(off**2)):.2f} standard deviations RMS"
     )
 
 

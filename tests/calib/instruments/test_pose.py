@@ -303,7 +303,7 @@ def test_real_poses(data: Path, name: str) -> None:
     cell = calib.load_cell(data / name / "cell.toml")
     table = calib.load_measurements(cell, data / name / "measurements.csv")
     found = []
-    for seed in range(7):
+    for seed in range(10):
         kept, held = table.split(0.3, np.random.default_rng(seed))
         result = calib.identify(cell, kept, heldout=held)
         assert result.status == "converged"

@@ -111,9 +111,10 @@ def images(count: int) -> str:
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     corners = len(model.readout.channels)
     off = (found.values - truth) / np.where(found.std > 0.0, found.std, np.inf)
+    missed = float(np.sqrt(np.mean(off**2)))
     return (
         f"{count} images of {corners} corners, {found.rank} parameters: {seconds:.1f} s, at most "
-        f"{memory:.0f} MB, {found.status}; off by {np.sqrt(np.mean(off**2)):.2f} standard deviations RMS"
+        f"{memory:.0f} MB, {found.status}; off by {missed:.2f} standard deviations RMS"
     )
 
 

@@ -16,7 +16,6 @@ from calib.files.columns import ANGLES, LENGTHS
 from calib.files.csv_table import Table, read_table
 from calib.files.write_tables import csv_text
 
-CONVENTIONS: tuple[Convention, ...] = ("classic", "modified")
 KINDS = ("revolute", "prismatic")
 COLUMNS = {"alpha": ANGLES, "a": LENGTHS, "theta": ANGLES, "d": LENGTHS, "beta": ANGLES}
 """Each number of a row with its units; ``beta`` (Hayati) may be left out, and is 0."""

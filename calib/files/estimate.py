@@ -22,7 +22,7 @@ from calib.effects.tool import Tool
 from calib.effects.tuned import Tuned
 from calib.errors import CalibError, InputError
 from calib.model import Model
-from calib.model.build import context_of, place_effect
+from calib.model.build import context_of, model_of, place_effect
 from calib.scatter import Variances
 
 _LARGEST_FILE = 200_000_000  # bytes
@@ -129,15 +129,7 @@ def _model(cell: Cell, keys: list[Key], values: Array, clock: str) -> Model:
         effect = _with_only(place_effect(kind, where, context), names)
         first = next(i for i, (k, w, _) in enumerate(keys) if (k, w) == (kind, where))
         effects.append(effect.tuned(values[first]) if isinstance(effect, Tuned) else effect)
-    model = Model(
-        cell.robot,
-        cell.marker_names,
-        cell.markers,
-        tuple(effects),
-        cell.payload,
-        cell.gravity,
-        cell.instruments,
-    )
+    model = model_of(cell, effects)
     if [(p.effect, p.where, p.name) for p in model.parameters] != keys:
         raise CalibError("its parameters are not those of the effects here")
     return model

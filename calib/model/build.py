@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -197,7 +198,15 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
             effects.append(place_effect(name, where, context))
     standing = {e.where for e in effects if e.kind == "base"}
     effects = [*(base for base in sought(context) if base.where not in standing), *effects]
-    full = Model(
+    full = model_of(cell, effects)
+    built = Built(*irreducible(full))
+    _refuse_absorbed(_placed(cell, context), full, built)
+    return built
+
+
+def model_of(cell: Cell, effects: Sequence[Effect]) -> Model:
+    """The cell's robot, markers and instruments with these effects, none of them left out."""
+    return Model(
         cell.robot,
         cell.marker_names,
         cell.markers,
@@ -207,9 +216,6 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
         cell.instruments,
         lengths=cell.known_distances,
     )
-    built = Built(*irreducible(full))
-    _refuse_absorbed(_placed(cell, context), full, built)
-    return built
 
 
 def _refuse_absorbed(placed: set[tuple[str, str]], full: Model, built: Built) -> None:

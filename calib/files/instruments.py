@@ -219,9 +219,12 @@ def _standing(table: CameraTable, boards: Sequence[BoardTable]) -> Array | None:
     return np.concatenate([np.concatenate([T[:3, 3], so3_log(T[:3, :3])]) for T in places])
 
 
-def _believed(given: IntrinsicsStd) -> Array:
+def _believed(given: IntrinsicsStd | list[float]) -> Array:
     """Standard deviations of a lens's values, shape (9,), NaN where none is given."""
     found = np.full(9, np.nan)
+    if isinstance(given, list):
+        found[: len(given)] = given
+        return found
     parts = zip(FREE.values(), (given.focal_px, given.center_px, given.distortion), strict=True)
     for part, std in parts:
         if std is not None:

@@ -315,7 +315,9 @@ class CameraTable(BodyTable):
     image_px: Pixels | None = None
     sigma_px: Positive
     free: list[Literal["focal", "center", "distortion"]] = []
-    intrinsics_std: IntrinsicsStd | None = None
+    intrinsics_std: (
+        IntrinsicsStd | Annotated[list[Positive], Field(min_length=1, max_length=9)] | None
+    ) = None  # in a list: fx, fy, cx, cy, k1, k2, p1, p2, k3
 
 
 AnyInstrument = Annotated[

@@ -286,15 +286,15 @@ def test_a_camera_on_the_arm(written: Callable[..., Path], boards: int) -> None:
     assert found.by_instrument["eye", "px"]["fitted"] < 1e-3
 
 
-@pytest.mark.parametrize("given", ["free", "believed"])
+@pytest.mark.parametrize("given", ["free", "believed", "listed"])
 def test_a_lens_that_is_not_known(written: Callable[..., Path], given: str) -> None:
     """Focal lengths and centre are found; told with deviations, they are not known worse than told."""
     guess = LENS + np.array([25.0, -15.0, 8.0, -6.0, *[0.0] * 5])
-    more = (
-        'free = ["focal", "center"]'
-        if given == "free"
-        else "intrinsics_std = { focal_px = 20.0, center_px = 10.0 }"
-    )
+    more = {
+        "free": 'free = ["focal", "center"]',
+        "believed": "intrinsics_std = { focal_px = 20.0, center_px = 10.0 }",
+        "listed": "intrinsics_std = [20.0, 20.0, 10.0, 10.0]",
+    }[given]
     path = written(board_text("b", "tip", TILED), camera_text("cam", "world", more, guess))
     cell, q = calib.load_cell(path), near_home(30, 1)
     X = frame(np.array([0.05, -0.1, 0.2, 0.4, 2.0, -0.3]))

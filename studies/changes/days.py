@@ -37,7 +37,7 @@ class Days:
 
     @property
     def compared(self) -> tuple[Cell, Known, Known, Estimate]:
-        """What :func:`calib.change.changes` asks for."""
+        """What :func:`calib.change.between` asks for."""
         return self.cell, self.before, self.after, self.estimate
 
 

@@ -53,7 +53,7 @@ class Lacking(Entry):
     scatter_mm: NotNegative
     unexplained_mm: NotNegative
     unexplained_from: str
-    seen: Seen | None
+    seen: Seen | None = None
 
 
 class Progress(Entry):

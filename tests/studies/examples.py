@@ -26,7 +26,9 @@ def _enough() -> list[Record]:
     old = old_fields("enough")
     none = {"goal_mm": 0.01, "poses_to_goal": None}
     lacking = {**old["lacking"], "rms_mm": 0.05, "scatter_mm": 0.04, "unexplained_mm": 0.03}
-    model = {**lacking, "scatter_mm": 0.01}
+    ends = {"rms_mm": 0.04, "source": "the ends of the day", "heldout_mm": None}
+    model = {**lacking, "scatter_mm": 0.01, "seen": ends}
+    lacking["seen"] = {**ends, "source": "held-out poses", "heldout_mm": 0.05}
     opened = {**old["end"], "unidentifiable": ["a:b.c", "a:b.d"]}
     alone = {"order": [], "plan": {"poses": 0, "measured": 0, "to_measure": 0}, "end": old["now"]}
     return [

@@ -116,9 +116,20 @@ def _compare() -> list[Record]:
     loses = {**first, "approaches": [*first["approaches"][:2], full, points]}
     many = [{**p, "id": f"{p['id']}{k}"} for k in range(4) for p in points["parameters"]]
     large = {**alone, "approaches": [{**points, "parameters": many}]}
+    by = {
+        "cell": "a cell",
+        "instruments": ["laser (points)"],
+        "plan": first["plan"],
+        "poses": 15,
+        "task_rms_mm": 0.11,
+        "task_worst_mm": 0.2,
+        "arm_rms_mm": 0.1,
+        "poses_to_match": 15.0,
+    }
+    camera = {**by, "instruments": ["cam (camera)"], "task_rms_mm": 0.4, "arm_rms_mm": None}
     return [
         changed("compare"),
-        changed("compare", plans=[whole], notes=["a note"]),
+        changed("compare", plans=[whole], notes=["a note"], read_by=[by, camera]),
         changed("compare", plans=[loses], truth="mujoco"),
         changed("compare", plans=[other], trials=0, agreement={**old["agreement"], "chi2_p": None}),
         changed("compare", plans=[alone, apart]),
@@ -184,8 +195,18 @@ def _identify() -> list[Record]:
     drift = {**old["drift"], "verdict": "drift", "trend_p": 1e-9, "one_side": False}
     rated = {**drift, "rates": [{"station": "base", **rate}], "noise_factor": 2.0}
     moved = {**drift, "verdict": "moved", "references": 2 * drift["references"]}
+    none = dict.fromkeys(old["rms_mm"])
+    seen = [
+        {"pose": row["pose"], "marker": row["marker"], "instrument": "cam", "heldout": row["heldout"],
+         "u_px": 0.5, "v_px": -0.2, "nominal_px": [3.0, 1.0], "at_px": [40.0 * k, 30.0]}
+        for k, row in enumerate(old["residuals"])
+    ]  # fmt: skip
+    px = {"instrument": "cam", "unit": "px", "nominal": 3.2, "fitted_all": 0.54, "fitted": 0.54}
+    pixels = {"rms_mm": none, "max_mm": none, "p95_mm": none, "pair_distances_mm": {}}
     return [
         changed("identify"),
+        changed("identify", **pixels, residuals=seen, instruments=[{**px, "heldout": 0.6}],
+                rms_of_residuals_mm=None, outliers=[], heldout_outliers=[]),
         changed("identify", parameters=unknown, rms_mm=good, residuals=fitted, noise=noise, drift=rated,
                 correlation=close, outliers=out, outliers_share=share, differences=True,
                 weak=["a:b.c"], unused_poses=["p3"], unidentifiable=open_),
@@ -206,7 +227,12 @@ def _diagnose() -> list[Record]:
     many = [{**first["parameters"][0], "name": f"p{i}"} for i in range(9)]
     unknown = [{**many[0], "name": f"u{i}", "std": None} for i in range(6)]
     unproved = {"heldout_before_mm": None, "heldout_after_mm": None, "closed": None}
-    steps = {"of": "fitted poses", "added": ["a:A1", "b:A2"], "rms_mm": [0.3, 0.1, 0.2]}
+    steps = {
+        "of": "fitted poses",
+        "unit": "px",
+        "added": ["a:A1", "b:A2"],
+        "rms_mm": [0.3, 0.1, 0.2],
+    }
     plain = {**old["curves"][0], "effect": None}
     plain["panels"] = [{**plain["panels"][0], "effect": None}] * 3
     cross = {**old["curves"][1], "panels": [{**old["curves"][1]["panels"][0], "line": False}]}

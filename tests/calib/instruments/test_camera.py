@@ -12,7 +12,6 @@ import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -30,6 +29,7 @@ from studies.demo import embedded_text
 from tests.calib.instruments.test_pose import frame, tips
 from tests.helpers import central_difference
 
+cv2 = pytest.importorskip("cv2", exc_type=ImportError)
 LENS = np.array([1400.0, 1380.0, 960.0, 540.0, -0.12, 0.05, 8e-4, -5e-4, -0.01])
 PIXELS = np.array([1920.0, 1080.0])
 OFF = {"A2": 8e-4, "A3": -6e-4, "A5": 1.1e-3}

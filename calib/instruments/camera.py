@@ -22,7 +22,8 @@ from calib.instruments.protocol import (
     Start,
     Unknown,
 )
-from calib.instruments.seen_boards import board_poses, resected
+from calib.instruments.resection import Seen, resected
+from calib.instruments.seen_boards import board_poses
 
 _STANDING = (
     *(Unknown(c, "mm", 1e-3, 1e-2) for c in "xyz"),
@@ -161,7 +162,7 @@ class FixedCamera(Camera):
             frames = np.stack([_frame_of(arm.markers[own], shape) for own, shape in shapes])
             known = np.array([not arm.free[own].any() for own, _ in shapes])
             tips = (arm.R_tip, arm.p_tip)
-            first = hand_eye(measured, whole, tips, frames, known, arm.placed)
+            first = Seen(*hand_eye(measured, whole, tips, frames, known, arm.placed))
         R, t, markers = resected(ideal, seen, arm, shapes, first)
         place = np.concatenate([t, so3_log(R), np.zeros(len(self.free))])
         return Start(place, markers, told)

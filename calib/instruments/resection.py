@@ -19,9 +19,9 @@ _SEARCHED = 240  # readings that a search looks at: more tell it nothing new
 
 
 class Seen(NamedTuple):
-    """``R`` (3, 3) and ``t`` (3,), m, of the base in camera axes; frames (B, 3, 3) of boards on the tip.
+    """Where a camera sees the base, ``R`` (3, 3) and ``t`` (3,), m, and what is on the tip.
 
-    By rows: origin and two axes.
+    frames : ndarray, shape (B, 3, 3), of the boards: origin and two axes by rows
     """
 
     R: Array

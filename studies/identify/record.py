@@ -273,6 +273,12 @@ class IdentifyRecord(Record):
         poses = {(row.pose, row.heldout) for row in self.residuals}
         if len(poses) * len({row.marker for row in self.residuals}) > _MOST:
             raise ValueError("residuals have too many poses and markers")
+        metric = any(row.metric for row in self.residuals)
+        if metric == (None in (self.rms_mm.nominal, self.rms_mm.fitted_all)):
+            raise ValueError("rms_mm has figures where no residual is a length, or lacks them")
+        named = {own.instrument for own in self.instruments}
+        if not metric and not named >= {row.instrument for row in self.residuals}:
+            raise ValueError("instruments lacks one that residuals name")
         told = [self.rms_mm.heldout, *(own.heldout for own in self.instruments)]
         held = any(figure is not None for figure in told)
         if {row.heldout for row in self.residuals} != {False, held}:

@@ -12,6 +12,7 @@ from calib.arm.se3 import cross, rotate, skew, so3_exp, so3_log, so3_right_jacob
 from calib.arrays import Array, IntArray, Mask
 from calib.instruments.hand_eye import hand_eye
 from calib.instruments.lens import CENTER, DISTORTION, FOCAL, Lens
+from calib.instruments.points import Tracker
 from calib.instruments.pose import CORNERS, DIFFERENCES, corners_of
 from calib.instruments.protocol import (
     Column,
@@ -25,10 +26,6 @@ from calib.instruments.protocol import (
 from calib.instruments.resection import Seen, resected
 from calib.instruments.seen_boards import board_poses
 
-_STANDING = (
-    *(Unknown(c, "mm", 1e-3, 1e-2) for c in "xyz"),
-    *(Unknown(f"r{c}", "mrad", 1e-3, 1e-2) for c in "xyz"),
-)
 _LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 _ENOUGH = 4  # images of a board that fix it: three, and one to spare
 _BENT = 0.1  # plausible size of a coefficient of distortion
@@ -132,7 +129,7 @@ class FixedCamera(Camera):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        return (*_STANDING, *self.of_lens)
+        return (*Tracker.unknowns, *self.of_lens)
 
     def read(self, place: Array, points: Array) -> Array:
         standing, lens = self._split(place)
@@ -204,7 +201,7 @@ class ArmCamera(Camera):
         standing = (
             u._replace(name=f"{board.name}.{u.name}" if several else u.name)
             for board in self.boards
-            for u in _STANDING
+            for u in Tracker.unknowns
         )
         return (*standing, *self.of_lens)
 

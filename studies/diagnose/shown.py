@@ -13,7 +13,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from calib.threads import one_blas_thread
-from studies.record import Entry, Maybe, NotNegative, Number, Three
+from studies.record import Entry, Maybe, NotNegative, Number
+from studies.residual import Lengths, Off, Pixels
 
 if TYPE_CHECKING:
     from calib.arm.robot import Robot
@@ -101,34 +102,16 @@ class Curve(Entry):
         return self
 
 
-class Residual(Entry):
-    """Measured minus predicted reading, with what was found and before.
+class Residual(Off):
+    """Measured minus predicted reading, with what was found and before."""
 
-    Three coordinates of a point, one length d, or two of an image.
-    """
+    before_mm: Lengths | None = None
+    before_px: Pixels | None = None
 
-    pose: str
-    marker: str
-    instrument: str = "instrument"
-    x_mm: Maybe = None
-    y_mm: Maybe = None
-    z_mm: Maybe = None
-    d_mm: Maybe = None
-    u_px: Maybe = None
-    v_px: Maybe = None
-    before_mm: Three | tuple[Number] | None = None
-    before_px: tuple[Number, Number] | None = None
-    heldout: bool
-
-    @model_validator(mode="after")
-    def _one_place(self) -> Self:
-        places = [(self.x_mm, self.y_mm, self.z_mm), (self.d_mm,), (self.u_px, self.v_px)]
-        (*told,) = (len(place) for place in places if None not in place)
-        if len(told) != 1 or len(self.before_mm or self.before_px or ()) != told[0]:
-            raise ValueError(
-                "a residual has x_mm, y_mm and z_mm, or d_mm, or u_px and v_px, and as many before"
-            )
-        return self
+    @property
+    def before(self) -> tuple[float, ...]:
+        """By the model as given."""
+        return self.before_mm or self.before_px or ()
 
 
 class Shown(NamedTuple):
@@ -189,10 +172,9 @@ def _residuals(found: Diagnosis, data: Measurements, heldout: bool) -> Iterator[
         unit = instrument.numbers[0].unit
         own = [k for k, n in enumerate(instrument.numbers) if n.unit == unit]
         keys = [f"{instrument.numbers[k].name}_{unit}" for k in own]
+        measured = data.readings[:, part, : instrument.rows]
         before, after = (
-            instrument.shown(*(a[:, part, : instrument.rows] for a in (data.readings, missed)))[
-                ..., own
-            ]
+            instrument.shown(measured, missed[:, part, : instrument.rows])[..., own]
             / instrument.numbers[0].scale
             for missed in off
         )

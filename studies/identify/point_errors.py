@@ -67,7 +67,7 @@ def point_errors(record: IdentifyRecord) -> PointErrors:
     before, after = np.zeros(shape), np.zeros(shape)
     seen = np.zeros(shape[:2], dtype=bool)
     at = [poses[row.pose, row.heldout] for row in rows], [markers[name] for name in what]
-    before[at] = np.array([_in_space(row.nominal) for row in rows]).reshape(-1, 3) / _MM
+    before[at] = np.array([_in_space(row.before) for row in rows]).reshape(-1, 3) / _MM
     after[at] = np.array([_in_space(row.vector) for row in rows]).reshape(-1, 3) / _MM
     seen[at] = True
     names = tuple(name + HELD_OUT * (held and (name, False) in poses) for name, held in poses)

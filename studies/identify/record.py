@@ -24,6 +24,7 @@ from studies.record import (
     Three,
     three,
 )
+from studies.residual import Lengths, Off, Pixels
 from studies.targets import AtTarget, at_targets
 
 if TYPE_CHECKING:
@@ -159,7 +160,7 @@ class Base(Placement):
     stations: dict[str, Placement] = Field(default_factory=dict)
 
 
-class Residual(Entry):
+class Residual(Off):
     """Measured minus predicted reading, by the identified and by the nominal model.
 
     Of a point in the instrument's frame, of one that touches a socket in the base's; of a body's pose
@@ -167,48 +168,18 @@ class Residual(Entry):
     image, ``at_px`` where it was measured.
     """
 
-    pose: str
-    marker: str
-    instrument: str = "instrument"
-    x_mm: Maybe = None
-    y_mm: Maybe = None
-    z_mm: Maybe = None
-    d_mm: Maybe = None
-    u_px: Maybe = None
-    v_px: Maybe = None
     rx_mrad: Maybe = None
     ry_mrad: Maybe = None
     rz_mrad: Maybe = None
-    nominal_mm: Three | tuple[Number] | None = None
-    nominal_px: tuple[Number, Number] | None = None
-    at_px: tuple[Number, Number] | None = None
+    nominal_mm: Lengths | None = None
+    nominal_px: Pixels | None = None
+    at_px: Pixels | None = None
     nominal_mrad: Three | None = None
-    heldout: bool
-
-    @model_validator(mode="after")
-    def _one_place(self) -> Self:
-        places = [(self.x_mm, self.y_mm, self.z_mm), (self.d_mm,), (self.u_px, self.v_px)]
-        if sum(None not in place for place in places) != 1:
-            raise ValueError("a residual has either x_mm, y_mm and z_mm, or d_mm, or u_px and v_px")
-        if len(self.nominal) != len(self.vector):
-            raise ValueError("the nominal residual has not as many numbers as the residual")
-        return self
 
     @property
-    def vector(self) -> tuple[float, ...]:
-        """What it is off by: a point's three coordinates, one length, or two of the image."""
-        places = [(self.x_mm, self.y_mm, self.z_mm), (self.d_mm,), (self.u_px, self.v_px)]
-        return next(tuple(map(float, place)) for place in places if None not in place)  # type: ignore[arg-type]
-
-    @property
-    def nominal(self) -> tuple[float, ...]:
-        """The same by the nominal model."""
+    def before(self) -> tuple[float, ...]:
+        """By the nominal model."""
         return self.nominal_mm or self.nominal_px or ()
-
-    @property
-    def metric(self) -> bool:
-        """Whether it is a length."""
-        return self.u_px is None
 
 
 class Asked(TypedDict):
@@ -294,7 +265,7 @@ class IdentifyRecord(Record):
     def nominal_at_heldout_mm(self) -> float | None:
         """RMS of the nominal model at the points held out."""
         own = (row for row in self.residuals if row.heldout and row.metric)
-        held = [float(np.linalg.norm(row.nominal)) for row in own]
+        held = [float(np.linalg.norm(row.before)) for row in own]
         return float(np.sqrt(np.mean(np.square(held)))) if held else None
 
     def told(self) -> Document:

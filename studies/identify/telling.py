@@ -134,7 +134,7 @@ def _before_and_after(record: IdentifyRecord) -> tuple[float, float, str]:
         own = [row for row in own if row.heldout]
     both = (
         [sum(x * x for x in vector) for vector in vectors]
-        for vectors in ([row.nominal for row in own], [row.vector for row in own])
+        for vectors in ([row.before for row in own], [row.vector for row in own])
     )
     before, after = ((sum(squares) / len(squares)) ** 0.5 for squares in both)
     return before, after, worst.unit

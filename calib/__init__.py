@@ -26,11 +26,13 @@ from calib.files.cell import load_cell
 from calib.files.tables import load_measurements, load_plan, load_targets
 from calib.identification import Identification
 from calib.identification.identify import identify
+from calib.planned import AskedLevels
 from calib.poses import Measurements, Poses
 from calib.poses.moves import in_one_session
 from calib.simulation import simulate
 
 __all__ = [
+    "AskedLevels",
     "CalibError",
     "Cell",
     "Compensation",

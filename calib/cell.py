@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
 from calib.noise import Noise
+from calib.planned import Planned
 
 Form: TypeAlias = Literal["urdf", "mjcf", "dh", "kinematics"]
 FORMS: tuple[Form, ...] = get_args(Form)
@@ -76,7 +77,7 @@ class Cell:
     knots : dict, joint -> ndarray, rad
     anchors : dict, joint -> ndarray, shape (2, 3), m, of a gravity compensator's spring
     capsules : dict, joint name or ``base`` or ``tool`` -> tuple of Capsule
-    design : dict, the [design] table as validated, SI
+    design : Planned, the [design] table
     repeatability : Repeatability, or None where it is to be estimated
     excluded : tuple of str, ``name`` or ``name:where``, causes that this robot cannot have
     gear_ratios : dict, joint -> float, turns of motor or wave generator a turn of the joint
@@ -102,7 +103,7 @@ class Cell:
     knots: Mapping[str, Array] = field(default_factory=dict)
     anchors: Mapping[str, Array] = field(default_factory=dict)
     capsules: Mapping[str, tuple[Capsule, ...]] = field(default_factory=dict)
-    design: Mapping[str, Any] = field(default_factory=dict)
+    design: Planned = field(default_factory=Planned)
     repeatability: Repeatability | None = None
     excluded: tuple[str, ...] = ()
     gear_ratios: Mapping[str, float] = field(default_factory=dict)
@@ -114,6 +115,16 @@ class Cell:
     def robot_source(self) -> str:
         """What holds the nominal model, in words."""
         return _SOURCES[self.robot_form]
+
+    @property
+    def target_files(self) -> tuple[Path, ...]:
+        """The table of targets, where the cell has one."""
+        return () if self.design.targets is None else (self.design.targets.path,)
+
+    @property
+    def targets_source(self) -> str | None:
+        """What holds the targets, in words; None where the cell has none of its own."""
+        return None if self.design.targets is None else str(self.design.targets.path)
 
     @property
     def channels(self) -> Channels:

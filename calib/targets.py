@@ -10,7 +10,6 @@ import numpy as np
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import CalibError
-from calib.files.tables import load_targets
 from calib.model.covariance import errors_at, task_error
 from calib.poses import Poses, hung, poses_at
 
@@ -22,12 +21,10 @@ _OUTSIDE = 1e-4  # rad or m: rounding of limits
 
 
 def targets_of(cell: Cell) -> tuple[Poses, Array]:
-    """The cell's own targets and weights, shape (m,), else 200 Sobol poses within the limits, seed 0.
-
-    Raises InputError where the cell's table of targets cannot be read.
-    """
-    if cell.design.get("targets") is not None:
-        return load_targets(cell, cell.design["targets"])
+    """The cell's own targets and weights (m,), else 200 Sobol poses within the limits, seed 0."""
+    own = cell.design.targets
+    if own is not None:
+        return own.poses, own.weights
     poses = sobol_poses(cell, _COUNT, 0)
     if cell.load is not None:
         poses = hung(poses, cell.load.mass, cell.load.com)
@@ -50,11 +47,10 @@ class Accuracy:
 
 
 def accuracy_at_targets(cell: Cell, found: Identification) -> Accuracy:
-    """The accuracy to expect at the cell's targets. Raises InputError as :func:`targets_of`."""
+    """The accuracy to expect at the cell's targets."""
     targets, weights = targets_of(cell)
     errors = errors_at(found.model, found.values, found.knowledge, targets)
-    own = cell.design.get("targets")
-    source = str(own) if own is not None else f"{len(targets)} Sobol poses within the limits"
+    source = cell.targets_source or f"{len(targets)} Sobol poses within the limits"
     return Accuracy(targets, errors, *task_error(errors, weights), source)
 
 

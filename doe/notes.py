@@ -53,14 +53,14 @@ def _unmoved(design: Design) -> Iterator[str]:
 
 
 def _no_targets(design: Design) -> Iterator[str]:
-    if design.problem.cell.design.get("targets") is None:
+    if design.problem.cell.design.targets is None:
         count = len(design.problem.targets)
         yield f"no target poses given: {count} Sobol poses within the limits stand for them"
 
 
 def _unguarded(design: Design) -> Iterator[str]:
     cell = design.problem.cell
-    if cell.design.get("obstacle") and not set(cell.capsules) - {"base"}:
+    if cell.design.obstacles and not set(cell.capsules) - {"base"}:
         yield "obstacles are given but no [robot.capsules_mm]: nothing keeps the arm away from them"
     elif not cell.capsules:
         yield (

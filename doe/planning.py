@@ -13,6 +13,7 @@ from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from calib.errors import CalibError, InputError
 from calib.files.tables import load_plan
 from calib.model.build import parse_effect
+from calib.planned import AskedLevels
 from calib.poses import Poses
 from calib.threads import one_blas_thread
 from doe.assess import assess
@@ -21,7 +22,7 @@ from doe.curve import accuracy_curve
 from doe.notes import notes_of
 from doe.plan import Candidates, Design, Rival, level_values, named
 from doe.problem import Problem, problem_of
-from doe.problem.levels import levels_of
+from doe.problem.levels import levels_of, parse_levels
 from doe.problem.pool import Pool, chunked, drawn, pool_of
 from doe.problem.refusals import at_level, no_candidate
 from doe.problem.request import Request
@@ -41,7 +42,7 @@ def design(
     *,
     poses: int | None = None,
     criterion: str = "task",
-    levels: str | None = None,
+    levels: Mapping[str, AskedLevels] | str | None = None,
     candidates: int | str | Path | Poses = CANDIDATES,
     extend: str | Path | Poses | None = None,
     discriminate: tuple[str, str] | None = None,
@@ -62,7 +63,7 @@ def design(
 
     poses : how many to choose; the cell's [design] or the levels say it otherwise
     criterion : "task", "task-worst", "D", "Ds", "A", "c", "E", "G" or one of an installed package
-    levels : as "A2=5x3" or "A2=-140,-57,-10x3"; those of the cell's [design] otherwise
+    levels : by joint, or in short "A2=5x3", "A2=-140,-57,-10x3"; those of the cell's [design] otherwise
     candidates : number of Sobol candidates, or a table of candidates in the format of a plan
     extend : a plan that is measured in any case; ``poses`` come on top of it
     discriminate : two effects ``effect:where`` that the plan is to tell apart, instead of a criterion
@@ -83,7 +84,8 @@ def design(
 
     Raises CalibError where no such plan can be: the text says why and what would help.
     """
-    chosen_levels = levels_of(cell, levels, poses)
+    asked = parse_levels(cell, levels) if isinstance(levels, str) else levels
+    chosen_levels = levels_of(cell, asked, poses)
     request = Request(
         poses=_count(cell, poses, None if chosen_levels is None else chosen_levels.poses),
         criterion=_criterion(criterion, discriminate, tuple(of)),
@@ -91,7 +93,7 @@ def design(
         of=tuple(of),
         rivals=discriminate,
         fixed=_plan(cell, extend),
-        repeats=bool(cell.design.get("repeats")) if repeats is None else repeats,
+        repeats=cell.design.repeats if repeats is None else repeats,
         at_markers=at_markers,
     )
     source = _plan(cell, candidates) if not isinstance(candidates, int) else candidates
@@ -105,10 +107,10 @@ def design(
 
 
 def _count(cell: Cell, poses: int | None, by_levels: int | None) -> int:
-    found = poses or by_levels or cell.design.get("poses")
+    found = poses or by_levels or cell.design.poses
     if not found:
-        raise CalibError("how many poses? give --poses N, or poses in the cell's [design]")
-    own = cell.design.get("poses")
+        raise CalibError("how many poses? ask for a number, or give poses in the cell's [design]")
+    own = cell.design.poses
     if poses is None and by_levels and own and own != by_levels:
         raise CalibError(
             f"the levels make {by_levels} poses and [design] poses is {own}; change one of them"

@@ -15,6 +15,8 @@ from calib.arm.se3 import so3_exp, transform
 from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.effects import EFFECTS, Context
+from calib.files.planned import planned, with_targets
+from calib.files.schema import DesignTable
 from calib.files.write_tables import measurements_csv
 from calib.instruments import Instrument, Tracker
 from calib.model import Model
@@ -24,6 +26,14 @@ from studies.demo import INPUTS, embedded_cell, embedded_plan, embedded_text, si
 from studies.record import Envelope
 
 GRAVITY = np.array([0.0, 0.0, -9.80665])
+
+
+def designed(cell: Cell, targets: Path | None = None, **table: object) -> Cell:
+    """The cell with another [design] table, as a file would give it, and targets of another file."""
+    design = planned(cell.path, cell.robot, DesignTable.model_validate(table))
+    return with_targets(
+        replace(cell, design=design), None if targets is None else str(targets.resolve())
+    )
 
 
 def random_robot(rng: np.random.Generator, dof: int, prismatic: Sequence[int] = ()) -> Robot:

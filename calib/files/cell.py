@@ -20,12 +20,12 @@ from calib.arrays import Array
 from calib.cell import Capsule, Cell, Load, Repeatability
 from calib.errors import InputError, UnknownEffect
 from calib.files.instruments import bodies_of, instruments_of, known_distances
+from calib.files.planned import planned, with_targets
 from calib.files.read import ORDER, read_text
 from calib.files.robot import load_robot, robot_files
 from calib.files.schema import (
     KINDS,
     CellFile,
-    DesignTable,
     MarkerTable,
     RobotTable,
 )
@@ -89,14 +89,15 @@ def load_cell(path: str | Path) -> Cell:
             name: tuple(Capsule(_metres(c.start), _metres(c.end), c.radius * _MM) for c in capsules)
             for name, capsules in table.robot.capsules_mm.items()
         },
-        design=_design(path, table.design),
+        design=planned(path, robot, table.design),
         repeatability=_repeatability(table.robot),
         gear_ratios=dict(table.robot.gear_ratio),
         dh_convention=convention,
         known_distances=known_distances(path, table),
         bodies=bodies.parts,
     )
-    return replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))
+    cell = replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))
+    return with_targets(cell, table.design.targets)
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
@@ -286,20 +287,3 @@ def _unit(vector: tuple[float, float, float] | None) -> Array:
 def _metres(vector: tuple[float, float, float]) -> tuple[float, float, float]:
     x, y, z = vector
     return x * _MM, y * _MM, z * _MM
-
-
-def _design(path: Path, table: DesignTable) -> dict[str, Any]:
-    """The [design] table; ``level_values`` in rad, ``targets`` as a path beside the cell."""
-    for joint, levels in table.levels.items():
-        if (levels.count is None) == (levels.values_deg is None):
-            raise InputError(
-                path, f"design.levels.{joint}", "needs either count or values_deg, and not both"
-            )
-    design = table.model_dump(by_alias=True)
-    design["level_values"] = {
-        joint: np.sort(np.radians(levels.values_deg))
-        for joint, levels in table.levels.items()
-        if levels.values_deg is not None
-    }
-    design["targets"] = None if table.targets is None else path.parent / table.targets
-    return design

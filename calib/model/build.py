@@ -146,8 +146,10 @@ def context_of(cell: Cell, poses: Poses | None) -> Context:
     for index, joint in enumerate(cell.robot.joints):
         if joint not in knots and poses is not None and len(poses):
             knots[joint] = default_knots(poses.q[:, index])
-        elif joint not in knots and joint in cell.design.get("level_values", {}):
-            knots[joint] = cell.design["level_values"][joint]
+        elif joint not in knots and joint in cell.design.levels:
+            levels = cell.design.levels[joint].values
+            if levels is not None:
+                knots[joint] = levels
     return Context(
         cell.robot,
         cell.markers,

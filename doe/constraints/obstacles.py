@@ -7,15 +7,13 @@ never move, so nothing could be chosen to keep them clear.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from calib.arm.se3 import from_xyz_rpy
 from calib.arrays import Array, Mask
 from calib.cell import Cell
+from calib.planned import Ball, Body, Box, HalfSpace
 from doe.constraints.distances import (
     point_box,
     point_segment,
@@ -24,8 +22,6 @@ from doe.constraints.distances import (
 )
 from doe.constraints.protocol import Constraint
 from doe.constraints.scene import Scene
-
-_MM = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,68 +54,60 @@ class Obstacle(Constraint):
 
 
 @dataclass(frozen=True, eq=False)
-class Box(Obstacle):
-    """T_base_box : ndarray, shape (4, 4); half : ndarray, shape (3,), m, half its size."""
+class BoxObstacle(Obstacle):
+    """A box."""
 
-    T_base_box: Array
-    half: Array
+    box: Box
 
     def from_segment(self, start: Array, end: Array) -> Array:
-        return segment_box(self._local(start), self._local(end), self.half)
+        return segment_box(self._local(start), self._local(end), self.box.half)
 
     def from_point(self, point: Array) -> Array:
-        return point_box(self._local(point), self.half)
+        return point_box(self._local(point), self.box.half)
 
     @property
     def ball(self) -> tuple[Array, float] | None:
-        return self.T_base_box[:3, 3], float(np.linalg.norm(self.half))
+        return self.box.T_base_box[:3, 3], float(np.linalg.norm(self.box.half))
 
     def _local(self, point: Array) -> Array:
-        return np.asarray((point - self.T_base_box[:3, 3]) @ self.T_base_box[:3, :3])
+        T = self.box.T_base_box
+        return np.asarray((point - T[:3, 3]) @ T[:3, :3])
 
 
 @dataclass(frozen=True, eq=False)
-class Sphere(Obstacle):
-    """centre : ndarray, shape (3,), m; radius : float, m."""
+class BallObstacle(Obstacle):
+    """A ball; its tables call it a sphere."""
 
-    centre: Array
-    radius: float
+    sphere: Ball
 
     def from_segment(self, start: Array, end: Array) -> Array:
-        return np.maximum(point_segment(self.centre, start, end) - self.radius, 0.0)
+        return np.maximum(point_segment(self.sphere.centre, start, end) - self.sphere.radius, 0.0)
 
     @property
     def ball(self) -> tuple[Array, float] | None:
-        return self.centre, self.radius
+        return self.sphere.centre, self.sphere.radius
 
 
 @dataclass(frozen=True, eq=False)
-class HalfSpace(Obstacle):
-    """All that lies beyond the plane through a point (3,), m, on the side of its normal (3,)."""
+class HalfSpaceObstacle(Obstacle):
+    """All that lies beyond a plane."""
 
-    point: Array
-    normal: Array
+    space: HalfSpace
 
     def from_segment(self, start: Array, end: Array) -> Array:
-        return segment_halfspace(start, end, self.point, self.normal)
+        return segment_halfspace(start, end, self.space.point, self.space.normal)
 
 
 def obstacles_of(cell: Cell) -> tuple[Obstacle, ...]:
     """The obstacles of a cell, each a constraint of its own."""
-    tables = cell.design.get("obstacle", [])
-    return tuple(_obstacle(i, table) for i, table in enumerate(tables, 1))
+    return tuple(_obstacle(i, body) for i, body in enumerate(cell.design.obstacles, 1))
 
 
-def _obstacle(number: int, table: Mapping[str, Any]) -> Obstacle:
-    kind = table["type"]
-    name = f"obstacle {number} ({kind})"
-    if kind == "box":
-        T = from_xyz_rpy(_metres(table["center_mm"]), np.radians(table["rpy_deg"]))
-        return Box(name, T, 0.5 * _metres(table["size_mm"]))
-    if kind == "sphere":
-        return Sphere(name, _metres(table["center_mm"]), table["radius_mm"] * _MM)
-    return HalfSpace(name, _metres(table["point_mm"]), np.array(table["normal"], dtype=float))
-
-
-def _metres(vector: tuple[float, float, float]) -> Array:
-    return np.array(vector, dtype=float) * _MM
+def _obstacle(number: int, body: Body) -> Obstacle:
+    match body:
+        case Box():
+            return BoxObstacle(f"obstacle {number} (box)", body)
+        case Ball():
+            return BallObstacle(f"obstacle {number} (sphere)", body)
+        case _:
+            return HalfSpaceObstacle(f"obstacle {number} (halfspace)", body)

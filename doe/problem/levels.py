@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.errors import CalibError
+from calib.planned import AskedLevels
 
 _GRID = 25  # even steps over the range of the joint, from which levels are chosen
 _MOST = 100  # levels that may be chosen
@@ -53,59 +54,51 @@ class Levels:
         return Levels(self.joint, values, len(values), self.per_level)
 
 
-def parse_levels(text: str) -> tuple[str, dict[str, Any]]:
-    """``A2=5x3`` (five levels of three poses) or ``A2=-140,-57,-10x3`` -> joint and its table.
+def parse_levels(cell: Cell, text: str) -> dict[str, AskedLevels]:
+    """``A2=5x3`` (five levels of three poses) or ``A2=-140,-57,-10x3``, as levels by joint.
 
     Raises CalibError.
     """
-    joint, equals, rest = text.partition("=")
+    joint, equals, rest = (part.strip() for part in text.partition("="))
     values, x, per_level = rest.rpartition("x")
     try:
         if not (joint and equals and x):
             raise ValueError
-        table: dict[str, Any] = {"poses_per_level": int(per_level)}
-        if "," in values:
-            table["values_deg"] = [float(value) for value in values.split(",")]
-        else:
-            table["count"] = int(values)
-        if min(table["poses_per_level"], table.get("count", 1)) < 1:
-            raise ValueError
-        if not np.isfinite(table.get("values_deg", 0.0)).all():
+        given = [float(value) for value in values.split(",")] if "," in values else None
+        count = int(values) if given is None else len(given)
+        if min(int(per_level), count) < 1 or not np.isfinite(given or 0.0).all():
             raise ValueError
     except ValueError:
         raise CalibError(
             f"levels {text!r} are not understood; write A2=5x3 for five levels of A2 with three poses "
             "each, or A2=-140,-57,-10x3 to give the angles"
         ) from None
-    return joint.strip(), table
+    if given is None:
+        return {joint: AskedLevels(int(per_level), count)}
+    at = np.array(given) * _unit(cell, _index(cell, joint))
+    return {joint: AskedLevels(int(per_level), count, at)}
 
 
-def levels_of(cell: Cell, given: str | None, poses: int | None) -> Levels | None:
+def levels_of(
+    cell: Cell, given: Mapping[str, AskedLevels] | None, poses: int | None
+) -> Levels | None:
     """Levels as asked for, else those of the cell's [design]; None for none.
 
     With the cell's levels a number of poses says how many stand at each.
 
     Raises CalibError where they do not fit the robot or the number of poses.
     """
-    tables = dict(cell.design.get("levels") or {})
-    if given is not None:
-        joint, table = parse_levels(given)
-        kept = tables.get(joint, {})
-        if "values_deg" not in table and len(kept.get("values_deg") or ()) == table["count"]:
-            table = {"poses_per_level": table["poses_per_level"], "values_deg": kept["values_deg"]}
-        tables = {joint: {"min_separation_deg": kept.get("min_separation_deg", 0.0), **table}}
-    if not tables:
+    asked = cell.design.levels if given is None else given
+    if not asked:
         return None
-    if len(tables) > 1:
+    if len(asked) > 1:
         raise CalibError(
-            f"levels of {' and '.join(tables)}: one joint at a time; keep the one that matters"
+            f"levels of {' and '.join(asked)}: one joint at a time; keep the one that matters"
         )
-    (joint, table), *_ = tables.items()
-    if joint not in cell.robot.joints:
-        raise CalibError(
-            f"levels of {joint}: no such joint; joints are {', '.join(cell.robot.joints)}"
-        )
-    levels = _levels(cell, cell.robot.joints.index(joint), table)
+    ((joint, own),) = asked.items()
+    if given is not None and joint in cell.design.levels:
+        own = _completed(own, cell.design.levels[joint])
+    levels = _levels(cell, _index(cell, joint), own)
     if given is None and poses is not None and poses % levels.used == 0:
         levels = replace(levels, per_level=poses // levels.used)
     if poses is not None and levels.used > poses:
@@ -121,15 +114,28 @@ def levels_of(cell: Cell, given: str | None, poses: int | None) -> Levels | None
     return levels
 
 
-def _levels(cell: Cell, joint: int, table: dict[str, Any]) -> Levels:
+def _completed(asked: AskedLevels, kept: AskedLevels) -> AskedLevels:
+    """What was asked for, with the cell's values where it asks for as many, and its separation."""
+    if asked.values is None and kept.values is not None and kept.count == asked.count:
+        asked = replace(asked, values=kept.values)
+    return replace(asked, separation=asked.separation or kept.separation)
+
+
+def _index(cell: Cell, joint: str) -> int:
+    if joint not in cell.robot.joints:
+        raise CalibError(
+            f"levels of {joint}: no such joint; joints are {', '.join(cell.robot.joints)}"
+        )
+    return cell.robot.joints.index(joint)
+
+
+def _levels(cell: Cell, joint: int, asked: AskedLevels) -> Levels:
     name, unit = cell.robot.joints[joint], _unit(cell, joint)
     low, high = cell.robot.sample_limits()[joint]
-    per_level = int(table["poses_per_level"])
-    separation = float(table.get("min_separation_deg") or 0.0) * unit
-    if table.get("values_deg") is not None:
-        values = np.sort(np.array(table["values_deg"], dtype=float)) * unit
+    if asked.values is not None:
+        values = np.sort(asked.values)
         if not len(values):
-            raise CalibError(f"levels of {name}: values_deg is empty; give some, or a count")
+            raise CalibError(f"levels of {name} are empty; give some, or a count")
         for value in values[(values < low - _AT_LEVEL) | (values > high + _AT_LEVEL)]:
             raise CalibError(
                 f"level {value / unit:g} of {name} is outside its limits "
@@ -137,8 +143,8 @@ def _levels(cell: Cell, joint: int, table: dict[str, Any]) -> Levels:
             )
         if (np.diff(values) < _AT_LEVEL).any():
             raise CalibError(f"levels of {name} contain the same value twice; give each once")
-        return Levels(joint, values, len(values), per_level)
-    used = int(table["count"])
+        return Levels(joint, values, len(values), asked.per_level)
+    used, separation = asked.count or 0, asked.separation
     if used > _MOST:
         raise CalibError(f"{used} levels of {name} are too many to choose; ask for at most {_MOST}")
     if separation * (used - 1) > high - low + _AT_LEVEL:
@@ -146,7 +152,7 @@ def _levels(cell: Cell, joint: int, table: dict[str, Any]) -> Levels:
             f"{used} levels of {name} cannot be {separation / unit:g} apart within "
             f"{low / unit:g} .. {high / unit:g}; ask for fewer or closer ones"
         )
-    return Levels(joint, _grid(cell, joint, used, separation), used, per_level, separation)
+    return Levels(joint, _grid(cell, joint, used, separation), used, asked.per_level, separation)
 
 
 def _grid(cell: Cell, joint: int, used: int, separation: float) -> Array:

@@ -139,7 +139,7 @@ def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
     try:
         check_targets(cell, targets)
     except CalibError as error:
-        where = cell.design.get("targets") or cell.path
+        where = cell.targets_source or cell.path
         raise InputError(where, "", str(error)) from None
     weights = weights / weights.sum()
     question = Question(

@@ -49,7 +49,7 @@ class Reapproaches:
 
 def reapproaches_of(cell: Cell, count: int | None) -> int:
     """How many poses are visited again; the cell's if None. Raises CalibError."""
-    found = cell.design.get("reapproaches") if count is None else count
+    found = cell.design.reapproaches if count is None else count
     if found is not None and found < 0:
         raise CalibError(f"{found} poses cannot be visited again; ask for 1 or more, or 0")
     return int(found or 0)

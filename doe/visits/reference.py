@@ -33,7 +33,7 @@ def spacing(cell: Cell, every: int | None) -> int:
 
     Raises CalibError.
     """
-    found = cell.design.get("reference_every") if every is None else every
+    found = cell.design.reference_every if every is None else every
     if found is not None and found < 0:
         raise CalibError(f"a reference every {found} poses cannot be; ask for 1 or more, or 0")
     return int(found or 0)

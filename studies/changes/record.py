@@ -169,7 +169,6 @@ class ChangesRecord(Record):
 
 def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRecord:
     """The record of a comparison."""
-    own = days.cell.design.get("targets")
     rms, worst = found.expected
     return ChangesRecord(
         **made_from,
@@ -197,7 +196,8 @@ def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRe
         hidden=tuple(
             Cause(effect=e.cause.kind, where=e.cause.where) for e in found.explanations if e.hidden
         ),
-        targets=str(own) if own is not None else f"{len(found.targets)} Sobol poses within the limits",
+        targets=days.cell.targets_source
+        or f"{len(found.targets)} Sobol poses within the limits",
         change_rms_mm=_error(found.change.rms),
         change_worst_mm=_error(found.change.worst),
         kept_rms_mm=_error(rms),

@@ -30,8 +30,7 @@ class Session:
     @property
     def targets(self) -> list[Path]:
         """The cell's file of targets, where it has one."""
-        own = self.cell.design["targets"]
-        return [own] if own else []
+        return list(self.cell.target_files)
 
     @property
     def read(self) -> list[Path]:

@@ -269,7 +269,7 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
             )
             for p, std in zip(problem.model.parameters, judged.std.tolist(), strict=True)
         ),
-        targets=str(problem.cell.design.get("targets") or f"{len(problem.targets)} Sobol poses"),
+        targets=problem.cell.targets_source or f"{len(problem.targets)} Sobol poses",
         at_targets=at_targets(robot, problem.targets, judged.at_targets),
         survives=_survives(found),
         candidates=Candidates(

@@ -56,8 +56,7 @@ def enough(
     from studies.record import envelope
 
     cell = calib.load_cell(cell_path)
-    targets = cell.design.get("targets")
-    inputs = [cell_path, *cell.robot_files, data_path, *([targets] if targets else [])]
+    inputs = [cell_path, *cell.robot_files, data_path, *cell.target_files]
     inputs += [path for path in (plan_path, holdout_path) if path is not None]
     check_outputs([output_file(json_path)], inputs, folder)
     whole = calib.load_measurements(cell, data_path)
@@ -68,5 +67,5 @@ def enough(
     with faults_in(cell_path, readings_of=data_path):
         answer = doe.enough(cell, data, plan, heldout=heldout, goal=goal, seed=seed)
     planned = 0 if plan is None else len(plan)
-    record = enough_record(answer, planned, targets, envelope(cell.name, inputs, seed))
+    record = enough_record(answer, planned, cell.targets_source, envelope(cell.name, inputs, seed))
     deliver(record, json_path, folder, warnings=warnings)

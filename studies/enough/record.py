@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import model_validator
@@ -140,17 +139,17 @@ class EnoughRecord(Record):
 
 
 def enough_record(
-    answer: Enough, planned: int, targets: Path | None, made_from: Envelope
+    answer: Enough, planned: int, targets: str | None, made_from: Envelope
 ) -> EnoughRecord:
     """The record of an answer.
 
-    planned : int, poses of the plan; targets : the cell's file of them
+    planned : int, poses of the plan; targets : the cell's own, in words
     """
     found, now, coming = answer.found, answer.steps[0], answer.steps[1:]
     return EnoughRecord(
         **made_from,
         warnings=answer.match.warnings,
-        targets=str(targets or "200 Sobol poses within the limits"),
+        targets=targets or "200 Sobol poses within the limits",
         status="too_few" if found is None else found.status,
         reason=answer.why or None,
         noise=Noise(

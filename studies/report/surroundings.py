@@ -9,7 +9,13 @@ import numpy as np
 from calib.arm.se3 import across
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
-from doe.constraints.obstacles import Box, HalfSpace, Obstacle, Sphere, obstacles_of
+from doe.constraints.obstacles import (
+    BallObstacle,
+    BoxObstacle,
+    HalfSpaceObstacle,
+    Obstacle,
+    obstacles_of,
+)
 
 _CELLS = 5  # of the floor along the arm's length, at least
 _NEAR = 1.6  # arm lengths; what stands farther from the middle is not in the picture
@@ -117,24 +123,29 @@ def _ring(radius: float) -> IntArray:
 
 
 def _outline(obstacle: Obstacle, middle: Array, half: float, step: int) -> Outline | None:
-    if isinstance(obstacle, Box):
+    if isinstance(obstacle, BoxObstacle):
         return _box(obstacle)
-    if isinstance(obstacle, Sphere):
-        centre, radius = whole_mm(obstacle.centre), round(obstacle.radius * 1e3)
+    if isinstance(obstacle, BallObstacle):
+        ball = obstacle.sphere
+        centre, radius = whole_mm(ball.centre), round(ball.radius * 1e3)
         return Outline(obstacle.name, (centre + _ring(radius),), centre, radius)
-    return _patch(obstacle, middle, half, step) if isinstance(obstacle, HalfSpace) else None
+    if isinstance(obstacle, HalfSpaceObstacle):
+        return _patch(obstacle, middle, half, step)
+    return None
 
 
-def _box(box: Box) -> Outline:
+def _box(obstacle: BoxObstacle) -> Outline:
+    box = obstacle.box
     R, centre = box.T_base_box[:3, :3], box.T_base_box[:3, 3]
     low, high = (np.column_stack([_FACE, np.full(5, z)]) for z in (-1.0, 1.0))
     lines = (low, high, *np.stack([low, high], axis=1)[:4])
     placed = tuple(whole_mm(centre + (line * box.half) @ R.T) for line in lines)
-    return Outline(box.name, placed, whole_mm(centre))
+    return Outline(obstacle.name, placed, whole_mm(centre))
 
 
-def _patch(space: HalfSpace, middle: Array, half: float, step: int) -> Outline | None:
+def _patch(obstacle: HalfSpaceObstacle, middle: Array, half: float, step: int) -> Outline | None:
     """A grid in the plane where it is nearest to the arm; None where it is the floor itself."""
+    space = obstacle.space
     normal = space.normal / np.linalg.norm(space.normal)
     centre = middle + normal * (normal @ (space.point * 1e3 - middle))
     if abs(normal[2]) > 1.0 - 1e-9 and abs(centre[2]) < _LEVEL:
@@ -146,7 +157,7 @@ def _patch(space: HalfSpace, middle: Array, half: float, step: int) -> Outline |
         for t in np.arange(-half, half + 1, step)
     ]
     lines = tuple(np.rint(ends).astype(int))
-    return Outline(space.name, lines, np.rint(centre).astype(int), plane=True)
+    return Outline(obstacle.name, lines, np.rint(centre).astype(int), plane=True)
 
 
 def _corners(points: IntArray) -> IntArray:

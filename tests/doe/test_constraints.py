@@ -19,6 +19,7 @@ from calib.arm.statics import Payload, loads_of, transmitted
 from calib.arrays import Array
 from calib.cell import Capsule, Load
 from calib.errors import CalibError
+from calib.planned import Ball, Box, HalfSpace
 from calib.poses import hung, poses_at
 from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.constraints.distances import (
@@ -32,7 +33,7 @@ from doe.constraints.scene import Scene
 from doe.constraints.self_collision import SelfCollision
 from doe.constraints.torque import static_torques
 from studies.demo import embedded_text
-from tests.helpers import GRAVITY, cell_of, random_robot, read_by
+from tests.helpers import GRAVITY, cell_of, designed, random_robot, read_by
 
 CAPSULE, SPHERE, BOX = (
     mujoco.mjtGeom.mjGEOM_CAPSULE,
@@ -228,9 +229,8 @@ def shaped(seed: int, prismatic: tuple[int, ...] = ()) -> Cell:
     ]
     carriers = {"base": 1, "j1": 1, "j3": 2, "j4": 1, "j5": 1, "tool": 2}
     return replace(
-        cell_of(robot, rng.uniform(-0.3, 0.3, (3, 3)), ("base",)),
+        designed(cell_of(robot, rng.uniform(-0.3, 0.3, (3, 3)), ("base",)), obstacle=obstacles),
         capsules={name: capsules(count) for name, count in carriers.items()},
-        design={"obstacle": obstacles},
         instruments=read_by(stands=np.array([3.0, 1.0, 0.5])),
         payload=Payload(4.0, (0.05, 0.0, 0.1)),
         load=Load(12.0, (0.1, 0.05, -0.02), np.radians(40.0)),
@@ -266,13 +266,13 @@ def in_mujoco(cell: Cell) -> mujoco.MjModel:
             f'<joint type="{kind}" axis="{text(robot.axes[k])}"/>'
             f"{weight(robot.masses[k], robot.coms[k])}{shapes(robot.joints[k])}{chain}</body>"
         )
-    box, ball, _ = cell.design["obstacle"]
-    R = Rotation.from_euler("xyz", box["rpy_deg"], degrees=True).as_matrix()
-    T = transform(R, np.array(box["center_mm"]) * 1e-3)
+    box, ball, _ = cell.design.obstacles
+    assert isinstance(box, Box)
+    assert isinstance(ball, Ball)
     obstacles = (
-        f'<geom name="box" type="box" size="{text(np.array(box["size_mm"]) * 5e-4)}" {at(T)}/>'
-        f'<geom name="ball" type="sphere" size="{ball["radius_mm"] * 1e-3}" '
-        f'pos="{text(np.array(ball["center_mm"]) * 1e-3)}"/>'
+        f'<geom name="box" type="box" size="{text(box.half)}" {at(box.T_base_box)}/>'
+        f'<geom name="ball" type="sphere" size="{ball.radius}" '
+        f'pos="{text(ball.centre)}"/>'
     )
     return mujoco.MjModel.from_xml_string(
         f'<mujoco><compiler angle="radian"/><option gravity="{text(cell.gravity)}"/>'
@@ -559,7 +559,7 @@ def test_joint_limits() -> None:
 )
 def test_obstacles(obstacle: dict[str, Any], name: str) -> None:
     """All three begin 1.5 m from the base along y: two links reach it, less than 1.4 m does not."""
-    cell = planar(2, capsules={"j1": (LINK,), "j2": (LINK,)}, design={"obstacle": [obstacle]})
+    cell = designed(planar(2, capsules={"j1": (LINK,), "j2": (LINK,)}), obstacle=[obstacle])
     assert only(replace(cell, capsules={"j2": (LINK,)})).name == name
     found = allowed(cell, (90, 0), (90, 180), (-90, 0), (90, 90), (90, 70), (90, 66))
     # One metre up and then 1 m at 20 or 24 degrees: 0.34 or 0.41 m further up, 0.1 m thick.
@@ -569,7 +569,7 @@ def test_obstacles(obstacle: dict[str, Any], name: str) -> None:
 
 def test_base_may_touch_obstacles() -> None:
     floor = {"type": "halfspace", "point_mm": (0, 0, -50), "normal": (0, 0, -1)}
-    on_floor = planar(capsules={"base": (LINK,)}, design={"obstacle": [floor]})
+    on_floor = designed(planar(capsules={"base": (LINK,)}), obstacle=[floor])
     assert constraints_of(on_floor) == ()
     touching = replace(on_floor, capsules={"base": (LINK,), "j1": (LINK,)})
     assert allowed(touching, (0, 0, 0)) == [False]
@@ -731,10 +731,10 @@ def test_obstacles_in_the_line_of_sight() -> None:
     floor = {"type": "halfspace", "point_mm": (0, 0, -100), "normal": (0, 0, -1)}
     cell = planar(2, instruments=read_by(stands=np.array([5.0, 0.0, -0.3])))
     for obstacle, hidden in ((box, True), (ball, True), (floor, False)):
-        scene = replace(cell, design={"obstacle": [obstacle]})
+        scene = designed(cell, obstacle=[obstacle])
         assert sees(scene, (0, 0), (90, 0)) == [[not hidden], [True]], obstacle["type"]
     stand = dict(box, center_mm=(5000, 0, 0))
-    assert sees(replace(cell, design={"obstacle": [stand]}), (0, 0)) == [[True]]
+    assert sees(designed(cell, obstacle=[stand]), (0, 0)) == [[True]]
 
 
 def test_all_are_seen_without_instrument() -> None:
@@ -750,22 +750,15 @@ def test_answers_do_not_depend_on_the_base_axes() -> None:
     cell = shaped(3)
     R, p = so3_exp(np.array([0.4, -0.8, 1.1])), np.array([0.3, -0.2, 0.5])
     T = transform(R, p)
-    box, ball, space = cell.design["obstacle"]
-    turn = R @ Rotation.from_euler("xyz", box["rpy_deg"], degrees=True).as_matrix()
-
-    def moved(point: Any) -> tuple[float, ...]:
-        return tuple(R @ np.array(point) + 1e3 * p)
-
-    obstacles = [
-        box
-        | {
-            "center_mm": moved(box["center_mm"]),
-            "rpy_deg": tuple(Rotation.from_matrix(turn).as_euler("xyz", degrees=True)),
-        },
-        ball | {"center_mm": moved(ball["center_mm"])},
-        space
-        | {"point_mm": moved(space["point_mm"]), "normal": tuple(R @ np.array(space["normal"]))},
-    ]
+    box, ball, space = cell.design.obstacles
+    assert isinstance(box, Box)
+    assert isinstance(ball, Ball)
+    assert isinstance(space, HalfSpace)
+    obstacles = (
+        replace(box, T_base_box=T @ box.T_base_box),
+        replace(ball, centre=R @ ball.centre + p),
+        replace(space, point=R @ space.point + p, normal=R @ space.normal),
+    )
     origins = cell.robot.origins.copy()
     origins[0] = T @ origins[0]
     (post,) = cell.capsules["base"]
@@ -776,7 +769,7 @@ def test_answers_do_not_depend_on_the_base_axes() -> None:
     other = replace(
         cell,
         robot=replace(cell.robot, origins=origins),
-        design={"obstacle": obstacles},
+        design=replace(cell.design, obstacles=obstacles),
         capsules=dict(cell.capsules, base=(post,)),
         instruments=read_by(stands=R @ cell.instrument + p),
         gravity=R @ cell.gravity,

@@ -18,11 +18,12 @@ from calib.api import readings
 from calib.cell import Capsule, Load
 from calib.model.build import build
 from calib.model.covariance import accuracy
+from calib.planned import Planned
 from calib.poses import hung, poses_at
 from calib.targets import targets_of
 from doe import CannotIdentify
 from doe.constraints import constraints_of, scene_of, visible
-from tests.helpers import cell_of, random_robot, read_by, with_effects
+from tests.helpers import cell_of, designed, random_robot, read_by, with_effects
 
 ELASTIC = ("stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
 LEVELS = "A2=-140,-99.85,-56.9,-25.24,-0.01x3"
@@ -32,7 +33,7 @@ QUICK: dict[str, Any] = {"candidates": 3000, "fresh": False}
 
 @pytest.fixture(scope="module")
 def elastic(kr270: Cell) -> Cell:
-    return replace(kr270, effects=ELASTIC, design={})
+    return replace(kr270, effects=ELASTIC, design=Planned())
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +49,7 @@ def massless(kr270: Cell, tmp_path_factory: pytest.TempPathFactory) -> Cell:
     rows = [",".join(map(str, row)) for row in REFERENCE["targets_deg"]]
     path.write_text("\n".join([",".join(f"A{k}_deg" for k in range(1, 7)), *rows, ""]))
     robot = replace(kr270.robot, masses=np.zeros(6))
-    return replace(kr270, effects=ELASTIC, robot=robot, design={"targets": path})
+    return designed(replace(kr270, effects=ELASTIC, robot=robot), path)
 
 
 def information(cell: Cell, q: np.ndarray) -> np.ndarray:
@@ -126,7 +127,7 @@ def test_figures_from_the_observation_matrices(
 
 def test_geometric_problem(kr270: Cell) -> None:
     """33 parameters, 20 poses: well above the asked 0.93, in a smaller pool."""
-    cell = replace(kr270, effects=("base", "tool", "geometry"), load=None, design={})
+    cell = replace(kr270, effects=("base", "tool", "geometry"), load=None, design=Planned())
     plan = doe.design(cell, poses=20, criterion="D", candidates=1500, fresh=False)
     assert len(plan.problem.model.parameters) == 33
     assert plan.efficiency > 0.95
@@ -168,7 +169,7 @@ def test_proved_optimal_where_few_survive(elastic: Cell) -> None:
 @pytest.mark.long
 def test_poses_say_how_many_stand_at_the_cells_levels(elastic: Cell) -> None:
     table = {"values_deg": [-120.0, -80.0, -40.0], "poses_per_level": 3}
-    cell = replace(elastic, design={"levels": {"A2": table}}, knots={})
+    cell = designed(replace(elastic, knots={}), levels={"A2": table})
     plan = doe.design(cell, poses=6, criterion="D", **QUICK)
     _, counts = np.unique(plan.poses.q[:, 1], return_counts=True)
     assert counts.tolist() == [2, 2, 2]
@@ -179,8 +180,8 @@ def test_poses_say_how_many_stand_at_the_cells_levels(elastic: Cell) -> None:
 @pytest.mark.long
 def test_levels_to_choose(elastic: Cell) -> None:
     """Five of many levels, apart; the model's coefficients follow them where none are given."""
-    design = {"levels": {"A2": {"count": 5, "poses_per_level": 3, "min_separation_deg": 20.0}}}
-    cell = replace(elastic, design=design, knots={})
+    table = {"count": 5, "poses_per_level": 3, "min_separation_deg": 20.0}
+    cell = designed(replace(elastic, knots={}), levels={"A2": table})
     plan = doe.design(cell, criterion="D", **QUICK)
     angles = np.degrees(np.unique(plan.poses.q[:, 1]))
     assert len(angles) == 5
@@ -244,7 +245,7 @@ def test_robust_plan_loses_least(elastic: Cell, quick: Callable[..., doe.Design]
 @pytest.mark.long
 def test_loss_of_a_marker(kr270: Cell) -> None:
     """Judged without its rows and without its unknowns."""
-    cell = replace(kr270, effects=("base", "tool", "geometry"), load=None, design={})
+    cell = replace(kr270, effects=("base", "tool", "geometry"), load=None, design=Planned())
     plan = doe.design(cell, poses=15, criterion="D", candidates=600, fresh=False, refine=False)
     two = replace(
         cell,
@@ -262,7 +263,7 @@ def test_loss_of_a_marker(kr270: Cell) -> None:
 @pytest.mark.long
 def test_discriminating_two_effects(kr270: Cell) -> None:
     """What is left of one effect after the fit of all else, the rival too, by plain least squares."""
-    cell = replace(kr270, effects=("joint_compliance:A3,A4,A5,A6",), design={})
+    cell = replace(kr270, effects=("joint_compliance:A3,A4,A5,A6",), design=Planned())
     rivals = ("joint_compliance:A2", "bearing_compliance:A2")
     plan = doe.design(cell, poses=12, discriminate=rivals, **QUICK)
     both = replace(cell, effects=(*cell.effects, *rivals))
@@ -293,7 +294,7 @@ def test_discriminating_two_effects(kr270: Cell) -> None:
 )
 def test_discriminating_any_two_of_the_catalogue(kr270: Cell, rivals: tuple[str, str]) -> None:
     """Rivals outside the model, of several parameters, and such as act through compliances only."""
-    cell = replace(kr270, effects=("base", "joint_compliance:A3,A4"), design={})
+    cell = replace(kr270, effects=("base", "joint_compliance:A3,A4"), design=Planned())
     plan = doe.design(cell, poses=8, discriminate=rivals, candidates=300, fresh=False)
     both = replace(cell, effects=(*cell.effects, *rivals))
     model = build(both, readings(both, plan.poses)).model
@@ -322,9 +323,8 @@ def test_obstacles_sight_and_load_are_kept(elastic: Cell) -> None:
     wall = {"type": "halfspace", "point_mm": (0, 0, 0), "normal": (0, 0, -1)}
     post = {"type": "sphere", "center_mm": (1500, 800, 800), "radius_mm": 500}
     cell = replace(
-        elastic,
+        designed(elastic, obstacle=[wall, post]),
         capsules=capsules,
-        design={"obstacle": [wall, post]},
         instruments=read_by(stands=np.array([4.0, 0.0, 1.5])),
         marker_normals=np.tile([1.0, 0.0, 0.0], (3, 1)),
         marker_acceptance=np.full(3, np.radians(60)),
@@ -429,20 +429,18 @@ REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
     "too few poses": (lambda c: replace(c, markers=c.markers), {"poses": 2}, "poses leave"),
     "nothing feasible": (
         lambda c: replace(
-            c,
+            designed(c, obstacle=[{"type": "sphere", "center_mm": (0, 0, 0), "radius_mm": 9000}]),
             capsules={"tool": (Capsule((0, 0, 0), (0.1, 0, 0), 0.1),)},
-            design={"obstacle": [{"type": "sphere", "center_mm": (0, 0, 0), "radius_mm": 9000}]},
         ),
         {"levels": LEVELS},
         "obstacle 1 (sphere) removed",
     ),
     "nothing feasible at a level": (
         lambda c: replace(
-            c,
+            designed(
+                c, obstacle=[{"type": "halfspace", "point_mm": (0, 0, 900), "normal": (0, 0, -1)}]
+            ),
             capsules={"A3": (Capsule((0, 0, 0), (0.1, 0, 0), 0.1),)},
-            design={
-                "obstacle": [{"type": "halfspace", "point_mm": (0, 0, 900), "normal": (0, 0, -1)}]
-            },
         ),
         {"levels": LEVELS},
         "at A2 = -0.01",
@@ -483,12 +481,12 @@ REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
         "a part of geometry",
     ),
     "a rival within the other": (
-        lambda c: replace(c, effects=("base", "joint_compliance:A3"), design={}),
+        lambda c: replace(c, effects=("base", "joint_compliance:A3"), design=Planned()),
         {"poses": 15, "discriminate": ("joint_compliance:A5", "stiffness_vs_angle:A5")},
         "no plan tells joint_compliance:A5 from stiffness_vs_angle:A5",
     ),
     "rivals that are alike": (
-        lambda c: replace(c, effects=("base", "tool", "geometry"), load=None, design={}),
+        lambda c: replace(c, effects=("base", "tool", "geometry"), load=None, design=Planned()),
         {"poses": 15, "discriminate": ("joint_offset:A3", "joint_offset:A4")},
         "",
     ),
@@ -517,7 +515,7 @@ def test_what_cannot_be_identified_is_named(elastic: Cell) -> None:
 def test_targets_outside_the_limits(elastic: Cell, tmp_path: Path) -> None:
     path = tmp_path / "targets.csv"
     path.write_text("A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg\n0,-50,0,0,0,0\n0,-170,0,0,0,0\n")
-    cell = replace(elastic, design={"targets": path})
+    cell = designed(elastic, path)
     with pytest.raises(CalibError, match=r"A2 at -170.00 deg is outside its limits"):
         doe.design(cell, levels=LEVELS, candidates=500)
 
@@ -527,7 +525,7 @@ def test_single_target_still_determines_every_parameter(elastic: Cell, tmp_path:
     """Without care the best plan measures the target itself, fifteen times, and nothing else."""
     path = tmp_path / "targets.csv"
     path.write_text("A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg\n0,-56.9,30,40,50,0\n")
-    plan = doe.design(replace(elastic, design={"targets": path}), levels=LEVELS, **QUICK)
+    plan = doe.design(designed(elastic, path), levels=LEVELS, **QUICK)
     assert np.isfinite(plan.assessment.std).all()
     squared = plan.assessment.task_rms**2
     assert squared < 3e-10**2 * 1e10
@@ -536,11 +534,11 @@ def test_single_target_still_determines_every_parameter(elastic: Cell, tmp_path:
 @pytest.mark.long
 def test_e_with_a_free_base_says_so(kr270: Cell) -> None:
     """A shift of the base moves all markers alike at every pose: no plan knows it better."""
-    free = replace(kr270, effects=("base", "joint_offset:A5"), load=None, design={})
+    free = replace(kr270, effects=("base", "joint_offset:A5"), load=None, design=Planned())
     plan = doe.design(free, poses=15, criterion="E", **QUICK)
     assert plan.efficiency > 0.999999
     assert any("no choice of poses changes" in note for note in plan.notes)
-    soft = replace(kr270, effects=("base", "joint_compliance:A3,A4,A5,A6"), design={})
+    soft = replace(kr270, effects=("base", "joint_compliance:A3,A4,A5,A6"), design=Planned())
     for of in ([], ["joint_compliance"]):
         plan = doe.design(soft, poses=15, criterion="E", of=of, **QUICK)
         assert not any("no choice of poses changes" in note for note in plan.notes)
@@ -578,7 +576,7 @@ def test_weights_that_meet_their_bound_are_followed(kr270: Cell) -> None:
     """Seven poses for nine parameters: some weights end at one to the last digit."""
     cell = replace(
         with_effects(kr270, "stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6"),
-        design={"targets": None},
+        design=Planned(),
     )
     found = doe.design(cell, poses=7, criterion="A", candidates=300, refine=False)
     assert 0.9 < found.efficiency <= 1.0

@@ -9,6 +9,7 @@ import pytest
 
 import doe
 from calib import Cell
+from calib.planned import Planned
 from doe.problem import problem_of
 from doe.problem.request import Request
 
@@ -18,7 +19,7 @@ LEVELS = "A2=-140,-99.85,-56.9,-25.24,-0.01x3"
 
 @pytest.fixture(scope="module", params=["D", "A", "task"])
 def plan(kr270: Cell, request: pytest.FixtureRequest) -> doe.Design:
-    cell = replace(kr270, effects=ELASTIC, design={})
+    cell = replace(kr270, effects=ELASTIC, design=Planned())
     return doe.design(cell, levels=LEVELS, criterion=request.param, candidates=1500, refine=False)
 
 
@@ -52,7 +53,7 @@ def test_chosen_candidates_lie_near_the_bound(plan: doe.Design) -> None:
 
 def test_share_is_the_derivative_of_the_criterion(kr270: Cell) -> None:
     """Ratios of shares within a level against finite differences of log det at the weighted plan."""
-    cell = replace(kr270, effects=ELASTIC, design={})
+    cell = replace(kr270, effects=ELASTIC, design=Planned())
     plan = doe.design(cell, poses=12, criterion="D", candidates=400, refine=False, repeats=True)
     problem = problem_of(cell, Request(poses=12, criterion="D", repeats=True), 0)
     view = plan.landscape

@@ -17,6 +17,7 @@ from calib.arrays import Array
 from calib.cell import Load, Repeatability
 from calib.model import Model
 from calib.model.build import build
+from calib.planned import Planned
 from calib.poses import poses_at
 from doe.assess import assess
 from doe.problem import problem_of
@@ -32,7 +33,7 @@ QUICK: dict[str, Any] = {"candidates": 700, "refine": False, "fresh": False}
 @pytest.fixture(scope="module")
 def rigid(kr270: Cell) -> Cell:
     effects = ("base", "joint_offset", "joint_compliance:A2,A3")
-    return replace(with_effects(kr270, *effects), load=None, design={})
+    return replace(with_effects(kr270, *effects), load=None, design=Planned())
 
 
 def some_markers(cell: Cell, count: int) -> Cell:
@@ -64,7 +65,7 @@ def covariance_of(cell: Cell, model: Model, q: Array, arm: Repeatability, seen: 
 def test_information_is_that_of_readings_which_err_together(kr270: Cell, loaded: bool) -> None:
     """Against the observation matrix and the dense covariance of a visit, a marker hidden."""
     cell = with_effects(kr270, "base", "joint_offset", "joint_compliance:A2,A3")
-    cell = replace(cell, repeatability=ARM, load=cell.load if loaded else None, design={})
+    cell = replace(cell, repeatability=ARM, load=cell.load if loaded else None, design=Planned())
     problem = problem_of(cell, Request(poses=8, criterion="D"))
     rng = np.random.default_rng(2)
     q = rng.uniform(*cell.robot.sample_limits().T, (4, 6))
@@ -85,7 +86,7 @@ def test_readings_without_the_model_still_tell_of_the_approach(kr270: Cell) -> N
     """Known geometry, no weights: free readings hold nothing but what the approach was off by."""
     cell = with_effects(kr270, "joint_compliance:A2,A3,A4,A5,A6")
     robot = replace(cell.robot, masses=np.zeros(6))
-    cell = replace(cell, robot=robot, repeatability=ARM, design={})
+    cell = replace(cell, robot=robot, repeatability=ARM, design=Planned())
     problem = problem_of(cell, Request(poses=6, criterion="D"))
     assert problem.regressor.silent
     q = np.random.default_rng(3).uniform(*robot.sample_limits().T, (2, 6))
@@ -165,7 +166,7 @@ def test_no_plan_is_above_the_bound(criterion: str) -> None:
 @pytest.mark.parametrize("loaded", [False, True], ids=["free", "free and loaded"])
 def test_compare_predicts_what_design_promises(kr270: Cell, loaded: bool) -> None:
     cell = with_effects(kr270, "base", "tool", "joint_offset", "joint_compliance:A2,A3,A4")
-    cell = replace(cell, repeatability=ARM, load=cell.load if loaded else None, design={})
+    cell = replace(cell, repeatability=ARM, load=cell.load if loaded else None, design=Planned())
     plan = doe.design(cell, poses=12, reapproach=3, **QUICK)
     points = compare(cell, {"plan": plan.poses}, trials=0).plans[0].of(POINTS)
     assert points is not None
@@ -177,7 +178,7 @@ def test_compare_predicts_what_design_promises(kr270: Cell, loaded: bool) -> Non
 def test_poses_lose_nothing_for_known_markers(kr270: Cell) -> None:
     """Weighed by all that is known of their errors, both approaches are the same estimate."""
     cell = with_effects(kr270, "base", "joint_offset", "joint_compliance:A2,A3,A4")
-    cell = replace(cell, repeatability=ARM, design={})
+    cell = replace(cell, repeatability=ARM, design=Planned())
     plan = doe.design(cell, poses=12, **QUICK)
     study = compare(cell, {"plan": plan.poses}, trials=0).plans[0]
     points, full = study.of(POINTS), study.of(FULL)
@@ -192,7 +193,7 @@ def test_poses_lose_nothing_for_known_markers(kr270: Cell) -> None:
 def test_the_model_of_a_visit_is_the_cells(kr270: Cell) -> None:
     """A plan of the same poses counts each visit by itself: twice the visits, twice the information."""
     cell = replace(
-        with_effects(kr270, "base", "joint_offset"), repeatability=ARM, load=None, design={}
+        with_effects(kr270, "base", "joint_offset"), repeatability=ARM, load=None, design=Planned()
     )
     plan = doe.design(cell, poses=8, criterion="D", **QUICK)
     twice = poses_at(np.concatenate([plan.poses.q, plan.poses.q]))

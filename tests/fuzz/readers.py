@@ -19,7 +19,7 @@ from calib.files.values import load_values
 from calib.files.write import json_text
 from calib.files.write_tables import measurements_csv
 from calib.model.build import build, parse_effect
-from doe.problem.levels import levels_of
+from doe.problem.levels import levels_of, parse_levels
 from doe.problem.request import Request, direction_of, subset_of, with_rivals
 from studies.command.holdout import held_out
 from studies.demo import embedded_cell, embedded_plan, embedded_text, simulated
@@ -71,7 +71,7 @@ def options(folder: Path, content: bytes) -> object:
     """``option=text`` as it stands on the command line; the operating system knows no NUL there."""
     option, _, text = content.decode("utf-8", "surrogateescape").replace("\0", "").partition("=")
     if option == "levels":
-        return levels_of(CELL, text, None)
+        return levels_of(CELL, parse_levels(CELL, text), None)
     if option == "discriminate":
         pair = two_effects(text)
         return pair and with_rivals(CELL, pair)

@@ -47,6 +47,7 @@ from calib.files.write import json_text, write_files
 from calib.model import Model
 from calib.model.build import build, context_of
 from calib.model.covariance import covariance
+from calib.planned import Planned
 from calib.poses import Poses, poses_at
 from calib.simulation import simulate
 from studies.command.deliver import console_for
@@ -96,7 +97,7 @@ def arms() -> tuple[Cell, Cell]:
         masses=np.zeros(7),
         coms=np.zeros((7, 3)),
     )
-    return kr270, replace(kr270, robot=chain, name="chain", design={})
+    return kr270, replace(kr270, robot=chain, name="chain", design=Planned())
 
 
 def drawn_poses(cell: Cell, rng: np.random.Generator) -> Poses:

@@ -25,9 +25,11 @@ from unittest.mock import patch
 import numpy as np
 import scipy.linalg  # noqa: F401 -- with its threads, before they are limited
 
+import calib
 from calib import Cell
 from calib.arrays import Array
 from calib.files.write import json_text
+from calib.planned import Planned, Targets
 from calib.threads import one_blas_thread
 from doe.criteria import Criterion
 from doe.criteria.determinant import Determinant
@@ -40,7 +42,7 @@ from doe.optimal.packed import pack, packed_size
 from doe.optimal.relax import Relaxation, relax
 from doe.optimal.search import Found, best_plan
 from doe.problem import RIDGE, Problem, problem_of
-from doe.problem.levels import levels_of
+from doe.problem.levels import levels_of, parse_levels
 from doe.problem.pool import Pool, drawn, pool_of
 from doe.problem.request import Request
 from studies.demo import embedded_cell, embedded_text
@@ -87,16 +89,16 @@ def problem(name: str, criterion: str) -> Problem:
     with tempfile.TemporaryDirectory() as folder:
         targets = Path(folder) / "targets.csv"
         targets.write_text(TARGETS)
-        cell: Cell = embedded_cell()
-        cell = replace(
-            cell, effects=case.effects, design={**cell.design, "levels": {}, "targets": targets}
-        )
+        cell: Cell = replace(embedded_cell(), effects=case.effects)
         if not case.loaded:
             cell = replace(cell, load=None)
         if not case.masses:
             robot = replace(cell.robot, masses=np.zeros_like(cell.robot.masses))
             cell = replace(cell, robot=robot)
-        levels = levels_of(cell, case.levels, case.poses)
+        own = Targets(targets, *calib.load_targets(cell, targets))
+        cell = replace(cell, design=Planned(targets=own))
+        asked = parse_levels(cell, case.levels) if case.levels else None
+        levels = levels_of(cell, asked, case.poses)
         return problem_of(cell, Request(case.poses, criterion, levels))
 
 

@@ -19,7 +19,8 @@ import click
 import numpy as np
 
 import doe
-from calib import Cell, Poses
+from calib import Cell, Poses, load_targets
+from calib.planned import Planned, Targets
 from doe.curve import poses_that_match
 from studies.command.deliver import console_for
 from studies.demo import embedded_cell, embedded_plan
@@ -56,7 +57,9 @@ def cell_of_the_paper(folder: Path, link_weights: bool) -> Cell:
     path.write_text("\n".join([*rows, ""]), encoding="utf-8")
     cell = embedded_cell()
     robot = cell.robot if link_weights else replace(cell.robot, masses=np.zeros(cell.robot.dof))
-    return replace(cell, effects=EFFECTS, robot=robot, design={"targets": path})
+    cell = replace(cell, effects=EFFECTS, robot=robot)
+    targets = Targets(path, *load_targets(cell, path))
+    return replace(cell, design=Planned(targets=targets))
 
 
 def compared(cell: Cell, table_two: Poses, case: Case, candidates: int) -> dict[str, Any]:

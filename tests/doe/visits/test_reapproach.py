@@ -18,6 +18,7 @@ from calib.cell import Repeatability
 from calib.errors import CalibError
 from calib.files.cell import load_cell
 from calib.model.build import build
+from calib.planned import Planned
 from calib.poses.visits import visits
 from doe.assess import assess
 from doe.visits.reapproach import reapproaches_of, with_reapproaches
@@ -32,7 +33,7 @@ ARM = Repeatability(4e-5, 2e-4)
 
 @pytest.fixture(scope="module")
 def cell(kr270: Cell) -> Cell:
-    return replace(with_effects(kr270, "base", "joint_offset"), load=None, design={})
+    return replace(with_effects(kr270, "base", "joint_offset"), load=None, design=Planned())
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,7 @@ from calib.errors import CalibError
 from calib.files.cell import load_cell
 from calib.files.write_tables import plan_csv
 from calib.model.build import build
+from calib.planned import Planned
 from doe.constraints import scene_of, visible
 from doe.visits.reference import spacing, with_reference
 from studies.demo import INPUTS, embedded_text
@@ -28,7 +29,7 @@ QUICK = {"candidates": 300, "refine": False, "fresh": False}
 
 @pytest.fixture(scope="module")
 def elastic(kr270: Cell) -> Cell:
-    return replace(with_effects(kr270, *ELASTIC), design={})
+    return replace(with_effects(kr270, *ELASTIC), design=Planned())
 
 
 @pytest.fixture(scope="module")

@@ -16,6 +16,7 @@ from calib.arrays import Array
 from calib.cell import Repeatability
 from calib.model.build import build
 from calib.noise import Noise
+from calib.planned import Planned
 from calib.poses import poses_at
 from studies.compare.agreement import agreement
 from studies.compare.compare import compare
@@ -29,7 +30,7 @@ EFFECTS = ("base", "tool", "joint_offset", "joint_compliance:A2,A3")
 
 @pytest.fixture(scope="module")
 def cell(kr270: Cell) -> Cell:
-    return replace(with_effects(kr270, *EFFECTS), repeatability=ARM, design={})
+    return replace(with_effects(kr270, *EFFECTS), repeatability=ARM, design=Planned())
 
 
 @pytest.fixture(scope="module")

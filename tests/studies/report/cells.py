@@ -8,7 +8,8 @@ import numpy as np
 
 from calib import Cell
 from calib.cell import Capsule
-from tests.helpers import read_by
+from calib.planned import Planned
+from tests.helpers import designed, read_by
 
 HOSTILE = "</script><script>alert(1)</script><!--\"'><img src=x onerror=alert(2)>&lt;"
 
@@ -28,6 +29,7 @@ def shaped(cell: Cell) -> Cell:
     ]
     return replace(
         cell,
+        design=replace(cell.design, obstacles=designed(cell, obstacle=obstacles).design.obstacles),
         instruments=read_by(stands=np.array([3.4, -2.6, 1.5])),
         capsules={
             "base": (Capsule((0.0, 0.0, 0.1), (0.0, 0.0, 0.5), 0.33),),
@@ -38,7 +40,6 @@ def shaped(cell: Cell) -> Cell:
             ),
             "tool": (Capsule((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), 0.1),),
         },
-        design={**cell.design, "obstacle": obstacles},
     )
 
 
@@ -50,5 +51,5 @@ def hostile(cell: Cell) -> Cell:
         robot=replace(cell.robot, joints=tuple(f"{j}{HOSTILE}" for j in cell.robot.joints)),
         marker_names=tuple(f"{m}{HOSTILE}" for m in cell.marker_names),
         effects=("base", "tool"),
-        design={},
+        design=Planned(),
     )

@@ -17,6 +17,7 @@ from calib import CalibError, Cell, Measurements, Poses
 from calib.arm.se3 import displacement, rotate, so3_exp
 from calib.arrays import Array
 from calib.cell import Capsule
+from calib.planned import Planned
 from calib.poses import poses_at
 from calib.targets import sobol_poses
 from doe.constraints import hidden_by, scene_of, visible
@@ -119,7 +120,7 @@ def test_why_a_marker_is_hidden(kr270: Cell) -> None:
     assert {w.split()[0] for w in why.values()} == {"turned", "behind"}
     assert all(j == 1 for (_, j), w in why.items() if w == "turned away")
     for cause, without in (
-        ("behind obstacle 1 (box)", replace(cell, design={})),
+        ("behind obstacle 1 (box)", replace(cell, design=Planned())),
         ("behind A2", replace(cell, capsules={**cell.capsules, "A2": ()})),
     ):
         hidden = [key for key, w in why.items() if w == cause]
@@ -334,7 +335,7 @@ def elements(html: str) -> Elements:
 def test_hostile_names_are_only_text(kr270: Cell, table_two: Poses) -> None:
     poses = replace(table_two, names=tuple(f"{n}{HOSTILE}" for n in table_two.names))
     html = str(figure_html(scene(hostile(kr270), poses)))
-    plain = str(figure_html(scene(replace(kr270, design={}), table_two)))
+    plain = str(figure_html(scene(replace(kr270, design=Planned()), table_two)))
     found, expected = elements(html), elements(plain)
     assert [tag for tag, _ in found.tags] == [tag for tag, _ in expected.tags]
     assert [sorted(a) for _, a in found.tags] == [sorted(a) for _, a in expected.tags]

@@ -22,6 +22,7 @@ from calib.diagnosis import Diagnosis
 from calib.diagnosis.stage import positions
 from calib.diagnosis.verdict import Named
 from calib.errors import CalibError
+from calib.planned import Planned
 from doe.constraints import constraints_of, scene_of
 from doe.prospect.conditions import loads_of_data
 from doe.prospect.rivals.evidence import Evidence
@@ -29,7 +30,7 @@ from doe.prospect.rivals.next_poses import data_rows, situation_after
 from doe.prospect.rivals.search import Contested, Search
 from doe.prospect.situation import Offer
 from tests.calib.diagnosis.test_diagnose import measured
-from tests.helpers import random_poses, random_robot
+from tests.helpers import designed, random_poses, random_robot
 
 RIVALS = ([8, 9], [10, 11, 12], [13])
 SCALE = 9e-6
@@ -259,7 +260,7 @@ def test_poses_keep_to_the_cell(alike: tuple[Cell, Diagnosis]) -> None:
         cell,
         robot=replace(robot, limits=limits),
         load=Load(250.0, (0.3, 0.0, 0.15), 0.4),
-        design={},
+        design=Planned(),
     )
     result = doe.next_poses(tight, found, count=4)
     assert len(result.poses) == 4
@@ -268,7 +269,7 @@ def test_poses_keep_to_the_cell(alike: tuple[Cell, Diagnosis]) -> None:
     for constraint in constraints_of(tight):
         assert constraint.allows(scene_of(tight, q)).all()
     levels = {"A2": {"values_deg": [-90, -60], "poses_per_level": 2}}
-    free = doe.next_poses(replace(cell, design={"levels": levels}), found, count=4)
+    free = doe.next_poses(designed(cell, levels=levels), found, count=4)
     assert len(np.unique(free.poses.q[:, 1])) == 4  # the data do not keep to levels
     again = doe.next_poses(tight, found, count=4)
     np.testing.assert_array_equal(again.poses.q, q)

@@ -11,6 +11,7 @@ from calib.arm.statics import wrench_with_load
 from calib.effects.protocol import ElasticEffect
 from calib.model.build import build
 from calib.noise import Noise
+from calib.planned import Planned
 from calib.poses import Poses
 from calib.poses.moves import with_moves
 from calib.simulation import simulate
@@ -21,7 +22,7 @@ MODEL = (*RIGID, "joint_compliance:A2,A3,A4,A5,A6")
 
 
 def cell_of_day(kr270: Cell) -> Cell:
-    return replace(with_effects(kr270, *MODEL), design={"targets": None})
+    return replace(with_effects(kr270, *MODEL), design=Planned())
 
 
 def whole_day(cell: Cell, plan: Poses, seed: int = 1, louder: float = 1.0) -> Measurements:

@@ -1,0 +1,86 @@
+"""What a cell says of the plans to be made: the [design] table, in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeAlias
+
+from calib.arrays import Array
+from calib.poses import Poses
+
+
+@dataclass(frozen=True, eq=False)
+class AskedLevels:
+    """Levels of one joint at which the poses of a plan are to stand: given values, or how many.
+
+    per_level : int, poses at each level; count : int, levels to choose, or None where they are given
+    values : ndarray, shape (count,), rad or m, or None where they are to be chosen
+    separation : float, rad or m, least distance of two chosen levels
+    """
+
+    per_level: int
+    count: int | None = None
+    values: Array | None = None
+    separation: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """T_base_box : ndarray, shape (4, 4); half : ndarray, shape (3,), m, half its size."""
+
+    T_base_box: Array
+    half: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Ball:
+    """centre : ndarray, shape (3,), m; radius : float, m."""
+
+    centre: Array
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpace:
+    """All that lies beyond the plane through a point (3,), m, on the side of its normal (3,)."""
+
+    point: Array
+    normal: Array
+
+
+Body: TypeAlias = Box | Ball | HalfSpace
+"""What stands still around the arm, in the base frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """Poses at which accuracy is wanted.
+
+    path : Path of their table; poses : Poses; weights : ndarray, shape (m,)
+    """
+
+    path: Path
+    poses: Poses
+    weights: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """Defaults of a design.
+
+    poses : int or None, how many; levels : dict, joint -> AskedLevels; targets : Targets or None
+    repeats : bool, whether a pose may be measured more than once
+    reference_every : int or None, poses between two readings of a reference
+    reapproaches : int or None, poses that are visited again
+    obstacles : tuple of Body, in the order of the file
+    """
+
+    poses: int | None = None
+    levels: Mapping[str, AskedLevels] = field(default_factory=dict)
+    targets: Targets | None = None
+    repeats: bool = False
+    reference_every: int | None = None
+    reapproaches: int | None = None
+    obstacles: tuple[Body, ...] = ()

@@ -48,7 +48,7 @@ def _unmoved(design: Design) -> Iterator[str]:
     if design.criterion == "E" and alike:
         yield (
             "E is set by a direction that no choice of poses changes, as a shift of the base does; "
-            "name the parameters that matter with --of"
+            "say which parameters matter (of)"
         )
 
 

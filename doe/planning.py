@@ -122,8 +122,8 @@ def _count(cell: Cell, poses: int | None, by_levels: int | None) -> int:
 
 def _criterion(name: str, discriminate: tuple[str, str] | None, of: tuple[str, ...]) -> str:
     if of and (discriminate is not None or name not in ("Ds", "A", "E", "c")):
-        said = "--discriminate" if discriminate is not None else f"criterion {name}"
-        raise CalibError(f"--of says nothing to {said}; it goes with Ds, A, E and c")
+        said = "two rivals" if discriminate is not None else f"criterion {name}"
+        raise CalibError(f"parameters of interest say nothing to {said}, but to Ds, A, E and c")
     if discriminate is not None:
         return UNASKED
     if name not in catalogue() or name == UNASKED:

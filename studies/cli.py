@@ -11,18 +11,18 @@ from typing import NoReturn
 import click
 
 from studies.changes.command import changes
-from studies.commands.demo import demo
-from studies.commands.import_ import import_
-from studies.commands.program import program
-from studies.commands.report import report
 from studies.compare.command import compare
 from studies.compensate.command import compensate
+from studies.demo.command import demo
 from studies.design.command import design
 from studies.diagnose.command import diagnose
 from studies.enough.command import enough
 from studies.fleet.command import fleet
 from studies.identify.command import identify
+from studies.imports.command import import_
 from studies.init.command import init
+from studies.programs.command import program
+from studies.report.command import report
 from studies.schema.command import schema
 
 

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from calib import Cell, Poses
-from studies.demo import embedded_cell, embedded_plan
+from studies.demo.embedded import embedded_cell, embedded_plan
 
 # How long an example takes says nothing where tests run beside each other.
 settings.register_profile("posecal", deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -22,7 +22,7 @@ from calib.instruments import Instrument, Tracker
 from calib.model import Model
 from calib.noise import Noise
 from calib.poses import Poses, poses_at
-from studies.demo import INPUTS, embedded_cell, embedded_plan, embedded_text, simulated
+from studies.demo.embedded import INPUTS, embedded_cell, embedded_plan, embedded_text, simulated
 from studies.record import Envelope
 
 GRAVITY = np.array([0.0, 0.0, -9.80665])

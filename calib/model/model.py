@@ -4,7 +4,7 @@ A marker j at pose i is at ``arm(q_i, effects) * p_j`` in base axes, and an inst
 (:mod:`calib.model.readout`): a tracker ``T_station_base(i) * arm(q_i, effects) * p_j`` (paper, equation
 6). The arm is displaced frame by frame by its effects; elastic ones follow the wrench that the
 displaced arm transmits, found by fixed-point iteration. Derivatives are those of
-:mod:`calib.model.columns`.
+:mod:`calib.model.arm_jacobian`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from calib.effects.protocol import (
 from calib.effects.tool import Tool
 from calib.effects.tuned import Tuned
 from calib.instruments import Channels, Instrument, KnownDistance, Tracker
-from calib.model.columns import arm_columns
+from calib.model.arm_jacobian import arm_jacobian
 from calib.model.readout import Readout
 from calib.poses import Measurements, Poses
 
@@ -382,7 +382,7 @@ class Model:
             given = statics.loads_of(self.robot, poses, self.payload, self.gravity)
             soft, loads = self._flexibilities(values, poses), self.loads(values, poses)
             fields = np.swapaxes(
-                arm_columns(self.robot, tuple(self._parts), values, state, given, loads, soft),
+                arm_jacobian(self.robot, tuple(self._parts), values, state, given, loads, soft),
                 -1,
                 -2,
             )

@@ -21,6 +21,6 @@ class Combination(Trace):
     def of(cls, question: Question) -> Self:
         if question.direction is None:
             raise CalibError(
-                "criterion c needs one parameter or combination; give it with --of NAME[=FACTOR],.."
+                "criterion c needs one parameter or combination; say which (of), as NAME[=FACTOR],.."
             )
         return cls((question.direction @ question.shown)[:, None])

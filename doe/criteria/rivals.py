@@ -37,7 +37,7 @@ class Rivals(Smallest):
     @classmethod
     def of(cls, question: Question) -> Self:
         if question.rivals is None:
-            raise CalibError("two rival effects are needed; name them with --discriminate")
+            raise CalibError("two rival effects are needed; name those to discriminate")
         first, second = (question.sized[rows] for rows in question.rivals)
         return cls((first, second))
 

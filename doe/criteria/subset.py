@@ -27,7 +27,7 @@ class Subset(Criterion):
     @classmethod
     def of(cls, question: Question) -> Self:
         if question.subset is None:
-            raise CalibError("criterion Ds needs the parameters that matter; name them with --of")
+            raise CalibError("criterion Ds needs the parameters that matter; say which (of)")
         return cls(question.shown[question.subset])
 
     @property

@@ -70,7 +70,7 @@ def _check_rival(
         known = " and ".join(catalogue()[name].uses)
         raise CalibError(
             f"rival {text!r} depends on {known}, which no choice of poses settles; "
-            "judge a plan in its order with posecal diagnose --plan-only"
+            "judge a plan in its order, as posecal diagnose does of a plan"
         )
     for whole, parts in PARTS.items():
         if name in parts and (whole in everywhere or (whole, place) in present):
@@ -126,12 +126,12 @@ def direction_of(model: Model, request: Request) -> Array | None:
                 raise ValueError
         except ValueError:
             raise CalibError(
-                f"--of {text!r}: {factor!r} is no factor of plausible size; write NAME=FACTOR"
+                f"of {text!r}: {factor!r} is no factor of plausible size; write NAME=FACTOR"
             ) from None
         rows = _known(model, name)
         if len(rows) != 1:
             raise CalibError(
-                f"--of {name!r} names {len(rows)} parameters; a combination takes single ones"
+                f"of {name!r} names {len(rows)} parameters; a combination takes single ones"
             )
         direction[rows[0]] = number
     return direction
@@ -142,7 +142,7 @@ def _known(model: Model, text: str) -> list[int]:
     if not rows:
         known = ", ".join(dict.fromkeys(p.effect for p in model.parameters))
         raise CalibError(
-            f"--of {text!r} is no parameter or effect of the model; there are {known}, each with its "
+            f"of {text!r} is no parameter or effect of the model; there are {known}, each with its "
             f"places and parameters, as in {model.parameters[-1].id}"
         )
     return rows

@@ -18,10 +18,9 @@ from calib.errors import CalibError, InputError
 from calib.files.read import sha256
 from calib.files.write import json_text, write_files
 from calib.files.write_tables import measurements_csv
-from studies.commands.common import envelope
-from studies.commands.report import report
+from studies.command.untyped import envelope
 from studies.compare.command import compare
-from studies.demo import embedded_text, session
+from studies.demo.embedded import embedded_text, session
 from studies.design.command import design
 from studies.diagnose.command import diagnose
 from studies.diagnose.record import DiagnoseRecord
@@ -29,6 +28,7 @@ from studies.diagnose.telling import verdict_sentence
 from studies.identify.command import identify
 from studies.identify.record import IdentifyRecord
 from studies.record import read_as
+from studies.report.command import report
 
 RECORD = "demo.json"
 _GIVEN = {"cell.toml": "cell.toml", "kr270.urdf": "kr270.urdf", "table2.csv": "plan.csv"}

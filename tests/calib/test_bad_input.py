@@ -12,7 +12,7 @@ import calib
 from calib.errors import EffectCannotAct, InputError, TooFewPoses, UnknownEffect
 from calib.files.tables import load_plan, load_targets
 from calib.files.write_tables import measurements_csv
-from studies.demo import INPUTS, embedded_cell, embedded_plan, embedded_text, simulated
+from studies.demo.embedded import INPUTS, embedded_cell, embedded_plan, embedded_text, simulated
 from tests.bad_inputs.edits import effects, without
 
 

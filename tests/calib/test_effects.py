@@ -227,7 +227,7 @@ def test_scale_and_point_of_a_measured_load(scene: tuple[Context, Poses]) -> Non
 def test_default_anchors_hold_the_link_up() -> None:
     """The default spring pulls a lying link up, whatever the robot's zero position and size."""
     from calib.model.build import context_of
-    from studies.demo import embedded_cell
+    from studies.demo.embedded import embedded_cell
 
     context = context_of(embedded_cell(), None)
     robot = context.robot

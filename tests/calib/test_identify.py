@@ -17,7 +17,7 @@ from calib.model.build import build
 from calib.model.covariance import accuracy
 from calib.noise import Noise
 from calib.poses import poses_at
-from studies.demo import simulated
+from studies.demo.embedded import simulated
 from tests.helpers import cell_of, random_robot, read_by, with_effects
 
 MARKERS = np.array(

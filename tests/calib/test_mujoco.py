@@ -20,7 +20,7 @@ from calib.files.urdf import load_urdf
 from calib.files.urdf_out import corrected_urdf
 from calib.model.build import build, context_of
 from calib.poses import poses_at
-from studies.demo import embedded_text, simulated
+from studies.demo.embedded import embedded_text, simulated
 from tests.helpers import GRAVITY, with_effects
 
 FLAGS = (

@@ -32,7 +32,7 @@ from doe.constraints.distances import (
 from doe.constraints.scene import Scene
 from doe.constraints.self_collision import SelfCollision
 from doe.constraints.torque import static_torques
-from studies.demo import embedded_text
+from studies.demo.embedded import embedded_text
 from tests.helpers import GRAVITY, cell_of, designed, random_robot, read_by
 
 CAPSULE, SPHERE, BOX = (

@@ -6,7 +6,7 @@ import warnings
 from pathlib import Path
 
 from calib.errors import CalibError
-from studies.demo import INPUTS, embedded_text
+from studies.demo.embedded import INPUTS, embedded_text
 from tests.fuzz.reader import Reader
 
 LONGEST = 1010  # characters of a message

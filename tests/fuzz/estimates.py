@@ -13,9 +13,9 @@ from calib.compensation.unexplained import Unexplained
 from calib.files.estimate import load_estimate
 from calib.files.write import json_text
 from calib.model.build import build
-from studies.commands.common import envelope
+from studies.command.untyped import envelope
 from studies.compensate.record import compensate_record
-from studies.demo import embedded_cell, embedded_plan
+from studies.demo.embedded import embedded_cell, embedded_plan
 from studies.estimate import estimated
 from studies.record import envelope as made_from
 from tests.fuzz.reader import put

@@ -10,8 +10,8 @@ from calib.files.exports import read_joints, read_points
 from calib.files.exports.join import join
 from calib.files.write import json_text
 from calib.files.write_tables import csv_text
-from studies.commands.import_ import _columns, _fields, _read_back
-from studies.demo import embedded_cell
+from studies.demo.embedded import embedded_cell
+from studies.imports.command import _columns, _fields, _read_back
 from studies.imports.tables import import_tables
 from tests.fuzz.reader import PART, parts, put
 

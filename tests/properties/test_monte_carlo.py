@@ -12,7 +12,7 @@ from calib import Cell, Poses
 from studies.compare.experiment import POINTS, Experiment, experiment_of
 from studies.compare.montecarlo import refits
 from studies.compare.prediction import predict
-from studies.demo import simulated
+from studies.demo.embedded import simulated
 from tests.helpers import with_effects
 
 pytestmark = pytest.mark.long

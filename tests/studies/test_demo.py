@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from studies.cli import main
-from studies.demo import embedded_cell, embedded_plan, session
+from studies.demo.embedded import embedded_cell, embedded_plan, session
 
 
 def run(*arguments: object) -> Result:

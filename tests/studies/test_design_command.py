@@ -16,7 +16,7 @@ from click.testing import CliRunner, Result
 import calib
 from doe.criteria import CRITERIA, UNASKED
 from studies.cli import main
-from studies.demo import INPUTS, embedded_text
+from studies.demo.embedded import INPUTS, embedded_text
 
 OPTIONS = ("--candidates", 2000, "--levels", "A2=-140,-99.85,-56.9,-25.24,-0.01x3")
 

@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 import calib
 from calib.files.write_tables import measurements_csv
 from studies.cli import main
-from studies.demo import INPUTS, embedded_text, simulated
+from studies.demo.embedded import INPUTS, embedded_text, simulated
 
 
 def run(*arguments: object) -> Result:

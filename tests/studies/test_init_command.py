@@ -10,7 +10,7 @@ from click.testing import CliRunner, Result
 
 import calib
 from studies.cli import main
-from studies.demo import embedded_text
+from studies.demo.embedded import embedded_text
 from tests.calib.files.test_dh import TABLES
 from tests.calib.files.test_kinematics import franka_text, ur_text
 

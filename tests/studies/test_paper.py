@@ -11,7 +11,7 @@ import pytest
 
 import calib
 from calib import Cell, Poses
-from studies.demo import simulated
+from studies.demo.embedded import simulated
 from tests.helpers import with_effects
 
 PAPER = json.loads((Path(__file__).parent.parent / "reference" / "paper.json").read_text())

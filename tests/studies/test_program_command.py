@@ -16,9 +16,9 @@ import calib
 from calib.errors import InputError
 from calib.poses import poses_at
 from studies.cli import main
-from studies.demo import INPUTS, embedded_text
-from studies.programs import LANGUAGES, Stop, plan_stops
+from studies.demo.embedded import INPUTS, embedded_text
 from studies.programs.krl import axis_names, identifier
+from studies.programs.languages import LANGUAGES, Stop, plan_stops
 from studies.programs.stops import plain_text
 from tests.helpers import cell_of, random_robot
 

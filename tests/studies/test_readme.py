@@ -15,7 +15,7 @@ from calib.effects import EFFECTS
 from calib.model.build import context_of
 from calib.poses import poses_at
 from studies.cli import main
-from studies.demo import embedded_cell
+from studies.demo.embedded import embedded_cell
 
 README = (Path(__file__).parent.parent.parent / "README.md").read_text()
 

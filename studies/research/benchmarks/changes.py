@@ -52,7 +52,7 @@ from calib.poses import Poses, poses_at
 from calib.simulation import simulate
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
-from studies.demo import embedded_cell
+from studies.demo.embedded import embedded_cell
 from studies.tables import plain_table
 
 POSES = 25

@@ -45,7 +45,7 @@ from doe.problem import RIDGE, Problem, problem_of
 from doe.problem.levels import levels_of, parse_levels
 from doe.problem.pool import Pool, drawn, pool_of
 from doe.problem.request import Request
-from studies.demo import embedded_cell, embedded_text
+from studies.demo.embedded import embedded_cell, embedded_text
 
 Row = dict[str, Any]  # heading -> figure
 T = TypeVar("T")

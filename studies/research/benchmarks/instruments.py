@@ -24,7 +24,7 @@ import calib
 from calib.model.build import build
 from calib.poses import Measurements, poses_at
 from studies.command.deliver import console_for
-from studies.demo import embedded_text
+from studies.demo.embedded import embedded_text
 from studies.tables import plain_table
 
 HELD_OUT = 0.3

@@ -37,7 +37,7 @@ from studies.command.options import one_line_faults
 from studies.compare.experiment import PLAIN, POINTS, Experiment, experiment_of
 from studies.compare.montecarlo import MOST_TRIALS, Refits, refits
 from studies.compare.prediction import Prediction, predict
-from studies.demo import embedded_plan
+from studies.demo.embedded import embedded_plan
 from studies.engines import engine
 from studies.research.paper import table_one
 from studies.research.paper.elastostatic import cell_of_section_five

@@ -19,7 +19,7 @@ from rich.table import Column, Table
 from studies.cli import main
 from studies.command.deliver import show
 from studies.command.options import json_option
-from studies.commands.common import envelope, output_texts
+from studies.command.untyped import envelope, output_texts
 
 LIMIT_S = 0.15
 RUN = "from studies.cli import run; run()"

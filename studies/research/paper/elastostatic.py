@@ -28,7 +28,7 @@ from calib.observations import Points
 from calib.poses import hung
 from calib.simulation import simulate
 from studies.command.deliver import console_for
-from studies.demo import embedded_cell, embedded_plan
+from studies.demo.embedded import embedded_cell, embedded_plan
 from studies.research.paper.plan import EFFECTS
 from studies.tables import plain_table
 

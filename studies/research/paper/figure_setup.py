@@ -13,7 +13,7 @@ from calib.arrays import Array
 from calib.model import Model
 from calib.model.build import build
 from calib.poses import hung
-from studies.demo import true_values
+from studies.demo.embedded import true_values
 from studies.plots.style import (
     INK,
     PURPLE,

@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 
 from calib.files.write import write_files
-from studies.demo import embedded_cell, embedded_plan
+from studies.demo.embedded import embedded_cell, embedded_plan
 from studies.plots.style import Picture, folder_files
 from studies.research.paper.figure_arm import figure_2
 from studies.research.paper.figure_setup import figure_3

@@ -20,7 +20,7 @@ from calib.noise import Noise
 from studies.command.deliver import console_for
 from studies.compare.experiment import Experiment, experiment_of
 from studies.compare.prediction import predict
-from studies.demo import embedded_cell, embedded_plan
+from studies.demo.embedded import embedded_cell, embedded_plan
 from studies.tables import plain_table
 
 MORE_MARKERS_MM = ((279.2, -60.0, 30.0), (281.8, 90.0, -70.0), (200.0, 20.0, 110.0))

@@ -23,7 +23,7 @@ from calib import Cell, Poses, load_targets
 from calib.planned import Planned, Targets
 from doe.curve import poses_that_match
 from studies.command.deliver import console_for
-from studies.demo import embedded_cell, embedded_plan
+from studies.demo.embedded import embedded_cell, embedded_plan
 from studies.tables import plain_table
 
 EFFECTS = ("stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")

@@ -22,7 +22,7 @@ from calib.model.build import build
 from calib.model.covariance import errors_at, ignorance
 from calib.poses import poses_at
 from calib.simulation import simulate
-from studies.demo import embedded_plan, simulated
+from studies.demo.embedded import embedded_plan, simulated
 from tests.helpers import cell_of, random_robot
 
 MARKERS = np.array([[0.2, 0.0, 0.05], [0.18, 0.1, -0.04], [0.22, -0.06, -0.08]])

@@ -17,7 +17,7 @@ from calib.poses import poses_at
 from calib.poses.moves import with_moves
 from calib.simulation import simulate
 from studies.cli import main
-from studies.demo import embedded_cell
+from studies.demo.embedded import embedded_cell
 from tests.helpers import read_by, with_effects
 
 MODEL = ("base", "tool", "geometry", "joint_compliance:A2,A3,A4,A5,A6")

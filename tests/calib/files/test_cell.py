@@ -15,7 +15,7 @@ from calib.errors import InputError
 from calib.files.cell_out import extended_cell
 from calib.model.build import build
 from calib.poses import Measurements
-from studies.demo import INPUTS, embedded_text
+from studies.demo.embedded import INPUTS, embedded_text
 
 
 def cell_with(folder: Path, robot: str = "", more: str = "") -> Cell:

@@ -16,7 +16,7 @@ from calib.arm.se3 import displacement, so3_exp
 from calib.arrays import Array
 from calib.files.dh_out import corrected_dh
 from calib.files.robot_out import corrected_robot
-from studies.demo import embedded_cell
+from studies.demo.embedded import embedded_cell
 from tests.plain_arm import dh_pose, rows_of
 
 CELL = """schema = 1

@@ -25,7 +25,7 @@ from calib.instruments.camera import Board
 from calib.instruments.lens import Lens
 from calib.model.build import build
 from studies.cli import main
-from studies.demo import embedded_text
+from studies.demo.embedded import embedded_text
 from tests.calib.instruments.test_pose import frame, tips
 from tests.helpers import central_difference
 

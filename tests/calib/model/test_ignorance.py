@@ -11,7 +11,7 @@ from calib.compensation.estimate import estimate_of
 from calib.model.covariance import accuracy, covariance, errors_at, ignorance
 from calib.targets import targets_of
 from doe.prospect.sufficiency.enough import enough
-from studies.demo import embedded_plan, simulated
+from studies.demo.embedded import embedded_plan, simulated
 from tests.doe.prospect.sufficiency.day import cell_of_day, whole_day
 from tests.helpers import with_effects
 

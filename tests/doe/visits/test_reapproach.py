@@ -23,7 +23,7 @@ from calib.poses.visits import visits
 from doe.assess import assess
 from doe.visits.reapproach import reapproaches_of, with_reapproaches
 from studies.cli import main
-from studies.demo import INPUTS, embedded_text
+from studies.demo.embedded import INPUTS, embedded_text
 from studies.design.record import design_record
 from tests.helpers import MADE_FROM, with_effects
 

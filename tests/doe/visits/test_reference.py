@@ -18,7 +18,7 @@ from calib.model.build import build
 from calib.planned import Planned
 from doe.constraints import scene_of, visible
 from doe.visits.reference import spacing, with_reference
-from studies.demo import INPUTS, embedded_text
+from studies.demo.embedded import INPUTS, embedded_text
 from studies.design.record import design_record
 from tests.helpers import MADE_FROM, read_by, with_effects
 

@@ -18,7 +18,7 @@ from calib.model.build import build
 from calib.poses import poses_at
 from calib.simulation import simulate
 from studies.cli import main
-from studies.demo import INPUTS, embedded_text
+from studies.demo.embedded import INPUTS, embedded_text
 from studies.record import json_schema
 
 SLIP = 3e-4

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from studies.cli import main
-from studies.demo import INPUTS, embedded_text
+from studies.demo.embedded import INPUTS, embedded_text
 from tests.bad_inputs.run import posecal
 
 ELASTIC = 'effects = ["stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6"]'

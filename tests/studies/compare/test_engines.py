@@ -30,7 +30,7 @@ from studies.compare import command, montecarlo
 from studies.compare.experiment import Experiment, experiment_of
 from studies.compare.montecarlo import MOST_TRIALS, Refits, refits
 from studies.compare.prediction import Prediction, predict
-from studies.demo import embedded_text
+from studies.demo.embedded import embedded_text
 from studies.engines import engine
 from tests.helpers import cell_of, random_poses, random_robot
 

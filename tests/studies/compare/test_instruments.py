@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from studies.cli import main
-from studies.demo import embedded_text
+from studies.demo.embedded import embedded_text
 
 EFFECTS = 'effects = ["base", "tool", "joint_offset:A2,A3"]'
 

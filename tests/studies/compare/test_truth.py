@@ -33,7 +33,7 @@ from studies.compare.in_mujoco import points_in_mujoco
 from studies.compare.montecarlo import refits
 from studies.compare.prediction import predict
 from studies.compare.scratch import FromScratch, surprising
-from studies.demo import INPUTS, embedded_text
+from studies.demo.embedded import INPUTS, embedded_text
 from tests.helpers import cell_of, random_poses, random_robot, read_by, with_effects
 from tests.studies.compare.fields import fields_of
 

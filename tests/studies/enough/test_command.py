@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 import calib
 from calib.files.write_tables import measurements_csv
 from studies.cli import main
-from studies.demo import INPUTS, embedded_text
+from studies.demo.embedded import INPUTS, embedded_text
 from studies.record import json_schema
 from tests.doe.prospect.sufficiency.day import MODEL, of_poses, whole_day
 

@@ -18,7 +18,7 @@ from calib.model.build import build
 from calib.poses.moves import with_moves
 from calib.simulation import simulate
 from studies.cli import main
-from studies.demo import INPUTS, embedded_text
+from studies.demo.embedded import INPUTS, embedded_text
 
 RATES = np.array([40.0, -60.0, 20.0, 20.0, 0.0, -30.0])  # um/h and urad/h
 

@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 from calib import Cell, Poses
 from doe.prospect.foresee import foresee
 from studies.cli import main
-from studies.demo import __file__ as demo_file
+from studies.demo.embedded import __file__ as demo_file
 from studies.plan.record import plan_record
 from studies.record import envelope
 

@@ -21,7 +21,7 @@ from calib.planned import Planned
 from calib.poses import poses_at
 from calib.targets import sobol_poses
 from doe.constraints import hidden_by, scene_of, visible
-from studies.demo import embedded_text, simulated
+from studies.demo.embedded import embedded_text, simulated
 from studies.report.arm_drawing import drawing
 from studies.report.arm_parts import picture
 from studies.report.arm_picture import Line, Picture

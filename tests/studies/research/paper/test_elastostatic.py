@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 import calib
-from studies.demo import embedded_plan
+from studies.demo.embedded import embedded_plan
 from studies.research.paper import elastostatic
 from studies.research.paper.elastostatic import KNOWN, MICRO, NAMES
 

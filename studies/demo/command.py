@@ -9,7 +9,7 @@ import click
 
 from studies.command.deliver import output_file
 from studies.command.options import json_option, one_line_faults, seed_option
-from studies.commands.common import output_texts
+from studies.command.untyped import output_texts
 
 
 @click.command(short_help="The whole way on the paper's robot, as files to edit.")

@@ -8,7 +8,7 @@ import click
 
 from studies.command.deliver import check_outputs, output_file
 from studies.command.options import PATH, json_option, one_line_faults
-from studies.commands.common import envelope, output_texts
+from studies.command.untyped import envelope, output_texts
 
 
 @click.command(short_help="One page of results, to hand on.")

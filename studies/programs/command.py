@@ -8,7 +8,7 @@ import click
 
 from studies.command.deliver import check_outputs, output_file, say_written, show
 from studies.command.options import PATH, cell_argument, json_option, one_line_faults
-from studies.commands.common import envelope, output_texts
+from studies.command.untyped import envelope, output_texts
 
 
 @click.command(short_help="A plan as a robot program (KUKA, UR, ABB, FANUC).")
@@ -34,7 +34,7 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
     from calib.errors import InputError
     from calib.files.read import sha256
     from calib.files.write import write_files
-    from studies.programs import LANGUAGES, plan_stops
+    from studies.programs.languages import LANGUAGES, plan_stops
     from studies.programs.stops import plain_text
 
     language = LANGUAGES.get(program_path.suffix.lower())

@@ -9,7 +9,7 @@ import click
 
 from studies.command.deliver import check_outputs, output_file, say_written, show, warn
 from studies.command.options import PATH, json_option, one_line_faults
-from studies.commands.common import envelope, output_texts
+from studies.command.untyped import envelope, output_texts
 
 if TYPE_CHECKING:
     from calib.files.exports import Joined, JointTable, PointList

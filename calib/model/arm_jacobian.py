@@ -27,7 +27,7 @@ from calib.effects.protocol import (
 )
 
 
-def arm_columns(
+def arm_jacobian(
     robot: Robot,
     parts: Sequence[tuple[Effect, slice]],
     values: Array,

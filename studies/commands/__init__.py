@@ -1,1 +1,0 @@
-"""The commands of ``posecal``: each reads, calls and writes."""

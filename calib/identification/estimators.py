@@ -18,6 +18,8 @@ from calib.model.covariance import Identifiable, identifiable
 from calib.observations import Observation
 from calib.solver import Minimum, levenberg_marquardt
 
+# A valley along which poses of narrow joint ranges tell little takes hundreds.
+_MOST_ITERATIONS = 400
 _TURNS = 12  # rigid parameters and elastic differences in turn: each gains three digits
 _SETTLED = 1e-6  # of a plausible size
 _STIFF = 0.03  # of the plausible size of a compliance: as the drives of a heavy arm yield
@@ -69,7 +71,7 @@ class Readings:
     def fit(self, observation: Observation, start: Array, span: Array) -> Minimum:
         if self.method == "two-step":
             return alternate(observation.flat, start, *steps(observation.model, span))
-        return levenberg_marquardt(observation.flat, start, span)
+        return levenberg_marquardt(observation.flat, start, span, _MOST_ITERATIONS)
 
     def judged(
         self, observation: Observation, values: Array, span: Array, kept: Mask | None = None

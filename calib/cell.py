@@ -148,7 +148,7 @@ class Cell:
 
     @property
     def noise(self) -> Noise:
-        """That of the tracker's points."""
+        """Noise of the tracker's points."""
         return self.tracker.noise
 
     @property

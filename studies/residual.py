@@ -9,7 +9,7 @@ from pydantic import model_validator
 from studies.record import Entry, Maybe, Number, Three
 
 Lengths: TypeAlias = Three | tuple[Number]
-"""Of a point or of one length, mm."""
+"""Residual of a point, or of one length, mm."""
 Pixels: TypeAlias = tuple[Number, Number]
 
 

@@ -26,7 +26,7 @@ class Function(ABC):
     @property
     @abstractmethod
     def labels(self) -> tuple[str, ...]:
-        """Where each coefficient stands."""
+        """A name for each coefficient: where it acts."""
 
     @abstractmethod
     def at(self, values: Array) -> Array:

@@ -51,7 +51,7 @@ class Ground:
 
     @cached_property
     def levels(self) -> Levels:
-        """Those without any of the suspects."""
+        """Levels of noise without any of the suspects."""
         return self.search()
 
     def approximate_score(self, suspect: Candidate) -> Score:

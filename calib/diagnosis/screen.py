@@ -21,7 +21,7 @@ from calib.diagnosis.elimination import idle
 VISIBLE = 1e-3
 """Share of a column's length that must be left beside the modelled ones for it to count."""
 CURVE_PRICE = float(2.0 * np.log(10.0))
-"""Of having no name."""
+"""What a curve must explain beyond a named cause, in -2 log likelihood: odds of ten to one."""
 DEPENDENT = 1e-8
 """Share of a column's length below which nothing but rounding is left of it."""
 _AMPLITUDES = 24

@@ -63,7 +63,7 @@ class Named:
 
     @property
     def probability(self) -> float:
-        """Of the most probable cause."""
+        """Probability of the most probable cause."""
         return self.members[0][1]
 
 
@@ -147,7 +147,7 @@ def _members(
 def verdict(
     named: Sequence[Named], outcome: Outcome, something_left: bool, tested: bool
 ) -> VerdictName:
-    """The word for it.
+    """The verdict of a diagnosis.
 
     tested : whether the readings would have shown causes of another form than the catalogue's
     """

@@ -82,14 +82,14 @@ class Step(Timed):
 
 @dataclass(frozen=True, eq=False)
 class StepOfFrame(Step, TunedTwist):
-    """Of the base, or of a joint's zero."""
+    """A step of the base, or of a joint's zero."""
 
 
 @dataclass(frozen=True, eq=False)
 class StepOfReadings(Step, TunedReading):
-    """Of the instrument."""
+    """A step of the instrument."""
 
 
 @dataclass(frozen=True, eq=False)
 class StepOfMarker(Step, TunedMarker):
-    """Of one marker in the tip frame."""
+    """A step of one marker in the tip frame."""

@@ -188,7 +188,7 @@ class Steady(Effect):
 
 @dataclass(frozen=True, eq=False)
 class SteadyTwist(Steady, PoseEffect):
-    """Of one frame."""
+    """A constant displacement of one frame."""
 
     frame: int
     directions: Array
@@ -199,7 +199,7 @@ class SteadyTwist(Steady, PoseEffect):
 
 @dataclass(frozen=True, eq=False)
 class SteadyOffset(Steady, MarkerEffect):
-    """Of one marker."""
+    """A constant displacement of one marker."""
 
     def offsets(self, poses: Poses) -> Array:
         return np.broadcast_to(np.eye(3), (len(poses), 3, 3))
@@ -207,7 +207,7 @@ class SteadyOffset(Steady, MarkerEffect):
 
 @dataclass(frozen=True, eq=False)
 class SteadyReading(Steady, ReadingEffect):
-    """Of all readings."""
+    """A constant displacement of all readings."""
 
     def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
         xi = np.broadcast_to(values[..., None, :], (*values.shape[:-1], len(poses), 6))

@@ -73,9 +73,9 @@ class WarmUp(Timed):
 
 @dataclass(frozen=True, eq=False)
 class WarmUpOfFrame(WarmUp, TunedTwist):
-    """Of the base, or of a joint's zero."""
+    """Warm-up of the base, or of a joint's zero."""
 
 
 @dataclass(frozen=True, eq=False)
 class WarmUpOfReadings(WarmUp, TunedReading):
-    """Of the instrument."""
+    """Warm-up of the instrument."""

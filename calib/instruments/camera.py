@@ -114,7 +114,7 @@ class Camera(Instrument):
         return np.asarray(ahead & ((pixels >= 0.0) & (pixels <= self.image)).all(axis=-1))
 
     def _split(self, place: Array) -> tuple[Array, Lens]:
-        """Where it, or the boards stand; the lens."""
+        """Where the camera, or its boards, stand; and the lens."""
         standing = place.shape[-1] - len(self.free)
         if not len(self.free):
             return place, self.lens

@@ -50,7 +50,7 @@ def hand_eye(
 def _rotations(
     R_read: Array, R_tip: Array, body: IntArray, R_X: Array, known: Mask, placed: bool
 ) -> tuple[Array, Array]:
-    """Those of the place and of every body, by the readings n."""
+    """Rotations of the place and of every body, by the readings n."""
     if placed:
         back = np.swapaxes(R_tip, -1, -2) @ R_read
         return np.eye(3), _averaged(back, body, R_X, known)

@@ -83,4 +83,4 @@ class Tracker(Instrument):
 
 
 TRACKER = Tracker()
-"""One of which nothing is said: rows count in metres."""
+"""A tracker of unknown noise: its rows count in metres."""

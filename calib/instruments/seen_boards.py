@@ -23,7 +23,7 @@ _LEAST = {True: 4, False: 6}
 _NEAR = 1e-3  # m
 
 RESOLUTION = 1e-4
-"""Of x', y': what a search takes for one standard deviation."""
+"""Standard deviation of the image coordinates x', y' that a search assumes."""
 
 
 def board_poses(ideal: Array, seen: Mask, shapes: tuple[Shape, ...]) -> tuple[Motions, Mask]:

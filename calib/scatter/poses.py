@@ -95,7 +95,7 @@ class Scatter:
         return replace(self, variances=variances)
 
     def take(self, index: Any) -> Scatter:
-        """That of the poses of an index array or mask."""
+        """The scatter of the poses of an index array or mask."""
         return replace(
             self,
             levers=self.levers[index],

@@ -143,7 +143,7 @@ def _entry_price(choices: int) -> float:
 def _entering(
     problem: Turned, theta: Array, found: Likelihood, free: IntArray, may: IntArray
 ) -> State | None:
-    """One variance more, where one pays."""
+    """The search with one more variance free, where one pays; None where none does."""
     price = _PAYS if len(free) else _entry_price(len(may))
     promised = np.zeros(len(theta))
     promised[may] = _promises(found, free)[may]

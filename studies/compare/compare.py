@@ -113,7 +113,7 @@ class Comparison:
 
     @property
     def agreements(self) -> list[Agreement]:
-        """Of every way at every plan."""
+        """Agreement of prediction and simulation, of every way at every plan."""
         return [v.agreement for s in self.plans for v in s.verdicts if v.agreement is not None]
 
     @property

@@ -191,7 +191,7 @@ def _links(model: Model, truth: _Truth) -> Iterator[str]:
 
 
 def _inertial(mass: float, com: Array) -> str:
-    """Of a body that stands still: its inertia turns nothing."""
+    """The inertia of a body that stands still: any will do."""
     return f'<inertial pos="{_words(com)}" mass="{_words([max(mass, _NOTHING)])}" diaginertia="1 1 1"/>'
 
 

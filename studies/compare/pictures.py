@@ -50,7 +50,7 @@ def by_plan(record: CompareRecord) -> Picture:
 
 
 def of_plan(plan: Plan) -> Iterator[Draw]:
-    """Those of one plan; not every result holds all that they show."""
+    """Figures of one plan, as far as the result holds what they show."""
     yield lambda: by_approach(plan)
     if any(own.agreement for own in plan.approaches):
         yield lambda: simulated(plan)

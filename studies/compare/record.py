@@ -130,7 +130,7 @@ class ByNumber(Entry):
 
 
 class Plan(Entry):
-    """One plan under every approach, that of points the last."""
+    """One plan under every approach, the last of them that of points."""
 
     plan: str
     poses: Count
@@ -175,7 +175,7 @@ class Plan(Entry):
 
     @property
     def ids(self) -> tuple[str, ...]:
-        """Of the parameters."""
+        """Identifiers of the parameters."""
         return tuple(p.id for p in self.points.parameters)
 
     def of(self, key: str) -> Approach | None:

@@ -110,7 +110,7 @@ class Residual(Off):
 
     @property
     def before(self) -> tuple[float, ...]:
-        """By the model as given."""
+        """The residual of the model as given."""
         return self.before_mm or self.before_px or ()
 
 

@@ -124,7 +124,7 @@ def _small(count: int) -> tuple[Figure, list[Axes]]:
 def _finish(
     figure: Figure, panels: list[Axes], values: Sequence[float | None], x: str, keys: Sequence[str]
 ) -> None:
-    """One logarithmic scale and one legend."""
+    """Give the panels one logarithmic scale and one legend."""
     from matplotlib.ticker import MaxNLocator
 
     known = _drawn([value for value in values if value is not None])

@@ -155,7 +155,7 @@ class Placement(Entry):
 
 
 class Base(Placement):
-    """That of the first station, and of each where there are several."""
+    """Placement at the first station, and at each where there are several."""
 
     stations: dict[str, Placement] = Field(default_factory=dict)
 
@@ -178,7 +178,7 @@ class Residual(Off):
 
     @property
     def before(self) -> tuple[float, ...]:
-        """By the nominal model."""
+        """The residual of the nominal model."""
         return self.nominal_mm or self.nominal_px or ()
 
 

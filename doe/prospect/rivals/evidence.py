@@ -49,7 +49,7 @@ class Known:
         return np.asarray(self.S + np.swapaxes(D, -1, -2) @ np.linalg.solve(V, D))
 
     def added(self, block: Array) -> Known:
-        """With a further block of rows (r, n + K)."""
+        """What is known with a further block of rows (r, n + K)."""
         n = len(self.P)
         A, Y = block[:, :n], block[:, n:]
         D, AP = Y - A @ self.B, A @ self.P

@@ -33,7 +33,7 @@ def pair_errors(data: Measurements, predicted: Array) -> Array:
 
 
 def _pairs(station: IntArray, most: int) -> tuple[IntArray, IntArray]:
-    """Pairs (i, j), i < j, of poses of one station, each once: all of them, or evenly spaced ones where there are very many.
+    """Pairs (i, j), i < j, of poses of one station, each once: all, or an even choice of very many.
 
     station : ndarray of int, shape (m,)
     Pair k of n poses numbered as (0,1), (0,2), (1,2), (0,3), .. is ``j = (1 + sqrt(1 + 8 k)) / 2``

@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.arrays import Array
 from doe.criteria.protocol import Conic, Criterion
-from doe.optimal.packed import pack
+from doe.optimal.packed import pack, unpack
 
 _SHARPNESS = 60.0  # exponent with which the default supergradient weighs the smallest ones
 _LEAST = 1e-300  # a variance is above zero, whatever rounding makes of it
@@ -65,10 +65,9 @@ class WorstVariance(Smallest):
 
     def member_gradient(self, M: Array, weights: Array) -> Array:
         # Gradient of 1 / tr(C M^-1) with C the weighted sum: it lies above the smallest member.
-        W = np.linalg.solve(M, self.F * np.sqrt(weights)[:, None, None])
-        flat = np.swapaxes(W, 0, 1).reshape(len(M), -1)
-        total = weights @ (1.0 / self.members(M))
-        return np.asarray(flat @ flat.T / total**2)
+        C = unpack(weights @ self._packed)
+        V = np.linalg.inv(M)
+        return np.asarray(V @ C @ V / float((V * C).sum()) ** 2)
 
     def conic(self, M: Any, at: Array) -> Conic:
         import cvxpy as cp

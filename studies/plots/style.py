@@ -343,4 +343,4 @@ def settle(figure: Figure) -> None:
     """Lay the figure out once: a second pass would move it by fractions of a pixel."""
     if figure.get_layout_engine() is not None:
         figure.draw_without_rendering()
-        figure.set_layout_engine("none")
+        figure.set_layout_engine(None)  # a placeholder would be drawn once more

@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from studies.document.parts import Column, Detail, Figure, Part, Raw, Section, Sentence, Table
+from studies.document.parts import (
+    Column,
+    Detail,
+    Figure,
+    Lines,
+    Part,
+    Raw,
+    Section,
+    Sentence,
+    Table,
+)
 from studies.document.plain import plain_columns
 from studies.document.rules import plural
 from studies.document.svg import inline_svg
@@ -83,6 +93,8 @@ class Writer:
         if isinstance(part, Detail):
             inner = self._parts(part.parts, lit)
             return self._folded(part.title, inner) if part.title else inner
+        if isinstance(part, Lines):
+            return Markup("<pre>{}</pre>").format(part.text)
         if isinstance(part, Raw):
             return part.html
         raise TypeError(f"no part of a document: {part!r}")

@@ -95,13 +95,20 @@ class Detail:
 
 
 @dataclass(frozen=True)
+class Lines:
+    """Lines that stand as they are: commands, code, what a program printed."""
+
+    text: str
+
+
+@dataclass(frozen=True)
 class Raw:
     """Markup made by the page itself."""
 
     html: Markup
 
 
-Part: TypeAlias = Sentence | Table[Any] | Figure | Detail | Raw
+Part: TypeAlias = Sentence | Table[Any] | Figure | Detail | Lines | Raw
 
 
 @dataclass(frozen=True)

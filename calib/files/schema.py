@@ -383,6 +383,7 @@ class DesignTable(Table):
     repeats: Annotated[bool, Strict()] = False
     reference_every: Count | None = None
     reapproaches: Count | None = None
+    floor_mm: Number | Literal[False] | None = None
     obstacle: list[Annotated[Box | Sphere | HalfSpace, Field(discriminator="type")]] = []
 
 

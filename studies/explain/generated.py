@@ -6,8 +6,12 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 from studies.explain.text import Rows
+
+if TYPE_CHECKING:
+    from calib.effects import Effect
 
 _COVARIATES = {
     "approach": "approach_<joint>, or poses in their order",
@@ -97,10 +101,9 @@ def _sense(larger_is_better: bool) -> str:
     return "larger is better" if larger_is_better else "smaller is better"
 
 
-def _needs(kind: type) -> Iterator[str]:
-    from calib.effects.protocol import Effect, ElasticEffect, LoadEffect
+def _needs(kind: type[Effect]) -> Iterator[str]:
+    from calib.effects.protocol import ElasticEffect, LoadEffect
 
-    assert issubclass(kind, Effect)
     if issubclass(kind, ElasticEffect):
         yield "load: a wrench, a payload, or link masses"
     if issubclass(kind, LoadEffect):

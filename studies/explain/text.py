@@ -8,12 +8,12 @@ the package makes.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
 
 from studies.document import Column, Document, Lines, Part, Section, Sentence, Table
 
-Rows = tuple[tuple[str, ...], list[tuple[str, ...]]]
+Rows = tuple[tuple[str, ...], Sequence[tuple[str, ...]]]
 """Titles, and rows of cells."""
 
 _RULE = re.compile(r"\|[\s:|-]+\|")
@@ -23,9 +23,9 @@ _FENCE = re.compile(r"^```\w*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 def title_of(text: str) -> str:
-    """What a topic is about.
+    r"""What a topic is about.
 
-    >>> title_of("# What it is\\n\\nWords.")
+    >>> title_of("# What it is\n\nWords.")
     'What it is'
     """
     return text.partition("\n")[0].removeprefix("# ")

@@ -16,7 +16,7 @@ from doe.criteria import CRITERIA, UNASKED
 from studies.cli import main
 from studies.document import Column, Detail, Document, Lines, Section, Sentence, Table
 from studies.document.page import Writer
-from studies.explain.cell_keys import MEANINGS, TABLES, forms, keys_of_instrument, rows
+from studies.explain.cell_keys import TABLES, forms, keys_of_instrument, meanings, rows
 from studies.explain.text import document_of
 from studies.explain.topics import titles, topic, written
 
@@ -85,7 +85,7 @@ def topic_rows(name: str) -> list[str]:
 
 def test_the_cell_says_what_every_key_of_its_schema_means() -> None:
     known = forms()
-    assert set(known) == set(MEANINGS)
+    assert set(known) == set(meanings())
     told = [f"{table}:{key}" for table in ("", *TABLES) for key, _, _ in rows(table)]
     assert len(told) == len(set(told)) == len(known), "each key stands in one table"
     assert dict.fromkeys(["number"]) == known["instrument.sigma_mm.divisor"]

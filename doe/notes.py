@@ -62,8 +62,10 @@ def _no_targets(design: Design) -> Iterator[str]:
 def _unguarded(design: Design) -> Iterator[str]:
     cell = design.problem.cell
     bare = not set(cell.capsules) - {"base"}
-    if bare and (cell.design.get("obstacle") or cell.design.get("floor") is not None):
+    if bare and cell.design.get("obstacle"):
         yield "obstacles are given but no [robot.capsules_mm]: nothing keeps the arm away from them"
+    elif bare and cell.design.get("floor") is not None:
+        yield "no [robot.capsules_mm]: markers keep above the floor, the arm need not"
     elif not cell.capsules:
         yield (
             "no [robot.capsules_mm] and no obstacles: poses are not checked against floor, walls and "

@@ -9,7 +9,7 @@ import numpy as np
 from calib.arrays import Array, Mask
 from calib.cell import Cell
 from doe.constraints.protocol import Constraint
-from doe.constraints.scene import Scene, moving_capsules, probe_scene
+from doe.constraints.scene import Scene, probe_scene
 
 _ALWAYS = 0.99  # of the configurations of the probe
 _UPRIGHT = 0.999  # cosine
@@ -49,7 +49,7 @@ def floor_of(cell: Cell) -> Floor | None:
     """The floor that the cell gives, or that the robot's own shape stands on; None without either."""
     given = cell.design.get("floor")
     height = assumed_height(cell) if given is None else given
-    if height is None or not moving_capsules(cell):
+    if height is None:
         return None
     probe = probe_scene(cell)
     moving = [i for i, capsule in enumerate(probe.capsules) if capsule.moves]

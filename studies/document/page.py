@@ -87,7 +87,7 @@ class Writer:
             table = self._table(part, lit)
             name = f"{part.name or part.caption} ({len(part.rows)})"
             fold = len(part.rows) > _FOLDED if part.fold is None else part.fold
-            return self._folded(name, table) if fold else table
+            return self._folded(name, table, part.paper) if fold else table
         if isinstance(part, Figure):
             return self._figure(part, lit)
         if isinstance(part, Detail):
@@ -99,8 +99,8 @@ class Writer:
             return part.html
         raise TypeError(f"no part of a document: {part!r}")
 
-    def _folded(self, title: str, inner: Markup) -> Markup:
-        made: Markup = self.macros.folded(title, inner)
+    def _folded(self, title: str, inner: Markup, paper: bool = False) -> Markup:
+        made: Markup = self.macros.folded(title, inner, paper)
         return made
 
     def _table(self, table: Table[Any], lit: Mapping[str, str]) -> Markup:

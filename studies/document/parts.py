@@ -62,6 +62,7 @@ class Table(Generic[S]):
     of_poses : whether the first column names poses of the data or the plan
     most : rows that the terminal shows of many, None for all
     fold : whether the page folds it; None for where it is long
+    paper : whether it is printed even where it is folded
     """
 
     columns: Sequence[Column[S]]
@@ -71,6 +72,7 @@ class Table(Generic[S]):
     of_poses: bool = False
     most: int | None = None
     fold: bool | None = None
+    paper: bool = False
 
 
 @dataclass(frozen=True)

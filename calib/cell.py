@@ -49,6 +49,19 @@ class Capsule:
 
 
 @dataclass(frozen=True)
+class Shapes:
+    """What the robot's own file says of its shape.
+
+    capsules : by carrier; unread : shapes that could not be read, with the reason
+    stands_at : float, m, lowest point of the base's shapes in its frame, or None
+    """
+
+    capsules: Mapping[str, tuple[Capsule, ...]]
+    unread: tuple[str, ...] = ()
+    stands_at: float | None = None
+
+
+@dataclass(frozen=True)
 class Repeatability:
     """How the arm scatters from one approach of a pose to the next: one standard deviation of one
     coordinate of the tip [m], and of one component of its rotation [rad].
@@ -77,6 +90,9 @@ class Cell:
     knots : dict, joint -> ndarray, rad
     anchors : dict, joint -> ndarray, shape (2, 3), m, of a gravity compensator's spring
     capsules : dict, joint name or ``base`` or ``tool`` -> tuple of Capsule
+    unread : tuple of str, shapes of the robot's file that could not be read, with the reason
+    own_shapes : whether the capsules are those of the robot's file, and none of the cell's
+    stands_at : float, m, where the shape of the base ends below, base frame; None where nobody says
     design : Planned, the [design] table
     repeatability : Repeatability, or None where it is to be estimated
     excluded : tuple of str, ``name`` or ``name:where``, causes that this robot cannot have
@@ -103,6 +119,9 @@ class Cell:
     knots: Mapping[str, Array] = field(default_factory=dict)
     anchors: Mapping[str, Array] = field(default_factory=dict)
     capsules: Mapping[str, tuple[Capsule, ...]] = field(default_factory=dict)
+    unread: tuple[str, ...] = ()
+    own_shapes: bool = False
+    stands_at: float | None = None
     design: Planned = field(default_factory=Planned)
     repeatability: Repeatability | None = None
     excluded: tuple[str, ...] = ()

@@ -75,6 +75,7 @@ class Planned:
     reference_every : int or None, poses between two readings of a reference
     reapproaches : int or None, poses that are visited again
     obstacles : tuple of Body, in the order of the file
+    floor : float or None, m, height above which the arm keeps; floorless : bool, whether there is none
     """
 
     poses: int | None = None
@@ -84,3 +85,5 @@ class Planned:
     reference_every: int | None = None
     reapproaches: int | None = None
     obstacles: tuple[Body, ...] = ()
+    floor: float | None = None
+    floorless: bool = False

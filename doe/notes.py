@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
+from doe.constraints import Floor
 from doe.constraints.self_collision import SelfCollision
 from doe.plan import Design
 
@@ -60,8 +61,11 @@ def _no_targets(design: Design) -> Iterator[str]:
 
 def _unguarded(design: Design) -> Iterator[str]:
     cell = design.problem.cell
-    if cell.design.obstacles and not set(cell.capsules) - {"base"}:
+    bare = not set(cell.capsules) - {"base"}
+    if bare and cell.design.obstacles:
         yield "obstacles are given but no [robot.capsules_mm]: nothing keeps the arm away from them"
+    elif bare and cell.design.floor is not None:
+        yield "no [robot.capsules_mm]: markers keep above the floor, the arm need not"
     elif not cell.capsules:
         yield (
             "no [robot.capsules_mm] and no obstacles: poses are not checked against floor, walls and "
@@ -69,11 +73,36 @@ def _unguarded(design: Design) -> Iterator[str]:
         )
 
 
+def _shapes(design: Design) -> Iterator[str]:
+    """What was taken from the robot's file without a line in the cell, and how to change it."""
+    cell = design.problem.cell
+    if cell.own_shapes:
+        count = sum(len(own) for own in cell.capsules.values())
+        yield (
+            f"the arm keeps clear of itself by {count} capsules about the shapes in the robot's file; "
+            "[robot.capsules_mm] with shapes of yours, or empty, takes their place"
+        )
+    if cell.unread:
+        more = f" and {len(cell.unread) - 3} more" if len(cell.unread) > 3 else ""
+        yield f"not checked, as their shape cannot be read: {', '.join(cell.unread[:3])}{more}"
+    for floor in design.problem.constraints:
+        if isinstance(floor, Floor) and floor.assumed:
+            yield (
+                f"the arm and its markers keep above {floor.height * 1e3:.0f} mm, where the base "
+                "stands; [design] floor_mm says otherwise, or false"
+            )
+        if isinstance(floor, Floor) and floor.exempt:
+            yield f"not checked against the floor, as always below it: {', '.join(floor.exempt)}"
+
+
 def _exempt(design: Design) -> Iterator[str]:
     for constraint in design.problem.constraints:
         if isinstance(constraint, SelfCollision) and constraint.exempt:
             pairs = ", ".join(f"{a} with {b}" for a, b in constraint.exempt)
-            yield f"capsules that touch at every pose are not checked against each other: {pairs}"
+            where = (
+                "at every pose, or at zero," if design.problem.cell.own_shapes else "at every pose"
+            )
+            yield f"capsules that touch {where} are not checked against each other: {pairs}"
 
 
 def _hidden(design: Design) -> Iterator[str]:
@@ -131,6 +160,7 @@ _NOTES = (
     _outside,
     _unmoved,
     _unguarded,
+    _shapes,
     _exempt,
     _hidden,
     _knots,

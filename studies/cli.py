@@ -17,6 +17,7 @@ from studies.demo.command import demo
 from studies.design.command import design
 from studies.diagnose.command import diagnose
 from studies.enough.command import enough
+from studies.explain.command import explain
 from studies.fleet.command import fleet
 from studies.identify.command import identify
 from studies.imports.command import import_
@@ -60,6 +61,7 @@ COMMANDS = (
     changes,
     report,
     schema,
+    explain,
 )
 for command in COMMANDS:
     main.add_command(command)

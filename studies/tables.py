@@ -12,7 +12,7 @@ def plain_table(*columns: tuple[str, str]) -> Table:
     """A table without lines; columns are (title, "left" or "right")."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     for title, justify in columns:
-        table.add_column(Text(title), justify=justify)  # type: ignore[arg-type]
+        table.add_column(Text(title), justify=justify, overflow="fold")  # type: ignore[arg-type]
     return table
 
 

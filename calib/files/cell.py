@@ -17,12 +17,12 @@ from pydantic import BaseModel, ValidationError
 from calib.arm.robot import Robot
 from calib.arm.statics import Payload
 from calib.arrays import Array
-from calib.cell import Capsule, Cell, Load, Repeatability
+from calib.cell import Capsule, Cell, Load, Repeatability, Shapes
 from calib.errors import InputError, UnknownEffect
 from calib.files.instruments import bodies_of, instruments_of, known_distances
 from calib.files.planned import planned, with_targets
 from calib.files.read import ORDER, read_text
-from calib.files.robot import load_robot, robot_files
+from calib.files.robot import load_robot, robot_files, shapes_of
 from calib.files.schema import (
     KINDS,
     CellFile,
@@ -57,6 +57,8 @@ def load_cell(path: str | Path) -> Cell:
         name: m if isinstance(m, MarkerTable) else MarkerTable(position=m)
         for name, m in table.markers_mm.items()
     }
+    given = "capsules_mm" in table.robot.model_fields_set
+    shapes = Shapes(_capsules(table.robot)) if given else shapes_of(form, file, robot)
     bodies = bodies_of(path, table)
     unseen = [MarkerTable(position=(0.0, 0.0, 0.0))] * len(bodies.names)
     positions = np.array([m.position for m in markers.values()]).reshape(-1, 3)
@@ -85,10 +87,10 @@ def load_cell(path: str | Path) -> Cell:
         anchors={
             j: np.array([a.before, a.after]) * _MM for j, a in table.robot.compensators_mm.items()
         },
-        capsules={
-            name: tuple(Capsule(_metres(c.start), _metres(c.end), c.radius * _MM) for c in capsules)
-            for name, capsules in table.robot.capsules_mm.items()
-        },
+        capsules=shapes.capsules,
+        unread=shapes.unread,
+        own_shapes=not given and bool(shapes.capsules),
+        stands_at=shapes.stands_at,
         design=planned(path, robot, table.design),
         repeatability=_repeatability(table.robot),
         gear_ratios=dict(table.robot.gear_ratio),
@@ -259,6 +261,13 @@ def _narrowed(path: Path, robot: Robot, table: RobotTable) -> Robot:
                     f"those are {known}",
                 )
     return replace(robot, limits=limits)
+
+
+def _capsules(table: RobotTable) -> dict[str, tuple[Capsule, ...]]:
+    return {
+        name: tuple(Capsule(_metres(c.start), _metres(c.end), c.radius * _MM) for c in capsules)
+        for name, capsules in table.capsules_mm.items()
+    }
 
 
 def _repeatability(table: RobotTable) -> Repeatability | None:

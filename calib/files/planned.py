@@ -39,6 +39,8 @@ def planned(path: Path, robot: Robot, table: schema.DesignTable) -> Planned:
         repeats=table.repeats,
         reference_every=table.reference_every,
         reapproaches=table.reapproaches,
+        floor=table.floor_mm * _MM if isinstance(table.floor_mm, float) else None,
+        floorless=table.floor_mm is False,
         obstacles=tuple(_body(obstacle) for obstacle in table.obstacle),
     )
 

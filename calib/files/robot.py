@@ -8,8 +8,9 @@ import numpy as np
 
 from calib.arm.dh import Convention
 from calib.arm.robot import Robot
-from calib.cell import Form
+from calib.cell import Form, Shapes
 from calib.errors import InputError
+from calib.files.collision import urdf_shapes
 from calib.files.dh import load_dh
 from calib.files.kinematics import load_kinematics
 from calib.files.mjcf import load_mjcf, mjcf_files
@@ -34,6 +35,11 @@ def load_robot(
         robot = READERS[form](path, base, tip)
     _refuse_far_origins(path, robot)
     return robot
+
+
+def shapes_of(form: Form, path: Path, robot: Robot) -> Shapes:
+    """What the robot's file says of its shape; only a URDF does."""
+    return urdf_shapes(path, robot.base, robot.tip) if form == "urdf" else Shapes({})
 
 
 def _refuse_far_origins(path: Path, robot: Robot) -> None:

@@ -376,6 +376,16 @@ class HalfSpace(Table):
     normal: Direction
 
 
+def _kind_of_floor(value: Any) -> str:
+    return "none" if value is False else "number"
+
+
+FloorHeight = Annotated[
+    Annotated[Number, Tag("number")] | Annotated[Literal[False], Tag("none")],
+    Discriminator(_kind_of_floor),
+]
+
+
 class DesignTable(Table):
     poses: Count | None = None
     levels: dict[str, LevelsTable] = {}
@@ -383,6 +393,7 @@ class DesignTable(Table):
     repeats: Annotated[bool, Strict()] = False
     reference_every: Count | None = None
     reapproaches: Count | None = None
+    floor_mm: FloorHeight | None = None
     obstacle: list[Annotated[Box | Sphere | HalfSpace, Field(discriminator="type")]] = []
 
 

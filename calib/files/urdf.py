@@ -45,7 +45,8 @@ def parse(path: Path) -> ElementTree.Element:
     return root
 
 
-def _numbers(path: Path, where: str, text: str, count: int) -> Array:
+def numbers(path: Path, where: str, text: str, count: int) -> Array:
+    """So many finite numbers of a text. Raises InputError."""
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError:
@@ -62,15 +63,16 @@ def _numbers(path: Path, where: str, text: str, count: int) -> Array:
     return values
 
 
-def _attribute(element: ElementTree.Element | None, key: str, default: str) -> str:
+def attribute(element: ElementTree.Element | None, key: str, default: str) -> str:
+    """An attribute of an element that need not be there."""
     return default if element is None else element.get(key, default)
 
 
 def origin_of(path: Path, where: str, element: ElementTree.Element) -> Array:
     """The <origin> of an element as a transform, shape (4, 4), m."""
     origin = element.find("origin")
-    xyz = _numbers(path, f"{where} origin xyz", _attribute(origin, "xyz", "0 0 0"), 3)
-    rpy = _numbers(path, f"{where} origin rpy", _attribute(origin, "rpy", "0 0 0"), 3)
+    xyz = numbers(path, f"{where} origin xyz", attribute(origin, "xyz", "0 0 0"), 3)
+    rpy = numbers(path, f"{where} origin rpy", attribute(origin, "rpy", "0 0 0"), 3)
     return from_xyz_rpy(xyz, rpy)
 
 
@@ -162,11 +164,15 @@ def _refuse_unsupported(path: Path, root: ElementTree.Element, chain: list[UrdfJ
             )
 
 
-def _carried(
-    path: Path, root: ElementTree.Element, chain: list[UrdfJoint]
+def carried(
+    path: Path, root: ElementTree.Element, chain: list[UrdfJoint], first: tuple[str, ...] = ()
 ) -> list[tuple[str, str, Array]]:
-    """(link on the chain, link, transform) of links that hang on the chain by fixed joints."""
-    placed = {joint.child: (joint.child, np.eye(4)) for joint in chain}
+    """(link on the chain, link, transform) of links that hang on the chain by fixed joints.
+
+    first : links beside those that joints of the chain move
+    """
+    on_chain = (*first, *(joint.child for joint in chain))
+    placed = {link: (link, np.eye(4)) for link in on_chain}
     fixed: dict[str, list[UrdfJoint]] = {}
     for joint in _joints(path, root).values():
         if joint.kind == "fixed":
@@ -189,8 +195,8 @@ def _inertials(path: Path, root: ElementTree.Element) -> dict[str, tuple[float, 
         if inertial is None:
             continue
         where = f"link {link.get('name')}"
-        text = _attribute(inertial.find("mass"), "value", "0")
-        mass = float(_numbers(path, f"{where} mass", text, 1)[0])
+        text = attribute(inertial.find("mass"), "value", "0")
+        mass = float(numbers(path, f"{where} mass", text, 1)[0])
         if mass < 0:
             raise InputError(path, f"{where} mass", f"is negative ({mass:g} kg)", "correct it")
         found[link.get("name", "")] = (mass, origin_of(path, where, inertial)[:3, 3])
@@ -210,7 +216,7 @@ def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
     root = parse(path)
     chain = chain_of(path, root, base, tip)
     weights = _inertials(path, root)
-    carried = _carried(path, root, chain)
+    hanging = carried(path, root, chain)
 
     moving = [joint for joint in chain if joint.kind in MOVING]
     n = len(moving)
@@ -234,7 +240,7 @@ def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
             origins[k], axes[k] = C, _axis(path, joint)
             limits[k], efforts[k] = _limits(path, joint)
             C, T_link = np.eye(4), np.eye(4)
-        for carrier, link, T in carried:
+        for carrier, link, T in hanging:
             if k >= 0 and carrier == joint.child and link in weights:
                 mass, com = weights[link]
                 placed = T_link @ T
@@ -258,8 +264,8 @@ def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
 
 
 def _axis(path: Path, joint: UrdfJoint) -> Array:
-    text = _attribute(joint.element.find("axis"), "xyz", "1 0 0")
-    axis = _numbers(path, f"joint {joint.name} axis", text, 3)
+    text = attribute(joint.element.find("axis"), "xyz", "1 0 0")
+    axis = numbers(path, f"joint {joint.name} axis", text, 3)
     length = float(np.linalg.norm(axis))
     if length < 1e-9:
         raise InputError(path, f"joint {joint.name} axis", "has no length", "name a direction")
@@ -271,11 +277,11 @@ def _limits(path: Path, joint: UrdfJoint) -> tuple[tuple[float, float], float]:
     if limit is None:
         return (-math.inf, math.inf), math.nan
     where = f"joint {joint.name} limit"
-    effort = float(_numbers(path, where, limit.get("effort", "0"), 1)[0])
+    effort = float(numbers(path, where, limit.get("effort", "0"), 1)[0])
     if joint.kind == "continuous":
         return (-math.inf, math.inf), effort or math.nan
-    lower = float(_numbers(path, where, limit.get("lower", "0"), 1)[0])
-    upper = float(_numbers(path, where, limit.get("upper", "0"), 1)[0])
+    lower = float(numbers(path, where, limit.get("lower", "0"), 1)[0])
+    upper = float(numbers(path, where, limit.get("upper", "0"), 1)[0])
     if lower > upper:
         raise InputError(path, where, f"lower {lower} is above upper {upper}")
     return (lower, upper), effort or math.nan

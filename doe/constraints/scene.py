@@ -15,6 +15,7 @@ from calib.cell import Capsule, Cell
 from calib.errors import CalibError
 
 BASE = 0
+_PROBE = 500  # configurations
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +119,12 @@ def named_capsules(cell: Cell) -> Iterator[tuple[int, str, Capsule]]:
 def moving_capsules(cell: Cell) -> bool:
     """Whether the cell gives the arm itself a shape."""
     return any(body != BASE for body, _, _ in named_capsules(cell))
+
+
+def probe_scene(cell: Cell) -> Scene:
+    """The cell at configurations that stand for all within its limits; the same ones every time."""
+    low, high = cell.robot.sample_limits().T
+    return scene_of(cell, np.random.default_rng(0).uniform(low, high, (_PROBE, len(low))))
 
 
 def turned(R: Array, vector: Array) -> Array:

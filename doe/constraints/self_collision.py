@@ -11,9 +11,8 @@ from calib.arrays import Mask
 from calib.cell import Cell
 from doe.constraints.distances import segment_segment
 from doe.constraints.protocol import Constraint
-from doe.constraints.scene import PlacedCapsule, Scene, named_capsules, scene_of
+from doe.constraints.scene import PlacedCapsule, Scene, named_capsules, probe_scene, scene_of
 
-_PROBE = 500  # configurations
 _ALWAYS = 0.99  # of them
 
 
@@ -22,10 +21,12 @@ class SelfCollision(Constraint):
     """Capsules of bodies that are no neighbours in the chain do not meet.
 
     Pairs that overlap practically everywhere, as at a spherical wrist, say that the shapes are
-    coarse and not that the arm is in danger; they are exempt, as in MoveIt's setup assistant.
+    coarse and not that the arm is in danger; they are exempt, as in MoveIt's setup assistant. So are
+    those of the robot's own shapes that meet at its zero pose, which no maker draws in collision:
+    capsules hold more than the shapes.
 
     pairs : tuple of pairs of positions in ``Scene.capsules``, those that are checked
-    exempt : tuple of pairs of capsule names, those that overlap practically everywhere
+    exempt : tuple of pairs of capsule names, those that are not checked
     """
 
     pairs: tuple[tuple[int, int], ...]
@@ -45,16 +46,18 @@ def clear_of_itself(cell: Cell) -> SelfCollision | None:
     pairs = [(i, j) for i, j in combinations(range(len(bodies)), 2) if bodies[j] - bodies[i] > 1]
     if not pairs:
         return None
-    low, high = cell.robot.sample_limits().T
-    probe = scene_of(cell, np.random.default_rng(0).uniform(low, high, (_PROBE, len(low))))
-    everywhere = np.ones(_PROBE, dtype=bool)
+    probe = probe_scene(cell)
+    everywhere = np.ones(len(probe), dtype=bool)
+    zero = scene_of(cell, np.clip(np.zeros((1, cell.robot.dof)), *cell.robot.limits.T))
     checked, exempt = [], []
     for i, j in pairs:
         a, b = probe.capsules[i], probe.capsules[j]
-        if overlap(a, b, everywhere).mean() < _ALWAYS:
-            checked.append((i, j))
-        else:
+        at_zero = zero.capsules[i], zero.capsules[j]
+        touch_there = cell.own_shapes and bool(overlap(*at_zero, np.ones(1, dtype=bool))[0])
+        if touch_there or overlap(a, b, everywhere).mean() >= _ALWAYS:
             exempt.append((a.name, b.name))
+        else:
+            checked.append((i, j))
     return SelfCollision(tuple(checked), tuple(exempt))
 
 

@@ -14,6 +14,7 @@ from studies.document import (
     PROVED,
     STD,
     TEXT,
+    TWO,
     Column,
     Detail,
     Document,
@@ -140,8 +141,13 @@ def _losses(record: DesignRecord) -> Iterator[Sentence]:
 
 
 def _facts(record: DesignRecord) -> Iterator[Sentence]:
-    indices = ", ".join(f"{name} {FOUR(v)}" for name, v in record.observability.items())
-    yield Sentence(indices, label="indices")
+    indices = ", ".join(
+        f"{name} {TWO(v)} ({_INDICES[name]})" for name, v in record.observability.items()
+    )
+    yield Sentence(
+        f"of observability, larger is better: {indices}; parameters in plausible sizes",
+        label="indices",
+    )
     own = record.candidates
     removed = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in own.removed_by.items() if n)
     by = f" (removed by {removed})" if removed else ""
@@ -191,13 +197,23 @@ class _Plan:
     determinant: float | None
 
 
+_TASK_RMS: Column[_Plan] = Column("task RMS", lambda row: row.task_rms, MM, "mm")
+_INDICES = {
+    "O1": "mean singular value",
+    "O2": "smallest by largest",
+    "O3": "smallest",
+    "O4": "smallest squared by largest",
+    "O5": "one by the sum of their inverses",
+}
+
+
 def _plans(record: DesignRecord) -> tuple[Column[_Plan], ...]:
     return (
         Column("plan", lambda row: row.name),
         Column("poses", lambda row: row.poses, FOUR),
         Column(record.criterion, lambda row: row.value, FOUR),
         Column("efficiency\n(bound)", lambda row: row.efficiency, FOUR),
-        Column("task RMS", lambda row: row.task_rms, MM, "mm"),
+        *(() if record.criterion == "task" else (_TASK_RMS,)),
         Column("trace of\ncovariance", lambda row: row.trace, FOUR),
         Column("det(M)\n^(1/p)", lambda row: row.determinant, FOUR),
     )
@@ -212,11 +228,14 @@ def _judged(record: DesignRecord) -> Iterator[_Plan]:
         yield _Plan(name, plan.poses, plan.value, plan.efficiency, *rest)
 
 
+_STEP_RMS: Column[Step] = Column("task RMS", lambda row: row.task_rms_mm, MM, "mm")
+
+
 def _steps(record: DesignRecord) -> tuple[Column[Step], ...]:
     return (
         Column("poses", lambda row: row.poses, FOUR),
         Column(record.criterion, lambda row: row.value, FOUR),
-        Column("task RMS", lambda row: row.task_rms_mm, MM, "mm"),
+        *(() if record.criterion == "task" else (_STEP_RMS,)),
         Column("efficiency\n(bound)", lambda row: row.efficiency, FOUR),
     )
 

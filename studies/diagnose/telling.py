@@ -29,6 +29,7 @@ from studies.document import (
     STD,
     TENTH,
     TEXT,
+    TO_STD,
     TWO,
     Column,
     Detail,
@@ -209,8 +210,8 @@ def _closed(gap: Gap) -> str:
 
 _VALUES: tuple[Column[Value], ...] = (
     Column("parameter", lambda row: row.name),
-    Column("value", lambda row: row.value, FOUR),
-    Column("standard deviation", lambda row: row.std, FOUR),
+    Column("value", lambda row: (row.value, row.std), TO_STD),
+    Column("standard deviation", lambda row: row.std and (row.std, row.std), TO_STD),
     Column("unit", lambda row: row.unit, TEXT),
 )
 

@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from studies.document.parts import Column, Detail, Figure, Part, Raw, Section, Sentence, Table
+from studies.document.parts import (
+    Column,
+    Detail,
+    Figure,
+    Lines,
+    Part,
+    Raw,
+    Section,
+    Sentence,
+    Table,
+)
 from studies.document.plain import plain_columns
 from studies.document.rules import plural
 from studies.document.svg import inline_svg
@@ -77,18 +87,20 @@ class Writer:
             table = self._table(part, lit)
             name = f"{part.name or part.caption} ({len(part.rows)})"
             fold = len(part.rows) > _FOLDED if part.fold is None else part.fold
-            return self._folded(name, table) if fold else table
+            return self._folded(name, table, part.paper) if fold else table
         if isinstance(part, Figure):
             return self._figure(part, lit)
         if isinstance(part, Detail):
             inner = self._parts(part.parts, lit)
             return self._folded(part.title, inner) if part.title else inner
+        if isinstance(part, Lines):
+            return Markup("<pre>{}</pre>").format(part.text)
         if isinstance(part, Raw):
             return part.html
         raise TypeError(f"no part of a document: {part!r}")
 
-    def _folded(self, title: str, inner: Markup) -> Markup:
-        made: Markup = self.macros.folded(title, inner)
+    def _folded(self, title: str, inner: Markup, paper: bool = False) -> Markup:
+        made: Markup = self.macros.folded(title, inner, paper)
         return made
 
     def _table(self, table: Table[Any], lit: Mapping[str, str]) -> Markup:

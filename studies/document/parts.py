@@ -62,6 +62,7 @@ class Table(Generic[S]):
     of_poses : whether the first column names poses of the data or the plan
     most : rows that the terminal shows of many, None for all
     fold : whether the page folds it; None for where it is long
+    paper : whether it is printed even where it is folded
     """
 
     columns: Sequence[Column[S]]
@@ -71,6 +72,7 @@ class Table(Generic[S]):
     of_poses: bool = False
     most: int | None = None
     fold: bool | None = None
+    paper: bool = False
 
 
 @dataclass(frozen=True)
@@ -95,13 +97,20 @@ class Detail:
 
 
 @dataclass(frozen=True)
+class Lines:
+    """Lines that stand as they are: commands, code, what a program printed."""
+
+    text: str
+
+
+@dataclass(frozen=True)
 class Raw:
     """Markup made by the page itself."""
 
     html: Markup
 
 
-Part: TypeAlias = Sentence | Table[Any] | Figure | Detail | Raw
+Part: TypeAlias = Sentence | Table[Any] | Figure | Detail | Lines | Raw
 
 
 @dataclass(frozen=True)

@@ -13,20 +13,19 @@ from studies.plots.style import POSE, Picture, svg_text
 _SVG = "http://www.w3.org/2000/svg"
 _XLINK = "http://www.w3.org/1999/xlink"
 _REFERS = re.compile(r"url\(#([^)]+)\)")
-_THEMED = {
-    "#000000": "var(--ink)",
-    "#262626": "var(--ink)",
-    "#333333": "var(--ink)",
-    "#737373": "var(--soft)",
-    "#8c8c8c": "var(--soft)",
-    "#999999": "var(--soft)",
-    "#b8b8b8": "var(--dim)",
-    "#d9d9d9": "var(--faint)",
-    "#ebebeb": "var(--faint)",
-    "#ffffff": "var(--paper)",
-}
-"""Greys of the figures, by what they are on the page."""
-_GREY = re.compile("|".join(_THEMED), re.IGNORECASE)
+_THEMED = (
+    (0x50, "var(--ink)"),
+    (0xA8, "var(--soft)"),
+    (0xC8, "var(--dim)"),
+    (0xF0, "var(--faint)"),
+    (0xFE, "var(--raised)"),
+    (0xFF, "var(--paper)"),
+)
+"""Greys of the figures up to a lightness, by what they are on the page."""
+_GREY = re.compile(r"#([0-9a-f]{2})\1\1(?![0-9a-f])", re.IGNORECASE)
+_SMALLEST = (
+    0.75  # of its width, to which a figure shrinks before it is scrolled: text stays legible
+)
 _COLOURED = ("style", "fill", "stroke")
 
 
@@ -44,9 +43,19 @@ def inline_svg(picture: Picture, key: str, names: Mapping[str, str] | None) -> M
     root.set("class", "plot")
     root.set("role", "img")
     root.set("aria-label", f"{picture.title}. {picture.caption}")
-    root.set("style", f"max-width: {width / 72.0 * 96.0:.0f}px; aspect-ratio: {width / height:.4f}")
+    wide = width / 72.0 * 96.0
+    root.set(
+        "style",
+        f"max-width: {wide:.0f}px; min-width: {_SMALLEST * wide:.0f}px; "
+        f"aspect-ratio: {width / height:.4f}",
+    )
     text = ET.tostring(root, encoding="unicode")
     return Markup(text)  # noqa: S704 - drawn by matplotlib, which escapes what it writes
+
+
+def _themed(grey: re.Match[str]) -> str:
+    lightness = int(grey[1], 16)
+    return next(name for most, name in _THEMED if lightness <= most)
 
 
 def _clean(root: ET.Element, key: str, names: Mapping[str, str] | None) -> None:
@@ -70,7 +79,7 @@ def _clean(root: ET.Element, key: str, names: Mapping[str, str] | None) -> None:
             element.set("id", f"{key}-{own}")
         for attribute, value in element.attrib.items():
             if attribute in _COLOURED:
-                value = _GREY.sub(lambda grey: _THEMED[grey[0].lower()], value)
+                value = _GREY.sub(_themed, value)
             value = _REFERS.sub(rf"url(#{key}-\1)", value)
             if attribute.endswith("href") and value.startswith("#"):
                 value = f"#{key}-{value[1:]}"

@@ -11,7 +11,7 @@ from rich.console import RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from studies.document.parts import Column, Document, Part, Section, Sentence, Table
+from studies.document.parts import Column, Document, Lines, Part, Section, Sentence, Table
 from studies.tables import plain_table
 
 _LABEL = 10  # letters
@@ -45,6 +45,9 @@ def _parts(parts: Iterable[Part]) -> Iterator[RenderableType]:
             if below_table:
                 yield Text("")
             yield Text("\n".join(_lines(group)))  # type: ignore[arg-type]
+            below_table = False
+        elif kind is Lines:
+            yield from (Text(f"\n{part.text}") for part in group if isinstance(part, Lines))
             below_table = False
         elif kind is Table:
             for table in group:

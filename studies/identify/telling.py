@@ -372,8 +372,8 @@ def _identified(record: IdentifyRecord) -> Iterator[Part]:
         "counted; 95 of 100 such intervals hold the true value, if the model is right"
     )
     robot, placed = ([p for p in record.parameters if p.placed is own] for own in (False, True))
-    yield Table(_PARAMETERS, robot, "Parameters of the robot", caption)
-    where = Table(_PARAMETERS, placed, "Where base and markers are", fold=True)
+    yield Table(_PARAMETERS, robot, "Parameters of the robot", caption, fold=False)
+    where = Table(_PARAMETERS, placed, "Where base and markers are", fold=True, paper=True)
     yield Detail((where,) if placed else ())
     yield from _doubts(record)
     caption = (

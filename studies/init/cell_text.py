@@ -58,10 +58,11 @@ sigma_mm = 0.010               # EDIT: one standard deviation of one coordinate;
 [design]                       # what `posecal design` chooses
 poses = 30                     # EDIT: as many as the day allows
 # targets = "targets.csv"      # where accuracy is wanted: joint columns, optional weight
-# [[design.obstacle]]          # needs [robot.capsules_mm]; here what is below the floor
-# type = "halfspace"
-# point_mm = [0, 0, 0]
-# normal = [0, 0, -1]
+# floor_mm = 0.0               # the arm keeps above it; false for none (posecal explain constraints)
+# [[design.obstacle]]          # needs the arm's shape: that of a URDF, or [robot.capsules_mm]
+# type = "halfspace"           # forbidden on the side of its normal
+# point_mm = [0, 900, 0]
+# normal = [0, 1, 0]
 
 [model]                        # what is to be identified
 effects = ["base", "tool", "geometry"]

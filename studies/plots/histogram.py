@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 _MM = 1e3
 _BINS_A_DECADE = 8
+_BELOW = 0.005  # of the points may lie left of the axis, and count in the first bin
+_DECADES = 1e-7  # shown at most, of the largest
 _MEAN: Any = {"color": INK, "linewidth": 1.6, "linestyle": ":"}
 _P95: Any = {"color": INK, "marker": "^", "markersize": 7.0, "linestyle": ""}
 _FLOOR: Any = {"color": INK, "linewidth": 1.2, "linestyle": (0, (4, 2))}
@@ -53,7 +55,8 @@ def histogram(
 
     lengths = [np.linalg.norm(part, axis=-1) * _MM for part in (before, after)]
     every = np.concatenate(lengths)
-    low = max(min(float(every.min()), 0.3 * sigma * _MM), 1e-3 * float(every.max()), 1e-9)
+    least = float(np.quantile(every, _BELOW))
+    low = max(min(least, 0.3 * sigma * _MM), _DECADES * float(every.max()), 1e-9)
     high = 1.3 * max(float(every.max()), 3.0 * sigma * _MM)
     if not high > low:
         raise ValueError("no distance is above zero, nor is sigma")

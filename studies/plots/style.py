@@ -42,6 +42,8 @@ POSE = "pose:"
 _LIT = 60  # poses that are elements of their own
 _VECTOR = 1500  # points; a larger cloud becomes a picture within the SVG
 _NAME, _PARAMETER = 24, 48  # letters of a name beside an axis
+_FEWEST = 3  # ticks of a log axis
+_CLOSE = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)  # in a decade, where few are seen
 _NAMED = 62  # poses whose names fit below an axis
 _NOT_IN_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")  # may stand in names
 RC: Any = {
@@ -202,15 +204,37 @@ def key_of(look: Look, **changed: Any) -> Any:
 
 
 def log_ticks(axis: Axis, low: float, high: float) -> None:
-    """Plain numbers at 1, 2, 5 where few decades are shown, at powers of ten where many."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+    """Plain numbers at 1, 2, 5 where few decades are shown, at powers of ten where many.
+
+    Between them where less than three would be seen; evenly where that does not suffice either.
+    """
+    from matplotlib.ticker import (
+        FuncFormatter,
+        LogLocator,
+        MaxNLocator,
+        NullFormatter,
+        NullLocator,
+    )
 
     decades = math.log10(high / low)
-    steps = (1.0, 2.0, 5.0) if decades < 2.2 else (1.0,)
-    axis.set_major_locator(LogLocator(subs=steps, numticks=20))
+    coarse = (1.0, 2.0, 5.0) if decades < 2.2 else (1.0,)
+    fitting = [own for own in (coarse, _CLOSE) if len(_within(low, high, own)) >= _FEWEST]
+    logarithmic = LogLocator(subs=fitting[0], numticks=20) if fitting else None
+    axis.set_major_locator(logarithmic or MaxNLocator(_FEWEST + 2))
     axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axis.set_minor_locator(NullLocator())
     axis.set_minor_formatter(NullFormatter())
+
+
+def _within(low: float, high: float, steps: Sequence[float]) -> list[float]:
+    """Steps of every decade that lie between.
+
+    >>> _within(0.9, 11.0, (1.0, 5.0))
+    [1.0, 5.0, 10.0]
+    """
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    ticks = (step * 10.0**decade for decade in decades for step in steps)
+    return [tick for tick in ticks if low <= tick <= high]
 
 
 def pose_ticks(panel: Axes, names: Sequence[str]) -> None:

@@ -108,7 +108,24 @@
       const i = this.number.get(pose) ?? null;
       if (pinned && i !== null) this.chosen = i;
       this.peeked = pinned ? null : i;
+      this.float(i !== null && !pinned);
       this.shown();
+    }
+
+    // A pose that is lit elsewhere on the page while the figure is out of sight: the drawing comes along.
+    float(wanted) {
+      clearTimeout(this.landing);
+      const box = this.figure.getBoundingClientRect();
+      const away = box.bottom < 80 || box.top > document.documentElement.clientHeight - 80;
+      if (wanted && away) {
+        if (!this.figure.style.minHeight) this.figure.style.minHeight = `${box.height}px`;
+        this.stage.classList.add("arm-afloat");
+      } else {
+        this.landing = setTimeout(() => {
+          this.stage.classList.remove("arm-afloat");
+          this.figure.style.minHeight = "";
+        }, wanted ? 0 : 250);
+      }
     }
 
     shown() {

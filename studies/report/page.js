@@ -22,6 +22,22 @@
     light(pose ?? pinned);
     tell(pose, false);
   }
+
+  // Beside the pointer stands what the figure of the arm says of the pose, else its name.
+  const tip = document.createElement("div");
+  Object.assign(tip, { className: "tip", hidden: true });
+  tip.setAttribute("aria-hidden", "true"); // those who do not point read the same in table and figure
+  function point(event) {
+    const pose = event.pointerType === "mouse" ? poseAt(event.target) : null;
+    tip.hidden = pose === null;
+    if (pose === null) return;
+    const told = [...document.querySelectorAll(".arm-now")].find((now) => now.firstElementChild?.textContent === pose);
+    const words = told ? [...told.children].map((part) => part.textContent).filter(Boolean) : [pose];
+    tip.replaceChildren(...words.map((text, i) => Object.assign(document.createElement(i ? "span" : "b"), { textContent: text })));
+    const { clientWidth: wide, clientHeight: high } = document.documentElement, box = tip.getBoundingClientRect();
+    tip.style.left = `${Math.max(4, Math.min(event.clientX + 14, wide - box.width - 4))}px`;
+    tip.style.top = `${event.clientY + 18 + box.height > high ? event.clientY - box.height - 10 : event.clientY + 18}px`;
+  }
   function pin(pose) {
     pinned = pose;
     light(pose);
@@ -34,8 +50,9 @@
     light(detail.pose ?? pinned);
   });
   for (const type of ["pointerover", "focusin"]) document.addEventListener(type, (event) => over(poseAt(event.target)));
+  document.addEventListener("pointermove", point);
   document.addEventListener("focusout", () => over(null));
-  document.documentElement.addEventListener("pointerleave", () => over(null));
+  document.documentElement.addEventListener("pointerleave", () => { over(null); tip.hidden = true; });
   document.addEventListener("click", (event) => {
     const pose = poseAt(event.target);
     if (pose !== null && !event.target.closest("a, button, summary, select, input")) pin(pose === pinned ? null : pose);
@@ -89,6 +106,7 @@
   }
 
   function start() {
+    document.body.append(tip);
     for (const element of document.querySelectorAll("[data-pose]")) {
       const { pose } = element.dataset;
       if (!of.has(pose)) of.set(pose, []);

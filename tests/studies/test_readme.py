@@ -1,4 +1,4 @@
-"""What the README shows works as it stands there."""
+"""What the README and the topics show works as it stands there."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from calib.model.build import context_of
 from calib.poses import poses_at
 from studies.cli import main
 from studies.demo.embedded import embedded_cell
+from studies.explain.topics import written
 
 README = (Path(__file__).parent.parent.parent / "README.md").read_text()
 
@@ -30,8 +31,9 @@ def beside_the_demo(demo_folder: Path, tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def blocks(*words: str) -> list[str]:
-    """The README's Python blocks that hold these words."""
-    found = re.findall(r"```python\n(.*?)```", README, flags=re.S)
+    """The Python blocks of README and topics that hold these words."""
+    texts = "".join((README, *written().values()))
+    found = re.findall(r"```python\n(.*?)```", texts, flags=re.S)
     return [block for block in found if all(word in block for word in words)]
 
 
@@ -66,20 +68,36 @@ def test_a_criterion_of_ones_own() -> None:
 
 def test_commands_run_and_print_what_is_shown(beside_the_demo: Path) -> None:
     commands = re.findall(r"^ {4}posecal (.*posecal-demo.*)$", README, flags=re.M)
-    assert len(commands) == 4
+    assert [command.split()[0] for command in commands] == [
+        "init",
+        "identify",
+        "diagnose",
+        "compensate",
+    ]
     printed = (beside_the_demo / "said").read_text()
     for command in commands:
         done = CliRunner().invoke(main, command.split())
         assert done.exit_code == 0, f"{command}: {done.output}"
         printed += done.output
+        if command.startswith("init"):
+            edit(beside_the_demo / "my-cell" / "cell.toml")
     known = [alike(line) for line in printed.splitlines()]
     shown = re.findall(r"```\n((?:\[1/6\]|kr270).*?)```", README, flags=re.S)
-    assert len(shown) == 2
+    assert len(shown) == 4
     for line in "".join(shown).splitlines():
         words, numbers = alike(line)
         if words not in ("", ".."):
             close = [n for w, n in known if w == words and np.allclose(n, numbers, 0.25, 1e-3)]
             assert close, f"the printed example is not the real one: {line}"
+
+
+def edit(cell: Path) -> None:
+    """As the README says: its tables in place of those that the cell has."""
+    tables = re.findall(r"```toml\n(.*?)```", README, flags=re.S)
+    assert len(tables) == 1
+    text = cell.read_text()
+    begun = text.index("\n[model]")
+    cell.write_text(text[:begun] + "\n" + tables[0])
 
 
 def alike(line: str) -> tuple[str, list[float]]:
@@ -89,7 +107,27 @@ def alike(line: str) -> tuple[str, list[float]]:
     return " ".join(re.sub(r"(?<![\w@])-?\d+\.?\d*", "#", line).split()), [*map(float, numbers)]
 
 
-def test_every_effect_is_described() -> None:
-    table = README[README.index("| effect |") : README.index("Write `name` for everywhere")]
-    first = "".join(line.split("|")[1] for line in table.strip().splitlines())
-    assert set(re.findall(r"`(\w+)`", first)) == set(EFFECTS)
+def test_every_effect_is_named() -> None:
+    table = README[
+        README.index("| errors of | effects |") : README.index("`posecal explain effects`")
+    ]
+    assert sorted(re.findall(r"`(\w+)`", table)) == sorted(EFFECTS)
+
+
+def test_every_command_and_only_topics_that_are_there() -> None:
+    assert set(main.commands) <= set(re.findall(r"posecal (\w+)", README))
+    table = README[README.index("more: `posecal explain`") : README.index("Every command takes")]
+    named = re.findall(r"posecal explain ([\w-]+)`", README)
+    for row in table.splitlines()[2:]:
+        named += re.findall(r"`([\w-]+)`", row.split("|")[3]) if "|" in row else []
+    reached = README[README.index("## What it reaches") : README.index("## What it does not do")]
+    measured = re.findall(r"`(measured-[\w-]+)`", reached)
+    assert sorted(measured) == sorted(name for name in written() if name.startswith("measured-"))
+    assert set(named) - set(EFFECTS) <= set(written())
+
+
+def test_it_is_short_and_says_where_what_stands() -> None:
+    assert len(README.splitlines()) <= 300
+    titles = re.findall(r"^## (.*)$", README, flags=re.M)
+    links = re.findall(r"\]\(#(.*?)\)", README)
+    assert links == [re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles]

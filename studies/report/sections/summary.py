@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from studies.diagnose.record import DiagnoseRecord
 from studies.diagnose.telling import to_do
@@ -15,17 +16,25 @@ from studies.report.evidence import KINDS, Evidence, Result
 
 def summary(evidence: Evidence) -> Section:
     """A headline of each result, how the error fell, and what to do next."""
-    said = [line for kind in KINDS for own in evidence.of(kind) for line in own.told.headline]
+    said = [line for kind in KINDS for line in _said(evidence.of(kind))]
     drawn = list(_bars(evidence))
     fall = [bars(drawn, _FALL)] if drawn else []
     mixed = [Sentence(note, "warn") for note in evidence.mixed]
     return Section("summary", "In one look", (*mixed, *said, *fall, *_next(evidence)))
 
 
+def _said(several: Sequence[Result]) -> Iterator[Sentence]:
+    """The headlines of results of one kind, named by their files where there is more than one."""
+    for own in several:
+        for number, line in enumerate(own.told.headline):
+            named = f"{own.path.name}: " if len(several) > 1 and not number else ""
+            yield replace(line, text=f"{named}{line.text}")
+
+
 _FALL = (
     "Distance between measured and predicted points, RMS [mm]. At the poses of the fit it may lie "
     "below the noise, of which the parameters take up a part; poses never seen show what "
-    "holds elsewhere."
+    "holds elsewhere. The scale is logarithmic; the dashed line is the noise."
 )
 
 

@@ -1,0 +1,1 @@
+"""``posecal explain``: topics, written once in ``topics`` or made from the package's own tables."""

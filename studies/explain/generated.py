@@ -1,0 +1,159 @@
+"""Topics and tables that the package makes from its own classes, so that nothing is told twice."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import sys
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+from studies.explain.text import Rows
+
+if TYPE_CHECKING:
+    from calib.effects import Effect
+
+_COVARIATES = {
+    "approach": "approach_<joint>, or poses in their order",
+    "motion": "poses in their order",
+    "time": "time_s, or poses in their order: then a reading is the unit",
+    "temperature": "temperature_degC",
+    "torque": "<joint>_Nm",
+}
+_MOST = 12  # parameters that are named
+
+
+def effects() -> Rows:
+    """Every effect: what it is, and what data it needs."""
+    from calib.effects import catalogue
+
+    rows = [(name, _summary(kind), "; ".join(_needs(kind))) for name, kind in catalogue().items()]
+    return ("effect", "what it is", "needs"), rows
+
+
+def criteria() -> Rows:
+    """Every criterion that is chosen by name: what it makes best, and in which figure it is read."""
+    from doe.criteria import UNASKED, catalogue
+
+    return ("criterion", "is about", "shown as"), [
+        (name, _summary(kind).partition(": ")[2], f"{kind.unit}, {_sense(kind.larger_is_better)}")
+        for name, kind in catalogue().items()
+        if name != UNASKED
+    ]
+
+
+def instruments() -> Rows:
+    """Every kind of instrument: its columns, and its keys in the cell."""
+    from calib import instruments as known
+    from calib.files.readings import reading_names
+    from studies.explain.cell_keys import keys_of_instrument
+
+    rows = []
+    for name in ("Tracker", "Pose", "Camera", "Distance", "Plane", "Sphere", "Socket"):
+        kind = getattr(known, name)
+        columns = [column for column in sorted(reading_names([kind])) if not column.endswith("_m")]
+        own = ", ".join(columns)
+        rows.append((kind.kind, _summary(kind), own, ", ".join(keys_of_instrument(kind.kind))))
+    return ("kind", "reads", "columns", "keys"), rows
+
+
+def cell_table(table: str) -> Rows:
+    """Every key of one table of the cell."""
+    from studies.explain.cell_keys import rows
+
+    return ("key", "is", "means"), rows(table)
+
+
+def made(name: str) -> Rows:
+    """The table that ``{name}`` stands for in a topic; ``{cell.robot}`` for keys of ``[robot]``."""
+    kind, _, table = name.partition(".")
+    return cell_table(table) if kind == "cell" else _MADE[kind]()
+
+
+_MADE: dict[str, Callable[[], Rows]] = {
+    "effects": effects,
+    "criteria": criteria,
+    "instruments": instruments,
+}
+
+
+def effect_text(name: str) -> str:
+    """The topic of one effect: its module's docstring, parameters and needs."""
+    from calib.effects import catalogue
+
+    kind = catalogue()[name]
+    needs = "; ".join(_needs(kind)) or "nothing beyond joints and readings"
+    return "\n\n".join((f"# {name}", _prose(kind), f"**Needs**: {needs}.", _parameters(name)))
+
+
+def criterion_text(name: str) -> str:
+    """The topic of one criterion: the docstrings of its module and class."""
+    from doe.criteria import catalogue
+
+    kind = catalogue()[name]
+    shown = f"Shown as: {kind.unit}, {_sense(kind.larger_is_better)}."
+    own = (inspect.getdoc(kind) or "").split("\n\n")
+    told = [_clean(paragraph) for paragraph in own if not re.match(r"[\w, ]+ : ", paragraph)]
+    return "\n\n".join((f"# {name}", _prose(kind), *told, shown))
+
+
+def _sense(larger_is_better: bool) -> str:
+    return "larger is better" if larger_is_better else "smaller is better"
+
+
+def _needs(kind: type[Effect]) -> Iterator[str]:
+    from calib.effects.protocol import ElasticEffect, LoadEffect
+
+    if issubclass(kind, ElasticEffect):
+        yield "load: a wrench, a payload, or link masses"
+    if issubclass(kind, LoadEffect):
+        yield "an elastic joint (joint_compliance)"
+    if kind.turns:
+        yield "a joint that turns"
+    covariates = kind.uses if "motion" not in kind.uses else ("motion",)
+    yield from (_COVARIATES[own] for own in covariates)
+
+
+def _parameters(name: str) -> str:
+    """Names and units, on the arm of the demonstration, where the effect can stand there."""
+    from calib.effects import catalogue
+    from calib.errors import CalibError
+    from calib.model.build import context_of
+    from studies.demo.embedded import embedded_cell
+
+    kind, context = catalogue()[name], context_of(embedded_cell(), None)
+    for where in kind.places(context):
+        try:
+            own = kind.at(context, where).parameters
+        except CalibError:
+            continue
+        shown = [f"{p.name} [{p.unit}]" for p in own[:_MOST]]
+        more = f" and {len(own) - _MOST} more" if len(own) > _MOST else ""
+        return f"**Parameters**, as at {where} of the demonstration: {', '.join(shown)}{more}."
+    return "It has no place in the cell of the demonstration."
+
+
+def _summary(kind: type) -> str:
+    """First sentence of a module, without marks.
+
+    >>> from calib.effects.backlash import Backlash
+    >>> _summary(Backlash)
+    'Lost motion of a joint: where it stops depends on the side from which it came'
+    """
+    text = _clean(_module_text(kind).partition("\n\n")[0])
+    return re.split(r"(?<!\.)\.(?:\s|$)", text)[0].replace("`", "")
+
+
+def _prose(kind: type) -> str:
+    """A module's docstring by paragraphs."""
+    return "\n\n".join(map(_clean, _module_text(kind).split("\n\n")))
+
+
+def _module_text(kind: type) -> str:
+    return inspect.getdoc(sys.modules[kind.__module__]) or ""
+
+
+def _clean(text: str) -> str:
+    """Running words, with references to code as names."""
+    text = re.sub(r":\w+:`~?([^`]+)`", r"`\1`", text.replace("``", "`"))
+    return " ".join(text.split())

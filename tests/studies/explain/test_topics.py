@@ -1,0 +1,161 @@
+"""``posecal explain``: every topic is shown, and what is made from tables holds what they hold."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from importlib.resources import files
+
+import pytest
+from click.testing import CliRunner
+
+from calib.effects import EFFECTS
+from calib.files.columns import OTHERS, WRENCH
+from calib.instruments import Distance, Pose
+from doe.criteria import CRITERIA, UNASKED
+from studies.cli import main
+from studies.document import Column, Detail, Document, Lines, Section, Sentence, Table
+from studies.document.page import Writer
+from studies.explain.cell_keys import TABLES, forms, keys_of_instrument, meanings, rows
+from studies.explain.text import document_of
+from studies.explain.topics import titles, topic, written
+
+
+def said(*arguments: str) -> str:
+    done = CliRunner().invoke(main, ["explain", *arguments])
+    assert done.exit_code == 0, done.output
+    return " ".join(done.output.split())
+
+
+def test_all_topics_are_listed() -> None:
+    told = said()
+    for name, title in titles().items():
+        assert f"{name} {title}" in told
+    on_disk = {f.name for f in (files("studies.explain") / "topics").iterdir()}
+    assert on_disk == {f"{name}.md" for name in titles()}, "no file that is no topic"
+
+
+def words_of(text: str) -> set[str]:
+    return set(re.findall(r"\w{4,}", re.sub(r"\{.*?\}", "", text)))
+
+
+@pytest.mark.parametrize("name", written())
+def test_a_topic_is_shown_whole(name: str) -> None:
+    told = " ".join(text_of(topic(name)))
+    assert words_of(re.sub(r"\*\*|```\w*", "", written()[name])) <= words_of(told)
+    shown = said(name)
+    assert shown.startswith(titles()[name])
+    assert "\N{HORIZONTAL ELLIPSIS}" not in shown, "nothing is cut off"
+
+
+@pytest.mark.parametrize("name", [*EFFECTS, *CRITERIA])
+def test_every_effect_and_criterion_is_a_topic(name: str) -> None:
+    shown = said(name)
+    assert shown.startswith(f"{name} ")
+    assert ("Parameters" in shown) is (name in EFFECTS)
+    assert "``" not in shown
+    assert ":class:" not in shown
+
+
+def test_what_an_effect_needs_comes_from_its_class() -> None:
+    effects = {line.split()[0]: line for line in topic_rows("effects")}
+    assert set(effects) == set(EFFECTS)
+    assert "temperature_degC" in effects["thermal_expansion"]
+    assert "approach_<joint>" in effects["backlash"]
+    assert "a wrench, a payload, or link masses" in effects["joint_compliance"]
+    assert {line.split()[0] for line in topic_rows("criteria")} >= set(CRITERIA) - {UNASKED}
+
+
+def text_of(document: Document) -> Iterator[str]:
+    yield from (sentence.text for sentence in document.headline)
+    for section in document.sections:
+        yield section.title
+        for part in section.parts:
+            if isinstance(part, Table):
+                yield from (column.title for column in part.columns)
+                yield from (column.cell(row) for row in part.rows for column in part.columns)
+            elif isinstance(part, Sentence | Lines):
+                yield part.text
+
+
+def topic_rows(name: str) -> list[str]:
+    tables = [p for s in topic(name).sections for p in s.parts if isinstance(p, Table)]
+    return [" ".join(column.cell(row) for column in t.columns) for t in tables for row in t.rows]
+
+
+def test_the_cell_says_what_every_key_of_its_schema_means() -> None:
+    known = forms()
+    assert set(known) == set(meanings())
+    told = [f"{table}:{key}" for table in ("", *TABLES) for key, _, _ in rows(table)]
+    assert len(told) == len(set(told)) == len(known), "each key stands in one table"
+    assert dict.fromkeys(["number"]) == known["instrument.sigma_mm.divisor"]
+    assert list(known["design.obstacle[].type"]) == ['"box"', '"sphere"', '"halfspace"']
+    text = written()["cell"]
+    assert all(f"{{cell.{table}}}" in text for table in ("", *TABLES))
+
+
+def test_columns_and_keys_of_instruments_are_told() -> None:
+    columns = written()["columns"]
+    for name in (*OTHERS, *WRENCH):
+        assert re.search(rf"[`\s]{re.escape(name)}[`\s]", columns), name
+    assert keys_of_instrument(Distance.kind) == ("sigma_mm", "anchor_mm", "offset")
+    assert keys_of_instrument(Pose.kind) == ("sigma_mm", "sigma_urad", "covariance")
+    table = [line for line in topic_rows("instruments") if line.startswith("distance")]
+    assert "d_mm sigma_mm, anchor_mm, offset" in table[0]
+
+
+def test_a_topic_that_is_not_there_names_the_closest() -> None:
+    done = CliRunner().invoke(main, ["explain", "baklash"])
+    assert done.exit_code == 2
+    assert done.output == "posecal: explain: no topic 'baklash'; did you mean backlash?\n"
+
+
+TEXT = """# What
+
+First **words**
+go on.
+
+- one
+  more
+- two
+
+| a | `b` |
+|---|---|
+| 1 | x \\| y |
+
+    indented
+
+    twice
+
+## Then
+
+```python
+if x:
+
+    y
+```
+{made}
+"""
+
+
+def test_the_little_markdown() -> None:
+    found = document_of(TEXT.replace("\n{made}", "\n\n{made}"), lambda name: (("h",), [(name,)]))
+    first, then = found.sections
+    assert found.headline == (Sentence("What"),)
+    texts = [part.text for part in first.parts if isinstance(part, Sentence)]
+    assert texts == ["", "First words go on.", "", "- one more", "- two"]
+    table, lines = first.parts[-2:]
+    assert isinstance(table, Table)
+    assert [[c.title for c in table.columns], *table.rows] == [["a", "b"], ("1", "x \\| y")]
+    assert lines == Lines("    indented\n\n    twice")
+    assert then.title == "Then"
+    code, made = then.parts
+    assert code == Lines("    if x:\n\n        y")
+    assert isinstance(made, Table)
+    assert made.rows == [("made",)]
+
+
+def test_lines_stand_as_they_are_on_a_page() -> None:
+    section = Section("k", "T", (Detail((Lines("a <b>\n  c"),)), Table([Column("", str)], [])))
+    assert Document((), (section,)).sections
+    assert "<pre>a &lt;b&gt;\n  c</pre>" in Writer.fresh().section(section, {})

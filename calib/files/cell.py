@@ -20,6 +20,7 @@ from calib.arrays import Array
 from calib.cell import Capsule, Cell, Load, Repeatability
 from calib.errors import InputError, UnknownEffect
 from calib.files.instruments import bodies_of, instruments_of, known_distances
+from calib.files.lenses import with_lenses
 from calib.files.read import ORDER, read_text
 from calib.files.robot import load_robot, robot_files
 from calib.files.schema import (
@@ -43,7 +44,7 @@ def load_cell(path: str | Path) -> Cell:
     Raises InputError naming the file, the line or key, and what to do.
     """
     path = Path(path)
-    table = _validated(path, _read_toml(path))
+    table, lenses = with_lenses(path, _validated(path, _read_toml(path)))
     form, file = table.robot.form, path.parent / table.robot.file
     convention = table.robot.dh_convention
     robot = load_robot(form, file, table.robot.base, table.robot.tip, convention)
@@ -64,7 +65,7 @@ def load_cell(path: str | Path) -> Cell:
         name=table.name or path.stem,
         path=path,
         robot_form=form,
-        robot_files=robot_files(form, file),
+        robot_files=(*robot_files(form, file), *lenses),
         robot=_narrowed(path, robot, table.robot),
         marker_names=(*markers, *bodies.names),
         markers=np.concatenate([positions * _MM, bodies.markers]),

@@ -309,8 +309,9 @@ class IntrinsicsStd(Table):
 class CameraTable(BodyTable):
     kind: Literal["camera"]
     on: Literal["world", "tip"] = "world"
-    focal_px: Positive | Pixels
-    center_px: tuple[Number, Number]
+    calibration: str | None = None  # a file in place of the next three
+    focal_px: Positive | Pixels = 1.0
+    center_px: tuple[Number, Number] = (0.0, 0.0)
     distortion: Coefficients = (0.0, 0.0, 0.0, 0.0, 0.0)
     image_px: Pixels | None = None
     sigma_px: Positive
@@ -318,6 +319,16 @@ class CameraTable(BodyTable):
     intrinsics_std: (
         IntrinsicsStd | Annotated[list[Positive], Field(min_length=1, max_length=9)] | None
     ) = None  # in a list: fx, fy, cx, cy, k1, k2, p1, p2, k3
+
+    @model_validator(mode="after")
+    def _one_lens(self) -> Self:
+        own = [k for k in ("focal_px", "center_px", "distortion") if k in self.model_fields_set]
+        if self.calibration is not None and own:
+            raise ValueError(f"has calibration and {own[0]}; keep one of them")
+        for key in ("focal_px", "center_px"):
+            if self.calibration is None and key not in own:
+                raise ValueError(f"lacks {key}; add it, or calibration = a YAML of OpenCV or ROS")
+        return self
 
 
 AnyInstrument = Annotated[

@@ -7,6 +7,7 @@ value stands is kept, so that a file can be written again with other numbers and
 from __future__ import annotations
 
 import re
+from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,7 +68,7 @@ def read_yaml(path: Path) -> YamlText:
     """Maps and lists by indentation, or in brackets. Raises InputError for any other YAML."""
     text = read_text(path, _LARGEST_FILE)
     reader = _Reader(path, text, _lines(path, text))
-    root = reader.block(-1, 0) if reader.lines else {}
+    root = reader.document() if reader.lines else {}
     return YamlText(text, root if isinstance(root, dict) else {"": root})
 
 
@@ -109,6 +110,7 @@ class _Reader:
 
     def __init__(self, path: Path, text: str, lines: list[_Line]) -> None:
         self.path, self.text, self.lines, self.at = path, text, lines, 0
+        self.ends = [end.start() for end in re.finditer("\n", text)]
 
     def fault(self, line: _Line, what: str = "", remedy: str = "") -> InputError:
         return InputError(
@@ -117,6 +119,16 @@ class _Reader:
             what or "is none of the YAML that is read here, 'key: value' or '- value'",
             remedy if what else "write it as the maker's own file is written",
         )
+
+    def document(self) -> Node:
+        """The whole: a block, or brackets as in JSON."""
+        first = self.lines[0]
+        if first.text[0] not in "{[":
+            return self.block(-1, 0)
+        found = self._value(first, first.text, first.start, 0, 0, under_key=False)
+        if self.at < len(self.lines):
+            raise self.fault(self.lines[self.at])
+        return found
 
     def block(self, above: int, depth: int) -> Node:
         """The map or list of lines that stand farther right than the one above."""
@@ -219,7 +231,7 @@ class _Reader:
         if word is None:
             raise self._no_flow(line, begin, mapped)
         text = word[0].rstrip()
-        number = line.number + self.text.count("\n", begin, at) if depth == 0 else line.number
+        number = bisect_left(self.ends, at) + 1
         return Scalar(text, number, at, at + len(text)), at + len(text)
 
     def _past_blank(self, at: int) -> int:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from scipy.spatial.transform import Rotation
 
 import calib
 from calib.files.write_tables import measurements_csv
@@ -119,3 +120,74 @@ def test_joints_of_another_robot_are_refused_with_the_way_to_rename(
     again = ["--joint-names", "A1,A2,A3,A4,A5,A6"]
     done = run(folder / "points.txt", "--joints", tmp_path / "j.csv", *options, *again)
     assert done.exit_code == 0, done.output
+
+
+CAPTURED = """schema = 1
+[robot]
+urdf = "kr270.urdf"
+base = "base_link"
+tip = "tool0"
+[bodies.eye]
+[instruments.board]
+kind = "pose"
+sigma_mm = 0.1
+sigma_urad = 100
+[model]
+effects = ["base", "tool"]
+"""
+
+
+def test_samples_of_moveit_are_readings_of_the_camera(folder: Path) -> None:
+    """Joint states and samples of an eye in the hand, by SciPy, as the one body of the cell."""
+    (folder / "captured.toml").write_text(CAPTURED)
+    rng = np.random.default_rng(1)
+    q, T = rng.uniform(-1.0, 1.0, (6, 6)), np.tile(np.eye(4), (6, 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = Rotation.random(6, rng=rng).as_matrix(), rng.normal(size=(6, 3))
+    samples = [
+        {"effector_wrt_world": np.eye(4).ravel().tolist(), "object_wrt_sensor": own.tolist()}
+        for own in T.reshape(6, 16)
+    ]
+    names = [f"A{k}" for k in range(1, 7)]
+    (folder / "samples.json").write_text(json.dumps(samples))
+    (folder / "states.json").write_text(
+        json.dumps({"joint_names": names, "joint_values": q.tolist()}, indent=2)
+    )
+    out = folder / "captured.csv"
+    done = run(
+        folder / "samples.json", "--joints", folder / "states.json", "--eye", "in-hand",
+        "--cell", folder / "captured.toml", "--instrument", "board", "-o", out,
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "6 poses, 6 readings" in done.output
+    assert "poses of the camera in the board's frame, as the body eye" in done.output
+    cell = calib.load_cell(folder / "captured.toml")
+    data = calib.load_measurements(cell, out)
+    np.testing.assert_allclose(data.poses.q, q, atol=1e-12)
+    back = np.linalg.inv(T)
+    np.testing.assert_allclose(data.readings[:, 0, :3], back[:, :3, 3], atol=1e-8)
+    axes = np.swapaxes(back[:, :3, :2], 1, 2).reshape(6, 6)
+    np.testing.assert_allclose(data.readings[:, 0, 3:9], axes, atol=1e-8)
+
+
+def test_a_recording_a_pose(folder: Path) -> None:
+    """Files are named as the poses of the joint file; each of their frames sees the body."""
+    (folder / "captured.toml").write_text(CAPTURED)
+    for k in range(3):
+        rows = [f"{frame},0,0,0,90,{100 * k},0,{frame}" for frame in (1, 2, 3)]
+        head = "Objects\n100\n,,eye:eye,,,,,\nFrame,Sub Frame,RX,RY,RZ,TX,TY,TZ\n"
+        text = head + ",,deg,deg,deg,mm,mm,mm\n" + "\n".join(rows)
+        (folder / f"take{k}.csv").write_text(text)
+    joints = "pose," + ",".join(f"A{k}_deg" for k in range(1, 7)) + "\n"
+    joints += "".join(f"take{k},{k},-90,90,0,0,{k}\n" for k in (2, 0, 1))
+    (folder / "takes.csv").write_text(joints)
+    out = folder / "captured.csv"
+    takes = [folder / f"take{k}.csv" for k in range(3)]
+    done = run(
+        *takes, "--joints", folder / "takes.csv", "--cell", folder / "captured.toml", "-o", out
+    )
+    assert done.exit_code == 0, done.output
+    assert "3 frames of a pose are averaged; they scatter by 0.82 mm" in done.output
+    data = calib.load_measurements(calib.load_cell(folder / "captured.toml"), out)
+    assert data.poses.names == ("take2", "take0", "take1")
+    np.testing.assert_allclose(data.readings[:, 0, 0], [0.2, 0.0, 0.1], atol=1e-9)
+    np.testing.assert_allclose(data.readings[:, 0, 3:6], [[0.0, 1.0, 0.0]] * 3, atol=1e-9)

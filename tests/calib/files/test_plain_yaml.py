@@ -76,6 +76,8 @@ def scalars(node: Node) -> list[Scalar]:
         ("a:\n- 1\n- 2\nb: 3\n", {"a": ["1", "2"], "b": "3"}),
         ("---\n\na:   {x: 1,y: 2}   # z\n'b': \"c d\"\n", {"a": {"x": "1", "y": "2"}, "b": "c d"}),
         ("a:\nb: {}\n---\n", {"a": {}, "b": {}}),
+        ('{"a": [1,\n  -2.5], "b":{"c" : "x, y"}}\n', {"a": ["1", "-2.5"], "b": {"c": "x, y"}}),
+        ("[1, [2]]", {"": ["1", ["2"]]}),
         ("", {}),
     ],
 )
@@ -111,6 +113,7 @@ def test_other_numbers_in_the_same_text(tmp_path: Path) -> None:
         ("a: 1\n  b: 2\n", "line 2: is none of the YAML"),
         ("a:\n  b: 1\n c: 2\n", "line 3: is none of the YAML"),
         ("- 1\nb: 2\n", "line 2: is none of the YAML"),
+        ("[1]\na: 2\n", "line 2: is none of the YAML"),
         ("words\n", "line 1: is none of the YAML"),
         ("a: [1, 2\n", r"line 1: '\[1, 2' is no list of numbers"),
         ("a: {x: 1, 2}\n", "line 1: '{x: 1, 2}' is no map of numbers"),

@@ -44,7 +44,7 @@ def load_cell(path: str | Path) -> Cell:
     Raises InputError naming the file, the line or key, and what to do.
     """
     path = Path(path)
-    table, lenses = with_lenses(path, _validated(path, _read_toml(path)))
+    table, lenses = with_lenses(path, cell_table(path))
     form, file = table.robot.form, path.parent / table.robot.file
     convention = table.robot.dh_convention
     robot = load_robot(form, file, table.robot.base, table.robot.tip, convention)
@@ -98,6 +98,11 @@ def load_cell(path: str | Path) -> Cell:
         bodies=bodies.parts,
     )
     return replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))
+
+
+def cell_table(path: Path) -> CellFile:
+    """The checked tables of a cell file, as they stand in it. Raises InputError."""
+    return _validated(path, _read_toml(path))
 
 
 def _read_toml(path: Path) -> dict[str, Any]:

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
               help="The only marker, where names tell only the pose; or the only body.")  # fmt: skip
 @click.option("--eye", type=click.Choice(("in-hand", "on-base")),
               help="Where the camera of a hand-eye file is, if that does not say it.")  # fmt: skip
+@click.option("--board", "boards", metavar="NAME", multiple=True,
+              help="A board of the cell, to be found in images: squares, ChArUco or tags.")  # fmt: skip
 @click.option("--instrument", metavar="NAME", help="What read it, where the cell has several.")
 @click.option(
     "--unit", type=click.Choice(("mm", "m", "in")), help="Of points whose file does not state it."
@@ -71,6 +73,7 @@ def import_(
     names: str | None,
     marker: str | None,
     eye: Eye | None,
+    boards: tuple[str, ...],
     instrument: str | None,
     unit: str | None,
     columns: str | None,
@@ -87,36 +90,43 @@ def import_(
     and point (or fewer names), X, Y, Z, with or without a header, separated by commas, semicolons,
     tabs or blanks; or CSV of rigid bodies as OptiTrack Motive and Vicon Tracker or Nexus export them, a
     file for each pose, or one whose frames the joint file names; or YAML or JSON of the samples of
-    easy_handeye and MoveIt, whose joint states --joints takes. Poses come in the order of the joint
-    file, which is taken for the order measured.
+    easy_handeye and MoveIt, whose joint states --joints takes; or, with --board, images, or a folder
+    of them, named as the poses of the joint file. Poses come in the order of the joint file, which is
+    taken for the order measured.
 
     \b
     Examples:
       posecal import tracker.txt --joints joints.csv --unit mm --cell cell.toml -o measurements.csv
       posecal import takes/*.csv --joints joints.csv --cell cell.toml -o measurements.csv
       posecal import samples.yaml --joints states.yaml --eye in-hand --marker camera -o measurements.csv
+      posecal import images --board b --joints joints.csv --cell cell.toml -o measurements.csv
     """
     import calib
     from calib.files.exports import read_export, read_joints
     from calib.files.exports.join import join
     from calib.files.write import write_files
     from calib.files.write_tables import csv_text
+    from studies.imports.images import image_files, images_and_joints
     from studies.imports.tables import import_tables
 
     cell = None if cell_path is None else calib.load_cell(cell_path)
-    inputs = [*points, joints_path, *([] if cell is None else [cell.path, *cell.robot_files])]
+    files = image_files(points) if boards else list(points)
+    inputs = [*files, joints_path, *([] if cell is None else [cell.path, *cell.robot_files])]
     check_outputs([table_path, output_file(json_path)], inputs)
-    alone = _only_body(cell)
-    lists = [read_export(path, unit, _columns(columns), marker, eye, alone) for path in points]
     robot = None if cell is None else cell.robot
     rename = None if joint_names is None else [name.strip() for name in joint_names.split(",")]
     joints = read_joints(joints_path, unit=unit_joints, rename=rename, robot=robot)
+    if boards:
+        lists, joints = images_and_joints(files, boards, cell_path, joints, by_order)
+    else:
+        alone, roles = _only_body(cell), _columns(columns)
+        lists = [read_export(path, unit, roles, marker, eye, alone) for path in files]
     joined = join(
         lists,
         joints,
         names=names,
-        marker=None if "qw" in lists[0].written else marker,
-        by_order=by_order,
+        marker=None if lists[0].names else marker,
+        by_order=by_order and not boards,
         partial=partial,
         markers=None if cell is None else cell.read_names,
         instrument=instrument,

@@ -191,3 +191,69 @@ def test_a_recording_a_pose(folder: Path) -> None:
     assert data.poses.names == ("take2", "take0", "take1")
     np.testing.assert_allclose(data.readings[:, 0, 0], [0.2, 0.0, 0.1], atol=1e-9)
     np.testing.assert_allclose(data.readings[:, 0, 3:6], [[0.0, 1.0, 0.0]] * 3, atol=1e-9)
+
+
+SEEN = """schema = 1
+[robot]
+urdf = "kr270.urdf"
+base = "base_link"
+tip = "tool0"
+[boards.b]
+on = "tip"
+squares = [9, 6]
+pitch_mm = 30
+[instruments.cam]
+kind = "camera"
+focal_px = 1000
+center_px = [479.5, 359.5]
+sigma_px = 0.1
+[model]
+effects = ["base", "tool"]
+"""
+
+
+def test_images_of_a_board(tmp_path: Path) -> None:
+    """Each image is the pose of its name; one that shows no board is left out, and said."""
+    photographs = pytest.importorskip("tests.photographs")
+    cv2 = photographs.cv2
+    i, j = np.indices((540, 810)) // 90
+    drawn, truth = np.where((i + j) % 2 == 0, 0, 255).astype(np.uint8), {}
+    (tmp_path / "images").mkdir()
+    for k in range(2):
+        T = photographs.facing(0.2 * k, (0.3 * k, 0.1), (0.25, 0.18), 0.5)
+        image = photographs.photograph("homography", drawn, T)
+        cv2.imwrite(str(tmp_path / "images" / f"shot{k}.png"), image)
+        truth[k] = photographs.pixels(np.array([[0.03, 0.03, 0.0], [0.24, 0.15, 0.0]]), T)
+    cv2.imwrite(str(tmp_path / "images" / "shot2.png"), np.full((720, 960), 90, np.uint8))
+    (tmp_path / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
+    cell, joints, out = (tmp_path / name for name in ("cell.toml", "joints.csv", "out.csv"))
+    cell.write_text(SEEN)
+    table = "pose," + ",".join(f"A{k}_deg" for k in range(1, 7)) + "\n"
+    joints.write_text(table + "".join(f"shot{k},{k},-90,90,0,0,{k}\n" for k in (1, 2, 0)))
+    call = [tmp_path / "images", "--joints", joints, "-o", out, "--board", "b"]
+    done = run(*call, "--cell", cell)
+    assert done.exit_code == 0, done.output
+    assert "no board in 1 of 3 images (shot2)" in " ".join(done.output.split())
+    data = calib.load_measurements(calib.load_cell(cell), out)
+    assert data.poses.names == ("shot1", "shot0")
+    for row, k in enumerate((1, 0)):
+        np.testing.assert_allclose(data.readings[row, [0, 39]], truth[k], atol=0.1)
+    by_order = run(*call, "--cell", cell, "--by-order", "--json", tmp_path / "r.json")
+    assert by_order.exit_code == 0, by_order.output
+    fields = json.loads((tmp_path / "r.json").read_text())
+    assert (fields["poses"], fields["lists"][0]["unit"]) == (2, "px")
+    assert len(fields["inputs"]) == 6
+    assert out.read_text().splitlines()[1].startswith("shot0,b:0,1,")
+    for more, said in (
+        (call, "names a board of a cell; give --cell"),
+        (
+            [*call[1:], tmp_path / "images" / "shot0.png", "--cell", cell],
+            "of the joint file without",
+        ),
+        ([*call, tmp_path / "images" / "shot0.png", "--cell", cell], "named as another image"),
+        ([tmp_path / "images" / "shot0.png", *call[1:5]], "is an image; say what it shows"),
+    ):
+        wrong = run(*more)
+        assert wrong.exit_code == 2
+        assert said in wrong.stderr
+        assert wrong.stderr.count("\n") == 1

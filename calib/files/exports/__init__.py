@@ -7,6 +7,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.files.exports.hand_eye import YAML, Eye, read_hand_eye
+from calib.files.exports.images import IMAGES
 from calib.files.exports.join import Joined
 from calib.files.exports.joints import JointTable, read_joints
 from calib.files.exports.motion_capture import is_motion_capture, read_motion_capture
@@ -31,6 +32,8 @@ def read_export(
 
     Raises InputError.
     """
+    if path.suffix.lower() in IMAGES:
+        raise InputError(path, "", "is an image", "say what it shows: --board NAME, of the cell")
     samples = path.suffix.lower() in YAML
     if eye is not None and not samples:
         raise InputError("--eye", "", f"{path} holds no samples of a camera", "leave it out")

@@ -11,6 +11,7 @@ from calib.arm.se3 import so3_exp, so3_log
 from calib.arrays import Array
 
 WRITTEN = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
+NAMES = "{pose}::{marker}"
 OFF_UNIT = 1e-3
 """How far the length of a quaternion may be from one: files round to a few digits."""
 

@@ -17,7 +17,7 @@ import numpy as np
 from calib.arm.se3 import inverse, nearest_rotation
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.exports.bodies import OFF_UNIT, WRITTEN, frame_of, pose_texts
+from calib.files.exports.bodies import NAMES, OFF_UNIT, WRITTEN, frame_of, pose_texts
 from calib.files.exports.points import MeasuredPoint, PointList
 from calib.files.exports.sheet import Sheet, made_sheet
 from calib.files.plain_yaml import Node, Scalar, read_yaml
@@ -66,7 +66,7 @@ def read_hand_eye(path: Path, body: str | None, eye: Eye | None) -> PointList:
     whose = "camera in the board's frame" if where == "in-hand" else "board in the camera's frame"
     columns = ("sample", "position", "quaternion")
     return PointList(
-        path, points, columns, "m", "as ROS counts", (), WRITTEN,
+        path, points, columns, "m", "as ROS counts", (), WRITTEN, NAMES,
         notes=(f"{path}: poses of the {whose}, as the body {body}",),
     )  # fmt: skip
 

@@ -11,6 +11,7 @@ from calib.errors import InputError
 from calib.files.exports.frames import averaged
 from calib.files.exports.joints import JointRow, JointTable
 from calib.files.exports.matching import Matching, NamedPoint, matched
+from calib.files.exports.names import BY_FILE
 from calib.files.exports.points import PointList
 from calib.files.exports.sheet import NUMBER
 
@@ -71,8 +72,8 @@ def join(
     if len({own.written for own in lists}) > 1:
         what = f"holds {lists[-1].written[0]} .., {lists[0].path} holds {lists[0].written[0]} .."
         raise InputError(lists[-1].path, "", what, "import each kind for itself")
-    if names is None and lists[0].frames:
-        names = "{pose}/{marker}" if len(lists) > 1 else "{pose}::{marker}"
+    if names is None and lists[0].names:
+        names = BY_FILE[0] if lists[0].frames and len(lists) > 1 else lists[0].names
     found = matched(lists, joints, names=names, marker=marker, by_order=by_order, markers=markers)
     at = _rows_at(found, joints, by_order)
     poses = {own.pose for own in found.points}

@@ -9,7 +9,7 @@ import csv
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.files.exports.bodies import WRITTEN, pose_texts
+from calib.files.exports.bodies import NAMES, WRITTEN, pose_texts
 from calib.files.exports.motive import motive_layout
 from calib.files.exports.points import MeasuredPoint, PointList
 from calib.files.exports.recording import Row, body_frame
@@ -62,7 +62,7 @@ def read_motion_capture(path: Path, body: str | None) -> PointList:
     columns = ("frame", "body", "position", "rotation")
     stated = "stated in the file"
     return PointList(
-        path, points, columns, layout.unit, stated, (), WRITTEN, frames=True, notes=notes
+        path, points, columns, layout.unit, stated, (), WRITTEN, NAMES, frames=True, notes=notes
     )
 
 

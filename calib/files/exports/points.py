@@ -61,6 +61,7 @@ class PointList:
     """A file of readings: which columns were read, the unit and where it stood, and what was not read.
 
     written : columns of measurements.csv that a reading fills
+    names : the pattern by which these lists tell pose and marker, "" where people name the points
     frames : whether the readings of a body at one pose are frames of a recording, to be averaged
     notes : what is said of the file
     """
@@ -72,6 +73,7 @@ class PointList:
     unit_from: str
     ignored: tuple[str, ...]
     written: tuple[str, ...] = ("x_mm", "y_mm", "z_mm")
+    names: str = ""
     frames: bool = False
     notes: tuple[str, ...] = ()
 

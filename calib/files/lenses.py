@@ -55,9 +55,7 @@ def camera_named(cell: Cell, name: str) -> Camera:
     """
     cameras = {i.name: i for i in cell.instruments if isinstance(i, Camera)}
     if name not in cameras and (name or len(cameras) != 1):
-        what = (
-            f"{name!r} is no camera of the cell" if name else f"the cell has {len(cameras)} cameras"
-        )
+        what = f"{name!r} is no camera of the cell" if name else "the cell has not one camera"
         remedy = f"write NAME=FILE, of {', '.join(cameras)}" if cameras else "leave it out"
         raise InputError("--calibration", "", what, remedy)
     camera = cameras[name or next(iter(cameras))]

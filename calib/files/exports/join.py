@@ -56,7 +56,8 @@ def join(
     """Join lists of readings with the joint values of their poses, in the order of the joint file.
 
     names : pattern of :mod:`calib.files.exports.names`; None tries the usual ones; of recordings, the
-        file's name is the pose where there are several, else the frame's number
+        file's name is the pose where there are several or the joint file knows it, else the frame's
+        number
     marker : the only marker, where names tell only the pose
     by_order : the k-th pose of the lists stands in the k-th row of the joint file
     partial : leave out what has no counterpart instead of refusing it
@@ -73,14 +74,15 @@ def join(
         what = f"holds {lists[-1].written[0]} .., {lists[0].path} holds {lists[0].written[0]} .."
         raise InputError(lists[-1].path, "", what, "import each kind for itself")
     if names is None and lists[0].names:
-        names = BY_FILE[0] if lists[0].frames and len(lists) > 1 else lists[0].names
+        named = len(lists) > 1 or lists[0].path.stem in {row.pose for row in joints.rows}
+        names = BY_FILE[0] if lists[0].frames and named else lists[0].names
     found = matched(lists, joints, names=names, marker=marker, by_order=by_order, markers=markers)
     at = _rows_at(found, joints, by_order)
     poses = {own.pose for own in found.points}
     missing = tuple(name for name in at if name not in poses)
     orphans = Counter(own.pose for own in found.points if own.pose not in at)
     if not partial:
-        _refuse(found, joints, missing, list(orphans), markers)
+        _refuse(found, joints, missing, list(orphans), markers, lists[0].frames)
     kept = [own for own in found.points if own.pose in at]
     if not kept:
         raise InputError(joints.path, "", "shares no pose with the points", "check --names")
@@ -123,10 +125,15 @@ def _refuse(
     missing: Sequence[str],
     orphans: Sequence[str],
     markers: Sequence[str] | None,
+    frames: bool,
 ) -> None:
     """Raise InputError for whatever has no counterpart."""
     read = f"(names read as {found.pattern!r})"
     remedy = "check --names and both files, or leave it out with --partial"
+    if frames:
+        remedy = (
+            "name each recording as its pose, or its frames in the joint file; or give --partial"
+        )
     if found.strays:
         own = found.strays[0]
         known = "" if markers is None else f" of {', '.join(markers)}"

@@ -81,7 +81,7 @@ def surroundings(cell: Cell, arms: IntArray, length: float) -> Surroundings:
         outlines=solids,
         instrument=instrument,
         far=instrument is not None and not near(instrument),
-        frame=_corners(np.concatenate([frame, *shown])),
+        frame=hull(np.concatenate([frame, *shown])),
     )
 
 
@@ -149,7 +149,7 @@ def _patch(space: HalfSpace, middle: Array, half: float, step: int) -> Outline |
     return Outline(space.name, lines, np.rint(centre).astype(int), plane=True)
 
 
-def _corners(points: IntArray) -> IntArray:
+def hull(points: IntArray) -> IntArray:
     """Points whose hull holds all of them, shape (c, 3)."""
     from scipy.spatial import ConvexHull, QhullError
 

@@ -78,7 +78,8 @@ class Cell:
     path : Path of the cell file
     robot_form : ``urdf``, ``mjcf``, ``dh`` or ``kinematics``, the form of the nominal model
     dh_convention : ``classic`` or ``modified`` where that is ``dh``, else None
-    robot_files : tuple of Path, the file of the nominal model, then those that it includes
+    robot_files : tuple of Path, the file of the nominal model, then those that it includes, then
+        calibrations of cameras
     robot : Robot, limits already narrowed by the cell
     marker_names : tuple of str
     markers : ndarray, shape (M, 3), m, tip frame

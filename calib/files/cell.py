@@ -20,6 +20,7 @@ from calib.arrays import Array
 from calib.cell import Capsule, Cell, Load, Repeatability, Shapes
 from calib.errors import InputError, UnknownEffect
 from calib.files.instruments import bodies_of, instruments_of, known_distances
+from calib.files.lenses import with_lenses
 from calib.files.planned import planned, with_targets
 from calib.files.read import ORDER, read_text
 from calib.files.robot import load_robot, robot_files, shapes_of
@@ -43,7 +44,7 @@ def load_cell(path: str | Path) -> Cell:
     Raises InputError naming the file, the line or key, and what to do.
     """
     path = Path(path)
-    table = _validated(path, _read_toml(path))
+    table, lenses = with_lenses(path, cell_table(path))
     form, file = table.robot.form, path.parent / table.robot.file
     convention = table.robot.dh_convention
     robot = load_robot(form, file, table.robot.base, table.robot.tip, convention)
@@ -66,7 +67,7 @@ def load_cell(path: str | Path) -> Cell:
         name=table.name or path.stem,
         path=path,
         robot_form=form,
-        robot_files=robot_files(form, file),
+        robot_files=(*robot_files(form, file), *lenses),
         robot=_narrowed(path, robot, table.robot),
         marker_names=(*markers, *bodies.names),
         markers=np.concatenate([positions * _MM, bodies.markers]),
@@ -100,6 +101,11 @@ def load_cell(path: str | Path) -> Cell:
     )
     cell = replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))
     return with_targets(cell, table.design.targets)
+
+
+def cell_table(path: Path) -> CellFile:
+    """The checked tables of a cell file, as they stand in it. Raises InputError."""
+    return _validated(path, _read_toml(path))
 
 
 def _read_toml(path: Path) -> dict[str, Any]:

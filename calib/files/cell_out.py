@@ -153,10 +153,12 @@ def _write_knots(document: TOMLDocument, cell: Cell, added: Sequence[Effect]) ->
 
 def _write_paths(document: TOMLDocument, source: Path, target: Path) -> None:
     """Name files relative to the new folder; absolute names hold anywhere."""
-    for table, key in (*(("robot", form) for form in FORMS), ("design", "targets")):
-        given: Any = document.get(table, {}).get(key)
+    named: list[tuple[Any, str]] = [(document.get("robot", {}), form) for form in FORMS]
+    named += [(own, "calibration") for own in document.get("instruments", {}).values()]
+    for table, key in (*named, (document.get("design", {}), "targets")):
+        given: Any = table.get(key)
         if given is None or Path(given).is_absolute() or source.resolve() == target.resolve():
             continue
         file = source / given
         seen = os.path.relpath(file.parent.resolve() / file.name, target.resolve())
-        document[table][key] = Path(seen).as_posix()
+        table[key] = Path(seen).as_posix()

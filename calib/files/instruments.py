@@ -12,6 +12,7 @@ import numpy as np
 from calib.arm.se3 import from_xyz_rpy, inverse, so3_log
 from calib.arrays import Array
 from calib.errors import InputError
+from calib.files.boards import shape_of
 from calib.files.schema import (
     BoardTable,
     BodyTable,
@@ -99,12 +100,7 @@ def bodies_of(path: Path, table: CellFile) -> Bodies:
 
 def _shape(path: Path, name: str, board: BoardTable) -> tuple[tuple[str, ...], Array]:
     """Names and points of a board; one that lies where no board reaches is none of it."""
-    if board.squares is not None:
-        across, down = (n - 1 for n in board.squares)
-        grid = [(x + 1, y + 1, 0) for y in range(down) for x in range(across)]
-        points = np.array(grid, dtype=float) * (board.pitch_mm or 0.0) * _MM
-        return tuple(f"{name}:{i}" for i in range(len(points))), points
-    points = np.array(list(board.points_mm.values())) * _MM
+    names, points = shape_of(board)
     near = np.abs(points - np.median(points, axis=0)).max(axis=1) < _LARGEST_BOARD
     if not near.any():
         raise InputError(
@@ -113,7 +109,7 @@ def _shape(path: Path, name: str, board: BoardTable) -> tuple[tuple[str, ...], A
             "lie farther apart than those of any board",
             "give them in mm",
         )
-    kept = [point for point, own in zip(board.points_mm, near, strict=True) if own]
+    kept = [point for point, own in zip(names, near, strict=True) if own]
     return tuple(f"{name}:{point}" for point in kept), points[near]
 
 

@@ -280,13 +280,32 @@ class BoardTable(BodyTable):
     points_mm: dict[Name, tuple[Anywhere, Anywhere, Anywhere]] = {}
     squares: tuple[Count, Count] | None = None
     pitch_mm: Positive | None = None
+    marker_mm: Positive | None = None  # of the markers in its white squares
+    tags: tuple[Count, Count] | None = None
+    tag_mm: Positive | None = None
+    gap_mm: Positive | None = None
+    first_tag: Annotated[int, Strict(), Field(ge=0, le=1_000_000)] = 0
+    dictionary: str | None = None  # of markers or tags, as OpenCV calls it
 
     @model_validator(mode="after")
     def _one_shape(self) -> Self:
-        if bool(self.points_mm) == (self.squares is not None):
-            raise ValueError("needs its shape: either points_mm, or squares and pitch_mm")
+        shapes = [bool(self.points_mm), self.squares is not None, self.tags is not None]
+        if sum(shapes) != 1:
+            raise ValueError(
+                "needs its shape: either points_mm, or squares and pitch_mm, or tags, tag_mm and gap_mm"
+            )
         if (self.squares is None) != (self.pitch_mm is None):
             raise ValueError("squares and pitch_mm go together")
+        if not (self.tags is None) == (self.tag_mm is None) == (self.gap_mm is None):
+            raise ValueError("tags, tag_mm and gap_mm go together")
+        if (self.marker_mm is None) != (self.dictionary is None) and self.tags is None:
+            raise ValueError(
+                "marker_mm and dictionary go together: they make squares a ChArUco board"
+            )
+        if self.marker_mm is not None and self.marker_mm >= (self.pitch_mm or 0.0):
+            raise ValueError("marker_mm belongs to squares, and is smaller than pitch_mm")
+        if self.tags is not None and math.prod(self.tags) > 2500:
+            raise ValueError("tags are as many as the board has, [across, down], at most 2500")
         if self.squares is not None and not 4 <= math.prod(n - 1 for n in self.squares) <= 10_000:
             raise ValueError(
                 "squares are as many as the board has, [across, down], with four corners"
@@ -309,8 +328,9 @@ class IntrinsicsStd(Table):
 class CameraTable(BodyTable):
     kind: Literal["camera"]
     on: Literal["world", "tip"] = "world"
-    focal_px: Positive | Pixels
-    center_px: tuple[Number, Number]
+    calibration: str | None = None  # a file in place of the next three
+    focal_px: Positive | Pixels = 1.0
+    center_px: tuple[Number, Number] = (0.0, 0.0)
     distortion: Coefficients = (0.0, 0.0, 0.0, 0.0, 0.0)
     image_px: Pixels | None = None
     sigma_px: Positive
@@ -318,6 +338,16 @@ class CameraTable(BodyTable):
     intrinsics_std: (
         IntrinsicsStd | Annotated[list[Positive], Field(min_length=1, max_length=9)] | None
     ) = None  # in a list: fx, fy, cx, cy, k1, k2, p1, p2, k3
+
+    @model_validator(mode="after")
+    def _one_lens(self) -> Self:
+        own = [k for k in ("focal_px", "center_px", "distortion") if k in self.model_fields_set]
+        if self.calibration is not None and own:
+            raise ValueError(f"has calibration and {own[0]}; keep one of them")
+        for key in ("focal_px", "center_px"):
+            if self.calibration is None and key not in own:
+                raise ValueError(f"lacks {key}; add it, or calibration = a YAML of OpenCV or ROS")
+        return self
 
 
 AnyInstrument = Annotated[

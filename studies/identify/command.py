@@ -83,6 +83,9 @@ if TYPE_CHECKING:
               help="The same as the maker's YAML: Universal Robots, Franka.")  # fmt: skip
 @click.option("--zero-offsets", "zeros_path", metavar="OUT", type=PATH,
               help="Joint offsets alone, for a controller that takes nothing else.")  # fmt: skip
+@click.option("--calibration", "lens_texts", metavar="[CAMERA=]OUT", multiple=True,
+              help="A camera's calibration with what was free of its lens as found: YAML as the cell's "
+                   "own file, else OpenCV's.")  # fmt: skip
 @click.option("--counts-per-deg", metavar="J1=N,..", default=None,
               help="Encoder counts a degree, for FANUC's $MASTER_COUN in --zero-offsets.")  # fmt: skip
 @result_options
@@ -101,6 +104,7 @@ def identify(
     dh_convention: Convention | None,
     kinematics_path: Path | None,
     zeros_path: Path | None,
+    lens_texts: tuple[str, ...],
     counts_per_deg: str | None,
     folder: Path | None,
     json_path: str | None,
@@ -117,17 +121,16 @@ def identify(
     """
     import calib
     from studies.identify.make import identified, inputs_of
-    from studies.identify.robots import counts_of, offsets_file, robot_texts
+    from studies.identify.robots import counts_of, lens_files, lens_paths, offsets_file, robot_texts
 
     cell = calib.load_cell(cell_path)
     session = read_session(cell, data_path, holdout, seed)
     robots: dict[Form, Path | None] = {
         "urdf": urdf_path, "mjcf": mjcf_path, "dh": dh_path, "kinematics": kinematics_path,
     }  # fmt: skip
-    counts = counts_of(counts_per_deg)
-    check_outputs(
-        [*robots.values(), zeros_path, output_file(json_path)], inputs_of(session), folder
-    )
+    counts, lenses = counts_of(counts_per_deg), lens_paths(cell, lens_texts)
+    written = [*robots.values(), zeros_path, *lenses, output_file(json_path)]
+    check_outputs(written, inputs_of(session), folder)
     found, record = identified(
         session, approach=approach, method=method, weighting=weighting, length_mm=length_mm,
         differences=differences,
@@ -136,6 +139,7 @@ def identify(
     if zeros_path is not None:
         files[zeros_path], lost = offsets_file(cell, found, zeros_path, counts)
         left_out += lost
+    files |= lens_files(cell, found, lenses)
     deliver(record, json_path, folder, files)
     for line in left_out:
         click.echo(line, err=json_path == "-")

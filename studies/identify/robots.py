@@ -1,16 +1,18 @@
-"""The robots that ``identify`` writes: their texts, and what each form leaves out."""
+"""The robots and lenses that ``identify`` writes: their texts, and what each form leaves out."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from calib import Cell, Identification
 from calib.arm.dh import Convention
 from calib.cell import Form
 from calib.errors import InputError
+from calib.files.lenses import camera_named, lens_found
 from calib.files.robot_out import corrected_robot, not_rigid
 from calib.files.zero_offsets import zero_offsets, zero_offsets_csv
+from calib.instruments import Camera
 
 
 def robot_texts(
@@ -47,6 +49,22 @@ def offsets_file(
     first, last = cell.robot.joints[0], cell.robot.joints[-1]
     ends = f"where base and tool are in the model, offsets of {first} and {last} are part of them"
     return zero_offsets_csv(cell.robot, found, counts), [lost, ends]
+
+
+def lens_paths(cell: Cell, texts: Sequence[str]) -> dict[Path, Camera]:
+    """The camera whose lens goes into each file of --calibration. Raises InputError."""
+    found = {}
+    for text in texts:
+        name, named, file = text.rpartition("=")
+        found[Path(file)] = camera_named(cell, name if named else "")
+    return found
+
+
+def lens_files(
+    cell: Cell, result: Identification, lenses: Mapping[Path, Camera]
+) -> dict[Path, str]:
+    """Their texts."""
+    return {path: lens_found(cell, result, camera) for path, camera in lenses.items()}
 
 
 def counts_of(text: str | None) -> dict[str, float]:

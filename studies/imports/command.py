@@ -12,7 +12,8 @@ from studies.command.options import PATH, json_option, one_line_faults
 from studies.command.untyped import envelope, output_texts
 
 if TYPE_CHECKING:
-    from calib.files.exports import Joined, JointTable, PointList
+    from calib import Cell
+    from calib.files.exports import Eye, Joined, JointTable, PointList
 
 
 @click.command("import", short_help="Exports of instrument and controller, as one table.")
@@ -31,7 +32,13 @@ if TYPE_CHECKING:
     "'{pose}_{marker}' within the point's name, '{pose}/{marker}' for the file's name; * stands for "
     "any text. Default: the usual ones are tried.",
 )
-@click.option("--marker", metavar="NAME", help="The only marker, where names tell only the pose.")
+@click.option("--marker", metavar="NAME",
+              help="The only marker, where names tell only the pose; or the only body.")  # fmt: skip
+@click.option("--eye", type=click.Choice(("in-hand", "on-base")),
+              help="Where the camera of a hand-eye file is, if that does not say it.")  # fmt: skip
+@click.option("--board", "boards", metavar="NAME", multiple=True,
+              help="A board of the cell, to be found in images: squares, ChArUco or tags.")  # fmt: skip
+@click.option("--instrument", metavar="NAME", help="What read it, where the cell has several.")
 @click.option(
     "--unit", type=click.Choice(("mm", "m", "in")), help="Of points whose file does not state it."
 )
@@ -65,6 +72,9 @@ def import_(
     table_path: Path,
     names: str | None,
     marker: str | None,
+    eye: Eye | None,
+    boards: tuple[str, ...],
+    instrument: str | None,
     unit: str | None,
     columns: str | None,
     unit_joints: str | None,
@@ -78,34 +88,48 @@ def import_(
 
     POINTS are text files as SpatialAnalyzer and other tracker programs export them: collection, group
     and point (or fewer names), X, Y, Z, with or without a header, separated by commas, semicolons,
-    tabs or blanks. Poses come in the order of the joint file, which is taken for the order measured.
+    tabs or blanks; or CSV of rigid bodies as OptiTrack Motive and Vicon Tracker or Nexus export them, a
+    file for each pose, or one whose frames the joint file names; or YAML or JSON of the samples of
+    easy_handeye and MoveIt, whose joint states --joints takes; or, with --board, images, or a folder
+    of them, named as the poses of the joint file. Poses come in the order of the joint file, which is
+    taken for the order measured.
 
     \b
-    Example:
+    Examples:
       posecal import tracker.txt --joints joints.csv --unit mm --cell cell.toml -o measurements.csv
+      posecal import takes/*.csv --joints joints.csv --cell cell.toml -o measurements.csv
+      posecal import samples.yaml --joints states.yaml --eye in-hand --marker camera -o measurements.csv
+      posecal import images --board b --joints joints.csv --cell cell.toml -o measurements.csv
     """
     import calib
-    from calib.files.exports import read_joints, read_points
+    from calib.files.exports import read_export, read_joints
     from calib.files.exports.join import join
     from calib.files.write import write_files
     from calib.files.write_tables import csv_text
+    from studies.imports.images import image_files, images_and_joints
     from studies.imports.tables import import_tables
 
     cell = None if cell_path is None else calib.load_cell(cell_path)
-    inputs = [*points, joints_path, *([] if cell is None else [cell.path, *cell.robot_files])]
+    files = image_files(points) if boards else list(points)
+    inputs = [*files, joints_path, *([] if cell is None else [cell.path, *cell.robot_files])]
     check_outputs([table_path, output_file(json_path)], inputs)
-    lists = [read_points(path, unit, _columns(columns)) for path in points]
     robot = None if cell is None else cell.robot
     rename = None if joint_names is None else [name.strip() for name in joint_names.split(",")]
     joints = read_joints(joints_path, unit=unit_joints, rename=rename, robot=robot)
+    if boards:
+        lists, joints = images_and_joints(files, boards, cell_path, joints, by_order)
+    else:
+        alone, roles = _only_body(cell), _columns(columns)
+        lists = [read_export(path, unit, roles, marker, eye, alone) for path in files]
     joined = join(
         lists,
         joints,
         names=names,
-        marker=marker,
-        by_order=by_order,
+        marker=None if lists[0].names else marker,
+        by_order=by_order and not boards,
         partial=partial,
-        markers=None if cell is None else cell.marker_names,
+        markers=None if cell is None else cell.read_names,
+        instrument=instrument,
     )
     table = csv_text(joined.columns, joined.rows)
     warnings = () if cell is None else _read_back(cell, table, table_path, not partial)
@@ -115,6 +139,15 @@ def import_(
     warn(warnings)
     show(import_tables(lists, joints, joined), json_path)
     say_written(texts, None, json_path)
+
+
+def _only_body(cell: Cell | None) -> str | None:
+    """The body that the cell reads, where it reads no other."""
+    from calib.instruments import Pose
+
+    names = [] if cell is None else cell.read_names
+    alone = len(names) == 1 and cell is not None and isinstance(cell.instruments[0], Pose)
+    return names[0] if alone else None
 
 
 def _columns(text: str | None) -> list[str] | None:

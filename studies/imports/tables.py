@@ -27,20 +27,25 @@ def import_tables(
 def _summary(lists: Sequence[PointList], joints: JointTable, joined: Joined) -> Table:
     table = Table.grid(padding=(0, 2))
     for own in lists:
-        read = f"{len(own.points)} points, columns {' '.join(own.columns)}"
+        read = f"{len(own.points)} {_read(own)}, columns {' '.join(own.columns)}"
         table.add_row(Text(own.path.name), Text(f"{read}, unit {own.unit} ({own.unit_from})"))
     carried = f", also {' '.join(joints.carried)}" if joints.carried else ""
     table.add_row(
         Text(joints.path.name), Text(f"{len(joints.rows)} rows: {' '.join(joints.joints)}{carried}")
     )
+    kind = _read(lists[0])
     total = sum(len(own.points) for own in lists)
     found = joined.tried.get(joined.pattern)
-    said = "as given" if found is None else f"tried: fits {found} of {total} points"
+    said = "as given" if found is None else f"tried: fits {found} of {total} {kind}"
     table.add_row("names", Text(f"{joined.pattern} ({said})"))
     counts = ", ".join(f"{name} {count}" for name, count in joined.markers.items())
-    table.add_row("joined", Text(f"{len(joined.poses)} poses, {len(joined.rows)} points"))
+    table.add_row("joined", Text(f"{len(joined.poses)} poses, {len(joined.rows)} {kind}"))
     table.add_row("markers", Text(counts))
     return table
+
+
+def _read(own: PointList) -> str:
+    return "points" if own.written[0] == "x_mm" and len(own.written) == 3 else "readings"
 
 
 def _left_out(lists: Sequence[PointList], joints: JointTable, joined: Joined) -> Iterator[str]:

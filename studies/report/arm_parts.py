@@ -16,6 +16,11 @@ from studies.report.surroundings import Outline, Surroundings
 
 CROSS = "m-6 -6l12 12m-12 0l12 -12"
 MARKER = 4.5  # px, radius
+DOT = {
+    "camera": 3.5, "board": 1.6, "frame": 3.0, "socket": 6.0, "sphere": 0.0, "touched": 1.5,
+    "wire": 4.0, "instrument": 6.0,
+}  # fmt: skip
+_DROPPED = ("camera", "socket", "sphere", "wire", "instrument")  # whose place on the floor is shown
 _JOINT = 4  # px, radius
 _TARGET = "m-11 0h22m-11 -11v22"
 _FAINT = 20  # poses; of more, those that are not picked fade
@@ -35,6 +40,7 @@ class _Stands(NamedTuple):
     tip: IntArray
     instrument: IntArray
     sights: IntArray
+    fixtures: IntArray
 
 
 def picture(scene: ArmScene) -> Picture:
@@ -44,7 +50,10 @@ def picture(scene: ArmScene) -> Picture:
     placed = [np.broadcast_to(points, (count, *points.shape[1:])) for points in stands]
     points, number, still = shared(np.concatenate(placed, axis=1))
     at = _Stands(*_cut(number, [points.shape[1] for points in stands]))
-    parts = (*_stage(scene, at), *_all_arms(scene, at), *_arm(scene, at), *_markers(scene, at))
+    parts = (
+        *_stage(scene, at), *_all_arms(scene, at), *_arm(scene, at), *_fixtures(scene, at),
+        *_markers(scene, at),
+    )  # fmt: skip
     return Picture(
         title=f"{scene.name}: the arm at {count} {'pose' if count == 1 else 'poses'}",
         description=_description(scene),
@@ -81,7 +90,16 @@ def _stands(scene: ArmScene) -> _Stands:
         tip=tip + np.rint(scene.tip_axes * around.step * _TIP_AXIS).astype(int),
         instrument=seen_from[None],
         sights=_sights(scene),
+        fixtures=_fixture_points(scene),
     )
+
+
+def _fixture_points(scene: ArmScene) -> IntArray:
+    """Points of all fixtures side by side, (m, n, 3) mm."""
+    count = len(scene.poses)
+    all_points = [points for own in scene.fixtures for points in own.points]
+    spread = [np.broadcast_to(own, (count, *own.shape[1:])) for own in all_points]
+    return np.concatenate([np.zeros((count, 0, 3), dtype=int), *spread], axis=1)
 
 
 def _ruler(around: Surroundings) -> IntArray:
@@ -199,6 +217,22 @@ def _sight(scene: ArmScene, at: _Stands) -> Iterator[Part]:
     yield Dot("arm-instrument", (place,), px=7)
     yield Line("arm-instrument", (place,), tail=_TARGET)
     yield Text("arm-label", (place,), "instrument", down=-17)
+
+
+def _fixtures(scene: ArmScene, at: _Stands) -> Iterator[Part]:
+    """Cameras with what they see, boards, sockets, what is touched, wires to the marker."""
+    counts = [sum(points.shape[1] for points in own.points) for own in scene.fixtures]
+    for own, numbers in zip(scene.fixtures, _cut(at.fixtures, counts), strict=True):
+        *lines, dots, label = map(_run, _cut(numbers, [p.shape[1] for p in own.points]))
+        kind = f"arm-{own.kind}"
+        if lines:
+            yield Line(kind, tuple(lines))
+        if own.kind in _DROPPED:
+            yield Line("arm-drop", ((label[0], ~label[0]),))
+        if dots:
+            yield Dot(kind, (dots,), mm=own.radius, px=0.0 if own.radius else DOT[own.kind])
+        if own.words:
+            yield Text("arm-label", (label,), own.words, down=-9)
 
 
 def _markers(scene: ArmScene, at: _Stands) -> Iterator[Part]:

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from itertools import groupby, pairwise
 
 import numpy as np
 
 from calib.arm.se3 import rotate
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import CalibError
 from calib.identification.initial import initial_values
-from calib.instruments import Tracker
+from calib.instruments import Socket, Tracker
 from calib.model.build import build, parse_effect
 from calib.poses import Measurements, Poses
 from doe.constraints import Scene, hidden_by, scene_of
+from studies.report.arm_fixtures import Fixture, within
+from studies.report.arm_fixtures import placed as where
+from studies.report.arm_sketches import fixtures
 from studies.report.surroundings import Surroundings, surroundings, whole_mm
 
 _SIGNS = {"deg": "\N{DEGREE SIGN}", "mm": " mm"}
+_NAMES = 3  # that are named one by one
 _SLIM = 0.016  # arm lengths; radius of a link where the cell gives the arm no shape
 
 
@@ -49,6 +54,9 @@ class ArmScene:
     seen : str, what the others are: ``in sight``, ``measured``, or empty where nobody knows
     bodies : tuple of Body; shaped : bool, whether they are the cell's capsules or mere links
     around : Surroundings
+    fixtures : tuple of Fixture, other instruments, boards and what is touched
+    beyond : dict, name -> float, m from the base, of those that stand too far off to be drawn
+    reads : tuple of str, what other instruments than a tracker read at each pose, in words, or none
     """
 
     name: str
@@ -68,6 +76,9 @@ class ArmScene:
     bodies: tuple[Body, ...]
     shaped: bool
     around: Surroundings
+    fixtures: tuple[Fixture, ...] = ()
+    beyond: Mapping[str, float] = field(default_factory=dict)
+    reads: tuple[str, ...] = ()
 
     def readout(self, pose: int) -> tuple[str, str]:
         """Joint values and markers of a pose in words."""
@@ -77,9 +88,9 @@ class ArmScene:
         seen = [name for j, name in enumerate(self.markers) if j not in lost]
         words = f"marker{'s'[: len(seen) > 1]} {', '.join(seen)}" if seen else "no marker"
         hidden = [f"{self.markers[j]} {self.hidden[pose, j]}" for j in lost]
-        return " \N{MIDDLE DOT} ".join(joints), "; ".join(
-            [f"{words} {self.seen}".rstrip(), *hidden]
-        )
+        told = [f"{words} {self.seen}".rstrip(), *hidden] if self.markers else []
+        told = [self.reads[pose] or "nothing read"] if self.reads else told
+        return " \N{MIDDLE DOT} ".join(joints), "; ".join(told)
 
     @property
     def joint_words(self) -> list[tuple[str, str]]:
@@ -111,8 +122,11 @@ def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = N
         raise CalibError("there is no pose to draw")
     if level_joint is not None and level_joint not in robot.joints:
         raise CalibError(f"no joint {level_joint!r}; there are {', '.join(robot.joints)}")
-    placed = scene_of(cell, poses.q)
+    placed, own = scene_of(cell, poses.q), _own_markers(cell)
     hidden, markers, seen = _markers(cell, plan, placed)
+    found = where(cell, plan)
+    if not _of_tracker(cell):
+        hidden, markers = {}, _on_tip(placed, found.markers[own])
     ends = [end for capsule in placed.capsules for end in (capsule.start, capsule.end)]
     columns = [*placed.origins.swapaxes(0, 1), *markers.swapaxes(0, 1), *ends]
     points, number, still = shared(whole_mm(np.stack(columns, axis=1)))
@@ -121,6 +135,9 @@ def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = N
     arms = points[:, chain]
     length = float(np.linalg.norm(arms - arms[:, :1], axis=-1).max())
     values = np.where(robot.prismatic, poses.q * 1e3, np.degrees(poses.q))
+    around = surroundings(cell, arms.reshape(-1, 3), length)
+    drawn = () if _of_tracker(cell) else tuple(fixtures(cell, plan, placed, found, length / 1e3))
+    kept, beyond, frame = within(drawn, around.frame, length)
     return ArmScene(
         name=cell.name,
         poses=poses.names,
@@ -132,14 +149,57 @@ def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = N
         still=still,
         chain=chain,
         tip_axes=placed.frames.R[:, -1].swapaxes(1, 2),
-        markers=cell.marker_names,
-        marker_points=tuple(tail[: len(cell.markers)]),
+        markers=tuple(cell.marker_names[j] for j in own),
+        marker_points=tuple(tail[: len(own)]),
         hidden=hidden,
         seen=seen,
-        bodies=_capsules(placed, tail[len(cell.markers) :]) or _links(chain, _SLIM * length),
+        bodies=_capsules(placed, tail[len(own) :]) or _links(chain, _SLIM * length),
         shaped=bool(placed.capsules),
-        around=surroundings(cell, arms.reshape(-1, 3), length),
+        around=replace(around, frame=frame),
+        fixtures=kept,
+        beyond=beyond,
+        reads=_reads(cell, plan),
     )
+
+
+def _own_markers(cell: Cell) -> list[int]:
+    """Markers that are no points of a body."""
+    of_bodies = {j for part in cell.bodies.values() for j in range(part.start, part.stop)}
+    return [j for j in range(len(cell.markers)) if j not in of_bodies]
+
+
+def _of_tracker(cell: Cell) -> bool:
+    return [type(i) for i in cell.instruments] == [Tracker]
+
+
+def _on_tip(placed: Scene, points: Array) -> Array:
+    """Points (k, 3) of the tip frame at every pose, (m, k, 3), m."""
+    R, p = placed.frames.R[:, -1], placed.origins[:, -1]
+    return np.asarray(points @ R.swapaxes(1, 2) + p[:, None])
+
+
+def _reads(cell: Cell, plan: Poses | Measurements) -> tuple[str, ...]:
+    """What instruments read at each pose; nothing for a tracker alone, and for a plan."""
+    if _of_tracker(cell) or not isinstance(plan, Measurements):
+        return ()
+    sites = plan.poses.site
+    told = []
+    for i, row in enumerate(plan.seen):
+        words = []
+        for instrument, part in cell.channels.blocks:
+            if row[part].any():
+                name = instrument.name_at("" if sites is None else str(sites[i]))
+                read = _named(cell, row, part)
+                sits = isinstance(instrument, Socket)
+                words.append(f"{read} in {name}" if sits else f"{name} reads {read}")
+        told.append("; ".join(words))
+    return tuple(told)
+
+
+def _named(cell: Cell, seen: Mask, part: slice) -> str:
+    """The readings of an instrument by name, of many how many."""
+    names = [n for n, own in zip(cell.channel_names[part], seen[part], strict=True) if own]
+    return ", ".join(names) if len(names) <= _NAMES else f"{len(names)} of {len(seen[part])} points"
 
 
 def _markers(
@@ -147,8 +207,8 @@ def _markers(
 ) -> tuple[dict[tuple[int, int], str], Array, str]:
     """Why markers are not there, where they are (m, M, 3) m, and what those are that are there."""
     hidden = hidden_by(placed)
-    if [type(i) for i in cell.instruments] != [Tracker]:
-        return hidden, placed.markers, ""  # what others read is no point of the arm
+    if not _of_tracker(cell):
+        return {}, placed.markers, ""  # what others read is no point of the arm
     if isinstance(plan, Measurements):
         return _unread(plan, hidden), _in_base(cell, plan, placed.markers), "measured"
     return hidden, placed.markers, "" if cell.instrument is None else "in sight"

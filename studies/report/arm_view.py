@@ -44,11 +44,16 @@ def figure_html(scene: ArmScene, key: str = "arm") -> Markup:
 
 def _caption(scene: ArmScene) -> str:
     """How to read the drawing."""
-    parts = [
-        f"Nominal arm in the base frame, floor cells {scene.around.step} mm.",
-        "Markers as measured." if scene.seen == "measured" else "Markers as the cell gives them.",
-    ]
-    if scene.around.instrument is None and scene.seen != "measured":
+    parts = [f"Nominal arm in the base frame, floor cells {scene.around.step} mm."]
+    if scene.reads:
+        parts.append("Instruments, boards and markers where an identification starts from.")
+    elif scene.markers:
+        measured = scene.seen == "measured"
+        parts.append("Markers as measured." if measured else "Markers as the cell gives them.")
+    away = [f"{name} stands {far:.1f} m from the base" for name, far in scene.beyond.items()]
+    parts += [f"Not in the picture: {', '.join(away)}."] if away else []
+    alone = not scene.fixtures and not scene.beyond
+    if scene.around.instrument is None and scene.seen != "measured" and alone:
         parts.append("Where the instrument stands is not given: no line of sight is checked.")
     if not scene.shaped:
         parts.append("The cell gives the arm no shape: its links are bars.")
@@ -65,6 +70,10 @@ def _legend(scene: ArmScene) -> Markup:
         lost = "not measured" if scene.seen == "measured" else "hidden"
         crossed = _marker("arm-marker arm-hidden") + _path("arm-hidden", f"M12 9{CROSS}")
         signs.append((crossed, f"marker {lost}"))
+    present = {own.kind for own in scene.fixtures}
+    signs += [(icon, words) for kind, (icon, words) in _SIGNS.items() if kind in present]
+    if not scene.markers:
+        del signs[1]
     if scene.around.instrument is not None:
         signs.append((_path("arm-sight", "M1 9h22"), "line of sight"))
     return Markup("").join(
@@ -79,6 +88,25 @@ def _path(css: str, data: str) -> Markup:
 
 def _marker(css: str) -> Markup:
     return Markup('<circle class="{}" cx="12" cy="9" r="{}"/>').format(css, MARKER)
+
+
+_SIGNS = {
+    "camera": (
+        _path("arm-camera", "M3 9L20 2V16ZM20 2V16")
+        + Markup('<circle class="arm-camera" cx="3" cy="9" r="2.5"/>'),
+        "camera and what it sees",
+    ),
+    "board": (_path("arm-board", "M4 4h16v10h-16z"), "board"),
+    "frame": (_path("arm-frame", "M6 14h11M6 14v-11M6 14l8 -6"), "body that is read"),
+    "socket": (Markup('<circle class="arm-socket" cx="12" cy="9" r="5"/>'), "socket"),
+    "sphere": (
+        Markup('<circle class="arm-sphere" cx="12" cy="9" r="7"/>'),
+        "sphere that is touched",
+    ),
+    "touched": (_path("arm-touched", "M2 13l6 -8h14l-6 8z"), "plane that is touched"),
+    "wire": (_path("arm-wire", "M2 9h20"), "bar or wire, from its anchor"),
+    "instrument": (Markup('<circle class="arm-instrument" cx="12" cy="9" r="5"/>'), "instrument"),
+}
 
 
 def figure_data(scene: ArmScene, shown: Picture) -> dict[str, Any]:

@@ -87,7 +87,7 @@ def surroundings(cell: Cell, arms: IntArray, length: float) -> Surroundings:
         outlines=solids,
         instrument=instrument,
         far=instrument is not None and not near(instrument),
-        frame=_corners(np.concatenate([frame, *shown])),
+        frame=hull(np.concatenate([frame, *shown])),
     )
 
 
@@ -160,7 +160,7 @@ def _patch(obstacle: HalfSpaceObstacle, middle: Array, half: float, step: int) -
     return Outline(obstacle.name, lines, np.rint(centre).astype(int), plane=True)
 
 
-def _corners(points: IntArray) -> IntArray:
+def hull(points: IntArray) -> IntArray:
     """Points whose hull holds all of them, shape (c, 3)."""
     from scipy.spatial import ConvexHull, QhullError
 

@@ -400,6 +400,24 @@ def _all_approaches(table: str) -> str:
 _IMPORT = "import points.txt --joints joints.csv --unit mm -o joined.csv"
 _COMPENSATE = "compensate cell.toml result.json aims.csv"
 
+_TAKE = """Objects
+100
+,,flange:flange
+Frame,Sub Frame,RX,RY,RZ,TX,TY,TZ
+,,deg,deg,deg,mm,mm,mm
+1,0,10,20,30,100,200,300
+"""
+_MOTIVE = """Format Version,1.23,Rotation Type,Quaternion,Length Units,Meters,Coordinate Space,Global
+,Type,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body
+,Name,flange,flange,flange,flange,flange,flange,flange
+,,Rotation,Rotation,Rotation,Rotation,Position,Position,Position
+Frame,Time (Seconds),X,Y,Z,W,X,Y,Z
+1,0.0,0,0,0,1,0.1,0.2,0.3
+"""
+_SAMPLES = "- optical: {translation: {x: 1, y: 2, z: 3}, rotation: {x: 0, y: 0, z: 0, w: 1}}\n"
+_OF_TAKE = "import take.csv --joints joints.csv -o joined.csv"
+_OF_SAMPLES = "import samples.yaml --joints joints.csv -o joined.csv"
+
 EXPORTS = [
     Fault("points without a unit", "import points.txt --joints joints.csv -o joined.csv",
           "points.txt", swap("// in mm\n", "")),
@@ -412,6 +430,44 @@ EXPORTS = [
           swap(",m3,", ",m4,")),
     Fault("no joint file", "import points.txt --joints none.csv --unit mm -o joined.csv"),
     Fault("the table over the points", "import points.txt --joints joints.csv --unit mm -o points.txt"),
+    *_in(
+        "take.csv",
+        _OF_TAKE,
+        {
+            "frames that the joint file does not name": whole(_TAKE),
+            "angles of Vicon without a unit": whole(_TAKE.replace("deg", "")),
+            "a column of Vicon that is missing": whole(_TAKE.replace("RY,", "")),
+            "a word in a recording": whole(_TAKE.replace(",200,", ",far,")),
+            "no rotation vector": whole(_TAKE.replace("1,0,10", "1,0,1000")),
+            "Euler angles of Motive": whole(_MOTIVE.replace("Quaternion", "XYZ")),
+            "Motive in local coordinates": whole(_MOTIVE.replace("Global", "Local")),
+            "Motive in an unknown unit": whole(_MOTIVE.replace("Meters", "Furlongs")),
+            "markers without rigid bodies": whole(_MOTIVE.replace("Rigid Body", "Marker")),
+            "a quaternion that is none": whole(_MOTIVE.replace("0,0,0,1,", "0,0,1,1,")),
+        },
+    ),
+    Fault("a unit that the recording states otherwise", f"{_OF_TAKE} --unit m", "take.csv",
+          whole(_TAKE)),
+    Fault("where the camera is, of a recording", f"{_OF_TAKE} --eye in-hand", "take.csv", whole(_TAKE)),
+    Fault("samples of a camera of which nobody says where it is", f"{_OF_SAMPLES} --marker eye",
+          "samples.yaml", whole(_SAMPLES)),
+    Fault("samples of no body", f"{_OF_SAMPLES} --eye in-hand", "samples.yaml", whole(_SAMPLES)),
+    Fault("the result of a hand-eye calibration", f"{_OF_SAMPLES} --eye in-hand --marker eye",
+          "samples.yaml", whole("transform:\n  translation: {x: 1, y: 2, z: 3}\n")),
+    Fault("samples in millimetres", f"{_OF_SAMPLES} --eye in-hand --marker eye", "samples.yaml",
+          whole(_SAMPLES.replace("x: 1,", "x: 1000,"))),
+    Fault("a YAML that would run what it holds", f"{_OF_SAMPLES} --eye in-hand --marker eye",
+          "samples.yaml", whole("- optical: !!python/object:os.system {}\n")),
+    Fault("joint states of nothing", "import points.txt --joints states.yaml --unit mm -o joined.csv",
+          "states.yaml", whole("joint_names: [A1]\n")),
+    Fault("an image of which nothing is said", "import shot.png --joints joints.csv -o joined.csv",
+          "shot.png", whole("x")),
+    Fault("a board without the cell", "import shot.png --board b --joints joints.csv -o joined.csv",
+          "shot.png", whole("x")),
+    Fault("a board that the cell lacks",
+          "import shot.png --board b --joints joints.csv --cell cell.toml -o joined.csv",
+          "shot.png", whole("x")),
+    Fault("a folder without images", "import figures --board b --joints joints.csv -o joined.csv"),
     Fault("a program in an unknown language", "program cell.toml plan.csv -o plan.txt"),
     Fault("a program of a plan beyond the limits", "program cell.toml plan.csv -o plan.src", "plan.csv",
           swap("-140", "-175")),
@@ -516,6 +572,35 @@ ROBOTS = [
     Fault("counts that are no number", _IDENTIFY + " --zero-offsets out.csv --counts-per-deg A1"),
 ]  # fmt: skip
 
+_SEEN = swap(
+    "[instrument]\nsigma_mm = 0.010",
+    '[boards.b]\non = "tip"\nsquares = [9, 6]\npitch_mm = 30\n[instruments.cam]\nkind = "camera"\n'
+    'calibration = "lens.yaml"\nsigma_px = 0.1',
+)
+
+
+def _seen(old: str, new: str) -> Edit:
+    """The cell with a camera and a board, and a change of these."""
+    return lambda text: swap(old, new)(_SEEN(text))
+
+
+CAMERAS = [
+    Fault("a calibration that is not there", _IDENTIFY, "cell.toml", _SEEN),
+    Fault("a calibration and a focal length", _IDENTIFY, "cell.toml",
+          _seen("sigma_px", "focal_px = 600\nsigma_px")),
+    Fault("neither of them", _IDENTIFY, "cell.toml", _seen('calibration = "lens.yaml"\n', "")),
+    Fault("a board of two shapes", _IDENTIFY, "cell.toml",
+          _seen("pitch_mm = 30", "pitch_mm = 30\ntags = [5, 4]\ntag_mm = 40\ngap_mm = 12")),
+    Fault("tags without their size", _IDENTIFY, "cell.toml",
+          _seen("squares = [9, 6]\npitch_mm = 30", "tags = [5, 4]")),
+    Fault("markers larger than their squares", _IDENTIFY, "cell.toml",
+          _seen("pitch_mm = 30", 'pitch_mm = 30\nmarker_mm = 40\ndictionary = "5x5_100"')),
+    Fault("markers of no dictionary", _IDENTIFY, "cell.toml",
+          _seen("pitch_mm = 30", "pitch_mm = 30\nmarker_mm = 22")),
+    Fault("a lens of no camera", _IDENTIFY + " --calibration lens.yaml"),
+    Fault("the lens of a camera that the cell lacks", _IDENTIFY + " --calibration left=lens.yaml"),
+]  # fmt: skip
+
 FAULTS = {
     "measurements.csv": MEASUREMENTS,
     "measurements that no arm gives": IMPLAUSIBLE,
@@ -524,5 +609,6 @@ FAULTS = {
     "other files, and the call": OTHERS,
     "exports and robot programs": EXPORTS,
     "robots, and a first cell of them": ROBOTS,
+    "cameras": CAMERAS,
     "results that are read again": RESULTS,
 }

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from scipy.spatial.transform import Rotation
 
 import calib
 from calib.files.write_tables import measurements_csv
@@ -119,3 +120,140 @@ def test_joints_of_another_robot_are_refused_with_the_way_to_rename(
     again = ["--joint-names", "A1,A2,A3,A4,A5,A6"]
     done = run(folder / "points.txt", "--joints", tmp_path / "j.csv", *options, *again)
     assert done.exit_code == 0, done.output
+
+
+CAPTURED = """schema = 1
+[robot]
+urdf = "kr270.urdf"
+base = "base_link"
+tip = "tool0"
+[bodies.eye]
+[instruments.board]
+kind = "pose"
+sigma_mm = 0.1
+sigma_urad = 100
+[model]
+effects = ["base", "tool"]
+"""
+
+
+def test_samples_of_moveit_are_readings_of_the_camera(folder: Path) -> None:
+    """Joint states and samples of an eye in the hand, by SciPy, as the one body of the cell."""
+    (folder / "captured.toml").write_text(CAPTURED)
+    rng = np.random.default_rng(1)
+    q, T = rng.uniform(-1.0, 1.0, (6, 6)), np.tile(np.eye(4), (6, 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = Rotation.random(6, rng=rng).as_matrix(), rng.normal(size=(6, 3))
+    samples = [
+        {"effector_wrt_world": np.eye(4).ravel().tolist(), "object_wrt_sensor": own.tolist()}
+        for own in T.reshape(6, 16)
+    ]
+    names = [f"A{k}" for k in range(1, 7)]
+    (folder / "samples.json").write_text(json.dumps(samples))
+    (folder / "states.json").write_text(
+        json.dumps({"joint_names": names, "joint_values": q.tolist()}, indent=2)
+    )
+    out = folder / "captured.csv"
+    done = run(
+        folder / "samples.json", "--joints", folder / "states.json", "--eye", "in-hand",
+        "--cell", folder / "captured.toml", "--instrument", "board", "-o", out,
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "6 poses, 6 readings" in done.output
+    assert "poses of the camera in the board's frame, as the body eye" in done.output
+    cell = calib.load_cell(folder / "captured.toml")
+    data = calib.load_measurements(cell, out)
+    np.testing.assert_allclose(data.poses.q, q, atol=1e-12)
+    back = np.linalg.inv(T)
+    np.testing.assert_allclose(data.readings[:, 0, :3], back[:, :3, 3], atol=1e-8)
+    axes = np.swapaxes(back[:, :3, :2], 1, 2).reshape(6, 6)
+    np.testing.assert_allclose(data.readings[:, 0, 3:9], axes, atol=1e-8)
+
+
+def test_a_recording_a_pose(folder: Path) -> None:
+    """Files are named as the poses of the joint file; each of their frames sees the body."""
+    (folder / "captured.toml").write_text(CAPTURED)
+    for k in range(3):
+        rows = [f"{frame},0,0,0,90,{100 * k},0,{frame}" for frame in (1, 2, 3)]
+        head = "Objects\n100\n,,eye:eye,,,,,\nFrame,Sub Frame,RX,RY,RZ,TX,TY,TZ\n"
+        text = head + ",,deg,deg,deg,mm,mm,mm\n" + "\n".join(rows)
+        (folder / f"take{k}.csv").write_text(text)
+    joints = "pose," + ",".join(f"A{k}_deg" for k in range(1, 7)) + "\n"
+    joints += "".join(f"take{k},{k},-90,90,0,0,{k}\n" for k in (2, 0, 1))
+    (folder / "takes.csv").write_text(joints)
+    out = folder / "captured.csv"
+    takes = [folder / f"take{k}.csv" for k in range(3)]
+    done = run(
+        *takes, "--joints", folder / "takes.csv", "--cell", folder / "captured.toml", "-o", out
+    )
+    assert done.exit_code == 0, done.output
+    assert "3 frames of a pose are averaged; they scatter by 0.82 mm" in done.output
+    data = calib.load_measurements(calib.load_cell(folder / "captured.toml"), out)
+    assert data.poses.names == ("take2", "take0", "take1")
+    np.testing.assert_allclose(data.readings[:, 0, 0], [0.2, 0.0, 0.1], atol=1e-9)
+    np.testing.assert_allclose(data.readings[:, 0, 3:6], [[0.0, 1.0, 0.0]] * 3, atol=1e-9)
+
+
+SEEN = """schema = 1
+[robot]
+urdf = "kr270.urdf"
+base = "base_link"
+tip = "tool0"
+[boards.b]
+on = "tip"
+squares = [9, 6]
+pitch_mm = 30
+[instruments.cam]
+kind = "camera"
+focal_px = 1000
+center_px = [479.5, 359.5]
+sigma_px = 0.1
+[model]
+effects = ["base", "tool"]
+"""
+
+
+def test_images_of_a_board(tmp_path: Path) -> None:
+    """Each image is the pose of its name; one that shows no board is left out, and said."""
+    photographs = pytest.importorskip("tests.photographs")
+    cv2 = photographs.cv2
+    i, j = np.indices((540, 810)) // 90
+    drawn, truth = np.where((i + j) % 2 == 0, 0, 255).astype(np.uint8), {}
+    (tmp_path / "images").mkdir()
+    for k in range(2):
+        T = photographs.facing(0.2 * k, (0.3 * k, 0.1), (0.25, 0.18), 0.5)
+        image = photographs.photograph("homography", drawn, T)
+        cv2.imwrite(str(tmp_path / "images" / f"shot{k}.png"), image)
+        truth[k] = photographs.pixels(np.array([[0.03, 0.03, 0.0], [0.24, 0.15, 0.0]]), T)
+    cv2.imwrite(str(tmp_path / "images" / "shot2.png"), np.full((720, 960), 90, np.uint8))
+    (tmp_path / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
+    cell, joints, out = (tmp_path / name for name in ("cell.toml", "joints.csv", "out.csv"))
+    cell.write_text(SEEN)
+    table = "pose," + ",".join(f"A{k}_deg" for k in range(1, 7)) + "\n"
+    joints.write_text(table + "".join(f"shot{k},{k},-90,90,0,0,{k}\n" for k in (1, 2, 0)))
+    call = [tmp_path / "images", "--joints", joints, "-o", out, "--board", "b"]
+    done = run(*call, "--cell", cell)
+    assert done.exit_code == 0, done.output
+    assert "no board in 1 of 3 images (shot2)" in " ".join(done.output.split())
+    data = calib.load_measurements(calib.load_cell(cell), out)
+    assert data.poses.names == ("shot1", "shot0")
+    for row, k in enumerate((1, 0)):
+        np.testing.assert_allclose(data.readings[row, [0, 39]], truth[k], atol=0.1)
+    by_order = run(*call, "--cell", cell, "--by-order", "--json", tmp_path / "r.json")
+    assert by_order.exit_code == 0, by_order.output
+    fields = json.loads((tmp_path / "r.json").read_text())
+    assert (fields["poses"], fields["lists"][0]["unit"]) == (2, "px")
+    assert len(fields["inputs"]) == 6
+    assert out.read_text().splitlines()[1].startswith("shot0,b:0,1,")
+    for more, said in (
+        (call, "names a board of a cell; give --cell"),
+        (
+            [*call[1:], tmp_path / "images" / "shot0.png", "--cell", cell],
+            "of the joint file without",
+        ),
+        ([*call, tmp_path / "images" / "shot0.png", "--cell", cell], "named as another image"),
+        ([tmp_path / "images" / "shot0.png", *call[1:5]], "is an image; say what it shows"),
+    ):
+        wrong = run(*more)
+        assert wrong.exit_code == 2
+        assert said in wrong.stderr
+        assert wrong.stderr.count("\n") == 1

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from calib.errors import InputError
+from calib.files.exports.frames import averaged
 from calib.files.exports.joints import JointRow, JointTable
 from calib.files.exports.matching import Matching, NamedPoint, matched
+from calib.files.exports.names import BY_FILE
 from calib.files.exports.points import PointList
 from calib.files.exports.sheet import NUMBER
 
@@ -49,14 +51,18 @@ def join(
     by_order: bool = False,
     partial: bool = False,
     markers: Sequence[str] | None = None,
+    instrument: str | None = None,
 ) -> Joined:
-    """Join point lists with the joint values of their poses, in the order of the joint file.
+    """Join lists of readings with the joint values of their poses, in the order of the joint file.
 
-    names : pattern of :mod:`calib.files.exports.names`; None tries the usual ones
+    names : pattern of :mod:`calib.files.exports.names`; None tries the usual ones; of recordings, the
+        file's name is the pose where there are several or the joint file knows it, else the frame's
+        number
     marker : the only marker, where names tell only the pose
     by_order : the k-th pose of the lists stands in the k-th row of the joint file
     partial : leave out what has no counterpart instead of refusing it
     markers : the ones that the cell knows
+    instrument : that read all of them, as the cell calls it
 
     Raises InputError where names do not fit, a pose has a marker twice, or counterparts are missing.
     """
@@ -64,21 +70,29 @@ def join(
         raise InputError(
             joints.path, "header", "names no poses", "add a column pose, or give --by-order"
         )
+    if len({own.written for own in lists}) > 1:
+        what = f"holds {lists[-1].written[0]} .., {lists[0].path} holds {lists[0].written[0]} .."
+        raise InputError(lists[-1].path, "", what, "import each kind for itself")
+    if names is None and lists[0].names:
+        named = len(lists) > 1 or lists[0].path.stem in {row.pose for row in joints.rows}
+        names = BY_FILE[0] if lists[0].frames and named else lists[0].names
     found = matched(lists, joints, names=names, marker=marker, by_order=by_order, markers=markers)
     at = _rows_at(found, joints, by_order)
     poses = {own.pose for own in found.points}
     missing = tuple(name for name in at if name not in poses)
     orphans = Counter(own.pose for own in found.points if own.pose not in at)
     if not partial:
-        _refuse(found, joints, missing, list(orphans), markers)
+        _refuse(found, joints, missing, list(orphans), markers, lists[0].frames)
     kept = [own for own in found.points if own.pose in at]
     if not kept:
         raise InputError(joints.path, "", "shares no pose with the points", "check --names")
+    kept, said = averaged(kept) if lists[0].frames else (kept, [])
     _check_once(kept)
     times, notes = _times(kept, joints)
+    read_by = () if instrument is None else (instrument,)
     return Joined(
-        _columns(joints, kept, bool(times)),
-        list(_rows(at, kept, times)),
+        _columns(joints, lists[0].written, kept, bool(times), bool(read_by)),
+        list(_rows(at, kept, times, read_by)),
         found.pattern,
         found.tried,
         tuple(name for name in at if name in poses),
@@ -86,7 +100,7 @@ def join(
         missing,
         dict(orphans),
         tuple(own.pose for own in found.strays),
-        tuple(notes),
+        (*(note for own in lists for note in own.notes), *said, *notes),
     )
 
 
@@ -111,17 +125,22 @@ def _refuse(
     missing: Sequence[str],
     orphans: Sequence[str],
     markers: Sequence[str] | None,
+    frames: bool,
 ) -> None:
     """Raise InputError for whatever has no counterpart."""
     read = f"(names read as {found.pattern!r})"
     remedy = "check --names and both files, or leave it out with --partial"
+    if frames:
+        remedy = (
+            "name each recording as its pose, or its frames in the joint file; or give --partial"
+        )
     if found.strays:
         own = found.strays[0]
         known = "" if markers is None else f" of {', '.join(markers)}"
         count = f", as {len(found.strays)} points in all" if len(found.strays) > 1 else ""
         what = f"{own.pose[:80]!r} names no pose and marker{known} {read}{count}"
         if own.marker:
-            what = f"{own.marker[:80]!r} is not in the cell's [markers_mm] {read}{count}"
+            what = f"{own.marker[:80]!r} is nothing that the cell reads {read}{count}"
         raise own.fault(what, remedy)
     for names, what in ((missing, "of the joint file without points"), (orphans, "without joints")):
         if names:
@@ -170,7 +189,13 @@ def _times(points: Sequence[NamedPoint], joints: JointTable) -> tuple[dict[str, 
     return {pose: f"{value:.15g}" for pose, value in seconds.items()}, []
 
 
-def _columns(joints: JointTable, points: Sequence[NamedPoint], timed: bool) -> tuple[str, ...]:
+def _columns(
+    joints: JointTable,
+    written: tuple[str, ...],
+    points: Sequence[NamedPoint],
+    timed: bool,
+    named: bool,
+) -> tuple[str, ...]:
     bare = [own for own in points if not own.point.sigma]
     if bare and len(bare) < len(points):
         what = "has no uncertainties where another list has them"
@@ -179,18 +204,20 @@ def _columns(joints: JointTable, points: Sequence[NamedPoint], timed: bool) -> t
     return (
         "pose",
         "marker",
+        *("instrument",) * named,
         *joints.joints,
         *joints.carried,
-        "x_mm",
-        "y_mm",
-        "z_mm",
+        *written,
         *time,
         *sigma,
     )
 
 
 def _rows(
-    at: dict[str, JointRow], points: Sequence[NamedPoint], times: dict[str, str]
+    at: dict[str, JointRow],
+    points: Sequence[NamedPoint],
+    times: dict[str, str],
+    read_by: tuple[str, ...],
 ) -> Iterator[list[str]]:
     by_pose: dict[str, list[NamedPoint]] = {}
     for own in points:
@@ -199,4 +226,4 @@ def _rows(
         for own in by_pose.get(pose, ()):
             time = [times[pose]] if times else []
             sigma = [own.point.sigma] if own.point.sigma else []
-            yield [pose, own.marker, *row.values, *own.point.xyz, *time, *sigma]
+            yield [pose, own.marker, *read_by, *row.values, *own.point.values, *time, *sigma]

@@ -10,6 +10,7 @@ from pathlib import Path
 from calib.arm.robot import Robot
 from calib.errors import InputError
 from calib.files.columns import ANGLES, LENGTHS, OTHERS, TORQUES, WRENCH
+from calib.files.exports.hand_eye import YAML, joint_states
 from calib.files.exports.krl_axes import axis_sheet
 from calib.files.exports.sheet import Sheet, read_sheet, text_lines
 from calib.files.readings import reading_names
@@ -53,7 +54,8 @@ def read_joints(
     rename: Sequence[str] | None = None,
     robot: Robot | None = None,
 ) -> JointTable:
-    """Read a table with a header, or a list ``{A1 10.0, A2 -90.0, ..}`` as KUKA controllers write.
+    """Read a table with a header, a list ``{A1 10.0, A2 -90.0, ..}`` as KUKA controllers write, or the
+    joint states of MoveIt's calibration.
 
     unit : of joint columns that name none
     rename : names for the joints in the order of their columns
@@ -61,8 +63,7 @@ def read_joints(
 
     Raises InputError.
     """
-    lines = text_lines(path)
-    sheet = axis_sheet(path, lines) or read_sheet(path)
+    sheet = _sheet(path)
     if sheet.header is None:
         raise InputError(
             path, "line 1", "names no columns", "begin with a header, as in pose,A1_deg,A2_deg"
@@ -85,6 +86,12 @@ def read_joints(
     return JointTable(
         path, names, tuple(_following(titles[i], called) for i in carried), rows, ignored
     )
+
+
+def _sheet(path: Path) -> Sheet:
+    if path.suffix.lower() in YAML:
+        return joint_states(path)
+    return axis_sheet(path, text_lines(path)) or read_sheet(path)
 
 
 def _title(text: str) -> str:

@@ -40,8 +40,9 @@ _WITH_UNIT = re.compile(r"(.*?)\s*(?:[\[(]\s*([A-Za-z]+)\s*[\])]|[_ ](mm|m|in|s)
 
 @dataclass(frozen=True, slots=True)
 class MeasuredPoint:
-    """One line of a list: names as written, numbers as text, lengths in millimetres.
+    """One reading of a list: names as written, numbers as text, lengths in millimetres.
 
+    values : what was read, in the columns that the list says
     sigma : standard deviation of one coordinate, root mean square of the three, "" where not given
     time : as written, "" where not given
     """
@@ -50,14 +51,20 @@ class MeasuredPoint:
     collection: str
     group: str
     point: str
-    xyz: tuple[str, str, str]
+    values: tuple[str, ...]
     sigma: str
     time: str
 
 
 @dataclass(frozen=True)
 class PointList:
-    """A file of points: which columns were read, the unit and where it stood, and what was not read."""
+    """A file of readings: which columns were read, the unit and where it stood, and what was not read.
+
+    written : columns of measurements.csv that a reading fills
+    names : the pattern by which these lists tell pose and marker, "" where people name the points
+    frames : whether the readings of a body at one pose are frames of a recording, to be averaged
+    notes : what is said of the file
+    """
 
     path: Path
     points: list[MeasuredPoint]
@@ -65,6 +72,10 @@ class PointList:
     unit: str
     unit_from: str
     ignored: tuple[str, ...]
+    written: tuple[str, ...] = ("x_mm", "y_mm", "z_mm")
+    names: str = ""
+    frames: bool = False
+    notes: tuple[str, ...] = ()
 
 
 def read_points(

@@ -89,7 +89,7 @@ def test_random_lists_survive_with_every_digit(tmp_path: Path) -> None:
             for k, row in enumerate(numbers)
         )
         found = read_points(written(tmp_path, "p.txt", text), "mm")
-        assert [list(point.xyz) for point in found.points] == numbers
+        assert [list(point.values) for point in found.points] == numbers
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_random_lists_survive_with_every_digit(tmp_path: Path) -> None:
 def test_unit_is_read_where_it_stands(tmp_path: Path, head: str, unit: str, x: str) -> None:
     path = written(tmp_path, "p.csv", f"{head}P1_m1,1.2345678,0,0\n")
     found = read_points(path)
-    assert (found.unit, found.points[0].xyz[0]) == (unit, x)
+    assert (found.unit, found.points[0].values[0]) == (unit, x)
     with pytest.raises(InputError, match=f"states {unit}, --unit says"):
         read_points(path, "in" if unit != "in" else "mm")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -12,12 +13,14 @@ import pytest
 from markupsafe import Markup
 
 from calib import Cell, Poses
+from calib.poses import poses_at
 from calib.targets import sobol_poses
 from studies.report.arm_scene import ArmScene, scene
 from studies.report.arm_view import figure_html
 from studies.report.assets import asset
 from tests.helpers import read_by
 from tests.studies.report.cells import HOSTILE, hostile, shaped
+from tests.studies.report.test_arm_fixtures import Q, cameras_of
 
 Open: TypeAlias = Callable[..., Any]
 
@@ -87,12 +90,19 @@ def split(text: str) -> tuple[list[str], np.ndarray[Any, np.dtype[np.float64]]]:
     return re.split(number, text), np.array([float(n) for n in re.findall(number, text)])
 
 
-@pytest.mark.parametrize("which", ["plain", "full", "far"])
+@pytest.mark.parametrize("which", ["plain", "full", "far", "cameras"])
 def test_script_and_python_draw_the_same(
-    which: str, open_page: Open, plain: ArmScene, full: ArmScene, kr270: Cell, table_two: Poses
+    which: str,
+    open_page: Open,
+    plain: ArmScene,
+    full: ArmScene,
+    kr270: Cell,
+    table_two: Poses,
+    tmp_path: Path,
 ) -> None:
     far = replace(kr270, instruments=read_by(stands=np.array([-9.0, -7.0, 1.0])))
-    picture = {"plain": plain, "full": full, "far": scene(far, table_two)}[which]
+    picture = {"plain": plain, "full": full, "far": scene(far, table_two)}.get(which)
+    picture = picture or scene(cameras_of(tmp_path)[0], poses_at(Q))
     html = page_of(picture, style=AT_STATIC_SIZE)
     static = open_page(html, java_script_enabled=False).evaluate(PARTS)
     same(static, parts(open_page(html)))

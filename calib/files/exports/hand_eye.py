@@ -1,0 +1,186 @@
+"""Samples of hand-eye calibrations: poses of a board in a camera, as easy_handeye and MoveIt keep them.
+
+easy_handeye lists samples of ``robot`` and ``optical`` (or ``tracking``) transforms, its messages
+``hand_world_samples`` and ``camera_marker_samples``; MoveIt's calibration lists 4 x 4 matrices by rows,
+``effector_wrt_world`` and ``object_wrt_sensor``, and joint states in a file of their own. All lengths
+are metres, all quaternions x, y, z, w. The robot's own transforms are left alone: joints tell more.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from calib.arm.se3 import inverse, nearest_rotation
+from calib.arrays import Array
+from calib.errors import InputError
+from calib.files.exports.bodies import NAMES, OFF_UNIT, WRITTEN, frame_of, pose_texts
+from calib.files.exports.points import MeasuredPoint, PointList
+from calib.files.exports.sheet import Sheet, made_sheet
+from calib.files.plain_yaml import Node, Scalar, read_yaml
+
+YAML = (".yaml", ".yml", ".json")
+Eye = Literal["in-hand", "on-base"]
+_OPTICAL = ("optical", "tracking", "opt", "object_wrt_sensor")
+_LISTED = ("camera_marker_samples", "samples", "transforms")
+_EYES: dict[str, Eye] = {
+    "eye_in_hand": "in-hand",
+    "true": "in-hand",
+    "eye_on_base": "on-base",
+    "eye_on_hand": "in-hand",
+    "false": "on-base",
+}
+_FARTHEST = 100.0  # m
+
+
+def read_hand_eye(path: Path, body: str | None, eye: Eye | None) -> PointList:
+    """Samples as readings of one body, numbered from 1.
+
+    A camera on the base reads the board as it stands in its own frame; one in the hand is itself the
+    body, and what reads it is the board.
+
+    body : its name in the cell; eye : where the camera is, where the file does not tell it
+
+    Raises InputError.
+    """
+    root: Node = read_yaml(path).root
+    told = _told(root)
+    if eye is None and told is None:
+        what = "does not say where the camera is"
+        raise InputError(path, "", what, "give --eye in-hand or --eye on-base")
+    if eye is not None and told is not None and eye != told:
+        raise InputError(path, "", f"says eye {told}", "leave --eye out")
+    if body is None:
+        what = "names no body"
+        raise InputError(path, "", what, "give --marker NAME, a name of the cell's [bodies]")
+    frames = [_frame(path, k, own) for k, own in enumerate(_samples(path, root), 1)]
+    where = eye or told
+    if where == "in-hand":
+        frames = [inverse(T) for T in frames]
+    points = [
+        MeasuredPoint(k, "", str(k), body, pose_texts(T), "", "") for k, T in enumerate(frames, 1)
+    ]
+    whose = "camera in the board's frame" if where == "in-hand" else "board in the camera's frame"
+    columns = ("sample", "position", "quaternion")
+    return PointList(
+        path, points, columns, "m", "as ROS counts", (), WRITTEN, NAMES,
+        notes=(f"{path}: poses of the {whose}, as the body {body}",),
+    )  # fmt: skip
+
+
+def joint_states(path: Path) -> Sheet:
+    """The joint states that MoveIt's calibration saves, numbered as its samples. Raises InputError.
+
+    They carry radians, which MoveIt counts in; joints that slide need another table.
+    """
+    root = read_yaml(path).root
+    names, rows = root.get("joint_names"), root.get("joint_values")
+    if not isinstance(names, list) or not isinstance(rows, list) or not names or not rows:
+        what = "holds no joint_names and joint_values"
+        raise InputError(path, "", what, "give the joint states of MoveIt, or a table")
+    titles = [f"{_word(path, own)}_rad" for own in names]
+    values = []
+    for k, row in enumerate(rows, 1):
+        own = [_word(path, value) for value in row] if isinstance(row, list) else []
+        if len(own) != len(titles):
+            what = f"has {len(own)} values of {len(titles)} joints"
+            raise InputError(path, f"joint_values, entry {k}", what)
+        values.append([str(k), *own])
+    return made_sheet(path, [], [["pose", *titles], *values], list(range(len(values) + 1)), ",")
+
+
+def _told(root: Node) -> Eye | None:
+    """Where the camera is, as parameters beside the samples say."""
+    if not isinstance(root, dict):
+        return None
+    own = root.get("parameters", root)
+    for key in ("calibration_type", "eye_on_hand"):
+        node = own.get(key) if isinstance(own, dict) else None
+        if isinstance(node, Scalar):
+            return _EYES.get(node.word.lower())
+    return None
+
+
+def _samples(path: Path, root: Node) -> list[Node]:
+    """The list of samples, however deep the messages put it."""
+    node = root
+    while isinstance(node, dict):
+        own = node
+        key = next((k for k in ("", *_LISTED) if k in own), None)
+        if key is None:
+            break
+        node = own[key]
+    if not isinstance(node, list) or not node:
+        what = "holds no samples of easy_handeye (robot, optical) or MoveIt (object_wrt_sensor)"
+        raise InputError(path, "", what, "is it the file of samples, not of the result?")
+    return node
+
+
+def _frame(path: Path, number: int, sample: Node) -> Array:
+    where = f"sample {number}"
+    key = next((k for k in _OPTICAL if isinstance(sample, dict) and k in sample), None)
+    node = sample[key] if key is not None and isinstance(sample, dict) else sample
+    if isinstance(node, list):
+        T = _of_numbers(path, where, [_float(path, own) for own in _flat(node)])
+    else:
+        inner = node.get("transform", node) if isinstance(node, dict) else node
+        parts = [_parts(path, where, inner, *own) for own in _PARTS]
+        T = _posed(path, where, parts[0], parts[1])
+    if not np.abs(T[:3, 3]).max() < _FARTHEST:
+        raise InputError(path, where, "lies farther than 100 m", "samples count metres")
+    return T
+
+
+_PARTS = (("translation", "xyz"), ("rotation", "xyzw"))
+
+
+def _parts(path: Path, where: str, node: Node, name: str, keys: str) -> list[float]:
+    own = node.get(name) if isinstance(node, dict) else None
+    if not isinstance(own, dict) or any(key not in own for key in keys):
+        raise InputError(path, where, f"has no {name} of {', '.join(keys)}")
+    return [_float(path, own[key]) for key in keys]
+
+
+def _of_numbers(path: Path, where: str, numbers: list[float]) -> Array:
+    """A matrix by rows, or position and quaternion."""
+    if len(numbers) == 7:
+        return _posed(path, where, numbers[:3], numbers[3:])
+    T = np.array(numbers).reshape(4, 4) if len(numbers) == 16 else np.full((4, 4), np.nan)
+    off = np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max()
+    if not off < OFF_UNIT or np.linalg.det(T[:3, :3]) < 0.0 or T[3].tolist() != [0, 0, 0, 1]:
+        raise InputError(path, where, "is no transform of 4 x 4 numbers by rows")
+    T[:3, :3] = nearest_rotation(T[:3, :3])
+    return T
+
+
+def _posed(path: Path, where: str, position: list[float], xyzw: list[float]) -> Array:
+    if not abs(math.hypot(*xyzw) - 1.0) < OFF_UNIT:
+        what = f"has a quaternion of length {math.hypot(*xyzw):.4g}"
+        raise InputError(path, where, what, "a rotation has a length of one")
+    x, y, z, w = xyzw
+    return frame_of(position, [w, x, y, z])
+
+
+def _flat(node: Node) -> list[Node]:
+    return [own for part in node for own in _flat(part)] if isinstance(node, list) else [node]
+
+
+def _word(path: Path, node: Node) -> str:
+    if not isinstance(node, Scalar):
+        raise InputError(path, "", "holds a list where a name or number belongs")
+    return node.word
+
+
+def _float(path: Path, node: Node) -> float:
+    text = _word(path, node)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        line = node.line if isinstance(node, Scalar) else 0
+        raise InputError(path, f"line {line}", f"{text[:40]!r} is no number")
+    return value

@@ -1,0 +1,198 @@
+"""Boards found in image files by OpenCV, as pixels of their points."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.arrays import Array, IntArray
+from calib.errors import InputError
+from calib.files.exports.bodies import NAMES
+from calib.files.exports.edges import saddles, smooth, tag_corners
+from calib.files.exports.patterns import Pattern
+from calib.files.exports.points import MeasuredPoint, PointList
+from calib.files.read import read_bytes
+
+IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp")
+_LARGEST_FILE = 200_000_000  # bytes
+_FEWEST = 4  # points: fewer tell nothing of a board
+_SHOWN = 3  # names in one line
+_BESIDE = 0.85  # of the way to a marker in a white square
+_BETWEEN = 0.4  # of the way to the next corner
+
+
+def read_images(
+    paths: Sequence[Path], patterns: Sequence[Pattern], poses: Collection[str] = ()
+) -> tuple[PointList, tuple[str, ...]]:
+    """Every point of a board that images show, and the poses whose images show none.
+
+    An image is named as its pose is: with its suffix where one of ``poses`` is, else without.
+
+    Raises InputError where OpenCV is not installed, a file is no image, or no image shows a board.
+    """
+    cv2 = _opencv()
+    searches = [_Search(cv2, pattern) for pattern in patterns]
+    points: list[MeasuredPoint] = []
+    blank: list[str] = []
+    for k, path in enumerate(paths, 1):
+        image, pose = _image(cv2, path), path.name if path.name in poses else path.stem
+        before = len(points)
+        for search in searches:
+            found, at = search.found(image)
+            points += [
+                MeasuredPoint(k, "", pose, f"{search.pattern.name}:{search.pattern.names[i]}",
+                              (f"{u:.4f}", f"{v:.4f}"), "", "")
+                for i, (u, v) in zip(found.tolist(), at.tolist(), strict=True)
+            ]  # fmt: skip
+        if len(points) == before:
+            blank.append(pose)
+    boards = ", ".join(pattern.name for pattern in patterns)
+    if not points:
+        more = f"and {len(paths) - 1} more show" if paths[1:] else "shows"
+        what = f"{more} no board {boards}"
+        remedy = "compare squares, tags and dictionary of the cell with what is printed"
+        raise InputError(paths[0], "", what, remedy)
+    some = ", ".join(blank[:_SHOWN]) + (" .." if blank[_SHOWN:] else "")
+    notes = (f"no board in {len(blank)} of {len(paths)} images ({some})",) if blank else ()
+    columns = ("image", "board", "point", "u", "v")
+    read = PointList(
+        paths[0].parent, points, columns, "px", "of images", (), ("u_px", "v_px"), NAMES
+    )
+    return replace(read, notes=notes), tuple(blank)
+
+
+def _opencv() -> Any:
+    try:
+        import cv2
+    except ImportError:
+        raise InputError(
+            "--board", "", "needs OpenCV, which is not installed", "pip install 'posecal[images]'"
+        ) from None
+    return cv2
+
+
+def _image(cv2: Any, path: Path) -> Any:
+    data = np.frombuffer(read_bytes(path, _LARGEST_FILE), dtype=np.uint8)
+    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
+    if image is None:
+        raise InputError(path, "", "is no image that OpenCV reads", f"give {', '.join(IMAGES)}")
+    return image
+
+
+class _Search:
+    """A pattern with OpenCV's detector for it."""
+
+    def __init__(self, cv2: Any, pattern: Pattern) -> None:
+        self.cv2, self.pattern = cv2, pattern
+        self.cells = 0
+        self.charuco: list[Any] = []
+        if not pattern.dictionary:
+            return
+        words = _dictionary(cv2, pattern)
+        self.cells = int(words.markerSize) + 2
+        if pattern.tags:
+            self.detector = cv2.aruco.ArucoDetector(words)
+            return
+        sizes = [pattern.size, pattern.pitch, pattern.marker, words]
+        for older in (
+            False,
+            True,
+        ):  # boards of before 4.6 begin with a white square if rows are even
+            board = cv2.aruco.CharucoBoard(*sizes)
+            board.setLegacyPattern(older)
+            self.charuco.append(cv2.aruco.CharucoDetector(board))
+
+    def found(self, image: Any) -> tuple[IntArray, Array]:
+        """Numbers (n,) of the points seen, and where, (n, 2), px."""
+        if self.pattern.tags:
+            ids, at = self._tags(image)
+        elif self.pattern.dictionary:
+            ids, at = self._charuco(image)
+        else:
+            ids, at = self._chessboard(image)
+        if len(ids) < _FEWEST:
+            return np.zeros(0, dtype=int), np.zeros((0, 2))
+        if not self.pattern.tags:
+            at = saddles(self.cv2, smooth(self.cv2, image), at, self._free(ids, at))
+        height, width = image.shape
+        inside = ((at >= 0.0) & (at <= [width - 1.0, height - 1.0])).all(axis=1)
+        return ids[inside], at[inside]
+
+    def _tags(self, image: Any) -> tuple[IntArray, Array]:
+        corners, ids, _ = self.detector.detectMarkers(image)
+        count = self.pattern.size[0] * self.pattern.size[1]
+        numbers = np.zeros(0, int) if ids is None else ids.ravel() - self.pattern.first_tag
+        own = [k for k, n in enumerate(numbers) if 0 <= n < count and (numbers == n).sum() == 1]
+        if not own:
+            return np.zeros(0, dtype=int), np.zeros((0, 2))
+        at = np.array([np.asarray(corners[k], float).reshape(4, 2) for k in own])
+        at = tag_corners(smooth(self.cv2, image), at, self.cells)
+        return (4 * numbers[own][:, None] + np.arange(4)).ravel(), at.reshape(-1, 2)
+
+    def _charuco(self, image: Any) -> tuple[IntArray, Array]:
+        """Of the two ways in which such boards are drawn the one that shows more, from then on."""
+        found = []
+        for detector in self.charuco:
+            at, ids, *_ = detector.detectBoard(image)
+            none = ids is None or not len(ids)
+            found.append((np.zeros(0, int), np.zeros((0, 2))) if none else (ids.ravel(), at))
+        best = int(np.argmax([len(ids) for ids, _ in found]))
+        ids, at = found[best]
+        if len(ids) >= _FEWEST:
+            self.charuco = [self.charuco[best]]
+        return np.asarray(ids, dtype=int), np.asarray(at, dtype=float).reshape(-1, 2)
+
+    def _chessboard(self, image: Any) -> tuple[IntArray, Array]:
+        """The first square is dark, rows go down to the left of the columns that go right."""
+        across, down = (n - 1 for n in self.pattern.size)
+        flags = self.cv2.CALIB_CB_EXHAUSTIVE | self.cv2.CALIB_CB_NORMALIZE_IMAGE
+        done, at = self.cv2.findChessboardCornersSB(image, (across, down), flags=flags)
+        if not done:
+            return np.zeros(0, dtype=int), np.zeros((0, 2))
+        grid = np.asarray(at, dtype=float).reshape(down, across, 2)
+        right, below = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
+        if right[0] * below[1] - right[1] * below[0] < 0.0:
+            grid = grid[::-1]
+        if _lightness(image, grid) > 0.0:
+            grid = grid[::-1, ::-1]
+        return np.arange(across * down), grid.reshape(-1, 2)
+
+    def _free(self, ids: IntArray, at: Array) -> Array:
+        """Pixels (n,) around each corner in which nothing else is printed."""
+        pattern, shape = self.pattern, self.pattern.points[ids, :2]
+        H, _ = self.cv2.findHomography(shape, at, 0)
+        margin = _BETWEEN * pattern.pitch
+        if pattern.marker:
+            margin = _BESIDE * (pattern.pitch - pattern.marker) / 2.0
+        around = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]) * margin
+        near = np.c_[(shape[:, None] + around).reshape(-1, 2), np.ones(4 * len(shape))] @ H.T
+        middle = np.c_[shape, np.ones(len(shape))] @ H.T
+        there = (near[:, :2] / near[:, 2:]).reshape(-1, 4, 2)
+        return np.asarray(
+            np.abs(there - (middle[:, :2] / middle[:, 2:])[:, None]).max(axis=2).min(axis=1)
+        )
+
+
+def _dictionary(cv2: Any, pattern: Pattern) -> Any:
+    """OpenCV's by its name, with or without ``DICT_``, in capitals or not. Raises InputError."""
+    known = {n.upper().removeprefix("DICT_"): n for n in dir(cv2.aruco) if n.startswith("DICT_")}
+    name = pattern.dictionary.upper().removeprefix("DICT_")
+    if name not in known:
+        few = "4x4_50, 5x5_100, 6x6_250, apriltag_36h11"
+        what = f"OpenCV has no dictionary {pattern.dictionary[:40]!r}"
+        raise InputError("--board", f"boards.{pattern.name}.dictionary", what, f"as {few}")
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, known[name]))
+
+
+def _lightness(image: Any, grid: Array) -> float:
+    """Mean of the squares that should be light less that of those that should be dark, if turned."""
+    middle = (grid[1:, 1:] + grid[1:, :-1] + grid[:-1, 1:] + grid[:-1, :-1]) / 4.0
+    i, j = np.indices(middle.shape[:2])
+    at = np.rint(middle).astype(int)
+    values = np.asarray(image, dtype=float)[at[..., 1], at[..., 0]]
+    dark = (i + j) % 2 == 0
+    return float(values[dark].mean() - values[~dark].mean())

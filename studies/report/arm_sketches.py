@@ -1,0 +1,232 @@
+"""How each kind of instrument, and what it reads, is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import takewhile
+from typing import TypeAlias
+
+import numpy as np
+
+from calib.arm.se3 import across, so3_exp
+from calib.arrays import Array
+from calib.cell import Cell
+from calib.instruments import (
+    ArmCamera,
+    Camera,
+    Distance,
+    FixedCamera,
+    Instrument,
+    Plane,
+    Pose,
+    Socket,
+    Sphere,
+    Tracker,
+)
+from calib.poses import Measurements, Poses
+from doe.constraints import Scene
+from studies.report.arm_fixtures import Fixture, Kind, Placed
+from studies.report.outlines import grid_lines, hull_runs, ring
+from studies.report.surroundings import whole_mm
+
+_CONE, _TRIAD, _PATCH = 0.16, 0.07, 0.22  # arm lengths
+_CLOSE = 0.1  # arm lengths; sockets nearer than this have one name
+_DOTS = 60  # points of a board that are drawn one by one, at most
+_SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])
+_UP = np.array([[0.4, 0.0], [0.5, -0.12], [0.6, 0.0]])  # of a camera's image
+
+
+def fixtures(
+    cell: Cell, plan: Poses | Measurements, scene: Scene, found: Placed, length: float
+) -> Iterator[Fixture]:
+    """All that can be drawn, of an arm of some length, m."""
+    sketch = _Sketch(cell, plan, scene, found, length)
+    seen: set[tuple[Kind, str]] = set()  # two cameras see one board
+    for instrument, part in cell.channels.blocks:
+        draw = next(draw for kind, draw in _DRAWN.items() if isinstance(instrument, kind))
+        for own in draw(sketch, instrument, part):
+            if (own.kind, own.name) not in seen:
+                yield own
+            seen.add((own.kind, own.name))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sketch:
+    cell: Cell
+    plan: Poses | Measurements
+    scene: Scene
+    found: Placed
+    length: float
+
+    def on_tip(self, points: Array) -> Array:
+        """Points (k, 3) of the tip frame at every pose, (m, k, 3), m."""
+        R, p = self.scene.frames.R[:, -1], self.scene.origins[:, -1]
+        return np.asarray(points @ R.swapaxes(1, 2) + p[:, None])
+
+    def markers(self, instrument: Instrument) -> Array:
+        """Markers that an instrument reads at every pose, (m, k, 3), m."""
+        return self.on_tip(self.found.markers[instrument.read_of(len(self.found.markers))])
+
+    def seen(self, part: slice) -> Array:
+        """Which of its readings there are, (m, k)."""
+        count = part.stop - part.start
+        if isinstance(self.plan, Measurements):
+            return np.asarray(self.plan.seen[:, part])
+        return np.ones((len(self.scene), count), dtype=bool)
+
+    def cone(self, camera: Camera, centre: Array, axes: Array) -> list[Array]:
+        """What a camera sees, up to some distance: axes (3, 3) by rows; its lines (k, 3), m."""
+        fx, fy, cx, cy = camera.lens.values[:4]
+        size = np.array([2.0 * cx, 2.0 * cy]) if camera.image is None else camera.image
+
+        def at(shares: Array) -> Array:
+            ideal = (shares * size - [cx, cy]) / [fx, fy]
+            rays = np.column_stack([ideal, np.ones(len(ideal))])
+            return np.asarray(centre + rays @ axes * _CONE * self.length)
+
+        rim = at(_SQUARE)
+        return [rim, at(_UP), *(np.stack([centre, corner]) for corner in rim[:4])]
+
+
+_NONE = np.zeros((1, 0, 3), dtype=int)
+
+
+def _still(kind: Kind, name: str, lines: list[Array], dots: Array, radius: float = 0.0) -> Fixture:
+    """What stands in the world: lines (k, 3) and dots (n, 3), m, the first dot bears the name."""
+    own = whole_mm(dots)[None]
+    mm = tuple(whole_mm(line)[None] for line in lines)
+    return Fixture(kind, name, mm, own, own[:, :1], round(radius * 1e3), name)
+
+
+def _moving(kind: Kind, name: str, lines: list[Array], dots: Array, label: Array) -> Fixture:
+    """What rides on the tip: lines (m, k, 3) and dots (m, n, 3), m."""
+    mm = tuple(map(whole_mm, lines))
+    return Fixture(kind, name, mm, whole_mm(dots), whole_mm(label), words=name)
+
+
+def _fixed_camera(sketch: _Sketch, camera: FixedCamera, _: slice) -> Iterator[Fixture]:
+    place = sketch.found.places.get(camera.name)
+    if place is not None:
+        R = so3_exp(place[3:6])
+        centre = -R.T @ place[:3]
+        yield _still("camera", camera.name, sketch.cone(camera, centre, R), centre[None])
+    for board in camera.boards:
+        points = sketch.on_tip(sketch.found.markers[sketch.cell.bodies[board.name]])
+        lines = [points[:, run] for run in hull_runs(board.points)]
+        dots = points if len(board.points) <= _DOTS else points[:, :0]
+        yield _moving("board", board.name, lines, dots, points.mean(axis=1, keepdims=True))
+
+
+def _arm_camera(sketch: _Sketch, camera: ArmCamera, _: slice) -> Iterator[Fixture]:
+    o, x, y = sketch.found.markers[sketch.cell.bodies[camera.name]]
+    axes = np.stack([x - o, y - o, np.cross(x - o, y - o)])
+    lines = [sketch.on_tip(line) for line in sketch.cone(camera, o, axes)]
+    centre = sketch.on_tip(o[None])
+    yield _moving("camera", camera.name, lines, centre, centre)
+    places = sketch.found.places.get(camera.name)
+    for k, board in enumerate(camera.boards if places is not None else ()):
+        place = places[6 * k : 6 * k + 6] if places is not None else np.zeros(6)
+        points = board.points @ so3_exp(place[3:]).T + place[:3]
+        own = _still("board", board.name, [points[run] for run in hull_runs(points)], points)
+        middle = whole_mm(points.mean(axis=0))[None, None]
+        dots = own.dots if len(points) <= _DOTS else _NONE
+        yield replace(own, dots=dots, label=middle)
+
+
+def _bodies(sketch: _Sketch, instrument: Pose, _: slice) -> Iterator[Fixture]:
+    yield from _tracker(sketch, instrument, _)
+    own = sketch.found.markers[instrument.read_of(len(sketch.found.markers))].reshape(-1, 3, 3)
+    names = [
+        sketch.cell.marker_names[j] for j in instrument.read_of(len(sketch.found.markers))[::3]
+    ]
+    for name, (o, x, y) in zip(names, own, strict=True):
+        ends = np.stack([x - o, y - o, np.cross(x - o, y - o)]) * _TRIAD * sketch.length
+        lines = [sketch.on_tip(np.stack([o, o + end])) for end in ends]
+        centre = sketch.on_tip(o[None])
+        yield _moving("frame", name, lines, centre, centre)
+
+
+def _tracker(sketch: _Sketch, instrument: Tracker, _: slice) -> Iterator[Fixture]:
+    """Where it stands; a tracker whose place the cell gives is drawn with its lines of sight."""
+    place = sketch.found.places.get(instrument.name)
+    if place is None or instrument.position is not None:
+        return
+    R, p = instrument.placement(place)
+    ends = R * _TRIAD * sketch.length
+    centre = -R.T @ p
+    yield _still("instrument", instrument.name, [np.stack([centre, centre + e]) for e in ends],
+                 centre[None])  # fmt: skip
+
+
+def _sockets(sketch: _Sketch, instrument: Socket, _: slice) -> Iterator[Fixture]:
+    places = {n: sketch.found.places[n] for n in instrument.names if n in sketch.found.places}
+    left = list(places)
+    while left:
+        first = places[left[0]][:3]
+        near = [n for n in left if np.linalg.norm(places[n][:3] - first) < _CLOSE * sketch.length]
+        left = [n for n in left if n not in near]
+        words = near[0] if not near[1:] else _common(near) or ", ".join(near)
+        for name in near:
+            own = _still("socket", name, [], places[name][None, :3])
+            yield replace(own, words=words if name == near[0] else "")
+
+
+def _common(names: Sequence[str]) -> str:
+    """What several names begin with.
+
+    >>> _common(["left_0", "left_1"])
+    'left'
+    """
+    first, last = min(names), max(names)
+    same = sum(
+        1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(first, last, strict=False))
+    )
+    return first[:same].rstrip("_-. ")
+
+
+def _sphere(sketch: _Sketch, instrument: Sphere, _: slice) -> Iterator[Fixture]:
+    place = sketch.found.places.get(instrument.name)
+    if place is not None:
+        radius = float(place[3]) if instrument.radius is None else instrument.radius
+        level = ring(place[:3], radius)
+        yield _still("sphere", instrument.name, [level], place[None, :3], abs(radius))
+
+
+def _plane(sketch: _Sketch, instrument: Plane, part: slice) -> Iterator[Fixture]:
+    place = sketch.found.places.get(instrument.name)
+    if place is None:
+        return
+    normal = so3_exp(np.array([*place[:2], 0.0]))[:, 2]
+    touched = sketch.markers(instrument)[sketch.seen(part)]
+    middle = touched.mean(axis=0) if len(touched) else np.zeros(3)
+    middle = middle + normal * (place[2] - normal @ middle)
+    half = max(_PATCH * sketch.length, float(np.abs(touched - middle).max(initial=0.0)))
+    u, v = across(normal)
+    lines = grid_lines(middle, u, v, half)
+    yield _still("touched", instrument.name, lines, middle[None])
+
+
+def _wire(sketch: _Sketch, instrument: Distance, part: slice) -> Iterator[Fixture]:
+    """From the anchor to the marker, where it is read."""
+    place = sketch.found.places.get(instrument.name)
+    anchor = instrument.anchor if instrument.known or place is None else place[:3]
+    if anchor is None:
+        return
+    markers, seen = sketch.markers(instrument), sketch.seen(part)
+    there = np.where(seen[..., None], markers, anchor)
+    lines = [np.stack([np.broadcast_to(anchor, p.shape), p], axis=1) for p in there.swapaxes(0, 1)]
+    yield _moving("wire", instrument.name, lines, anchor[None, None], anchor[None, None])
+
+
+_Draw: TypeAlias = Callable[..., Iterator[Fixture]]
+_DRAWN: dict[type[Instrument], _Draw] = {
+    FixedCamera: _fixed_camera,
+    ArmCamera: _arm_camera,
+    Pose: _bodies,
+    Tracker: _tracker,
+    Socket: _sockets,
+    Sphere: _sphere,
+    Plane: _plane,
+    Distance: _wire,
+}

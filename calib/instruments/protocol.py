@@ -18,6 +18,7 @@ Of C readings a pose the points are (m, C, 3), or (m, C, 3 k) where each takes k
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal, NamedTuple
 
@@ -33,6 +34,10 @@ class Unknown(NamedTuple):
     unit: str
     scale: float
     size: float
+
+
+MOTION, SCALE = slice(0, 6), slice(6, 7)
+"""Of a part that may come loose: a displacement in its own axes, and what it is too large by."""
 
 
 class Column(NamedTuple):
@@ -144,6 +149,19 @@ class Instrument(ABC):
     def guess(self) -> Array:
         """Where it is taken to stand before it has read anything, (u,): known, or zero."""
         return np.zeros(len(self.unknowns))
+
+    @property
+    def parts(self) -> Mapping[str, slice]:
+        """What effects may change from pose to pose, by its place in results.
+
+        These numbers, zero at rest, a place may have after its unknowns.
+        """
+        return {}
+
+    @property
+    def shapes(self) -> tuple[str, ...]:
+        """Names of the shapes that it looks at, on the tip or in the world."""
+        return ()
 
     @property
     def unforeseen(self) -> str:

@@ -111,7 +111,13 @@ def looking(target: Array, at: Array) -> Array:
 
 
 def read(
-    cell: Cell, folder: Path, q: Array, camera: Array, board: Array, fault: Fault, rng: np.random.Generator
+    cell: Cell,
+    folder: Path,
+    q: Array,
+    camera: Array,
+    board: Array,
+    fault: Fault,
+    rng: np.random.Generator,
 ) -> Day:
     """What a camera at frames (m, 4, 4) in base axes sees of a board at others."""
     rows, count = [], len(q)
@@ -176,7 +182,8 @@ def written(folder: Path, board: str, camera: str) -> Cell:
     """A cell with a board and a camera where they are said to be, or with sockets."""
     (folder / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
     robot = tomllib.loads(embedded_text("cell.toml"))["robot"]
-    text = f'schema = 1\n[robot]\nurdf = "kr270.urdf"\nbase = "{robot["base"]}"\ntip = "{robot["tip"]}"\n'
+    text = f'schema = 1\n[robot]\nurdf = "kr270.urdf"\nbase = "{robot["base"]}"\n'
+    text += f'tip = "{robot["tip"]}"\n'
     if board:
         points = {f"p{k}": [round(1e3 * float(c), 9) for c in p] for k, p in enumerate(TILES)}
         listed = ", ".join(f"{name} = {point}" for name, point in points.items())

@@ -117,7 +117,10 @@ class Camera(Reader):
         p_tip = view.p + view.R @ first[1]
         eye = (R_tip, p_tip) if self.rides else (R[None], p[None])
         seen = (R_on[None], p_on[None]) if self.rides else (R_tip, p_tip)
-        eye = eye[0] @ turned(view.apart[:, 3:]), eye[1] + (eye[0] @ view.apart[:, :3, None])[..., 0]
+        eye = (
+            eye[0] @ turned(view.apart[:, 3:]),
+            eye[1] + (eye[0] @ view.apart[:, :3, None])[..., 0],
+        )
         points = self.shape * (1.0 + view.pitch) @ np.swapaxes(seen[0], -1, -2) + seen[1][:, None]
         own = (points - eye[1][:, None]) @ eye[0]
         ahead = own[..., 2] > 0.2
@@ -160,6 +163,7 @@ class Camera(Reader):
     columns = ("u_px", "v_px")
 
     def told(self, row: Array, channel: int, site: int) -> tuple[str, str, list[str]]:
+        del site
         return NAME, f"plate:p{channel}", [f"{x:.5f}" for x in row]
 
 
@@ -266,7 +270,7 @@ class Nests(Touching):
 
     def rows(self, view: View, place: Array, tip: Array) -> Array:
         stands = (self.centres + place.reshape(-1, 3))[view.site] + view.apart[:, :3]
-        return (self.ball(view, tip) - stands)[:, None]
+        return np.asarray(self.ball(view, tip) - stands)[:, None]
 
     @property
     def floor(self) -> float:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import ClassVar
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -120,6 +120,9 @@ class Camera(Instrument):
         del place
         own = np.where(np.isnan(sigma), self.sigma, sigma)[..., None, None]
         return np.broadcast_to(np.eye(2) / own, (*rows.shape, 2))
+
+    def found_at(self, place: Array) -> Self:
+        return replace(self, standing=place[: len(self.unknowns) - len(self.free)])
 
     @abstractmethod
     def inside(self, points: Array) -> Mask:

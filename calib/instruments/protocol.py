@@ -20,7 +20,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -236,6 +236,11 @@ class Instrument(ABC):
     def position(self) -> Array | None:
         """Where it stands, shape (3,), m, base frame; None where that is not given."""
         return None
+
+    def found_at(self, place: Array) -> Self:
+        """The same as it is foreseen once its place (u,) is found."""
+        del place
+        return self
 
     def read_of(self, markers: int) -> IntArray:
         """Positions of the markers that it reads, of so many."""

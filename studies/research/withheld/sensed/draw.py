@@ -38,9 +38,9 @@ _FAULTS = {
 _NONCENTRALITY = (60.0, 3000.0)
 _CONDITIONS = replace(EASY, configurations=45, known_geometry=True)
 _NARROW = 0.12  # of the joints' ranges: a board in the world stays before a camera on the tip
-_FEWEST = 30  # readings of a fit
+_FEWEST = 50  # readings of a fit
 _LARGEST = {"focal_scale": 0.03, "board_scale": 0.03, "focal_drift": 3e-3, "focal_expansion": 8e-4}
-_ROUNDS = 8
+_ROUNDS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,10 +98,10 @@ def _filled(rng: np.random.Generator, family: str, kind: str) -> Sensed:
     mechanism = scene.mechanism()
     reader = _placed(rng, kind, scene, mechanism)
     site = np.arange(scene.count) % 4
-    cause = _drawn(rng, family, kind, scene, reader)
+    cause, there = _drawn(rng, family, kind, scene, reader), np.ones(scene.count, dtype=bool)
     if isinstance(reader, Nests):
-        scene, _ = _in_contact(rng, scene, mechanism, reader, site, None, 0.0)
-    day, found = Day(scene, mechanism, reader, site), 0.0
+        scene, there = _in_contact(rng, scene, mechanism, reader, site, None, 0.0)
+    day, found = Day(scene, mechanism, reader, site, there), 0.0
     if cause is not None:
         cause, found = _sized(rng, day, cause)
     if isinstance(reader, Nests):
@@ -117,12 +117,16 @@ def _filled(rng: np.random.Generator, family: str, kind: str) -> Sensed:
 
 @dataclass(frozen=True, eq=False)
 class Day:
-    """What the reader reads of the scene, with a cause or without."""
+    """What the reader reads of the scene, with a cause or without.
+
+    there : ndarray of bool, shape (N,), where it can
+    """
 
     scene: Scene
     mechanism: Mechanism
     reader: Reader
     site: NDArray[np.int_]
+    there: NDArray[np.bool_]
 
     def view(self, cause: Cause | Fault | None) -> View:
         """The tip, and what is wrong with the reader."""
@@ -157,7 +161,7 @@ class Day:
     def noncentrality(self, cause: Cause | Fault) -> float:
         """Of what the cause does, beside an unknown place and an unknown tip, at the fitted poses."""
         view, reader, (place, tip) = self.view(None), self.reader, self._still
-        fitted = ~self.scene.session.held
+        fitted = self.there & ~self.scene.session.held
         both = np.concatenate([place, tip])
 
         def read(x: Array) -> Array:
@@ -273,7 +277,7 @@ def _in_contact(
 
     def off(q: Array) -> Array:
         own = replace(scene, session=replace(scene.session, q=q))
-        day = Day(own, mechanism, reader, site)
+        day = Day(own, mechanism, reader, site, np.ones(len(q), dtype=bool))
         return np.asarray(reader.rows(day.view(cause), *still)[:, 0] - noise)
 
     for _ in range(_ROUNDS):

@@ -243,7 +243,7 @@ class Wire(Touching):
 
     def rows(self, view: View, place: Array, tip: Array) -> Array:
         away = np.linalg.norm(self.ball(view, tip) - self.p - place[:3], axis=-1)
-        return (away + self.zero + place[3])[:, None, None]
+        return np.asarray(away + self.zero + place[3])[:, None, None]
 
     @property
     def floor(self) -> float:

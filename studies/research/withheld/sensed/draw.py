@@ -40,7 +40,9 @@ _CONDITIONS = replace(EASY, configurations=45, known_geometry=True)
 _NARROW = 0.12  # of the joints' ranges: a board in the world stays before a camera on the tip
 _FEWEST = 50  # readings of a fit
 _LARGEST = {"focal_scale": 0.03, "board_scale": 0.03, "focal_drift": 3e-3, "focal_expansion": 8e-4}
-_ROUNDS = 12
+_ROUNDS, _CLOSER = 10, 6
+_NEAR = 1e-4  # m: from there contact is reached
+Sites = NDArray[np.int_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +69,7 @@ class Sensed:
     cause: Cause | Fault | None
     noncentrality: float
     rows: Array
-    site: NDArray[np.int_]
+    site: Sites
 
 
 def families(rng: np.random.Generator, count: int) -> list[str]:
@@ -77,10 +79,10 @@ def families(rng: np.random.Generator, count: int) -> list[str]:
     return [whole[i] for i in rng.permutation(count)]
 
 
-def draw_sensed(rng: np.random.Generator, family: str) -> Sensed:
-    """A case of one family."""
+def draw_sensed(rng: np.random.Generator, family: str, kind: str = "") -> Sensed:
+    """A case of one family, read by a kind of reader if it is named."""
+    kinds = (kind,) if kind else tuple(_FAULTS) if family == "instrument" else READERS
     while True:
-        kinds = tuple(_FAULTS) if family == "instrument" else READERS
         try:
             return _filled(rng, family, str(rng.choice(kinds)))
         except NoSuchCase:
@@ -100,12 +102,14 @@ def _filled(rng: np.random.Generator, family: str, kind: str) -> Sensed:
     site = np.arange(scene.count) % 4
     cause, there = _drawn(rng, family, kind, scene, reader), np.ones(scene.count, dtype=bool)
     if isinstance(reader, Nests):
-        scene, there = _in_contact(rng, scene, mechanism, reader, site, None, 0.0)
+        scene = _reached(scene, mechanism, reader, site)
+        _, off = _toward_contact(mechanism, reader, site, scene.session.q)
+        there = np.linalg.norm(off, axis=1) < _NEAR
     day, found = Day(scene, mechanism, reader, site, there), 0.0
     if cause is not None:
         cause, found = _sized(rng, day, cause)
     if isinstance(reader, Nests):
-        scene, there = _in_contact(rng, scene, mechanism, reader, site, cause, reader.sigma)
+        scene, there = _in_contact(rng, day, reader, cause)
         rows = np.where(there, 0.0, np.nan)[:, None, None]
     else:
         rows = reader.noisy(rng, day.rows(cause))
@@ -125,7 +129,7 @@ class Day:
     scene: Scene
     mechanism: Mechanism
     reader: Reader
-    site: NDArray[np.int_]
+    site: Sites
     there: NDArray[np.bool_]
 
     def view(self, cause: Cause | Fault | None) -> View:
@@ -262,29 +266,47 @@ def _absurd(cause: Cause | Fault) -> bool:
     return max(abs(v * cause.size) for v in cause.values.values()) > 3e-3
 
 
-def _in_contact(
-    rng: np.random.Generator,
-    scene: Scene,
-    mechanism: Mechanism,
-    reader: Touching,
-    site: NDArray[np.int_],
-    cause: Cause | Fault | None,
-    sigma: float,
-) -> tuple[Scene, NDArray[np.bool_]]:
-    """The scene with joints at which the ball is in its socket, but for noise, and where that is so."""
-    noise = rng.normal(scale=sigma, size=(scene.count, 3)) if sigma else 0.0
-    q, still = scene.session.q.copy(), (np.zeros(reader.places), np.zeros(reader.tips))
+def _reached(scene: Scene, mechanism: Mechanism, reader: Touching, site: Sites) -> Scene:
+    """The scene with joints at which a rigid arm without causes has the ball in its sockets."""
+    q = scene.session.q.copy()
+    for _ in range(_ROUNDS):
+        follow, off = _toward_contact(mechanism, reader, site, q)
+        q = q + _short(-(follow @ off[..., None])[..., 0])
+    return replace(scene, session=replace(scene.session, q=q))
+
+
+def _toward_contact(
+    mechanism: Mechanism, reader: Touching, site: Sites, q: Array
+) -> tuple[Array, Array]:
+    """How joints follow the ball, (N, n, 3), and how far it is off, (N, 3), m."""
+    none = np.zeros((len(q), 6))
 
     def off(q: Array) -> Array:
-        own = replace(scene, session=replace(scene.session, q=q))
-        day = Day(own, mechanism, reader, site, np.ones(len(q), dtype=bool))
-        return np.asarray(reader.rows(day.view(cause), *still)[:, 0] - noise)
+        state = mechanism.posed(q)
+        tip = state.R_link[:, -1], state.o[:, -1]
+        view = View(*tip, site, none[:, 0], 0.0, none, none[:, :3])
+        return reader.rows(view, np.zeros(reader.places), np.zeros(reader.tips))[:, 0]
 
-    for _ in range(_ROUNDS):
-        ends = [off(q + h) - off(q - h) for h in 1e-5 * np.eye(q.shape[1])]
-        follow = np.linalg.pinv(np.stack(ends, axis=-1) / 2e-5, rcond=1e-2)
-        step = -(follow @ off(q)[..., None])[..., 0]
-        q = q + step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
+    ends = [off(q + h) - off(q - h) for h in 1e-5 * np.eye(q.shape[1])]
+    return np.asarray(np.linalg.pinv(np.stack(ends, axis=-1) / 2e-5, rcond=1e-2), float), off(q)
+
+
+def _short(step: Array) -> Array:
+    largest = np.maximum(np.abs(step).max(axis=1), 1e-12)
+    return np.asarray(step * np.minimum(1.0, 0.3 / largest)[:, None])
+
+
+def _in_contact(
+    rng: np.random.Generator, day: Day, reader: Touching, cause: Cause | Fault | None
+) -> tuple[Scene, NDArray[np.bool_]]:
+    """The scene with joints at which the ball is in its socket, but for noise, and where that is so."""
+    scene, q = day.scene, day.scene.session.q.copy()
+    noise = rng.normal(scale=reader.sigma, size=(scene.count, 3))
+    follow, _ = _toward_contact(day.mechanism, reader, day.site, q)
+    for _ in range(_CLOSER):
+        here = replace(scene, session=replace(scene.session, q=q))
+        off = replace(day, scene=here).rows(cause)[:, 0] - noise
+        there = np.linalg.norm(off, axis=1) < 1e-7
+        q = q + np.where(there[:, None], 0.0, _short(-(follow @ off[..., None])[..., 0]))
     low, high = scene.arm.limits.T
-    there = (np.linalg.norm(off(q), axis=1) < 1e-7) & ((q > low) & (q < high)).all(axis=1)
-    return replace(scene, session=replace(scene.session, q=q)), there
+    return here, there & ((q > low) & (q < high)).all(axis=1)

@@ -142,6 +142,29 @@ def displacement(xi: Array) -> Array:
     return transform(so3_exp(xi[..., 3:]), xi[..., :3])
 
 
+def moved_as_one(xi: Array, points: Array) -> tuple[Array, Array, Array]:
+    """Points (..., m, M, 3), m, displaced by a twist xi (..., m, 6), m and rad, of each pose.
+
+    Returns them, the rotations (..., m, 1, 3, 3), and derivatives by the twist (..., m, M, 3, 6).
+    """
+    xi = xi[..., None, :]  # one for all markers of a pose
+    R = so3_exp(xi[..., 3:])
+    turn = -R @ skew(points) @ so3_right_jacobian(xi[..., 3:])
+    columns = np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=-1)
+    return rotate(R, points) + xi[..., :3], R, columns
+
+
+def displaced_shape(xi: Array, points: Array) -> tuple[Array, Array]:
+    """Points (..., M, 3), m, of a shape that grows by a share about its origin and is then displaced.
+
+    xi : ndarray, shape (..., 7), a twist, m and rad, and the share; returns the derivatives by it too
+    """
+    grown = points * (1.0 + xi[..., None, 6:])
+    moved, R, columns = moved_as_one(xi[..., :6], grown)
+    by_share = rotate(R, np.broadcast_to(points, grown.shape))[..., None]
+    return moved, np.concatenate([columns, by_share], axis=-1)
+
+
 def from_xyz_rpy(xyz: Array, rpy: Array) -> Array:
     """Transform of a URDF origin: ``R = Rz(yaw) Ry(pitch) Rx(roll)``, metres and radians."""
     roll, pitch, yaw = (so3_exp(axis * angle) for axis, angle in zip(np.eye(3), rpy, strict=True))

@@ -183,7 +183,7 @@ def depends_on(effect: Effect) -> str:
         first = effect.uses[0]
         return f"{first}:{effect.where}" if first in ("approach", "motion") else first
     if isinstance(effect, ReadingEffect):
-        return "range"
+        return "range" if effect.of == "points" else "none"
     if isinstance(effect, PoseEffect) or effect.kind in _BY_ANGLE:
         return "load" if effect.where == ARM else f"q:{effect.where}"
     return "load" if isinstance(effect, ElasticEffect | LoadEffect) else "none"

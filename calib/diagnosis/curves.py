@@ -33,9 +33,11 @@ from calib.effects.protocol import (
     Effect,
     MarkerEffect,
     Parameter,
+    PartEffect,
     PoseEffect,
     ReadingEffect,
     Strand,
+    motion_of,
 )
 from calib.errors import EffectCannotAct
 from calib.poses import Poses
@@ -127,6 +129,23 @@ class MarkerCurve(PoseCurve, MarkerEffect):
 
 
 @dataclass(frozen=True, eq=False)
+class PartCurve(PoseCurve, PartEffect):
+    """Displacement of a part of an instrument, or of what it looks at."""
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        own: tuple[str, ...] = ("um",) * 3 + ("urad",) * 3
+        return own[self.numbers]
+
+    def amounts(self, poses: Poses, values: Array) -> Array:
+        return np.asarray((self.shares(poses, values) @ values[..., None, :, None])[..., 0])
+
+    def shares(self, poses: Poses, values: Array) -> Array:
+        del values  # linear
+        return np.asarray(np.kron(np.eye(len(self.units)), self.basis(poses)[:, None, :]))
+
+
+@dataclass(frozen=True, eq=False)
 class RangeCurve(Curve, ReadingEffect):
     """Distances from the station that are read wrong."""
 
@@ -181,8 +200,13 @@ def curves(context: Context, poses: Poses, ranges: Array) -> Iterator[Curve]:
             line = polyline(variable.at(poses), _KNOTS_EACH)
             if line is not None:
                 yield MarkerCurve(f"marker:{name}", variable, line)
+    for where, part in context.parts.items():
+        for variable in common:
+            line = polyline(variable.at(poses), _KNOTS_EACH)
+            if line is not None:
+                yield PartCurve(where, motion_of(part), part.body, variable, line)
     line = polyline(ranges, _KNOTS)
-    if line is not None:
+    if line is not None and context.reads("points"):
         yield RangeCurve("instrument", Variable("range"), line)
 
 

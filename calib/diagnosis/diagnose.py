@@ -15,7 +15,7 @@ from calib.diagnosis.earned import BY_TIME, CrossValidation
 from calib.diagnosis.gap import Gap, gap_of, reach
 from calib.diagnosis.power import detectable
 from calib.diagnosis.range_noise import Growth, growth
-from calib.diagnosis.refused import Refused, believed, nothing
+from calib.diagnosis.refused import Refused, believed, nothing, plausible
 from calib.diagnosis.rounds import ALPHA
 from calib.diagnosis.screen import refuted
 from calib.diagnosis.shape import Doubt, shape_doubt
@@ -25,6 +25,7 @@ from calib.diagnosis.verdict import Named, VerdictName, verdict
 from calib.diagnosis.view import lineup
 from calib.effects.protocol import ARM
 from calib.effects.tuned import Tuned
+from calib.errors import Unsolvable
 from calib.identification.identify import check_counts, whitening
 from calib.identification.initial import initial_values
 from calib.identification.mistakes import refuse_mistakes
@@ -169,7 +170,11 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         stage, linear = (replace(s, weights=weights / factor) for s in (stage, linear))
         outcome = contest(linear, asked)
     for _ in range(_MOST_PASSES):
-        fit = stage.exact(outcome.fit)
+        try:
+            fit = stage.exact(outcome.fit)
+        except Unsolvable:  # to first order an arm may be so soft that it does not stand
+            outcome = plausible(linear, outcome)
+            fit = stage.exact(outcome.fit)
         out, statistic, limit = _outliers(stage, fit)
         out |= waiting
         if not stage.robust and np.array_equal(out, stage.dropped):

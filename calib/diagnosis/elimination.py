@@ -17,7 +17,7 @@ def idle(values: Array, cov: Array, price: float) -> tuple[Mask, float]:
     """
     gone, rise = np.zeros(len(values), dtype=bool), 0.0
     while not gone.all():
-        variance = np.maximum(np.diag(cov), 1e-300)
+        variance = np.where(gone, 1.0, np.maximum(np.diag(cov), 1e-300))
         worth = np.where(gone, np.inf, values**2 / variance)
         i = int(np.argmin(worth))
         if float(worth[i]) >= price:

@@ -83,6 +83,15 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
     return []
 
 
+def plausible(stage: Stage, outcome: Outcome) -> Outcome:
+    """The outcome without what is too large to be true, one fit after the other."""
+    while True:
+        rest = [c for c in outcome.active if not (c.named and implausible(outcome.fit, c))]
+        if len(rest) == len(outcome.active):
+            return outcome
+        outcome = left_with(stage, outcome, rest)
+
+
 def implausible(fit: Fit, candidate: Candidate) -> str:
     """Why no such thing is met in practice, empty where it is."""
     amounts = candidate.amounts

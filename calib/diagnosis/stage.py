@@ -14,6 +14,7 @@ from calib.diagnosis.linear import LinearModel, linearised
 from calib.diagnosis.prior import curves_in, fitted_amplitudes, held_rows, weak
 from calib.diagnosis.screen import orthonormal
 from calib.effects.protocol import Effect
+from calib.errors import Unsolvable
 from calib.identification.estimators import choose_directions
 from calib.identification.outliers import fit_statistics
 from calib.model import Model
@@ -167,12 +168,17 @@ class Stage:
         return self._under_levels(replace(found, levels=fit.levels))
 
     def exact(self, fit: Fit) -> Fit:
-        """A fit to first order, gone on with in full: same directions, weights and amplitudes."""
+        """A fit to first order, gone on with in full: same directions, weights and amplitudes.
+
+        Raises Unsolvable where its values are no arm's.
+        """
         if not isinstance(fit.model, LinearModel):
             return fit
         model = fit.model.exact
         span = self._with_tunings(model, fit)
         full = self._fitted(model, fit.values, span, fit.weight, fit.amplitudes, fit.pull)
+        if not (np.isfinite(full.r).all() and np.isfinite(full.J).all()):
+            raise Unsolvable
         return self._under_levels(replace(full, levels=fit.levels))
 
     def _with_tunings(self, model: Model, fit: Fit) -> Array:

@@ -13,6 +13,10 @@ from calib.effects.base import Base
 from calib.effects.base_compliance import BaseCompliance
 from calib.effects.base_drift import BaseDrift
 from calib.effects.bearing_compliance import BearingCompliance
+from calib.effects.board_scale import BoardScale
+from calib.effects.focal_drift import FocalDrift
+from calib.effects.focal_expansion import FocalExpansion
+from calib.effects.focal_scale import FocalScale
 from calib.effects.friction_windup import FrictionWindup
 from calib.effects.gear_ripple import GearRipple
 from calib.effects.geometry import Geometry
@@ -27,6 +31,7 @@ from calib.effects.measured_torque import MeasuredTorque
 from calib.effects.payload import PayloadError
 from calib.effects.protocol import Context, Effect, Parameter, State
 from calib.effects.settling import Settling
+from calib.effects.socket_seat import SocketSeat
 from calib.effects.step import Step
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from calib.effects.thermal_expansion import ThermalExpansion
@@ -68,6 +73,11 @@ EFFECTS: dict[str, type[Effect]] = {
     "settling": Settling,
     "friction_windup": FrictionWindup,
     "measured_torque": MeasuredTorque,
+    "focal_scale": FocalScale,
+    "focal_drift": FocalDrift,
+    "focal_expansion": FocalExpansion,
+    "board_scale": BoardScale,
+    "socket_seat": SocketSeat,
 }
 
 GROUPS = ("base", "tool", "geometry")

@@ -1,6 +1,6 @@
 """What an effect is: anything that moves a marker, linear in its parameters where it acts.
 
-An effect acts in one of six ways on the paper's product ``T_base T_robot T_tool`` (equation 6):
+An effect acts in one of seven ways on the paper's product ``T_base T_robot T_tool`` (equation 6):
 
 - :class:`TwistEffect`: displaces frames of the arm by ``xi = basis @ parameters``. A
   :class:`Constant` one does so alike at every pose, a :class:`PoseEffect` by what is known of the pose
@@ -11,7 +11,8 @@ An effect acts in one of six ways on the paper's product ``T_base T_robot T_tool
   :class:`SpringEffect` beside a joint, or a :class:`WeightEffect` by what hangs on the arm;
 - :class:`MarkerEffect`: displaces one marker in the tip frame;
 - :class:`~calib.effects.base.Base` and :class:`~calib.effects.tool.Tool`: the outer factors;
-- :class:`ReadingEffect`: the instrument reads a point elsewhere than it is.
+- :class:`ReadingEffect`: the instrument reads a point elsewhere than it is;
+- :class:`PartEffect`: an instrument, or what it looks at, stands elsewhere or is larger than it was.
 
 From the basis follow, in :mod:`calib.model`, the exact displacement, its Jacobian and its score. An
 effect with one parameter that is not linear is a :class:`~calib.effects.tuned.Tuned`.
@@ -23,16 +24,18 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Self, TypeAlias
+from typing import ClassVar, NamedTuple, Self, TypeAlias
 
 import numpy as np
 
 from calib.arm.kinematics import Frames
 from calib.arm.robot import Robot
+from calib.arm.se3 import displaced_shape, so3_exp
 from calib.arm.statics import Loads, Payload, Transmitted
 from calib.arrays import Array
 from calib.errors import EffectCannotAct
 from calib.instruments import TRACKER, Instrument
+from calib.instruments.protocol import MOTION, SCALE
 from calib.poses import Poses
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.80665)
@@ -79,6 +82,13 @@ class State:
     wrench: Transmitted
 
 
+class Part(NamedTuple):
+    """What may come loose: in how many numbers, and which markers on the tip it is, if it is there."""
+
+    numbers: int
+    body: slice | None
+
+
 @dataclass(frozen=True, eq=False)
 class Context:
     """What an effect may ask for when it is placed.
@@ -113,6 +123,20 @@ class Context:
     gear_ratios: Mapping[str, float] = field(default_factory=dict)
     instruments: tuple[Instrument, ...] = (TRACKER,)
     bodies: Mapping[str, slice] = field(default_factory=dict)
+
+    @property
+    def parts(self) -> Mapping[str, Part]:
+        """What may come loose of the instruments and of what they look at, by place."""
+        found: dict[str, Part] = {}
+        for instrument in self.instruments:
+            found |= {w: Part(s.stop - s.start, None) for w, s in instrument.parts.items()}
+            looked = (board for board in instrument.shapes if board in self.bodies)
+            found |= {f"board:{board}": Part(SCALE.stop, self.bodies[board]) for board in looked}
+        return found
+
+    def reads(self, kind: str) -> bool:
+        """Whether there is an instrument of a kind."""
+        return any(instrument.kind == kind for instrument in self.instruments)
 
     @property
     def single_markers(self) -> tuple[str, ...]:
@@ -312,6 +336,10 @@ class ReadingEffect(Effect):
 
     of: ClassVar[str] = "points"
 
+    def changes(self, instrument: Instrument) -> bool:
+        """Whether it changes the rows of an instrument."""
+        return instrument.kind == self.of
+
     @abstractmethod
     def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
         """Readings of what is read right as rows (..., m, M, r): points in the axes of their stations.
@@ -323,11 +351,57 @@ class ReadingEffect(Effect):
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
-        return ("instrument",)
+        return ("instrument",) if context.reads(cls.of) else ()
 
     @classmethod
     def at(cls, context: Context, where: str) -> Effect:
         return cls(where)
+
+
+@dataclass(frozen=True, eq=False)
+class PartEffect(Effect):
+    """Displaces a part, ``where``: a camera, a board, a socket, from where it is found to stand.
+
+    A camera sees everything displaced along and about its own axes; a board in the world moves and
+    grows along its own, about its origin, on the tip along the tip's, about its middle; a socket moves
+    along those of the base.
+    numbers : slice, those of the part that it moves: three of a shift, six of a motion, or its growth
+    body : slice or None, the markers on the tip that the part is
+    """
+
+    numbers: slice
+    body: slice | None
+
+    @abstractmethod
+    def amounts(self, poses: Poses, values: Array) -> Array:
+        """By how much each number is displaced at values (..., p), shape (..., m, b), SI."""
+
+    @abstractmethod
+    def shares(self, poses: Poses, values: Array) -> Array:
+        """D amounts / d value at values (..., p), shape (..., m or 1, b, p)."""
+
+    def site(self, instrument: Instrument) -> str | None:
+        """At which of an instrument's sites it acts, None for all."""
+        name = self.where.partition(":")[2]
+        return name if name in instrument.sites else None
+
+    def moved(self, poses: Poses, values: Array, markers: Array) -> tuple[Array, Array, Array]:
+        """Its markers (..., m, k, 3), m, tip frame, displaced about their middle.
+
+        Returns them, what turns and scales them (..., m, 1, 3, 3), and derivatives (..., m, k, 3, p).
+        """
+        by = np.zeros((*values.shape[:-1], len(poses), SCALE.stop))
+        by[..., self.numbers] = self.amounts(poses, values)
+        middle = markers.mean(axis=-2, keepdims=True)
+        placed, columns = displaced_shape(by, markers - middle)
+        A = so3_exp(by[..., MOTION][..., 3:]) * (1.0 + by[..., SCALE])[..., None]
+        columns = columns[..., self.numbers] @ self.shares(poses, values)[..., None, :, :]
+        return middle + placed, A[..., None, :, :], columns
+
+
+def motion_of(part: Part) -> slice:
+    """The numbers of a part by which it moves without growing."""
+    return slice(0, min(part.numbers, MOTION.stop))
 
 
 def joint_index(context: Context, where: str) -> int:

@@ -22,7 +22,7 @@ from calib.effects.timed import (
     markers,
     placement,
 )
-from calib.effects.tuned import ANY_TUNING, TunedMarker, TunedReading, TunedTwist
+from calib.effects.tuned import ANY_TUNING, TunedMarker, TunedPart, TunedReading, TunedTwist
 from calib.poses import Poses
 
 _USUAL = {SECONDS: 3600.0}
@@ -41,7 +41,7 @@ class Step(Timed):
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
-        return (*everything(context), *markers(context))
+        return (*everything(context), *markers(context), *context.parts)
 
     @classmethod
     def at(cls, context: Context, where: str) -> Effect:
@@ -51,6 +51,8 @@ class Step(Timed):
             kind = StepOfReadings
         elif where.startswith(MARKER):
             kind = StepOfMarker
+        elif where in context.parts:
+            kind = StepOfPart
         own = placement(context, where)
         return kind(where=where, tuning=moment, clock=context.clock_unit, **own)
 
@@ -93,3 +95,8 @@ class StepOfReadings(Step, TunedReading):
 @dataclass(frozen=True, eq=False)
 class StepOfMarker(Step, TunedMarker):
     """A step of one marker in the tip frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepOfPart(Step, TunedPart):
+    """A step of a camera, a board or a socket."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.drive import along_axis, error_unit
-from calib.effects.protocol import ConstantTwist, Context, Parameter, joint_index
+from calib.effects.protocol import ConstantTwist, Context, Parameter, joint_index, motion_of
 from calib.effects.tuned import Tuned
 from calib.poses import Poses
 
@@ -45,6 +45,10 @@ def placement(context: Context, where: str) -> Mapping[str, Any]:
     """Directions in which a place moves, as the fields of a timed effect there."""
     robot = context.robot
     units = ("um",) * 3 + ("urad",) * 3
+    part = context.parts.get(where)
+    if part is not None:
+        numbers = motion_of(part)
+        return {"units": units[numbers], "numbers": numbers, "body": part.body}
     if where == "instrument":
         return {"units": units}
     if where.startswith(MARKER):
@@ -59,7 +63,8 @@ def placement(context: Context, where: str) -> Mapping[str, Any]:
 
 def everything(context: Context) -> tuple[str, ...]:
     """Base, instrument and every joint: what heat moves."""
-    return ("base", "instrument", *context.robot.joints)
+    read = ("instrument",) if context.reads("points") else ()
+    return ("base", *read, *context.robot.joints)
 
 
 def markers(context: Context) -> tuple[str, ...]:

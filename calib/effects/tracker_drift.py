@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
+from calib.arm.se3 import moved_as_one
 from calib.arrays import Array
-from calib.effects.drift import drift_parameters, moved_as_one, since_the_first
+from calib.effects.drift import drift_parameters, since_the_first
 from calib.effects.protocol import Context, Parameter, ReadingEffect
 from calib.poses import Poses
 

@@ -14,14 +14,15 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.arm.se3 import moved_as_one
 from calib.arrays import Array
-from calib.effects.drift import moved_as_one
 from calib.effects.protocol import (
     Context,
     Displacement,
     Effect,
     MarkerEffect,
     Parameter,
+    PartEffect,
     PoseEffect,
     ReadingEffect,
     State,
@@ -164,6 +165,16 @@ class TunedReading(Tuned, ReadingEffect):
 
 
 @dataclass(frozen=True, eq=False)
+class TunedPart(Tuned, PartEffect):
+    """Displaces a part of an instrument, or what it looks at, number by number."""
+
+    @property
+    def carrier(self) -> Effect:
+        own = self.amplitudes[: self.numbers.stop - self.numbers.start]
+        return SteadyPart(where=self.where, numbers=self.numbers, body=self.body, own=own)
+
+
+@dataclass(frozen=True, eq=False)
 class Steady(Effect):
     """What carries a tuned effect: its directions alone, constant over the poses.
 
@@ -212,3 +223,14 @@ class SteadyReading(Steady, ReadingEffect):
     def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
         xi = np.broadcast_to(values[..., None, :], (*values.shape[:-1], len(poses), 6))
         return moved_as_one(xi, points)
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyPart(Steady, PartEffect):
+    """Of a part of an instrument, or of what it looks at."""
+
+    def amounts(self, poses: Poses, values: Array) -> Array:
+        return np.repeat(values[..., None, :], len(poses), axis=-2)
+
+    def shares(self, poses: Poses, values: Array) -> Array:
+        return np.eye(len(self.own))[None]

@@ -19,6 +19,8 @@ ANGLES = {"deg": math.pi / 180, "rad": 1.0}
 LENGTHS = {"mm": 1e-3, "m": 1.0}
 TORQUES = ("N", "Nm")  # of a joint that slides, or turns
 WRENCH = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+SIGMAS = {"sigma_mm": ("mm", 1e-3), "sigma_px": ("px", 1.0)}
+"""Standard deviations of single rows: unit of the numbers that they are of, and its size."""
 OTHERS = (
     "pose",
     "marker",
@@ -26,7 +28,7 @@ OTHERS = (
     "station",
     "temperature_degC",
     "time_s",
-    "sigma_mm",
+    *SIGMAS,
     "level",
     "weight",
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import InputError
-from calib.files.columns import LENGTHS
+from calib.files.columns import LENGTHS, SIGMAS
 from calib.files.csv_table import Table
 from calib.instruments import Instrument
 
@@ -21,6 +21,7 @@ _UNITS = {
 }  # the first is the one we write
 Sites = np.ndarray[tuple[int], np.dtype[np.str_]]
 """Names of places, one for each pose."""
+_MOST_NAMED = 12
 _FARTHEST = 1e4  # m: no instrument of this trade reads as far
 
 
@@ -92,6 +93,9 @@ def readings_of(table: Table, cell: Cell, pose: IntArray, count: int) -> tuple[A
         if len(own):
             numbers = _numbers(table, instrument, own)
             readings[pose[own], channel[own], : instrument.rows] = numbers
+            sigma[pose[own], channel[own]] = _own_sigma(
+                table, instrument, own, len(channels.instruments)
+            )
     for row, (i, c) in enumerate(zip(pose, channel, strict=True)):
         if seen[i, c]:
             whose = table.text("pose")[row]
@@ -100,14 +104,34 @@ def readings_of(table: Table, cell: Cell, pose: IntArray, count: int) -> tuple[A
                 row, "marker", what, "give a repeated reading its own pose identifier"
             )
         seen[i, c] = True
-    if "sigma_mm" in table.columns:
-        own_sigma = table.numbers("sigma_mm") * 1e-3
-        if (own_sigma <= 0).any():
-            row = int(np.flatnonzero(own_sigma <= 0)[0])
-            remedy = "leave the column out for the cell's"
-            raise table.fault(row, "sigma_mm", "must be above zero", remedy)
-        sigma[pose, channel] = own_sigma
     return readings, seen, sigma
+
+
+def _own_sigma(table: Table, instrument: Instrument, rows: IntArray, beside: int) -> Array:
+    """Standard deviations (rows,) that a table gives of an instrument's rows, SI; else NaN.
+
+    beside : instruments of the cell; with several a column may be empty
+    """
+    found = np.full(len(rows), np.nan)
+    unit = instrument.numbers[0].unit
+    for column, (own, scale) in SIGMAS.items():
+        if column not in table.columns:
+            continue
+        text = table.text(column)
+        told = np.array(
+            [bool(text[row]) or (beside == 1 and own == unit) for row in rows], dtype=bool
+        )
+        if own != unit and told.any():
+            right = next(name for name, (u, _) in SIGMAS.items() if u == unit)
+            what = f"is in {own}, and {instrument.name!r} reads {unit}"
+            raise table.fault(int(rows[told][0]), column, what, f"give it in column {right}")
+        given = table.numbers(column, rows[told]) * scale
+        if (given <= 0).any():
+            row = int(rows[told][given <= 0][0])
+            remedy = "leave the column out for the cell's"
+            raise table.fault(row, column, "must be above zero", remedy)
+        found[told] = given
+    return found
 
 
 def sites_of(table: Table, cell: Cell, pose: IntArray, first: IntArray) -> Sites | None:
@@ -174,6 +198,24 @@ def _check_markers(table: Table, cell: Cell, names: list[str]) -> None:
     known = set(cell.read_names)
     for row, name in enumerate(names):
         if name not in known:
-            few = f"markers are {', '.join(cell.read_names[:12])}"
-            tables = " or ".join(("[markers_mm]", "[bodies]")[: 1 + bool(cell.bodies)])
-            raise table.fault(row, "marker", f"{name!r} is not in the cell's {tables}", few)
+            raise table.fault(row, "marker", *_unknown(cell, name))
+
+
+def _unknown(cell: Cell, name: str) -> tuple[str, str]:
+    """What is wrong with a name that nothing reads, and what there is in its place."""
+    board = name.partition(":")[0]
+    points = [own for own in cell.read_names if own.startswith(f"{board}:")]
+    if board != name and points:
+        return f"{name!r} is no point of [boards.{board}]", _listed("its points are", points)
+    boards = dict.fromkeys(n.partition(":")[0] for n in cell.read_names if ":" in n)
+    single = [own for own in cell.read_names if ":" not in own]
+    tables = [f"[boards.{own}]" for own in boards]
+    if single or not boards:
+        tables = ["[markers_mm]", *["[bodies]"] * bool(cell.bodies), *tables]
+    return f"{name!r} is not in the cell's {' or '.join(tables)}", _listed(
+        "markers are", cell.read_names
+    )
+
+
+def _listed(what: str, names: Sequence[str]) -> str:
+    return f"{what} {', '.join(names[:_MOST_NAMED])}{' ..' if len(names) > _MOST_NAMED else ''}"

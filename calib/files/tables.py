@@ -14,6 +14,7 @@ from calib.errors import InputError
 from calib.files.cartesian import QUATERNION, cartesian_columns, is_cartesian, tip_joints
 from calib.files.columns import (
     OTHERS,
+    SIGMAS,
     WRENCH,
     check_known,
     covariates,
@@ -93,7 +94,7 @@ def _check_poses_agree(
     first: IntArray,
 ) -> None:
     """Rows of one pose must share joints, wrench, time and heat."""
-    robot, own = cell.robot, {"marker", "instrument", "sigma_mm", *reading_names(cell.instruments)}
+    robot, own = cell.robot, {"marker", "instrument", *SIGMAS, *reading_names(cell.instruments)}
     units = ("deg", "rad", "mm", "m")
     shared = {*OTHERS, *WRENCH, *(f"{j}_{u}" for j in robot.joints for u in units)}
     shared |= {f"approach_{j}" for j in robot.joints} | set(torque_columns(robot))

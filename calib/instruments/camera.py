@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass, field
-from typing import ClassVar
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Self
 
 import numpy as np
 
-from calib.arm.se3 import cross, rotate, skew, so3_exp, so3_log, so3_right_jacobian
+from calib.arm.se3 import (
+    cross,
+    displaced_shape,
+    moved_as_one,
+    rotate,
+    skew,
+    so3_exp,
+    so3_log,
+    so3_right_jacobian,
+)
 from calib.arrays import Array, IntArray, Mask
 from calib.instruments.hand_eye import hand_eye
 from calib.instruments.lens import CENTER, DISTORTION, FOCAL, Lens
 from calib.instruments.points import Tracker
 from calib.instruments.pose import CORNERS, DIFFERENCES, corners_of
 from calib.instruments.protocol import (
+    MOTION,
+    SCALE,
     Column,
     Instrument,
     Linear,
@@ -88,6 +100,14 @@ class Camera(Instrument):
         return np.concatenate([np.full(standing, np.nan), self.believed[self.free]])
 
     @property
+    def parts(self) -> Mapping[str, slice]:
+        return {f"camera:{self.name}": MOTION}
+
+    @property
+    def shapes(self) -> tuple[str, ...]:
+        return tuple(board.name for board in self.boards)
+
+    @property
     def metric(self) -> bool:
         return bool(self.boards)
 
@@ -101,6 +121,9 @@ class Camera(Instrument):
         own = np.where(np.isnan(sigma), self.sigma, sigma)[..., None, None]
         return np.broadcast_to(np.eye(2) / own, (*rows.shape, 2))
 
+    def found_at(self, place: Array) -> Self:
+        return replace(self, standing=place[: len(self.unknowns) - len(self.free)])
+
     @abstractmethod
     def inside(self, points: Array) -> Mask:
         """Whether points (..., 3 k), m, base axes, that a reading takes are in the image: (...)."""
@@ -113,14 +136,25 @@ class Camera(Instrument):
         pixels = self.lens.project(points)
         return np.asarray(ahead & ((pixels >= 0.0) & (pixels <= self.image)).all(axis=-1))
 
-    def _split(self, place: Array) -> tuple[Array, Lens]:
-        """Where the camera, or its boards, stand; and the lens."""
-        standing = place.shape[-1] - len(self.free)
+    def _split(self, place: Array) -> tuple[Array, Lens, Array]:
+        """Where the camera, or its boards, stand; the lens; and what came loose."""
+        count = len(self.unknowns)
+        standing = count - len(self.free)
         if not len(self.free):
-            return place, self.lens
+            return place[..., :standing], self.lens, place[..., count:]
         by = np.zeros((*place.shape[:-1], 9))
-        by[..., self.free] = place[..., standing:]
-        return place[..., :standing], self.lens.moved(by)
+        by[..., self.free] = place[..., standing:count]
+        return place[..., :standing], self.lens.moved(by), place[..., count:]
+
+
+def _viewed(points: Array, loose: Array) -> tuple[Array, Array, Array]:
+    """Points (..., m, C, 3) in the axes of a camera that moved: what it sees moves as one.
+
+    Returns them and their derivatives by the points and by the motion, of which there may be none.
+    """
+    if not loose.shape[-1]:
+        return points, np.eye(3), np.zeros((*points.shape, 0))
+    return moved_as_one(loose[..., None, MOTION], points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,18 +166,22 @@ class FixedCamera(Camera):
         return (*Tracker.unknowns, *self.of_lens)
 
     def read(self, place: Array, points: Array) -> Array:
-        standing, lens = self._split(place)
+        standing, lens, loose = self._split(place)
         R, t = so3_exp(standing[..., 3:]), standing[..., :3]
-        return lens.project(rotate(R[..., None, None, :, :], points) + t[..., None, None, :])
+        own = rotate(R[..., None, None, :, :], points) + t[..., None, None, :]
+        return lens.project(_viewed(own, loose)[0])
 
     def linearise(self, place: Array, points: Array) -> Linear:
-        standing, lens = self._split(place)
+        standing, lens, loose = self._split(place)
         R = so3_exp(standing[..., 3:])[..., None, None, :, :]
-        rows, by_own, by_lens = lens.linearise(
-            rotate(R, points) + standing[..., None, None, :3]
-        )  # fmt: skip
+        own = rotate(R, points) + standing[..., None, None, :3]
+        viewed, turned, by_motion = _viewed(own, loose)
+        rows, by_viewed, by_lens = lens.linearise(viewed)
+        by_own = by_viewed @ turned if loose.shape[-1] else by_viewed
         turn = -R @ skew(points) @ so3_right_jacobian(standing[..., 3:])[..., None, None, :, :]
-        by_place = np.concatenate([by_own, by_own @ turn, by_lens[..., self.free]], axis=-1)
+        by_place = np.concatenate(
+            [by_own, by_own @ turn, by_lens[..., self.free], by_viewed @ by_motion], axis=-1
+        )
         return Linear(rows, by_own @ R, by_place)
 
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
@@ -206,6 +244,15 @@ class ArmCamera(Camera):
         return (*standing, *self.of_lens)
 
     @property
+    def parts(self) -> Mapping[str, slice]:
+        each, first = SCALE.stop, MOTION.stop
+        boards = {
+            f"board:{board.name}": slice(first + each * k, first + each * (k + 1))
+            for k, board in enumerate(self.boards)
+        }
+        return {**super().parts, **boards}
+
+    @property
     def unforeseen(self) -> str:
         return (
             ""
@@ -218,7 +265,7 @@ class ArmCamera(Camera):
         if self.standing is None:
             return np.ones(points.shape[:-1], dtype=bool)
         centre, axes = self._seen_from(points.reshape((*points.shape[:-1], CORNERS, 3)))
-        targets, _ = self._targets(self.standing)
+        targets, _, _ = self._targets(self.standing, np.zeros(0))
         return self.in_image(rotate(axes, targets - centre))
 
     def _seen_from(self, corners: Array) -> tuple[Array, Array]:
@@ -227,44 +274,57 @@ class ArmCamera(Camera):
         x, y = frame[..., 1, :], frame[..., 2, :]
         return frame[..., 0, :], np.stack([x, y, cross(x, y)], axis=-2)
 
-    def _targets(self, standing: Array) -> tuple[Array, Array]:
-        """The boards' points (..., C, 3) in base axes, and their derivatives (..., C, 3, 6 boards)."""
+    def _targets(self, standing: Array, loose: Array) -> tuple[Array, Array, Array]:
+        """The boards' points (..., C, 3) in base axes.
+
+        Their derivatives: (..., C, 3, 6 boards), and by what came loose of the boards, 7 numbers each
+        """
         batch, places = standing.shape[:-1], standing.reshape((*standing.shape[:-1], -1, 6))
         count = sum(len(board.points) for board in self.boards)
         points, by = np.zeros((*batch, count, 3)), np.zeros((*batch, count, 3, standing.shape[-1]))
+        by_loose = np.zeros((*batch, count, 3, loose.shape[-1]))
         for k, board in enumerate(self.boards):
+            shape = board.points
             R = so3_exp(places[..., k, 3:])[..., None, :, :]
-            points[..., board.channels, :] = (
-                rotate(R, board.points) + places[..., k, None, :3]
-            )  # fmt: skip
+            if loose.shape[-1]:
+                part = slice(SCALE.stop * k, SCALE.stop * (k + 1))
+                shape, by_part = displaced_shape(loose[..., part], shape)
+                by_loose[..., board.channels, :, part] = R @ by_part
+            points[..., board.channels, :] = rotate(R, shape) + places[..., k, None, :3]
             turn = so3_right_jacobian(places[..., k, 3:])[..., None, :, :]
             by[..., board.channels, :, 6 * k : 6 * k + 3] = np.eye(3)
-            by[..., board.channels, :, 6 * k + 3 : 6 * k + 6] = -R @ skew(board.points) @ turn
-        return points, by
+            by[..., board.channels, :, 6 * k + 3 : 6 * k + 6] = -R @ skew(shape) @ turn
+        return points, by, by_loose
 
     def read(self, place: Array, points: Array) -> Array:
-        standing, lens = self._split(place)
+        standing, lens, loose = self._split(place)
         corners = points.reshape((*points.shape[:-1], CORNERS, 3))
         centre, axes = self._seen_from(corners)
-        targets, _ = self._targets(standing)
-        return lens.project(rotate(axes, targets[..., None, :, :] - centre))
+        targets, _, _ = self._targets(standing, loose[..., MOTION.stop :])
+        own = rotate(axes, targets[..., None, :, :] - centre)
+        return lens.project(_viewed(own, loose)[0])
 
     def linearise(self, place: Array, points: Array) -> Linear:
-        standing, lens = self._split(place)
+        standing, lens, loose = self._split(place)
         corners = points.reshape((*points.shape[:-1], CORNERS, 3))
         centre, axes = self._seen_from(corners)
-        targets, by_board = self._targets(standing)
+        targets, by_board, by_part = self._targets(standing, loose[..., MOTION.stop :])
         ray = targets[..., None, :, :] - centre
-        rows, by_own, by_lens = lens.linearise(rotate(axes, ray))
+        viewed, turned, by_motion = _viewed(rotate(axes, ray), loose)
+        rows, by_viewed, by_lens = lens.linearise(viewed)
+        by_own = by_viewed @ turned if loose.shape[-1] else by_viewed
         x, y = axes[..., 0, :], axes[..., 1, :]
         none = np.zeros_like(x)
         by_x = np.stack([ray, none, cross(y, ray)], axis=-2)  # of (x, y, x cross y) . ray
         by_y = np.stack([none, ray, cross(ray, x)], axis=-2)
         by_corners = np.concatenate([-axes - by_x - by_y, by_x, by_y], axis=-1)
-        by_place = np.concatenate(
-            [by_own @ (axes @ by_board[..., None, :, :, :]), by_lens[..., self.free]], axis=-1
-        )
-        return Linear(rows, by_own @ by_corners, by_place)
+        parts = [
+            by_own @ (axes @ by_board[..., None, :, :, :]),
+            by_lens[..., self.free],
+            by_viewed @ by_motion,
+            by_own @ (axes @ by_part[..., None, :, :, :]),
+        ]
+        return Linear(rows, by_own @ by_corners, np.concatenate(parts, axis=-1))
 
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
         """Hand-eye calibration with the board that most images hold; the others from the camera."""

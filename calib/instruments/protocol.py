@@ -18,8 +18,9 @@ Of C readings a pose the points are (m, C, 3), or (m, C, 3 k) where each takes k
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -33,6 +34,10 @@ class Unknown(NamedTuple):
     unit: str
     scale: float
     size: float
+
+
+MOTION, SCALE = slice(0, 6), slice(6, 7)
+"""Of a part that may come loose: a displacement in its own axes, and what it is too large by."""
 
 
 class Column(NamedTuple):
@@ -146,6 +151,19 @@ class Instrument(ABC):
         return np.zeros(len(self.unknowns))
 
     @property
+    def parts(self) -> Mapping[str, slice]:
+        """What effects may change from pose to pose, by its place in results.
+
+        These numbers, zero at rest, a place may have after its unknowns.
+        """
+        return {}
+
+    @property
+    def shapes(self) -> tuple[str, ...]:
+        """Names of the shapes that it looks at, on the tip or in the world."""
+        return ()
+
+    @property
     def unforeseen(self) -> str:
         """What keeps its readings from being foreseen, and what to do; empty where nothing does."""
         return ""
@@ -218,6 +236,11 @@ class Instrument(ABC):
     def position(self) -> Array | None:
         """Where it stands, shape (3,), m, base frame; None where that is not given."""
         return None
+
+    def found_at(self, place: Array) -> Self:
+        """The same as it is foreseen once its place (u,) is found."""
+        del place
+        return self
 
     def read_of(self, markers: int) -> IntArray:
         """Positions of the markers that it reads, of so many."""

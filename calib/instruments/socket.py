@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -22,15 +23,22 @@ class Socket(Even):
     columns: ClassVar[tuple[Column, ...]] = ()
 
     @property
+    def parts(self) -> Mapping[str, slice]:
+        """It stands at one of its sites each time: which of them moved, the pose says."""
+        return {f"socket:{name}": slice(0, 3) for name in self.names}
+
+    @property
     def metric(self) -> bool:
         return False
 
     def read(self, place: Array, points: Array) -> Array:
-        return points - place[..., None, None, :]
+        moved = place.reshape((*place.shape[:-1], -1, 3)).sum(axis=-2)  # from where it stood
+        return np.asarray(points - moved[..., None, None, :])
 
     def linearise(self, place: Array, points: Array) -> Linear:
         rows = self.read(place, points)
-        return Linear(rows, None, np.broadcast_to(-np.eye(3), (*rows.shape, 3)))
+        by_place = np.tile(-np.eye(3), (1, place.shape[-1] // 3))
+        return Linear(rows, None, np.broadcast_to(by_place, (*rows.shape, place.shape[-1])))
 
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
         """``R_i u - c = -p_i`` is linear in the markers and c; one that is known leaves their mean."""

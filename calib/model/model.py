@@ -31,6 +31,7 @@ from calib.effects.protocol import (
     LoadEffect,
     MarkerEffect,
     Parameter,
+    PartEffect,
     PoseEffect,
     ReadingEffect,
     SpringEffect,
@@ -243,6 +244,7 @@ class Model:
             Channels(self.instruments, len(self.markers)),
             tuple((e, part) for e, part in self._parts if isinstance(e, Base)),
             tuple((e, part) for e, part in self._parts if isinstance(e, ReadingEffect)),
+            tuple((e, p) for e, p in self._parts if isinstance(e, PartEffect) and e.body is None),
         )
 
     def placement(self, values: Array, poses: Poses) -> tuple[Array, Array]:
@@ -260,15 +262,45 @@ class Model:
 
     def tip_points(self, frames: Frames, values: Array, poses: Poses) -> Array:
         """Markers in base axes, shape (..., m, M, 3), m."""
+        markers = self._fixed_on_tip(values, poses)
+        for effect, part in self._bodies:
+            own, by = effect.body, values[..., part]
+            if not effect.rests(by):
+                markers[..., own, :] = effect.moved(poses, by, markers[..., own, :])[0]
+        R, o = frames.R[..., -1, None, :, :], frames.o[..., -1, None, :]
+        return rotate(R, markers) + o
+
+    def _fixed_on_tip(self, values: Array, poses: Poses) -> Array:
+        """Markers in the tip frame, (..., m or 1, M, 3), m, before a body of several comes loose."""
         markers = self.marker_positions(values)[..., None, :, :]
         moved = [(e, part) for e, part in self._parts if isinstance(e, MarkerEffect)]
-        if moved:
+        if moved or self._bodies:
             markers = np.repeat(markers, len(poses), axis=-3)
         for effect, part in moved:
             offset = effect.displacements(poses, values[..., part])
             markers[..., effect.marker(self.marker_names), :] += offset
-        R, o = frames.R[..., -1, None, :, :], frames.o[..., -1, None, :]
-        return rotate(R, markers) + o
+        return markers
+
+    @property
+    def _bodies(self) -> list[tuple[PartEffect, slice]]:
+        """Effects that displace several markers on the tip as one."""
+        own = ((e, p) for e, p in self._parts if isinstance(e, PartEffect))
+        return [(e, p) for e, p in own if e.body is not None]
+
+    def _follow_bodies(self, values: Array, poses: Poses, R_tip: Array, J: Array) -> None:
+        """Derivatives (..., m, M, 3, p) of points that come loose of the tip together; overwritten."""
+        markers = self._fixed_on_tip(values, poses)
+        on_tip = self.where(Tool, MarkerEffect, PartEffect)
+        for effect, part in self._bodies:
+            own = J[..., effect.body, :, :]
+            here = markers[..., effect.body, :]
+            placed, turned, columns = effect.moved(poses, values[..., part], here)
+            markers[..., effect.body, :] = placed
+            turned = (R_tip @ turned[..., 0, :, :] @ np.swapaxes(R_tip, -1, -2))[..., None, :, :]
+            before = own[..., on_tip]
+            middle = before.mean(axis=-3, keepdims=True)
+            own[..., on_tip] = middle + turned @ (before - middle)
+            own[..., part] = R_tip[..., None, :, :] @ columns
 
     def predict(self, values: Array, poses: Poses) -> Array:
         """Readings of the markers, shape (..., m, C, r); of a tracker its points in station axes, m."""
@@ -396,6 +428,8 @@ class Model:
             elif isinstance(effect, MarkerEffect):
                 R_tip, marker = state.frames.R[..., -1, :, :], effect.marker(self.marker_names)
                 J[..., marker, :, part] = R_tip @ effect.columns(poses, values[..., part])
+        if self._bodies:
+            self._follow_bodies(values, poses, state.frames.R[..., -1, :, :], J)
         return self.readout.linearise(values, poses, points, J)
 
     def _flexibilities(self, values: Array, poses: Poses) -> dict[int, Array]:

@@ -10,8 +10,9 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.effects.base import Base
-from calib.effects.protocol import ReadingEffect
+from calib.effects.protocol import PartEffect, ReadingEffect
 from calib.instruments import Channels, Instrument
+from calib.instruments.protocol import Linear
 from calib.poses import Poses
 
 
@@ -36,12 +37,13 @@ class Stand:
 class Readout:
     """The instruments of a model, where they stand, and what else changes their rows.
 
-    bases, disturbing : each effect and where its parameters stand in the values
+    bases, disturbing, loose : each effect and where its parameters stand in the values
     """
 
     channels: Channels
     bases: tuple[tuple[Base, slice], ...]
     disturbing: tuple[tuple[ReadingEffect, slice], ...]
+    loose: tuple[tuple[PartEffect, slice], ...] = ()
 
     @property
     def instruments(self) -> tuple[Instrument, ...]:
@@ -57,11 +59,15 @@ class Readout:
         return self._beside((self._rows(i, values, poses, points) for i in self.instruments), -1)
 
     def _rows(self, instrument: Instrument, values: Array, poses: Poses, points: Array) -> Array:
-        def read(stand: Stand, points: Array) -> tuple[Array]:
-            return (instrument.read(stand.place, points),)
+        def read(stand: Stand, points: Array, *apart: Array) -> tuple[Array]:
+            if not apart:
+                return (instrument.read(stand.place, points),)
+            place, each = _pose_by_pose(stand.place, points, apart[0])
+            return (instrument.read(place, each)[..., 0, :, :],)
 
-        own = _of(instrument, points, -2)
-        (rows,) = self._at_stands(instrument, values, poses, read, [(own, -3)], [-3])
+        given = [(_of(instrument, points, -2), -3)]
+        given += [(own, -2) for own in self._apart(instrument, values, poses)[:1]]
+        (rows,) = self._at_stands(instrument, values, poses, read, given, [-3])
         for effect, part in self._disturbing(instrument):
             if not effect.rests(values[..., part]):
                 rows, _, _ = effect.linearise(values[..., part], poses, rows)
@@ -81,16 +87,25 @@ class Readout:
     def _columns(
         self, instrument: Instrument, values: Array, poses: Poses, points: Array, J: Array
     ) -> tuple[Array, Array]:
-        def linearise(stand: Stand, points: Array, J: Array) -> tuple[Array, Array]:
-            found = instrument.linearise(stand.place, points)
+        def linearise(stand: Stand, points: Array, J: Array, *apart: Array) -> tuple[Array, Array]:
+            if not apart:
+                found = instrument.linearise(stand.place, points)
+            else:
+                place, each = _pose_by_pose(stand.place, points, apart[0])
+                found = _of_each(instrument.linearise(place, each))
             J = J if found.by_points is None else found.by_points @ J
+            known = stand.place.shape[-1]
             if stand.part is not None:
-                J[..., stand.part] = found.by_place
+                J[..., stand.part] = found.by_place[..., :known]
+            if apart:
+                own = np.concatenate([np.arange(p.start, p.stop) for _, p in self._of(instrument)])
+                J[..., own] = found.by_place[..., known:] @ apart[1][..., None, :, :]
             return found.rows, J
 
         own = _of(instrument, J, -3)
         own = own.copy() if len(self.instruments) > 1 else own
         given = [(_of(instrument, points, -2), -3), (own, -4)]
+        given += list(zip(self._apart(instrument, values, poses), (-2, -3), strict=False))
         rows, J = self._at_stands(instrument, values, poses, linearise, given, [-3, -4])
         for effect, part in self._disturbing(instrument):
             rows, turn, by_effect = effect.linearise(values[..., part], poses, rows)
@@ -145,7 +160,31 @@ class Readout:
         return self._beside(parts, -1)
 
     def _disturbing(self, instrument: Instrument) -> Iterator[tuple[ReadingEffect, slice]]:
-        return ((e, part) for e, part in self.disturbing if e.of == instrument.kind)
+        return ((e, part) for e, part in self.disturbing if e.changes(instrument))
+
+    def _of(self, instrument: Instrument) -> list[tuple[PartEffect, slice]]:
+        """What comes loose of an instrument, or of what it looks at."""
+        return [(e, part) for e, part in self.loose if e.where in instrument.parts]
+
+    def _apart(self, instrument: Instrument, values: Array, poses: Poses) -> list[Array]:
+        """How far its parts have come loose, (..., m, n), and the derivatives (..., m, n, p).
+
+        The latter by the parameters of all that does so; nothing where none may.
+        """
+        loose, parts = self._of(instrument), instrument.parts
+        if not loose:
+            return []
+        n = max(part.stop for part in parts.values())
+        by, columns = np.zeros((*values.shape[:-1], len(poses), n)), []
+        for effect, part in loose:
+            first, site = parts[effect.where].start, effect.site(instrument)
+            here = np.ones(len(poses)) if site is None else poses.touching(site, instrument.sites)
+            at = slice(first + effect.numbers.start, first + effect.numbers.stop)
+            own = np.zeros((*by.shape, part.stop - part.start))
+            own[..., at, :] = effect.shares(poses, values[..., part]) * here[:, None, None]
+            by[..., at] += effect.amounts(poses, values[..., part]) * here[:, None]
+            columns.append(own)
+        return [by, np.concatenate(columns, axis=-1)]
 
     def _stands(self, instrument: Instrument, values: Array, poses: Poses) -> Iterator[Stand]:
         """Where it stands at which poses; at zero where nothing is unknown."""
@@ -206,6 +245,21 @@ class Readout:
             filled.append(out)
         # The channels' axis comes before that of the rows.
         return np.concatenate(filled, axis=min(row_axes) - 1)
+
+
+def _pose_by_pose(place: Array, points: Array, apart: Array) -> tuple[Array, Array]:
+    """A place (..., u) of its own for every pose, with what came loose (..., m, n), and its points."""
+    batch = np.broadcast_shapes(place.shape[:-1], apart.shape[:-2])
+    shape = (*batch, apart.shape[-2])
+    each = np.broadcast_to(place[..., None, :], (*shape, place.shape[-1]))
+    own = np.broadcast_to(apart, (*shape, apart.shape[-1]))
+    return np.concatenate([each, own], axis=-1), points[..., None, :, :]
+
+
+def _of_each(found: Linear) -> Linear:
+    """What was found pose by pose, poses side by side."""
+    by_points = None if found.by_points is None else found.by_points[..., 0, :, :, :]
+    return Linear(found.rows[..., 0, :, :], by_points, found.by_place[..., 0, :, :, :])
 
 
 def _of(instrument: Instrument, a: Array, axis: int) -> Array:

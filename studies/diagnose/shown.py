@@ -168,6 +168,8 @@ def _residuals(found: Diagnosis, data: Measurements, heldout: bool) -> Iterator[
     """
     model = found.before.model
     off = [fit.model.off(fit.values, data) for fit in (found.before, found.after)]
+    poses = data.poses
+    sites = [""] * len(poses) if poses.site is None else poses.site.tolist()
     for instrument, part in model.readout.channels.blocks:
         unit = instrument.numbers[0].unit
         own = [k for k, n in enumerate(instrument.numbers) if n.unit == unit]
@@ -182,9 +184,9 @@ def _residuals(found: Diagnosis, data: Measurements, heldout: bool) -> Iterator[
             numbers: dict[str, Any] = dict(zip(keys, after[i, c].tolist(), strict=True))
             numbers[f"before_{unit}"] = tuple(before[i, c].tolist())
             yield Residual(
-                pose=data.poses.names[i],
+                pose=poses.names[i],
                 marker=model.channel_names[part][c],
-                instrument=instrument.name,
+                instrument=instrument.name_at(sites[i]),
                 **numbers,
                 heldout=heldout,
             )

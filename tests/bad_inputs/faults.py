@@ -81,6 +81,7 @@ MEASUREMENTS = _in(
         "a name with an escape sequence": field(3, "pose", "p\x1b[2J"),
         "a name of a thousand characters": field(3, "pose", "p" * 1000),
         "a standard deviation of zero": column("sigma_mm", "0"),
+        "a standard deviation in pixels of a point": column("sigma_px", "0.3"),
         "a station without a name": column("station", ""),
         "fields missing in a row": line(4, lambda r: r.rsplit(",", 1)[0]),
         "too few poses": lines(10),

@@ -10,9 +10,11 @@ import numpy as np
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.diagnosis import Diagnosis
-from calib.diagnosis.stage import positions
+from calib.diagnosis.stage import Fit, positions
+from calib.effects.base import Base
 from calib.effects.protocol import Effect
 from calib.errors import CalibError
+from calib.instruments import Camera
 from calib.poses import Poses, poses_at
 from calib.threads import one_blas_thread
 from doe.problem.linearisation import Linearisation, Rows, weighted
@@ -136,7 +138,18 @@ def situation_after(cell: Cell, diagnosis: Diagnosis, rivals: Sequence[Effect]) 
     after = diagnosis.after
     model, values = after.model.extended(after.values, rivals)
     arm = replace(after.variances, scale=diagnosis.noise.factor)
-    return situation_of(Linearisation(cell, model, values, arm), diagnosis.data)
+    return situation_of(Linearisation(_as_found(cell, after), model, values, arm), diagnosis.data)
+
+
+def _as_found(cell: Cell, after: Fit) -> Cell:
+    """The cell with its cameras where they were found: what they see of other poses hangs on that."""
+    if not any(isinstance(i, Camera) for i in cell.instruments):
+        return cell
+    effects = zip(after.model.effects, after.model.slices, strict=True)
+    places = {e.where: after.values[part] for e, part in effects if isinstance(e, Base)}
+    found = (i.found_at(places[i.name]) if i.name in places else i for i in cell.instruments)
+    markers = after.model.marker_positions(after.values)
+    return replace(cell, instruments=tuple(found), markers=markers)
 
 
 def data_rows(situation: Situation, diagnosis: Diagnosis) -> tuple[Array, Array]:

@@ -3,7 +3,8 @@
 ``python -m studies.research.withheld make 600 --seed 1 FOLDER``, then ``run FOLDER --workers 2``, then
 ``score FOLDER --json score.json``. ``make .. --arm-noise`` draws arms that scatter from approach to
 approach; ``make .. --real-arms`` arms as real ones are, from several causes at once, in place of the
-first families. ``run FOLDER --answers aic`` lets a rival answer the same cases (``bic`` and
+first families; ``make .. --instruments`` arms that cameras, wires, motion capture and sockets read.
+``run FOLDER --answers aic`` lets a rival answer the same cases (``bic`` and
 ``black-box`` are the others); ``score`` sets all that answered side by side. ``run .. --first N`` where
 time is short: only the first cases are answered and count.
 """
@@ -36,10 +37,19 @@ def main() -> None:
     is_flag=True,
     help="The families of real arms: scatter, ripple, settling, warm-up, mixtures.",
 )
-def make(count: int, folder: Path, seed: int, arm_noise: bool, real_arms: bool) -> None:
+@click.option(
+    "--instruments",
+    is_flag=True,
+    help="Arms that cameras, wires, motion capture and sockets read, and faults of these.",
+)
+def make(
+    count: int, folder: Path, seed: int, arm_noise: bool, real_arms: bool, instruments: bool
+) -> None:
     """Draw N cases into a new FOLDER and commit their keys."""
     from studies.research.withheld.make import make as make_cases
 
+    if instruments and (arm_noise or real_arms):
+        raise click.UsageError("--instruments: draws arms of its own; leave the other out")
     if arm_noise and real_arms:
         raise click.UsageError("--arm-noise: real arms scatter in any case; leave it out")
     try:
@@ -51,6 +61,7 @@ def make(count: int, folder: Path, seed: int, arm_noise: bool, real_arms: bool) 
                 lambda _: bar.update(1),
                 arm_noise=arm_noise,
                 real_arms=real_arms,
+                instruments=instruments,
             )
     except FileExistsError as error:
         raise click.ClickException(str(error)) from None

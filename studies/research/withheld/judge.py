@@ -22,7 +22,7 @@ VISIBLE = 60.0  # noncentrality above which a cause counts as visible
 CONFIDENT = 0.9
 _Z = 1.96
 _SEEN = {"mixture": max, "whole": max}
-_COVERED = ("single", "pair", "mixture", "whole")
+_COVERED = ("single", "pair", "mixture", "whole", "instrument")
 
 
 @dataclass(frozen=True)

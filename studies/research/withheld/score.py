@@ -15,6 +15,7 @@ from studies.research.withheld.figures import FIRST, Questions, Rate
 from studies.research.withheld.judge import Judgement, judge
 from studies.research.withheld.real.figures import REAL, verdicts
 from studies.research.withheld.seal import Answered, opened
+from studies.research.withheld.sensed.figures import DRAWN, SENSED
 
 BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 MANY = 40  # configurations of a plan from which held-out errors are held against the floor
@@ -39,8 +40,8 @@ def score(folder: Path) -> dict[str, Any]:
 def score_of(keys: dict[str, Any], answered: Answered) -> dict[str, Any]:
     """The score of one program."""
     judged = [judged_or_failed(keys[name], answer) for name, answer in answered.answers.items()]
-    real = any(key.get("draw") == "real arms" for key in keys.values())
-    asked = REAL if real else FIRST
+    drawn = {key.get("draw") for key in keys.values()}
+    asked = REAL if "real arms" in drawn else SENSED if DRAWN in drawn else FIRST
     return {
         "cases": len(judged),
         "families": Counter(j.family for j in judged),
@@ -103,7 +104,7 @@ def _count(rate: Rate) -> tuple[int, int]:
 def by_cause(judged: Sequence[Judgement]) -> list[Rate]:
     """Of each cause what is named within its class, or outside the catalogue unknown and located."""
     found = []
-    for family in ("single", "mixture", "whole", "outside"):
+    for family in ("single", "instrument", "mixture", "whole", "outside"):
         own = [j for j in judged if j.family == family]
         told = [(c.name, c.found) for j in own for c in j.causes if c.visible]
         if family == "outside":

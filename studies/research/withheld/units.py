@@ -11,6 +11,8 @@ SI = {
     "1": 1.0,
     "N/mm": 1e3,
     "ppm": 1e-6,
+    "ppm/h": 1e-6,
+    "ppm/K": 1e-6,
     "urad/rad": 1e-6,
     "um/m": 1e-6,
     "um/rad": 1e-6,

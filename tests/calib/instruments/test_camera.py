@@ -401,5 +401,43 @@ def test_a_point_that_is_no_points_of_its_board(written: Callable[..., Path]) ->
         (0, "cam", "b:p0", np.array([9.0, 9.0])),
         (1, "cam", "b:p20", np.array([9.0, 9.0])),
     ]
-    with pytest.raises(InputError, match=r"line 3.*b:p20"):
+    said = r"line 3.*'b:p20' is no point of \[boards.b\]; its points are b:p0, .*b:p11 \.\."
+    with pytest.raises(InputError, match=said):
         calib.load_measurements(cell, table(path.parent / "m.csv", cell.robot.joints, q, rows))
+
+
+def test_a_deviation_of_its_own(written: Callable[..., Path]) -> None:
+    """Of a row in pixels; one in millimetres is none, and an empty one is the cell's."""
+    path = written(
+        board_text("b", "tip", TILED),
+        camera_text("cam", "world"),
+        '[markers_mm]\nm1 = [0, 0, 1]\n[instruments.laser]\nkind = "points"\nsigma_mm = 0.02\n',
+    )
+    cell, q = calib.load_cell(path), near_home(2, 1)
+    rows: Rows = [
+        (0, "cam", "b:p0", np.array([9.0, 9.0])),
+        (1, "cam", "b:p1", np.array([9.0, 8.0])),
+    ]
+    text = table(path.parent / "m.csv", cell.robot.joints, q, rows).read_text().splitlines()
+
+    def loaded(column: str, *given: str) -> calib.Measurements:
+        ends = [column, *given]
+        lines = [f"{line},{end}" for line, end in zip(text, ends, strict=True)]
+        (path.parent / "own.csv").write_text("\n".join(lines) + "\n")
+        return calib.load_measurements(cell, path.parent / "own.csv")
+
+    data = loaded("sigma_px", "0.5", "")
+    np.testing.assert_array_equal(data.sigma[data.seen], [0.5, np.nan])
+    weights = build(cell, data.poses).model.readout.whitening(
+        np.zeros(len(build(cell, data.poses).model.parameters)),
+        data.poses,
+        data.readings,
+        data.sigma,
+    )
+    at = np.argwhere(data.seen)
+    np.testing.assert_allclose([weights[i, c, 0, 0] for i, c in at], [2.0, 5.0])
+    said = r"line 3, column sigma_mm.*is in mm, and 'cam' reads px; give it in column sigma_px"
+    with pytest.raises(InputError, match=said):
+        loaded("sigma_mm", "", "0.5")
+    with pytest.raises(InputError, match=r"line 2, column sigma_px.*above zero"):
+        loaded("sigma_px", "-1", "")

@@ -1,0 +1,41 @@
+"""A board whose pitch is not as stated: printed to fit the page, or measured with a poor rule."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from calib.arrays import Array
+from calib.effects.protocol import Context, Parameter, PartEffect
+from calib.instruments.protocol import SCALE
+from calib.poses import Poses
+
+
+@dataclass(frozen=True, eq=False)
+class BoardScale(PartEffect):
+    """All points of a board lie ``(1 + scale)`` times as far apart as the cell says.
+
+    Where a board alone gives the scale of a free geometry, that imitates it wholly.
+    """
+
+    kind: ClassVar[str] = "board_scale"
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return tuple(w for w, part in context.parts.items() if part.numbers == SCALE.stop)
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        return cls(where, SCALE, context.parts[where].body)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter(self.kind, self.where, "scale", "ppm", 1e-6, 1e-3, 5e-2),)
+
+    def amounts(self, poses: Poses, values: Array) -> Array:
+        return np.repeat(values[..., None, :], len(poses), axis=-2)
+
+    def shares(self, poses: Poses, values: Array) -> Array:
+        return np.ones((1, 1, 1))

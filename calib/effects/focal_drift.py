@@ -1,0 +1,35 @@
+"""A focal length that drifts through the session, from its value at the first pose in time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+from calib.arrays import Array
+from calib.effects.drift import drift_rate, since_the_first
+from calib.effects.focal import FocalEffect
+from calib.effects.protocol import Context, Parameter
+from calib.poses import Poses
+
+
+@dataclass(frozen=True, eq=False)
+class FocalDrift(FocalEffect):
+    """Both focal lengths grow at a constant rate.
+
+    clock : str, unit of the session's clock
+    """
+
+    clock: str
+    kind: ClassVar[str] = "focal_drift"
+    uses: ClassVar[tuple[str, ...]] = ("time",)
+
+    @classmethod
+    def _of(cls, context: Context, where: str, centre: Array) -> Self:
+        return cls(where, centre, context.clock_unit)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (drift_rate(self.kind, self.where, "rate", "ppm", self.clock),)
+
+    def shares(self, poses: Poses) -> Array:
+        return since_the_first(poses, self.clock)

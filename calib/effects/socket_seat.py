@@ -1,0 +1,50 @@
+"""A socket in which the ball does not sit as in the others: dirt, a worn rim, another ball.
+
+What is alike at every pose along the base's axes is where the socket stands, and no error; this is
+alike along those of the tip.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from calib.arrays import Array
+from calib.effects.protocol import Context, Parameter, PartEffect
+from calib.poses import Poses
+
+
+@dataclass(frozen=True, eq=False)
+class SocketSeat(PartEffect):
+    """Markers lie off in the tip frame at the poses at which they sit in the socket.
+
+    sites : tuple of str, sockets of its instrument; with one alone it is the marker's own position
+    """
+
+    sites: tuple[str, ...]
+    kind: ClassVar[str] = "socket_seat"
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return tuple(f"socket:{site}" for i in context.instruments for site in i.sites)
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        name = where.partition(":")[2]
+        sites = next(i.sites for i in context.instruments if name in i.sites)
+        return cls(where, slice(0, 3), slice(0, len(context.single_markers)), sites)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(Parameter(self.kind, self.where, c, "um", 1e-6, 1e-4, 5e-3) for c in "xyz")
+
+    def amounts(self, poses: Poses, values: Array) -> Array:
+        return self._here(poses) * values[..., None, :]
+
+    def shares(self, poses: Poses, values: Array) -> Array:
+        return self._here(poses)[..., None] * np.eye(3)
+
+    def _here(self, poses: Poses) -> Array:
+        return poses.touching(self.where.partition(":")[2], self.sites)[:, None].astype(float)

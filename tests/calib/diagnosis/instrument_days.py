@@ -1,0 +1,202 @@
+"""Days with cameras and sockets on a KR 270, with any fault of theirs.
+
+The truth is plain numpy and OpenCV's projection: it shares no code with the estimator.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+import calib
+from calib import Cell, Measurements
+from calib.arrays import Array
+from studies.demo import embedded_text
+from tests.calib.instruments.test_pose import frame, tips
+
+JOINTS = ("A1", "A2", "A3", "A4", "A5", "A6")
+OFF = np.array([0.0, 8e-4, -6e-4, 0.0, 1.1e-3, 0.0])  # rad, of the true arm's joints
+HOME = np.radians([10.0, -60.0, 80.0, 15.0, 40.0, 20.0])
+LENS = np.array([1400.0, 1380.0, 960.0, 540.0, -0.12, 0.05, 8e-4, -5e-4, -0.01])
+PIXELS = np.array([1920.0, 1080.0])
+TILES = np.array([[x, y, 0.0] for y in range(4) for x in range(5)]) * 0.06
+BALL = np.array([0.12, -0.05, 0.2])
+CENTRES = np.array([[2.0, 0.3, 1.1], [2.1, -0.4, 1.0], [1.9, -0.1, 1.4], [2.2, 0.1, 0.9]])
+SITES = ("nest", "cup", "cone", "rim")
+SIGMA_PX, SIGMA_MM = 0.2, 0.05
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is wrong on a day; by itself nothing.
+
+    focal, per_hour, per_kelvin : float, share by which the focal length is larger than stated
+    pitch : float, the same of the board
+    camera, board : 6 numbers, m and rad, by which they are moved at noon, in their own axes
+    socket : 3 numbers, m, by which ``cup`` is moved at noon; seat : by which the ball lies off in it
+    """
+
+    focal: float = 0.0
+    per_hour: float = 0.0
+    per_kelvin: float = 0.0
+    pitch: float = 0.0
+    camera: tuple[float, ...] = (0.0,) * 6
+    board: tuple[float, ...] = (0.0,) * 6
+    socket: tuple[float, ...] = (0.0,) * 3
+    seat: tuple[float, ...] = (0.0,) * 3
+
+
+def seen_from_the_world(folder: Path, fault: Fault, seed: int, count: int = 45) -> Day:
+    """A camera on a tripod looks at a board on the tip."""
+    cell = written(folder, "tip", "world")
+    rng, q = np.random.default_rng(seed), spread(seed, count)
+    T, noon = tips(cell.robot, q + OFF), after_noon(count)
+    stands = looking(T[:, :3, 3].mean(axis=0), np.array([3.6, -1.2, 2.2]))
+    camera = both(stands, fault.camera, noon)
+    board = T @ both(frame(np.array([0.05, -0.1, 0.2, 0.4, 2.0, -0.3])), fault.board, noon)
+    return read(cell, folder, q, camera, board, fault, rng)
+
+
+def seen_from_the_tip(folder: Path, fault: Fault, seed: int, count: int = 45) -> Day:
+    """A camera on the tip looks at a board on the floor."""
+    cell = written(folder, "world", "tip")
+    rng, q = np.random.default_rng(seed), spread(seed, count, 0.3)
+    T, noon = tips(cell.robot, q + OFF), after_noon(count)
+    eye = frame(np.array([0.05, 0.08, 0.1, 0.1, -0.2, 0.5]))
+    ahead = frame(np.array([-0.15, -0.1, 1.3, 0.3, 0.2, -0.4]))
+    floor = tips(cell.robot, HOME[None])[0] @ eye @ ahead
+    camera = T @ both(eye, fault.camera, noon)
+    return read(cell, folder, q, camera, both(floor, fault.board, noon), fault, rng)
+
+
+Day = tuple[Cell, Measurements]
+
+
+def both(T: Array, moved: tuple[float, ...], after: Array) -> Array:
+    """A frame before and after it is moved, (m, 4, 4)."""
+    return np.where(after[:, None, None], T @ frame(np.array(moved)), T)
+
+
+def spread(seed: int, count: int, width: float = 0.5) -> Array:
+    return HOME + np.random.default_rng(1000 + seed).uniform(-width, width, (count, 6))
+
+
+def after_noon(count: int) -> Array:
+    return np.arange(count) >= 0.55 * count
+
+
+def hours(count: int) -> Array:
+    return np.arange(count) * 0.1
+
+
+def degrees(count: int) -> Array:
+    """Temperature, which falls again while time goes on."""
+    return 22.0 + 4.0 * np.sin(1.7 * hours(count))
+
+
+def looking(target: Array, at: Array) -> Array:
+    """A camera's frame in base axes: at a place, with its axis towards another."""
+    z = (target - at) / np.linalg.norm(target - at)
+    x = np.cross(z, [0.1, 0.2, 1.0])
+    x = x / np.linalg.norm(x)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = np.column_stack([x, np.cross(z, x), z]), at
+    return T
+
+
+def read(
+    cell: Cell,
+    folder: Path,
+    q: Array,
+    camera: Array,
+    board: Array,
+    fault: Fault,
+    rng: np.random.Generator,
+) -> Day:
+    """What a camera at frames (m, 4, 4) in base axes sees of a board at others."""
+    rows, count = [], len(q)
+    larger = fault.focal + fault.per_hour * hours(count)
+    larger = larger + fault.per_kelvin * (degrees(count) - 20.0)
+    for i in range(count):
+        there = TILES * (1.0 + fault.pitch) @ board[i, :3, :3].T + board[i, :3, 3]
+        own = (there - camera[i, :3, 3]) @ camera[i, :3, :3]
+        fx, fy = LENS[:2] * (1.0 + larger[i])
+        K = np.array([[fx, 0.0, LENS[2]], [0.0, fy, LENS[3]], [0.0, 0.0, 1.0]])
+        none = np.zeros(3)
+        pixels = cv2.projectPoints(np.ascontiguousarray(own), none, none, K, LENS[4:])[0][:, 0]
+        pixels = pixels + rng.normal(scale=SIGMA_PX, size=pixels.shape)
+        inside = ((pixels > 0.0) & (pixels < PIXELS)).all(axis=1) & (own[:, 2] > 0.1)
+        for k in np.flatnonzero(inside):
+            rows.append([i, "eye", f"plate:p{k}", *(f"{x:.6f}" for x in pixels[k])])
+    return cell, tabled(cell, folder, q, rows, ["u_px", "v_px"])
+
+
+def in_sockets(folder: Path, fault: Fault, seed: int, count: int = 72) -> Day:
+    """A ball on the tip is put into four sockets; the arm gives way to them."""
+    cell = written(folder, "", "")
+    rng, robot = np.random.default_rng(seed), cell.robot
+    site, noon = np.arange(count) % 4, after_noon(count)
+    ball = BALL + np.where((site == 1)[:, None], np.array(fault.seat), 0.0)
+    goal = CENTRES[site] + np.where((noon & (site == 1))[:, None], np.array(fault.socket), 0.0)
+    goal = goal + rng.normal(scale=SIGMA_MM * 1e-3, size=goal.shape)
+    q = spread(seed, count, 0.7)
+
+    def off(q: Array) -> Array:
+        T = tips(robot, q + OFF)
+        return goal - (np.einsum("mij,mj->mi", T[:, :3, :3], ball) + T[:, :3, 3])
+
+    for _ in range(12):
+        ends = [off(q - h) - off(q + h) for h in 1e-6 * np.eye(6)]
+        step = np.einsum("mjr,mr->mj", np.linalg.pinv(np.stack(ends, axis=-1) / 2e-6), off(q))
+        q = q + step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
+    there = np.linalg.norm(off(q), axis=1) < 1e-8
+    rows = [[i, SITES[site[i]], "ball"] for i in np.flatnonzero(there)]
+    return cell, tabled(cell, folder, q, rows, [])
+
+
+def tabled(
+    cell: Cell, folder: Path, q: Array, rows: list[list[object]], columns: list[str]
+) -> Measurements:
+    """Rows of pose, instrument, marker and numbers, through a table."""
+    time, heat = 3600.0 * hours(len(q)), degrees(len(q))
+    path = folder / "measurements.csv"
+    with path.open("w", newline="") as file:
+        out = csv.writer(file)
+        joints = [f"{joint}_deg" for joint in JOINTS]
+        head = ["pose", "instrument", "marker", *joints, "time_s", "temperature_degC"]
+        out.writerow([*head, *columns])
+        for i, instrument, marker, *numbers in rows:
+            angles = [f"{x:.12g}" for x in np.degrees(q[i])]
+            known = [f"{time[i]:.1f}", f"{heat[i]:.4f}"]
+            out.writerow([f"p{i:03d}", instrument, marker, *angles, *known, *numbers])
+    return calib.load_measurements(cell, path)
+
+
+def written(folder: Path, board: str, camera: str) -> Cell:
+    """A cell with a board and a camera where they are said to be, or with sockets."""
+    (folder / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
+    robot = tomllib.loads(embedded_text("cell.toml"))["robot"]
+    text = f'schema = 1\n[robot]\nurdf = "kr270.urdf"\nbase = "{robot["base"]}"\n'
+    text += f'tip = "{robot["tip"]}"\n'
+    if board:
+        points = {f"p{k}": [round(1e3 * float(c), 9) for c in p] for k, p in enumerate(TILES)}
+        listed = ", ".join(f"{name} = {point}" for name, point in points.items())
+        text += f'[boards.plate]\non = "{board}"\npoints_mm = {{ {listed} }}\n'
+        text += (
+            f'[instruments.eye]\nkind = "camera"\non = "{camera}"\nfocal_px = {LENS[:2].tolist()}\n'
+            f"center_px = {LENS[2:4].tolist()}\ndistortion = {LENS[4:].tolist()}\n"
+            f"image_px = [1920, 1080]\nsigma_px = {SIGMA_PX}\n"
+        )
+    else:
+        text += f"[markers_mm]\nball = {(1e3 * BALL + 4.0).tolist()}\n"
+        sockets = (f'[instruments.{s}]\nkind = "socket"\nsigma_mm = {SIGMA_MM}\n' for s in SITES)
+        text += "".join(sockets)
+    effects = ["base", "tool", "joint_offset:A2,A3,A5"]
+    (folder / "cell.toml").write_text(text + f"[model]\neffects = {json.dumps(effects)}\n")
+    return calib.load_cell(folder / "cell.toml")

@@ -1,0 +1,176 @@
+"""A random arm that every kind of instrument reads; what a camera sees lies ahead of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib import Cell
+from calib.arm.robot import Robot
+from calib.arm.se3 import inverse, so3_exp, so3_log, transform
+from calib.arrays import Array
+from calib.effects import EFFECTS, Context
+from calib.effects.protocol import Effect
+from calib.instruments import (
+    ArmCamera,
+    Distance,
+    FixedCamera,
+    Instrument,
+    Plane,
+    Pose,
+    Socket,
+    Sphere,
+    Tracker,
+)
+from calib.instruments.camera import Board
+from calib.instruments.lens import Lens
+from calib.instruments.pose import corners_of
+from calib.model import Model
+from calib.noise import Noise
+from calib.poses import Poses
+from tests.helpers import GRAVITY, cell_of, random_poses, random_robot
+
+LENS = Lens(np.array([1400.0, 1380.0, 960.0, 540.0, -0.12, 0.05, 8e-4, -5e-4, -0.01]))
+SITES = ("nest", "cup", "cone")
+_SPREAD = 0.25  # rad, of the poses: what is ahead of a camera stays there
+_AHEAD = 1.5  # m
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """The arm with all that reads it, poses, and the places (u,) at which the instruments stand."""
+
+    context: Context
+    poses: Poses
+    places: dict[str, Array]
+
+    def model(self, *effects: Effect, of: str = "") -> Model:
+        """The instruments, or those of one kind, at unknown places, with these effects."""
+        context = self.context
+        read = tuple(i for i in context.instruments if of in ("", i.kind))
+        stands = replace(context, instruments=read)
+        base = [EFFECTS["base"].at(stands, w) for w in EFFECTS["base"].places(stands)]
+        return Model(
+            context.robot,
+            context.marker_names,
+            context.markers,
+            (*base, *effects),
+            context.payload,
+            context.gravity,
+            read,
+        )
+
+    def cell(self, kind: str, *effects: str) -> Cell:
+        """With the instruments of one kind."""
+        context = self.context
+        read = tuple(i for i in context.instruments if i.kind == kind)
+        return replace(
+            cell_of(context.robot, context.markers, effects),
+            marker_names=context.marker_names,
+            bodies=context.bodies,
+            instruments=read,
+        )
+
+    def at(self, model: Model) -> Array:
+        """Values of a model with its instruments where they stand."""
+        values = model.initial
+        for effect, part in zip(model.effects, model.slices, strict=True):
+            if effect.kind == "base":
+                values[part] = self.places[effect.where]
+        return values
+
+
+def scene(seed: int, count: int) -> Scene:
+    """Two markers, a body, a camera and a board on the tip; two boards and three sockets beside it."""
+    rng = np.random.default_rng(seed)
+    robot = random_robot(rng, 5)
+    poses = random_poses(rng, robot, count)
+    middle = rng.uniform(-2.0, 2.0, robot.dof)
+    q = middle + rng.uniform(-_SPREAD, _SPREAD, poses.q.shape)
+    site = np.array(SITES)[np.arange(count) % len(SITES)]
+    time = 1e3 * np.arange(count)
+    poses = replace(poses, q=q, site=site, time=time)
+    tip = tip_frame(robot, middle)
+    plate, tiles, solid = (rng.uniform(-0.1, 0.1, (n, 3)) for n in (7, 5, 6))
+    tiles[:, 2] = 0.0
+    camera = framed(rng)
+    markers = [
+        rng.uniform(-0.2, 0.2, (2, 3)),
+        corners(framed(rng)),
+        corners(camera),
+        plate @ so3_exp(rng.normal(size=3)).T + rng.uniform(-0.2, 0.2, 3),
+    ]
+    names = ["m1", "m2"] + [f"{b}{e}" for b in ("flange", "eye") for e in ("", ":x", ":y")]
+    names += [f"plate:{i}" for i in range(len(plate))]
+    bodies = {"flange": slice(2, 5), "eye": slice(5, 8), "plate": slice(8, 15)}
+    given = {"lens": LENS, "sigma": 0.2}
+    boards = (Board("tiles", slice(0, 5), tiles), Board("solid", slice(5, 11), solid))
+    instruments: tuple[Instrument, ...] = (
+        Tracker(name="laser", markers=(0, 1), noise=Noise.isotropic(2e-5)),
+        Pose(name="mocap", markers=(2, 3, 4), covariance=np.diag(np.repeat([4e-8, 1e-7], 3))),
+        FixedCamera(
+            name="wall",
+            markers=(0, 1, *range(8, 15)),
+            boards=(Board("plate", slice(2, 9), plate),),
+            **given,
+        ),
+        ArmCamera(name="eye", markers=(5, 6, 7) * 11, boards=boards, **given),
+        Distance(name="bar", markers=(0, 1), sigma=2e-5, offset=True),
+        Plane(name="table", markers=(0, 1), sigma=2e-5),
+        Sphere(name="ball", markers=(0, 1), sigma=2e-5),
+        Socket(name=SITES[0], markers=(0, 1), sigma=2e-5, sites=SITES),
+    )
+    context = Context(
+        robot=robot,
+        markers=np.concatenate(markers),
+        marker_names=tuple(names),
+        gravity=GRAVITY,
+        measured_load=True,
+        instruments=instruments,
+        bodies=bodies,
+    )
+    wall = inverse(tip @ turned_to(rng, markers[3].mean(axis=0)))
+    ahead = np.concatenate([place_of(tip @ camera @ before(rng)) for _ in boards])
+    places = {
+        "base": rng.normal(size=6),
+        "mocap:base": rng.normal(size=6),
+        "wall": place_of(wall),
+        "eye": ahead,
+        "bar": np.array([*(tip[:3, 3] + [1.0, -0.6, 0.3]), 0.1]),
+        "table": np.array([0.3, -0.2, 0.4]),
+        "ball": np.array([*(tip[:3, 3] + [0.5, 0.4, -0.9]), 0.3]),
+    }
+    places |= {name: tip[:3, 3] + rng.uniform(-0.2, 0.2, 3) for name in SITES}
+    return Scene(context, poses, places)
+
+
+def tip_frame(robot: Robot, q: Array) -> Array:
+    """Of the nominal arm, (4, 4), joint by joint."""
+    T = np.eye(4)
+    for origin, axis, angle in zip(robot.origins, robot.axes, q, strict=False):
+        T = T @ origin @ transform(so3_exp(axis * angle), np.zeros(3))
+    return np.asarray(T @ robot.origins[-1])
+
+
+def framed(rng: np.random.Generator) -> Array:
+    return transform(so3_exp(rng.normal(size=3)), rng.uniform(-0.2, 0.2, 3))
+
+
+def before(rng: np.random.Generator) -> Array:
+    """A board's frame in that of a camera which looks at it."""
+    return transform(so3_exp(0.4 * rng.normal(size=3)), np.array([0.0, 0.1, _AHEAD]))
+
+
+def turned_to(rng: np.random.Generator, target: Array) -> Array:
+    """A camera's frame in that of the tip, its axis towards a point (3,)."""
+    R = so3_exp(rng.normal(size=3))
+    return transform(R, target - R[:, 2] * _AHEAD)
+
+
+def corners(T: Array) -> Array:
+    return corners_of(T[:3, :3], T[:3, 3])
+
+
+def place_of(T: Array) -> Array:
+    return np.concatenate([T[:3, 3], so3_log(T[:3, :3])])

@@ -1,0 +1,88 @@
+"""Sealed cases that other instruments read: noise as sealed, faults as drawn, through files alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+
+import calib
+from studies.research.withheld.make import make
+from studies.research.withheld.score import score_of
+from studies.research.withheld.seal import Answered, read_json
+from studies.research.withheld.sensed.draw import Fault, draw_sensed, families
+from studies.research.withheld.sensed.figures import READERS
+from studies.research.withheld.sensed.files import key_of, write_case
+
+# It takes seconds to put a ball into sockets.
+SOCKET = pytest.param("socket", marks=pytest.mark.long)
+
+
+@pytest.mark.parametrize("kind", [SOCKET if kind == "socket" else kind for kind in READERS])
+def test_the_truth_is_known_to_its_noise(kind: str, tmp_path: Path) -> None:
+    """Without a cause the user's model fits within the noise, whose size the key holds."""
+    case = draw_sensed(np.random.default_rng(4), "null", kind)
+    write_case(tmp_path / "case", case)
+    cell = calib.load_cell(tmp_path / "case" / "cell.toml")
+    data = calib.load_measurements(cell, tmp_path / "case" / "measurements.csv")
+    found = calib.identify(cell, data)
+    assert found.status == "converged"
+    assert found.noise.factor == pytest.approx(1.0, abs=0.15)
+    heldout = calib.load_measurements(cell, tmp_path / "case" / "heldout.csv")
+    off = found.model.off(found.values, heldout) * found.model.readout.channels.lengths
+    rms = np.sqrt((off**2).sum(axis=-1)[heldout.seen].mean())
+    scale = 1.0 if "camera" in kind else 1e3
+    assert rms * scale == pytest.approx(case.reader.floor, rel=0.25)
+
+
+@pytest.mark.parametrize("kind", ["world camera", "tip camera", SOCKET])
+def test_faults_are_what_the_answers_call_them(kind: str, tmp_path: Path) -> None:
+    """The effect of the key in the model takes up what the fault does, at its value."""
+    case = draw_sensed(np.random.default_rng(5), "instrument", kind)
+    assert isinstance(case.cause, Fault)
+    write_case(tmp_path / "case", case)
+    (entry,) = key_of(case, "case", 0, "")["effects"]
+    path = tmp_path / "case" / "cell.toml"
+    effect = f'"{entry["effect"]}:{entry["where"]}"'
+    path.write_text(path.read_text().replace('"tool"]', f'"tool", {effect}]'))
+    cell = calib.load_cell(path)
+    data = calib.load_measurements(cell, tmp_path / "case" / "measurements.csv")
+    found = calib.identify(cell, data)
+    assert found.noise.factor == pytest.approx(1.0, abs=0.15)
+    for truth in entry["parameters"]:
+        ids = [(p.effect, p.name) for p in found.model.parameters]
+        at = ids.index((entry["effect"], truth["name"]))
+        p = found.model.parameters[at]
+        assert p.unit == truth["unit"]
+        assert abs(found.values[at] / p.scale - truth["value"]) < 4.0 * found.std[at] / p.scale
+
+
+@pytest.mark.long
+def test_cases_are_made_and_scored(tmp_path: Path) -> None:
+    make(tmp_path / "sealed", 3, 2, instruments=True)
+    keys = {p.stem: read_json(p) for p in sorted((tmp_path / "sealed" / "keys").glob("case_*"))}
+    drawn = families(np.random.default_rng([2, 3]), 3)
+    assert [key["family"] for key in keys.values()] == drawn
+    answers = {
+        name: {
+            "verdict": "explained" if key["effects"] else "no_gap",
+            "effects": [
+                {"effect": e["effect"], "where": e["where"], "probability": 0.95}
+                for e in key["effects"]
+            ],
+            "located": [{"where": e["where"], "depends_on": "none"} for e in key["effects"]],
+            "gap": {"heldout_before_mm": 1.0, "heldout_after_mm": key["floor_mm"]},
+        }
+        for name, key in keys.items()
+    }
+    found = score_of(keys, Answered(answers, {name: {"seconds": 1.0} for name in answers}))
+    rates = {(rate["family"], rate["figure"]): rate for rate in found["rates"]}
+    for rate in rates.values():
+        wanted = 0.0 if rate["figure"] in ("false alarms", "confidently misnamed") else 1.0
+        assert rate["rate"] in (None, wanted)
+    assert sum(rate["n"] for (_, figure), rate in rates.items() if figure == "located") == sum(
+        bool(key["effects"]) for key in keys.values()
+    )

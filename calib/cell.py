@@ -15,6 +15,7 @@ from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
 from calib.noise import Noise
+from calib.population.prior import Prior
 
 Form: TypeAlias = Literal["urdf", "mjcf", "dh", "kinematics"]
 FORMS: tuple[Form, ...] = get_args(Form)
@@ -83,6 +84,7 @@ class Cell:
     known_distances : tuple of KnownDistance
     bodies : dict, name -> slice, the markers that are points of it: frames have an origin and the ends
         of two axes, boards all their points
+    prior : Prior or None, what the robot's type says of it; prior_file : Path or None, where it stands
     """
 
     name: str
@@ -109,6 +111,8 @@ class Cell:
     dh_convention: Convention | None = None
     known_distances: tuple[KnownDistance, ...] = ()
     bodies: Mapping[str, slice] = field(default_factory=dict)
+    prior: Prior | None = None
+    prior_file: Path | None = None
 
     @property
     def robot_source(self) -> str:

@@ -17,6 +17,7 @@ KINDS = (
     "compensate",
     "changes",
     "fleet",
+    "prior",
 )
 """In the order in which a page tells of them."""
 
@@ -29,6 +30,7 @@ def record_type(kind: str) -> type[Record]:
     from studies.design.record import DesignRecord
     from studies.diagnose.record import DiagnoseRecord
     from studies.enough.record import EnoughRecord
+    from studies.fleet.prior import PriorRecord
     from studies.fleet.record import FleetRecord
     from studies.identify.record import IdentifyRecord
     from studies.plan.record import PlanRecord
@@ -43,5 +45,6 @@ def record_type(kind: str) -> type[Record]:
         "compensate": CompensateRecord,
         "fleet": FleetRecord,
         "changes": ChangesRecord,
+        "prior": PriorRecord,
     }
     return types[kind]

@@ -20,6 +20,7 @@ from calib.arrays import Array
 from calib.cell import Capsule, Cell, Load, Repeatability
 from calib.errors import InputError, UnknownEffect
 from calib.files.instruments import bodies_of, instruments_of, known_distances
+from calib.files.prior import load_prior
 from calib.files.read import ORDER, read_text
 from calib.files.robot import load_robot, robot_files
 from calib.files.schema import (
@@ -96,7 +97,11 @@ def load_cell(path: str | Path) -> Cell:
         known_distances=known_distances(path, table),
         bodies=bodies.parts,
     )
-    return replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))
+    cell = replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))
+    if table.model.prior is None:
+        return cell
+    source = path.parent / table.model.prior.file
+    return replace(cell, prior=load_prior(source, cell), prior_file=source)
 
 
 def _read_toml(path: Path) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,15 +15,17 @@ from calib.effects import GROUPS, Context, Effect, catalogue
 from calib.effects.base import sought
 from calib.effects.protocol import (
     ARM,
+    Constant,
     ElasticEffect,
     LoadEffect,
     PoseEffect,
     ReadingEffect,
 )
 from calib.effects.tuned import Tuned
-from calib.errors import EffectCannotAct, UnknownEffect
+from calib.errors import CalibError, EffectCannotAct, UnknownEffect
 from calib.model import Model
 from calib.model.reduction import Dropped, irreducible
+from calib.population.prior import Prior
 from calib.poses import Poses
 
 _MOST_KNOTS = 8  # distinct angles up to this number become knots of their own
@@ -201,7 +203,33 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
     full = model_of(cell, effects)
     built = Built(*irreducible(full))
     _refuse_absorbed(_placed(cell, context), full, built)
-    return built
+    return built if cell.prior is None else replace(built, model=_of_type(built.model, cell.prior))
+
+
+def _of_type(model: Model, prior: Prior) -> Model:
+    """The model with what the robot's type says of its parameters.
+
+    Constants mean what they do beside the others that are kept: they must be the same ones.
+    Raises CalibError.
+    """
+    keys = [(p.effect, p.where, p.name) for p in model.parameters]
+    own, theirs = ({k for k in of if _is_constant(k[0])} for of in (keys, prior.keys))
+    if theirs and own and theirs != own:
+        effect, where, name = min(theirs ^ own)
+        raise CalibError(
+            f"[model.prior] holds other constants of {prior.type} than this model, "
+            f"{effect}:{where}.{name} for one: learn it from cells with these [model] effects and "
+            "instruments of this kind, or take it out"
+        )
+    known = prior.only(keys)
+    if not known.keys:
+        there = ", ".join(dict.fromkeys(key[0] for key in prior.keys))
+        raise CalibError(f"[model.prior] knows {there} and nothing of this model; take it out")
+    return replace(model, prior=known)
+
+
+def _is_constant(kind: str) -> bool:
+    return kind in catalogue() and issubclass(catalogue()[kind], Constant)
 
 
 def model_of(cell: Cell, effects: Sequence[Effect]) -> Model:

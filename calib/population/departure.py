@@ -1,7 +1,7 @@
 """How far a robot left its type, and what of the type is still believed of it.
 
-With the estimate ``t``, the prior's mean m and covariance S, and ``e = t - m``, the score test of a shift
-in one parameter is ``g / sqrt(Q_jj)`` with ``g = S^-1 e`` and Q its covariance: it holds beside
+With the estimate ``t`` under a prior of mean m and covariance S, and ``e = t - m``, the score test of a
+shift in one parameter is ``g_j / sqrt(Q_jj)`` with ``g = S^-1 e`` and Q its covariance: it holds beside
 whatever the others do. All together, ``g^T Q^+ g`` is a chi-square of as many rows as the data tell.
 """
 
@@ -24,15 +24,14 @@ class Departure:
     """A robot beside its type.
 
     prior : Prior, of this model's parameters, as the type has it
-    values : ndarray, shape (k,), SI; scores : ndarray, shape (k,), how far each left the mean in
-        standard deviations of how far it would of the type, NaN where the data say nothing of it
+    scores : ndarray, shape (k,), how far each leaves the mean if the type is believed, in standard
+        deviations of how far it would in a robot of the type; NaN where the data say nothing of it
     statistic : float; rows : int; p_value : float, of so large a one in a robot of the type
     released : tuple of Key, parameters that the type is not believed for
     factor : float, by which the type's deviations are widened for all others
     """
 
     prior: Prior
-    values: Array
     scores: Array
     statistic: float
     rows: int
@@ -46,32 +45,40 @@ class Departure:
         return self.p_value >= _SURELY and not self.released
 
 
-def departure(prior: Prior, values: Array, moved: Array) -> Departure:
-    """How far an estimate left the prior that it was made with.
+def departure(prior: Prior, values: Array, covariance: Array, loose: Prior) -> Departure:
+    """How far a robot left its type, by an estimate that the type hardly held.
 
-    values : ndarray, shape (k,), SI, of the prior's parameters
-    moved : ndarray, shape (k, k), SI, covariance of how far they leave the mean, in a robot of the type
+    values : ndarray, shape (k,), SI; covariance : ndarray, shape (k, k), SI, of an estimate that was
+        made with the prior ``loose``, of the same mean
     """
     W = prior.whitening
-    u, K = W @ (values - prior.mean), W @ moved @ W.T
-    told = np.diag(moved) > _TOLD * np.diag(prior.covariance)
+    told, held = (np.linalg.inv(W @ C @ W.T) for C in (covariance, loose.covariance))
+    after = np.linalg.inv(told - held + np.eye(len(W)))
+    u, K = after @ told @ W @ (values - prior.mean), np.eye(len(W)) - (after + after.T) / 2.0
+    back = np.linalg.inv(W)
+    left, moved = back @ u, np.diag(back @ K @ back.T)
+    seen = moved > _TOLD * prior.std**2
     scores = np.full(len(values), np.nan)
-    scores[told] = (values - prior.mean)[told] / np.sqrt(np.diag(moved)[told])
+    scores[seen] = left[seen] / np.sqrt(moved[seen])
     statistic, rows = _square(u, K)
     # Of the prior's own coordinates: a shift of one parameter by its deviation.
     g, Q = prior.std * (W.T @ u), np.outer(prior.std, prior.std) * (W.T @ K @ W)
     out, rest = _released(prior, g, Q)
-    left = max(statistic - rest, 0.0) / max(rows - len(out), 1)
+    ratio = max(statistic - rest, 0.0) / max(rows - len(out), 1)
     return Departure(
         prior,
-        values,
         scores,
         statistic,
         rows,
         _tail(prior, statistic, rows),
         tuple(prior.keys[i] for i in out),
-        float(np.sqrt(max(left, 1.0))),
+        float(np.sqrt(max(ratio, 1.0))),
     )
+
+
+def loosened(prior: Prior, sizes: Array) -> Prior:
+    """So wide that it pulls nothing, and yet leaves nothing open; sizes as of :func:`adapted`."""
+    return prior.widened(1.0, (_RELEASED * sizes) ** 2)
 
 
 def adapted(found: Departure, sizes: Array) -> Prior:

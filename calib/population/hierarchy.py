@@ -1,12 +1,12 @@
 """The hierarchical normal model of a type: ``t_i ~ N(theta_i, C_i)``, ``theta_i ~ N(mu, Sigma)``.
 
-In plausible sizes. ``mu`` is N(0, 1); the deviations of Sigma are half-t about one size with four degrees
-of freedom, each integrated over with its mean (Gelman, Bayesian Analysis 1(3), 2006): few robots stay
-near the plausible sizes, ten are enough to leave them far. A robot speaks of one parameter by its
-estimate given its others, whose variance is ``1 / Q_kk - Sigma_kk`` with ``Q = (C_i + Sigma)^-1``: what it
-could not determine says nothing, and what it knows together counts together. Correlations between
-robots are shrunk to none by as much as chance makes of them (Schaefer and Strimmer, Stat. Appl. Genet.
-Mol. Biol. 4(1), 2005).
+In plausible sizes. ``mu`` is N(0, 1); the deviations of Sigma are half-t about one size with four
+degrees of freedom, each integrated over with its mean (Gelman, Bayesian Analysis 1(3), 2006): few
+robots stay near the plausible sizes, ten are enough to leave them far. A robot speaks of one parameter
+by its estimate given its others, of variance ``1 / Q_kk - Sigma_kk`` with ``Q = (C_i + Sigma)^-1``:
+what it could not determine says nothing, and what it knows together counts together. Correlations
+between robots are shrunk to none by as much as chance makes of them (Schaefer and Strimmer, Stat. Appl.
+Genet. Mol. Biol. 4(1), 2005).
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def _fit(t: Array, C: Array) -> _Fit:
     variance = np.full(k, _variances(np.zeros((0, 1)), np.ones((0, 1)))[0])
     mean, doubt = np.zeros(k), np.eye(k)
     for _ in range(_ROUNDS if len(t) else 0):
-        Q = np.linalg.inv(C + np.diag(variance))
+        Q = np.asarray(np.linalg.inv(C + np.diag(variance)))
         mean, doubt = _mean(t, Q)
         single = np.diagonal(Q, axis1=1, axis2=2)
         seen = mean + np.einsum("ikl,il->ik", Q, t - mean) / single
@@ -122,7 +122,7 @@ def _fit(t: Array, C: Array) -> _Fit:
             break
     sigma = _correlated(t, C, mean, variance)
     if len(t):
-        mean, doubt = _mean(t, np.linalg.inv(C + sigma))
+        mean, doubt = _mean(t, np.asarray(np.linalg.inv(C + sigma)))
     return _Fit(mean, doubt, sigma)
 
 
@@ -145,8 +145,7 @@ def _variances(seen: Array, noise: Array) -> Array:
         w = 1.0 / (s + v[:, None])
         each = each + 0.5 * np.log(w)
         weight, first, second = (
-            total + w * y[:, None] ** power
-            for power, total in enumerate((weight, first, second))
+            total + w * y[:, None] ** power for power, total in enumerate((weight, first, second))
         )
     each = each - 0.5 * np.log(weight) - 0.5 * (second - first**2 / weight)
     p = np.exp(each - each.max(axis=1, keepdims=True))
@@ -182,7 +181,8 @@ def _correlated(t: Array, C: Array, mean: Array, variance: Array) -> Array:
 def _squares(t: Array, C: Array, fit: _Fit) -> Array:
     """How far each robot is off, as a square in its standard deviations, shape (N,)."""
     off = t - fit.mean
-    return np.einsum("ik,ik->i", off, np.linalg.solve(C + fit.sigma + fit.doubt, off[..., None])[..., 0])
+    solved = np.linalg.solve(C + fit.sigma + fit.doubt, off[..., None])[..., 0]
+    return np.asarray((off * solved).sum(axis=1))
 
 
 def _chance(t: Array, C: Array, fit: _Fit, robots: int) -> float:

@@ -28,10 +28,10 @@ class Session:
     seed: int
 
     @property
-    def targets(self) -> list[Path]:
-        """The cell's file of targets, where it has one."""
-        own = self.cell.design["targets"]
-        return [own] if own else []
+    def named(self) -> list[Path]:
+        """What else the cell names: its targets, and what the robot's type knows."""
+        own = (self.cell.design["targets"], self.cell.prior_file)
+        return [path for path in own if path]
 
     @property
     def read(self) -> list[Path]:

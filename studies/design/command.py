@@ -121,7 +121,8 @@ def design(
     cell = calib.load_cell(cell_path)
     source = candidates_of(candidates)
     targets = cell.design.get("targets")
-    inputs = [cell_path, *cell.robot_files, *([targets] if targets else []), *against]
+    named = [path for path in (targets, cell.prior_file) if path]
+    inputs = [cell_path, *cell.robot_files, *named, *against]
     inputs += [extend_path] if extend_path is not None else []
     inputs += [source] if isinstance(source, Path) else []
     check_outputs([plan_path, output_file(json_path)], inputs, folder)

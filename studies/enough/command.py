@@ -57,7 +57,8 @@ def enough(
 
     cell = calib.load_cell(cell_path)
     targets = cell.design.get("targets")
-    inputs = [cell_path, *cell.robot_files, data_path, *([targets] if targets else [])]
+    named = [path for path in (targets, cell.prior_file) if path]
+    inputs = [cell_path, *cell.robot_files, data_path, *named]
     inputs += [path for path in (plan_path, holdout_path) if path is not None]
     check_outputs([output_file(json_path)], inputs, folder)
     whole = calib.load_measurements(cell, data_path)

@@ -24,7 +24,7 @@ from calib.effects.protocol import (
 from calib.effects.tuned import Tuned
 from calib.errors import CalibError, EffectCannotAct, UnknownEffect
 from calib.model import Model
-from calib.model.reduction import Dropped, irreducible
+from calib.model.reduction import Dropped, carried_over, irreducible
 from calib.population.prior import Prior
 from calib.poses import Poses
 
@@ -32,6 +32,7 @@ _MOST_KNOTS = 8  # distinct angles up to this number become knots of their own
 _SAME_ANGLE = 1e-3  # rad: angles closer than this are one level
 _PROBED = 200  # poses at which it is tried whether an effect acts
 _MOVES_NOTHING = 1e-10  # m: largest movement of a marker by an effect that does not act
+_ABSENT = 1e-3  # of a constant, below which others say nothing of it
 _MOST_NAMED = 4  # absorbing parameters that a refusal names
 _COVARIATES = {
     "temperature": ("the poses have no temperature", "add column temperature_degC"),
@@ -53,11 +54,12 @@ class Built:
     """A model and how it came about.
 
     model : Model, with an irreducible set of constant parameters
-    dropped : tuple of Dropped, constants that others absorb
+    dropped : tuple of Dropped, constants that others absorb; full : Model, with these as well
     """
 
     model: Model
     dropped: tuple[Dropped, ...]
+    full: Model
 
 
 def parse_effect(text: str, key: str = "[model] effects") -> tuple[str, tuple[str, ...] | None]:
@@ -201,26 +203,29 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
     standing = {e.where for e in effects if e.kind == "base"}
     effects = [*(base for base in sought(context) if base.where not in standing), *effects]
     full = model_of(cell, effects)
-    built = Built(*irreducible(full))
+    built = Built(*irreducible(full), full)
     _refuse_absorbed(_placed(cell, context), full, built)
-    return built if cell.prior is None else replace(built, model=_of_type(built.model, cell.prior))
+    return built if cell.prior is None else replace(built, model=_of_type(built, cell.prior))
 
 
-def _of_type(model: Model, prior: Prior) -> Model:
-    """The model with what the robot's type says of its parameters.
+def _of_type(built: Built, prior: Prior) -> Model:
+    """The model with what the robot's type says of its parameters, in terms of its own constants.
 
-    Constants mean what they do beside the others that are kept: they must be the same ones.
     Raises CalibError.
     """
-    keys = [(p.effect, p.where, p.name) for p in model.parameters]
-    own, theirs = ({k for k in of if _is_constant(k[0])} for of in (keys, prior.keys))
-    if theirs and own and theirs != own:
-        effect, where, name = min(theirs ^ own)
-        raise CalibError(
-            f"[model.prior] holds other constants of {prior.type} than this model, "
-            f"{effect}:{where}.{name} for one: learn it from cells with these [model] effects and "
-            "instruments of this kind, or take it out"
-        )
+    model, full = built.model, built.full
+    keys, every = ([(p.effect, p.where, p.name) for p in of.parameters] for of in (model, full))
+    theirs = [key for key in prior.keys if is_constant(key[0])]
+    own = [key for key in keys if is_constant(key[0])]
+    if own and theirs:
+        lost = [key for key in theirs if key not in every]
+        B = np.zeros((len(own), 0)) if lost else carried_over(full, model, theirs)
+        if lost or np.linalg.matrix_rank(B, tol=_ABSENT) < len(own):
+            raise CalibError(
+                f"[model.prior] knows other constants of {prior.type} than this model has: learn it "
+                "from cells with these [model] effects, or take it out"
+            )
+        prior = prior.in_terms_of(theirs, own, B)
     known = prior.only(keys)
     if not known.keys:
         there = ", ".join(dict.fromkeys(key[0] for key in prior.keys))
@@ -228,7 +233,8 @@ def _of_type(model: Model, prior: Prior) -> Model:
     return replace(model, prior=known)
 
 
-def _is_constant(kind: str) -> bool:
+def is_constant(kind: str) -> bool:
+    """Whether an effect is a displacement that is the same at every pose."""
     return kind in catalogue() and issubclass(catalogue()[kind], Constant)
 
 

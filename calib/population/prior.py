@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
@@ -44,6 +44,16 @@ class Prior:
             covariance=self.covariance[np.ix_(own, own)],
         )
 
+    def in_terms_of(self, theirs: Sequence[Key], own: Sequence[Key], B: Array) -> Prior:
+        """With some parameters replaced by others, ``own = B theirs``; B of shape (own, theirs)."""
+        rest = [key for key in self.keys if key not in theirs]
+        order = self.positions_of([*theirs, *rest])
+        T = np.zeros((len(own) + len(rest), len(self.keys)))
+        T[: len(own), order[: len(theirs)]] = B
+        T[np.arange(len(own), len(T)), order[len(theirs) :]] = 1.0
+        cov = T @ self.covariance @ T.T
+        return replace(self, keys=(*own, *rest), mean=T @ self.mean, covariance=(cov + cov.T) / 2.0)
+
     def widened(self, factor: float, extra: Array) -> Prior:
         """With ``factor`` times the standard deviations, and variances ``extra`` (k,) beside them."""
         return replace(self, covariance=factor**2 * self.covariance + np.diag(extra))
@@ -79,3 +89,8 @@ class Prior:
         """Where its parameters stand among some keys, shape (k,); all of them must be there."""
         order = {key: i for i, key in enumerate(keys)}
         return np.array([order[key] for key in self.keys], dtype=int)
+
+    def positions_of(self, keys: Sequence[Key]) -> IntArray:
+        """Where some parameters stand among its own."""
+        order = {key: i for i, key in enumerate(self.keys)}
+        return np.array([order[key] for key in keys], dtype=int)

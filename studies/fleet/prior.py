@@ -140,8 +140,8 @@ def _headline(record: PriorRecord) -> Iterator[Sentence]:
     for own in record.types:
         share = float(np.median([p.shrunk for p in own.parameters]))
         yield Sentence(
-            f"{plural(own.robots, 'robot')} of {own.type}: {plural(len(own.parameters), 'parameter')} of "
-            f"one robot more are known to {share:.2g} of their plausible sizes in the median."
+            f"{plural(own.robots, 'robot')} of {own.type}: {plural(len(own.parameters), 'parameter')} "
+            f"of one robot more are known to {share:.2g} of their plausible sizes in the median."
         )
         if own.robots < _FEW:
             yield Sentence(f"{own.robots} are few: plausible sizes still count beside them.")

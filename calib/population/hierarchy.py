@@ -186,16 +186,11 @@ def _squares(t: Array, C: Array, fit: _Fit) -> Array:
 
 
 def _chance(t: Array, C: Array, fit: _Fit, robots: int) -> float:
-    """Of one more robot so far off, by all parameters together or by any alone."""
-    from scipy.special import chdtrc, stdtr
+    """Of one more robot with any parameter so far off, whatever goes together between robots.
 
-    one = Prior("", (), fit.mean, fit.sigma + fit.doubt, robots)
-    Q = np.linalg.inv(C + one.covariance)
-    g = Q @ (t - fit.mean)
-    told = np.diag(Q) * np.diag(one.covariance) > 1e-3
-    z = np.abs(g[told]) / np.sqrt(np.diag(Q)[told])
-    alone = 2.0 * float(stdtr(one.freedom, -z.max(initial=0.0))) * max(len(z), 1)
-    # Rows that the robot tells: the trace of what its readings make of the prior.
-    rows = float(np.trace(Q @ one.covariance))
-    together = float(chdtrc(one.share * rows, one.share * float((t - fit.mean) @ g)))
-    return min(1.0, 2.0 * min(alone, together))
+    robots : of the fit
+    """
+    from scipy.special import stdtr
+
+    z = np.abs(t - fit.mean) / np.sqrt(np.diag(C + fit.sigma + fit.doubt))
+    return min(1.0, 2.0 * len(z) * float(stdtr(robots - 1.0, -z.max(initial=0.0))))

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 KINDS = (
     "fleet",
+    "prior",
     "identify",
     "diagnose",
     "design",

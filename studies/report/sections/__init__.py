@@ -17,6 +17,7 @@ OF_THE_CELL: tuple[Callable[[Evidence], Section | None], ...] = (arm, cell)
 
 ORDER = (
     "fleet",
+    "prior",
     "design",
     "plan",
     "compare",

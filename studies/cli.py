@@ -23,6 +23,7 @@ from studies.enough.command import enough
 from studies.fleet.command import fleet
 from studies.identify.command import identify
 from studies.init.command import init
+from studies.next.command import next_
 from studies.schema.command import schema
 
 
@@ -53,6 +54,7 @@ COMMANDS = (
     program,
     import_,
     enough,
+    next_,
     identify,
     diagnose,
     compensate,

@@ -14,6 +14,7 @@ KINDS = (
     "identify",
     "diagnose",
     "enough",
+    "next",
     "compensate",
     "changes",
     "fleet",
@@ -33,6 +34,7 @@ def record_type(kind: str) -> type[Record]:
     from studies.fleet.prior import PriorRecord
     from studies.fleet.record import FleetRecord
     from studies.identify.record import IdentifyRecord
+    from studies.next.record import NextRecord
     from studies.plan.record import PlanRecord
 
     types: dict[str, type[Record]] = {
@@ -46,5 +48,6 @@ def record_type(kind: str) -> type[Record]:
         "fleet": FleetRecord,
         "changes": ChangesRecord,
         "prior": PriorRecord,
+        "next": NextRecord,
     }
     return types[kind]

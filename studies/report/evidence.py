@@ -32,6 +32,7 @@ KINDS = (
     "plan",
     "compare",
     "enough",
+    "next",
     "compensate",
     "changes",
 )

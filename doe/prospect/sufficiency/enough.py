@@ -59,6 +59,7 @@ def enough(
     *,
     heldout: Measurements | None = None,
     goal: float | None = None,
+    fresh: int = 0,
     seed: int = 0,
 ) -> Enough:
     """Say what the data tell, and what the rest of a plan adds, pose by pose in the best order.
@@ -67,6 +68,7 @@ def enough(
     plan : the plan that is being measured, None for the data alone
     heldout : poses that take no part: what they miss by is expected elsewhere, too
     goal : expected RMS error at the targets that is wanted, m
+    fresh : so many poses beyond the plan are chosen whatever the goal
     seed : of the fresh candidates by which poses beyond the plan are judged
 
     The order is greedy: each pose is the one that lowers the expected error most beside those before
@@ -106,9 +108,11 @@ def enough(
     sigma = believed_sigma(day, at.weights(day), at.model.readout.channels.lengths) * arm.scale
     result = Enough(model, found, why, sigma, done, steps, goal, lacking, ())
     known_after_all = result.needed is not None or result.beyond_reach
-    if goal is None or known_after_all or any(e.uses for e in model.effects):
+    unasked = not fresh and (goal is None or known_after_all)
+    if unasked or any(e.uses for e in model.effects):
         return result
-    return replace(result, fresh=_fresh(regressor, criterion, forecast, at, rows, result, seed))
+    beyond, q = _fresh(regressor, criterion, forecast, at, rows, result, fresh, seed)
+    return replace(result, fresh=beyond, fresh_q=q)
 
 
 def _identified(
@@ -233,26 +237,33 @@ def _fresh(
     at: Linearisation,
     day: Rows,
     answer: Enough,
+    wanted: int,
     seed: int,
-) -> tuple[Step, ...]:
-    """Poses beyond the plan, each the one that adds most, until the goal is met or tried enough."""
+) -> tuple[tuple[Step, ...], Array]:
+    """Poses beyond the plan, each the one that adds most, and their joint values, (n, dof).
+
+    So many as are wanted, else until the goal is met or tried enough.
+    """
     cell = regressor.cell
     steps: list[Step] = []
+    chosen = np.zeros((0, cell.robot.dof))
     chunks = drawn(cell, _CANDIDATES, None, seed)
     pool = pool_of(regressor, constraints_of(cell), None, chunks, _CANDIDATES)
     held = at.model.by_type * at.model.sizes
     known, count = told(day, held=held), answer.steps[-1].readings
-    while len(pool) and len(steps) < _MOST_FRESH:
+    while len(pool) and len(steps) < (wanted or _MOST_FRESH):
         blocks = Blocks(pool.packed / at.arm.scale**2, known.root.T @ known.root, regressor.rank)
-        one = at.of(_of_one(at, pool.q[best_next(criterion, blocks, 1)])).per(at.model.sizes)
+        q = pool.q[best_next(criterion, blocks, 1)]
+        chosen = np.concatenate([chosen, q])
+        one = at.of(_of_one(at, q)).per(at.model.sizes)
         known = known.beside(told(one))
         name = f"fresh{len(steps) + 1}"
         *_, step = forecast.steps(known, count, [(name, len(one.whitened), known)])
         count = step.readings
         steps.append(step)
-        if answer.reaches(step):
+        if not wanted and answer.reaches(step):
             break
-    return tuple(steps)
+    return tuple(steps), chosen
 
 
 def _of_one(at: Linearisation, q: Array) -> Measurements:

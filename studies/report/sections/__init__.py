@@ -24,6 +24,7 @@ ORDER = (
     "identify",
     "diagnose",
     "enough",
+    "next",
     "compensate",
     "changes",
 )

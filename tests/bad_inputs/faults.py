@@ -438,6 +438,7 @@ RESULTS = [
 ]  # fmt: skip
 
 _CHANGES = "changes result.json result.json"
+_OTHER = swap("</robot>", "<!-- another --></robot>")
 _TYPED = "identify typed.toml measurements.csv"
 PLANT = [
     Fault("changes since a cell", "changes cell.toml result.json"),
@@ -446,14 +447,15 @@ PLANT = [
     Fault("changes of a result cut off", _CHANGES, "result.json", lambda text: text[:500]),
     Fault("changes of a result that did not converge", _CHANGES, "result.json",
           swap('"converged": true', '"converged": false')),
-    Fault("changes on another nominal model", _CHANGES, "kr270.urdf", swap("</robot>", "<!-- --></robot>")),
+    Fault("changes on another nominal model", _CHANGES, "kr270.urdf", _OTHER),
     Fault("changes in a cell that changed", _CHANGES, "cell.toml", added("# moved")),
     Fault("changes in a cell that is none", f"{_CHANGES} --cell plan.csv"),
     Fault("a tolerance below zero", f"{_CHANGES} --tolerance-mm -1"),
     Fault("changes over their results", f"{_CHANGES} --json result.json"),
     Fault("a fleet that is a file", "fleet cell.toml"),
     Fault("a fleet without a cell", "fleet figures"),
-    Fault("a fleet with a share held out that is none", "fleet . --only identify --workers 1 --holdout 3"),
+    Fault("a fleet with a share held out that is none",
+          "fleet . --only identify --workers 1 --holdout 3"),
     Fault("a type learnt from diagnoses", "fleet . --only diagnose --prior new.json"),
     Fault("a type over a table", "fleet . --only identify --prior measurements.csv"),
     Fault("no such file of a type", _TYPED, "typed.toml", swap("type.json", "none.json")),
@@ -463,7 +465,7 @@ PLANT = [
     Fault("a number for a type", _TYPED, "typed.toml", swap('"type.json"', "7")),
     Fault("a type cut off", _TYPED, "type.json", lambda text: text[:500]),
     Fault("a type of the next version", _TYPED, "type.json", swap('"schema": 1', '"schema": 2')),
-    Fault("a type of another nominal model", _TYPED, "kr270.urdf", swap("</robot>", "<!-- --></robot>")),
+    Fault("a type of another nominal model", _TYPED, "kr270.urdf", _OTHER),
     Fault("a type that knows itself twice as well", _TYPED, "type.json",
           swap('"covariance_SI": [', '"covariance_SI": [[1.0],')),
     Fault("a type without a mean", _TYPED, "type.json", swap('"mean_SI"', '"mean"')),

@@ -16,6 +16,7 @@ from calib.arrays import Array
 from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
 from calib.noise import Noise
 from calib.planned import Planned
+from calib.population.prior import Prior
 
 Form: TypeAlias = Literal["urdf", "mjcf", "dh", "kinematics"]
 FORMS: tuple[Form, ...] = get_args(Form)
@@ -101,6 +102,7 @@ class Cell:
     known_distances : tuple of KnownDistance
     bodies : dict, name -> slice, the markers that are points of it: frames have an origin and the ends
         of two axes, boards all their points
+    prior : Prior or None, what the robot's type says of it; prior_file : Path or None, where it stands
     """
 
     name: str
@@ -130,6 +132,8 @@ class Cell:
     dh_convention: Convention | None = None
     known_distances: tuple[KnownDistance, ...] = ()
     bodies: Mapping[str, slice] = field(default_factory=dict)
+    prior: Prior | None = None
+    prior_file: Path | None = None
 
     @property
     def robot_source(self) -> str:
@@ -137,9 +141,10 @@ class Cell:
         return _SOURCES[self.robot_form]
 
     @property
-    def target_files(self) -> tuple[Path, ...]:
-        """The table of targets, where the cell has one."""
-        return () if self.design.targets is None else (self.design.targets.path,)
+    def named_files(self) -> tuple[Path, ...]:
+        """What the cell names beside the robot: its targets, and what the robot's type knows."""
+        targets = None if self.design.targets is None else self.design.targets.path
+        return tuple(path for path in (targets, self.prior_file) if path is not None)
 
     @property
     def targets_source(self) -> str | None:

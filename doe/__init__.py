@@ -14,7 +14,8 @@ Before the day, a plan and what it will see; on the day, whether what was measur
 
 ``efficiency`` is proved: at least this fraction of the best that any plan of these candidates reaches.
 ``doe.foresee(cell, plan.poses)`` says which causes a plan could show, and ``doe.next_poses(cell,
-calib.diagnose(cell, data))`` which poses tell the causes apart that the data cannot.
+calib.diagnose(cell, data))`` which poses tell the causes apart that the data cannot;
+``doe.onward(cell, data)`` the next few poses for either, in a loop with the robot in between.
 """
 
 from doe.plan import Design
@@ -22,6 +23,7 @@ from doe.planning import design
 from doe.problem.refusals import CannotIdentify
 from doe.prospect import PowerAnalysis
 from doe.prospect.foresee import foresee
+from doe.prospect.onward import Onward, onward
 from doe.prospect.rivals import NextPoses
 from doe.prospect.rivals.next_poses import next_poses
 from doe.prospect.sufficiency import Enough
@@ -32,9 +34,11 @@ __all__ = [
     "Design",
     "Enough",
     "NextPoses",
+    "Onward",
     "PowerAnalysis",
     "design",
     "enough",
     "foresee",
     "next_poses",
+    "onward",
 ]

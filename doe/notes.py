@@ -28,6 +28,16 @@ def _weak(design: Design) -> Iterator[str]:
         )
 
 
+def _of_type(design: Design) -> Iterator[str]:
+    """That the plan leans on what is known before."""
+    prior = design.problem.model.of_type
+    if prior is not None:
+        yield (
+            f"planned on top of what {prior.robots} robots of {prior.type} tell of "
+            f"{len(prior.keys)} parameters: a robot that is not of the type needs more poses"
+        )
+
+
 def _outside(design: Design) -> Iterator[str]:
     """Plans that were given, with poses beyond the limits."""
     low, high = design.problem.cell.robot.limits.T
@@ -155,6 +165,7 @@ def _reapproaches(design: Design) -> Iterator[str]:
 _NOTES = (
     _reference,
     _reapproaches,
+    _of_type,
     _no_targets,
     _weak,
     _outside,

@@ -22,6 +22,7 @@ from studies.fleet.command import fleet
 from studies.identify.command import identify
 from studies.imports.command import import_
 from studies.init.command import init
+from studies.next.command import next_
 from studies.programs.command import program
 from studies.report.command import report
 from studies.schema.command import schema
@@ -54,6 +55,7 @@ COMMANDS = (
     program,
     import_,
     enough,
+    next_,
     identify,
     diagnose,
     compensate,

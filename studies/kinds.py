@@ -14,9 +14,11 @@ KINDS = (
     "identify",
     "diagnose",
     "enough",
+    "next",
     "compensate",
     "changes",
     "fleet",
+    "prior",
 )
 """In the order in which a page tells of them."""
 
@@ -29,8 +31,10 @@ def record_type(kind: str) -> type[Record]:
     from studies.design.record import DesignRecord
     from studies.diagnose.record import DiagnoseRecord
     from studies.enough.record import EnoughRecord
+    from studies.fleet.prior import PriorRecord
     from studies.fleet.record import FleetRecord
     from studies.identify.record import IdentifyRecord
+    from studies.next.record import NextRecord
     from studies.plan.record import PlanRecord
 
     types: dict[str, type[Record]] = {
@@ -43,5 +47,7 @@ def record_type(kind: str) -> type[Record]:
         "compensate": CompensateRecord,
         "fleet": FleetRecord,
         "changes": ChangesRecord,
+        "prior": PriorRecord,
+        "next": NextRecord,
     }
     return types[kind]

@@ -18,11 +18,12 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.change.known import Key, Known
+from calib.change.known import Known
 from calib.effects import catalogue
 from calib.effects.protocol import ReadingEffect
 from calib.effects.tuned import Tuned
 from calib.errors import CalibError
+from calib.population.prior import Key
 
 SAME_PLACE = 0.02
 """m and rad: frames and markers within it are taken for the same."""
@@ -136,7 +137,7 @@ def difference(before: Known, after: Known) -> Difference:
     )
 
 
-def _lasting(key: Key) -> bool:
+def lasting(key: Key) -> bool:
     """Whether a parameter is the robot's: not of a day's frames, instrument or clock, nor of a tuning
     by which its others change their meaning.
     """
@@ -151,7 +152,7 @@ def _alone(known: Known, other: Known) -> dict[Key, float]:
     return {
         key: float(abs(value) / s) if s > 0.0 else 0.0
         for key, value, s in zip(known.keys, known.values, std, strict=True)
-        if _lasting(key) and key not in other.keys
+        if lasting(key) and key not in other.keys
     }
 
 
@@ -177,7 +178,7 @@ def _apart(before: Known, after: Known) -> tuple[str, ...]:
 def _compared(key: Key, apart: tuple[str, ...]) -> bool:
     if key[0] in _PLACES:
         return f"{key[0]}:{key[1]}" not in apart
-    return _lasting(key)
+    return lasting(key)
 
 
 def _grown(before: Known, after: Known) -> float:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.compensation.estimate import estimate_of
 from calib.identification.identification import Identification
+from calib.population.prior import Key
 from calib.poses import Poses
 
 _CHANCE = 3.0  # standard deviations of a mean square
-
-Key: TypeAlias = tuple[str, str, str]
-"""Effect, where and name of a parameter."""
 
 
 @dataclass(frozen=True, eq=False)

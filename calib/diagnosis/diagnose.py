@@ -26,7 +26,7 @@ from calib.diagnosis.view import lineup
 from calib.effects.protocol import ARM
 from calib.effects.tuned import Tuned
 from calib.errors import Unsolvable
-from calib.identification.identify import check_counts, whitening
+from calib.identification.identify import check_counts, identify, whitening
 from calib.identification.initial import initial_values
 from calib.identification.mistakes import refuse_mistakes
 from calib.identification.noise_level import (
@@ -151,6 +151,10 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     if heldout is not None:
         data, heldout = in_one_session(data, heldout)
     model = build(cell, data.poses).model
+    if (
+        model.prior_rows
+    ):  # as far as this robot is of the type: what it left must not look like a cause
+        model = replace(model, prior=identify(cell, data).model.prior)
     check_counts(model, data)
     start = initial_values(model, data)
     refuse_mistakes(model, data, start)

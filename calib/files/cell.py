@@ -22,6 +22,7 @@ from calib.errors import InputError, UnknownEffect
 from calib.files.instruments import bodies_of, instruments_of, known_distances
 from calib.files.lenses import with_lenses
 from calib.files.planned import planned, with_targets
+from calib.files.prior import load_prior
 from calib.files.read import ORDER, read_text
 from calib.files.robot import load_robot, robot_files, shapes_of
 from calib.files.schema import (
@@ -100,7 +101,11 @@ def load_cell(path: str | Path) -> Cell:
         bodies=bodies.parts,
     )
     cell = replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))
-    return with_targets(cell, table.design.targets)
+    cell = with_targets(cell, table.design.targets)
+    if table.model.prior is None:
+        return cell
+    source = path.parent / table.model.prior.file
+    return replace(cell, prior=load_prior(source, cell), prior_file=source)
 
 
 def cell_table(path: Path) -> CellFile:

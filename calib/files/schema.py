@@ -431,9 +431,14 @@ class DiagnosisTable(Table):
     exclude: list[str] = []
 
 
+class PriorTable(Table):
+    file: Annotated[str, Field(min_length=1)]
+
+
 class ModelTable(Table):
     effects: Annotated[list[str], Field(min_length=1)]
     knots_deg: dict[str, list[Number]] = {}
+    prior: PriorTable | None = None
 
 
 class CellFile(Table):

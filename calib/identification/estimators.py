@@ -14,7 +14,7 @@ from calib.effects.tool import Tool
 from calib.identification.identification import Method
 from calib.identification.two_step import alternate
 from calib.model import Model
-from calib.model.covariance import Identifiable, identifiable
+from calib.model.covariance import Identifiable, gain, identifiable
 from calib.observations import Observation
 from calib.solver import Minimum, levenberg_marquardt
 
@@ -145,6 +145,21 @@ class Differences:
         spare = sum(int((own.sum(axis=0) - own.max(axis=0)).sum()) for own in groups)
         soft = int(_soft(observation.model, span).sum())
         return spare - soft if soft else -1
+
+
+def of_prior(observation: Observation, values: Array, span: Array) -> Array:
+    """How least-squares values follow the rows of the robot's type, shape (p, k)."""
+    follow = gain(observation.flat(values)[1], span)
+    return follow[:, follow.shape[1] - observation.model.prior_rows :]
+
+
+def unspent(observation: Observation, values: Array, span: Array) -> float:
+    """Rows of the robot's type beyond the parameters that they determine: no residuals of readings."""
+    rows = observation.model.prior_rows
+    if not rows:
+        return 0.0
+    own = observation.beside(values)[1][-rows:]
+    return rows - float(np.trace(own @ of_prior(observation, values, span)))
 
 
 def steps(model: Model, span: Array) -> tuple[Array, Array]:

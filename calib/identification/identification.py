@@ -18,6 +18,7 @@ from calib.model import Model
 from calib.model.covariance import Unidentifiable, correlation
 from calib.model.reduction import Dropped
 from calib.observations import Approach
+from calib.population import Departure
 from calib.poses import Measurements, Poses
 from calib.scatter import Levels, Scatter
 
@@ -110,6 +111,7 @@ class Identification:
         where the covariance holds, or None
     footprint : float, metres to one unit of distances and noise: 1 unless no reading is a length
     scatter : Scatter or None, how whole poses err together; levels : Levels or None, how that was found
+    of_type : Departure or None, how the robot stands to its type where the cell names one
     """
 
     model: Model
@@ -139,6 +141,7 @@ class Identification:
     levels: Levels | None = None
     profiled: Array | None = None
     footprint: float = 1.0
+    of_type: Departure | None = None
 
     @property
     def std(self) -> Array:
@@ -209,6 +212,8 @@ class Identification:
                 "keeps the size of its nominal model; give [[known_distances]] between sockets, or "
                 "measure one"
             )
+        if self.of_type is not None and not self.of_type.of_the_type:
+            found.append(_unlike(self.of_type))
         if self.undecided:
             shown = ", ".join(self.undecided[:_SHOWN]) + (" .." if self.undecided[_SHOWN:] else "")
             found.append(
@@ -259,6 +264,17 @@ class Identification:
             for effect, part in zip(self.model.effects, self.model.slices, strict=True)
             if isinstance(effect, Base) and effect.of.stationed
         }
+
+
+def _unlike(found: Departure) -> str:
+    """That a robot is not of the type that its cell names."""
+    names = [f"{effect}:{where}.{name}" for effect, where, name in found.released]
+    shown = ", ".join(names[:_SHOWN]) + (" .." if names[_SHOWN:] else "")
+    kept = f"the type is not believed for {shown}" if names else "the type is believed less for all"
+    return (
+        f"this robot is not as the {found.prior.robots} of {found.prior.type} are "
+        f"(p {found.p_value:.1g}): {kept}; look for a crash, an exchanged part or another model"
+    )
 
 
 def _signal(common: Shared) -> str:

@@ -11,11 +11,12 @@ from calib.cell import Cell
 from calib.effects.base import Base
 from calib.effects.tool import Body, Tool
 from calib.errors import CalibError, TooFewPoses, Unsolvable
-from calib.identification.estimators import Differences, Estimator, Readings, steps
+from calib.identification.estimators import Differences, Estimator, Readings, steps, unspent
 from calib.identification.identification import Identification, Method, Residuals, Status
 from calib.identification.initial import initial_values
 from calib.identification.mistakes import refuse_mistakes, refuse_unreachable
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
+from calib.identification.of_type import by_itself, held_by_type
 from calib.identification.outliers import pose_statistics, prediction_statistics, threshold
 from calib.identification.search import Found, search
 from calib.identification.tuning import profiled, with_tunings
@@ -32,6 +33,7 @@ from calib.observations import (
     orientable,
     with_measured_shape,
 )
+from calib.population import Departure
 from calib.poses import Measurements
 from calib.poses.moves import before_the_first_move, of_one_clock
 from calib.scatter import Levels, Scatter, Variances, levels_of, scatter_of
@@ -72,6 +74,10 @@ def identify(
     _check_options(approach, method, weighting, length, differences)
     built = build(cell, data.poses)
     model = built.model
+    if differences and model.prior_rows:
+        raise CalibError(
+            "differences go without [model.prior], which is of every reading; drop one"
+        )
     data = after_the_first_move(model, data)
     check_counts(model, data)
     refuse_idle_effects(cell, model, data.poses)
@@ -91,7 +97,12 @@ def identify(
             if approach == "points"
             else as_poses(points, model.marker_positions(start), weighting, length)
         )
-        found = search(estimator, observation, start)
+        found, of_type = None, None
+        if model.prior_rows:
+            observation, found, of_type = _beside_type(cell, estimator, observation, start)
+            model = observation.model
+        else:
+            found = search(estimator, observation, start)
         levels = None
         if not differences:
             observation, levels = _with_levels(cell, estimator, observation, found)
@@ -147,6 +158,25 @@ def identify(
         levels=levels,
         profiled=by_profile,
         footprint=model.footprint(values, data),
+        of_type=of_type,
+    )
+
+
+def _beside_type(
+    cell: Cell, estimator: Estimator, observation: Observation, start: Array
+) -> tuple[Observation, Found, Departure]:
+    """The estimate with the robot's type, as far as the readings by themselves are of that type."""
+    loose = replace(observation, model=by_itself(observation.model))
+    found = search(estimator, loose, start)
+    judged, _ = _with_levels(cell, estimator, loose, found)
+    noise, _ = _noise(estimator, judged, found)
+    counted = judged.only(found.kept)
+    cov = estimator.covariance(counted, found.best.values, found.span)
+    if judged.mixing is None:
+        return held_by_type(estimator, observation, found, cov * noise.factor**2, noise.factor)
+    cost, dof = _left(estimator, judged, found)
+    return held_by_type(
+        estimator, observation, found, cov, max(1.0, float(np.sqrt(cost / max(dof, 1))))
     )
 
 
@@ -195,9 +225,10 @@ def check_counts(model: Model, data: Measurements) -> None:
         len(e.parameters) for e in model.effects if isinstance(e, Base) and not e.of.stationed
     )
     numbers = int((data.seen * model.readout.channels.rows).sum())
-    equations = min(numbers, rigid * measured + shape + placed)
+    known = model.prior_rows
+    equations = min(numbers, rigid * measured + shape + placed) + known
     if equations < p:
-        raise TooFewPoses(measured, int(np.ceil((p - shape) / rigid)), p, equations)
+        raise TooFewPoses(measured, int(np.ceil((p - shape - known) / rigid)), p, equations)
 
 
 def _coordinates(model: Model) -> int:
@@ -291,13 +322,24 @@ def _with_levels(
 
 def _noise(estimator: Estimator, observation: Observation, found: Found) -> tuple[NoiseLevel, int]:
     """Noise level from the kept poses, and the degrees of freedom of their residuals."""
-    counted = observation.only(found.kept)
-    cost = float((estimator.judged(counted, found.best.values, found.span).r ** 2).sum())
-    cost += float((observation.model.beside(found.best.values)[0] ** 2).sum())
-    dof = estimator.dof(counted, found.span)
+    cost, dof = _left(estimator, observation, found)
     data, weights = observation.data.take(found.kept), observation.weights[found.kept]
     lengths = observation.model.readout.channels.lengths
     return noise_level(cost, dof, data, weights, lengths), dof
+
+
+def _left(estimator: Estimator, observation: Observation, found: Found) -> tuple[float, int]:
+    """What the kept poses leave, in the noise as stated, and its degrees of freedom.
+
+    What is known beside the readings counts as readings do, but for the robot's type: a robot that left
+    it is no louder.
+    """
+    counted, values = observation.only(found.kept), found.best.values
+    cost = float((estimator.judged(counted, values, found.span).r ** 2).sum())
+    known = observation.model.known_rows - observation.model.prior_rows
+    cost += float((observation.model.beside(values)[0][:known] ** 2).sum())
+    dof = estimator.dof(counted, found.span) - round(unspent(counted, values, found.span))
+    return cost, dof
 
 
 def _with_shape(model: Model, data: Measurements, start: Array) -> Array:
@@ -338,7 +380,7 @@ def _std_by_pose(counted: Observation, found: Found) -> Array | None:
     if kept < _POSES_PER_DIRECTION * found.span.shape[1] or not counted.efficient:
         return None
     r, J = replace(counted.points(), known=counted.known).linearise(found.best.values)
-    held = counted.model.beside(found.best.values)[1]
+    held = counted.beside(found.best.values)[1]
     return np.sqrt(np.diag(clustered(r[found.kept], J[found.kept], found.span, held)))
 
 
@@ -363,7 +405,7 @@ def _predicted(
     """Residuals of poses that took no part, judged by the limit of those that did."""
     model, data = observation.model, observation.data
     r, J = observation.points().linearise(values)
-    held = model.beside(values)[1]
+    held = observation.beside(values)[1]
     limit = threshold(pose_statistics(r, J, found.kept, found.span, held)[0], r.shape[-1])
     heldout = _with_stations_of(data, heldout)
     _check_covariates(model, data, heldout)

@@ -8,7 +8,12 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.errors import CalibError
-from calib.identification.estimators import Estimator, choose_directions, rigid_directions
+from calib.identification.estimators import (
+    Estimator,
+    choose_directions,
+    rigid_directions,
+    unspent,
+)
 from calib.identification.outliers import (
     judge,
     next_outlier,
@@ -98,11 +103,12 @@ def _judged(
 ) -> tuple[Mask, Array, float]:
     """Poses to keep, the statistic of every pose, and its limit, under the fit to those kept."""
     judged = estimator.judged(observation, values, span, kept)
-    held = observation.model.beside(values)[1]
+    held = observation.beside(values)[1]
     statistics, rows = pose_statistics(judged.r, judged.J, kept, judged.span, held)
     if small_set(len(kept)):
         cost = float((judged.r[kept] ** 2).sum())
         dof = estimator.dof(observation.only(kept), span)
+        dof -= round(unspent(observation.only(kept), values, span))
         fresh = kept.copy()
         back = wrongly_out(statistics, rows, kept, cost, dof)
         worst = next_outlier(statistics, rows, kept, cost, dof) if back is None else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,21 +15,24 @@ from calib.effects import GROUPS, Context, Effect, catalogue
 from calib.effects.base import sought
 from calib.effects.protocol import (
     ARM,
+    Constant,
     ElasticEffect,
     LoadEffect,
     PoseEffect,
     ReadingEffect,
 )
 from calib.effects.tuned import Tuned
-from calib.errors import EffectCannotAct, UnknownEffect
+from calib.errors import CalibError, EffectCannotAct, UnknownEffect
 from calib.model import Model
-from calib.model.reduction import Dropped, irreducible
+from calib.model.reduction import Dropped, carried_over, irreducible
+from calib.population.prior import Prior
 from calib.poses import Poses
 
 _MOST_KNOTS = 8  # distinct angles up to this number become knots of their own
 _SAME_ANGLE = 1e-3  # rad: angles closer than this are one level
 _PROBED = 200  # poses at which it is tried whether an effect acts
 _MOVES_NOTHING = 1e-10  # m: largest movement of a marker by an effect that does not act
+_ABSENT = 1e-3  # of a constant, below which others say nothing of it
 _MOST_NAMED = 4  # absorbing parameters that a refusal names
 _COVARIATES = {
     "temperature": ("the poses have no temperature", "add column temperature_degC"),
@@ -51,11 +54,12 @@ class Built:
     """A model and how it came about.
 
     model : Model, with an irreducible set of constant parameters
-    dropped : tuple of Dropped, constants that others absorb
+    dropped : tuple of Dropped, constants that others absorb; full : Model, with these as well
     """
 
     model: Model
     dropped: tuple[Dropped, ...]
+    full: Model
 
 
 def parse_effect(text: str, key: str = "[model] effects") -> tuple[str, tuple[str, ...] | None]:
@@ -201,9 +205,39 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
     standing = {e.where for e in effects if e.kind == "base"}
     effects = [*(base for base in sought(context) if base.where not in standing), *effects]
     full = model_of(cell, effects)
-    built = Built(*irreducible(full))
+    built = Built(*irreducible(full), full)
     _refuse_absorbed(_placed(cell, context), full, built)
-    return built
+    return built if cell.prior is None else replace(built, model=_of_type(built, cell.prior))
+
+
+def _of_type(built: Built, prior: Prior) -> Model:
+    """The model with what the robot's type says of its parameters, in terms of its own constants.
+
+    Raises CalibError.
+    """
+    model, full = built.model, built.full
+    keys, every = ([(p.effect, p.where, p.name) for p in of.parameters] for of in (model, full))
+    theirs = [key for key in prior.keys if is_constant(key[0])]
+    own = [key for key in keys if is_constant(key[0])]
+    if own and theirs:
+        lost = [key for key in theirs if key not in every]
+        B = np.zeros((len(own), 0)) if lost else carried_over(full, model, theirs)
+        if lost or np.linalg.matrix_rank(B, tol=_ABSENT) < len(own):
+            raise CalibError(
+                f"[model.prior] knows other constants of {prior.type} than this model has: learn it "
+                "from cells with these [model] effects, or take it out"
+            )
+        prior = prior.in_terms_of(theirs, own, B)
+    known = prior.only(keys)
+    if not known.keys:
+        there = ", ".join(dict.fromkeys(key[0] for key in prior.keys))
+        raise CalibError(f"[model.prior] knows {there} and nothing of this model; take it out")
+    return replace(model, prior=known)
+
+
+def is_constant(kind: str) -> bool:
+    """Whether an effect is a displacement that is the same at every pose."""
+    return kind in catalogue() and issubclass(catalogue()[kind], Constant)
 
 
 def model_of(cell: Cell, effects: Sequence[Effect]) -> Model:

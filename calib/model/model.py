@@ -21,7 +21,7 @@ from calib.arm import statics
 from calib.arm.kinematics import Frames, forward, link_origins, point_velocity
 from calib.arm.robot import Robot
 from calib.arm.se3 import rotate
-from calib.arrays import Array
+from calib.arrays import Array, IntArray
 from calib.effects.base import Base
 from calib.effects.protocol import (
     Constant,
@@ -45,6 +45,7 @@ from calib.effects.tuned import Tuned
 from calib.instruments import Channels, Instrument, KnownDistance, Tracker
 from calib.model.arm_jacobian import arm_jacobian
 from calib.model.readout import Readout
+from calib.population.prior import Prior
 from calib.poses import Measurements, Poses
 
 _EQUILIBRIUM_M = 1e-10  # markers at rest: a tenth of a nanometre
@@ -63,6 +64,7 @@ class Model:
     gravity : ndarray, shape (3,), m/s^2, base axes
     instruments : tuple of Instrument, that read the markers: C channels, r numbers each at most
     lengths : tuple of KnownDistance, that are known beside all readings
+    prior : Prior or None, what the robot's type says; of the model's parameters alone it counts
     """
 
     robot: Robot
@@ -73,6 +75,7 @@ class Model:
     gravity: Array
     instruments: tuple[Instrument, ...]
     lengths: tuple[KnownDistance, ...] = field(default=(), kw_only=True)
+    prior: Prior | None = field(default=None, kw_only=True)
     # The last linearisation: a fit, its judgement and its covariance ask for the same one.
     _last: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
@@ -336,7 +339,32 @@ class Model:
     @property
     def known_rows(self) -> int:
         """How many rows :meth:`beside` has."""
-        return len(self.lengths) + len(self._believed)
+        return len(self.lengths) + len(self._believed) + self.prior_rows
+
+    @property
+    def prior_rows(self) -> int:
+        """How many of these are the type's; they come last."""
+        return 0 if self.of_type is None else len(self.of_type.keys)
+
+    @cached_property
+    def of_type(self) -> Prior | None:
+        """What the robot's type says of the parameters that the model has."""
+        keys = {(p.effect, p.where, p.name) for p in self.parameters}
+        return None if self.prior is None else self.prior.only(keys)
+
+    @cached_property
+    def of_type_at(self) -> IntArray:
+        """Positions of these parameters."""
+        keys = [(p.effect, p.where, p.name) for p in self.parameters]
+        return np.zeros(0, dtype=int) if self.of_type is None else self.of_type.positions(keys)
+
+    @cached_property
+    def by_type(self) -> Array:
+        """What the robot's type says as rows of unit variance: derivatives, shape (k, p)."""
+        rows = np.zeros((self.prior_rows, len(self.parameters)))
+        if self.of_type is not None and self.prior_rows:
+            rows[:, self.of_type_at] = self.of_type.whitening
+        return rows
 
     @cached_property
     def _believed(self) -> list[tuple[int, float]]:
@@ -365,6 +393,10 @@ class Model:
         for k, (position, std) in enumerate(self._believed, len(self.lengths)):
             residuals[..., k] = -values[..., position] / std
             J[..., k, position] = 1.0 / std
+        if (prior := self.of_type) is not None and self.prior_rows:
+            own = slice(self.known_rows - self.prior_rows, None)
+            residuals[..., own] = (prior.mean - values[..., self.of_type_at]) @ prior.whitening.T
+            J[..., own, :] = self.by_type
         return residuals, J
 
     def _place_of(self, name: str, values: Array) -> tuple[Array, Array]:

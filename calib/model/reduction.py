@@ -9,6 +9,7 @@ assumed, so parallel or intersecting axes and prismatic joints need no table of 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from calib.effects.tool import Tool
 from calib.effects.tracker_scale import TrackerScale
 from calib.instruments import TRACKER, Tracker
 from calib.model import Model
+from calib.population.prior import Key
 from calib.poses import Poses, poses_at
 
 _DEPENDENT = 3e-3
@@ -31,6 +33,8 @@ angle would show of a millimetre is three micrometres, at three hundred times th
 """
 _NOTHING = 1e-9  # norm of a column that moves no marker, relative to the largest
 _SCALE = "scale"  # of all lengths, where none is known
+_PLACES = ("base", "tool", "tracker_scale")
+_CARRIED = 100  # configurations
 _NAMED = 0.05  # smallest share of an absorbing parameter that is worth naming
 
 
@@ -76,6 +80,34 @@ def irreducible(model: Model) -> tuple[Model, tuple[Dropped, ...]]:
     gone = {d.id for d in dropped}
     effects = tuple(_without(e, gone) for e in model.effects)
     return model.with_effects(tuple(e for e in effects if e is not None)), dropped
+
+
+def carried_over(full: Model, model: Model, keys: Sequence[Key]) -> Array:
+    """What constants of a robot are in terms of those that a model keeps, shape (own, k), SI.
+
+    full : Model with all constants, of which ``model`` keeps some
+    keys : of k constants of ``full``
+
+    Two cells of one robot may keep others of the constants that go together. Base and markers take up
+    the rest: they stand anew in every cell.
+    """
+    rigid = _as_tracked(full)
+    X = _rows(
+        rigid, _generic_values(rigid), poses_at(generic_configurations(model.robot, _CARRIED))
+    )
+    there = [(p.effect, p.where, p.name) for p in rigid.parameters]
+    own = [key for key in _keys(model) if key in there and key[0] not in _PLACES]
+    placed = [i for i, key in enumerate(there) if key[0] in _PLACES]
+    kept = [*(there.index(key) for key in own), *placed]
+    norms = np.linalg.norm(X, axis=0)
+    scale = np.where(norms > 0.0, norms, 1.0)
+    wanted = [there.index(key) for key in keys]
+    shares = np.linalg.lstsq(X[:, kept] / scale[kept], X[:, wanted] / scale[wanted], rcond=1e-9)[0]
+    return np.asarray((shares * scale[wanted] / scale[kept][:, None])[: len(own)])
+
+
+def _keys(model: Model) -> list[Key]:
+    return [(p.effect, p.where, p.name) for p in model.parameters]
 
 
 def _as_tracked(model: Model) -> Model:

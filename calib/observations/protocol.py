@@ -31,6 +31,8 @@ class Observation(ABC):
         points: the readings are weighed by it
     scatter : Scatter or None, how they do as the data show it, what is known included. It weighs
         nothing: a model that lacks something would leave it to the joints that scatter most
+    pull : what is known beside the readings weighs so many times more than its deviation says, as the
+        readings err so many times more than theirs
     """
 
     model: Model
@@ -38,6 +40,7 @@ class Observation(ABC):
     weights: Array
     known: Scatter | None = field(default=None, kw_only=True)
     scatter: Scatter | None = field(default=None, kw_only=True)
+    pull: float = field(default=1.0, kw_only=True)
 
     @abstractmethod
     def whitened(self, values: Array) -> tuple[Array, Array]:
@@ -82,8 +85,13 @@ class Observation(ABC):
         r, J = r.reshape((*batch, -1)), J.reshape((*batch, -1, J.shape[-1]))
         if not self.model.known_rows:
             return r, J
-        known, by_known = self.model.beside(values)
+        known, by_known = self.beside(values)
         return np.concatenate([r, known], axis=-1), np.concatenate([J, by_known], axis=-2)
+
+    def beside(self, values: Array) -> tuple[Array, Array]:
+        """Rows of what is known beside the readings, as they weigh: (..., K) and (..., K, p)."""
+        known, by_known = self.model.beside(values)
+        return self.pull * known, self.pull * by_known
 
     @property
     def efficient(self) -> bool:
@@ -102,7 +110,8 @@ class Observation(ABC):
         of_known = (
             gain(self.flat(values)[1], span)[:, -held:] if held else np.zeros((len(values), 0))
         )
-        return self.mixing.covariance(self.gains(values, span)) + of_known @ of_known.T
+        of_readings = self.mixing.covariance(self.gains(values, span))
+        return of_readings + self.pull**2 * of_known @ of_known.T
 
     def gains(self, values: Array, span: Array) -> Array:
         """How the least-squares values follow the whitened rows, shape (m, rows, p)."""
@@ -119,7 +128,7 @@ class Observation(ABC):
         from calib.observations.points import Points
 
         scatter = self.known if self.scatter is None else self.scatter
-        return Points(self.model, self.data, self.weights, centred, scatter=scatter)
+        return Points(self.model, self.data, self.weights, centred, scatter=scatter, pull=self.pull)
 
     @property
     def counted(self) -> Mask:

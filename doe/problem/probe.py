@@ -69,14 +69,15 @@ def check_identifiable(cell: Cell, model: Model, rows: Array, request: Request) 
     m, count, p = rows.shape
     extra = 0 if request.fixed is None else len(request.fixed)
     silent = is_silent(cell, rows)
-    equations = (request.poses + extra) * (count // 2 if silent else count)
+    each, held = count // 2 if silent else count, model.by_type * model.sizes
+    equations = (request.poses + extra) * each + len(held)
     if equations < p:
-        least = -(-p // (count // 2 if silent else count)) - extra
+        least = -(-(p - len(held)) // each) - extra
         raise CalibError(
             f"{request.poses} poses give {equations} equations for {p} parameters; "
             f"ask for at least {least} poses, or take effects out of [model] effects"
         )
-    scaled = rows.reshape(-1, p) * np.sqrt((request.poses + extra) / m)
+    scaled = np.concatenate([rows.reshape(-1, p) * np.sqrt((request.poses + extra) / m), held])
     ids = tuple(parameter.id for parameter in model.parameters)
     found = identifiable(scaled, np.ones(p), ids)
     if found.unidentifiable:

@@ -60,9 +60,13 @@ class Problem:
 
     @cached_property
     def fixed(self) -> Array:
-        """Information of what is measured in any case, shape (p, p), made positive definite."""
+        """Information of what is measured in any case, shape (p, p), made positive definite.
+
+        What the robot's type knows is among it.
+        """
         p = self.regressor.T.shape[1]
-        M = RIDGE * np.eye(p)
+        by_type = self.model.by_type @ self.regressor.T
+        M = RIDGE * np.eye(p) + by_type.T @ by_type
         if self.request.fixed is not None:
             M = M + self.information(self.request.fixed.q).sum(axis=0)
         return M
@@ -134,7 +138,9 @@ def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
     rows = regressor.rows(probe, seen)
     check_identifiable(cell, model, rows, request)
     regressor = replace(regressor, silent=is_silent(cell, rows))
-    regressor = regressor.whitened((np.swapaxes(rows, -1, -2) @ rows).mean(axis=0))
+    by_type = model.by_type @ regressor.T
+    known = by_type.T @ by_type / request.poses
+    regressor = regressor.whitened((np.swapaxes(rows, -1, -2) @ rows).mean(axis=0) + known)
     targets, weights = targets_of(cell)
     try:
         check_targets(cell, targets)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,10 +61,14 @@ def days_of(before_path: Path, after_path: Path, cell_path: Path | None) -> Days
         before_path,
         after_path,
         cell,
-        _known(before, tables[0][0]),
-        _known(after, tables[1][0]),
+        known_of_record(before, tables[0][0]),
+        known_of_record(after, tables[1][0]),
         estimate,
-        (*estimate.notes, *(note for _, notes in tables for note in notes)),
+        (
+            *estimate.notes,
+            *_leaning(before, after),
+            *(note for _, notes in tables for note in notes),
+        ),
     )
 
 
@@ -75,6 +80,15 @@ def _cell_file(path: Path, record: IdentifyRecord) -> Path:
             path, "inputs", f"its cell {source.file} is {source.state}", "give it with --cell"
         )
     return source.path
+
+
+def _leaning(before: IdentifyRecord, after: IdentifyRecord) -> Iterator[str]:
+    """A note where a result leans on the robot's type: both then err towards the same mean."""
+    if before.of_type is not None or after.of_type is not None:
+        yield (
+            "identified beside the robot's type ([model.prior]): what the readings say little of looks "
+            "unchanged; identify both days without it to be sure"
+        )
 
 
 def _check_robot(cell: Cell, path: Path, record: IdentifyRecord) -> None:
@@ -105,7 +119,8 @@ def _poses(cell: Cell, path: Path, record: IdentifyRecord) -> tuple[Poses | None
     return None, ()
 
 
-def _known(record: IdentifyRecord, poses: Poses | None) -> Known:
+def known_of_record(record: IdentifyRecord, poses: Poses | None = None) -> Known:
+    """What a result knows; poses : those of the fit."""
     estimate, scatter = record.estimate, record.estimate.scatter_si
     scatters = scatter is not None and any((*scatter.approach, *scatter.configuration))
     keys = tuple((p.effect, p.where, p.name) for p in estimate.parameters)

@@ -28,9 +28,9 @@ class Session:
     seed: int
 
     @property
-    def targets(self) -> list[Path]:
-        """The cell's file of targets, where it has one."""
-        return list(self.cell.target_files)
+    def named(self) -> list[Path]:
+        """What else the cell names: its targets, and what the robot's type knows."""
+        return list(self.cell.named_files)
 
     @property
     def read(self) -> list[Path]:

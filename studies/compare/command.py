@@ -96,7 +96,7 @@ def compare(
     from studies.record import envelope
 
     cell = calib.load_cell(cell_path)
-    inputs = [cell_path, *cell.robot_files, *plan_paths, *cell.target_files]
+    inputs = [cell_path, *cell.robot_files, *plan_paths, *cell.named_files]
     others = {path: calib.load_cell(path) for path in with_paths}
     inputs += [*others, *([values_path] if values_path is not None else [])]
     check_outputs([output_file(json_path)], inputs, folder)

@@ -120,7 +120,7 @@ def design(
         raise InputError("--criterion", "", "does not go with --discriminate", "give one of them")
     cell = calib.load_cell(cell_path)
     source = candidates_of(candidates)
-    inputs = [cell_path, *cell.robot_files, *cell.target_files, *against]
+    inputs = [cell_path, *cell.robot_files, *cell.named_files, *against]
     inputs += [extend_path] if extend_path is not None else []
     inputs += [source] if isinstance(source, Path) else []
     check_outputs([plan_path, output_file(json_path)], inputs, folder)

@@ -359,12 +359,13 @@ def _proof(found: Design) -> Proof:
 def _survives(found: Design) -> Survives:
     judged, proof, request = found.assessment, found.certificate, found.problem.request
     without = judged.without_pose
+    alone = request.fixed is None and not found.problem.model.prior_rows
     return Survives(
         loss_of_pose=LossOfPose(
             worst=found.poses.names[int(without.argmax())] if len(without) else None,
             task_rms_mm=without.max(initial=0.0) * _MM,
             criterion=found.problem.criterion.shown(proof.left) if proof.left > 0.0 else None,
-            efficiency=proof.kept(request.poses, request.fixed is None),
+            efficiency=proof.kept(request.poses, alone),
         ),
         loss_of_marker={name: rms * _MM for name, rms in judged.without_marker.items()},
     )

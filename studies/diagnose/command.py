@@ -81,7 +81,7 @@ def diagnose(
         return
     session = read_session(cell, data_path, holdout, seed)
     outputs = [output_file(json_path), cell_out]
-    check_outputs(outputs, [*inputs_of(session), *session.targets], folder)
+    check_outputs(outputs, [*inputs_of(session), *session.named], folder)
     found, record = diagnosed(
         session, next_count, figures=json_path is not None or folder is not None
     )

@@ -20,7 +20,8 @@ NEXT = 8
 
 def inputs_of(session: Session) -> list[Path]:
     """What the record is made from, the cell first."""
-    return [*session.read, *session.held.files]
+    prior = session.cell.prior_file
+    return [*session.read, *session.held.files, *([prior] if prior else [])]
 
 
 def diagnosed(

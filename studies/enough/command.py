@@ -56,7 +56,7 @@ def enough(
     from studies.record import envelope
 
     cell = calib.load_cell(cell_path)
-    inputs = [cell_path, *cell.robot_files, data_path, *cell.target_files]
+    inputs = [cell_path, *cell.robot_files, data_path, *cell.named_files]
     inputs += [path for path in (plan_path, holdout_path) if path is not None]
     check_outputs([output_file(json_path)], inputs, folder)
     whole = calib.load_measurements(cell, data_path)

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file
+from studies.command.deliver import check_outputs, deliver, output_file, show
 from studies.command.options import PATH, engine_options, processes, result_options
 from studies.command.progress import progress_bar
 
 if TYPE_CHECKING:
     from studies.fleet.find import Job
     from studies.fleet.one import Asked, Done
+    from studies.fleet.prior import PriorRecord
 
 AHEAD = 1000
 """Tables that are given out at once: more than a cluster has workers, few enough for any memory."""
@@ -33,12 +34,15 @@ AHEAD = 1000
     help="Poses that take no part and are predicted: a table of this name beside each other one, or a "
     "share of the configurations.",
 )
+@click.option("--prior", "prior_path", metavar="FILE", type=PATH,
+              help="Write what each type knows of one robot more, for [model.prior].")  # fmt: skip
 @engine_options
 @result_options
 def fleet(
     fleet_folder: Path,
     only: str | None,
     holdout: str | None,
+    prior_path: Path | None,
     workers: int | None,
     scheduler: str | None,
     folder: Path | None,
@@ -54,12 +58,18 @@ def fleet(
     same command. What is wrong with a robot is a line of the summary and ends no run; the status is 2
     only where no robot could be done. Workers of a scheduler see FOLDER under the same path.
 
+    --prior writes what the robots of a type have in common: mean, spread and correlations of their
+    parameters. A cell that names the file, [model.prior] file = "type.json", is identified, planned and
+    diagnosed beside it, from fewer poses.
+
     \b
     Example:
       posecal fleet plant --only identify --holdout 0.3 --json plant.json
+      posecal fleet plant --only identify --prior type.json
     """
     from calib.errors import InputError
     from studies.document import plural
+    from studies.document.terminal import terminal
     from studies.engines import engine
     from studies.fleet.find import find
     from studies.fleet.one import VERBS, Asked, share
@@ -74,8 +84,12 @@ def fleet(
         raise InputError(
             fleet_folder, "", f"holds {what}", "put tables of measurements beside cells"
         )
+    if prior_path is not None and only == "diagnose":
+        raise InputError("--prior", "", "learns from identify", "drop --only diagnose")
     inputs = dict.fromkeys(path for job in jobs for path in (job.cell, job.table) if path)
-    check_outputs([output_file(json_path)], [path for path in inputs if path.is_file()], folder)
+    check_outputs(
+        [output_file(json_path), prior_path], [path for path in inputs if path.is_file()], folder
+    )
     asked = Asked(tuple(v for v in VERBS if only in (None, v)), holdout, seed)
     with (
         engine(processes(workers, len(jobs) > 1), scheduler) as executor,
@@ -87,10 +101,36 @@ def fleet(
     made_from = envelope("", [], seed)
     made_from["inputs"] = results_of(done)
     record = fleet_record(done, str(fleet_folder), asked, made_from)
-    deliver(record, json_path, folder)
+    known = {} if prior_path is None else {prior_path: _prior(done, fleet_folder, seed)}
+    texts = {path: prior.dumps() for path, prior in known.items()}
+    deliver(record, json_path, folder, texts)
+    for prior in known.values():
+        show(terminal(prior.told()), json_path)
     kept, files = sum(own.kept for own in done), sum(len(own.files) for own in done)
     said = f"{plural(files - kept, 'result')} written beside the tables, {kept} kept"
     click.echo(said, err=json_path == "-")
+
+
+def _prior(done: Sequence[Done], fleet_folder: Path, seed: int) -> PriorRecord:
+    """What the types know. Raises InputError where no robot says anything."""
+    from calib.errors import InputError
+    from studies.fleet.prior import prior_record
+    from studies.fleet.record import results_of
+    from studies.fleet.spread import latest
+    from studies.fleet.types import learnt
+    from studies.record import envelope
+
+    types = list(learnt(latest(done)))
+    if not types:
+        raise InputError(
+            fleet_folder, "", "no robot could be identified by itself, so no type is learnt",
+            "mend the faults, or take [model.prior] out of the cells",
+        )  # fmt: skip
+    made_from = envelope("", [], seed)
+    made_from["inputs"] = tuple(
+        file for file in results_of(done) if file.file.endswith(".identify.json")
+    )
+    return prior_record(types, str(fleet_folder), made_from)
 
 
 def _done(

@@ -75,12 +75,15 @@ class Cause:
 class Done:
     """What became of a table: ``fault`` is a line where something could not be done.
 
+    cell : its file; nominal : hashes of the files of its nominal model
     files : results with their sha256; kept : how many of them stood already
     """
 
     robot: str
     table: str
+    cell: str = ""
     type: str = ""
+    nominal: tuple[str, ...] = ()
     day: str | None = None
     fault: str | None = None
     status: str | None = None
@@ -100,7 +103,7 @@ def do(job: Job, asked: Asked) -> Done:
 
     So is one of our own code: a run of hours does not end by it, and the command named shows it.
     """
-    done = Done(job.robot, job.label, day=job.day)
+    done = Done(job.robot, job.label, str(job.cell), day=job.day)
     try:
         _do(job, asked, done)
     except CalibError as error:
@@ -122,6 +125,7 @@ def _do(job: Job, asked: Asked, done: Done) -> None:
 
     cell = calib.load_cell(job.cell)
     done.type = cell.robot.name
+    done.nominal = tuple(map(sha256, cell.robot_files))
     if job.table is None:
         raise InputError(job.cell, "", "has no table of measurements", "put one beside or below it")
     session = read_session(cell, job.table, asked.holdout_of(job.table), asked.seed)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def inputs_of(session: Session) -> list[Path]:
     """What the record is made from, the cell first."""
-    return [*session.read, *session.targets, *session.held.files]
+    return [*session.read, *session.named, *session.held.files]
 
 
 def identified(

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from studies.estimate import Estimated, estimated
 from studies.identify.drift import Drift, drift_entry
+from studies.identify.of_type import OfType, of_type_entry
 from studies.noise import Noise, by_level
 from studies.record import (
     Count,
@@ -234,6 +235,7 @@ class IdentifyRecord(Record):
     targets: str
     at_targets: tuple[AtTarget, ...] = Field(min_length=1)
     drift: Drift | None = None
+    of_type: OfType | None = None
     estimate: Estimated
 
     @model_validator(mode="after")
@@ -350,6 +352,7 @@ def identify_record(
         targets=accuracy.source,
         at_targets=at_targets(found.model.robot, accuracy.targets, accuracy.errors),
         drift=None if drift is None else drift_entry(drift),
+        of_type=None if found.of_type is None else of_type_entry(found),
         estimate=estimated(estimate),
     )
 

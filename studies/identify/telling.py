@@ -32,6 +32,7 @@ from studies.document import (
     plural,
 )
 from studies.identify.drift import Drift, Motion, Rate, Reference
+from studies.identify.of_type import told_of_type
 from studies.identify.pictures import (
     correlation,
     distances,
@@ -74,6 +75,7 @@ def told(record: IdentifyRecord) -> Document:
             Section("errors", "Errors before and after", tuple(_errors(record))),
             *_drift(record),
             Section("parameters", "What was identified", tuple(_identified(record))),
+            *_of_type(record),
             Section("workspace", "Accuracy to expect elsewhere", (workspace,)),
         ),
     )
@@ -138,6 +140,12 @@ def _before_and_after(record: IdentifyRecord) -> tuple[float, float, str]:
     )
     before, after = ((sum(squares) / len(squares)) ** 0.5 for squares in both)
     return before, after, worst.unit
+
+
+def _of_type(record: IdentifyRecord) -> Iterator[Section]:
+    """How the robot stands to its type; nothing where the cell names none."""
+    if record.of_type is not None:
+        yield Section("type", "Is it as others of its type?", tuple(told_of_type(record.of_type)))
 
 
 # -- errors ------------------------------------------------------------------------------------

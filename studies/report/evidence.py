@@ -25,12 +25,14 @@ if TYPE_CHECKING:
 
 KINDS = (
     "fleet",
+    "prior",
     "identify",
     "diagnose",
     "design",
     "plan",
     "compare",
     "enough",
+    "next",
     "compensate",
     "changes",
 )
@@ -176,7 +178,7 @@ def load_evidence(paths: Sequence[Path]) -> Evidence:
 
 def _of_one_cell(results: tuple[Result, ...]) -> tuple[Result, ...]:
     """Those that begin with a cell: a fleet's inputs are results of many."""
-    return tuple(result for result in results if result.kind != "fleet")
+    return tuple(result for result in results if result.kind not in ("fleet", "prior"))
 
 
 def _digest(results: tuple[Result, ...]) -> str:

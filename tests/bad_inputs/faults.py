@@ -498,6 +498,53 @@ RESULTS = [
     Fault("half a plan without measurements", "enough cell.toml plan.csv --plan plan.csv"),
 ]  # fmt: skip
 
+_CHANGES = "changes result.json result.json"
+_OTHER = swap("</robot>", "<!-- another --></robot>")
+_TYPED = "identify typed.toml measurements.csv"
+PLANT = [
+    Fault("changes since a cell", "changes cell.toml result.json"),
+    Fault("changes since what is not there", "changes none.json result.json"),
+    Fault("changes since a day of another kind", "changes type.json result.json"),
+    Fault("changes of a result cut off", _CHANGES, "result.json", lambda text: text[:500]),
+    Fault("changes of a result that did not converge", _CHANGES, "result.json",
+          swap('"converged": true', '"converged": false')),
+    Fault("changes on another nominal model", _CHANGES, "kr270.urdf", _OTHER),
+    Fault("changes in a cell that changed", _CHANGES, "cell.toml", added("# moved")),
+    Fault("changes in a cell that is none", f"{_CHANGES} --cell plan.csv"),
+    Fault("a tolerance below zero", f"{_CHANGES} --tolerance-mm -1"),
+    Fault("changes over their results", f"{_CHANGES} --json result.json"),
+    Fault("a fleet that is a file", "fleet cell.toml"),
+    Fault("a fleet without a cell", "fleet figures"),
+    Fault("a fleet with a share held out that is none",
+          "fleet . --only identify --workers 1 --holdout 3"),
+    Fault("a type learnt from diagnoses", "fleet . --only diagnose --prior new.json"),
+    Fault("a type over a table", "fleet . --only identify --prior measurements.csv"),
+    Fault("no such file of a type", _TYPED, "typed.toml", swap("type.json", "none.json")),
+    Fault("a result in place of a type", _TYPED, "typed.toml", swap("type.json", "result.json")),
+    Fault("a type without its file", _TYPED, "typed.toml", swap('file = "type.json"', "")),
+    Fault("a type's key misspelt", _TYPED, "typed.toml", swap("file = ", "fille = ")),
+    Fault("a number for a type", _TYPED, "typed.toml", swap('"type.json"', "7")),
+    Fault("a type cut off", _TYPED, "type.json", lambda text: text[:500]),
+    Fault("a type of the next version", _TYPED, "type.json", swap('"schema": 1', '"schema": 2')),
+    Fault("a type of another nominal model", _TYPED, "kr270.urdf", _OTHER),
+    Fault("a type that knows itself twice as well", _TYPED, "type.json",
+          swap('"covariance_SI": [', '"covariance_SI": [[1.0],')),
+    Fault("a type without a mean", _TYPED, "type.json", swap('"mean_SI"', '"mean"')),
+    Fault("a type of no robots", _TYPED, "type.json", swap('"robots": 1', '"robots": 0')),
+    Fault("a type of other parameters", _TYPED, "type.json",
+          lambda text: text.replace('"geometry"', '"bearing_compliance"').replace('_compliance"', '_x"')
+          .replace('"stiffness_vs_angle"', '"x"')),
+    Fault("a type for a model without constants of it", _TYPED, "type.json",
+          swap('"where": "A2",', '"where": "A9",')),
+    Fault("differences beside a type", f"{_TYPED} --differences"),
+    Fault("next poses after no poses", "next cell.toml plan.csv"),
+    Fault("no next poses", "next cell.toml measurements.csv --poses 0"),
+    Fault("next poses for nothing known", "next cell.toml measurements.csv --for luck"),
+    Fault("next poses until below zero", "next cell.toml measurements.csv --goal-mm -1"),
+    Fault("next poses over the measurements",
+          "next cell.toml measurements.csv -o measurements.csv"),
+]  # fmt: skip
+
 _DH = """joint,alpha_deg,a_mm,theta_deg,d_mm
 A1,180,0,0,-645
 A2,90,330,0,0
@@ -612,4 +659,5 @@ FAULTS = {
     "robots, and a first cell of them": ROBOTS,
     "cameras": CAMERAS,
     "results that are read again": RESULTS,
+    "a plant, its types, and the next poses": PLANT,
 }

@@ -44,12 +44,19 @@ def posecal(*words: str) -> Heard:
 
 
 def prepare(folder: Path) -> None:
-    """A cell, a plan, measurements and a result, an instrument's exports, and an empty folder."""
+    """A cell, a plan, measurements and results, an instrument's exports, and an empty folder."""
     folder.mkdir(exist_ok=True)
     measured_cell(folder)
     with contextlib.chdir(folder):
         heard = posecal("identify", "cell.toml", "measurements.csv", "--json", "result.json")
+        assert not heard.status, heard.err
+        heard = posecal(
+            "fleet", ".", "--only", "identify", "--workers", "1", "--prior", "type.json"
+        )
     assert not heard.status, heard.err
+    (folder / "measurements.identify.json").unlink()
+    typed = '\n[model.prior]\nfile = "type.json"\n'
+    (folder / "typed.toml").write_text((folder / "cell.toml").read_text() + typed)
     (folder / "figures").mkdir()
     header, *rows = csv.reader((folder / "measurements.csv").read_text().splitlines())
     x = header.index("x_mm")

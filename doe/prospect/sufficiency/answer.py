@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.compensation.unexplained import Unexplained, Unseen
 from calib.identification import Identification
 from calib.model import Model
@@ -44,6 +45,7 @@ class Enough:
     goal : float, m, or None
     lacking : Lacking, what no reading of these poses lowers
     fresh : tuple of Step, poses beyond the plan until the goal is reached, empty where not asked
+    fresh_q : ndarray, shape (n, dof), rad or m, their joint values
     """
 
     model: Model
@@ -55,6 +57,7 @@ class Enough:
     goal: float | None
     lacking: Lacking
     fresh: tuple[Step, ...]
+    fresh_q: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def reaches(self, step: Step) -> bool:
         """Whether the goal is met, 19 times in 20, and nothing is open that the plan determines."""

@@ -59,6 +59,7 @@ def enough(
     *,
     heldout: Measurements | None = None,
     goal: float | None = None,
+    fresh: int = 0,
     seed: int = 0,
 ) -> Enough:
     """Say what the data tell, and what the rest of a plan adds, pose by pose in the best order.
@@ -67,6 +68,7 @@ def enough(
     plan : the plan that is being measured, None for the data alone
     heldout : poses that take no part: what they miss by is expected elsewhere, too
     goal : expected RMS error at the targets that is wanted, m
+    fresh : so many poses beyond the plan are chosen whatever the goal
     seed : of the fresh candidates by which poses beyond the plan are judged
 
     The order is greedy: each pose is the one that lowers the expected error most beside those before
@@ -80,7 +82,7 @@ def enough(
     done = match(cell, plan, data.poses)
     found, why = _identified(cell, data, heldout)
     day = whole_day(cell, data, plan, done.left)
-    model = build(cell, day.poses).model
+    model = _believed(build(cell, day.poses).model, found)
     refuse_idle_effects(cell, model, day.poses)
     values = _values(model, day.poses, found)
     day = _foreseen(day, model.predict(values, day.poses), len(data))
@@ -100,14 +102,17 @@ def enough(
     forecast = Forecast(model, aims, share, beside, lacking.seen.rms, behind, doubt)
     criterion = _task(regressor, forecast)
     so_far = np.arange(len(day)) < len(data)
-    further = _in_best_order(criterion, rows, so_far, plan, done.left)
-    steps = tuple(forecast.steps(told(rows, so_far), len(data), further))
+    held = model.by_type * model.sizes
+    further = _in_best_order(criterion, rows, so_far, plan, done.left, held)
+    steps = tuple(forecast.steps(told(rows, so_far, held), len(data), further))
     sigma = believed_sigma(day, at.weights(day), at.model.readout.channels.lengths) * arm.scale
     result = Enough(model, found, why, sigma, done, steps, goal, lacking, ())
     known_after_all = result.needed is not None or result.beyond_reach
-    if goal is None or known_after_all or any(e.uses for e in model.effects):
+    unasked = not fresh and (goal is None or known_after_all)
+    if unasked or any(e.uses for e in model.effects):
         return result
-    return replace(result, fresh=_fresh(regressor, criterion, forecast, at, rows, result, seed))
+    beyond, q = _fresh(regressor, criterion, forecast, at, rows, result, fresh, seed)
+    return replace(result, fresh=beyond, fresh_q=q)
 
 
 def _identified(
@@ -118,6 +123,11 @@ def _identified(
         return identify(cell, data, heldout=heldout), ""
     except (TooFewPoses, EffectCannotAct) as error:
         return None, str(error)
+
+
+def _believed(model: Model, found: Identification | None) -> Model:
+    """The model with what of the robot's type the readings so far leave to be believed."""
+    return model if found is None else replace(model, prior=found.model.prior)
 
 
 def _values(model: Model, poses: Poses, found: Identification | None) -> Array:
@@ -201,7 +211,7 @@ def _task(regressor: Regressor, forecast: Forecast) -> Criterion:
 
 
 def _in_best_order(
-    criterion: Criterion, day: Rows, so_far: Mask, plan: Poses, left: IntArray
+    criterion: Criterion, day: Rows, so_far: Mask, plan: Poses, left: IntArray, held: Array
 ) -> Iterator[tuple[str, int, Told]]:
     """The poses of which readings are still to come, with all that is told after each."""
     if not len(left):
@@ -213,11 +223,11 @@ def _in_best_order(
     own = [rows[number == k].reshape(-1, rows.shape[-1]) for k in range(len(poses))]
     known = rows[so_far].reshape(-1, rows.shape[-1])
     packed = pack(np.stack([rows.T @ rows for rows in own]))
-    blocks = Blocks(packed, known.T @ known, max(map(len, own)))
+    blocks = Blocks(packed, known.T @ known + held.T @ held, max(map(len, own)))
     done = so_far.copy()
     for k in best_next(criterion, blocks, len(own)):
         done = done | (number == k)
-        yield plan.names[poses[k]], len(of[of == k]), told(day, done)
+        yield plan.names[poses[k]], len(of[of == k]), told(day, done, held)
 
 
 def _fresh(
@@ -227,25 +237,33 @@ def _fresh(
     at: Linearisation,
     day: Rows,
     answer: Enough,
+    wanted: int,
     seed: int,
-) -> tuple[Step, ...]:
-    """Poses beyond the plan, each the one that adds most, until the goal is met or tried enough."""
+) -> tuple[tuple[Step, ...], Array]:
+    """Poses beyond the plan, each the one that adds most, and their joint values, (n, dof).
+
+    So many as are wanted, else until the goal is met or tried enough.
+    """
     cell = regressor.cell
     steps: list[Step] = []
+    chosen = np.zeros((0, cell.robot.dof))
     chunks = drawn(cell, _CANDIDATES, None, seed)
     pool = pool_of(regressor, constraints_of(cell), None, chunks, _CANDIDATES)
-    known, count = told(day), answer.steps[-1].readings
-    while len(pool) and len(steps) < _MOST_FRESH:
+    held = at.model.by_type * at.model.sizes
+    known, count = told(day, held=held), answer.steps[-1].readings
+    while len(pool) and len(steps) < (wanted or _MOST_FRESH):
         blocks = Blocks(pool.packed / at.arm.scale**2, known.root.T @ known.root, regressor.rank)
-        one = at.of(_of_one(at, pool.q[best_next(criterion, blocks, 1)])).per(at.model.sizes)
+        q = pool.q[best_next(criterion, blocks, 1)]
+        chosen = np.concatenate([chosen, q])
+        one = at.of(_of_one(at, q)).per(at.model.sizes)
         known = known.beside(told(one))
         name = f"fresh{len(steps) + 1}"
         *_, step = forecast.steps(known, count, [(name, len(one.whitened), known)])
         count = step.readings
         steps.append(step)
-        if answer.reaches(step):
+        if not wanted and answer.reaches(step):
             break
-    return tuple(steps)
+    return tuple(steps), chosen
 
 
 def _of_one(at: Linearisation, q: Array) -> Measurements:

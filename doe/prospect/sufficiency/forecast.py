@@ -143,11 +143,15 @@ class Forecast:
         return float(np.sqrt(fdtri(min(drawn, _MANY), min(self.dof, _MANY), _SURE)))
 
 
-def told(rows: Rows, chosen: Mask | None = None) -> Told:
-    """What readings tell together, all or some of them, (m,)."""
+def told(rows: Rows, chosen: Mask | None = None, held: Array | None = None) -> Told:
+    """What readings tell together, all or some of them, (m,), beside rows ``held`` (k, p)."""
     own = rows.whitened if chosen is None else rows.whitened * chosen[:, None, None]
     core = None if rows.mixing is None else rows.mixing.covariance(own)
-    return Told(root(own.reshape(-1, own.shape[-1])), core)
+    flat = own.reshape(-1, own.shape[-1])
+    if held is None:
+        return Told(root(flat), core)
+    both = root(np.concatenate([flat, held]))
+    return Told(both, None if core is None else core + held.T @ held)
 
 
 def root(rows: Array) -> Array:

@@ -17,12 +17,14 @@ OF_THE_CELL: tuple[Callable[[Evidence], Section | None], ...] = (arm, cell)
 
 ORDER = (
     "fleet",
+    "prior",
     "design",
     "plan",
     "compare",
     "identify",
     "diagnose",
     "enough",
+    "next",
     "compensate",
     "changes",
 )

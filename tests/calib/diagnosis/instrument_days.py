@@ -17,7 +17,7 @@ import numpy as np
 import calib
 from calib import Cell, Measurements
 from calib.arrays import Array
-from studies.demo import embedded_text
+from studies.demo.embedded import embedded_text
 from tests.calib.instruments.test_pose import frame, tips
 
 JOINTS = ("A1", "A2", "A3", "A4", "A5", "A6")

@@ -1,0 +1,132 @@
+"""How far a robot left its type, and what of the type is still believed of it.
+
+With the estimate ``t`` under a prior of mean m and covariance S, and ``e = t - m``, the score test of a
+shift in one parameter is ``g_j / sqrt(Q_jj)`` with ``g = S^-1 e`` and Q its covariance: it holds beside
+whatever the others do. All together, ``g^T Q^+ g`` is a chi-square of as many rows as the data tell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arrays import Array, IntArray
+from calib.population.prior import Key, Prior
+
+_TOLD = 1e-3  # share of a prior's variance that the data must tell
+_SURELY = 0.01  # over all parameters, below which one is released
+_RELEASED = 10.0  # plausible sizes
+
+
+@dataclass(frozen=True, eq=False)
+class Departure:
+    """A robot beside its type.
+
+    prior : Prior, of this model's parameters, as the type has it
+    scores : ndarray, shape (k,), how far each leaves the mean if the type is believed, in standard
+        deviations of how far it would in a robot of the type; NaN where the data say nothing of it
+    statistic : float; rows : int; p_value : float, of so large a one in a robot of the type
+    released : tuple of Key, parameters that the type is not believed for
+    factor : float, by which the type's deviations are widened for all others
+    """
+
+    prior: Prior
+    scores: Array
+    statistic: float
+    rows: int
+    p_value: float
+    released: tuple[Key, ...]
+    factor: float
+
+    @property
+    def of_the_type(self) -> bool:
+        """Whether nothing speaks against it."""
+        return self.p_value >= _SURELY and not self.released
+
+
+def departure(prior: Prior, values: Array, covariance: Array, loose: Prior) -> Departure:
+    """How far a robot left its type, by an estimate that the type hardly held.
+
+    values : ndarray, shape (k,), SI; covariance : ndarray, shape (k, k), SI, of an estimate that was
+        made with the prior ``loose``, of the same mean
+    """
+    W = prior.whitening
+    told, held = (np.linalg.inv(W @ C @ W.T) for C in (covariance, loose.covariance))
+    after = np.linalg.inv(told - held + np.eye(len(W)))
+    u, K = after @ told @ W @ (values - prior.mean), np.eye(len(W)) - (after + after.T) / 2.0
+    back = np.linalg.inv(W)
+    left, moved = back @ u, np.diag(back @ K @ back.T)
+    seen = moved > _TOLD * prior.std**2
+    scores = np.full(len(values), np.nan)
+    scores[seen] = left[seen] / np.sqrt(moved[seen])
+    statistic, rows = _square(u, K)
+    # Of the prior's own coordinates: a shift of one parameter by its deviation.
+    g, Q = prior.std * (W.T @ u), np.outer(prior.std, prior.std) * (W.T @ K @ W)
+    out, rest = _released(prior, g, Q)
+    ratio = max(statistic - rest, 0.0) / max(rows - len(out), 1)
+    return Departure(
+        prior,
+        scores,
+        statistic,
+        rows,
+        _tail(prior, statistic, rows),
+        tuple(prior.keys[i] for i in out),
+        float(np.sqrt(max(ratio, 1.0))),
+    )
+
+
+def loosened(prior: Prior, sizes: Array) -> Prior:
+    """So wide that it pulls nothing, and yet leaves nothing open; sizes as of :func:`adapted`."""
+    return prior.widened(1.0, (_RELEASED * sizes) ** 2)
+
+
+def adapted(found: Departure, sizes: Array) -> Prior:
+    """What of the type is believed of this robot.
+
+    sizes : ndarray, shape (k,), SI, plausible sizes of the prior's parameters
+
+    What left it alone is released to ten plausible sizes. All others keep their shape, as much wider as
+    they stand out together (Birge's ratio): a robot of the type's tail is no exception, and yet nearer
+    to its own readings.
+    """
+    extra = np.array(
+        [_RELEASED**2 * s**2 if key in found.released else 0.0
+         for key, s in zip(found.prior.keys, sizes, strict=True)]
+    )  # fmt: skip
+    return found.prior.widened(found.factor, extra)
+
+
+def _square(u: Array, K: Array) -> tuple[float, int]:
+    """``u^T K^+ u`` and its rows, in the directions that are told."""
+    values, vectors = np.linalg.eigh(K)
+    told = values > _TOLD
+    return float(((vectors[:, told].T @ u) ** 2 / values[told]).sum()), int(told.sum())
+
+
+def _tail(prior: Prior, statistic: float, rows: int) -> float:
+    from scipy.special import chdtrc
+
+    if not rows:
+        return 1.0
+    return float(chdtrc(prior.share * rows, prior.share * statistic))
+
+
+def _released(prior: Prior, g: Array, Q: Array) -> tuple[IntArray, float]:
+    """Parameters that left alone, the farthest first, and the sum of squares that go with them."""
+    from scipy.special import stdtr
+
+    out: list[int] = []
+    gone, least = 0.0, _TOLD * np.maximum(np.diag(Q), 1.0)
+    while len(out) < len(g) // 2:
+        variance = np.diag(Q)
+        known = variance > least
+        z = np.where(known, np.abs(g) / np.sqrt(np.where(known, variance, 1.0)), 0.0)
+        worst = int(z.argmax())
+        if 2.0 * stdtr(prior.freedom, -z[worst]) * len(g) > _SURELY:
+            break
+        out.append(worst)
+        gone += float(z[worst] ** 2)
+        column = Q[:, worst] / variance[worst]
+        g, Q = g - column * g[worst], Q - np.outer(column, Q[worst])
+    return np.array(out, dtype=int), gone

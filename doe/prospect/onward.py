@@ -1,0 +1,134 @@
+"""The verb of a day that plans itself: what to measure next, and when to stop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from calib.cell import Cell
+from calib.diagnosis.diagnose import Diagnosis, diagnose
+from calib.errors import CalibError
+from calib.poses import Measurements, Poses, poses_at
+from calib.threads import one_blas_thread
+from doe.prospect.rivals import NextPoses
+from doe.prospect.rivals.next_poses import next_poses
+from doe.prospect.sufficiency.answer import Enough
+from doe.prospect.sufficiency.enough import enough
+from doe.prospect.sufficiency.forecast import Step
+
+Aim: TypeAlias = Literal["task", "causes", "both"]
+For: TypeAlias = Literal["task", "causes"]
+Stop: TypeAlias = Literal["goal", "beyond_reach", "averages", "settled", "no_pose_helps"]
+COUNT = 3
+"""Poses that are chosen unless the user says otherwise."""
+_AVERAGES = (
+    0.05  # of the work, squared error times readings: less is what readings do by their number
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Onward:
+    """Result of :func:`onward`.
+
+    poses : Poses, to be read next, in this order; none where it is time to stop
+    serves : tuple of str, "task" or "causes", of each
+    stops : tuple of Stop, why each aim asks for no more, the aims that do left out
+    enough : Enough, without the poses to come; None where only causes are asked for
+    diagnosis : Diagnosis or None; doubts : NextPoses or None, where causes are asked for
+    """
+
+    poses: Poses
+    serves: tuple[For, ...]
+    stops: tuple[Stop, ...]
+    enough: Enough | None
+    diagnosis: Diagnosis | None
+    doubts: NextPoses | None
+
+    @property
+    def done(self) -> bool:
+        """Whether to stop."""
+        return not len(self.poses)
+
+
+@one_blas_thread
+def onward(
+    cell: Cell,
+    data: Measurements,
+    *,
+    aim: Aim = "task",
+    count: int = COUNT,
+    goal: float | None = None,
+    seed: int = 0,
+) -> Onward:
+    """Choose the next poses after what was measured, or say that it is time to stop.
+
+    aim : "task", the expected error at the targets; "causes", the rivals that a diagnosis cannot tell
+        apart; "both", half of the poses each while both are open
+    goal : expected RMS error at the targets that is wanted, m; without one, the task is done when more
+        poses only average noise
+
+    Raises CalibError where count is not positive, or poses to come depend on more than joints.
+    """
+    if count < 1:
+        raise CalibError(f"{count} next poses are too few; ask for at least one")
+    answer, task = None, None
+    if aim != "causes":
+        answer = enough(cell, data, goal=goal, fresh=count, seed=seed)
+        task = _task_done(answer)
+    diagnosis = doubts = causes = None
+    if aim != "task":
+        diagnosis = diagnose(cell, data)
+        share = count if aim == "causes" or task is not None else -(-count // 2)
+        doubts = next_poses(cell, diagnosis, count=share, seed=seed)
+        causes = _causes_done(doubts)
+    q = np.zeros((0, cell.robot.dof))
+    if doubts is not None:
+        q = doubts.poses.q
+    apart = len(q)
+    if answer is not None and task is None:
+        rest = answer
+        if apart:
+            plan = poses_at(q, names=[f"c{i}" for i in range(apart)])
+            left = max(count - apart, 1)
+            rest = enough(cell, data, plan, goal=goal, fresh=left, seed=seed)
+        q = np.concatenate([q, rest.fresh_q])
+    names = [f"n{i + 1:02d}" for i in range(len(q))]
+    stops = tuple(stop for stop in (task, causes) if stop is not None)
+    serves: list[For] = ["causes"] * apart
+    serves += ["task"] * (len(q) - apart)
+    return Onward(poses_at(q, names=names), tuple(serves), stops, answer, diagnosis, doubts)
+
+
+def _task_done(answer: Enough) -> Stop | None:
+    """Why the task asks for no more poses, None where it does."""
+    now = answer.steps[0]
+    if answer.beyond_reach:
+        return "beyond_reach"
+    if answer.reaches(now):
+        return "goal"
+    if not answer.fresh:
+        kinds = ", ".join(f"{e.kind}:{e.where}" for e in answer.model.effects if e.uses)
+        raise CalibError(
+            f"poses to come depend on more than joints ({kinds}); design a plan and ask posecal enough "
+            "--plan for its order"
+            if kinds
+            else "no configuration satisfies the cell's constraints; relax [design]"
+        )
+    if answer.goal is not None or set(now.open) - set(answer.fresh[-1].open):
+        return None
+    works = _work(now), _work(answer.fresh[-1])
+    return "averages" if works[0] <= (1.0 + _AVERAGES) * works[1] else None
+
+
+def _work(step: Step) -> float:
+    """Squared error by the parameters times readings: constant where readings only average noise."""
+    return float(step.readings * step.from_parameters**2)
+
+
+def _causes_done(doubts: NextPoses) -> Stop | None:
+    """Why the rivals ask for no more poses, None where they do."""
+    if len(doubts.poses):
+        return None
+    return "no_pose_helps" if doubts.predictions else "settled"

@@ -1,0 +1,180 @@
+"""What the types of a fleet know, as the file that a cell names: ``[model.prior] file = ".."``.
+
+It is read by :func:`calib.files.prior.load_prior`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from operator import attrgetter
+from typing import TYPE_CHECKING, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from studies.document import (
+    FOUR,
+    HUNDREDTH,
+    Column,
+    Document,
+    P,
+    Part,
+    Section,
+    Sentence,
+    Table,
+    listed,
+    plural,
+)
+from studies.record import Count, Entry, Envelope, NotNegative, Number, Positive, Record
+
+if TYPE_CHECKING:
+    from studies.fleet.types import Learnt
+
+_MOST = 20  # lines of a table that a terminal shows
+_FEW = 10  # robots below which plausible sizes still count
+
+
+class Common(Entry):
+    """A parameter of a type, in its unit.
+
+    spread : standard deviation between robots; std : of one robot more, the mean's doubt in it
+    shrunk : std over the plausible size
+    """
+
+    effect: str
+    where: str
+    name: str
+    mean: Number
+    spread: NotNegative
+    std: Positive
+    shrunk: Positive
+    unit: str
+    mean_si: Number = Field(alias="mean_SI")
+
+    @property
+    def id(self) -> str:
+        """Its name in a model."""
+        return f"{self.effect}:{self.where}.{self.name}"
+
+
+class Aside(Entry):
+    """A robot that is not of the type; p : of one so far off."""
+
+    robot: str
+    p: NotNegative
+
+
+class TypePrior(Entry):
+    """What robots of one nominal model have in common.
+
+    aside : robots that did not count; unlike : whose model has other parameters; leaning : identified
+        beside a type, of which they would be echoes
+    """
+
+    type: str
+    nominal_sha256: tuple[str, ...]
+    robots: Count
+    aside: tuple[Aside, ...]
+    unlike: tuple[str, ...]
+    leaning: tuple[str, ...]
+    parameters: tuple[Common, ...] = Field(min_length=1)
+    covariance_si: tuple[tuple[Number, ...], ...] = Field(alias="covariance_SI")
+
+    @model_validator(mode="after")
+    def _is_square(self) -> Self:
+        size = len(self.parameters)
+        if any(len(row) != size for row in (self.covariance_si, *self.covariance_si)):
+            raise ValueError("covariance_SI has not a row and a column for each parameter")
+        return self
+
+
+class PriorRecord(Record):
+    """What the types of a fleet know of one robot more."""
+
+    command: Literal["prior"] = "prior"
+    folder: str
+    types: tuple[TypePrior, ...] = Field(min_length=1)
+
+    def told(self) -> Document:
+        return Document(
+            tuple(_headline(self)),
+            (Section("prior", "What the types know", tuple(_parts(self))),),
+        )
+
+
+def prior_record(types: Sequence[Learnt], folder: str, made_from: Envelope) -> PriorRecord:
+    """The record of what was learnt."""
+    return PriorRecord(**made_from, folder=folder, types=tuple(map(_type, types)))
+
+
+def _type(own: Learnt) -> TypePrior:
+    prior = own.found.prior
+    rows = zip(own.parameters, prior.mean.tolist(), own.found.spread.tolist(), prior.std.tolist(),
+               strict=True)  # fmt: skip
+    return TypePrior(
+        type=prior.type,
+        nominal_sha256=own.nominal,
+        robots=prior.robots,
+        aside=tuple(Aside(robot=one.name, p=one.p_value) for one in own.found.aside),
+        unlike=own.unlike,
+        leaning=own.leaning,
+        parameters=tuple(
+            Common(
+                effect=p.effect,
+                where=p.where,
+                name=p.name,
+                mean=mean / p.scale,
+                spread=spread / p.scale,
+                std=std / p.scale,
+                shrunk=std / p.size,
+                unit=p.unit,
+                mean_SI=mean,
+            )
+            for p, mean, spread, std in rows
+        ),
+        covariance_SI=tuple(map(tuple, prior.covariance.tolist())),
+    )
+
+
+def _headline(record: PriorRecord) -> Iterator[Sentence]:
+    for own in record.types:
+        share = float(np.median([p.shrunk for p in own.parameters]))
+        yield Sentence(
+            f"{plural(own.robots, 'robot')} of {own.type}: {plural(len(own.parameters), 'parameter')} "
+            f"of one robot more are known to {share:.2g} of their plausible sizes in the median."
+        )
+        if own.robots < _FEW:
+            yield Sentence(f"{own.robots} are few: plausible sizes still count beside them.")
+        if own.aside:
+            names = listed([one.robot for one in own.aside], 5)
+            yield Sentence(f"Not of the type, so they did not count: {names}.", "warn")
+        if own.unlike:
+            yield Sentence(
+                f"With other parameters in their models: {listed(own.unlike, 5)}.", "warn"
+            )
+        if own.leaning:
+            yield Sentence(
+                f"Identified beside a type, so they tell nothing new of it: {listed(own.leaning, 5)}; "
+                "take [model.prior] out of their cells and run the fleet again.",
+                "warn",
+            )
+
+
+def _parts(record: PriorRecord) -> Iterator[Part]:
+    for own in record.types:
+        yield Table(_COMMON, own.parameters, f"Parameters of {own.type}", most=_MOST)
+        yield Table(_ASIDE, own.aside, f"Not of the type {own.type}", most=_MOST)
+
+
+_COMMON: tuple[Column[Common], ...] = (
+    Column("parameter", attrgetter("id")),
+    Column("mean", attrgetter("mean"), FOUR),
+    Column("between robots", attrgetter("spread"), FOUR),
+    Column("one robot more", attrgetter("std"), FOUR),
+    Column("unit", attrgetter("unit")),
+    Column("of the plausible size", attrgetter("shrunk"), HUNDREDTH),
+)
+_ASIDE: tuple[Column[Aside], ...] = (
+    Column("robot not of the type", attrgetter("robot")),
+    Column("p", attrgetter("p"), P),
+)

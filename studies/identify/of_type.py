@@ -1,0 +1,113 @@
+"""How an identified robot stands to its type, as a record says it and as it is told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from operator import attrgetter
+from typing import TYPE_CHECKING
+
+from studies.document import FOUR, TENTH, Column, P, Part, Sentence, Table, listed, plural
+from studies.record import Count, Entry, Maybe, NotNegative, Number, Positive
+
+if TYPE_CHECKING:
+    from calib import Identification
+
+_MOST = 10  # parameters that the terminal shows
+
+
+class Left(Entry):
+    """A parameter beside its type; std : of one robot more.
+
+    score : how far it leaves the mean, in standard deviations of how far it would in a robot of the
+        type, None where the readings say nothing of it; released : the type is not believed for it
+    """
+
+    id: str
+    value: Number
+    mean: Number
+    std: Positive
+    score: Maybe
+    released: bool
+    unit: str
+
+    @property
+    def size(self) -> float:
+        """How far, either way."""
+        return abs(self.score or 0.0)
+
+
+class OfType(Entry):
+    """The robot beside its type.
+
+    robots : that the type was learnt from; statistic : squared scores together, of so many rows
+    p : of so large a one in a robot of the type; widened : factor on the type's deviations
+    """
+
+    type: str
+    robots: Count
+    statistic: NotNegative
+    rows: Count
+    p: NotNegative
+    of_the_type: bool
+    widened: Positive
+    parameters: tuple[Left, ...]
+
+
+def of_type_entry(found: Identification) -> OfType:
+    """The entry of an identification that was made beside a type."""
+    stood, model = found.of_type, found.model
+    if stood is None:
+        raise ValueError("an identification without a type")
+    prior = stood.prior
+    rows = []
+    for k, at in enumerate(model.of_type_at.tolist()):
+        p = model.parameters[at]
+        rows.append(
+            Left(
+                id=p.id,
+                value=float(found.values[at]) / p.scale,
+                mean=float(prior.mean[k]) / p.scale,
+                std=float(prior.std[k]) / p.scale,
+                score=float(stood.scores[k]),
+                released=prior.keys[k] in stood.released,
+                unit=p.unit,
+            )
+        )
+    return OfType(
+        type=prior.type,
+        robots=prior.robots,
+        statistic=stood.statistic,
+        rows=stood.rows,
+        p=stood.p_value,
+        of_the_type=stood.of_the_type,
+        widened=stood.factor,
+        parameters=tuple(rows),
+    )
+
+
+def told_of_type(found: OfType) -> Iterator[Part]:
+    """Whether the robot is of its type, and what left it farthest."""
+    whole = f"{plural(found.robots, 'robot')} of {found.type}"
+    if found.of_the_type:
+        yield Sentence(f"It is as the {whole} are that the type was learnt from (p {P(found.p)}).")
+    else:
+        out = [own.id for own in found.parameters if own.released]
+        what = f"not believed for {listed(out, 5)}" if out else "believed less for all of it"
+        yield Sentence(f"It is not as the {whole} are (p {P(found.p)}): these are {what}.", "warn")
+    rows = sorted(found.parameters, key=lambda own: (not own.released, -own.size))
+    caption = (
+        "Score: how far the value leaves the type's mean, in standard deviations of how far it would "
+        "in a robot of the type"
+    )
+    yield Table(_LEFT, rows, "How far each parameter left its type", caption, most=_MOST)
+
+
+_LEFT: tuple[Column[Left], ...] = (
+    Column("parameter", attrgetter("id")),
+    Column("value", attrgetter("value"), FOUR),
+    Column("mean of the type", attrgetter("mean"), FOUR),
+    Column("spread of the type", attrgetter("std"), FOUR),
+    Column("score", attrgetter("score"), TENTH),
+    Column("type", lambda own: "not believed" if own.released else "", detail=True),
+    Column("unit", attrgetter("unit")),
+)

@@ -1,0 +1,72 @@
+"""``posecal next``: the next best poses after what was measured, in a loop with the robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from studies.command.deliver import check_outputs, deliver, output_file
+from studies.command.options import (
+    PATH,
+    Finite,
+    cell_argument,
+    data_argument,
+    faults_in,
+    result_options,
+)
+
+if TYPE_CHECKING:
+    from doe.prospect.onward import Aim
+
+
+@click.command("next", short_help="The next best poses, or stop: call it in a loop.")
+@cell_argument
+@data_argument
+@click.option("--for", "aim", type=click.Choice(["task", "causes", "both"]), default="task",
+              show_default=True,
+              help="Accuracy at the targets, causes that look alike, or both.")  # fmt: skip
+@click.option("--poses", "count", type=click.IntRange(min=1, max=100), default=3, show_default=True,
+              help="How many to propose.")  # fmt: skip
+@click.option("--goal-mm", metavar="X", type=Finite(min=0, min_open=True),
+              help="Expected RMS error at the targets that is wanted.")  # fmt: skip
+@click.option("-o", "plan_path", metavar="PLAN", type=PATH, help="Write the poses as a plan.")
+@result_options
+def next_(
+    cell_path: Path,
+    data_path: Path,
+    aim: Aim,
+    count: int,
+    goal_mm: float | None,
+    plan_path: Path | None,
+    folder: Path | None,
+    json_path: str | None,
+    seed: int,
+) -> None:
+    """Choose the next poses after what was measured, or say that it is time to stop.
+
+    CELL is the description of the measurement cell (cell.toml), DATA the table of points measured so
+    far. Measure the poses, add them to DATA, and ask again. For the task it stops at the goal, or
+    without one where more poses only average noise; for causes where the data tell them apart, or no
+    pose can. Then -o writes nothing.
+
+    \b
+    Example:
+      posecal next cell.toml measurements.csv --goal-mm 0.05 -o next.csv
+    """
+    import calib
+    import doe
+    from studies.next.record import next_record, next_table
+    from studies.record import envelope
+
+    cell = calib.load_cell(cell_path)
+    inputs = [cell_path, *cell.robot_files, data_path, *cell.named_files]
+    check_outputs([plan_path, output_file(json_path)], inputs, folder)
+    data = calib.load_measurements(cell, data_path)
+    goal = None if goal_mm is None else goal_mm * 1e-3
+    with faults_in(cell_path, readings_of=data_path):
+        found = doe.onward(cell, data, aim=aim, count=count, goal=goal, seed=seed)
+    record = next_record(found, aim, goal, cell, envelope(cell.name, inputs, seed))
+    tables = {} if plan_path is None or found.done else {plan_path: next_table(found, cell)}
+    deliver(record, json_path, folder, tables)

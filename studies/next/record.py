@@ -1,0 +1,127 @@
+"""What ``posecal next`` proposes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, Self
+
+import numpy as np
+from pydantic import model_validator
+
+from studies.joints import JointValues, check_same_joints, shown_joints
+from studies.record import Count, Entry, Envelope, Maybe, NotNegative, Number, Positive, Record
+
+if TYPE_CHECKING:
+    from calib import Cell
+    from doe import Onward
+    from doe.prospect.onward import Aim
+    from doe.prospect.sufficiency import Step
+    from studies.document import Document
+
+_MM = 1e3
+
+
+class Proposed(JointValues):
+    """A pose to be read next; serves : what it is for."""
+
+    pose: str
+    serves: Literal["task", "causes"]
+
+
+class Expected(Entry):
+    """The error at the targets; most : what it exceeds once in twenty."""
+
+    readings: Count
+    task_rms_mm: NotNegative
+    task_most_mm: NotNegative
+    open: tuple[str, ...]
+
+
+class Pair(Entry):
+    """Two rivals, and how likely the true one is preferred: now, and with the poses read."""
+
+    rivals: tuple[str, str]
+    now: Number
+    after: Number
+
+
+class NextRecord(Record):
+    """The next poses, or why there are none.
+
+    stops : why an aim asks for no more
+    now, after : for the task, after with as many poses for it alone
+    verdict : of the diagnosis, where causes are asked for
+    """
+
+    command: Literal["next"] = "next"
+    aim: Literal["task", "causes", "both"]
+    goal_mm: Positive | None
+    done: bool
+    stops: tuple[Literal["goal", "beyond_reach", "averages", "settled", "no_pose_helps"], ...]
+    poses: tuple[Proposed, ...]
+    now: Expected | None
+    after: Expected | None
+    lacking_mm: Maybe
+    verdict: Literal["no_gap", "explained", "ambiguous", "unknown"] | None
+    doubts: tuple[Pair, ...]
+
+    @model_validator(mode="after")
+    def _belongs_together(self) -> Self:
+        check_same_joints(self.poses)
+        if self.done != (not self.poses):
+            raise ValueError("is done with poses to read, or not done without")
+        if self.done and not self.stops:
+            raise ValueError("is done without a reason")
+        if (self.aim != "causes") != (self.now is not None):
+            raise ValueError("now belongs to the aims task and both")
+        return self
+
+    def told(self) -> Document:
+        from studies.next.telling import told
+
+        return told(self)
+
+
+def next_record(
+    found: Onward, aim: Aim, goal: float | None, cell: Cell, made_from: Envelope
+) -> NextRecord:
+    """The record of a proposal; goal : m."""
+    poses, answer, doubts = found.poses, found.enough, found.doubts
+    return NextRecord(
+        **made_from,
+        aim=aim,
+        goal_mm=None if goal is None else goal * _MM,
+        done=found.done,
+        stops=found.stops,
+        poses=tuple(
+            Proposed(pose=name, serves=serves, joints_deg=at.deg, joints_mm=at.mm)
+            for name, serves, at in zip(
+                poses.names,
+                found.serves,
+                (shown_joints(cell.robot, q) for q in poses.q),
+                strict=True,
+            )
+        ),
+        now=None if answer is None else _expected(answer.steps[0]),
+        after=None if answer is None or not answer.fresh else _expected(answer.fresh[-1]),
+        lacking_mm=None if answer is None else answer.lacking.rms * _MM,
+        verdict=None if found.diagnosis is None else found.diagnosis.verdict,
+        doubts=()
+        if doubts is None
+        else tuple(Pair(rivals=p.rivals, now=p.now, after=p.after) for p in doubts.predictions),
+    )
+
+
+def _expected(step: Step) -> Expected:
+    return Expected(
+        readings=step.readings,
+        task_rms_mm=step.task_rms * _MM,
+        task_most_mm=step.task_most * _MM,
+        open=step.open,
+    )
+
+
+def next_table(found: Onward, cell: Cell) -> str:
+    """The poses as a plan."""
+    from calib.files.write_tables import plan_csv
+
+    return plan_csv(cell, found.poses, np.full(len(found.poses), np.nan))

@@ -1,0 +1,80 @@
+"""What a proposal says: go on with these poses, or stop, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from studies.document import (
+    PROBABILITY,
+    Column,
+    Document,
+    Mood,
+    Part,
+    Section,
+    Sentence,
+    Table,
+    listed,
+    mm,
+    plural,
+)
+from studies.joints import joint_columns
+from studies.next.record import NextRecord, Pair, Proposed
+
+_STOPS = {
+    "goal": "the goal is met at the targets, 19 times in 20",
+    "beyond_reach": "no number of poses meets the goal, for the model lacks more than that",
+    "averages": "more poses would only average noise",
+    "settled": "the data leave no causes that look alike",
+    "no_pose_helps": "no pose tells apart the causes that are left",
+}
+
+
+def told(record: NextRecord) -> Document:
+    """Go on or stop, the poses, and what is expected of them."""
+    section = Section("next", "What to measure next", tuple(_parts(record)))
+    return Document(tuple(_headline(record)), (section,))
+
+
+def _headline(record: NextRecord) -> Iterator[Sentence]:
+    why = " and ".join(_STOPS[stop] for stop in record.stops)
+    if record.done:
+        mood: Mood = "good" if {"goal", "settled", "averages"} & {*record.stops} else "warn"
+        yield Sentence(f"Stop: {why}.", mood)
+    else:
+        own = {p.serves for p in record.poses}
+        serves = " and ".join(name for name in ("causes", "task") if name in own)
+        yield Sentence(f"Measure {plural(len(record.poses), 'pose')} more, for {serves}.", "next")
+        if why:
+            yield Sentence(f"Of the rest, {why}.")
+    now, after = record.now, record.after
+    if now is not None:
+        goal = "" if record.goal_mm is None else f", the goal is {record.goal_mm:g} mm"
+        yield Sentence(
+            f"Expected at the targets now {mm(now.task_rms_mm)} RMS, below {mm(now.task_most_mm)} 19 "
+            f"times in 20{goal}."
+        )
+    if now is not None and now.open:
+        yield Sentence(f"Still open: {listed(now.open, 5)}.", "warn")
+    if after is not None and not record.done:
+        more = after.readings - (0 if now is None else now.readings)
+        yield Sentence(
+            f"{plural(more, 'reading')} more for it make that {mm(after.task_rms_mm)} RMS."
+        )
+    if record.verdict is not None:
+        yield Sentence(f"Diagnosis so far: {record.verdict.replace('_', ' ')}.")
+
+
+def _parts(record: NextRecord) -> Iterator[Part]:
+    columns: tuple[Column[Any], ...] = (_POSE, *joint_columns(record.poses, detail=False), _SERVES)
+    yield Table(columns, record.poses, "Poses to measure next")
+    yield Table(_DOUBTS, record.doubts, "Causes that look alike")
+
+
+_POSE: Column[Proposed] = Column("next pose", lambda row: row.pose)
+_SERVES: Column[Proposed] = Column("for", lambda row: row.serves)
+_DOUBTS: tuple[Column[Pair], ...] = (
+    Column("causes that look alike", lambda row: " or ".join(row.rivals)),
+    Column("told apart now", lambda row: row.now, PROBABILITY),
+    Column("with these poses", lambda row: row.after, PROBABILITY),
+)

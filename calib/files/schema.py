@@ -205,9 +205,52 @@ Marker = Annotated[
 ]
 
 
+DIVISORS = {"normal": 2.0, "rectangular": 3.0**0.5, "triangular": 6.0**0.5, "arcsine": 2.0**0.5}
+"""By which a limit becomes one standard uncertainty (JCGM 100, 4.3); of a normal one its k, 2 if not given."""
+
+
+class LimitTable(Table):
+    limit: Positive
+    distribution: Literal["normal", "rectangular", "triangular", "arcsine"] = "rectangular"
+    divisor: Positive | None = None
+    degrees_of_freedom: Annotated[Number, Field(ge=1)] | None = None
+
+    @model_validator(mode="after")
+    def _own_divisor(self) -> Self:
+        if self.divisor is not None and self.distribution != "normal":
+            raise ValueError(
+                f"divisor is that of a {self.distribution} distribution, {DIVISORS[self.distribution]:.3f}; "
+                "take it out, or write distribution = 'normal'"
+            )
+        return self
+
+
+def _kind_of_common(value: Any) -> str:
+    return "table" if isinstance(value, dict) else "number"
+
+
+Uncertainty = Annotated[
+    Annotated[NotNegative, Tag("number")] | Annotated[LimitTable, Tag("table")],
+    Discriminator(_kind_of_common),
+]
+"""One standard uncertainty, or a limit with its distribution."""
+
+
+class CommonTable(Table):
+    scale_um_m: Uncertainty | None = None
+    r0_um: Uncertainty | None = None
+    transverse_um: Uncertainty | None = None
+    transverse_um_m: Uncertainty | None = None
+    eccentricity_urad: Uncertainty | None = None
+    temperature_degC: Uncertainty | None = None  # noqa: N815
+    pressure_hPa: Uncertainty | None = None  # noqa: N815
+    level_urad: Uncertainty | None = None
+
+
 class InstrumentTable(Table):
     sigma_mm: Sigma
     position_mm: Vector | None = None
+    common: CommonTable = CommonTable()
 
 
 class DistanceTable(Table):

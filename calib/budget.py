@@ -172,9 +172,7 @@ def _of_arm(found: Identification, estimate: Estimate, targets: Poses) -> Iterat
     rest = estimate.unexplained
     if rest.rms:
         spread = _alike(np.full(m, rest.rms**2), M)
-        yield Part(
-            f"what the model lacks, by {rest.source}", "A", spread, spread, _behind(found)
-        )
+        yield Part(f"what the model lacks, by {rest.source}", "A", spread, spread, _behind(found))
 
 
 def _behind(found: Identification) -> float:
@@ -210,7 +208,9 @@ def _numbers(found: Identification) -> float:
     """Root of how many numbers a reading has whose noise is one of its coordinates."""
     channels = found.model.readout.channels
     lengths = channels.lengths if channels.metric else np.ones_like(channels.lengths)
-    return float(np.sqrt((found.fit.data.seen * lengths.sum(axis=-1)).sum() / found.fit.data.seen.sum()))
+    return float(
+        np.sqrt((found.fit.data.seen * lengths.sum(axis=-1)).sum() / found.fit.data.seen.sum())
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,8 @@
 """Errors common to all readings as considered parameters (facts of an instrument, not unknowns).
 
-Least-squares values follow common errors b by ``S = N^-1 J' W J_b``, so that their covariance grows by
-``S Sigma_b S'``. Where b acts on the prediction itself, as the direction of gravity does, the point that
-is predicted with b of zero errs by ``J S b - J_b b``.
+Least-squares values follow common errors b by ``S = N^-1 J' W J_b``, so that their covariance grows
+by ``S Sigma_b S'``. Where b acts on the prediction itself, as the direction of gravity does, the point
+that is predicted with b of zero errs by ``J S b - J_b b``.
 """
 
 from __future__ import annotations
@@ -76,7 +76,9 @@ def _moved(
 ) -> Iterator[tuple[Tracker, CommonError, Array]]:
     """How readings follow each error, shape (m, C, r, b), SI."""
     for instrument, part in model.readout.channels.blocks:
-        for error in instrument.common if isinstance(instrument, Tracker) else ():
+        if not isinstance(instrument, Tracker):
+            continue
+        for error in instrument.common:
             columns = error.kind.columns
             if columns is None:
                 own = by_gravity(model, values, data.poses)[:, part]

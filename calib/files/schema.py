@@ -206,7 +206,7 @@ Marker = Annotated[
 
 
 DIVISORS = {"normal": 2.0, "rectangular": 3.0**0.5, "triangular": 6.0**0.5, "arcsine": 2.0**0.5}
-"""By which a limit becomes one standard uncertainty (JCGM 100, 4.3); of a normal one its k, 2 if not given."""
+"""By which a limit becomes one standard uncertainty (JCGM 100, 4.3); a normal one may have its own."""
 
 
 class LimitTable(Table):
@@ -219,7 +219,7 @@ class LimitTable(Table):
     def _own_divisor(self) -> Self:
         if self.divisor is not None and self.distribution != "normal":
             raise ValueError(
-                f"divisor is that of a {self.distribution} distribution, {DIVISORS[self.distribution]:.3f}; "
+                f"divisor of a {self.distribution} distribution is {DIVISORS[self.distribution]:.4g}; "
                 "take it out, or write distribution = 'normal'"
             )
         return self

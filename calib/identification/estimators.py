@@ -52,9 +52,7 @@ class Estimator(Protocol):
         """Covariance (p, p) for the noise as stated."""
         ...
 
-    def followed(
-        self, observation: Observation, values: Array, span: Array, moved: Array
-    ) -> Array:
+    def followed(self, observation: Observation, values: Array, span: Array, moved: Array) -> Array:
         """How values follow readings displaced by ``moved`` (m, C, r, b), shape (p, b), SI."""
         ...
 
@@ -92,9 +90,7 @@ class Readings:
     def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
         return observation.covariance(values, span)
 
-    def followed(
-        self, observation: Observation, values: Array, span: Array, moved: Array
-    ) -> Array:
+    def followed(self, observation: Observation, values: Array, span: Array, moved: Array) -> Array:
         return observation.followed(values, span, moved)
 
     def dof(self, observation: Observation, span: Array) -> int:
@@ -142,9 +138,7 @@ class Differences:
         gain = from_readings + from_differences
         return np.asarray(gain @ gain.T)
 
-    def followed(
-        self, observation: Observation, values: Array, span: Array, moved: Array
-    ) -> Array:
+    def followed(self, observation: Observation, values: Array, span: Array, moved: Array) -> Array:
         read, centred = (o.rows(moved) for o in (observation, observation.points(centred=True)))
         read, centred = (rows.reshape(-1, rows.shape[-1]) for rows in (read, centred))
         gains = self._gains(observation, values, span)
@@ -158,9 +152,13 @@ class Differences:
         rigid, elastic = span[:, ~soft], span[:, soft]
         _, J = observation.flat(values)
         _, J_centred = observation.points(centred=True).flat(values)
-        to_elastic = np.linalg.pinv(J_centred @ elastic)
-        to_rigid = rigid @ np.linalg.pinv(J @ rigid)
-        return to_rigid, (elastic - to_rigid @ (J @ elastic)) @ to_elastic
+        to_rigid, to_elastic = np.linalg.pinv(J @ rigid), np.linalg.pinv(J_centred @ elastic)
+        k = len(to_rigid)
+        # Each set is fitted beside the other: where both stand still, all is solved together.
+        both = np.eye(span.shape[1])
+        both[:k, k:], both[k:, :k] = to_rigid @ J @ elastic, to_elastic @ J_centred @ rigid
+        settled = np.hstack([rigid, elastic]) @ np.linalg.inv(both)
+        return settled[:, :k] @ to_rigid, settled[:, k:] @ to_elastic
 
     def dof(self, observation: Observation, span: Array) -> int:
         group = observation.data.poses.configuration

@@ -188,7 +188,9 @@ class Identification:
 
         NaN where step 2 has none.
         """
-        return np.sqrt(self._variances[0][0]) / np.where(self.step_two_std > 0.0, self.step_two_std, np.nan)
+        return np.sqrt(self._variances[0][0]) / np.where(
+            self.step_two_std > 0.0, self.step_two_std, np.nan
+        )
 
     def interval(self, level: float = LEVEL) -> Array:
         """Coverage interval of each parameter, shape (p, 2), SI.

@@ -13,7 +13,9 @@ import numpy as np
 
 from calib.arrays import Array
 
-_REFRACTION = 2.71e-4  # n - 1 of air at 20 degC and 1013.25 hPa, red light; as pressure over temperature
+_REFRACTION = (
+    2.71e-4  # n - 1 of air at 20 degC and 1013.25 hPa, red light; as pressure over temperature
+)
 _PER_KELVIN = _REFRACTION / 293.15
 _PER_PASCAL = _REFRACTION / 101325.0
 
@@ -83,7 +85,9 @@ def _eccentric(beams: Array) -> Array:
     azimuth = np.arctan2(beams[..., 1], beams[..., 0])
     elevation = np.arctan2(beams[..., 2], np.hypot(beams[..., 0], beams[..., 1]))
     across = _across(beams)
-    turns = [(k, f(angle)) for k, angle in enumerate((azimuth, elevation)) for f in (np.cos, np.sin)]
+    turns = [
+        (k, f(angle)) for k, angle in enumerate((azimuth, elevation)) for f in (np.cos, np.sin)
+    ]
     level = np.hypot(beams[..., 0], beams[..., 1])[..., None]  # an azimuth moves by what is level
     reach = (level, _range(beams))
     return np.stack([across[..., k] * reach[k] * wave[..., None] for k, wave in turns], axis=-1)

@@ -134,7 +134,7 @@ class Pose(Observation):
     def followed(self, values: Array, span: Array, moved: Array) -> Array:
         response = self._response(values, span)
         m, _, points = response.shape
-        return np.einsum("mpx,mxb->pb", response, moved.reshape(m, points, -1))
+        return np.asarray(np.einsum("mpx,mxb->pb", response, moved.reshape(m, points, -1)))
 
     def _response(self, values: Array, span: Array) -> Array:
         """How values follow the points, through shape, poses and fit, shape (m, p, 3 M)."""

@@ -108,13 +108,15 @@ class Budget:
         return float(np.sqrt(self.weights @ variances / self.weights.sum()))
 
 
-def budget_of(found: Identification, estimate: Estimate, targets: Poses, weights: Array) -> Budget:
-    """The budget of an identification at targets; weights : ndarray, shape (m,)."""
-    return Budget(
-        tuple(of_calibration(found, targets, weights)),
-        tuple(_of_arm(found, estimate, targets)),
-        weights,
-    )
+def budget_of(
+    found: Identification, estimate: Estimate | None, targets: Poses, weights: Array
+) -> Budget:
+    """The budget of an identification at targets; weights : ndarray, shape (m,).
+
+    estimate : of the same, for what the arm adds; without it that is left out
+    """
+    arm = () if estimate is None else tuple(_of_arm(found, estimate, targets))
+    return Budget(tuple(of_calibration(found, targets, weights)), arm, weights)
 
 
 def combined(parts: Sequence[Part], weights: Array) -> Expected:

@@ -9,6 +9,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
+from calib.acceptance import Acceptance
 from calib.arm.dh import Convention
 from calib.arm.robot import Robot
 from calib.arm.statics import Payload
@@ -83,6 +84,8 @@ class Cell:
     known_distances : tuple of KnownDistance
     bodies : dict, name -> slice, the markers that are points of it: frames have an origin and the ends
         of two axes, boards all their points
+    acceptance : Acceptance, or None without a tolerance
+    about : dict, what the cell's [report] tells of robot, operator and environment, for the reader
     """
 
     name: str
@@ -109,6 +112,8 @@ class Cell:
     dh_convention: Convention | None = None
     known_distances: tuple[KnownDistance, ...] = ()
     bodies: Mapping[str, slice] = field(default_factory=dict)
+    acceptance: Acceptance | None = None
+    about: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def robot_source(self) -> str:

@@ -67,11 +67,11 @@ def considered(
             follow(moved * error.std),
             float(np.sqrt((moved**2)[data.seen].sum(axis=(-1, -2)).mean())) * error.std,
         )
-        for instrument, error, moved in _moved(model, values, data)
+        for instrument, error, moved in common_displacements(model, values, data)
     )
 
 
-def _moved(
+def common_displacements(
     model: Model, values: Array, data: Measurements
 ) -> Iterator[tuple[Tracker, CommonError, Array]]:
     """How readings follow each error, shape (m, C, r, b), SI."""

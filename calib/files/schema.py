@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from datetime import date, time
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -26,6 +27,7 @@ _HEAVIEST = 2500.0  # kg: the largest arms on the market carry 2300
 _PULLS_MOST = 30.0  # m/s^2
 _STANDARD = 9.80665
 _GRAVITIES = {"cm/s^2": 100.0, "mm/s^2": 1000.0, "ft/s^2": 3.28084, "in/s^2": 39.3701}
+_LONGEST_TEXT = 300
 _SYMMETRIC = 1e-6  # of the deviations
 
 
@@ -433,6 +435,23 @@ class DiagnosisTable(Table):
     exclude: list[str] = []
 
 
+class AcceptanceTable(Table):
+    tolerance_mm: Positive
+    rule: Literal["simple", "guarded"] = "guarded"
+
+
+def _told(value: object) -> object:
+    if isinstance(value, bool) or not isinstance(value, str | int | float | date | time):
+        raise ValueError("is no text, number or date")
+    if len(str(value)) > _LONGEST_TEXT or not str(value).isprintable():
+        raise ValueError(f"is no line of text, of {_LONGEST_TEXT} characters at most")
+    return value
+
+
+Told = Annotated[Any, AfterValidator(_told)]
+"""What a reader is told as it stands."""
+
+
 class ModelTable(Table):
     effects: Annotated[list[str], Field(min_length=1)]
     knots_deg: dict[str, list[Number]] = {}
@@ -455,6 +474,8 @@ class CellFile(Table):
     load: LoadTable | None = None
     design: DesignTable = DesignTable()
     diagnosis: DiagnosisTable = DiagnosisTable()
+    acceptance: AcceptanceTable | None = None
+    report: dict[Name, Told] = {}
     model: ModelTable
 
     @model_validator(mode="after")

@@ -172,6 +172,11 @@ class Identification:
         stays = len(np.unique(visits(self.fit.data.poses)[~self.fit.outlier]))
         return max(1.0, stays - self.rank / 6.0)
 
+    @property
+    def freedoms(self) -> Array:
+        """Effective degrees of freedom of each standard deviation, shape (p,), infinite if known."""
+        return np.broadcast_to(effective_freedom(self._variances), self.values.shape)
+
     @cached_property
     def correlation(self) -> Array:
         """Correlation matrix, shape (p, p)."""
@@ -197,7 +202,7 @@ class Identification:
 
         Student's t at the effective degrees of freedom (JCGM 100, G.4).
         """
-        half = coverage_factor(effective_freedom(self._variances), level=level) * self.std
+        half = coverage_factor(self.freedoms, level=level) * self.std
         return np.column_stack([self.values - half, self.values + half])
 
     def rms(self, key: str) -> float | None:

@@ -31,6 +31,8 @@ from studies.document import (
     mm,
     plural,
 )
+from studies.identify.acceptance import accepted
+from studies.identify.budget_told import budget_section
 from studies.identify.drift import Drift, Motion, Rate, Reference
 from studies.identify.pictures import (
     correlation,
@@ -75,6 +77,7 @@ def told(record: IdentifyRecord) -> Document:
             *_drift(record),
             Section("parameters", "What was identified", tuple(_identified(record))),
             Section("workspace", "Accuracy to expect elsewhere", (workspace,)),
+            *budget_section(record.budget, record.targets),
         ),
     )
 
@@ -114,6 +117,7 @@ def _headline(record: IdentifyRecord) -> Iterator[Sentence]:
     if record.outliers:
         names = listed([entry.pose for entry in record.outliers])
         yield Sentence(f"Left out of the fit as outliers: {names}.", "warn")
+    yield from accepted(record.acceptance)
 
 
 def _before_and_after(record: IdentifyRecord) -> tuple[float, float, str]:
@@ -369,7 +373,8 @@ def _identified(record: IdentifyRecord) -> Iterator[Part]:
         yield Sentence(words, label="" if k else "noise")
     caption = (
         "Parameters of the robot. Base and tool are estimated with them, and their uncertainty is "
-        "counted; 95 of 100 such intervals hold the true value, if the model is right"
+        "counted; 95 of 100 such intervals hold the true value, if the model is right. The factor is "
+        "Student's t at the effective degrees of freedom"
     )
     robot, placed = ([p for p in record.parameters if p.placed is own] for own in (False, True))
     yield Table(_PARAMETERS, robot, "Parameters of the robot", caption)

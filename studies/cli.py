@@ -23,6 +23,7 @@ from studies.enough.command import enough
 from studies.fleet.command import fleet
 from studies.identify.command import identify
 from studies.init.command import init
+from studies.iso9283.command import iso9283
 from studies.schema.command import schema
 
 
@@ -56,6 +57,7 @@ COMMANDS = (
     identify,
     diagnose,
     compensate,
+    iso9283,
     fleet,
     changes,
     report,

@@ -15,6 +15,7 @@ KINDS = (
     "diagnose",
     "enough",
     "compensate",
+    "iso9283",
     "changes",
     "fleet",
 )
@@ -31,6 +32,7 @@ def record_type(kind: str) -> type[Record]:
     from studies.enough.record import EnoughRecord
     from studies.fleet.record import FleetRecord
     from studies.identify.record import IdentifyRecord
+    from studies.iso9283.record import Iso9283Record
     from studies.plan.record import PlanRecord
 
     types: dict[str, type[Record]] = {
@@ -41,6 +43,7 @@ def record_type(kind: str) -> type[Record]:
         "diagnose": DiagnoseRecord,
         "enough": EnoughRecord,
         "compensate": CompensateRecord,
+        "iso9283": Iso9283Record,
         "fleet": FleetRecord,
         "changes": ChangesRecord,
     }

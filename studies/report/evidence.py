@@ -32,6 +32,7 @@ KINDS = (
     "compare",
     "enough",
     "compensate",
+    "iso9283",
     "changes",
 )
 """What a report can tell of, in the order of its headlines; ``plan`` is ``diagnose --plan-only``."""

@@ -25,6 +25,7 @@ ORDER = (
     "diagnose",
     "enough",
     "compensate",
+    "iso9283",
     "changes",
 )
 """Kinds of result as their sections follow each other."""

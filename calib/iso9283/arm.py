@@ -52,9 +52,8 @@ def session_of(estimate: Estimate, data: Measurements, marker: str | None) -> Se
             "the criteria of ISO 9283 are made of points; here no tracker (kind points) reads markers"
         )
     model, data = found
-    read = [
-        name for name, own in zip(model.marker_names, data.seen.any(axis=0), strict=True) if own
-    ]
+    shown = np.flatnonzero(np.any(data.seen, axis=0))
+    read = [model.marker_names[k] for k in shown]
     if marker is not None and marker not in read:
         raise CalibError(f"no marker {marker!r} is read here; there are {', '.join(read)}")
     j = model.marker_names.index(read[0] if marker is None else marker)

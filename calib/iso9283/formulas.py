@@ -13,6 +13,8 @@ import numpy as np
 from calib.arrays import Array
 from calib.expanded import LEVEL, coverage_factor, directions
 
+_DIRECTIONS, _FREEDOM = (1.0, 2.0, 3.0), (0.90, 1.52, 2.04)
+
 
 class Figure(NamedTuple):
     """A value and its 95 % interval."""
@@ -36,12 +38,15 @@ def position_accuracy(points: Array, commanded: Array) -> tuple[Figure, Array]:
 
 
 def position_repeatability(points: Array) -> Figure:
-    """RP (7.2.2) ``mean(l) + 3 S_l``, l the distances of points (n, 3) from their mean."""
+    """RP (7.2.2) ``mean(l) + 3 S_l``, l the distances of points (n, 3) from their mean.
+
+    Of points that scatter in d directions it is as sure as a standard deviation of 0.90, 1.52 and 2.04
+    (n - 1) degrees of freedom for d of 1, 2 and 3 (moments of the chi distribution, delta method).
+    """
     away = np.linalg.norm(points - points.mean(axis=0), axis=1)
     value = float(away.mean() + 3.0 * away.std(ddof=1))
-    return of_scatter(
-        value, float(directions((points - points.mean(axis=0)).T)) * (len(points) - 1)
-    )
+    d = float(directions((points - points.mean(axis=0)).T))
+    return of_scatter(value, float(np.interp(d, _DIRECTIONS, _FREEDOM)) * (len(points) - 1))
 
 
 def angles(turns: Array) -> tuple[Array, Array]:
@@ -94,16 +99,21 @@ def of_scatter(value: float, freedom: float) -> Figure:
 
 
 def repeatability_of(covariance: Array) -> float:
-    """RP of points that scatter with a covariance (3, 3): mean and spread of their distance.
+    """RP of endless cycles whose points are normal with a covariance (3, 3).
 
-    Its square is taken for a gamma of the same mean and variance, which it is where the scatter is
-    alike in the directions that it has.
+    The mean distance is ``E sqrt(x) = 1 / sqrt(pi) * integral over s of (1 - E exp(-x s^2)) / s^2``.
     """
-    from scipy.special import gammaln
+    from scipy.integrate import quad
 
     total = float(np.trace(covariance))
     if total <= 0.0:
         return 0.0
-    k = total**2 / float((covariance**2).sum()) / 2.0
-    mean = float(np.sqrt(total / k) * np.exp(gammaln(k + 0.5) - gammaln(k)))
-    return mean + 3.0 * float(np.sqrt(max(total - mean**2, 0.0)))
+    roots = np.linalg.eigvalsh(covariance) / total
+
+    def part(s: float) -> float:
+        """Its part at s and at 1 / s, so that s goes from zero to one."""
+        near, far = (float(np.prod(1.0 + 2.0 * roots * x) ** -0.5) for x in (s**2, s**-2))
+        return (1.0 - near) / s**2 + 1.0 - far
+
+    mean = quad(part, 0.0, 1.0)[0] / np.sqrt(np.pi)
+    return float(np.sqrt(total) * (mean + 3.0 * np.sqrt(1.0 - mean**2)))

@@ -44,6 +44,8 @@ def predicted(cell: Cell, session: Session, where: IntArray, freedom: float) -> 
 
     where : ndarray of int, positions of the readings; freedom : degrees of freedom behind the result
     """
+    if not len(where):
+        return Predicted((), ())
     poses, estimate = session.poses.take(where), session.estimate
     model = at_points_read(session.model)
     _, J = model.jacobian(estimate.values, poses)

@@ -94,8 +94,12 @@ def frames(q: Array) -> list[Array]:
     return T
 
 
-def points(values: Array, q: Array, tilt: Array | None = None) -> Array:
-    """Markers in the tracker's frame, shape (m, 3, 3), m; gravity turned by ``tilt`` about x and y."""
+def points(values: Array, q: Array, tilt: Array | None = None, force: Array | None = None) -> Array:
+    """Markers in the tracker's frame, shape (m, 3, 3), m; gravity turned by ``tilt`` about x and y.
+
+    force : N, on the tip, base axes
+    """
+    pull = np.zeros(3) if force is None else force
     place, markers, offsets, soft = (
         values[:6],
         values[6:15].reshape(3, 3),
@@ -113,10 +117,10 @@ def points(values: Array, q: Array, tilt: Array | None = None) -> Array:
             T = frames(bent)
             com = T[-1][:3, :3] @ COM + T[-1][:3, 3]
             for joint, compliance in zip((1, 2), soft, strict=True):
-                arm = com - T[joint][:3, 3]
-                bent[joint] = actual[joint] + compliance * (
-                    T[joint][:3, 2] @ np.cross(arm, MASS * gravity)
-                )
+                origin = T[joint][:3, 3]
+                moment = np.cross(com - origin, MASS * gravity)
+                moment = moment + np.cross(T[-1][:3, 3] - origin, pull)
+                bent[joint] = actual[joint] + compliance * (T[joint][:3, 2] @ moment)
         T = frames(bent)
         out[i] = (markers @ T[-1][:3, :3].T + T[-1][:3, 3]) @ R.T + place[:3]
     return out
@@ -160,11 +164,23 @@ def drawn(rng: np.random.Generator, only: str = "") -> dict[str, Array]:
     }
 
 
-def table(q: Array, read_points: Array) -> str:
-    header = "pose,marker," + ",".join(f"J{k}_rad" for k in range(1, 6)) + ",x_m,y_m,z_m"
-    rows = [
-        ",".join([f"p{i}", f"m{j + 1}", *(f"{a:.12f}" for a in q[i]), *(f"{c:.9f}" for c in point)])
-        for i, own in enumerate(read_points)
-        for j, point in enumerate(own)
-    ]
-    return "\n".join([header, *rows, ""])
+def table(
+    q: Array,
+    read_points: Array,
+    names: list[str] | None = None,
+    more: dict[str, Array] | None = None,
+) -> str:
+    """Measurements as a file; more : further columns (m,)."""
+    columns = more or {}
+    header = ["pose", "marker", *(f"J{k}_rad" for k in range(1, 6)), "x_m", "y_m", "z_m", *columns]
+    rows = [",".join(header)]
+    for i, own in enumerate(read_points):
+        for j, point in enumerate(own):
+            row = [
+                f"p{i}" if names is None else names[i],
+                f"m{j + 1}",
+                *(f"{a:.12f}" for a in q[i]),
+            ]
+            row += [f"{c:.9f}" for c in point] + [f"{c[i]:g}" for c in columns.values()]
+            rows.append(",".join(row))
+    return "\n".join([*rows, ""])

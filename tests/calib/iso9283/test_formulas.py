@@ -19,7 +19,7 @@ from calib.iso9283.formulas import (
     repeatability_of,
 )
 
-POINTS = np.array([[3.0, 0, 0], [-3.0, 0, 0], [0, 4.0, 0], [0, -4.0, 0]]) + [10.0, 20.0, 30.0]
+POINTS = np.array([[13.0, 20, 30], [7.0, 20, 30], [10.0, 24, 30], [10.0, 16, 30]])
 
 
 def test_pose_accuracy_and_repeatability() -> None:
@@ -62,7 +62,9 @@ def test_static_compliance() -> None:
     """
     found = compliance(np.array([0.0, 100.0, 200.0]), np.array([0.1, 0.3, 0.4]), 0.01)
     assert found.value == pytest.approx(1.5e-3)
-    assert found.high - found.value == pytest.approx(12.706 * math.sqrt(1 / 600) / math.sqrt(2e4), rel=1e-4)
+    assert found.high - found.value == pytest.approx(
+        12.706 * math.sqrt(1 / 600) / math.sqrt(2e4), rel=1e-4
+    )
     # Two readings tell no scatter: by 0.01 mm each, 1.96 sqrt(2) 0.01 / 100.
     two = compliance(np.array([0.0, 100.0]), np.array([0.0, 0.2]), 0.01)
     assert two.high - two.value == pytest.approx(1.95996 * math.sqrt(2.0) * 1e-4, rel=1e-4)
@@ -77,27 +79,29 @@ def test_repeatability_of_a_known_scatter() -> None:
     rng = np.random.default_rng(0)
     cov = np.diag([4.0, 1.0, 0.25])
     away = np.linalg.norm(rng.standard_normal((400_000, 3)) @ np.sqrt(cov), axis=1)
-    assert repeatability_of(cov) == pytest.approx(away.mean() + 3.0 * away.std(), rel=0.01)
+    assert repeatability_of(cov) == pytest.approx(away.mean() + 3.0 * away.std(), rel=0.005)
 
 
 @pytest.mark.parametrize("n", [5, 30])
-def test_intervals_hold_the_truth(n: int) -> None:
-    """Of 2000 tests of an arm that is off by 0.3 and scatters by 0.05, 95 of 100 intervals hold AP and
-    RP of endless cycles.
+@pytest.mark.parametrize("axes", [1, 3])
+def test_intervals_hold_the_truth(n: int, axes: int) -> None:
+    """Of 2000 tests of an arm that scatters along one axis or all, about 95 of 100 intervals hold what
+    endless cycles would show; means are covered in every direction, and so more often.
     """
     rng, hits = np.random.default_rng(n), np.zeros(2)
-    true = repeatability_of(0.05**2 * np.eye(3))
+    half = 0.05 * np.diag([1.0] * axes + [0.0] * (3 - axes))
+    true = repeatability_of(half @ half)
     for _ in range(2000):
-        points = [0.3, 0.0, 0.0] + 0.05 * rng.standard_normal((n, 3))
+        points = [0.3, 0.0, 0.0] + rng.standard_normal((n, 3)) @ half
         found, _ = position_accuracy(points, np.zeros(3))
         again = position_repeatability(points)
         hits += [found.low <= 0.3 <= found.high, again.low <= true <= again.high]
-    assert 0.95 <= hits[0] / 2000 <= 1.0
-    assert hits[1] / 2000 == pytest.approx(0.95, abs=0.05)
+    assert hits[0] / 2000 > 0.935
+    assert 0.935 < hits[1] / 2000 < 0.985
 
 
 def test_scatter_by_chi_square() -> None:
-    """A standard deviation of ten degrees of freedom: from 0.699 to 1.755 of it (tables of chi-square)."""
+    """A standard deviation of ten degrees of freedom: from 0.699 to 1.755 of it, by tables."""
     found = of_scatter(1.0, 10.0)
     assert found.low == pytest.approx(0.699, abs=1e-3)
     assert found.high == pytest.approx(1.755, abs=1e-3)

@@ -12,6 +12,7 @@ from studies.command.options import (
     cell_argument,
     data_argument,
     faults_in,
+    figures_option,
     json_option,
     one_line_faults,
 )
@@ -22,6 +23,7 @@ from studies.command.options import (
 @data_argument
 @click.argument("result_path", metavar="[RESULT]", type=PATH, required=False)
 @click.option("--marker", metavar="NAME", help="At which point. Default: the first that is read.")
+@figures_option
 @json_option
 @one_line_faults
 def iso9283(
@@ -29,6 +31,7 @@ def iso9283(
     data_path: Path,
     result_path: Path | None,
     marker: str | None,
+    folder: Path | None,
     json_path: str | None,
 ) -> None:
     """State the criteria of ISO 9283: AP, RP, AD, RD, vAP, drift and static compliance.
@@ -50,7 +53,7 @@ def iso9283(
     data = calib.load_measurements(cell, data_path)
     results = [] if result_path is None else [result_path]
     inputs = [cell_path, *cell.robot_files, data_path, *results]
-    check_outputs([output_file(json_path)], inputs)
+    check_outputs([output_file(json_path)], inputs, folder)
     with faults_in(data_path, effects_of=cell.path):
         record = criteria(
             cell,
@@ -60,4 +63,4 @@ def iso9283(
             marker,
             envelope(cell.name, inputs, about=cell.about),
         )
-    deliver(record, json_path)
+    deliver(record, json_path, folder)

@@ -9,6 +9,7 @@ from studies.document import (
     MM,
     Column,
     Document,
+    Figure,
     Part,
     Rule,
     Section,
@@ -17,6 +18,7 @@ from studies.document import (
     mm,
     plural,
 )
+from studies.iso9283.pictures import accuracy_and_repeatability
 from studies.iso9283.record import Compliance, Distance, Iso9283Record, Pose, Several
 
 _MOST = 8
@@ -124,6 +126,7 @@ def _headline(record: Iso9283Record) -> Iterator[Sentence]:
 
 
 def _parts(record: Iso9283Record) -> Iterator[Part]:
+    yield Figure(lambda: accuracy_and_repeatability(record))
     if repeated := record.of("measured"):
         caption = (
             "AP: mean attained less commanded point, in the base frame of the result; identified: less "

@@ -57,6 +57,22 @@ def _compensate() -> list[Record]:
     ]  # fmt: skip
 
 
+def _iso9283() -> list[Record]:
+    old = old_fields("iso9283")
+    first, *_ = measured = [own for own in old["poses"] if own["how"] == "measured"]
+    expected = [own for own in old["poses"] if own["how"] == "predicted"]
+    open_ = {"value": 1.0, "low": None, "high": None}
+    none = {"several": [], "distances": [], "compliance": []}
+    blind = {**first, "ap_angles_mrad": None, "rp_angles_mrad": None, "drift_mm": None, "ap_mm": open_}
+    return [
+        changed("iso9283"),
+        changed("iso9283", poses=expected, **none, same_data=True),
+        changed("iso9283", poses=[{**expected[0], "rp_mm": None}], **none),
+        changed("iso9283", poses=[blind, *measured], instrument_rp_mm=5.0, distances=[],
+                compliance=[{**old["compliance"][0], "mm_per_N": open_}]),
+    ]  # fmt: skip
+
+
 def _changes() -> list[Record]:
     old = old_fields("changes")
     first, second = old["causes"][:2]
@@ -324,6 +340,7 @@ EXAMPLES = {
     "diagnose": _diagnose(),
     "enough": _enough(),
     "compensate": _compensate(),
+    "iso9283": _iso9283(),
     "fleet": _fleet(),
     "changes": _changes(),
 }

@@ -12,6 +12,7 @@ from studies.document import (
     TEXT,
     WHOLE,
     Column,
+    Detail,
     Part,
     Rule,
     Section,
@@ -31,21 +32,30 @@ _FATES = {
 }
 _FREEDOM = Rule(lambda value: WHOLE(value), absent="known")
 _OWN = Rule(lambda value: STD(value), absent="")
+_UNIT = Rule(str, absent="")
+_SOURCE: Column[Row] = Column("source", lambda row: row.source)
+_TYPE: Column[Row] = Column("type", lambda row: row.evaluation)
 _ROWS: tuple[Column[Row], ...] = (
-    Column("source", lambda row: row.source),
-    Column("of", lambda row: row.instrument, detail=True),
-    Column("type", lambda row: row.evaluation),
-    Column("distribution", lambda row: row.distribution),
-    Column("divisor", lambda row: row.divisor, FOUR, detail=True),
+    _SOURCE,
+    _TYPE,
     Column("u", lambda row: row.standard_uncertainty, _OWN),
-    Column("unit", lambda row: row.unit),
-    Column("sensitivity", lambda row: row.sensitivity_mm, _OWN, "mm/unit", detail=True),
-    Column("one reading", lambda row: row.at_one_reading_mm, MM, "mm", detail=True),
+    Column("unit", lambda row: row.unit, _UNIT),
     Column("targets", lambda row: row.at_targets_mm, MM, "mm"),
     Column("base anew", lambda row: row.base_placed_anew_mm, MM, "mm"),
     Column("degrees", lambda row: row.degrees_of_freedom, _FREEDOM),
     Column("share", lambda row: row.share, SHARE),
     Column("many poses", lambda row: _FATES[row.poses], TEXT),
+)
+_EVALUATED: tuple[Column[Row], ...] = (
+    _SOURCE,
+    Column("of", lambda row: row.instrument),
+    _TYPE,
+    Column("distribution", lambda row: row.distribution),
+    Column("stated", lambda row: row.stated, _OWN),
+    Column("divisor", lambda row: row.divisor, FOUR),
+    Column("unit", lambda row: row.unit, _UNIT),
+    Column("sensitivity", lambda row: row.sensitivity_mm, _OWN, "mm/unit"),
+    Column("one reading", lambda row: row.at_one_reading_mm, MM, "mm"),
 )
 _CAPTION = (
     "What one standard uncertainty of each source does to the points at the targets, RMS, and with the "
@@ -70,6 +80,7 @@ def _parts(budget: BudgetEntry, targets: str) -> Iterator[Part]:
     if any(row.part_of == "arm" for row in budget.rows):
         yield Sentence(f"with what the arm and the model's lacks add, {_covered(budget.total)}")
     yield Table(_ROWS, budget.rows, "Uncertainty budget", _CAPTION)
+    yield Detail((Table(_EVALUATED, budget.rows, "How each source was evaluated", fold=True),))
     common = [row for row in budget.rows if row.instrument]
     said = {
         fate: listed([row.source for row in common if row.poses == fate])

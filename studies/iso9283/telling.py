@@ -8,6 +8,7 @@ from studies.document import (
     COUNT,
     MM,
     Column,
+    Detail,
     Document,
     Figure,
     Part,
@@ -25,12 +26,11 @@ _MOST = 8
 _CYCLES = 30  # that the standard asks for
 _SHARE = 0.25  # of a criterion that the measurement's own uncertainty may take (ISO 9283, 6.6)
 _FIGURE = Rule(lambda f: MM(f.value))
-_RANGE = Rule(lambda f: f"{_end(f.low)} to {_end(f.high)}", absent="", number=False)
+_RANGE = Rule(lambda f: f"{_end(f.low)} to {_end(f.high)}", absent="")
 _ANGLES = Rule(lambda values: " ".join(f"{value:.3f}" for value in values))
 _SOFT = Rule(lambda f: f"{1e3 * f.value:.4g}")
 _SOFT_RANGE = Rule(
-    lambda f: "open" if None in (f.low, f.high) else f"{1e3 * f.low:.3g} to {1e3 * f.high:.3g}",
-    number=False,
+    lambda f: "open" if None in (f.low, f.high) else f"{1e3 * f.low:.3g} to {1e3 * f.high:.3g}"
 )
 
 
@@ -55,8 +55,12 @@ _MEASURED: tuple[Column[Pose], ...] = (
     Column("AP identified", lambda row: row.ap_identified_mm, _FIGURE, "mm"),
     *_RP,
     Column("dAP", lambda row: row.drift_mm, MM, "mm"),
-    Column("AP a, b, c", lambda row: row.ap_angles_mrad, _ANGLES, "mrad", detail=True),
-    Column("RP a, b, c", lambda row: row.rp_angles_mrad, _ANGLES, "mrad", detail=True),
+)
+_TURNED: tuple[Column[Pose], ...] = (
+    _POSE,
+    Column("from", lambda row: row.approach),
+    Column("AP a, b, c", lambda row: row.ap_angles_mrad, _ANGLES, "mrad"),
+    Column("RP a, b, c", lambda row: row.rp_angles_mrad, _ANGLES, "mrad"),
 )
 _DISTANCES: tuple[Column[Distance], ...] = (
     Column("from", lambda row: row.first),
@@ -134,6 +138,9 @@ def _parts(record: Iso9283Record) -> Iterator[Part]:
             "from the mean and three standard deviations. dAP: of means of ten cycles"
         )
         yield Table(_MEASURED, repeated, "Poses measured again", caption, True, _MOST)
+        turned = [pose for pose in repeated if pose.ap_angles_mrad is not None]
+        angles = Table(_TURNED, turned, "Angles", "About x, y, z of the base", True, fold=True)
+        yield Detail((angles,) if turned else ())
     if record.several:
         yield Table(_SEVERAL, record.several, "Poses reached from several sides", "", True, _MOST)
     if record.distances:

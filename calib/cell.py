@@ -9,6 +9,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
+from calib.acceptance import Acceptance
 from calib.arm.dh import Convention
 from calib.arm.robot import Robot
 from calib.arm.statics import Payload
@@ -103,6 +104,8 @@ class Cell:
     bodies : dict, name -> slice, the markers that are points of it: frames have an origin and the ends
         of two axes, boards all their points
     prior : Prior or None, what the robot's type says of it; prior_file : Path or None, where it stands
+    acceptance : Acceptance, or None without a tolerance
+    about : dict, what the cell's [report] tells of robot, operator and environment, for the reader
     """
 
     name: str
@@ -134,6 +137,8 @@ class Cell:
     bodies: Mapping[str, slice] = field(default_factory=dict)
     prior: Prior | None = None
     prior_file: Path | None = None
+    acceptance: Acceptance | None = None
+    about: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def robot_source(self) -> str:

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib.arrays import Array
+from calib.budget import Budget, Expected, budget_of, combined
 from calib.cell import Cell
 from calib.errors import CalibError
-from calib.model.covariance import errors_at, task_error
 from calib.poses import Poses, hung, poses_at
 
 if TYPE_CHECKING:
+    from calib.compensation.estimate import Estimate
     from calib.identification import Identification
 
 _COUNT = 200
@@ -35,23 +36,41 @@ def targets_of(cell: Cell) -> tuple[Poses, Array]:
 class Accuracy:
     """What the uncertainty of identified parameters leaves at the targets.
 
-    errors : ndarray, shape (m,), m, infinite where a parameter is open; rms, worst : float, m
-    source : str, what the targets are
+    expected : Expected, by the parameters alone; source : str, what the targets are
     """
 
     targets: Poses
-    errors: Array
-    rms: float
-    worst: float
+    budget: Budget
+    expected: Expected
     source: str
 
+    @property
+    def errors(self) -> Array:
+        """RMS of each target, shape (m,), m."""
+        return self.expected.errors
 
-def accuracy_at_targets(cell: Cell, found: Identification) -> Accuracy:
-    """The accuracy to expect at the cell's targets."""
+    @property
+    def rms(self) -> float:
+        """Over the targets, m."""
+        return self.expected.rms(self.errors)
+
+    @property
+    def worst(self) -> float:
+        """At the worst of them, m."""
+        return self.expected.worst(self.errors)
+
+
+def accuracy_at_targets(
+    cell: Cell, found: Identification, estimate: Estimate | None = None
+) -> Accuracy:
+    """The accuracy to expect at the cell's targets.
+
+    estimate : of the same identification, for what the arm itself adds in the budget
+    """
     targets, weights = targets_of(cell)
-    errors = errors_at(found.model, found.values, found.knowledge, targets)
+    budget = budget_of(found, estimate, targets, weights)
     source = cell.targets_source or f"{len(targets)} Sobol poses within the limits"
-    return Accuracy(targets, errors, *task_error(errors, weights), source)
+    return Accuracy(targets, budget, combined(budget.calibration, weights), source)
 
 
 def sobol_poses(cell: Cell, count: int, seed: int) -> Poses:

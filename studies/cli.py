@@ -22,6 +22,7 @@ from studies.fleet.command import fleet
 from studies.identify.command import identify
 from studies.imports.command import import_
 from studies.init.command import init
+from studies.iso9283.command import iso9283
 from studies.next.command import next_
 from studies.programs.command import program
 from studies.report.command import report
@@ -59,6 +60,7 @@ COMMANDS = (
     identify,
     diagnose,
     compensate,
+    iso9283,
     fleet,
     changes,
     report,

@@ -16,6 +16,7 @@ KINDS = (
     "enough",
     "next",
     "compensate",
+    "iso9283",
     "changes",
     "fleet",
     "prior",
@@ -34,6 +35,7 @@ def record_type(kind: str) -> type[Record]:
     from studies.fleet.prior import PriorRecord
     from studies.fleet.record import FleetRecord
     from studies.identify.record import IdentifyRecord
+    from studies.iso9283.record import Iso9283Record
     from studies.next.record import NextRecord
     from studies.plan.record import PlanRecord
 
@@ -45,6 +47,7 @@ def record_type(kind: str) -> type[Record]:
         "diagnose": DiagnoseRecord,
         "enough": EnoughRecord,
         "compensate": CompensateRecord,
+        "iso9283": Iso9283Record,
         "fleet": FleetRecord,
         "changes": ChangesRecord,
         "prior": PriorRecord,

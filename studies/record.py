@@ -8,9 +8,9 @@ from __future__ import annotations
 import json
 import math
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NotRequired, TypedDict, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -84,6 +84,7 @@ class Record(Entry):
     """A result: what is common to all, and how it is told.
 
     cell : its name, empty in results of earlier versions
+    about : what its [report] tells of robot, operator and environment
 
     A kind adds its fields, and what must hold between them for :meth:`told` to be sure of it.
     """
@@ -94,6 +95,7 @@ class Record(Entry):
     seed: int
     inputs: tuple[InputFile, ...]
     cell: str = ""
+    about: dict[str, str] = Field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
     @property
@@ -117,17 +119,21 @@ class Envelope(TypedDict):
     seed: int
     inputs: tuple[InputFile, ...]
     cell: str
+    about: NotRequired[dict[str, str]]
 
 
-def envelope(cell: str, inputs: Sequence[Path], seed: int = 0) -> Envelope:
+def envelope(
+    cell: str, inputs: Sequence[Path], seed: int = 0, about: Mapping[str, str] | None = None
+) -> Envelope:
     """What every record begins with.
 
-    cell : its name; inputs : files, that of the cell first
+    cell, about : its name, and what it tells of robot and operator; inputs : files, the cell first
     """
     from importlib.metadata import version
 
     files = tuple(InputFile(file=str(path), sha256=sha256(path)) for path in inputs)
-    return Envelope(version=version("posecal"), seed=seed, inputs=files, cell=cell)
+    told = dict(about or {})
+    return Envelope(version=version("posecal"), seed=seed, inputs=files, cell=cell, about=told)
 
 
 class _Head(BaseModel):

@@ -19,25 +19,36 @@ _MM = 1e3
 
 
 class AtTarget(Entry):
-    """Where a target puts the tip (nominal model, base frame), and the error expected there."""
+    """Where a target puts the tip (nominal model, base frame), and the error expected there.
+
+    expanded_mm : within which 95 % of errors stay there
+    """
 
     tip_x_mm: Number
     tip_y_mm: Number
     tip_z_mm: Number
     expected_mm: Maybe
+    expanded_mm: Maybe = None
 
 
-def at_targets(robot: Robot, targets: Poses, errors: Array) -> tuple[AtTarget, ...]:
+def at_targets(
+    robot: Robot, targets: Poses, errors: Array, expanded: Array | None = None
+) -> tuple[AtTarget, ...]:
     """The entries of all targets.
 
-    errors : ndarray, shape (m,), m, infinite where a parameter is open
+    errors, expanded : ndarray, shape (m,), m, infinite where a parameter is open
     """
     from calib.arm.kinematics import forward
 
     tips = forward(robot, targets.q).o[:, -1] * _MM
+    covered = np.full(len(tips), np.nan) if expanded is None else expanded
     return tuple(
-        AtTarget(tip_x_mm=x, tip_y_mm=y, tip_z_mm=z, expected_mm=error * _MM)
-        for (x, y, z), error in zip(tips.tolist(), errors.tolist(), strict=True)
+        AtTarget(
+            tip_x_mm=x, tip_y_mm=y, tip_z_mm=z, expected_mm=error * _MM, expanded_mm=most * _MM
+        )
+        for (x, y, z), error, most in zip(
+            tips.tolist(), errors.tolist(), covered.tolist(), strict=True
+        )
     )
 
 

@@ -85,15 +85,15 @@ def at_targets(rows: Array, change: Array, cov: Array, weights: Array) -> AtTarg
     moved, spread = rows @ change, rows @ half
     share = np.sqrt(weights / weights.sum())
     all_moved, all_spread = share[:, None] * moved, share[:, None, None] * spread
-    whole = _lengths(all_moved.reshape(1, -1), all_spread.reshape(1, -1, len(half)))[0]
-    errors = _lengths(moved, spread)
+    whole = lengths(all_moved.reshape(1, -1), all_spread.reshape(1, -1, len(half)))[0]
+    errors = lengths(moved, spread)
     counted = np.flatnonzero(weights > 0.0)
     at = int(counted[np.argmax(errors[counted, 0])])
     worst = Length(float(errors[at, 0]), *errors[counted, 1:].max(axis=0).tolist())
     return AtTargets(Length(*whole.tolist()), worst, at, errors)
 
 
-def _lengths(moved: Array, spread: Array) -> Array:
+def lengths(moved: Array, spread: Array) -> Array:
     """Value, low and high, shape (m, 3), of lengths estimated as moved (m, R).
 
     spread : ndarray, shape (m, R, k), covariance ``spread spread^T``

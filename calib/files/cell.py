@@ -14,6 +14,7 @@ from typing import Any, get_args
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
+from calib.acceptance import Acceptance
 from calib.arm.robot import Robot
 from calib.arm.statics import Payload
 from calib.arrays import Array
@@ -99,6 +100,10 @@ def load_cell(path: str | Path) -> Cell:
         dh_convention=convention,
         known_distances=known_distances(path, table),
         bodies=bodies.parts,
+        acceptance=None
+        if table.acceptance is None
+        else Acceptance(table.acceptance.tolerance_mm * _MM, table.acceptance.rule),
+        about={key: str(value) for key, value in table.report.items()},
     )
     cell = replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))
     cell = with_targets(cell, table.design.targets)

@@ -14,13 +14,16 @@ from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.boards import shape_of
 from calib.files.schema import (
+    DIVISORS,
     BoardTable,
     BodyTable,
     CameraTable,
     CellFile,
+    CommonTable,
     DistanceTable,
     InstrumentTable,
     IntrinsicsStd,
+    LimitTable,
     MpeSigma,
     PlaneTable,
     PolarSigma,
@@ -43,6 +46,7 @@ from calib.instruments import (
     Tracker,
 )
 from calib.instruments.camera import FREE, Board
+from calib.instruments.common_errors import COMMON_KINDS, CommonError
 from calib.instruments.lens import Lens
 from calib.instruments.pose import CORNERS, corners_of
 from calib.noise import Noise
@@ -165,7 +169,28 @@ def _touching(table: DistanceTable | PlaneTable | SphereTable, placed: bool) -> 
 
 def _tracker(table: InstrumentTable, name: str, reads: tuple[int, ...] | None) -> Tracker:
     stands = None if table.position_mm is None else np.array(table.position_mm) * _MM
-    return Tracker(name=name, markers=reads, noise=_noise(table.sigma_mm), stands=stands)
+    return Tracker(
+        name=name,
+        markers=reads,
+        noise=_noise(table.sigma_mm),
+        stands=stands,
+        common=_common(table.common),
+    )
+
+
+def _common(table: CommonTable) -> tuple[CommonError, ...]:
+    """The errors that a cell states; a number is one standard uncertainty."""
+    found = []
+    for key, kind in COMMON_KINDS.items():
+        stated = getattr(table, key)
+        if isinstance(stated, LimitTable):
+            divisor = stated.divisor or DIVISORS[stated.distribution]
+            freedom = stated.degrees_of_freedom or math.inf
+            limit = stated.limit * kind.scale
+            found.append(CommonError(key, limit, stated.distribution, divisor, freedom))
+        elif stated:
+            found.append(CommonError(key, stated * kind.scale))
+    return tuple(found)
 
 
 def _camera(table: CameraTable, name: str, cell: CellFile, bodies: Bodies) -> Camera:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from datetime import date, time
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -26,6 +27,7 @@ _HEAVIEST = 2500.0  # kg: the largest arms on the market carry 2300
 _PULLS_MOST = 30.0  # m/s^2
 _STANDARD = 9.80665
 _GRAVITIES = {"cm/s^2": 100.0, "mm/s^2": 1000.0, "ft/s^2": 3.28084, "in/s^2": 39.3701}
+_LONGEST_TEXT = 300
 _SYMMETRIC = 1e-6  # of the deviations
 
 
@@ -205,9 +207,52 @@ Marker = Annotated[
 ]
 
 
+DIVISORS = {"normal": 2.0, "rectangular": 3.0**0.5, "triangular": 6.0**0.5, "arcsine": 2.0**0.5}
+"""By which a limit becomes one standard uncertainty (JCGM 100, 4.3); a normal one may have its own."""
+
+
+class LimitTable(Table):
+    limit: Positive
+    distribution: Literal["normal", "rectangular", "triangular", "arcsine"] = "rectangular"
+    divisor: Positive | None = None
+    degrees_of_freedom: Annotated[Number, Field(ge=1)] | None = None
+
+    @model_validator(mode="after")
+    def _own_divisor(self) -> Self:
+        if self.divisor is not None and self.distribution != "normal":
+            raise ValueError(
+                f"divisor of a {self.distribution} distribution is {DIVISORS[self.distribution]:.4g}; "
+                "take it out, or write distribution = 'normal'"
+            )
+        return self
+
+
+def _kind_of_common(value: Any) -> str:
+    return "table" if isinstance(value, dict) else "number"
+
+
+Uncertainty = Annotated[
+    Annotated[NotNegative, Tag("number")] | Annotated[LimitTable, Tag("table")],
+    Discriminator(_kind_of_common),
+]
+"""One standard uncertainty, or a limit with its distribution."""
+
+
+class CommonTable(Table):
+    scale_um_m: Uncertainty | None = None
+    r0_um: Uncertainty | None = None
+    transverse_um: Uncertainty | None = None
+    transverse_um_m: Uncertainty | None = None
+    eccentricity_urad: Uncertainty | None = None
+    temperature_degC: Uncertainty | None = None  # noqa: N815
+    pressure_hPa: Uncertainty | None = None  # noqa: N815
+    level_urad: Uncertainty | None = None
+
+
 class InstrumentTable(Table):
     sigma_mm: Sigma
     position_mm: Vector | None = None
+    common: CommonTable = CommonTable()
 
 
 class DistanceTable(Table):
@@ -435,6 +480,23 @@ class PriorTable(Table):
     file: Annotated[str, Field(min_length=1)]
 
 
+class AcceptanceTable(Table):
+    tolerance_mm: Positive
+    rule: Literal["simple", "guarded"] = "guarded"
+
+
+def _told(value: object) -> object:
+    if isinstance(value, bool) or not isinstance(value, str | int | float | date | time):
+        raise ValueError("is no text, number or date")
+    if len(str(value)) > _LONGEST_TEXT or not str(value).isprintable():
+        raise ValueError(f"is no line of text, of {_LONGEST_TEXT} characters at most")
+    return value
+
+
+Told = Annotated[Any, AfterValidator(_told)]
+"""What a reader is told as it stands."""
+
+
 class ModelTable(Table):
     effects: Annotated[list[str], Field(min_length=1)]
     knots_deg: dict[str, list[Number]] = {}
@@ -458,6 +520,8 @@ class CellFile(Table):
     load: LoadTable | None = None
     design: DesignTable = DesignTable()
     diagnosis: DiagnosisTable = DiagnosisTable()
+    acceptance: AcceptanceTable | None = None
+    report: dict[Name, Told] = {}
     model: ModelTable
 
     @model_validator(mode="after")

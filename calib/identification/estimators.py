@@ -54,6 +54,10 @@ class Estimator(Protocol):
         """Covariance (p, p) for the noise as stated."""
         ...
 
+    def followed(self, observation: Observation, values: Array, span: Array, moved: Array) -> Array:
+        """How values follow readings displaced by ``moved`` (m, C, r, b), shape (p, b), SI."""
+        ...
+
     def dof(self, observation: Observation, span: Array) -> int:
         """Degrees of freedom of the residuals; negative where the readings do not suffice.
 
@@ -87,6 +91,9 @@ class Readings:
 
     def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
         return observation.covariance(values, span)
+
+    def followed(self, observation: Observation, values: Array, span: Array, moved: Array) -> Array:
+        return observation.followed(values, span, moved)
 
     def dof(self, observation: Observation, span: Array) -> int:
         known = observation.model.known_rows
@@ -129,15 +136,31 @@ class Differences:
         """Both sets are linear in the same readings: what the elastic ones owe to noise goes into
         the rigid ones.
         """
+        from_readings, from_differences = self._gains(observation, values, span)
+        gain = from_readings + from_differences
+        return np.asarray(gain @ gain.T)
+
+    def followed(self, observation: Observation, values: Array, span: Array, moved: Array) -> Array:
+        read, centred = (o.rows(moved) for o in (observation, observation.points(centred=True)))
+        read, centred = (rows.reshape(-1, rows.shape[-1]) for rows in (read, centred))
+        gains = self._gains(observation, values, span)
+        # What is known beside the readings comes last, and stays as it is.
+        from_readings, from_differences = (gain[:, : len(read)] for gain in gains)
+        return np.asarray(from_readings @ read + from_differences @ centred)
+
+    def _gains(self, observation: Observation, values: Array, span: Array) -> tuple[Array, Array]:
+        """How values follow weighted readings and their differences, both (p, N)."""
         soft = _soft(observation.model, span)
         rigid, elastic = span[:, ~soft], span[:, soft]
         _, J = observation.flat(values)
         _, J_centred = observation.points(centred=True).flat(values)
-        to_elastic = np.linalg.pinv(J_centred @ elastic)
-        from_rest = np.linalg.pinv(J @ rigid)
-        to_rigid = from_rest - (from_rest @ (J @ elastic)) @ to_elastic
-        gain = rigid @ to_rigid + elastic @ to_elastic
-        return np.asarray(gain @ gain.T)
+        to_rigid, to_elastic = np.linalg.pinv(J @ rigid), np.linalg.pinv(J_centred @ elastic)
+        k = len(to_rigid)
+        # Each set is fitted beside the other: where both stand still, all is solved together.
+        both = np.eye(span.shape[1])
+        both[:k, k:], both[k:, :k] = to_rigid @ J @ elastic, to_elastic @ J_centred @ rigid
+        settled = np.hstack([rigid, elastic]) @ np.linalg.inv(both)
+        return settled[:, :k] @ to_rigid, settled[:, k:] @ to_elastic
 
     def dof(self, observation: Observation, span: Array) -> int:
         group = observation.data.poses.configuration

@@ -10,7 +10,9 @@ from typing import Literal
 import numpy as np
 
 from calib.arrays import Array, Mask
+from calib.considered import Considered
 from calib.effects.base import Base
+from calib.expanded import LEVEL, coverage_factor, effective_freedom
 from calib.identification.common import Shared, shared, variables_of
 from calib.identification.noise_level import NoiseLevel
 from calib.instruments import Channels, Instrument
@@ -20,6 +22,7 @@ from calib.model.reduction import Dropped
 from calib.observations import Approach
 from calib.population import Departure
 from calib.poses import Measurements, Poses
+from calib.poses.visits import visits
 from calib.scatter import Levels, Scatter
 
 Status = Literal["converged", "not_converged", "rank_deficient"]
@@ -110,6 +113,8 @@ class Identification:
     profiled : ndarray, shape (p,), standard deviations of tunings by the profile of the likelihood, NaN
         where the covariance holds, or None
     footprint : float, metres to one unit of distances and noise: 1 unless no reading is a length
+    common : tuple of Considered, errors that all readings share, which the cell states; their part of
+        the uncertainty is no part of ``covariance``
     scatter : Scatter or None, how whole poses err together; levels : Levels or None, how that was found
     of_type : Departure or None, how the robot stands to its type where the cell names one
     """
@@ -142,19 +147,48 @@ class Identification:
     profiled: Array | None = None
     footprint: float = 1.0
     of_type: Departure | None = None
+    common: tuple[Considered, ...] = ()
 
     @property
     def std(self) -> Array:
         """Standard deviations, shape (p,), SI."""
-        std = np.sqrt(np.diag(self.covariance))
-        if self.profiled is None:
-            return std
-        return np.where(np.isfinite(self.profiled), self.profiled, std)
+        return np.sqrt(sum((own for own, _ in self._variances), np.zeros(len(self.values))))
+
+    @property
+    def _variances(self) -> list[tuple[Array, float]]:
+        """Parts of the variance of each value (p,), with their degrees of freedom."""
+        own = np.diag(self.covariance)
+        if self.profiled is not None:
+            own = np.where(np.isfinite(self.profiled), self.profiled**2, own)
+        common = [(np.diag(one.covariance), one.error.freedom) for one in self.common]
+        return [(own, self.freedom), *common]
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom behind the covariance: those of the noise, infinite where it is known.
+
+        Where poses err as a whole, by as much as the data show, stays count and not points.
+        """
+        levels = self.levels
+        if levels is None or not levels.variances.any or not (levels.free > 0).any():
+            return max(float(self.noise.dof), 1.0)
+        stays = len(np.unique(visits(self.fit.data.poses)[~self.fit.outlier]))
+        return max(1.0, stays - self.rank / 6.0)
+
+    @property
+    def freedoms(self) -> Array:
+        """Effective degrees of freedom of each standard deviation, shape (p,), infinite if known."""
+        return np.broadcast_to(effective_freedom(self._variances), self.values.shape)
 
     @cached_property
     def correlation(self) -> Array:
         """Correlation matrix, shape (p, p)."""
-        return correlation(self.covariance)
+        return correlation(self.covariance + self.systematic)
+
+    @property
+    def systematic(self) -> Array:
+        """What common errors add to the covariance of the values, shape (p, p), SI."""
+        return sum((one.covariance for one in self.common), np.zeros_like(self.covariance))
 
     @property
     def optimism(self) -> Array:
@@ -162,13 +196,16 @@ class Identification:
 
         NaN where step 2 has none.
         """
-        return self.std / np.where(self.step_two_std > 0.0, self.step_two_std, np.nan)
+        return np.sqrt(self._variances[0][0]) / np.where(
+            self.step_two_std > 0.0, self.step_two_std, np.nan
+        )
 
-    def interval(self, level: float = 0.95) -> Array:
-        """Confidence interval of each parameter, shape (p, 2), SI (Student's t)."""
-        from scipy.special import stdtrit
+    def interval(self, level: float = LEVEL) -> Array:
+        """Coverage interval of each parameter, shape (p, 2), SI.
 
-        half = float(stdtrit(min(max(self.noise.dof, 1), 1e9), 0.5 + level / 2)) * self.std
+        Student's t at the effective degrees of freedom (JCGM 100, G.4).
+        """
+        half = coverage_factor(self.freedoms, level=level) * self.std
         return np.column_stack([self.values - half, self.values + half])
 
     def rms(self, key: str) -> float | None:
@@ -245,7 +282,7 @@ class Identification:
     @property
     def knowledge(self) -> Array:
         """Covariance of all values, those that were not estimated included, shape (p, p), SI."""
-        return self.covariance + self.ignorance
+        return self.covariance + self.ignorance + self.systematic
 
     def predict(self, poses: Poses) -> Array:
         """Readings at other poses, shape (m, C, r), by the model as fitted: the same knots."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.cell import Cell
+from calib.considered import considered
 from calib.effects.base import Base
 from calib.effects.tool import Body, Tool
 from calib.errors import CalibError, TooFewPoses, Unsolvable
@@ -159,6 +161,9 @@ def identify(
         profiled=by_profile,
         footprint=model.footprint(values, data),
         of_type=of_type,
+        common=considered(
+            model, values, counted.data, partial(estimator.followed, counted, values, found.span)
+        ),
     )
 
 

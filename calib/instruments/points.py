@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.arm.se3 import rotate, skew, so3_exp, so3_log, so3_right_jacobian
 from calib.arrays import Array, Mask
+from calib.instruments.common_errors import CommonError
 from calib.instruments.placing import placed
 from calib.instruments.protocol import Column, Instrument, Linear, Nominal, Start, Unknown
 from calib.noise import Noise
@@ -23,10 +24,12 @@ class Tracker(Instrument):
     noise : Noise, along and across the beam
     stands : ndarray, shape (3,), m, base frame, where the beams start; None for the origin of the
         readings
+    common : tuple of CommonError, the same at all readings; circles turn about the z axis of these
     """
 
     noise: Noise = field(default_factory=lambda: Noise.isotropic(1.0))
     stands: Array | None = None
+    common: tuple[CommonError, ...] = ()
     kind: ClassVar[str] = "points"
     rows: ClassVar[int] = 3
     unknowns: ClassVar[tuple[Unknown, ...]] = (
@@ -55,10 +58,10 @@ class Tracker(Instrument):
         return Linear(rows, R if place.any() else None, by_place)
 
     def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
-        return self.noise.whitening(self._beams(place, rows), sigma)
+        return self.noise.whitening(self.beams(place, rows), sigma)
 
-    def _beams(self, place: Array, rows: Array) -> Array:
-        """Vectors to the points, station axes."""
+    def beams(self, place: Array, rows: Array) -> Array:
+        """Vectors (..., m, C, 3), m, to the points of rows, in the axes of the station."""
         if self.stands is None:
             return rows
         R, p = self.placement(place)

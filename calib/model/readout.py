@@ -11,7 +11,7 @@ import numpy as np
 from calib.arrays import Array, Mask
 from calib.effects.base import Base
 from calib.effects.protocol import PartEffect, ReadingEffect
-from calib.instruments import Channels, Instrument
+from calib.instruments import Channels, Instrument, Tracker
 from calib.instruments.protocol import Linear
 from calib.poses import Poses
 
@@ -150,6 +150,15 @@ class Readout:
             return self._at_stands(instrument, values, poses, whitening, given, [-4])[0]
 
         return self._beside((one(i, part) for i, part in self.channels.blocks), -2, -1)
+
+    def beams(self, instrument: Tracker, values: Array, poses: Poses, rows: Array) -> Array:
+        """From a tracker to the points of its rows (m, C, r), shape (m, C, 3), m, station axes."""
+
+        def beams(stand: Stand, rows: Array) -> tuple[Array]:
+            return (instrument.beams(stand.place, rows),)
+
+        own = rows[..., : instrument.rows]
+        return self._at_stands(instrument, values, poses, beams, [(own, -3)], [-3])[0]
 
     def difference(self, measured: Array, predicted: Array) -> Array:
         """What readings (..., m, C, r) are measured beyond those predicted."""

@@ -124,6 +124,20 @@ class Pose(Observation):
         """Covariance (p, p), from the noise of the points through shape, poses and fit."""
         if self.efficient and not self.own_shape:
             return super().covariance(values, span)
+        response = self._response(values, span)
+        half = response @ blockwise_inverse(self.weights)
+        of_points = self.points().mixing
+        if of_points is not None:
+            return of_points.covariance(np.swapaxes(half, -1, -2))
+        return np.asarray(np.einsum("mpa,mqa->pq", half, half, optimize=True))
+
+    def followed(self, values: Array, span: Array, moved: Array) -> Array:
+        response = self._response(values, span)
+        m, _, points = response.shape
+        return np.asarray(np.einsum("mpx,mxb->pb", response, moved.reshape(m, points, -1)))
+
+    def _response(self, values: Array, span: Array) -> Array:
+        """How values follow the points, through shape, poses and fit, shape (m, p, 3 M)."""
         T, L = self.computed
         fit = np.swapaxes(self.gains(values, span), -1, -2)
         m, p = fit.shape[:2]
@@ -134,11 +148,7 @@ class Pose(Observation):
             turned = response.reshape(m, p, -1, 3) @ T[:, None, :3, :3]
             shifted = turned.reshape(m, p, -1).sum(axis=0)
             response = response + (self._tool_columns() - shifted) @ own
-        half = response @ blockwise_inverse(self.weights)
-        of_points = self.points().mixing
-        if of_points is not None:
-            return of_points.covariance(np.swapaxes(half, -1, -2))
-        return np.asarray(np.einsum("mpa,mqa->pq", half, half, optimize=True))
+        return np.asarray(response)
 
     def _tool_columns(self) -> Array:
         """How the markers' parameters follow the shape, (p, 3 M)."""

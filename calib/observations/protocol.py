@@ -119,6 +119,11 @@ class Observation(ABC):
         follow = gain(self.flat(values)[1], span).T[: r.size].reshape(*r.shape, -1)
         return follow if self.weighing is None else self.weighing.back(follow)
 
+    def followed(self, values: Array, span: Array, moved: Array) -> Array:
+        """How the least-squares values follow readings displaced by (m, C, r, b), shape (p, b), SI."""
+        own = np.moveaxis(self.gains(values, span), -1, 0).reshape(len(values), -1)
+        return np.asarray(own @ self.rows(moved).reshape(own.shape[1], -1))
+
     def only(self, kept: Mask) -> Self:
         """The observation with the other poses weighted out; kept has shape (m,)."""
         return replace(self, weights=self.weights * kept[:, None, None, None])

@@ -49,7 +49,7 @@ def diagnosed(
         chosen,
         shown(found) if figures else None,
         session.holdout,
-        envelope(cell.name, inputs_of(session), session.seed),
+        envelope(cell.name, inputs_of(session), session.seed, cell.about),
         (*held.warnings, *failed),
     )
     return found, record

@@ -36,6 +36,7 @@ def identified(
     Raises InputError naming the file that is at fault.
     """
     import calib
+    from calib.acceptance import judged
     from calib.compensation.estimate import estimate_of
     from calib.drift import drift_of
     from calib.identification.identify import whitening
@@ -56,13 +57,15 @@ def identified(
         differences=differences,
         holdout=session.holdout,
     )
+    estimate = estimate_of(found)
     record = identify_record(
         found,
-        accuracy_at_targets(cell, found),
+        accuracy_at_targets(cell, found, estimate),
         drift_of(session.whole, whitening(cell, found.model, found.values, session.whole)),
-        estimate_of(found),
+        estimate,
         asked,
-        envelope(cell.name, inputs_of(session), session.seed),
+        envelope(cell.name, inputs_of(session), session.seed, cell.about),
         held.warnings,
+        judged(cell, found),
     )
     return found, record

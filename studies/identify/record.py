@@ -10,6 +10,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from studies.estimate import Estimated, estimated
+from studies.identify.acceptance import AcceptanceEntry, acceptance_entry
+from studies.identify.budget import BudgetEntry, budget_entry
 from studies.identify.drift import Drift, drift_entry
 from studies.identify.of_type import OfType, of_type_entry
 from studies.noise import Noise, by_level
@@ -30,6 +32,7 @@ from studies.targets import AtTarget, at_targets
 
 if TYPE_CHECKING:
     from calib import Identification
+    from calib.acceptance import Judged
     from calib.arrays import Array
     from calib.compensation.estimate import Estimate
     from calib.drift import Drift as Moved
@@ -53,6 +56,7 @@ class IdentifyNoise(Noise):
 class Parameter(Entry):
     """An identified value; what belongs to its deviation is None where it was not estimated.
 
+    degrees_of_freedom : behind ci95, None where the uncertainty counts as known
     std_by_pose : if the points of a pose err together, as under a model that lacks something
     step_two_optimism : factor by which it would be less if base and tool were known
     """
@@ -64,6 +68,7 @@ class Parameter(Entry):
     value: Number
     std: MaybePositive
     ci95: tuple[Number, Number] | None
+    degrees_of_freedom: Maybe = None
     std_by_pose: Maybe
     step_two_optimism: Maybe
     unit: str
@@ -234,6 +239,8 @@ class IdentifyRecord(Record):
     task_worst_mm: Maybe
     targets: str
     at_targets: tuple[AtTarget, ...] = Field(min_length=1)
+    budget: BudgetEntry | None = None
+    acceptance: AcceptanceEntry | None = None
     drift: Drift | None = None
     of_type: OfType | None = None
     estimate: Estimated
@@ -284,11 +291,13 @@ def identify_record(
     asked: Asked,
     made_from: Envelope,
     warnings: tuple[str, ...] = (),
+    judged: Judged | None = None,
 ) -> IdentifyRecord:
     """The record of an identification.
 
     accuracy : to expect at the targets; drift : what readings that were repeated say
     warnings : of the tables, beside those of the identification
+    judged : the held-out points against the cell's tolerance
     """
     from calib.identification import ADVICE
 
@@ -350,7 +359,11 @@ def identify_record(
         task_rms_mm=accuracy.rms * _MM,
         task_worst_mm=accuracy.worst * _MM,
         targets=accuracy.source,
-        at_targets=at_targets(found.model.robot, accuracy.targets, accuracy.errors),
+        at_targets=at_targets(
+            found.model.robot, accuracy.targets, accuracy.errors, accuracy.expected.expanded
+        ),
+        budget=budget_entry(accuracy.budget),
+        acceptance=acceptance_entry(judged),
         drift=None if drift is None else drift_entry(drift),
         of_type=None if found.of_type is None else of_type_entry(found),
         estimate=estimated(estimate),
@@ -359,9 +372,10 @@ def identify_record(
 
 def _parameters(found: Identification) -> Iterator[Parameter]:
     by_pose = np.full(len(found.values), np.nan) if found.std_by_pose is None else found.std_by_pose
-    for p, value, std, (low, high), own, factor in zip(
+    for p, value, std, (low, high), dof, own, factor in zip(
         found.model.parameters, found.values.tolist(), found.std.tolist(),
-        found.interval().tolist(), by_pose.tolist(), found.optimism.tolist(), strict=True,
+        found.interval().tolist(), found.freedoms.tolist(), by_pose.tolist(),
+        found.optimism.tolist(), strict=True,
     ):  # fmt: skip
         known = 0.0 < std < np.inf
         yield Parameter(
@@ -372,6 +386,7 @@ def _parameters(found: Identification) -> Iterator[Parameter]:
             value=value / p.scale,
             std=std / p.scale if known else None,
             ci95=(low / p.scale, high / p.scale) if known else None,
+            degrees_of_freedom=dof if known else None,
             std_by_pose=own / p.scale,
             step_two_optimism=factor,
             unit=p.unit,

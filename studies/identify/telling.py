@@ -31,6 +31,8 @@ from studies.document import (
     mm,
     plural,
 )
+from studies.identify.acceptance import accepted
+from studies.identify.budget_told import budget_section
 from studies.identify.drift import Drift, Motion, Rate, Reference
 from studies.identify.of_type import told_of_type
 from studies.identify.pictures import (
@@ -77,6 +79,7 @@ def told(record: IdentifyRecord) -> Document:
             Section("parameters", "What was identified", tuple(_identified(record))),
             *_of_type(record),
             Section("workspace", "Accuracy to expect elsewhere", (workspace,)),
+            *budget_section(record.budget, record.targets),
         ),
     )
 
@@ -116,6 +119,7 @@ def _headline(record: IdentifyRecord) -> Iterator[Sentence]:
     if record.outliers:
         names = listed([entry.pose for entry in record.outliers])
         yield Sentence(f"Left out of the fit as outliers: {names}.", "warn")
+    yield from accepted(record.acceptance)
 
 
 def _before_and_after(record: IdentifyRecord) -> tuple[float, float, str]:
@@ -377,7 +381,8 @@ def _identified(record: IdentifyRecord) -> Iterator[Part]:
         yield Sentence(words, label="" if k else "noise")
     caption = (
         "Parameters of the robot. Base and tool are estimated with them, and their uncertainty is "
-        "counted; 95 of 100 such intervals hold the true value, if the model is right"
+        "counted; 95 of 100 such intervals hold the true value, if the model is right. The factor is "
+        "Student's t at the effective degrees of freedom"
     )
     robot, placed = ([p for p in record.parameters if p.placed is own] for own in (False, True))
     yield Table(_PARAMETERS, robot, "Parameters of the robot", caption, fold=False)

@@ -34,6 +34,7 @@ KINDS = (
     "enough",
     "next",
     "compensate",
+    "iso9283",
     "changes",
 )
 """What a report can tell of, in the order of its headlines; ``plan`` is ``diagnose --plan-only``."""

@@ -139,6 +139,27 @@ CELL = _in(
         "sigma is NaN": swap("0.010", "nan"),
         "a maximum permissible error without divisor": swap("0.010", "{ mpe_mm = 0.03 }"),
         "a unit misspelt": swap("sigma_mm", "sigma_m"),
+        "a common error in another unit": swap(
+            "[instrument]", "[instrument]\ncommon.scale_ppm = 0.3"
+        ),
+        "a common error below zero": swap("[instrument]", "[instrument]\ncommon.r0_um = -5"),
+        "a limit of no distribution": swap(
+            "[instrument]",
+            '[instrument]\ncommon.r0_um = { limit = 5, distribution = "uniform" }',
+        ),
+        "a rectangular distribution with a divisor": swap(
+            "[instrument]", "[instrument]\ncommon.r0_um = { limit = 5, divisor = 2 }"
+        ),
+        "a distribution without a limit": swap(
+            "[instrument]", '[instrument]\ncommon.r0_um = { distribution = "triangular" }'
+        ),
+        "a tolerance of nothing": added("\n[acceptance]\ntolerance_mm = 0\n"),
+        "a tolerance in micrometres": added("\n[acceptance]\ntolerance_um = 50\n"),
+        "a decision rule that is none": added(
+            '\n[acceptance]\ntolerance_mm = 0.1\nrule = "generous"\n'
+        ),
+        "a table in what the report tells": added("\n[report]\nserial = { number = 3 }\n"),
+        "a bell in what the report tells": added('\n[report]\nserial = "\\u0007"\n'),
         "a table misspelt": swap("[instrument]", "[instrumental]"),
         "a table in place of a number": swap("mass_kg = 250.0", "mass_kg = { kg = 250 }"),
         "no instrument": lambda t: t.replace("[instrument]\nsigma_mm = 0.010", "[payload]\n"),

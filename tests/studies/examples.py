@@ -57,6 +57,28 @@ def _compensate() -> list[Record]:
     ]  # fmt: skip
 
 
+def _iso9283() -> list[Record]:
+    old = old_fields("iso9283")
+    first, *_ = measured = [own for own in old["poses"] if own["how"] == "measured"]
+    expected = [own for own in old["poses"] if own["how"] == "predicted"]
+    open_ = {"value": 1.0, "low": None, "high": None}
+    none = {"several": [], "distances": [], "compliance": []}
+    blind = {
+        **first,
+        "ap_angles_mrad": None,
+        "rp_angles_mrad": None,
+        "drift_mm": None,
+        "ap_mm": open_,
+    }
+    return [
+        changed("iso9283"),
+        changed("iso9283", poses=expected, **none, same_data=True),
+        changed("iso9283", poses=[{**expected[0], "rp_mm": None}], **none),
+        changed("iso9283", poses=[blind, *measured], instrument_rp_mm=5.0, distances=[],
+                compliance=[{**old["compliance"][0], "mm_per_N": open_}]),
+    ]  # fmt: skip
+
+
 def _changes() -> list[Record]:
     old = old_fields("changes")
     first, second = old["causes"][:2]
@@ -203,8 +225,30 @@ def _identify() -> list[Record]:
     ]  # fmt: skip
     px = {"instrument": "cam", "unit": "px", "nominal": 3.2, "fitted_all": 0.54, "fitted": 0.54}
     pixels = {"rms_mm": none, "max_mm": none, "p95_mm": none, "pair_distances_mm": {}}
+    own = {"source": "readings, each by itself", "instrument": "", "evaluation": "A",
+           "part_of": "calibration", "distribution": "normal", "divisor": 1.0, "stated": 0.01,
+           "standard_uncertainty": 0.01, "unit": "mm", "sensitivity_mm": 1.0,
+           "degrees_of_freedom": 12.0, "at_one_reading_mm": 0.017, "at_targets_mm": 0.01,
+           "base_placed_anew_mm": 0.008, "share": 0.5, "poses": "average"}  # fmt: skip
+    scale = {**own, "source": "scale", "instrument": "laser", "unit": "um/m", "poses": "stays",
+             "evaluation": "B", "degrees_of_freedom": None}  # fmt: skip
+    bare = {"stated": None, "standard_uncertainty": None, "unit": "", "sensitivity_mm": None,
+            "at_one_reading_mm": None, "poses": None, "part_of": "arm"}  # fmt: skip
+    zero = {**scale, "source": "zero", "poses": "base"}
+    total = {"standard_uncertainty_mm": 0.02, "coverage_factor": 2.1, "expanded_mm": 0.042,
+             "worst_expanded_mm": 0.05, "degrees_of_freedom": 12.0}  # fmt: skip
+    known = {**total, "degrees_of_freedom": None}
+    sheet = {"rows": [own, scale, zero, {**own, **bare}], "calibration": known, "total": total,
+             "probability": 0.95}  # fmt: skip
+    judged = {"tolerance_mm": 0.1, "rule": "guarded", "verdict": "undecided", "points": 9, "passed": 6,
+              "failed": 0, "undecided": 3, "largest_mm": 0.12, "expanded_mm": 0.03}  # fmt: skip
+    failed = {**judged, "verdict": "fail", "rule": "simple", "failed": 3, "undecided": 0}
+    nobody = {**judged, "verdict": None, "points": 0, "passed": 0, "undecided": 0}
     return [
         changed("identify"),
+        changed("identify", budget=sheet, acceptance=judged, about={"serial": "7", "operator": "A."}),
+        changed("identify", budget={**sheet, "rows": [own]}, acceptance=failed),
+        changed("identify", acceptance=nobody),
         changed("identify", **pixels, residuals=seen, instruments=[{**px, "heldout": 0.6}],
                 rms_of_residuals_mm=None, outliers=[], heldout_outliers=[]),
         changed("identify", parameters=unknown, rms_mm=good, residuals=fitted, noise=noise, drift=rated,
@@ -302,6 +346,7 @@ EXAMPLES = {
     "diagnose": _diagnose(),
     "enough": _enough(),
     "compensate": _compensate(),
+    "iso9283": _iso9283(),
     "fleet": _fleet(),
     "changes": _changes(),
 }

@@ -10,6 +10,7 @@ from studies.report.evidence import Evidence, Result
 from studies.report.sections.against import against
 from studies.report.sections.arm import arm
 from studies.report.sections.cell import cell
+from studies.report.sections.certificate import certificate
 from studies.report.sections.provenance import provenance
 from studies.report.sections.summary import summary
 
@@ -26,6 +27,7 @@ ORDER = (
     "enough",
     "next",
     "compensate",
+    "iso9283",
     "changes",
 )
 """Kinds of result as their sections follow each other."""
@@ -65,6 +67,8 @@ def sections(evidence: Evidence, told: dict[str, str]) -> Iterator[Placed]:
             for section in _of(evidence, result):
                 own = _own(section, result, number) if len(several) > 1 else section
                 yield Placed(own, lit)
+    for section in certificate(evidence, told):
+        yield Placed(section, {})
     yield Placed(provenance(evidence, told), {})
 
 

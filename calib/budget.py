@@ -1,0 +1,240 @@
+"""The uncertainty budget: what each source does to a point at the targets, and what covers them all.
+
+An error at a target has three coordinates at each of the M points of a target; its length counts as RMS
+over them. A source moves them by ``spread @ z`` with independent z of unit variance, so variances add.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from calib.arm.se3 import skew
+from calib.arrays import Array
+from calib.expanded import coverage_factor, directions, effective_freedom
+from calib.model.covariance import working_points
+from calib.poses import Poses
+
+if TYPE_CHECKING:
+    from calib.compensation.estimate import Estimate
+    from calib.identification import Identification
+
+Evaluation = Literal["A", "B"]
+"""By statistics of the readings in hand, or by what is known otherwise (JCGM 100, 4.2 and 4.3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One source.
+
+    spread : ndarray, shape (m, 3 M, k), m, of the error at each target
+    placed : the same with the base placed anew at the targets, where all that moves them as one is gone
+    freedom : degrees of freedom of its variance
+    stated : float or None, SI, as the cell gives it; divisor : that makes it one standard uncertainty
+    unit, scale : of that, and SI per unit
+    at_reading : float or None, m, RMS by which it moves one reading
+    instrument : str, whose common error it is; empty where it is none
+    """
+
+    source: str
+    evaluation: Evaluation
+    spread: Array
+    placed: Array
+    freedom: float
+    stated: float | None = None
+    divisor: float = 1.0
+    unit: str = "mm"
+    scale: float = 1e-3
+    distribution: str = "normal"
+    at_reading: float | None = None
+    instrument: str = ""
+
+    @property
+    def variances(self) -> Array:
+        """Of the length of the error at each target, shape (m,), m^2."""
+        return np.asarray((self.spread**2).sum(axis=(-1, -2)))
+
+    @property
+    def std(self) -> float | None:
+        """One standard uncertainty of the source itself, SI."""
+        return None if self.stated is None else self.stated / self.divisor
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """What sources together leave at m targets.
+
+    errors, expanded : ndarray, shape (m,), m, RMS length of the error, and the length within which 95 %
+        of errors stay
+    freedom : effective degrees of freedom of the mean square over the targets
+    """
+
+    errors: Array
+    expanded: Array
+    freedom: float
+    weights: Array
+
+    def rms(self, lengths: Array) -> float:
+        """Over the targets by their weights, of lengths (m,)."""
+        return float(np.sqrt(self.weights @ lengths**2 / self.weights.sum()))
+
+    def worst(self, lengths: Array) -> float:
+        """The largest that counts."""
+        return float(lengths[self.weights > 0.0].max())
+
+
+@dataclass(frozen=True, eq=False)
+class Budget:
+    """calibration, arm : parts that the parameters, and that the arm itself, bring to each target."""
+
+    calibration: tuple[Part, ...]
+    arm: tuple[Part, ...]
+    weights: Array
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        return self.calibration + self.arm
+
+    def rms(self, part: Part) -> float:
+        """A part's standard uncertainty over the targets, m."""
+        return float(np.sqrt(self.weights @ part.variances / self.weights.sum()))
+
+    def placed(self, part: Part) -> float:
+        """The same with the base placed anew, m."""
+        variances = (part.placed**2).sum(axis=(-1, -2))
+        return float(np.sqrt(self.weights @ variances / self.weights.sum()))
+
+
+def budget_of(
+    found: Identification, estimate: Estimate | None, targets: Poses, weights: Array
+) -> Budget:
+    """The budget of an identification at targets; weights : ndarray, shape (m,).
+
+    estimate : of the same, for what the arm adds; without it that is left out
+    """
+    arm = () if estimate is None else tuple(_of_arm(found, estimate, targets))
+    return Budget(tuple(of_calibration(found, targets, weights)), arm, weights)
+
+
+def combined(parts: Sequence[Part], weights: Array) -> Expected:
+    """What parts leave together at each target."""
+    variances = [part.variances for part in parts]
+    total = np.sum(variances, axis=0)
+    freedoms = [part.freedom for part in parts]
+    nu = effective_freedom(zip(variances, freedoms, strict=True))
+    n = directions(np.concatenate([part.spread for part in parts], axis=-1))
+    mean = [float(weights @ own / weights.sum()) for own in variances]
+    errors = np.sqrt(total)
+    return Expected(
+        errors,
+        coverage_factor(nu, n) * errors,
+        float(effective_freedom(zip(mean, freedoms, strict=True))),
+        weights,
+    )
+
+
+def of_calibration(found: Identification, targets: Poses, weights: Array) -> Iterator[Part]:
+    """What the uncertainty of the parameters does at the targets, source by source."""
+    model, values = working_points(found.model), found.values
+    points, J = model.jacobian(values, targets)
+    anew = _Anew.at(points, weights)
+    noise = found.noise
+    sigma = noise.sigma * found.footprint
+    told = noise.source == "cell" and found.freedom == np.inf
+    spread = _spread(J @ _half(found.covariance))
+    yield Part(
+        "readings, each by itself", "B" if told else "A", spread, anew(spread), found.freedom,
+        stated=sigma, at_reading=sigma * _numbers(found),
+    )  # fmt: skip
+    if found.ignorance.any():
+        spread = _spread(J @ _half(found.ignorance))
+        yield Part("values that the poses do not tell", "B", spread, anew(spread), np.inf)
+    for one in found.common:
+        error, spread = one.error, _spread(one.at(model, values, J, targets))
+        yield Part(
+            error.kind.source, "B", spread, anew(spread), error.freedom, error.stated,
+            error.divisor, error.kind.unit, error.kind.scale, error.distribution, one.at_reading,
+            one.instrument,
+        )  # fmt: skip
+
+
+def _of_arm(found: Identification, estimate: Estimate, targets: Poses) -> Iterator[Part]:
+    """What comes on top at each target: the arm's scatter, and what the model lacks."""
+    from calib.compensation.unexplained import scatter_at
+
+    variances = scatter_at(estimate.model, estimate.values, targets, estimate.variances)
+    m, M = variances.shape
+    if variances.any():
+        spread = _alike(variances.mean(axis=-1), M)
+        shown = found.levels is not None and len(found.levels.free) > 0
+        yield Part("arm, anew at each pose", "A" if shown else "B", spread, spread, found.freedom)
+    rest = estimate.unexplained
+    if rest.rms:
+        spread = _alike(np.full(m, rest.rms**2), M)
+        yield Part(f"what the model lacks, by {rest.source}", "A", spread, spread, _behind(found))
+
+
+def _behind(found: Identification) -> float:
+    """Degrees of freedom of what is unexplained: a configuration counts as one, whatever its points."""
+    held = found.heldout
+    if held is not None and held.data.seen.any():
+        return float(len(np.unique(held.data.poses.configuration)))
+    fitted = found.fit.data.poses.configuration[~found.fit.outlier]
+    return max(1.0, len(np.unique(fitted)) - found.rank / 6.0)
+
+
+def _spread(moved: Array) -> Array:
+    """RMS over the points of a target, shape (m, 3 M, k), of displacements (m, M, 3, k)."""
+    m, M = moved.shape[:2]
+    return np.asarray(moved.reshape(m, 3 * M, -1) / np.sqrt(M))
+
+
+def _alike(variances: Array, M: int) -> Array:
+    """Errors (m,), m^2, that move the M points of a target as one, alike in all directions."""
+    return np.asarray(
+        np.sqrt(variances / 3.0)[:, None, None] * np.tile(np.eye(3), (M, 1)) / np.sqrt(M)
+    )
+
+
+def _half(covariance: Array) -> Array:
+    """H with ``H H^T`` the covariance, without the directions in which there is nothing."""
+    roots, axes = np.linalg.eigh((covariance + covariance.T) / 2.0)
+    scale = np.sqrt(np.maximum(roots, 0.0))
+    return np.asarray((axes * scale)[:, scale > 0.0])
+
+
+def _numbers(found: Identification) -> float:
+    """Root of how many numbers a reading has whose noise is one of its coordinates."""
+    channels = found.model.readout.channels
+    lengths = channels.lengths if channels.metric else np.ones_like(channels.lengths)
+    return float(
+        np.sqrt((found.fit.data.seen * lengths.sum(axis=-1)).sum() / found.fit.data.seen.sum())
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Anew:
+    """Takes off what moves all targets as one rigid body; basis : ndarray, shape (m 3 M, 6)."""
+
+    basis: Array
+    root: Array
+
+    @classmethod
+    def at(cls, points: Array, weights: Array) -> _Anew:
+        """points : ndarray, shape (m, M, 3), m; weights : ndarray, shape (m,)."""
+        away = points - points.mean(axis=(0, 1))
+        eye = np.broadcast_to(np.eye(3), (*points.shape, 3))
+        size = float(np.abs(away).max()) or 1.0
+        motions = np.concatenate([eye, skew(away) / size], axis=-1)
+        root = np.sqrt(weights).repeat(3 * points.shape[1])
+        U, s, _ = np.linalg.svd(root[:, None] * motions.reshape(-1, 6), full_matrices=False)
+        return cls(U[:, s > 1e-9 * s[0]], root)
+
+    def __call__(self, spread: Array) -> Array:
+        flat = self.root[:, None] * spread.reshape(-1, spread.shape[-1])
+        rest = flat - self.basis @ (self.basis.T @ flat)
+        safe = np.where(self.root > 0.0, self.root, 1.0)
+        return np.asarray((rest / safe[:, None]).reshape(spread.shape))

@@ -1,0 +1,64 @@
+"""Expanded uncertainty: coverage factors from degrees of freedom (JCGM 100, annex G; JCGM 102).
+
+A combined variance ``sum v_i`` has ``(sum v_i)^2 / sum(v_i^2 / nu_i)`` degrees of freedom (Welch and
+Satterthwaite). An error in space has more than one component, and what covers 95 % of its lengths
+depends on how many of them share its variance: with the covariance C of the error, its squared length
+is ``tr C`` times a chi-square over its own ``n = (tr C)^2 / tr(C^2)`` degrees (Satterthwaite again, one
+for an error along a line, three for one alike in all directions), and over an F where the variance has
+nu degrees of freedom itself. For n of one this is Student's t.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.arrays import Array
+
+LEVEL = 0.95
+"""Probability that every interval covers, unless it says otherwise."""
+_KNOWN = 1e9  # degrees of freedom of what counts as known
+
+
+def effective_freedom(parts: Iterable[tuple[ArrayLike, float]]) -> Array:
+    """Degrees of freedom of a sum of variances, infinite where all are known or zero.
+
+    parts : variances, of any one shape, each with its degrees of freedom
+
+    >>> float(effective_freedom([(4.0, 8.0), (1.0, np.inf)]))  # 25 / (16 / 8)
+    12.5
+    """
+    total, lost = np.zeros(()), np.zeros(())
+    for variance, freedom in parts:
+        total = total + np.asarray(variance)
+        lost = lost + np.asarray(variance) ** 2 / freedom
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(lost > 0.0, total**2 / lost, np.inf)
+
+
+def coverage_factor(freedom: ArrayLike, spread: ArrayLike = 1.0, level: float = LEVEL) -> Array:
+    """By what a standard uncertainty is multiplied so as to cover errors with a probability.
+
+    freedom : degrees of freedom of the variance, one at least; spread : n of the module's docstring
+
+    >>> [round(float(coverage_factor(nu)), 2) for nu in (1.0, 10.0, np.inf)]
+    [12.71, 2.23, 1.96]
+    """
+    from scipy.special import fdtri
+
+    nu = np.clip(freedom, 1.0, _KNOWN)
+    return np.asarray(np.sqrt(fdtri(spread, nu, level)))
+
+
+def directions(spread: Array) -> Array:
+    """How many directions share the variance of errors, n of the module's docstring, shape (...).
+
+    spread : ndarray, shape (..., R, k), whose covariance is ``spread spread^T``; 1 where that is zero
+    """
+    inner = np.swapaxes(spread, -1, -2) @ spread
+    if spread.shape[-2] < spread.shape[-1]:
+        inner = spread @ np.swapaxes(spread, -1, -2)
+    total, squares = np.trace(inner, axis1=-2, axis2=-1), (inner**2).sum(axis=(-1, -2))
+    return np.asarray(np.where(total > 0.0, total**2 / np.where(squares > 0.0, squares, 1.0), 1.0))

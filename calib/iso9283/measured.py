@@ -1,0 +1,204 @@
+"""The criteria as repeats of a table show them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arrays import Array
+from calib.iso9283.arm import Session
+from calib.iso9283.formulas import (
+    Figure,
+    accuracy_drift,
+    angles,
+    compliance,
+    distances,
+    largest_distance,
+    position_accuracy,
+    position_repeatability,
+)
+from calib.poses.moves import in_order
+from calib.poses.visits import alike, visits
+
+_GROUP = 10  # cycles whose mean counts for drift (7.6)
+_AXIS = np.cos(np.radians(10.0))  # a force so close to an axis of the base is along it
+_NOTHING = 1e-6  # N
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class Cycles:
+    """A pose that was reached again and again from one side, in the order of time.
+
+    approach : signs of the joints' last motions, empty where the table does not say them
+    points : ndarray, shape (n, 3), m; turns : ndarray, shape (n, 3), rad, or None
+    commanded, predicted : ndarray, shape (3,), m
+    """
+
+    name: str
+    state: int
+    approach: str
+    points: Array
+    turns: Array | None
+    commanded: Array
+    predicted: Array
+
+    @property
+    def accuracy(self) -> tuple[Figure, Array]:
+        return position_accuracy(self.points, self.commanded)
+
+    @property
+    def left(self) -> Figure:
+        """AP against what the identified arm predicts."""
+        return position_accuracy(self.points, self.predicted)[0]
+
+    @property
+    def repeatability(self) -> Figure:
+        return position_repeatability(self.points)
+
+    @property
+    def angles(self) -> tuple[Array, Array] | None:
+        return None if self.turns is None else angles(self.turns)
+
+    @property
+    def drift(self) -> float | None:
+        """By means of ten cycles, None where there are fewer than two of these."""
+        groups = len(self.points) // _GROUP
+        if groups < 2:
+            return None
+        own = self.points[: groups * _GROUP].reshape(groups, _GROUP, 3)
+        return accuracy_drift(own.mean(axis=1))
+
+
+@dataclass(frozen=True)
+class Distance:
+    """AD and RD between two poses of equal load; commanded : m."""
+
+    first: str
+    second: str
+    cycles: int
+    commanded: float
+    accuracy: Figure
+    repeatability: Figure
+
+
+@dataclass(frozen=True)
+class Compliance:
+    """Static compliance at a pose along a force, in base axes; figure in m/N."""
+
+    name: str
+    direction: str
+    readings: int
+    figure: Figure
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """All that the repeats show.
+
+    several : pose -> vAP, m, and how many ways of coming
+    """
+
+    cycles: tuple[Cycles, ...]
+    distances: tuple[Distance, ...]
+    several: dict[str, tuple[float, int]]
+    compliance: tuple[Compliance, ...]
+
+
+def measured(session: Session) -> Measured:
+    """The criteria of every pose that was reached twice at least, and of every force that changed."""
+    cycles = tuple(_cycles(session))
+    several = {}
+    for _, group in itertools.groupby(cycles, key=lambda own: own.state):
+        ways = list(group)
+        if len(ways) > 1:
+            means = np.array([own.points.mean(axis=0) for own in ways])
+            several[ways[0].name] = largest_distance(means), len(ways)
+    return Measured(
+        cycles, tuple(_distances(session, cycles)), several, tuple(_compliance(session))
+    )
+
+
+def _cycles(session: Session) -> Iterator[Cycles]:
+    """One for each state and each way of coming to it that was taken twice at least."""
+    poses = session.poses
+    state, stay = alike(poses), visits(poses)
+    approach = None if poses.approach_derived else poses.approach
+    sides = np.zeros(len(poses), dtype=int)
+    if approach is not None:
+        sides = np.unique(approach, axis=0, return_inverse=True)[1].reshape(-1)
+    order = in_order(poses)
+    for s in dict.fromkeys(state[order].tolist()):
+        for side in dict.fromkeys(sides[order][state[order] == s].tolist()):
+            here = [i for i in order if state[i] == s and sides[i] == side and session.seen[i]]
+            stays = list(dict.fromkeys(stay[here].tolist()))
+            if len(stays) < 2:
+                continue
+            members = [[i for i in here if stay[i] == v] for v in stays]
+            turns = np.array([session.turns[own].mean(axis=0) for own in members])
+            first = here[0]
+            yield Cycles(
+                poses.names[first],
+                s,
+                _shown(approach, first),
+                np.array([session.points[own].mean(axis=0) for own in members]),
+                None if np.isnan(turns).any() else turns,
+                session.commanded[first],
+                session.predicted[first],
+            )
+
+
+def _shown(approach: Array | None, i: int) -> str:
+    """The side from which each joint came, a sign each."""
+    if approach is None:
+        return ""
+    return "".join("+" if s > 0 else "-" if s < 0 else "0" for s in approach[i])
+
+
+def _distances(session: Session, cycles: tuple[Cycles, ...]) -> Iterator[Distance]:
+    """Between poses under one load, cycle by cycle, each by its first way of coming."""
+    poses = session.poses
+    load = dict(
+        zip(poses.names, np.column_stack([poses.load_mass, poses.wrench]).tolist(), strict=True)
+    )
+    first = {own.state: own for own in reversed(cycles)}
+    for a, b in itertools.combinations([own for own in cycles if first[own.state] is own], 2):
+        if load[a.name] != load[b.name]:
+            continue
+        n = min(len(a.points), len(b.points))
+        commanded = float(np.linalg.norm(a.commanded - b.commanded))
+        found = distances(a.points[:n], b.points[:n], commanded)
+        yield Distance(a.name, b.name, n, commanded, *found)
+
+
+def _compliance(session: Session) -> Iterator[Compliance]:
+    """Along each axis of the base, or the force's own direction, from what the wrench says."""
+    poses, force = session.poses, session.poses.wrench[:, :3]
+    size = np.linalg.norm(force, axis=1)
+    for c in dict.fromkeys(poses.configuration.tolist()):
+        own = np.flatnonzero((poses.configuration == c) & session.seen)
+        free = own[size[own] <= _NOTHING]
+        loaded = own[size[own] > _NOTHING]
+        directions: dict[str, list[int]] = {}
+        for i in loaded.tolist():
+            directions.setdefault(_direction(force[i] / size[i]), []).append(i)
+        for name, members in directions.items():
+            along = force[members].mean(axis=0)
+            along = along / np.linalg.norm(along)
+            every = np.array([*free, *members])
+            pulls = force[every] @ along
+            if np.ptp(pulls) > _NOTHING:
+                yield Compliance(
+                    poses.names[own[0]], name, len(every),
+                    compliance(pulls, session.points[every] @ along, session.sigma),
+                )  # fmt: skip
+
+
+def _direction(unit: Array) -> str:
+    k = int(np.abs(unit).argmax())
+    if abs(unit[k]) < _AXIS:
+        return "(" + ", ".join(f"{u:.2f}" for u in unit) + ")"
+    return f"{'+' if unit[k] > 0 else '-'}{AXES[k]}"

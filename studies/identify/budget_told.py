@@ -1,0 +1,110 @@
+"""The uncertainty budget in words and as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from studies.document import (
+    FOUR,
+    MM,
+    SHARE,
+    STD,
+    TEXT,
+    WHOLE,
+    Column,
+    Detail,
+    Part,
+    Rule,
+    Section,
+    Sentence,
+    Table,
+    labelled,
+    listed,
+    mm,
+)
+from studies.identify.budget import BudgetEntry, Expanded, Row
+
+_FATES = {
+    "average": "average it",
+    "base": "leave it in the base",
+    "stays": "leave it",
+    None: "",
+}
+_FREEDOM = Rule(lambda value: WHOLE(value), absent="known")
+_OWN = Rule(lambda value: STD(value), absent="")
+_UNIT = Rule(str, absent="")
+_SOURCE: Column[Row] = Column("source", lambda row: row.source)
+_TYPE: Column[Row] = Column("type", lambda row: row.evaluation)
+_ROWS: tuple[Column[Row], ...] = (
+    _SOURCE,
+    _TYPE,
+    Column("u", lambda row: row.standard_uncertainty, _OWN),
+    Column("unit", lambda row: row.unit, _UNIT),
+    Column("targets", lambda row: row.at_targets_mm, MM, "mm"),
+    Column("base anew", lambda row: row.base_placed_anew_mm, MM, "mm"),
+    Column("degrees", lambda row: row.degrees_of_freedom, _FREEDOM),
+    Column("share", lambda row: row.share, SHARE),
+    Column("many poses", lambda row: _FATES[row.poses], TEXT),
+)
+_EVALUATED: tuple[Column[Row], ...] = (
+    _SOURCE,
+    Column("of", lambda row: row.instrument),
+    _TYPE,
+    Column("distribution", lambda row: row.distribution),
+    Column("stated", lambda row: row.stated, _OWN),
+    Column("divisor", lambda row: row.divisor, FOUR),
+    Column("unit", lambda row: row.unit, _UNIT),
+    Column("sensitivity", lambda row: row.sensitivity_mm, _OWN, "mm/unit"),
+    Column("one reading", lambda row: row.at_one_reading_mm, MM, "mm"),
+)
+_CAPTION = (
+    "What one standard uncertainty of each source does to the points at the targets, RMS, and with the "
+    "base placed anew there, as a user does who measures his own frame: what moves all targets as one "
+    "is gone then. Errors that lie along one line are covered by Student's t times u, errors in space "
+    "by less."
+)
+
+
+def budget_section(budget: BudgetEntry | None, targets: str) -> Iterator[Section]:
+    """How sure a point at a target is; nothing for results of earlier versions."""
+    if budget is not None:
+        title = "How sure is a point at a target?"
+        yield Section("budget", title, tuple(_parts(budget, targets)))
+
+
+def _parts(budget: BudgetEntry, targets: str) -> Iterator[Part]:
+    yield Sentence(
+        f"The parameters' uncertainty leaves {_covered(budget.calibration)} ({targets})",
+        label="95 of 100",
+    )
+    if any(row.part_of == "arm" for row in budget.rows):
+        yield Sentence(f"with what the arm and the model's lacks add, {_covered(budget.total)}")
+    yield Table(_ROWS, budget.rows, "Uncertainty budget", _CAPTION)
+    yield Detail((Table(_EVALUATED, budget.rows, "How each source was evaluated", fold=True),))
+    common = [row for row in budget.rows if row.instrument]
+    said = {
+        fate: listed([row.source for row in common if row.poses == fate])
+        for fate in ("average", "base", "stays")
+    }
+    words = {
+        "average": "many poses average out",
+        "base": "mostly a shift or turn of the whole frame",
+        "stays": "no number of poses takes away",
+    }
+    yield from labelled("common", (f"{words[k]}: {own}" for k, own in said.items() if own))
+    if not common:
+        yield Sentence(
+            "errors that all readings share are not stated, and count as none: a tracker's scale, zero "
+            "point and circles, the air's temperature; state them in [instrument.common]",
+            "note", "not counted",
+        )  # fmt: skip
+
+
+def _covered(found: Expanded) -> str:
+    """Both figures with their factor, as a certificate gives them."""
+    nu = found.degrees_of_freedom
+    behind = "" if nu is None else f", {nu:.0f} degrees of freedom"
+    return (
+        f"errors up to {mm(found.expanded_mm)}, {mm(found.worst_expanded_mm)} at the worst "
+        f"(k = {found.coverage_factor:.2f}{behind})"
+    )

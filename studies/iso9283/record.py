@@ -1,0 +1,204 @@
+"""What ``posecal iso9283`` finds: the criteria by name, lengths in mm and angles in mrad."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from studies.record import Count, Entry, Envelope, Maybe, NotNegative, Number, Record, Three, three
+
+if TYPE_CHECKING:
+    from calib.iso9283 import Measured, Predicted
+    from calib.iso9283.formulas import Figure as Found
+    from calib.iso9283.measured import Compliance as Bent
+    from calib.iso9283.measured import Cycles
+    from calib.iso9283.predicted import Pose as Expected
+    from studies.document import Document
+
+_MM = _MRAD = 1e3
+_MEASURED, _PREDICTED = "measured", "predicted"
+
+How = Literal["measured", "predicted"]
+
+
+class Figure(Entry):
+    """A value with its 95 % interval; None where that is open."""
+
+    value: Number
+    low: Maybe
+    high: Maybe
+
+
+class Pose(Entry):
+    """One pose from one side.
+
+    approach : signs of the joints' last motions, empty where the table does not say them
+    ap : of the nominal command, with its coordinates in the base frame; ap_identified : against what
+        the identified arm predicts, as corrected commands would have it
+    drift : dAP; None where fewer than twice ten cycles
+    """
+
+    pose: str
+    approach: str
+    how: How
+    cycles: Count
+    ap_mm: Figure
+    ap_xyz_mm: Three
+    ap_identified_mm: Figure | None
+    rp_mm: Figure | None
+    ap_angles_mrad: Three | None
+    rp_angles_mrad: Three | None
+    drift_mm: NotNegative | None
+
+
+class Several(Entry):
+    """vAP: the largest distance between the mean points of several ways of coming."""
+
+    pose: str
+    ways: Count
+    vap_mm: NotNegative
+
+
+class Distance(Entry):
+    """AD and RD between two poses."""
+
+    first: str
+    second: str
+    cycles: Count
+    commanded_mm: NotNegative
+    ad_mm: Figure
+    rd_mm: Figure
+
+
+class Compliance(Entry):
+    """Displacement along a force of the base's axes, by that force."""
+
+    pose: str
+    direction: str
+    how: How
+    readings: Count
+    mm_per_n: Figure = Field(alias="mm_per_N")
+
+
+class Iso9283Record(Record):
+    """The criteria of ISO 9283.
+
+    same_data : whether base and markers were fitted to these very readings, which flatters AP
+    instrument_rp_mm : RP that the instrument alone would show
+    """
+
+    command: Literal["iso9283"] = "iso9283"
+    marker: str
+    same_data: bool
+    instrument_rp_mm: NotNegative
+    poses: tuple[Pose, ...] = Field(min_length=1)
+    several: tuple[Several, ...]
+    distances: tuple[Distance, ...]
+    compliance: tuple[Compliance, ...]
+
+    @model_validator(mode="after")
+    def _repeats_are_whole(self) -> Self:
+        if any(own.how == "measured" and own.rp_mm is None for own in self.poses):
+            raise ValueError("a measured pose lacks rp_mm")
+        return self
+
+    def of(self, how: How) -> list[Pose]:
+        """The poses that were repeated, or those that were not."""
+        return [own for own in self.poses if own.how == how]
+
+    def told(self) -> Document:
+        from studies.iso9283.telling import told
+
+        return told(self)
+
+
+def iso9283_record(
+    marker: str,
+    found: Measured,
+    expected: Predicted,
+    same_data: bool,
+    instrument: float,
+    made_from: Envelope,
+    warnings: tuple[str, ...] = (),
+) -> Iso9283Record:
+    """The record of both; instrument : m, the RP of its noise alone."""
+    return Iso9283Record(
+        **made_from,
+        warnings=warnings,
+        marker=marker,
+        same_data=same_data,
+        instrument_rp_mm=instrument * _MM,
+        poses=(*map(_measured, found.cycles), *map(_predicted, expected.poses)),
+        several=tuple(
+            Several(pose=name, ways=ways, vap_mm=value * _MM)
+            for name, (value, ways) in found.several.items()
+        ),
+        distances=tuple(
+            Distance(
+                first=own.first,
+                second=own.second,
+                cycles=own.cycles,
+                commanded_mm=own.commanded * _MM,
+                ad_mm=_figure(own.accuracy),
+                rd_mm=_figure(own.repeatability),
+            )
+            for own in found.distances
+        ),
+        compliance=(
+            *(_compliance(own, _MEASURED) for own in found.compliance),
+            *(_compliance(own, _PREDICTED) for own in expected.compliance),
+        ),
+    )
+
+
+def _figure(found: Found) -> Figure:
+    return Figure(value=found.value * _MM, low=found.low * _MM, high=found.high * _MM)
+
+
+def _measured(own: Cycles) -> Pose:
+    accuracy, off = own.accuracy
+    turned = own.angles
+    return Pose(
+        pose=own.name,
+        approach=own.approach,
+        how="measured",
+        cycles=len(own.points),
+        ap_mm=_figure(accuracy),
+        ap_xyz_mm=three(off * _MM),
+        ap_identified_mm=_figure(own.left),
+        rp_mm=_figure(own.repeatability),
+        ap_angles_mrad=None if turned is None else three(turned[0] * _MRAD),
+        rp_angles_mrad=None if turned is None else three(turned[1] * _MRAD),
+        drift_mm=None if own.drift is None else own.drift * _MM,
+    )
+
+
+def _predicted(own: Expected) -> Pose:
+    again = own.repeatability
+    return Pose(
+        pose=own.name,
+        approach="",
+        how="predicted",
+        cycles=0,
+        ap_mm=_figure(own.accuracy),
+        ap_xyz_mm=three(np.asarray(own.off) * _MM),
+        ap_identified_mm=None,
+        rp_mm=None if again is None else _figure(again),
+        ap_angles_mrad=None,
+        rp_angles_mrad=None,
+        drift_mm=None,
+    )
+
+
+def _compliance(own: Bent, how: str) -> Compliance:
+    return Compliance.model_validate(
+        {
+            "pose": own.name,
+            "direction": own.direction,
+            "how": how,
+            "readings": own.readings,
+            "mm_per_N": _figure(own.figure),
+        }
+    )

@@ -1,0 +1,156 @@
+"""What the criteria of ISO 9283 say: the worst of each, and every pose."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from studies.document import (
+    COUNT,
+    MM,
+    Column,
+    Detail,
+    Document,
+    Figure,
+    Part,
+    Rule,
+    Section,
+    Sentence,
+    Table,
+    mm,
+    plural,
+)
+from studies.iso9283.pictures import accuracy_and_repeatability
+from studies.iso9283.record import Compliance, Distance, Iso9283Record, Pose, Several
+
+_MOST = 8
+_CYCLES = 30  # that the standard asks for
+_SHARE = 0.25  # of a criterion that the measurement's own uncertainty may take (ISO 9283, 6.6)
+_FIGURE = Rule(lambda f: MM(f.value))
+_RANGE = Rule(lambda f: f"{_end(f.low)} to {_end(f.high)}", absent="")
+_ANGLES = Rule(lambda values: " ".join(f"{value:.3f}" for value in values))
+_SOFT = Rule(lambda f: f"{1e3 * f.value:.4g}")
+_SOFT_RANGE = Rule(
+    lambda f: "open" if None in (f.low, f.high) else f"{1e3 * f.low:.3g} to {1e3 * f.high:.3g}"
+)
+
+
+def _end(value: float | None) -> str:
+    return "open" if value is None else MM(value)
+
+
+_POSE: Column[Pose] = Column("pose", lambda row: row.pose)
+_AP: tuple[Column[Pose], ...] = (
+    Column("AP", lambda row: row.ap_mm, _FIGURE, "mm"),
+    Column("95 %", lambda row: row.ap_mm, _RANGE, "mm"),
+)
+_RP: tuple[Column[Pose], ...] = (
+    Column("RP", lambda row: row.rp_mm, _FIGURE, "mm"),
+    Column("95 %", lambda row: row.rp_mm, _RANGE, "mm"),
+)
+_MEASURED: tuple[Column[Pose], ...] = (
+    _POSE,
+    Column("from", lambda row: row.approach),
+    Column("cycles", lambda row: row.cycles, COUNT),
+    *_AP,
+    Column("AP identified", lambda row: row.ap_identified_mm, _FIGURE, "mm"),
+    *_RP,
+    Column("dAP", lambda row: row.drift_mm, MM, "mm"),
+)
+_TURNED: tuple[Column[Pose], ...] = (
+    _POSE,
+    Column("from", lambda row: row.approach),
+    Column("AP a, b, c", lambda row: row.ap_angles_mrad, _ANGLES, "mrad"),
+    Column("RP a, b, c", lambda row: row.rp_angles_mrad, _ANGLES, "mrad"),
+)
+_DISTANCES: tuple[Column[Distance], ...] = (
+    Column("from", lambda row: row.first),
+    Column("to", lambda row: row.second),
+    Column("cycles", lambda row: row.cycles, COUNT),
+    Column("commanded", lambda row: row.commanded_mm, MM, "mm"),
+    Column("AD", lambda row: row.ad_mm, _FIGURE, "mm"),
+    Column("95 %", lambda row: row.ad_mm, _RANGE, "mm"),
+    Column("RD", lambda row: row.rd_mm, _FIGURE, "mm"),
+    Column("95 %", lambda row: row.rd_mm, _RANGE, "mm"),
+)
+_SEVERAL: tuple[Column[Several], ...] = (
+    Column("pose", lambda row: row.pose),
+    Column("ways of coming", lambda row: row.ways, COUNT),
+    Column("vAP", lambda row: row.vap_mm, MM, "mm"),
+)
+_COMPLIANCE: tuple[Column[Compliance], ...] = (
+    Column("pose", lambda row: row.pose),
+    Column("force along", lambda row: row.direction),
+    Column("how", lambda row: row.how),
+    Column("readings", lambda row: row.readings, COUNT),
+    Column("compliance", lambda row: row.mm_per_n, _SOFT, "um/N"),
+    Column("95 %", lambda row: row.mm_per_n, _SOFT_RANGE, "um/N"),
+)
+
+
+def told(record: Iso9283Record) -> Document:
+    """The worst figures first, then each criterion by pose."""
+    return Document(
+        tuple(_headline(record)),
+        (Section("iso9283", "Criteria of ISO 9283", tuple(_parts(record))),),
+    )
+
+
+def _headline(record: Iso9283Record) -> Iterator[Sentence]:
+    repeated = record.of("measured")
+    if repeated:
+        ap = max(repeated, key=lambda own: own.ap_mm.value)
+        rp = max(own.rp_mm.value for own in repeated if own.rp_mm is not None)
+        few = min(own.cycles for own in repeated)
+        asked = f", of {_CYCLES} that ISO 9283 asks for" if few < _CYCLES else ""
+        yield Sentence(
+            f"{plural(len(repeated), 'pose')} measured again at {record.marker} ({few} cycles or "
+            f"more{asked}): AP {mm(ap.ap_mm.value)} at worst, RP {mm(rp)}."
+        )
+    else:
+        worst = max(own.ap_mm.value for own in record.poses)
+        yield Sentence(
+            f"No pose was reached twice: the criteria of {plural(len(record.poses), 'pose')} at "
+            f"{record.marker} are predicted, AP up to {mm(worst)}.",
+            "warn",
+        )
+    if record.same_data:
+        yield Sentence(
+            "Base and markers were fitted to these readings, which flatters AP: ISO 9283 asks for a "
+            "base found independently; give RESULT, of other poses. RP, AD, RD and vAP do not depend "
+            "on it.",
+            "warn",
+        )
+    loud = [p for p in repeated if p.rp_mm and record.instrument_rp_mm > _SHARE * p.rp_mm.value]
+    if loud:
+        yield Sentence(
+            f"The instrument alone would show an RP of {mm(record.instrument_rp_mm)}: more than a "
+            f"quarter of what {plural(len(loud), 'pose')} show, so their RP is in part its own.",
+            "warn",
+        )
+
+
+def _parts(record: Iso9283Record) -> Iterator[Part]:
+    yield Figure(lambda: accuracy_and_repeatability(record))
+    if repeated := record.of("measured"):
+        caption = (
+            "AP: mean attained less commanded point, in the base frame of the result; identified: less "
+            "what the identified arm predicts, as corrected commands would have it. RP: mean distance "
+            "from the mean and three standard deviations. dAP: of means of ten cycles"
+        )
+        yield Table(_MEASURED, repeated, "Poses measured again", caption, True, _MOST)
+        turned = [pose for pose in repeated if pose.ap_angles_mrad is not None]
+        angles = Table(_TURNED, turned, "Angles", "About x, y, z of the base", True, fold=True)
+        yield Detail((angles,) if turned else ())
+    if record.several:
+        yield Table(_SEVERAL, record.several, "Poses reached from several sides", "", True, _MOST)
+    if record.distances:
+        yield Table(_DISTANCES, record.distances, "Distances between poses", "", True, _MOST)
+    if expected := record.of("predicted"):
+        caption = (
+            "Predicted, of nominal commands, by the identified arm; RP by its scatter from approach to "
+            "approach where data or cell tell it. Drift and vAP are not predicted"
+        )
+        yield Table((_POSE, *_AP, *_RP), expected, "Predicted", caption, True, _MOST)
+    if record.compliance:
+        caption = "Static compliance: displacement along the force by it, in axes of the base"
+        yield Table(_COMPLIANCE, record.compliance, "Static compliance", caption, True, _MOST)

@@ -1,0 +1,186 @@
+"""Days of a tracker whose errors all readings of a day share: an arm, polar readings, plain numpy.
+
+Nothing here knows how posecal predicts, derives or weighs.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from calib.arrays import Array
+from tests.plain_arm import shift, turn
+
+SIGMA = 1e-5
+MASS, COM = 25.0, np.array([0.1, 0.0, 0.15])
+ROWS = (
+    (90.0, 0.0, 450.0),
+    (0.0, 600.0, 0.0),
+    (90.0, 120.0, 0.0),
+    (-90.0, 0.0, 600.0),
+    (0.0, 80.0, 90.0),
+)
+MARKERS = np.array([[0.10, 0.02, 0.05], [-0.06, 0.09, 0.12], [0.03, -0.11, 0.09]])
+BASE = np.array([2.4, 0.9, -0.6, 0.2, -0.1, 2.1])
+TRUE = np.concatenate([BASE, MARKERS.ravel() + 1e-3, [8e-4, -6e-4, 5e-4], [2.5e-6, 3e-6]])
+STATED = {
+    "scale": 12e-6, "zero": 15e-6, "offset": 12e-6, "angle": 8e-6, "circles": 9e-6, "level": 4e-3,
+}  # fmt: skip
+COMPONENTS = {"scale": 1, "zero": 1, "offset": 2, "angle": 2, "circles": 4, "level": 2}
+CELL = """schema = 1
+[robot]
+dh = "arm.csv"
+dh_convention = "classic"
+[robot.limits_deg]
+J1 = [-150, 150]
+J2 = [-20, 120]
+J3 = [-110, 60]
+J4 = [-170, 170]
+J5 = [-110, 110]
+[markers_mm]
+m1 = [100, 20, 50]
+m2 = [-60, 90, 120]
+m3 = [30, -110, 90]
+[payload]
+mass_kg = 25.0
+com_mm = [100, 0, 150]
+[instrument]
+sigma_mm = 0.01
+{common}
+[model]
+effects = ["base", "tool", "joint_offset:J2,J3,J4", "joint_compliance:J2,J3"]
+"""
+COMMON = """[instrument.common]
+scale_um_m = 12
+r0_um = { limit = 25.980762113533157, distribution = "rectangular" }
+transverse_um = { limit = 24, distribution = "normal" }
+transverse_um_m = 8
+eccentricity_urad = 9
+level_urad = 4000
+"""
+
+
+def write_cell(folder: Path, common: str) -> Path:
+    rows = [f"J{k + 1},{alpha},{a},0,{d}" for k, (alpha, a, d) in enumerate(ROWS)]
+    (folder / "arm.csv").write_text("\n".join(["joint,alpha_deg,a_mm,theta_deg,d_mm", *rows, ""]))
+    (folder / "cell.toml").write_text(CELL.format(common=common))
+    return folder / "cell.toml"
+
+
+def joints(count: int, rng: np.random.Generator) -> Array:
+    low, high = np.radians([[-150, -20, -110, -170, -110], [150, 120, 60, 170, 110]])
+    return rng.uniform(low, high, (count, 5))
+
+
+def about(axis: Array) -> Array:
+    angle = float(np.linalg.norm(axis))
+    x, y, z = axis / (angle or 1.0)
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K
+
+
+def frames(q: Array) -> list[Array]:
+    """Of the base and behind every joint."""
+    T = [np.eye(4)]
+    for angle, (alpha, a, d) in zip(q, ROWS, strict=True):
+        T.append(
+            T[-1]
+            @ turn("z", angle)
+            @ shift(a * 1e-3, 0.0, d * 1e-3)
+            @ turn("x", math.radians(alpha))
+        )
+    return T
+
+
+def points(values: Array, q: Array, tilt: Array | None = None, force: Array | None = None) -> Array:
+    """Markers in the tracker's frame, shape (m, 3, 3), m; gravity turned by ``tilt`` about x and y.
+
+    force : N, on the tip, base axes
+    """
+    pull = np.zeros(3) if force is None else force
+    place, markers, offsets, soft = (
+        values[:6],
+        values[6:15].reshape(3, 3),
+        values[15:18],
+        values[18:],
+    )
+    gravity = np.array([0.0, 0.0, -9.80665])
+    if tilt is not None:
+        gravity = about(np.array([*tilt, 0.0])) @ gravity
+    R, out = about(place[3:]), np.empty((len(q), 3, 3))
+    for i, angles in enumerate(q):
+        actual = angles + np.array([0.0, *offsets, 0.0])
+        bent = actual.copy()
+        for _ in range(4):
+            T = frames(bent)
+            com = T[-1][:3, :3] @ COM + T[-1][:3, 3]
+            for joint, compliance in zip((1, 2), soft, strict=True):
+                origin = T[joint][:3, 3]
+                moment = np.cross(com - origin, MASS * gravity)
+                moment = moment + np.cross(T[-1][:3, 3] - origin, pull)
+                bent[joint] = actual[joint] + compliance * (T[joint][:3, 2] @ moment)
+        T = frames(bent)
+        out[i] = (markers @ T[-1][:3, :3].T + T[-1][:3, 3]) @ R.T + place[:3]
+    return out
+
+
+def slopes(values: Array, q: Array) -> Array:
+    """Derivatives of all coordinates, shape (9 m, p), by central differences."""
+    steps = np.where(np.arange(len(values)) >= 18, 1e-7, 1e-5)
+    columns = [
+        (points(values + step, q) - points(values - step, q)).ravel() / (2.0 * step.max())
+        for step in np.diag(steps)
+    ]
+    return np.array(columns).T
+
+
+def read(true: Array, day: dict[str, Array], rng: np.random.Generator | None) -> Array:
+    """What a tracker of that day reads of points (..., 3): polar errors, exactly, and noise."""
+    x, y, z = np.moveaxis(true, -1, 0)
+    r, azimuth, elevation = (
+        np.linalg.norm(true, axis=-1), np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)),
+    )  # fmt: skip
+    e = day["circles"]
+    level = np.cos(elevation)
+    moved = azimuth + (day["offset"][0] / r + day["angle"][0]) / level
+    moved += e[0] * np.cos(azimuth) + e[1] * np.sin(azimuth)
+    raised = elevation + day["offset"][1] / r + day["angle"][1]
+    raised += e[2] * np.cos(elevation) + e[3] * np.sin(elevation)
+    r = r * (1.0 + day["scale"][0]) + day["zero"][0]
+    seen = np.stack(
+        [np.cos(raised) * np.cos(moved), np.cos(raised) * np.sin(moved), np.sin(raised)], -1
+    )
+    noise = 0.0 if rng is None else SIGMA * rng.standard_normal(true.shape)
+    return np.asarray(r[..., None] * seen + noise)
+
+
+def drawn(rng: np.random.Generator, only: str = "") -> dict[str, Array]:
+    """The errors of a day, drawn once: of one source, or of all."""
+    return {
+        name: std * rng.standard_normal(COMPONENTS[name]) * (only in ("", name))
+        for name, std in STATED.items()
+    }
+
+
+def table(
+    q: Array,
+    read_points: Array,
+    names: list[str] | None = None,
+    more: dict[str, Array] | None = None,
+) -> str:
+    """Measurements as a file; more : further columns (m,)."""
+    columns = more or {}
+    header = ["pose", "marker", *(f"J{k}_rad" for k in range(1, 6)), "x_m", "y_m", "z_m", *columns]
+    rows = [",".join(header)]
+    for i, own in enumerate(read_points):
+        for j, point in enumerate(own):
+            row = [
+                f"p{i}" if names is None else names[i],
+                f"m{j + 1}",
+                *(f"{a:.12f}" for a in q[i]),
+            ]
+            row += [f"{c:.9f}" for c in point] + [f"{c[i]:g}" for c in columns.values()]
+            rows.append(",".join(row))
+    return "\n".join([*rows, ""])

@@ -1,0 +1,117 @@
+"""Budget, acceptance and certificate as a user sees them: in the JSON, on the terminal, on the page."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from studies.cli import main
+from tests.calib import common_days as days
+
+MORE = """
+[acceptance]
+tolerance_mm = 0.08
+[report]
+serial = "R-0815"
+operator = "A. Meier"
+date = 2026-11-22
+gripper = "old one"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    import numpy as np
+
+    folder = tmp_path_factory.mktemp("day")
+    rng = np.random.default_rng(4)
+    q, day = days.joints(24, rng), days.drawn(rng, "none")
+    (folder / "data.csv").write_text(days.table(q, days.read(days.points(days.TRUE, q), day, rng)))
+    days.write_cell(folder, "")
+    (folder / "silent.toml").write_text((folder / "cell.toml").read_text())
+    days.write_cell(folder, days.COMMON)
+    (folder / "stated.toml").write_text((folder / "cell.toml").read_text() + MORE)
+    return folder
+
+
+def run(folder: Path, cell: str) -> tuple[dict[str, Any], str]:
+    done = CliRunner().invoke(
+        main, ["identify", str(folder / f"{cell}.toml"), str(folder / "data.csv"), "--holdout", "0.25",
+               "--json", str(folder / f"{cell}.json")],
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    return json.loads((folder / f"{cell}.json").read_text()), " ".join(done.stdout.split())
+
+
+def test_rows_add_up_to_the_total_and_absent_keys_change_nothing(folder: Path) -> None:
+    (fields, told), (silent, quiet) = run(folder, "stated"), run(folder, "silent")
+    rows, budget = fields["budget"]["rows"], fields["budget"]
+    squares = [row["at_targets_mm"] ** 2 for row in rows]
+    assert math.sqrt(sum(squares)) == pytest.approx(budget["total"]["standard_uncertainty_mm"])
+    assert sum(row["share"] for row in rows) == pytest.approx(1.0)
+    assert budget["calibration"]["standard_uncertainty_mm"] == pytest.approx(fields["task_rms_mm"])
+    assert {row["instrument"] for row in rows} == {"", "instrument"}
+    for row in rows:
+        if row["sensitivity_mm"] is not None:
+            own = row["sensitivity_mm"] * row["stated"] / row["divisor"]
+            assert own == pytest.approx(row["at_targets_mm"])
+    r0 = next(row for row in rows if row["source"] == "zero of the range")
+    assert r0["evaluation"] == "B"
+    assert r0["distribution"] == "rectangular"
+    assert r0["divisor"] == pytest.approx(math.sqrt(3.0))
+    assert r0["at_one_reading_mm"] == pytest.approx(0.015)
+    covered = [target["expanded_mm"] for target in fields["at_targets"]]
+    assert budget["calibration"]["worst_expanded_mm"] == pytest.approx(max(covered))
+    # Without the keys: one row, values as before, and smaller standard deviations.
+    assert [row["source"] for row in silent["budget"]["rows"]] == ["readings, each by itself"]
+    assert silent["acceptance"] is None
+    assert silent["about"] == {}
+    for own, alone in zip(fields["parameters"], silent["parameters"], strict=True):
+        assert own["value"] == alone["value"]
+        assert own["std"] > alone["std"]
+        low, high = own["ci95"]
+        assert high - low == pytest.approx(2.0 * 1.95996 * own["std"], rel=1e-4)
+    assert "not stated, and count as none" in quiet
+    assert "mostly a shift or turn of the whole frame" in told
+    assert "no number of poses takes away" in told
+
+
+def test_tolerance_and_what_the_cell_tells_reach_result_and_page(folder: Path) -> None:
+    fields, told = run(folder, "stated")
+    held = [
+        math.dist((row["x_mm"], row["y_mm"], row["z_mm"]), (0, 0, 0))
+        for row in fields["residuals"]
+        if row["heldout"]
+    ]
+    found = fields["acceptance"]
+    assert found["points"] == len(held)
+    assert found["largest_mm"] == pytest.approx(max(held))
+    assert found["passed"] + found["failed"] + found["undecided"] == len(held)
+    # The instrument alone is known to about 0.1 mm here: nothing so small can be told.
+    assert found["expanded_mm"] > 0.08
+    assert found["verdict"] == "undecided"
+    assert (
+        "Undecided by the tolerance of 0.0800 mm: of 18 points held out 18 too close to tell"
+        in told
+    )
+    about = {"serial": "R-0815", "operator": "A. Meier", "date": "2026-11-22", "gripper": "old one"}
+    assert fields["about"] == about
+    page = folder / "page.html"
+    done = CliRunner().invoke(main, ["report", str(folder / "stated.json"), "-o", str(page)])
+    assert done.exit_code == 0, done.output
+    text = page.read_text()
+    for words in (*about.values(), "guard band", "claims no accreditation", "write customer into"):
+        assert words in text
+    assert "undecided, tolerance 0.0800 mm" in text
+
+
+def test_without_poses_held_out_nothing_is_judged(folder: Path) -> None:
+    done = CliRunner().invoke(
+        main, ["identify", str(folder / "stated.toml"), str(folder / "data.csv")]
+    )
+    assert "Not judged by the tolerance of 0.0800 mm" in " ".join(done.stdout.split())

@@ -13,13 +13,13 @@ from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
 from calib.errors import InputError
 from calib.files.csv_table import Table
+from calib.instruments.protocol import UNITS
 
 _CLOCK = "time_s counts seconds: divide milliseconds since 1970 by 1000"
-ANGLES = {"deg": math.pi / 180, "rad": 1.0}
-LENGTHS = {"mm": 1e-3, "m": 1.0}
+ANGLES, LENGTHS = UNITS["angle"], UNITS["length"]
 TORQUES = ("N", "Nm")  # of a joint that slides, or turns
 WRENCH = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
-SIGMAS = {"sigma_mm": ("mm", 1e-3), "sigma_px": ("px", 1.0)}
+SIGMAS = {"sigma_mm": ("mm", 1e-3), "sigma_px": ("px", 1.0), "sigma_urad": ("mrad", 1e-6)}
 """Standard deviations of single rows: unit of the numbers that they are of, and its size."""
 OTHERS = (
     "pose",

@@ -15,6 +15,7 @@ from calib.errors import InputError
 from calib.files.boards import shape_of
 from calib.files.schema import (
     DIVISORS,
+    AngleTable,
     BoardTable,
     BodyTable,
     CameraTable,
@@ -33,6 +34,7 @@ from calib.files.schema import (
     SphereTable,
 )
 from calib.instruments import (
+    Angle,
     ArmCamera,
     Camera,
     Distance,
@@ -142,6 +144,8 @@ def instruments_of(
             found.append(_pose(entry, name, [bodies.parts[own] for own in table.bodies]))
         elif isinstance(entry, CameraTable):
             found.append(_camera(entry, name, table, bodies))
+        elif isinstance(entry, AngleTable):
+            found.append(Angle(name=name, markers=own, sigma=entry.sigma_urad * _URAD))
         elif isinstance(entry, InstrumentTable):
             found.append(_tracker(entry, name, own))
         elif isinstance(entry, SocketTable):

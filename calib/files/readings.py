@@ -10,15 +10,11 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import InputError
-from calib.files.columns import LENGTHS, SIGMAS
+from calib.files.columns import SIGMAS
 from calib.files.csv_table import Table
 from calib.instruments import Instrument
+from calib.instruments.protocol import UNITS
 
-_UNITS = {
-    "length": LENGTHS,
-    "ratio": {"": 1.0},
-    "pixel": {"px": 1.0},
-}  # the first is the one we write
 Sites = np.ndarray[tuple[int], np.dtype[np.str_]]
 """Names of places, one for each pose."""
 _MOST_NAMED = 12
@@ -31,7 +27,7 @@ def reading_names(instruments: Iterable[Instrument]) -> set[str]:
         _titled(column.name, unit)
         for instrument in instruments
         for column in instrument.columns
-        for unit in _UNITS[column.quantity]
+        for unit in UNITS[column.quantity]
     }
 
 
@@ -43,7 +39,7 @@ def written_columns(instrument: Instrument) -> list[tuple[str, float]]:
     """Columns and SI factors in which readings are written."""
     found = []
     for column in instrument.columns:
-        unit, scale = next(iter(_UNITS[column.quantity].items()))
+        unit, scale = next(iter(UNITS[column.quantity].items()))
         found.append((_titled(column.name, unit), scale))
     return found
 
@@ -54,7 +50,7 @@ def reading_columns(
     """Column and SI factor of each number. Raises InputError where one is missing or unitless."""
     found = []
     for name, quantity, optional in instrument.columns:
-        named = [(_titled(name, unit), scale) for unit, scale in _UNITS[quantity].items()]
+        named = [(_titled(name, unit), scale) for unit, scale in UNITS[quantity].items()]
         present = [pair for pair in named if pair[0] in columns]
         if not present and optional and name not in columns:
             continue
@@ -123,7 +119,7 @@ def _own_sigma(table: Table, instrument: Instrument, rows: IntArray, beside: int
         )
         if own != unit and told.any():
             right = next(name for name, (u, _) in SIGMAS.items() if u == unit)
-            what = f"is in {own}, and {instrument.name!r} reads {unit}"
+            what = f"is for readings in {own}, and {instrument.name!r} reads {unit}"
             raise table.fault(int(rows[told][0]), column, what, f"give it in column {right}")
         given = table.numbers(column, rows[told]) * scale
         if (given <= 0).any():

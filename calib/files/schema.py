@@ -395,13 +395,25 @@ class CameraTable(BodyTable):
         return self
 
 
+class AngleTable(Table):
+    kind: Literal["angle"]
+    sigma_urad: Positive
+
+
 AnyInstrument = Annotated[
-    PointsTable | PoseTable | CameraTable | DistanceTable | PlaneTable | SphereTable | SocketTable,
+    PointsTable
+    | PoseTable
+    | CameraTable
+    | AngleTable
+    | DistanceTable
+    | PlaneTable
+    | SphereTable
+    | SocketTable,
     Field(discriminator="kind"),
 ]
 
 
-KINDS = frozenset({"points", "pose", "camera", "distance", "plane", "sphere", "socket"})
+KINDS = frozenset({"points", "pose", "camera", "angle", "distance", "plane", "sphere", "socket"})
 
 
 class KnownDistanceTable(Table):

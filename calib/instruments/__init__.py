@@ -1,5 +1,6 @@
 """The instruments that posecal knows: one file each, all behind one protocol."""
 
+from calib.instruments.angle import Angle
 from calib.instruments.camera import ArmCamera, Camera, FixedCamera
 from calib.instruments.channels import Channels
 from calib.instruments.distance import Distance
@@ -13,6 +14,7 @@ from calib.instruments.sphere import Sphere
 
 __all__ = [
     "TRACKER",
+    "Angle",
     "ArmCamera",
     "Camera",
     "Channels",

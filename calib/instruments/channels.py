@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import IntArray, Mask
-from calib.instruments.protocol import Instrument
+from calib.instruments.protocol import Instrument, Number
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +60,12 @@ class Channels:
     def metric(self) -> bool:
         """Whether any number of any row is a length."""
         return any(len(i.lengths) for i in self.instruments)
+
+    @property
+    def shown(self) -> Number:
+        """In what errors of all readings together are shown: a length where any is one."""
+        numbers = [number for i in self.instruments for number in i.numbers]
+        return next((n for n in numbers if n.unit == "mm"), numbers[0])
 
     @cached_property
     def lengths(self) -> Mask:

@@ -17,6 +17,7 @@ Of C readings a pose the points are (m, C, 3), or (m, C, 3 k) where each takes k
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -40,6 +41,15 @@ MOTION, SCALE = slice(0, 6), slice(6, 7)
 """Of a part that may come loose: a displacement in its own axes, and what it is too large by."""
 
 
+UNITS = {
+    "length": {"mm": 1e-3, "m": 1.0},
+    "angle": {"deg": math.pi / 180.0, "rad": 1.0},
+    "pixel": {"px": 1.0},
+    "ratio": {"": 1.0},
+}
+"""Of every quantity that a table may hold, and their sizes in SI; the first one is written."""
+
+
 class Column(NamedTuple):
     """One number of a row in a table, ``<name>_<unit>`` with a unit of its quantity, if it has one.
 
@@ -47,7 +57,7 @@ class Column(NamedTuple):
     """
 
     name: str
-    quantity: Literal["length", "ratio", "pixel"]
+    quantity: Literal["length", "angle", "pixel", "ratio"]
     optional: bool = False
 
 
@@ -55,7 +65,7 @@ class Number(NamedTuple):
     """One number of an error: its name, the unit shown, and that unit in SI."""
 
     name: str
-    unit: str
+    unit: Literal["mm", "mrad", "px"]
     scale: float
 
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from calib.diagnosis.gap import Gap as Shrinkage
     from calib.diagnosis.spectra import Line as FoundLine
     from calib.diagnosis.spectra import Spectrum as FoundSpectrum
+    from calib.instruments import Channels
     from doe.prospect.rivals.next_poses import NextPoses
     from doe.prospect.rivals.next_poses import Prediction as Predicted
     from studies.document import Document
@@ -109,7 +110,7 @@ class Gap(Entry):
     unit : of all of them, mm but where no reading is a length
     """
 
-    unit: Literal["mm", "px"] = "mm"
+    unit: Literal["mm", "mrad", "px"] = "mm"
     floor_mm: Positive
     fit_before_mm: NotNegative
     fit_after_mm: NotNegative
@@ -286,7 +287,7 @@ def findings(found: Diagnosis, spectra: Sequence[FoundSpectrum] = ()) -> Finding
             Place(where=_at(p.where, tip), depends_on=p.depends_on, share_of_gap=p.share)
             for p in found.located
         ),
-        gap=_gap(found.gap, found.after.model.readout.channels.metric),
+        gap=_gap(found.gap, found.after.model.readout.channels),
         could_not_see=tuple(
             Sought(
                 effect=entry.effect,
@@ -313,15 +314,15 @@ def _at(where: str, tip: str) -> str:
     return "tool" if where == tip else where
 
 
-def _gap(gap: Shrinkage, metric: bool) -> Gap:
+def _gap(gap: Shrinkage, channels: Channels) -> Gap:
     before, after = gap.over_time or (None, None)
-    scale = _MM if metric else 1.0
+    scale = 1.0 / channels.shown.scale
 
     def shown(error: float | None) -> float | None:
         return None if error is None else error * scale
 
     return Gap(
-        unit="mm" if metric else "px",
+        unit=channels.shown.unit,
         floor_mm=gap.floor * scale,
         fit_before_mm=gap.fit_before * scale,
         fit_after_mm=gap.fit_after * scale,

@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 
 from calib.threads import one_blas_thread
 from studies.record import Entry, Maybe, NotNegative, Number
-from studies.residual import Lengths, Off, Pixels
+from studies.residual import Angles, Lengths, Off, Pixels
 
 if TYPE_CHECKING:
     from calib.arm.robot import Robot
@@ -35,7 +35,7 @@ class Steps(Entry):
     """RMS error before and after each effect, added one to the other by their share of the gap."""
 
     of: str
-    unit: Literal["mm", "px"] = "mm"
+    unit: Literal["mm", "mrad", "px"] = "mm"
     added: tuple[str, ...]
     rms_mm: tuple[NotNegative, ...]
 
@@ -107,11 +107,12 @@ class Residual(Off):
 
     before_mm: Lengths | None = None
     before_px: Pixels | None = None
+    before_mrad: Angles | None = None
 
     @property
     def before(self) -> tuple[float, ...]:
         """The residual of the model as given."""
-        return self.before_mm or self.before_px or ()
+        return self.before_mm or self.before_px or self.before_mrad or ()
 
 
 class Shown(NamedTuple):
@@ -152,12 +153,12 @@ def _steps(found: Diagnosis, added: list[Candidate]) -> Steps:
     fits = [found.before]
     fits += [found.linear.fit([c.effect for c in added[:n]]) for n in range(1, len(added))]
     fits += [found.after] if added else []
-    metric = found.before.model.readout.channels.metric
+    shown = found.before.model.readout.channels.shown
     return Steps(
-        unit="mm" if metric else "px",
+        unit=shown.unit,
         of="fitted poses" if found.heldout is None else "held-out poses",
         added=tuple(map(label, added)),
-        rms_mm=tuple(rms(squared_errors(fit, data)) * (_MM if metric else 1.0) for fit in fits),
+        rms_mm=tuple(rms(squared_errors(fit, data)) / shown.scale for fit in fits),
     )
 
 

@@ -27,7 +27,7 @@ from studies.record import (
     Three,
     three,
 )
-from studies.residual import Lengths, Off, Pixels
+from studies.residual import Angles, Lengths, Off, Pixels
 from studies.targets import AtTarget, at_targets
 
 if TYPE_CHECKING:
@@ -180,12 +180,13 @@ class Residual(Off):
     nominal_mm: Lengths | None = None
     nominal_px: Pixels | None = None
     at_px: Pixels | None = None
-    nominal_mrad: Three | None = None
+    nominal_mrad: Three | Angles | None = None
 
     @property
     def before(self) -> tuple[float, ...]:
         """The residual of the nominal model."""
-        return self.nominal_mm or self.nominal_px or ()
+        alone = () if self.metric else self.nominal_mrad
+        return self.nominal_mm or self.nominal_px or alone or ()
 
 
 class Asked(TypedDict):
@@ -497,6 +498,8 @@ def _residuals(found: Identification, part: Residuals) -> Iterator[Residual]:
             turn = before[i, c, linear:]
             numbers: dict[str, Any] = dict(zip(keys, after[i, c].tolist(), strict=True))
             numbers[f"nominal_{first}"] = tuple(before[i, c, :linear].tolist())
+            if len(turn):
+                numbers["nominal_mrad"] = three(turn)
             if first == "px":
                 numbers["at_px"] = tuple(part.data.readings[i, channels][c, :2].tolist())
             yield Residual(
@@ -504,6 +507,5 @@ def _residuals(found: Identification, part: Residuals) -> Iterator[Residual]:
                 marker=names[c],
                 instrument=instrument.name_at(sites[i]),
                 **numbers,
-                nominal_mrad=three(turn) if len(turn) else None,
                 heldout=held,
             )

@@ -88,14 +88,14 @@ def _headline(record: IdentifyRecord) -> Iterator[Sentence]:
     before, after, unit = _before_and_after(record)
     where = "at poses it never saw, the robot" if record.held_out else "the robot"
     better, converged = after < before, record.status == "converged"
-    figure = f"{MRAD(after)} {unit}" if unit == "px" else mm(after)
+    figure = mm(after) if unit == "mm" else f"{MRAD(after)} {unit}"
     now = f"is now predicted to {figure}" if better else f"is predicted to {figure}, no better"
     praised = record.status != "not_converged" and before >= 2.0 * after > 0.0
     times = f", {before / after:.0f} times better" if praised else ""
     yield Sentence(
         f"{record.rank} of {len(record.parameters)} parameters identified from "
         f"{plural(record.poses, 'reading')}, {plural(record.points, 'point')}: {where} was off by "
-        f"{f'{MRAD(before)} px' if unit == 'px' else mm(before)} and {now}{times}.",
+        f"{mm(before) if unit == 'mm' else f'{MRAD(before)} {unit}'} and {now}{times}.",
         "good" if better and converged else "warn",
     )
     if not better:
@@ -198,7 +198,7 @@ def _errors(record: IdentifyRecord) -> Iterator[Part]:
     )
     yield Detail((Table(_PAIRS, pairs, "Distances between two poses", caption),) if pairs else ())
     yield from _outliers(record)
-    if any(not row.metric for row in record.residuals):
+    if any(row.at_px is not None for row in record.residuals):
         yield Figure(lambda: errors_over_image(record))
     if not rows:
         return

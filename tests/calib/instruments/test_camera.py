@@ -408,16 +408,10 @@ def test_a_point_that_is_no_points_of_its_board(written: Callable[..., Path]) ->
 
 def test_a_deviation_of_its_own(written: Callable[..., Path]) -> None:
     """Of a row in pixels; one in millimetres is none, and an empty one is the cell's."""
-    path = written(
-        board_text("b", "tip", TILED),
-        camera_text("cam", "world"),
-        '[markers_mm]\nm1 = [0, 0, 1]\n[instruments.laser]\nkind = "points"\nsigma_mm = 0.02\n',
-    )
+    two = (camera_text(name, "world") for name in ("cam", "other"))
+    path = written(board_text("b", "tip", TILED), *two)
     cell, q = calib.load_cell(path), near_home(2, 1)
-    rows: Rows = [
-        (0, "cam", "b:p0", np.array([9.0, 9.0])),
-        (1, "cam", "b:p1", np.array([9.0, 8.0])),
-    ]
+    rows: Rows = [(i, "cam", f"b:p{i}", np.array([9.0, 8.0])) for i in range(2)]
     text = table(path.parent / "m.csv", cell.robot.joints, q, rows).read_text().splitlines()
 
     def loaded(column: str, *given: str) -> calib.Measurements:
@@ -428,15 +422,10 @@ def test_a_deviation_of_its_own(written: Callable[..., Path]) -> None:
 
     data = loaded("sigma_px", "0.5", "")
     np.testing.assert_array_equal(data.sigma[data.seen], [0.5, np.nan])
-    weights = build(cell, data.poses).model.readout.whitening(
-        np.zeros(len(build(cell, data.poses).model.parameters)),
-        data.poses,
-        data.readings,
-        data.sigma,
-    )
-    at = np.argwhere(data.seen)
-    np.testing.assert_allclose([weights[i, c, 0, 0] for i, c in at], [2.0, 5.0])
-    said = r"line 3, column sigma_mm.*is in mm, and 'cam' reads px; give it in column sigma_px"
+    model = build(cell, data.poses).model
+    W = model.readout.whitening(model.initial, data.poses, data.readings, data.sigma)
+    np.testing.assert_allclose(W[data.seen][:, 0, 0], [2.0, 5.0])
+    said = r"line 3, column sigma_mm.* in mm, and 'cam' reads px; give it in column sigma_px"
     with pytest.raises(InputError, match=said):
         loaded("sigma_mm", "", "0.5")
     with pytest.raises(InputError, match=r"line 2, column sigma_px.*above zero"):

@@ -1,0 +1,109 @@
+"""A theodolite, or whatever else points: two angles of a marker, from a stand that nobody knows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from calib.arm.se3 import cross, rotate, skew, so3_exp, so3_log, so3_right_jacobian
+from calib.arrays import Array, Mask
+from calib.instruments.points import Tracker
+from calib.instruments.protocol import (
+    Column,
+    Instrument,
+    Linear,
+    Nominal,
+    Number,
+    Start,
+    Unknown,
+)
+from calib.instruments.resection import resected
+
+_ACROSS = 0.2  # of a unit: below, a direction lies too near to that of a search's axis
+
+
+@dataclass(frozen=True, eq=False)
+class Angle(Instrument):
+    """``atan2(y, x)`` and ``atan2(z, |x, y|)`` of a marker in its axes; the place is ``T_own_base``.
+
+    sigma : float, rad, of either angle
+    """
+
+    sigma: float = 1.0
+    kind: ClassVar[str] = "angle"
+    rows: ClassVar[int] = 2
+    unknowns: ClassVar[tuple[Unknown, ...]] = Tracker.unknowns
+    columns: ClassVar[tuple[Column, ...]] = (
+        Column("azimuth", "angle"),
+        Column("elevation", "angle"),
+    )
+
+    @property
+    def metric(self) -> bool:
+        return False
+
+    @property
+    def numbers(self) -> tuple[Number, ...]:
+        return tuple(Number(column.name, "mrad", 1e-3) for column in self.columns)
+
+    @property
+    def unforeseen(self) -> str:
+        return (
+            "where it stands is found from readings alone; measure, and ask identify and diagnose"
+        )
+
+    def read(self, place: Array, points: Array) -> Array:
+        x, y, z = np.moveaxis(self._own(place, points), -1, 0)
+        return np.stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))], axis=-1)
+
+    @staticmethod
+    def _own(place: Array, points: Array) -> Array:
+        R = so3_exp(place[..., 3:])[..., None, None, :, :]
+        return rotate(R, points) + place[..., None, None, :3]
+
+    def linearise(self, place: Array, points: Array) -> Linear:
+        x, y, z = np.moveaxis(self._own(place, points), -1, 0)
+        level, none = np.hypot(x, y), np.zeros_like(x)
+        away = level**2 + z**2
+        by_own = np.stack(
+            [
+                np.stack([-y / level**2, x / level**2, none], axis=-1),
+                np.stack([-x * z / level / away, -y * z / level / away, level / away], axis=-1),
+            ],
+            axis=-2,
+        )
+        R = so3_exp(place[..., 3:])[..., None, None, :, :]
+        turn = -R @ skew(points) @ so3_right_jacobian(place[..., 3:])[..., None, None, :, :]
+        by_place = np.concatenate([by_own, by_own @ turn], axis=-1)
+        return Linear(self.read(place, points), by_own @ R, by_place)
+
+    def difference(self, measured: Array, predicted: Array) -> Array:
+        """Once around is nothing."""
+        return np.asarray((measured - predicted + np.pi) % (2.0 * np.pi) - np.pi)
+
+    def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
+        """Of the circle and of the height alike; sigma : of an angle, rad."""
+        del place
+        own = np.where(np.isnan(sigma), self.sigma, sigma)[..., None, None]
+        return np.broadcast_to(np.eye(2) / own, (*rows.shape, 2))
+
+    def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
+        """As of a camera whose axis is the mean of all directions."""
+        azimuth, elevation = rows[..., 0], rows[..., 1]
+        level = np.cos(elevation)
+        rays = np.stack(
+            [level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1
+        )
+        ahead = rays[seen].mean(axis=0)
+        ahead = ahead / np.linalg.norm(ahead)
+        x = cross(np.eye(3)[int(np.abs(ahead).argmin())], ahead)
+        x = x / np.linalg.norm(x)
+        Q = np.stack([x, cross(ahead, x), ahead])  # of the camera in the instrument, by rows
+        own = rotate(Q, rays)
+        near = seen & (own[..., 2] > _ACROSS)
+        ideal = own[..., :2] / np.where(near, own[..., 2], 1.0)[..., None]
+        R, t, markers = resected(ideal, near, arm, (), None)
+        told = arm.free & np.any(seen, axis=0)[:, None]
+        return Start(np.concatenate([Q.T @ t, so3_log(Q.T @ R)]), markers, told)

@@ -56,7 +56,10 @@ def read_lens(path: Path) -> LensFile:
     model = _word(root.get("distortionmodel"))
     _refuse_model(path, "fisheye" if _word(root.get("fisheyemodel")) in ("1", "true") else model)
     D = _numbers(path, "distortion", _of(root, _DISTORTION))
-    bent = _five(path, np.zeros(0) if D is None else D, model)
+    if D is None:
+        what = "names no distortion (distortion_coefficients, distCoeffs or D)"
+        raise InputError(path, "", what, "write zeros for a lens without")
+    bent = _five(path, D, model)
     form: LensForm = "ros" if "distortionmodel" in root else "opencv"
     return LensFile(form, np.array([K[0], K[4], K[2], K[5], *bent]), _image(path, root))
 
@@ -148,7 +151,9 @@ def _five(path: Path, D: Array, model: str) -> Array:
         raise InputError(path, "distortion", f"has {len(D)} coefficients", _REMEDY)
     if D[5:].any():
         own = f" ({model})" if model else ""
-        raise InputError(path, "distortion", f"has {len(D)}, of the {name} model{own}", _REMEDY)
+        raise InputError(
+            path, "distortion", f"has {len(D)} coefficients, of the {name} model{own}", _REMEDY
+        )
     return np.pad(D[:5], (0, 5 - len(D[:5])))
 
 

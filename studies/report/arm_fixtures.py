@@ -25,6 +25,7 @@ from studies.report.surroundings import hull
 Kind: TypeAlias = Literal[
     "camera", "board", "frame", "socket", "sphere", "touched", "wire", "instrument"
 ]
+_DROPPED = ("camera", "socket", "sphere", "wire", "instrument")
 _NEAR = 3.0  # arm lengths; what stands farther from the middle is not drawn
 
 
@@ -44,6 +45,11 @@ class Fixture:
     label: IntArray
     radius: int = 0
     words: str = ""
+
+    @property
+    def dropped(self) -> bool:
+        """Whether its place on the floor is shown."""
+        return self.kind in _DROPPED
 
     @property
     def points(self) -> list[IntArray]:
@@ -102,4 +108,5 @@ def within(
         else:
             kept.append(own)
     points = [p.reshape(-1, 3) for own in kept for p in own.points]
+    points += [own.label.reshape(-1, 3) * np.array([1, 1, 0]) for own in kept if own.dropped]
     return tuple(kept), beyond, hull(np.concatenate([frame, *points])) if points else frame

@@ -20,7 +20,6 @@ DOT = {
     "camera": 3.5, "board": 1.6, "frame": 3.0, "socket": 6.0, "sphere": 0.0, "touched": 1.5,
     "wire": 4.0, "instrument": 6.0,
 }  # fmt: skip
-_DROPPED = ("camera", "socket", "sphere", "wire", "instrument")  # whose place on the floor is shown
 _JOINT = 4  # px, radius
 _TARGET = "m-11 0h22m-11 -11v22"
 _FAINT = 20  # poses; of more, those that are not picked fade
@@ -222,17 +221,21 @@ def _sight(scene: ArmScene, at: _Stands) -> Iterator[Part]:
 def _fixtures(scene: ArmScene, at: _Stands) -> Iterator[Part]:
     """Cameras with what they see, boards, sockets, what is touched, wires to the marker."""
     counts = [sum(points.shape[1] for points in own.points) for own in scene.fixtures]
+    names: list[Part] = []
     for own, numbers in zip(scene.fixtures, _cut(at.fixtures, counts), strict=True):
         *lines, dots, label = map(_run, _cut(numbers, [p.shape[1] for p in own.points]))
         kind = f"arm-{own.kind}"
         if lines:
             yield Line(kind, tuple(lines))
-        if own.kind in _DROPPED:
+        if own.label.shape[0] > 1:
+            yield Line("arm-tool", ((_chain(scene, at)[-1], label[0]),))
+        if own.dropped:
             yield Line("arm-drop", ((label[0], ~label[0]),))
         if dots:
             yield Dot(kind, (dots,), mm=own.radius, px=0.0 if own.radius else DOT[own.kind])
         if own.words:
-            yield Text("arm-label", (label,), own.words, down=-9)
+            names.append(Text("arm-label", (label,), own.words, down=-10))
+    yield from names
 
 
 def _markers(scene: ArmScene, at: _Stands) -> Iterator[Part]:

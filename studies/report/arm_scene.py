@@ -23,6 +23,7 @@ from studies.report.arm_sketches import fixtures
 from studies.report.surroundings import Surroundings, surroundings, whole_mm
 
 _SIGNS = {"deg": "\N{DEGREE SIGN}", "mm": " mm"}
+_CARRIED = 0.5  # of the reach with what it carries, an arm's length at least
 _NAMES = 3  # that are named one by one
 _SLIM = 0.016  # arm lengths; radius of a link where the cell gives the arm no shape
 
@@ -125,17 +126,22 @@ def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = N
     placed, own = scene_of(cell, poses.q), _own_markers(cell)
     hidden, markers, seen = _markers(cell, plan, placed)
     found = where(cell, plan)
+    ridden = np.zeros((len(poses), 0, 3))
     if not _of_tracker(cell):
         hidden, markers = {}, _on_tip(placed, found.markers[own])
+        ridden = _on_tip(placed, _origins(cell, found.markers))
     ends = [end for capsule in placed.capsules for end in (capsule.start, capsule.end)]
     columns = [*placed.origins.swapaxes(0, 1), *markers.swapaxes(0, 1), *ends]
     points, number, still = shared(whole_mm(np.stack(columns, axis=1)))
     chain = tuple(point for point, _ in groupby(number[: robot.dof + 2].tolist()))
     tail = number[robot.dof + 2 :].tolist()
     arms = points[:, chain]
+    reached = np.concatenate([arms, whole_mm(ridden)], axis=1)
     length = float(np.linalg.norm(arms - arms[:, :1], axis=-1).max())
+    # An arm whose axes meet in one point reaches as far as what it carries.
+    length = max(length, _CARRIED * float(np.linalg.norm(reached - arms[:, :1], axis=-1).max()))
     values = np.where(robot.prismatic, poses.q * 1e3, np.degrees(poses.q))
-    around = surroundings(cell, arms.reshape(-1, 3), length)
+    around = surroundings(cell, reached.reshape(-1, 3), length)
     drawn = () if _of_tracker(cell) else tuple(fixtures(cell, plan, placed, found, length / 1e3))
     kept, beyond, frame = within(drawn, around.frame, length)
     return ArmScene(
@@ -166,6 +172,12 @@ def _own_markers(cell: Cell) -> list[int]:
     """Markers that are no points of a body."""
     of_bodies = {j for part in cell.bodies.values() for j in range(part.start, part.stop)}
     return [j for j in range(len(cell.markers)) if j not in of_bodies]
+
+
+def _origins(cell: Cell, markers: Array) -> Array:
+    """What the tip carries, (k, 3), m: markers and points of boards, of a frame its origin alone."""
+    ends = [j for j, name in enumerate(cell.marker_names) if name.endswith((":x", ":y"))]
+    return np.delete(markers, ends, axis=0)
 
 
 def _of_tracker(cell: Cell) -> bool:

@@ -46,7 +46,9 @@ def _caption(scene: ArmScene) -> str:
     """How to read the drawing."""
     parts = [f"Nominal arm in the base frame, floor cells {scene.around.step} mm."]
     if scene.reads:
-        parts.append("Instruments, boards and markers where an identification starts from.")
+        parts.append(
+            "Instruments and markers as the cell gives them, or where an identification starts."
+        )
     elif scene.markers:
         measured = scene.seen == "measured"
         parts.append("Markers as measured." if measured else "Markers as the cell gives them.")

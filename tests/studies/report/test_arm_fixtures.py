@@ -88,7 +88,7 @@ def test_what_a_camera_reads_is_said(tmp_path: Path) -> None:
     assert found.readout(1)[1] == "wall reads 12 of 12 points; eye reads 8 of 12 points"
     assert found.readout(2)[1] == "nothing read"
     html = str(figure_html(found))
-    assert "Instruments, boards and markers where an identification starts from." in html
+    assert "Instruments and markers as the cell gives them, or where" in html
     assert "camera and what it sees" in html
     assert ">marker" not in html
 

@@ -131,9 +131,11 @@ def test_the_arm_comes_along_and_a_tooltip_names_the_pose(
     open_page: Callable[..., Any], html: str
 ) -> None:
     page = open_page(html)
-    row = page.locator("#errors [data-pose], #plan tr[data-pose]").last
+    page.evaluate("document.querySelectorAll('#errors details').forEach(own => own.open = true)")
+    row = page.locator("#errors tr[data-pose]").first
     row.scroll_into_view_if_needed()
-    row.hover(force=True)
+    row.hover()
+    page.wait_for_selector(".arm-afloat")
     stage = page.locator(".arm-stage").bounding_box()
     assert stage["y"] > 0, "the drawing is in the window"
     assert stage["y"] + stage["height"] <= 900

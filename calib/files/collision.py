@@ -44,7 +44,7 @@ def urdf_shapes(path: Path, base: str, tip: str) -> Shapes:
                 points, radius = _spanned(path, f"link {link}", element)
                 T_own = T @ origin_of(path, f"link {link} collision", element)
             except InputError as error:
-                unread.append(f"{link} ({error.what})")
+                unread.append(f"{link} ({Path(error.file).name} {error.what})")
                 continue
             points = rotate(T_own[:3, :3], points) + T_own[:3, 3]
             if carrier == "base":

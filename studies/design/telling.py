@@ -199,7 +199,7 @@ class _Plan:
 
 _TASK_RMS: Column[_Plan] = Column("task RMS", lambda row: row.task_rms, MM, "mm")
 _INDICES = {
-    "O1": "mean singular value",
+    "O1": "mean of the singular values",
     "O2": "smallest by largest",
     "O3": "smallest",
     "O4": "smallest squared by largest",

@@ -211,7 +211,7 @@ def _closed(gap: Gap) -> str:
 _VALUES: tuple[Column[Value], ...] = (
     Column("parameter", lambda row: row.name),
     Column("value", lambda row: (row.value, row.std), TO_STD),
-    Column("standard deviation", lambda row: row.std and (row.std, row.std), TO_STD),
+    Column("standard deviation", lambda row: (row.std, row.std) if row.std else None, TO_STD),
     Column("unit", lambda row: row.unit, TEXT),
 )
 

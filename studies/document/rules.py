@@ -54,7 +54,7 @@ def to_std(*values: float | None) -> str:
     ('1.235', '1.20 to 3.40', '1234.568')
     """
     *shown, std = values
-    digits = 1 - math.floor(math.log10(std)) if std else 3
+    digits = 1 - math.floor(math.log10(std)) if std and std > 0.0 else 3
     return " to ".join(f"{value:.{min(max(digits, 0), _MOST_DIGITS)}f}" for value in shown)
 
 

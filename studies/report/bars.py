@@ -42,7 +42,7 @@ def bars(entries: Sequence[Bar], caption: str) -> Raw:
         Markup(
             '<tr><th scope="row">{}</th><td class="number">{}</td><td class="bar" aria-hidden="true">'
             '<span class="{}" style="width: {:.2f}%"></span>{}</td></tr>'
-        ).format(e.label, f"{e.value:.3g}", e.look, along(e.value), lines)
+        ).format(e.label, f"{e.value:#.3g}".rstrip("."), e.look, along(e.value), lines)
         for e in entries
     )
     ticks = Markup("").join(

@@ -205,7 +205,6 @@ CELL = _in(
         "an obstacle of no known shape": added('\n[[design.obstacle]]\ntype = "cone"\n'),
         "a floor in words": swap("levels = {", 'floor_mm = "low"\nlevels = {'),
         "a floor that is merely there": swap("levels = {", "floor_mm = true\nlevels = {"),
-        "a floor above the arm": swap("levels = {", "floor_mm = 9000\nlevels = {"),
         "a box without size": added('\n[[design.obstacle]]\ntype = "box"\ncenter_mm = [0, 0, 0]\n'),
         "no effects": effects(),
         "an unknown effect": effects("base", "backlsh:A2"),

@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from calib.errors import InputError
 from calib.files.write import write_files
@@ -23,9 +24,10 @@ from studies.plots import Picture, files
 from studies.plots.accuracy import against_markers, against_poses, length_unit
 from studies.plots.deviations import by_approach, predicted_against_simulated
 from studies.plots.ellipses import correlation, correlations, ellipse, ellipses, share_inside
+from studies.plots.histogram import histogram
 from studies.plots.information import by_pose, derivative
 from studies.plots.residuals import by_pose_and_axis
-from studies.plots.style import APPROACHES, RC, SERIES, folder_files, looks, svg_text
+from studies.plots.style import APPROACHES, RC, SERIES, folder_files, log_ticks, looks, svg_text
 
 NAMES = ["geometry:A2.x", "geometry:A3.x", "joint_compliance:A2.compliance"]
 UNITS = ["um", "um", "urad/(N m)"]
@@ -306,3 +308,23 @@ def test_bytes_are_written_as_they_are(tmp_path: Path) -> None:
         write_files({png: b"new", missing: b"new"})
     assert png.read_bytes().startswith(b"\x89PNG")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.png"]
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.012, 0.028), (0.0151, 0.0188), (0.3, 40), (1e-4, 10)])
+def test_a_log_axis_has_ticks_to_read(low: float, high: float) -> None:
+    panel = Figure().subplots()
+    panel.set(yscale="log", ylim=(low, high))
+    log_ticks(panel.yaxis, low, high)
+    ticks = [tick for tick in panel.yaxis.get_majorticklocs() if low <= tick <= high]
+    assert 3 <= len(ticks) <= 10
+
+
+def test_the_first_bin_holds_no_others() -> None:
+    """Points far below those of the nominal model have bins of their own."""
+    rng = np.random.default_rng(0)
+    before, after = rng.normal(0, 5e-3, (400, 3)), rng.normal(0, 5e-7, (400, 3))
+    picture = histogram(before, after, 1e-6)
+    below = picture.figure.axes[1]
+    heights = [bar.get_height() for bar in below.patches]
+    assert sum(heights) == 400
+    assert heights[0] < 0.25 * max(heights)

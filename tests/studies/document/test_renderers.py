@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import pytest
@@ -20,6 +21,7 @@ from studies.document import (
     pictures_of,
 )
 from studies.document.page import Writer
+from studies.document.svg import inline_svg
 from studies.document.terminal import terminal
 from studies.plots.style import Picture
 
@@ -134,3 +136,16 @@ def test_figures_are_found_within_details() -> None:
 def test_an_unknown_part_is_a_fault_of_ours() -> None:
     with pytest.raises(TypeError, match="no part of a document"):
         paged(Document((), (Section("x", "x", (3,)),)))  # type: ignore[arg-type]
+
+
+def test_greys_of_a_figure_follow_the_page() -> None:
+    figure = Drawing()
+    panel = figure.subplots()
+    for row, grey in enumerate(("0.965", "0.92", "0.15", "1.0")):
+        panel.axhspan(row, row + 1, color=grey)
+    panel.axhspan(5, 6, color="#0072b2")
+    made = str(inline_svg(Picture("x", "X", "It.", figure, (), ()), "f0", None))
+    for name in ("raised", "faint", "ink", "paper"):
+        assert f"fill: var(--{name})" in made
+    assert "#0072b2" in made
+    assert not re.search(r"#([0-9a-f]{2})\1\1\b", made), "no grey that is bright in the dark"

@@ -83,3 +83,66 @@ def test_a_pose_lights_up_everywhere(open_page: Callable[..., Any], html: str) -
     assert page.locator("#arm .arm-now b").inner_text() == name
     page.mouse.move(2, 2)
     assert page.evaluate("document.querySelectorAll('tr.lit').length") == 0
+
+
+def test_text_in_figures_stays_legible_and_words_whole_on_a_phone(
+    open_page: Callable[..., Any], html: str
+) -> None:
+    page = open_page(html, width=390)
+    heights = page.evaluate(
+        """() => [...document.querySelectorAll("svg.plot")].flatMap(svg => {
+            const wide = svg.getBoundingClientRect().width;
+            return wide ? [...svg.querySelectorAll("text")].map(text =>
+                parseFloat(getComputedStyle(text).fontSize) * wide / svg.viewBox.baseVal.width) : [];
+        })"""
+    )
+    assert min(heights) > 8.0
+    broken = page.evaluate(
+        """() => [...document.querySelectorAll("th, td, dd")].flatMap(cell => {
+            const node = [...cell.childNodes].find(own => own.nodeType === 3), range = new Range();
+            if (!node || !cell.offsetParent || cell.closest(".bars")) return [];
+            return [...node.data.matchAll(/[A-Za-z_]{3,24}/g)].filter(({ index, 0: word }) => {
+                range.setStart(node, index); range.setEnd(node, index + word.length);
+                return new Set([...range.getClientRects()].map(box => box.top)).size > 1;
+            }).map(found => found[0]); })"""
+    )
+    assert broken == []
+
+
+def test_the_contents_are_in_view(open_page: Callable[..., Any], html: str) -> None:
+    for width in WIDTHS:
+        page = open_page(html, width=width)
+        assert page.evaluate(
+            """() => [...document.querySelectorAll("nav a")].every(a => {
+                const box = a.getBoundingClientRect();
+                return box.left >= 0 && box.right <= document.documentElement.clientWidth; })"""
+        )
+
+
+def test_parameters_are_on_paper(open_page: Callable[..., Any], html: str) -> None:
+    page = open_page(html)
+    page.emulate_media(media="print")
+    for value in ("joint_compliance", "marker:m1", "base"):
+        cell = page.locator("#parameters td, #parameters th", has_text=value).first
+        assert cell.bounding_box()["height"] > 5.0
+
+
+def test_the_arm_comes_along_and_a_tooltip_names_the_pose(
+    open_page: Callable[..., Any], html: str
+) -> None:
+    page = open_page(html)
+    page.evaluate("document.querySelectorAll('#errors details').forEach(own => own.open = true)")
+    row = page.locator("#errors tr[data-pose]").first
+    row.scroll_into_view_if_needed()
+    row.hover()
+    page.wait_for_selector(".arm-afloat")
+    stage = page.locator(".arm-stage").bounding_box()
+    assert stage["y"] > 0, "the drawing is in the window"
+    assert stage["y"] + stage["height"] <= 900
+    told = page.locator(".tip").inner_text()
+    assert row.get_attribute("data-pose") in told
+    assert "A1" in told
+    page.mouse.move(2, 2)
+    page.wait_for_timeout(400)
+    assert page.locator(".arm-afloat").count() == 0
+    assert not page.locator(".tip").is_visible()

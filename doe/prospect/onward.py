@@ -96,7 +96,9 @@ def onward(
         q = np.concatenate([q, rest.fresh_q])
     names = [f"n{i + 1:02d}" for i in range(len(q))]
     stops = tuple(stop for stop in (task, causes) if stop is not None)
-    serves: tuple[For, ...] = ("causes",) * apart + ("task",) * (len(q) - apart)
+    first: For = "causes"
+    then: For = "task"
+    serves = (first,) * apart + (then,) * (len(q) - apart)
     return Onward(poses_at(q, names=names), serves, stops, answer, diagnosis, doubts)
 
 

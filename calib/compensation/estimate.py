@@ -176,7 +176,7 @@ def _doubts(result: Diagnosis) -> tuple[str, ...]:
 def _scale(fit: Fit) -> float:
     """Actual over stated standard deviation, from the residual where that refutes the stated one."""
     cost = float((fit.r**2).sum())
-    dof = int(np.count_nonzero(np.abs(fit.J).sum(axis=-1))) - fit.span.shape[1]
+    dof = int(np.count_nonzero(np.abs(fit.J).sum(axis=-1))) - fit.spent
     return float(np.sqrt(cost / dof)) if refuted(cost, dof) else 1.0
 
 

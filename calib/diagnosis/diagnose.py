@@ -287,7 +287,7 @@ def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:
     kept = ~stage.dropped
     cost = float((fit.r**2).sum())
     weights = stage.weights[kept] * factor
-    dof = int(counted(weights).sum()) - fit.span.shape[1]
+    dof = int(counted(weights).sum()) - fit.spent
     lengths = stage.model.readout.channels.lengths
     alone = noise_level(cost * factor**2, dof, stage.data.take(kept), weights, lengths)
     if alone.source == "residual" and fit.levels is not None and fit.levels.instrument_only:
@@ -355,7 +355,7 @@ def _share(outcome: Outcome, after: Fit, entry: Entry, scale: float) -> float:
     """
     before, left = (float((fit.r**2).sum()) for fit in (outcome.before, after))
     rows = int(np.count_nonzero(np.abs(after.J).sum(axis=-1)))
-    excess = before - min(left, (rows - after.span.shape[1]) * scale**2)
+    excess = before - min(left, (rows - after.spent) * scale**2)
     return entry.fall / excess if excess > 0.0 else np.nan
 
 
@@ -409,7 +409,7 @@ def _scattering(stage: Stage, after: Fit) -> str:
 def _unfollowed(outcome: Outcome, after: Fit) -> float:
     """Share of the gap that differs from pose to pose and that nothing found follows."""
     before, left = (float((fit.r**2).sum()) for fit in (outcome.before, after))
-    dof = int(np.count_nonzero(np.abs(after.J).sum(axis=-1))) - after.span.shape[1]
+    dof = int(np.count_nonzero(np.abs(after.J).sum(axis=-1))) - after.spent
     noise = dof * after.variances.scale**2
     return max(left - noise, 0.0) / (before - noise) if before > noise else np.nan
 

@@ -97,6 +97,13 @@ class Fit:
         return self.mixing.covariance(gains[:N].reshape(self.J.shape)) + of_prior.T @ of_prior
 
     @property
+    def spent(self) -> int:
+        """Parameters that the readings determine: what the robot's type says of them is no reading."""
+        rows = self.model.by_type
+        by_type = np.trace(rows @ self.covariance @ rows.T) if len(rows) else 0.0
+        return int(self.span.shape[1]) - round(float(by_type))
+
+    @property
     def moving(self) -> Array:
         """The values, shape (p,), tunings at zero, which are no amounts: rows are ``J @ moving``."""
         values = self.values.copy()

@@ -96,9 +96,10 @@ def onward(
         q = np.concatenate([q, rest.fresh_q])
     names = [f"n{i + 1:02d}" for i in range(len(q))]
     stops = tuple(stop for stop in (task, causes) if stop is not None)
-    serves: list[For] = ["causes"] * apart
-    serves += ["task"] * (len(q) - apart)
-    return Onward(poses_at(q, names=names), tuple(serves), stops, answer, diagnosis, doubts)
+    first: For = "causes"
+    then: For = "task"
+    serves = (first,) * apart + (then,) * (len(q) - apart)
+    return Onward(poses_at(q, names=names), serves, stops, answer, diagnosis, doubts)
 
 
 def _task_done(answer: Enough) -> Stop | None:

@@ -161,6 +161,9 @@ def compare(
         raise CalibError("no plan to compare")
     if truth not in get_args(Truth):
         raise CalibError(f"truth {truth!r} is unknown; choose {' or '.join(get_args(Truth))}")
+    cell = replace(
+        cell, prior=None
+    )  # what the readings tell by themselves; simulated robots are no type
     targets, weights = targets_of(cell)
     prepared = [_prepared(cell, plan, values, truth, length, seed) for plan in plans.values()]
     studies: list[PlanStudy] = []

@@ -244,6 +244,19 @@ def _identify() -> list[Record]:
               "failed": 0, "undecided": 3, "largest_mm": 0.12, "expanded_mm": 0.03}  # fmt: skip
     failed = {**judged, "verdict": "fail", "rule": "simple", "failed": 3, "undecided": 0}
     nobody = {**judged, "verdict": None, "points": 0, "passed": 0, "undecided": 0}
+    left = {"id": "joint_offset:A2.offset", "value": 900.0, "mean": 20.0, "std": 40.0, "score": 9.5,
+            "released": True, "unit": "urad"}  # fmt: skip
+    still = {
+        **left,
+        "id": "joint_offset:A3.offset",
+        "value": 30.0,
+        "score": None,
+        "released": False,
+    }
+    of_type = {"type": "kr270", "robots": 12, "statistic": 90.0, "rows": 2, "p": 1e-18,
+               "of_the_type": False, "widened": 1.0, "parameters": [still, left]}  # fmt: skip
+    wide = {**of_type, "parameters": [still], "widened": 2.0}
+    good_type = {**of_type, "of_the_type": True, "p": 0.3, "parameters": [still]}
     return [
         changed("identify"),
         changed("identify", budget=sheet, acceptance=judged, about={"serial": "7", "operator": "A."}),
@@ -259,6 +272,9 @@ def _identify() -> list[Record]:
         changed("identify", drift={**drift, "rates": []}, noise=told, pair_distances_mm={}),
         changed("identify", drift=rated, noise={**told, "instrument_seen": None}, absorbed=[],
                 parameters=[{**p, "std": 2e-3 if p["std"] else None} for p in old["parameters"]]),
+        changed("identify", of_type=of_type),
+        changed("identify", of_type=wide),
+        changed("identify", of_type=good_type),
     ]  # fmt: skip
 
 
@@ -338,6 +354,37 @@ def _fleet() -> list[Record]:
     ]
 
 
+def _prior() -> list[Record]:
+    old = old_fields("prior")
+    clear = {**old["types"][0], "aside": [], "unlike": [], "leaning": [], "robots": 40}
+    return [changed("prior"), changed("prior", types=[clear, clear])]
+
+
+def _next() -> list[Record]:
+    old = old_fields("next")
+    (first, *others) = old["poses"]
+    doubt = {
+        "rivals": ["transmission_scale:A2", "transmission_harmonic:A2"],
+        "now": 0.6,
+        "after": 0.97,
+    }
+    for_causes = [{**first, "serves": "causes"}, *others]
+    stopped = {"done": True, "poses": []}
+    causes = {"aim": "causes", "now": None, "after": None, "lacking_mm": None, "goal_mm": None}
+    open_ = {**old["now"], "open": ["a:b.c", "a:b.d"]}
+    return [
+        changed("next"),
+        changed("next", aim="both", poses=for_causes, doubts=[doubt], verdict="ambiguous"),
+        changed("next", aim="both", poses=[first], stops=["goal"], verdict="unknown"),
+        changed("next", **stopped, stops=["goal"]),
+        changed("next", **stopped, stops=["beyond_reach"], after=None),
+        changed("next", **stopped, stops=["averages"], goal_mm=None, now=open_),
+        changed("next", **stopped, **causes, stops=["settled"], verdict="no_gap"),
+        changed("next", **stopped, **causes, stops=["no_pose_helps"], doubts=[doubt],
+                verdict="ambiguous"),
+    ]  # fmt: skip
+
+
 EXAMPLES = {
     "design": _design(),
     "plan": _plan(),
@@ -349,4 +396,6 @@ EXAMPLES = {
     "iso9283": _iso9283(),
     "fleet": _fleet(),
     "changes": _changes(),
+    "prior": _prior(),
+    "next": _next(),
 }

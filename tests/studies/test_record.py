@@ -127,10 +127,11 @@ def test_a_damaged_file_is_refused_or_told(kind: str, tmp_path: Path) -> None:
             read_well += 1
             assert list(terminal(record.told()))
             if value in (0, 1e29) and _drawn(place):
-                assert list(pictures_of(record.told()))
+                assert list(pictures_of(record.told())) or kind in WORDS_ALONE
     assert read_well > 20
 
 
+WORDS_ALONE = {"prior", "next"}  # kinds without a figure
 UNDRAWN = {"estimate", "length_mm", "task_rms_mm", "task_worst_mm", "rms_of_residuals_mm"}
 
 

@@ -1,0 +1,89 @@
+"""``posecal next`` in a loop with arms of plain numpy."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+
+from calib.arrays import Array
+from studies.record import json_schema
+from tests.studies.fleet.robots import MARKERS, SIGMA, points, put, table
+from tests.studies.fleet.test_command import run
+
+OFFSETS = (1e-3, -5e-4)
+
+
+@pytest.fixture
+def cell(tmp_path: Path) -> Path:
+    put(tmp_path, table(OFFSETS, 3, 4))
+    return tmp_path / "cell.toml"
+
+
+def proposed(cell: Path, *more: object) -> tuple[dict[str, Any], str]:
+    out = cell.with_name("next.json")
+    done = run("next", cell, cell.with_name("measurements.csv"), "--json", out, *more)
+    assert done.exit_code == 0, done.output
+    fields = json.loads(out.read_text())
+    jsonschema.validate(fields, json_schema("next"))
+    return fields, done.output
+
+
+def read(cell: Path, q: Array, first: int, rng: np.random.Generator) -> None:
+    """Put the readings of poses into the table."""
+    from tests.plain_arm import turn
+
+    placed = turn("z", 0.7) @ turn("x", 0.3)
+    stands = q + np.array([0.0, *OFFSETS, 0.0])
+    measured = points(stands) @ placed[:3, :3].T + [1.0, -2.0, 0.5]
+    measured += rng.normal(size=measured.shape) * SIGMA
+    rows = []
+    for i, (own, three) in enumerate(zip(np.degrees(q), measured * 1e3, strict=True), first):
+        joints = ",".join(f"{angle:.4f}" for angle in own)
+        rows += [f"p{i},m{j},{joints},{x:.6f},{y:.6f},{z:.6f}"
+                 for j, (x, y, z) in enumerate(three, 1)]  # fmt: skip
+    data = cell.with_name("measurements.csv")
+    data.write_text(data.read_text() + "\n".join([*rows, ""]))
+    assert len(MARKERS) == 3
+
+
+def test_a_loop_with_the_robot_ends_at_its_goal(cell: Path) -> None:
+    rng, poses, expected = np.random.default_rng(0), 4, list[float]()
+    plan = cell.with_name("plan.csv")
+    for _ in range(12):
+        plan.unlink(missing_ok=True)
+        fields, said = proposed(cell, "--goal-mm", 0.009, "--poses", 2, "-o", plan)
+        expected.append(fields["now"]["task_rms_mm"])
+        if fields["done"]:
+            break
+        assert [p["serves"] for p in fields["poses"]] == ["task", "task"]
+        rows = [line.split(",")[1:] for line in plan.read_text().splitlines()[1:]]
+        q = np.radians(np.array(rows, dtype=float))
+        assert (np.abs(q) <= 2.0).all()
+        read(cell, q, poses, rng)
+        poses += 2
+    assert fields["stops"] == ["goal"]
+    assert fields["now"]["task_most_mm"] <= 0.009
+    assert "Stop: the goal is met" in said
+    assert not plan.exists()
+    assert expected[-1] < 0.7 * expected[0]
+
+
+def test_without_a_goal_it_stops_where_poses_only_average(cell: Path) -> None:
+    cell.with_name("measurements.csv").write_text(table(OFFSETS, 3, 60))
+    fields, said = proposed(cell)
+    assert fields["stops"] == ["averages"]
+    assert "more poses would only average noise" in said
+
+
+def test_where_nothing_looks_alike_no_pose_is_for_causes(cell: Path) -> None:
+    cell.with_name("measurements.csv").write_text(table(OFFSETS, 3, 20))
+    fields, said = proposed(cell, "--for", "causes")
+    assert fields["done"]
+    assert fields["stops"] == ["settled"]
+    assert fields["now"] is None
+    assert "Diagnosis so far: no gap" in said

@@ -63,7 +63,13 @@ def _iso9283() -> list[Record]:
     expected = [own for own in old["poses"] if own["how"] == "predicted"]
     open_ = {"value": 1.0, "low": None, "high": None}
     none = {"several": [], "distances": [], "compliance": []}
-    blind = {**first, "ap_angles_mrad": None, "rp_angles_mrad": None, "drift_mm": None, "ap_mm": open_}
+    blind = {
+        **first,
+        "ap_angles_mrad": None,
+        "rp_angles_mrad": None,
+        "drift_mm": None,
+        "ap_mm": open_,
+    }
     return [
         changed("iso9283"),
         changed("iso9283", poses=expected, **none, same_data=True),

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from calib.compensation.estimate import Estimate
     from calib.identification import Identification
 
+_NOISE = "noise"
+
 Evaluation = Literal["A", "B"]
 """By statistics of the readings in hand, or by what is known otherwise (JCGM 100, 4.2 and 4.3)."""
 
@@ -37,6 +39,7 @@ class Part:
     unit, scale : of that, and SI per unit
     at_reading : float or None, m, RMS by which it moves one reading
     instrument : str, whose common error it is; empty where it is none
+    basis : str, the estimate that its variance rests on: parts of one count their freedom once
     """
 
     source: str
@@ -51,6 +54,7 @@ class Part:
     distribution: str = "normal"
     at_reading: float | None = None
     instrument: str = ""
+    basis: str = ""
 
     @property
     def variances(self) -> Array:
@@ -121,9 +125,12 @@ def budget_of(
 
 def combined(parts: Sequence[Part], weights: Array) -> Expected:
     """What parts leave together at each target."""
-    variances = [part.variances for part in parts]
+    bases: dict[str, list[Part]] = {}
+    for k, part in enumerate(parts):
+        bases.setdefault(part.basis or str(k), []).append(part)
+    variances = [np.sum([part.variances for part in own], axis=0) for own in bases.values()]
+    freedoms = [own[0].freedom for own in bases.values()]
     total = np.sum(variances, axis=0)
-    freedoms = [part.freedom for part in parts]
     nu = effective_freedom(zip(variances, freedoms, strict=True))
     n = directions(np.concatenate([part.spread for part in parts], axis=-1))
     mean = [float(weights @ own / weights.sum()) for own in variances]
@@ -147,7 +154,7 @@ def of_calibration(found: Identification, targets: Poses, weights: Array) -> Ite
     spread = _spread(J @ _half(found.covariance))
     yield Part(
         "readings, each by itself", "B" if told else "A", spread, anew(spread), found.freedom,
-        stated=sigma, at_reading=sigma * _numbers(found),
+        stated=sigma, at_reading=sigma * _numbers(found), basis=_NOISE,
     )  # fmt: skip
     if found.ignorance.any():
         spread = _spread(J @ _half(found.ignorance))
@@ -170,7 +177,10 @@ def _of_arm(found: Identification, estimate: Estimate, targets: Poses) -> Iterat
     if variances.any():
         spread = _alike(variances.mean(axis=-1), M)
         shown = found.levels is not None and len(found.levels.free) > 0
-        yield Part("arm, anew at each pose", "A" if shown else "B", spread, spread, found.freedom)
+        yield Part(
+            "arm, anew at each pose", "A" if shown else "B", spread, spread, found.freedom,
+            basis=_NOISE,
+        )  # fmt: skip
     rest = estimate.unexplained
     if rest.rms:
         spread = _alike(np.full(m, rest.rms**2), M)

@@ -94,8 +94,8 @@ def _parts(budget: BudgetEntry, targets: str) -> Iterator[Part]:
     yield from labelled("common", (f"{words[k]}: {own}" for k, own in said.items() if own))
     if not common:
         yield Sentence(
-            "errors that all readings share are not stated, and count as none: a tracker's scale, zero "
-            "point and circles, the air's temperature; state them in [instrument.common]",
+            "errors that all readings share, of which none is stated; those of a tracker (scale, zero "
+            "point, circles, the air) go into [instrument.common]",
             "note", "not counted",
         )  # fmt: skip
 

@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from calib import Cell, Measurements
     from calib.arrays import IntArray
     from calib.compensation.estimate import Estimate
-    from calib.iso9283 import Measured
-    from calib.iso9283.arm import Session
+    from calib.iso9283 import Measured, Session
     from studies.iso9283.record import Iso9283Record
 
 
@@ -38,9 +37,10 @@ def criteria(
 
     Raises InputError, CalibError.
     """
-    from calib.iso9283 import measured, predicted
-    from calib.iso9283.arm import session_of
+    from calib.iso9283 import session_of
     from calib.iso9283.formulas import repeatability_of
+    from calib.iso9283.measured import measured
+    from calib.iso9283.predicted import predicted
     from studies.iso9283.record import iso9283_record
 
     known = _fitted(cell, data) if result_path is None else _read(cell, data_path, result_path)

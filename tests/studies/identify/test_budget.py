@@ -76,7 +76,7 @@ def test_rows_add_up_to_the_total_and_absent_keys_change_nothing(folder: Path) -
         assert own["std"] > alone["std"]
         low, high = own["ci95"]
         assert high - low == pytest.approx(2.0 * 1.95996 * own["std"], rel=1e-4)
-    assert "not stated, and count as none" in quiet
+    assert "of which none is stated" in quiet
     assert "mostly a shift or turn of the whole frame" in told
     assert "no number of poses takes away" in told
 

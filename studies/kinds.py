@@ -32,12 +32,12 @@ def record_type(kind: str) -> type[Record]:
     from studies.design.record import DesignRecord
     from studies.diagnose.record import DiagnoseRecord
     from studies.enough.record import EnoughRecord
-    from studies.fleet.prior import PriorRecord
     from studies.fleet.record import FleetRecord
     from studies.identify.record import IdentifyRecord
     from studies.iso9283.record import Iso9283Record
     from studies.next.record import NextRecord
     from studies.plan.record import PlanRecord
+    from studies.prior.record import PriorRecord
 
     types: dict[str, type[Record]] = {
         "design": DesignRecord,

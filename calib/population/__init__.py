@@ -1,7 +1,7 @@
 """What the robots of a type have in common, and how one robot more stands to it."""
 
-from calib.population.departure import Departure, adapted, departure, loosened
 from calib.population.hierarchy import Population, population
+from calib.population.membership import Departure, adapted, departure, loosened
 from calib.population.prior import Key, Prior
 
 __all__ = [

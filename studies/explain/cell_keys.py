@@ -10,7 +10,8 @@ from importlib.resources import files
 from typing import Any
 
 _ABOVE = ("schema", "name")
-_TOLD = "instruments.NAME.sigma_mm."  # as under [instrument]
+_TOLD = ("instruments.NAME.sigma_mm.", "instruments.NAME.common.")  # as under [instrument]
+_COMMON = re.compile(r"^instrument\.common\.\w+\.")  # each key may have these
 _WORDS = {
     "number": "number",
     "integer": "whole number",
@@ -21,7 +22,7 @@ _WORDS = {
 
 TABLES = (
     "robot", "markers_mm", "instrument", "instruments", "bodies", "boards", "known_distances",
-    "gravity", "payload", "load", "design", "diagnosis", "model",
+    "gravity", "payload", "load", "design", "diagnosis", "model", "acceptance",
 )  # fmt: skip
 
 
@@ -48,7 +49,7 @@ def forms() -> dict[str, dict[str, None]]:
     schema = CellFile.model_json_schema()
     found: dict[str, dict[str, None]] = {}
     for key, form in _keys(schema, schema["$defs"], ""):
-        found.setdefault(key, {})[form] = None
+        found.setdefault(_COMMON.sub("instrument.common.KEY.", key), {})[form] = None
     return {key: own for key, own in found.items() if not key.startswith(_TOLD)}
 
 

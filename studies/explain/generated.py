@@ -6,12 +6,13 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from studies.explain.text import Rows
 
 if TYPE_CHECKING:
-    from calib.effects import Effect
+    from calib.effects import Context, Effect
 
 _COVARIATES = {
     "approach": "approach_<joint>, or poses in their order",
@@ -122,15 +123,35 @@ def _parameters(name: str) -> str:
     from studies.demo.embedded import embedded_cell
 
     kind, context = catalogue()[name], context_of(embedded_cell(), None)
-    for where in kind.places(context):
-        try:
-            own = kind.at(context, where).parameters
-        except CalibError:
-            continue
-        shown = [f"{p.name} [{p.unit}]" for p in own[:_MOST]]
-        more = f" and {len(own) - _MOST} more" if len(own) > _MOST else ""
-        return f"**Parameters**, as at {where} of the demonstration: {', '.join(shown)}{more}."
+    for cell, own_context in (
+        ("the demonstration", context),
+        ("a cell of these", _seeing(context)),
+    ):
+        for where in kind.places(own_context):
+            try:
+                own = kind.at(own_context, where).parameters
+            except CalibError:
+                continue
+            shown = [f"{p.name} [{p.unit}]" for p in own[:_MOST]]
+            more = f" and {len(own) - _MOST} more" if len(own) > _MOST else ""
+            return f"**Parameters**, as at {where} of {cell}: {', '.join(shown)}{more}."
     return "It has no place in the cell of the demonstration."
+
+
+def _seeing(context: Context) -> Context:
+    """The same arm, read by a camera on the tip that sees a board, and in two sockets."""
+    import numpy as np
+
+    from calib.instruments.camera import ArmCamera, Board
+    from calib.instruments.socket import Socket
+
+    board = Board("BOARD", slice(0, 3), np.zeros((3, 3)))
+    sites = ("SOCKET", "another")
+    return replace(
+        context,
+        instruments=(ArmCamera(name="CAMERA", boards=(board,)), Socket(name=sites[0], sites=sites)),
+        bodies={"BOARD": slice(0, 3)},
+    )
 
 
 def _summary(kind: type) -> str:

@@ -8,13 +8,14 @@ import numpy as np
 
 import doe
 from calib.model.build import build
+from calib.planned import Planned
 from calib.population import Prior
 from studies.demo.embedded import embedded_cell
 
 
 def test_a_plan_beside_a_type_needs_fewer_poses_and_keeps_its_proof() -> None:
     cell = replace(embedded_cell(), effects=("base", "tool", "geometry"), load=None, knots={},
-                   design={"targets": None})  # fmt: skip
+                   design=Planned())  # fmt: skip
     own = [p for p in build(cell).model.parameters if p.effect == "geometry"]
     sizes = np.array([p.size for p in own])
     keys = tuple((p.effect, p.where, p.name) for p in own)

@@ -36,7 +36,7 @@ from calib.effects.protocol import (
     PartEffect,
     PoseEffect,
     ReadingEffect,
-    Strand,
+    Twist,
     motion_of,
 )
 from calib.errors import EffectCannotAct
@@ -111,7 +111,7 @@ class TwistCurve(PoseCurve, PoseEffect):
     def units(self) -> tuple[str, ...]:
         return tuple(error_unit(bool(d[:3].any())) for d in self.directions.T)
 
-    def twists(self, poses: Poses) -> tuple[Strand, ...]:
+    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
         basis = self.directions[:, :, None] * self.basis(poses)[:, None, None, :]
         return ((self.frame, basis.reshape((*basis.shape[:-2], -1))),)
 

@@ -33,7 +33,7 @@ def displacement_of(candidate: Candidate, values: Array, frame: int, state: Stat
     if isinstance(effect, PoseEffect):
         moved = effect.displacements(state.poses, values)
     else:
-        moved = displaced(effect.strands(state, values), values)
+        moved = displaced(effect.twists(state, values), values)
     own = [xi for at, xi in moved if at == frame]
     return np.sum([np.broadcast_to(b, (len(state.poses), 6)) for b in own], axis=0) if own else None
 

@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.effects.drift import drift_parameters, since_the_first
-from calib.effects.protocol import Context, Parameter, PoseEffect, Strand
+from calib.effects.protocol import Context, Parameter, PoseEffect, Twist
 from calib.poses import Poses
 
 
@@ -35,5 +35,5 @@ class BaseDrift(PoseEffect):
     def parameters(self) -> tuple[Parameter, ...]:
         return drift_parameters(self.kind, self.where, self.clock)
 
-    def twists(self, poses: Poses) -> tuple[Strand, ...]:
+    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
         return ((0, since_the_first(poses, self.clock)[:, None, None] * np.eye(6)),)

@@ -15,7 +15,7 @@ from calib.effects.protocol import (
     ElasticEffect,
     PoseEffect,
     State,
-    Strand,
+    Twist,
     TwistEffect,
     joint_index,
     turning_joints,
@@ -57,7 +57,7 @@ class DriveError(AlongJoint, PoseEffect):
     def shares(self, poses: Poses) -> Array:
         """D dq / d parameter at each pose, shape (m, p), SI."""
 
-    def twists(self, poses: Poses) -> tuple[Strand, ...]:
+    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
         return ((self.frame, self.axis[:, None] * self.shares(poses)[:, None, :]),)
 
 

@@ -20,7 +20,7 @@ from calib.arm.robot import Robot
 from calib.arm.se3 import across, cross, rotate
 from calib.arrays import Array
 from calib.effects.drive import along_axis, error_unit
-from calib.effects.protocol import ARM, Context, Parameter, PoseEffect, Strand, joint_index
+from calib.effects.protocol import ARM, Context, Parameter, PoseEffect, Twist, joint_index
 from calib.poses import Poses
 
 _SIZE = 1e-4  # rad, or m
@@ -76,17 +76,17 @@ class GravitySag(PoseEffect):
             names += [(name, bool(slides)) for name in own]
         return names
 
-    def twists(self, poses: Poses) -> tuple[Strand, ...]:
+    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
         R = forward(self.robot, poses.q).R_link
-        strands, first, count = [], 0, len(self.parameters)
+        twists, first, count = [], 0, len(self.parameters)
         for k in self.sagging:
             turned = self._turned(k, R, poses.q)
             columns = np.zeros((len(poses), count))
             columns[:, first : first + turned.shape[1]] = turned
             first += turned.shape[1]
             axis = along_axis(self.robot, k)
-            strands.append((k + 1, axis[:, None] * columns[:, None, :]))
-        return tuple(strands)
+            twists.append((k + 1, axis[:, None] * columns[:, None, :]))
+        return tuple(twists)
 
     def _turned(self, k: int, R: Array, q: Array) -> Array:
         """D dq_k / d product, shape (m, products)."""

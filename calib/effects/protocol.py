@@ -184,17 +184,17 @@ class Effect(ABC):
         return not values.any()
 
 
-Strand: TypeAlias = tuple[int, Array]
+Twist: TypeAlias = tuple[int, Array]
 """A frame (0 base, 1..n joints, n + 1 tip) and d xi / d parameter there, (..., m or 1, 6, p), SI."""
 
 Displacement: TypeAlias = tuple[int, Array]
 """A frame and its displacement xi, (..., m or 1, 6), SI."""
 
 
-def displaced(strands: Sequence[Strand], values: Array) -> tuple[Displacement, ...]:
+def displaced(twists: Sequence[Twist], values: Array) -> tuple[Displacement, ...]:
     """Displacements ``basis @ values`` by what is linear; values (..., p), SI."""
     theta = values[..., None, :, None]
-    return tuple((frame, (basis @ theta)[..., 0]) for frame, basis in strands)
+    return tuple((frame, (basis @ theta)[..., 0]) for frame, basis in twists)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +202,7 @@ class TwistEffect(Effect):
     """Displaces frames of the arm, each in its own axes."""
 
     @abstractmethod
-    def strands(self, state: State, values: Array) -> tuple[Strand, ...]:
+    def twists(self, state: State, values: Array) -> tuple[Twist, ...]:
         """Where it acts, and how at values (..., p)."""
 
 
@@ -217,7 +217,7 @@ class Constant(TwistEffect):
     def columns(self) -> Array:
         """D xi / d parameter, shape (6, p), SI."""
 
-    def strands(self, state: State, values: Array) -> tuple[Strand, ...]:
+    def twists(self, state: State, values: Array) -> tuple[Twist, ...]:
         return ((self.frame, self.columns[None]),)
 
 
@@ -249,15 +249,15 @@ class PoseEffect(TwistEffect):
     """A displacement by what is known of the pose before the arm bends, angles as read."""
 
     @abstractmethod
-    def twists(self, poses: Poses) -> tuple[Strand, ...]:
+    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
         """Where it acts, and how at its initial values."""
 
-    def strands(self, state: State, values: Array) -> tuple[Strand, ...]:
-        return self.twists(state.poses)
+    def twists(self, state: State, values: Array) -> tuple[Twist, ...]:
+        return self.twists_at(state.poses)
 
     def displacements(self, poses: Poses, values: Array) -> tuple[Displacement, ...]:
         """By how much it displaces which frames at values (..., p)."""
-        return displaced(self.twists(poses), values)
+        return displaced(self.twists_at(poses), values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,7 +270,7 @@ class ElasticEffect(TwistEffect):
     def flexibility(self, poses: Poses) -> Array:
         """D K / d parameter, shape (m or 1, 6, 6, p): xi = K (force, moment) in the frame's axes."""
 
-    def strands(self, state: State, values: Array) -> tuple[Strand, ...]:
+    def twists(self, state: State, values: Array) -> tuple[Twist, ...]:
         return ((self.frame, self.basis(state)),)
 
     def basis(self, state: State) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.arm.robot import Robot
 from calib.arrays import Array
-from calib.effects.protocol import ARM, Context, Parameter, PoseEffect, Strand, joint_index, needs
+from calib.effects.protocol import ARM, Context, Parameter, PoseEffect, Twist, joint_index, needs
 from calib.poses import Poses
 
 # 1/K: aluminium grows by 23e-6, and a link beside its motor warms by more than the thermometer shows.
@@ -57,7 +57,7 @@ class ThermalExpansion(PoseEffect):
     def parameters(self) -> tuple[Parameter, ...]:
         return (Parameter(self.kind, self.where, "growth", "um/(m K)", 1e-6, 1e-5, _LARGEST),)
 
-    def twists(self, poses: Poses) -> tuple[Strand, ...]:
+    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
         slides = np.column_stack([self.lengths, np.zeros_like(self.lengths)])
         grown = poses.warming[:, None, None] * slides[:, None, :, None]
         return tuple(zip(self.ends, grown, strict=True))

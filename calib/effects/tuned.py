@@ -26,7 +26,7 @@ from calib.effects.protocol import (
     PoseEffect,
     ReadingEffect,
     State,
-    Strand,
+    Twist,
 )
 from calib.errors import EffectCannotAct
 from calib.poses import Poses
@@ -123,10 +123,10 @@ class TunedTwist(Tuned, PoseEffect):
         own = self.amplitudes[: self.directions.shape[1]]
         return SteadyTwist(self.where, own, self.frame, self.directions)
 
-    def twists(self, poses: Poses) -> tuple[Strand, ...]:
+    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
         return ((self.frame, self.directions @ self.shares(poses, self.initial)),)
 
-    def strands(self, state: State, values: Array) -> tuple[Strand, ...]:
+    def twists(self, state: State, values: Array) -> tuple[Twist, ...]:
         return ((self.frame, self.directions @ self.shares(state.poses, values)),)
 
     def displacements(self, poses: Poses, values: Array) -> tuple[Displacement, ...]:
@@ -204,7 +204,7 @@ class SteadyTwist(Steady, PoseEffect):
     frame: int
     directions: Array
 
-    def twists(self, poses: Poses) -> tuple[Strand, ...]:
+    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
         return ((self.frame, self.directions[None]),)
 
 

@@ -54,14 +54,14 @@ def arm_jacobian(
         own = slice(count, count + len(effect.parameters))
         count = own.stop
         if isinstance(effect, TwistEffect):
-            for frame, basis in effect.strands(state, values[..., part]):
+            for frame, basis in effect.twists(state, values[..., part]):
                 at.setdefault((frame, isinstance(effect, Constant)), []).append((own, basis))
         else:
             pulls.append((own, _wrenches(robot, effect, state, given)))
     acts_at = [frame for frame, _ in at]
     moves = [
-        _fields(state, frame, fixed, _joined([basis for _, basis in strands]))
-        for (frame, fixed), strands in at.items()
+        _fields(state, frame, fixed, _joined([basis for _, basis in twists]))
+        for (frame, fixed), twists in at.items()
     ]
     m = len(state.poses)
     wrench = _joined([w for _, w in pulls]) if pulls else np.zeros((m, robot.dof + 2, 6, 0))
@@ -72,9 +72,9 @@ def arm_jacobian(
         )
     batch = np.broadcast_shapes(*(moved.shape[:-1] for moved in (*moves, pulled)))
     columns = np.zeros((*batch, count))
-    for moved, strands in zip((*moves, pulled), (*at.values(), pulls), strict=True):
+    for moved, twists in zip((*moves, pulled), (*at.values(), pulls), strict=True):
         begin = 0
-        for own, basis in strands:
+        for own, basis in twists:
             end = begin + basis.shape[-1]
             columns[..., own] += moved[..., begin:end]
             begin = end

@@ -212,7 +212,7 @@ class Model:
         moved = [
             own
             for e, part in chosen
-            for own in displaced(e.strands(state, values[..., part]), values[..., part])
+            for own in displaced(e.twists(state, values[..., part]), values[..., part])
         ]
         return self._summed(values, state.poses, moved)
 

@@ -170,7 +170,7 @@ def test_sag_under_unknown_masses(scene: tuple[Context, Poses]) -> None:
         part = slice(0, 3) if robot.prismatic[k] else slice(3, 6)
         torque = wrench.local[:, k + 1, part] @ robot.axes[k]
         none = np.zeros(len(model.parameters))
-        ((_, basis),) = model.effects[0].strands(model.state(none, poses), none)
+        ((_, basis),) = model.effects[0].twists(model.state(none, poses), none)
         X = np.einsum("i,mip->mp", robot.axes[k], basis[:, part])
         products, *_ = np.linalg.lstsq(X, torque * 1e-6, rcond=None)
         moved = poses.q.copy()

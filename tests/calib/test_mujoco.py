@@ -144,7 +144,7 @@ def test_sag_of_a_joint_is_its_compliance_times_the_torque_of_unknown_masses(kr2
     context = context_of(kr270, None)
     for k, joint in enumerate(kr270.robot.joints):
         sag = EFFECTS["gravity_sag"].at(context, joint)
-        ((frame, basis),) = sag.twists(poses_at(q))
+        ((frame, basis),) = sag.twists_at(poses_at(q))
         turned = np.einsum("i,mip->mp", kr270.robot.axes[k], basis[:, 3:])
         found = np.linalg.lstsq(turned, torque[:, k], rcond=None)[0]
         assert frame == k + 1

@@ -100,7 +100,7 @@ def _parts(record: CompareRecord) -> Iterator[Part]:
         yield from _by_approach(record.plans[0], record.trials > 1)
     else:
         yield from _by_plan(record)
-    drawn = [Figure(draw, lit=False) for draw in pictures(record)]
+    drawn = [Figure(draw, highlight=False) for draw in pictures(record)]
     yield from drawn[:_OPEN]
     yield Detail(tuple(drawn[_OPEN:]), "Further figures")
     yield from (Sentence(note, "note", "note") for note in record.notes)

@@ -49,20 +49,20 @@ class Writer:
         """One for a page of its own."""
         return cls(_template().module, count())
 
-    def section(self, section: Section, lit: Mapping[str, str]) -> Markup:
+    def section(self, section: Section, highlight: Mapping[str, str]) -> Markup:
         """The parts of a section.
 
-        lit : pose -> the name under which the page lights it
+        highlight : pose -> the name under which the page highlights it
         """
-        return self._parts(section.parts, lit)
+        return self._parts(section.parts, highlight)
 
-    def _parts(self, parts: Iterable[Part], lit: Mapping[str, str]) -> Markup:
+    def _parts(self, parts: Iterable[Part], highlight: Mapping[str, str]) -> Markup:
         found = []
         for kind, group in groupby(parts, type):
             if kind is Sentence:
                 found.append(self._sentences(group))  # type: ignore[arg-type]
             else:
-                found += [self._part(part, lit) for part in group]
+                found += [self._part(part, highlight) for part in group]
         return Markup("\n").join(found)
 
     def _sentences(self, sentences: Iterable[Sentence]) -> Markup:
@@ -80,18 +80,18 @@ class Writer:
         made: Markup = self.macros.sentences(plain, labelled)
         return made
 
-    def _part(self, part: Part, lit: Mapping[str, str]) -> Markup:
+    def _part(self, part: Part, highlight: Mapping[str, str]) -> Markup:
         if isinstance(part, Table):
             if not part.rows:
                 return Markup()
-            table = self._table(part, lit)
+            table = self._table(part, highlight)
             name = f"{part.name or part.caption} ({len(part.rows)})"
             fold = len(part.rows) > _FOLDED if part.fold is None else part.fold
             return self._folded(name, table, part.paper) if fold else table
         if isinstance(part, Figure):
-            return self._figure(part, lit)
+            return self._figure(part, highlight)
         if isinstance(part, Detail):
-            inner = self._parts(part.parts, lit)
+            inner = self._parts(part.parts, highlight)
             return self._folded(part.title, inner) if part.title else inner
         if isinstance(part, Lines):
             return Markup("<pre>{}</pre>").format(part.text)
@@ -103,31 +103,35 @@ class Writer:
         made: Markup = self.macros.folded(title, inner, paper)
         return made
 
-    def _table(self, table: Table[Any], lit: Mapping[str, str]) -> Markup:
+    def _table(self, table: Table[Any], highlight: Mapping[str, str]) -> Markup:
         right = [column.rule.number for column in table.columns]
         cells = [[_cell(column, row) for column in table.columns] for row in table.rows]
-        poses = [lit.get(row[0], row[0]) if table.of_poses else None for row in cells]
+        poses = [highlight.get(row[0], row[0]) if table.of_poses else None for row in cells]
         heads = [_head(column) for column in table.columns]
         can_sort = len(cells) > _SORTED and bool(heads[0])
         label = table.caption or table.name or "table"
         made: Markup = self.macros.table(heads, right, cells, poses, table.caption, label, can_sort)
         return made
 
-    def _figure(self, figure: Figure, lit: Mapping[str, str]) -> Markup:
+    def _figure(self, figure: Figure, highlight: Mapping[str, str]) -> Markup:
         picture = figure.draw()
-        drawn = inline_svg(picture, f"f{next(self.numbers)}", lit if figure.lit else None)
+        drawn = inline_svg(
+            picture, f"f{next(self.numbers)}", highlight if figure.highlight else None
+        )
         below = Markup()
         if figure.numbers and picture.rows:
             title = f"The numbers: {plural(len(picture.rows), 'row')}"
-            below = self._folded(title, self._table(_numbers(picture, title, figure.lit), lit))
+            below = self._folded(
+                title, self._table(_numbers(picture, title, figure.highlight), highlight)
+            )
         made: Markup = self.macros.figure(picture.title, picture.caption, drawn, below)
         return made
 
 
-def _numbers(picture: Picture, title: str, lit: bool) -> Table[Any]:
+def _numbers(picture: Picture, title: str, highlight: bool) -> Table[Any]:
     """The table of a picture's numbers."""
     columns = plain_columns(picture.header, picture.rows)
-    return Table(columns, picture.rows, title, of_poses=lit and picture.header[0] == "pose")
+    return Table(columns, picture.rows, title, of_poses=highlight and picture.header[0] == "pose")
 
 
 def _head(column: Column[Any]) -> str:

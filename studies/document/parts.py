@@ -80,12 +80,12 @@ class Figure:
     """A picture, drawn when it is wanted: on the page, and for --figures.
 
     numbers : whether its numbers stand folded below it
-    lit : whether its poses are those that the page lights; plans side by side call theirs alike
+    highlight : whether the page highlights its poses; plans side by side call theirs alike
     """
 
     draw: Callable[[], Picture]
     numbers: bool = True
-    lit: bool = True
+    highlight: bool = True
 
 
 @dataclass(frozen=True)

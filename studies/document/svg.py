@@ -1,4 +1,4 @@
-"""Figures within a page: SVG whose colours follow the page and whose poses can be lit."""
+"""Figures within a page: SVG whose colours follow the page and whose poses can be highlighted."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def inline_svg(picture: Picture, key: str, names: Mapping[str, str] | None) -> M
     """The figure as an element of the page, labelled by its title and caption.
 
     key : str, begins the identifiers in it; one of its own for each figure of a page
-    names : pose -> the name under which it is lit; None where none is
+    names : pose -> the name under which it is highlighted; None where none is
     """
     ET.register_namespace("", _SVG)
     ET.register_namespace("xlink", _XLINK)

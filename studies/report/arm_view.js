@@ -112,7 +112,7 @@
       this.shown();
     }
 
-    // A pose that is lit elsewhere on the page while the figure is out of sight: the drawing comes along.
+    // A pose that is highlighted elsewhere on the page while the figure is out of sight: the drawing comes along.
     float(wanted) {
       clearTimeout(this.landing);
       const box = this.figure.getBoundingClientRect();

@@ -132,8 +132,8 @@ class Evidence:
         return tuple(dict.fromkeys(found))
 
     @cached_property
-    def lit(self) -> dict[Path, dict[str, str]]:
-        """For each result the name under which a pose is lit: poses of equal joints share it."""
+    def highlight(self) -> dict[Path, dict[str, str]]:
+        """For each result the name by which a pose is highlighted: poses of equal joints share it."""
         known: dict[tuple[int, ...], str] = {}
         taken: set[str] = set()
         found: dict[Path, dict[str, str]] = {}

@@ -1,23 +1,23 @@
-// One pose, everywhere on the page: what carries the same data-pose lights up together (class `lit`).
+// One pose, everywhere on the page: what carries the same data-pose stands out together (class `highlight`).
 // Speaks with the figures by the event `posecal:pose` on document, detail {pose, source, pinned}.
 (() => {
   "use strict";
   const SOURCE = "page";
   const of = new Map(); // pose -> its elements
-  let pinned = null, hovered = null, lit = null;
+  let pinned = null, hovered = null, highlight = null;
 
   function light(pose) {
-    if (pose === lit) return;
-    for (const element of of.get(lit) ?? []) element.classList.remove("lit");
-    for (const element of of.get(pose) ?? []) element.classList.add("lit");
-    lit = pose;
+    if (pose === highlight) return;
+    for (const element of of.get(highlight) ?? []) element.classList.remove("highlight");
+    for (const element of of.get(pose) ?? []) element.classList.add("highlight");
+    highlight = pose;
   }
   const tell = (pose, isPinned) =>
     document.dispatchEvent(new CustomEvent("posecal:pose", { detail: { pose, source: SOURCE, pinned: isPinned } }));
   const poseAt = (target) => target?.closest?.("[data-pose]")?.dataset.pose ?? null;
 
   function over(pose) {
-    if (pose === hovered) return; // what a figure itself lights stays lit
+    if (pose === hovered) return; // what a figure itself lights stays highlighted
     hovered = pose;
     light(pose ?? pinned);
     tell(pose, false);

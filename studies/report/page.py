@@ -11,7 +11,7 @@ from studies.report.assets import asset
 from studies.report.evidence import Evidence
 from studies.report.sections import Placed, sections
 
-_STYLES = ("page.css", "lit.css", "arm_view.css")
+_STYLES = ("page.css", "highlight.css", "arm_view.css")
 _SCRIPTS = ("page.js", "arm_view.js")
 
 
@@ -51,5 +51,5 @@ def page(evidence: Evidence, title: str, told: dict[str, str]) -> str:
 
 
 def _shown(writer: Writer, placed: Placed) -> _Shown:
-    html = writer.section(placed.section, placed.lit)
+    html = writer.section(placed.section, placed.highlight)
     return _Shown(placed.section.key, placed.section.title, html)

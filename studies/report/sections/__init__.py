@@ -42,11 +42,11 @@ WITH_INPUTS: dict[str, tuple[Callable[[Evidence, Result], Section | None], ...]]
 class Placed:
     """A section on the page.
 
-    lit : pose -> the name under which the page lights it
+    highlight : pose -> the name under which the page highlights it
     """
 
     section: Section
-    lit: Mapping[str, str]
+    highlight: Mapping[str, str]
 
 
 def sections(evidence: Evidence, told: dict[str, str]) -> Iterator[Placed]:
@@ -63,10 +63,10 @@ def sections(evidence: Evidence, told: dict[str, str]) -> Iterator[Placed]:
     for kind in ORDER:
         several = evidence.of(kind)
         for number, result in enumerate(several, 1):
-            lit = evidence.lit.get(result.path, {})
+            highlight = evidence.highlight.get(result.path, {})
             for section in _of(evidence, result):
                 own = _own(section, result, number) if len(several) > 1 else section
-                yield Placed(own, lit)
+                yield Placed(own, highlight)
     for section in certificate(evidence, told):
         yield Placed(section, {})
     yield Placed(provenance(evidence, told), {})

@@ -30,14 +30,14 @@ def arm(evidence: Evidence) -> Section | None:
         level = design.record.level_joint if isinstance(design.record, DesignRecord) else None
     else:
         return None
-    drawn = scene(evidence.cell, _once(evidence.lit[path], shown), level_joint=level)
+    drawn = scene(evidence.cell, _once(evidence.highlight[path], shown), level_joint=level)
     return Section("arm", "The arm at each pose", (Raw(figure_html(drawn, "arm-view")),))
 
 
-def _once(lit: Mapping[str, str], shown: Poses | Measurements) -> Poses | Measurements:
+def _once(highlight: Mapping[str, str], shown: Poses | Measurements) -> Poses | Measurements:
     """One pose of each configuration, under the name that the page lights."""
     poses = shown.poses if isinstance(shown, Measurements) else shown
-    names = [lit[name] for name in poses.names]
+    names = [highlight[name] for name in poses.names]
     first = np.array([names.index(name) for name in dict.fromkeys(names)])
     kept = replace(poses.take(first), names=tuple(names[i] for i in first))
     return replace(shown.take(first), poses=kept) if isinstance(shown, Measurements) else kept

@@ -268,18 +268,18 @@ def test_results_that_do_not_belong_together_are_said_to(moved: Path) -> None:
     assert "measurements.csv is another file in diagnose.json than in fewer.json" in text
 
 
-def test_plans_with_equal_names_are_lit_apart(moved: Path) -> None:
+def test_plans_with_equal_names_are_highlighted_apart(moved: Path) -> None:
     for seed in (1, 2):
         run(
             "design", "--candidates", 300, "--no-polish", "--seed", seed, "--json",
             moved / f"plan{seed}.json", moved / "cell.toml",
         )  # fmt: skip
     evidence = load_evidence([moved / "plan1.json", moved / "plan2.json"])
-    first, second = (evidence.lit[moved / f"plan{seed}.json"] for seed in (1, 2))
+    first, second = (evidence.highlight[moved / f"plan{seed}.json"] for seed in (1, 2))
     shared = set(first.values()) & set(second.values())
     for name in shared:
-        (one,) = (pose for pose, lit in first.items() if lit == name)
-        (other,) = (pose for pose, lit in second.items() if lit == name)
+        (one,) = (pose for pose, highlight in first.items() if highlight == name)
+        (other,) = (pose for pose, highlight in second.items() if highlight == name)
         poses = evidence.plans[moved / "plan1.json"], evidence.plans[moved / "plan2.json"]
         q = [p.q[p.names.index(pose)] for p, pose in zip(poses, (one, other), strict=True)]
         np.testing.assert_allclose(q[0], q[1], atol=1e-5)

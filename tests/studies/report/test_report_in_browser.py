@@ -78,11 +78,13 @@ def test_a_pose_lights_up_everywhere(open_page: Callable[..., Any], html: str) -
     row.scroll_into_view_if_needed()
     row.hover()
     name = row.get_attribute("data-pose")
-    lit = page.evaluate("[...document.querySelectorAll('.lit')].map(e => e.closest('section').id)")
-    assert {"plan", "errors"} <= set(lit)
+    highlight = page.evaluate(
+        "[...document.querySelectorAll('.highlight')].map(e => e.closest('section').id)"
+    )
+    assert {"plan", "errors"} <= set(highlight)
     assert page.locator("#arm .arm-now b").inner_text() == name
     page.mouse.move(2, 2)
-    assert page.evaluate("document.querySelectorAll('tr.lit').length") == 0
+    assert page.evaluate("document.querySelectorAll('tr.highlight').length") == 0
 
 
 def test_text_in_figures_stays_legible_and_words_whole_on_a_phone(

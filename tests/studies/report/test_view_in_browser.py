@@ -47,7 +47,7 @@ def page_of(*pictures: ArmScene, style: str = "") -> str:
     return (
         '<!doctype html><html lang="en"><meta charset="utf-8"><title>test</title>'
         '<meta name="viewport" content="width=device-width">'
-        f"<style>{COLOURS}body{{margin:8px}}{asset('arm_view.css')}{asset('lit.css')}{style}</style>"
+        f"<style>{COLOURS}body{{margin:8px}}{asset('arm_view.css')}{asset('highlight.css')}{style}</style>"
         f"{''.join(figures)}<table data-sortable><thead><tr><th>pose</th><th>angle</th></tr></thead>"
         f"<tbody>{''.join(rows)}</tbody></table>"
         f"<script>{asset('arm_view.js')}</script><script>{asset('page.js')}</script></html>"
@@ -214,8 +214,8 @@ def test_views(open_page: Open, plain: ArmScene) -> None:
     assert y1 < y0
 
 
-def lit(page: Any) -> list[str]:
-    return list(page.eval_on_selector_all(".lit", "(all) => all.map((e) => e.dataset.pose)"))
+def highlight(page: Any) -> list[str]:
+    return list(page.eval_on_selector_all(".highlight", "(all) => all.map((e) => e.dataset.pose)"))
 
 
 def test_one_pose_everywhere(open_page: Open, plain: ArmScene, full: ArmScene) -> None:
@@ -223,23 +223,23 @@ def test_one_pose_everywhere(open_page: Open, plain: ArmScene, full: ArmScene) -
     page.evaluate(HEARD)
     row = page.locator('tr[data-pose="p03"]')
     row.hover()
-    assert lit(page) == ["p03"]
+    assert highlight(page) == ["p03"]
     assert [readout(page, f)[0] for f in ("#arm0", "#arm1")] == ["p03", "p03"]
     page.mouse.move(1, 1)
-    assert lit(page) == []
+    assert highlight(page) == []
     assert readout(page)[0] == "p01", "what the controls say comes back"
     row.click()
     page.mouse.move(1, 1)
-    assert lit(page) == ["p03"], "pinned"
+    assert highlight(page) == ["p03"], "pinned"
     assert readout(page)[0] == "p03"
     page.locator('tr[data-pose="p05"]').hover()
-    assert lit(page) == ["p05"]
+    assert highlight(page) == ["p05"]
     page.mouse.move(1, 1)
-    assert lit(page) == ["p03"]
+    assert highlight(page) == ["p03"]
     page.keyboard.press("Escape")
-    assert lit(page) == []
+    assert highlight(page) == []
     page.locator("#arm1 select").select_option("p09")
-    assert lit(page) == ["p09"]
+    assert highlight(page) == ["p09"]
     assert readout(page)[0] == "p09", "the other figure follows"
     assert page.evaluate("() => window.heard.at(-1)") == {
         "pose": "p09", "source": "arm1", "pinned": True
@@ -249,12 +249,12 @@ def test_one_pose_everywhere(open_page: Open, plain: ArmScene, full: ArmScene) -
 def test_rows_by_keyboard(open_page: Open, plain: ArmScene) -> None:
     page = open_page(page_of(plain))
     page.locator('tr[data-pose="p04"]').focus()
-    assert lit(page) == ["p04"]
+    assert highlight(page) == ["p04"]
     page.keyboard.press("Enter")
     page.keyboard.press("Tab")
-    assert lit(page) == ["p05"]
+    assert highlight(page) == ["p05"]
     page.evaluate("() => document.activeElement.blur()")
-    assert lit(page) == ["p04"]
+    assert highlight(page) == ["p04"]
 
 
 def tip_of(page: Any, i: int) -> tuple[float, float]:
@@ -269,7 +269,7 @@ def test_a_tip_is_picked_in_the_drawing(open_page: Open, plain: ArmScene) -> Non
     page = open_page(page_of(plain))
     page.mouse.move(*tip_of(page, 7))
     assert readout(page)[0] == "p08"
-    assert lit(page) == ["p08"]
+    assert highlight(page) == ["p08"]
     page.mouse.move(2, 2)
     assert readout(page)[0] == "p01"
     page.mouse.click(*tip_of(page, 7))
@@ -306,7 +306,7 @@ def test_hostile_names(open_page: Open, kr270: Cell, table_two: Poses) -> None:
     page.get_by_role("button", name="Next pose").click()
     assert readout(page)[0] == names[1]
     assert page.locator("option").nth(1).text_content() == names[1]
-    assert lit(page) == [names[1]]
+    assert highlight(page) == [names[1]]
     assert page.locator(".arm-name").all_text_contents() == [f"m{j}{HOSTILE}" for j in (1, 2, 3)]
 
 

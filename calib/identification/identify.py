@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -44,7 +44,7 @@ from calib.threads import one_blas_thread
 
 _NO_UNIT = 1e5  # arm lengths between points, beyond which no wrong unit explains them
 _REMEDIES = {
-    "time": "add time_s to both tables, hold out a share of one table (--holdout 0.3)",
+    "time": "add time_s to both tables, hold out a share of one table",
 }
 _POSES_PER_DIRECTION = 3  # fewer do not tell how poses scatter
 
@@ -75,42 +75,27 @@ def identify(
     """
     _check_options(approach, method, weighting, length, differences)
     built = build(cell, data.poses)
-    model = built.model
-    if differences and model.prior_rows:
+    if differences and built.model.prior_rows:
         raise CalibError(
             "differences go without [model.prior], which is of every reading; drop one"
         )
-    data = after_the_first_move(model, data)
-    check_counts(model, data)
-    refuse_idle_effects(cell, model, data.poses)
+    data = after_the_first_move(built.model, data)
+    check_counts(built.model, data)
+    refuse_idle_effects(cell, built.model, data.poses)
     estimator: Estimator = Differences() if differences else Readings(method)
     try:
-        start = initial_values(model, data)
-        refuse_mistakes(model, data, start)
-        weights = whitening(cell, model, start, data)
-        model, start = with_tunings(Points(model, data, weights), start)
-        if approach == "pose":
-            start = _with_shape(model, data, start)
-        points = Points(model, data, weights)
-        if not differences:  # what is common to a configuration drops out of them
-            points = replace(points, known=_known(cell, model, start, data))
+        points, start = _points(cell, built.model, data, approach, differences)
         observation: Observation = (
             points
             if approach == "points"
-            else as_poses(points, model.marker_positions(start), weighting, length)
+            else as_poses(points, points.model.marker_positions(start), weighting, length)
         )
-        found, of_type = None, None
-        if model.prior_rows:
-            observation, found, of_type = _beside_type(cell, estimator, observation, start)
-            model = observation.model
-        else:
-            found = search(estimator, observation, start)
-        levels = None
-        if not differences:
-            observation, levels = _with_levels(cell, estimator, observation, found)
+        sought = _sought(cell, estimator, observation, start)
     except np.linalg.LinAlgError:
         raise Unsolvable from None
-    values, counted = found.best.values, observation.only(found.kept)
+    observation, found, levels = sought.observation, sought.found, sought.levels
+    model, values = observation.model, found.best.values
+    counted = observation.only(found.kept)
     noise, dof = _noise(estimator, observation, found)
     if observation.mixing is not None and levels is not None:
         noise = of_levels(levels, noise)
@@ -160,11 +145,54 @@ def identify(
         levels=levels,
         profiled=by_profile,
         footprint=model.footprint(values, data),
-        of_type=of_type,
+        of_type=sought.of_type,
         common=considered(
             model, values, counted.data, partial(estimator.followed, counted, values, found.span)
         ),
     )
+
+
+def _points(
+    cell: Cell, model: Model, data: Measurements, approach: Approach, differences: bool
+) -> tuple[Points, Array]:
+    """What is fitted, whitened, its tunings found by a scan, and where the search starts (p,)."""
+    start = initial_values(model, data)
+    refuse_mistakes(model, data, start)
+    weights = whitening(cell, model, start, data)
+    model, start = with_tunings(Points(model, data, weights), start)
+    if approach == "pose":
+        start = _with_shape(model, data, start)
+    points = Points(model, data, weights)
+    if differences:  # what is common to a configuration drops out of them
+        return points, start
+    return replace(points, known=_known(cell, model, start, data)), start
+
+
+@dataclass(frozen=True, eq=False)
+class _Sought:
+    """Where a search ended.
+
+    observation : Observation, under the levels of noise that were found; levels : None for differences
+    of_type : Departure, where the cell names the robot's type
+    """
+
+    observation: Observation
+    found: Found
+    levels: Levels | None
+    of_type: Departure | None = None
+
+
+def _sought(cell: Cell, estimator: Estimator, observation: Observation, start: Array) -> _Sought:
+    """The estimate, beside the robot's type where the cell names one."""
+    of_type = None
+    if observation.model.prior_rows:
+        observation, found, of_type = _beside_type(cell, estimator, observation, start)
+    else:
+        found = search(estimator, observation, start)
+    if isinstance(estimator, Differences):
+        return _Sought(observation, found, None)
+    judged, levels = _with_levels(cell, estimator, observation, found)
+    return _Sought(judged, found, levels, of_type)
 
 
 def _beside_type(

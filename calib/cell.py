@@ -9,7 +9,6 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from calib.acceptance import Acceptance
 from calib.arm.dh import Convention
 from calib.arm.robot import Robot
 from calib.arm.statics import Payload
@@ -18,6 +17,7 @@ from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Trac
 from calib.noise import Noise
 from calib.planned import Planned
 from calib.population.prior import Prior
+from calib.uncertainty.acceptance import Acceptance
 
 Form: TypeAlias = Literal["urdf", "mjcf", "dh", "kinematics"]
 FORMS: tuple[Form, ...] = get_args(Form)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib.arrays import Array
-from calib.budget import Budget, Expected, budget_of, combined
 from calib.cell import Cell
 from calib.errors import CalibError
 from calib.poses import Poses, hung, poses_at
+from calib.uncertainty.budget import Budget, Expected, budget_of, combined
 
 if TYPE_CHECKING:
     from calib.compensation.estimate import Estimate

@@ -14,7 +14,6 @@ from typing import Any, get_args
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from calib.acceptance import Acceptance
 from calib.arm.robot import Robot
 from calib.arm.statics import Payload
 from calib.arrays import Array
@@ -33,6 +32,7 @@ from calib.files.schema import (
     RobotTable,
 )
 from calib.model.build import context_of, parse_effect, parse_excluded
+from calib.uncertainty.acceptance import Acceptance
 
 _LARGEST_FILE = 2_000_000  # bytes; the parser of the standard library is slow
 _DEEPEST = 50  # parts of a key

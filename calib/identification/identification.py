@@ -10,9 +10,7 @@ from typing import Literal
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.considered import Considered
 from calib.effects.base import Base
-from calib.expanded import LEVEL, coverage_factor, effective_freedom
 from calib.identification.common import Shared, shared, variables_of
 from calib.identification.noise_level import NoiseLevel
 from calib.instruments import Channels, Instrument
@@ -24,6 +22,8 @@ from calib.population import Departure
 from calib.poses import Measurements, Poses
 from calib.poses.visits import visits
 from calib.scatter import Levels, Scatter
+from calib.uncertainty.considered import Considered
+from calib.uncertainty.expanded import LEVEL, coverage_factor, effective_freedom
 
 Status = Literal["converged", "not_converged", "rank_deficient"]
 Method = Literal["joint", "two-step"]

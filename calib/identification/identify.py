@@ -9,7 +9,6 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.considered import considered
 from calib.effects.base import Base
 from calib.effects.tool import Body, Tool
 from calib.errors import CalibError, TooFewPoses, Unsolvable
@@ -41,6 +40,7 @@ from calib.poses.moves import before_the_first_move, of_one_clock
 from calib.scatter import Levels, Scatter, Variances, levels_of, scatter_of
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
+from calib.uncertainty.considered import considered
 
 _NO_UNIT = 1e5  # arm lengths between points, beyond which no wrong unit explains them
 _REMEDIES = {

@@ -1,7 +1,7 @@
 """The criteria of ISO 9283:1998 as formulas, lengths in m and angles in rad; n cycles each.
 
 With fewer cycles than the thirty of the standard the same figures are less sure, and their intervals
-say by how much: of scatter by chi-square, of means by what covers them (:mod:`calib.expanded`).
+say by how much: of scatter by chi-square, of means by what covers them (:mod:`calib.uncertainty.expanded`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.arrays import Array
-from calib.expanded import LEVEL, coverage_factor, directions
+from calib.uncertainty.expanded import LEVEL, coverage_factor, directions
 
 _DIRECTIONS, _FREEDOM = (1.0, 2.0, 3.0), (0.90, 1.52, 2.04)
 

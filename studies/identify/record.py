@@ -32,13 +32,13 @@ from studies.targets import AtTarget, at_targets
 
 if TYPE_CHECKING:
     from calib import Identification
-    from calib.acceptance import Judged
     from calib.arrays import Array
     from calib.compensation.estimate import Estimate
     from calib.drift import Drift as Moved
     from calib.identification import Residuals
     from calib.identification.common import Shared
     from calib.targets import Accuracy
+    from calib.uncertainty.acceptance import Judged
     from studies.document import Document
 
 _MM = 1e3

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.acceptance import Acceptance, Judged, judged
+from calib.uncertainty.acceptance import Acceptance, Judged, judged
 from tests.calib import common_days as days
 
 

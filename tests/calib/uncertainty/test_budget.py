@@ -12,12 +12,12 @@ import pytest
 import calib
 from calib import Cell, Poses
 from calib.arrays import Array
-from calib.budget import Budget, budget_of, combined
 from calib.compensation.estimate import estimate_of
-from calib.expanded import coverage_factor, effective_freedom
 from calib.identification import Identification
 from calib.instruments.common_errors import CommonError
 from calib.poses import poses_at
+from calib.uncertainty.budget import Budget, budget_of, combined
+from calib.uncertainty.expanded import coverage_factor, effective_freedom
 from studies.demo.embedded import simulated
 from tests.calib import common_days as days
 

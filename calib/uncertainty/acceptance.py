@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calib.arrays import Array
-from calib.considered import common_displacements
-from calib.expanded import coverage_factor, directions, effective_freedom
+from calib.uncertainty.considered import common_displacements
+from calib.uncertainty.expanded import coverage_factor, directions, effective_freedom
 
 if TYPE_CHECKING:
     from calib.cell import Cell

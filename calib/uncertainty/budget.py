@@ -14,9 +14,9 @@ import numpy as np
 
 from calib.arm.se3 import skew
 from calib.arrays import Array
-from calib.expanded import coverage_factor, directions, effective_freedom
 from calib.model.covariance import working_points
 from calib.poses import Poses
+from calib.uncertainty.expanded import coverage_factor, directions, effective_freedom
 
 if TYPE_CHECKING:
     from calib.compensation.estimate import Estimate

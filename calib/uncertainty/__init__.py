@@ -1,0 +1,1 @@
+"""Uncertainty: expanded, by source, of errors that all readings share, and against a tolerance."""

@@ -1,7 +1,8 @@
 """The criteria of ISO 9283:1998 as formulas, lengths in m and angles in rad; n cycles each.
 
 With fewer cycles than the thirty of the standard the same figures are less sure, and their intervals
-say by how much: of scatter by chi-square, of means by what covers them (:mod:`calib.uncertainty.expanded`).
+say by how much: of scatter by chi-square, of means by what covers them
+(:mod:`calib.uncertainty.expanded`).
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import pytest
 
 import calib
 from calib.uncertainty.acceptance import Acceptance, Judged, judged
-from tests.calib import common_days as days
+from tests.calib.uncertainty import common_days as days
 
 
 def test_guard_band_by_hand() -> None:

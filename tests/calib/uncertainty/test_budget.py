@@ -19,7 +19,7 @@ from calib.poses import poses_at
 from calib.uncertainty.budget import Budget, budget_of, combined
 from calib.uncertainty.expanded import coverage_factor, effective_freedom
 from studies.demo.embedded import simulated
-from tests.calib import common_days as days
+from tests.calib.uncertainty import common_days as days
 
 DAYS = 1000
 TARGETS = days.joints(12, np.random.default_rng(77))

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from studies.cli import main
-from tests.calib import common_days as days
+from tests.calib.uncertainty import common_days as days
 
 MORE = """
 [acceptance]

@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 
 from calib.arrays import Array
 from studies.cli import main
-from tests.calib import common_days as days
+from tests.calib.uncertainty import common_days as days
 
 CYCLES, POSES = 30, 4
 AGAIN = 4e-5  # rad, of each joint, from approach to approach

@@ -103,6 +103,8 @@ def test_targets_are_named_from_the_new_folder(tmp_path: Path, table_two: Poses)
     cell = written(tmp_path)
     text = cell.path.read_text().replace('# targets = "targets.csv"', 'targets = "targets.csv"')
     cell.path.write_text(text)
+    joints = [f"A{k}_deg" for k in range(1, 7)]
+    (cell.path.parent / "targets.csv").write_text(f"{','.join(joints)}\n0,-60,70,20,45,10\n")
     made = extended_cell(calib.load_cell(cell.path), [], table_two, tmp_path / "new.toml")
     assert tomllib.loads(made.text)["design"]["targets"] == "here/targets.csv"
 

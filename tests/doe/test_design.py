@@ -458,8 +458,8 @@ REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
         {"poses": 15},
         "nothing loads the arm",
     ),
-    "Ds of nothing": (lambda c: c, {"poses": 15, "criterion": "Ds"}, "--of"),
-    "c of nothing": (lambda c: c, {"poses": 15, "criterion": "c"}, "--of"),
+    "Ds of nothing": (lambda c: c, {"poses": 15, "criterion": "Ds"}, "(of)"),
+    "c of nothing": (lambda c: c, {"poses": 15, "criterion": "c"}, "(of)"),
     "of something else": (
         lambda c: c,
         {"poses": 15, "criterion": "Ds", "of": ["joint_compliance:A1"]},

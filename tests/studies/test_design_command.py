@@ -151,7 +151,7 @@ FAULTS = {
     "unknown rival": (("--discriminate", "joint_complience:A2,backlash:A3"), "joint_compliance"),
     "of": (("--criterion", "c", "--of", "joint_compliance:A3=x"), "is no factor"),
     "factor zero": (("--criterion", "c", "--of", "joint_compliance:A6=0"), "is no factor"),
-    "of for task": (("--of", "joint_compliance:A6"), "says nothing to criterion task"),
+    "of for task": (("--of", "joint_compliance:A6"), "say nothing to criterion task"),
     "both": (("--criterion", "D", "--discriminate", "a:b,c:d"), "does not go with"),
     "digits": (("--candidates", "\u00b2"), "cannot be read"),
     "no count": (("--candidates", "-5"), "is no count"),

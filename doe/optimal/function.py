@@ -53,6 +53,10 @@ class InformationFunction(ABC):
         Tight: ``<G, M> = Phi(M)``, nearly so for criteria with a kink.
         """
 
+    def leaning(self, M: Array) -> Array:
+        """What ranks candidates to be added near M, (p, p): the gradient, smoothed where it has kinks."""
+        return self.gradient(M)
+
     def screen(self, base: Array, packed: Array, rank: int) -> Array:
         """Upper bound on ``Phi(base + M_j)`` of packed candidates, shape (n,): the gradient at base.
 

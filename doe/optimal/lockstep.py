@@ -1,10 +1,10 @@
 """Many plans improved side by side, and what is bred from the best of them.
 
 Near its end an exchange finds that almost no candidate helps, and most of its work is to price them. Of
-many plans that stand at the same pose the pricing is one product of two matrices, which costs a fraction
-of as many products with a vector. Only the candidates that are best to first order are then judged
-exactly: a local search may miss an exchange, as :func:`doe.optimal.exchange.exchange` ends on the best
-plan and misses none.
+many plans that stand at the same pose the pricing is one product of two matrices, which costs a part of
+as many products with a vector. Only the candidates that are best to first order are then judged exactly,
+by an update of the covariance: an exchange may be missed. What ends on the best plan and misses none is
+:func:`doe.optimal.exchange.exchange`.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
+from doe.optimal.covariance import exchanged, halved
 from doe.optimal.function import InformationFunction
 from doe.optimal.packed import pack
 
@@ -23,49 +24,44 @@ _KICKED = 3  # poses of a plan that are replaced by chance
 
 
 def improved(
-    criterion: InformationFunction,
-    blocks: Blocks,
-    allowed: Allowed,
-    plans: IntArray,
-    typical: Array,
-) -> tuple[IntArray, Array, int]:
+    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, plans: IntArray
+) -> tuple[IntArray, Array]:
     """Improve plans by single exchanges, one pose after the other, until none of the likely ones helps.
 
-    plans : ndarray of int, shape (B, size); typical : ndarray, shape (p, p), information of a pose
-    Returns the plans, poses of a level together, their criteria and how many poses were looked at.
+    plans : ndarray of int, shape (B, size)
+    Returns the plans, poses of a level together, and their criteria.
     """
     plans = np.take_along_axis(plans, np.argsort(allowed.group[plans], axis=1, kind="stable"), 1)
     parts = [(here, blocks.packed[here]) for here in allowed.members]
+    rows = blocks.rows
     totals = np.array([blocks.total(plan) for plan in plans])
-    values = np.array(criterion.value(totals))
-    idle, looked, slot = np.zeros(len(plans), dtype=int), 0, 0
+    values, cov = np.array(criterion.value(totals)), np.linalg.inv(totals)
+    idle, slot = np.zeros(len(plans), dtype=int), 0
     while len(live := np.flatnonzero(idle < plans.shape[1])):
-        looked += len(live)
         idle[live] += 1
         levels = allowed.group[plans[live, slot]]
         for level in np.unique(levels):
             own = live[levels == level]
-            base = totals[own] - blocks.matrices(plans[own, slot])
-            priced = np.array([criterion.leaning(M) for M in base + typical])
-            here, rows = parts[level]
-            scores = pack(priced) @ rows.T
+            out, (here, packed) = plans[own, slot], parts[level]
+            scores = pack(criterion.leaning(halved(cov[own], rows[out]))) @ packed.T
             if not allowed.repeats:
                 taken = np.zeros((len(own), len(blocks)), dtype=bool)
                 np.put_along_axis(taken, plans[own], True, axis=1)
                 scores[taken[:, here]] = -np.inf
             top = _largest(scores, _JUDGED)
-            added = blocks.matrices(here[top])
-            found = criterion.value(base[:, None] + added)
+            found = criterion.value_by_covariance(exchanged(cov[own], rows[out], rows[here[top]]))
             found = np.where(np.take_along_axis(scores, top, 1) > -np.inf, found, -np.inf)
-            best = found.argmax(axis=1)
+            best = np.take_along_axis(top, found.argmax(axis=1)[:, None], 1)[:, 0]
             gains = np.flatnonzero(found.max(axis=1) > values[own] * (1.0 + _WORTH))
-            who, entering = own[gains], best[gains]
-            plans[who, slot] = here[top[gains, entering]]
-            totals[who] = base[gains] + added[gains, entering]
-            values[who] = found[gains, entering]
-            idle[who] = 0
+            into, who = here[best[gains]], own[gains]
+            moved = totals[who] + blocks.matrices(into) - blocks.matrices(out[gains])
+            exact = criterion.value(moved)
+            truly = exact > values[who] * (1.0 + _WORTH)
+            who, moved = who[truly], moved[truly]
+            plans[who, slot], totals[who], values[who] = into[truly], moved, exact[truly]
+            cov[who], idle[who] = np.linalg.inv(moved), 0
         slot = (slot + 1) % plans.shape[1]
-    return plans, values, looked
+    return plans, values
 
 
 def _largest(scores: Array, count: int) -> IntArray:

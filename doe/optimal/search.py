@@ -10,12 +10,12 @@ from calib.arrays import Array, IntArray
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.certify import survivors
-from doe.optimal.exchange import exchange, greedy, rounded_weights
+from doe.optimal.exchange import exchange, rounded_weights
 from doe.optimal.function import InformationFunction
 from doe.optimal.lockstep import crossed, improved, kicked
 from doe.optimal.relax import Relaxation
 
-_STARTS = 12
+_STARTS, _FEWEST_STARTS = 12, 3
 _ROUNDS = 24  # of breeding, at most
 _PATIENCE = 6  # rounds without a gain after which there are no more
 _BEST = 6  # plans from which others are bred
@@ -56,12 +56,12 @@ def best_plan(
     weights = np.zeros(len(listed))
     weights[np.searchsorted(listed, relaxed.index)] = relaxed.weights
     everyone = np.arange(len(listed))
-    first = [rounded_weights(rules, everyone, weights, None), greedy(criterion, part, rules)]
-    first += [rounded_weights(rules, everyone, weights, rng) for _ in range(_STARTS * thorough)]
-    typical = (relaxed.M - blocks.fixed) / allowed.size
-    plans, starts = _started(criterion, part, rules, np.array(first), typical)
+    first = [rounded_weights(rules, everyone, weights, None)]
+    count = _STARTS if thorough else _FEWEST_STARTS
+    first += [rounded_weights(rules, everyone, weights, rng) for _ in range(count - 1)]
+    plans, starts = _started(criterion, part, rules, np.array(first))
     if thorough:
-        plans, values = _bred(criterion, part, rules, plans, starts, typical, rng)
+        plans, values = _bred(criterion, part, rules, plans, starts, rng)
     else:
         values = starts
     plan, value = plans[values.argmax()], float(values.max())
@@ -91,13 +91,11 @@ def _started(
     blocks: Blocks,
     allowed: Allowed,
     plans: IntArray,
-    typical: Array,
 ) -> tuple[IntArray, Array]:
     if allowed.chooses_levels:
         found = [exchange(criterion, blocks, allowed, plan) for plan in plans]
         return np.array([plan for plan, _ in found]), np.array([value for _, value in found])
-    plans, values, _ = improved(criterion, blocks, allowed, plans, typical)
-    return plans, values
+    return improved(criterion, blocks, allowed, plans)
 
 
 def _bred(
@@ -106,7 +104,6 @@ def _bred(
     allowed: Allowed,
     plans: IntArray,
     values: Array,
-    typical: Array,
     rng: np.random.Generator,
 ) -> tuple[IntArray, Array]:
     """Plans kicked and crossed, improved, the best kept, until there is no gain for a while."""
@@ -125,7 +122,7 @@ def _bred(
             ]
         else:
             children += [kicked(allowed, plan, rng) for plan in plans]
-        new, found, _ = improved(criterion, blocks, allowed, np.array(children), typical)
+        new, found = improved(criterion, blocks, allowed, np.array(children))
         idle = 0 if found.max() > values.max() * (1.0 + _GAIN) else idle + 1
         plans, values = np.concatenate([plans, new]), np.concatenate([values, found])
         if idle >= _PATIENCE:

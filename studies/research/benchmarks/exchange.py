@@ -5,9 +5,9 @@
 An arm of four to seven joints with one to three markers, 6 to 42 parameters drawn from its base, its
 links, its compliances and its markers, a pool of 500 to 2000 poses, and plans of 1.2 to 2.5 times the
 poses that the count of rows asks for; criteria in turn. The plain exchange is what a user writes in a
-day: from random plans each pose is tried against every candidate until none helps, with an update of
-low rank instead of a fresh inverse where the criterion has one, and the best plan is kicked and improved
-again. Both are timed in CPU seconds, ours with the relaxation that its proof needs.
+day: from random plans each pose is tried against every candidate until none helps, by an update of low
+rank in place of a fresh inverse, and the best plan is kicked and improved again. Both are timed in CPU
+seconds, ours with the relaxation that its proof needs.
 """
 
 from __future__ import annotations
@@ -205,9 +205,7 @@ class Plain:
     def best(self, starts: int, rng: np.random.Generator) -> tuple[float, Array]:
         """Value of the best plan of random starts and kicks, and of the starts alone."""
         count = len(self.rows)
-        found = [
-            self.improved(rng.choice(count, self.poses, replace=False)) for _ in range(starts)
-        ]
+        found = [self.improved(rng.choice(count, self.poses, replace=False)) for _ in range(starts)]
         plan, value = max(found, key=lambda pair: pair[1])
         for _ in range(_KICKS):
             trial = plan.copy()

@@ -55,7 +55,7 @@ class InformationFunction(ABC):
 
     def value_by_covariance(self, cov: Array) -> Array:
         """``Phi`` of the inverses of matrices (..., p, p), where that is what is at hand."""
-        return self.value(np.linalg.inv(cov))
+        return self.value(np.asarray(np.linalg.inv(cov)))
 
     def leaning(self, cov: Array) -> Array:
         """What ranks candidates beside plans of covariances (b, p, p): the gradient, or smoother.

@@ -15,10 +15,11 @@ from doe.optimal.function import InformationFunction
 from doe.optimal.lockstep import crossed, improved, kicked
 from doe.optimal.relax import Relaxation
 
-_STARTS, _FEWEST_STARTS = 12, 3
-_ROUNDS = 24  # of breeding, at most
-_PATIENCE = 6  # rounds without a gain after which there are no more
-_BEST = 6  # plans from which others are bred
+_FEWEST_STARTS = 3
+_ROUNDS = 40  # of breeding, at most
+_PATIENCE = 10  # rounds without a gain after which there are no more
+_BEST = (6, 12)  # plans from which others are bred, twice as many: at least, at most
+_MORE = 4  # parameters for each of them: where there are many, local optima are many too
 _GAIN = 1e-6  # relative, that counts as one
 _SHORT = 1500  # candidates of the short list
 
@@ -57,11 +58,12 @@ def best_plan(
     weights[np.searchsorted(listed, relaxed.index)] = relaxed.weights
     everyone = np.arange(len(listed))
     first = [rounded_weights(rules, everyone, weights, None)]
-    count = _STARTS if thorough else _FEWEST_STARTS
+    best = int(np.clip(len(blocks.fixed) // _MORE, *_BEST))
+    count = 2 * best if thorough else _FEWEST_STARTS
     first += [rounded_weights(rules, everyone, weights, rng) for _ in range(count - 1)]
     plans, starts = _started(criterion, part, rules, np.array(first))
     if thorough:
-        plans, values = _bred(criterion, part, rules, plans, starts, rng)
+        plans, values = _bred(criterion, part, rules, plans, starts, best, rng)
     else:
         values = starts
     plan, value = plans[values.argmax()], float(values.max())
@@ -104,6 +106,7 @@ def _bred(
     allowed: Allowed,
     plans: IntArray,
     values: Array,
+    best: int,
     rng: np.random.Generator,
 ) -> tuple[IntArray, Array]:
     """Plans kicked and crossed, improved, the best kept, until there is no gain for a while."""
@@ -112,7 +115,7 @@ def _bred(
     for _ in range(_ROUNDS):
         # One of those that ended alike: plans that differ.
         _, kept = np.unique(np.round(np.log(values) / _GAIN), return_index=True)
-        kept = kept[::-1][:_BEST]
+        kept = kept[::-1][:best]
         plans, values = plans[kept], values[kept]
         children = [kicked(allowed, plan, rng) for plan in plans]
         if crossable and len(plans) > 1:

@@ -40,6 +40,12 @@ class Determinant(Criterion):
     def gradient(self, M: Array) -> Array:
         return np.asarray(self.value(M) / len(M) * np.linalg.inv(M))
 
+    def value_by_covariance(self, cov: Array) -> Array:
+        return np.asarray(self._scale * np.exp(-np.linalg.slogdet(cov)[1] / cov.shape[-1]))
+
+    def leaning(self, cov: Array) -> Array:
+        return cov
+
     def screen(self, base: Array, packed: Array, rank: int) -> Array:
         # det(base + M) = det(base) det(I + base^-1 M), whose rank eigenvalues have a known sum.
         told = packed @ pack(np.asarray(np.linalg.inv(base)))

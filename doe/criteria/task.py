@@ -37,10 +37,14 @@ class Task(Trace):
     @classmethod
     def of(cls, question: Question) -> Self:
         rows = question.targets() * np.sqrt(question.target_weights)[:, None, None]
-        rows = rows.reshape(-1, rows.shape[-1])
-        least = np.sqrt(_UNNEEDED * (rows**2).sum() / len(question.T))
-        steady = np.vstack([rows, least * np.eye(len(question.T))])
-        return cls(_root(steady), cls(_root(rows)))
+        return cls.of_rows(rows.reshape(-1, rows.shape[-1]))
+
+    @classmethod
+    def of_rows(cls, rows: Array) -> Self:
+        """The criterion ``tr(rows cov rows^T)``, rows : ndarray, shape (k, p), m per y."""
+        p = rows.shape[1]
+        least = np.sqrt(_UNNEEDED * (rows**2).sum() / p)
+        return cls(_root(np.vstack([rows, least * np.eye(p)])), cls(_root(rows)))
 
     @property
     def plain(self) -> Criterion:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -35,6 +36,17 @@ class Trace(Criterion):
     def gradient(self, M: Array) -> Array:
         W = solved(M, self.F)
         return np.asarray(self.value(M) ** 2 * W @ W.T)
+
+    @cached_property
+    def _FFt(self) -> Array:
+        return np.asarray(self.F @ self.F.T)
+
+    def value_by_covariance(self, cov: Array) -> Array:
+        return np.asarray(1.0 / (cov.reshape(*cov.shape[:-2], -1) @ self._FFt.reshape(-1)))
+
+    def leaning(self, cov: Array) -> Array:
+        W = cov @ self.F
+        return np.asarray(W @ np.swapaxes(W, -1, -2))
 
     def conic(self, M: Any, at: Array) -> Conic:
         import cvxpy as cp

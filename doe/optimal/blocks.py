@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -35,6 +36,31 @@ class Blocks:
         """Information of a plan, the fixed poses included, shape (p, p)."""
         rows = self.packed[index]
         return self.fixed + unpack(rows.sum(axis=0) if weights is None else weights @ rows)
+
+    @cached_property
+    def rows(self) -> Array:
+        """Rows J of every candidate with ``J^T J`` its matrix, shape (n, r, p), r at most the rank.
+
+        Cholesky factors, the largest of what is left first; entries are unpacked as they are needed.
+        """
+        p, n = len(self.fixed), np.arange(len(self))
+        where = unpack(np.arange(1.0, self.packed.shape[1] + 1.0) * pack(np.ones((p, p))))
+        entry = where.round().astype(int) - 1
+        scale = np.where(np.eye(p, dtype=bool), 1.0, np.sqrt(0.5))
+        left = self.packed[:, np.diag(entry)].copy()
+        enough = 1e-14 * left.max(axis=1)
+        found = np.zeros((self.rank, len(self), p))
+        for k in range(self.rank):
+            pivot = left.argmax(axis=1)
+            height = left[n, pivot]
+            if (height <= enough).all():
+                return np.ascontiguousarray(found[:k].swapaxes(0, 1))
+            row = self.packed[n[:, None], entry[pivot]] * scale[pivot]
+            row -= np.einsum("ln,lnp->np", found[:k, n, pivot], found[:k])
+            row[height <= enough] = 0.0
+            found[k] = row / np.sqrt(np.maximum(height, enough + 1e-300))[:, None]
+            left = np.maximum(left - found[k] ** 2, 0.0)
+        return np.ascontiguousarray(found.swapaxes(0, 1))
 
     def scores(self, G: Array) -> Array:
         """``<G, M_i>`` of every candidate, shape (n,)."""

@@ -53,6 +53,17 @@ class InformationFunction(ABC):
         Tight: ``<G, M> = Phi(M)``, nearly so for criteria with a kink.
         """
 
+    def value_by_covariance(self, cov: Array) -> Array:
+        """``Phi`` of the inverses of matrices (..., p, p), where that is what is at hand."""
+        return self.value(np.asarray(np.linalg.inv(cov)))
+
+    def leaning(self, cov: Array) -> Array:
+        """What ranks candidates beside plans of covariances (b, p, p): the gradient, or smoother.
+
+        In any scale, shape (b, p, p).
+        """
+        return np.array([self.gradient(M) for M in np.linalg.inv(cov)])
+
     def screen(self, base: Array, packed: Array, rank: int) -> Array:
         """Upper bound on ``Phi(base + M_j)`` of packed candidates, shape (n,): the gradient at base.
 

@@ -10,7 +10,7 @@ Ponte, Fampa, Lee, Singh and Xie, arXiv 2411.01405, 2024.)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -100,6 +100,21 @@ def relax(
             near = scores[active] >= _NEAR * allowed.thresholds(scores)[allowed.group[active]]
             active = np.union1d(active[near | (weights > _IDLE)], entering)
     return Relaxation(active, weights, M, G_best, value, best, rounds)
+
+
+def bounded(
+    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, relaxed: Relaxation
+) -> Relaxation:
+    """The weights of a criterion with value and bound of another that is nearly the same.
+
+    Relaxed anew where the bound there is loose by more than the gap.
+    """
+    G, value = criterion.gradient(relaxed.M), float(criterion.value(relaxed.M))
+    at_hand = replace(relaxed, G=G, value=value, bound=bound(G, blocks, allowed))
+    if at_hand.gap <= 2.0 * max(relaxed.gap, GAP):
+        return at_hand
+    own = relax(criterion, blocks, allowed, start=relaxed.index)
+    return own if own.bound < at_hand.bound else at_hand
 
 
 def _master(

@@ -10,13 +10,17 @@ from calib.arrays import Array, IntArray
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.certify import survivors
-from doe.optimal.exchange import exchange, greedy, rounded_weights
+from doe.optimal.exchange import exchange, rounded_weights
 from doe.optimal.function import InformationFunction
+from doe.optimal.lockstep import crossed, improved, kicked
 from doe.optimal.relax import Relaxation
 
-_STARTS, _FEWEST_STARTS = 12, 3
-_KICKS, _FEWEST_KICKS = 30, 6
-_SMALL = 12  # parameters up to which starts and kicks are not cut: their cost grows with p^3
+_FEWEST_STARTS = 3
+_ROUNDS = 40  # of breeding, at most
+_PATIENCE = 10  # rounds without a gain after which there are no more
+_BEST = (6, 12)  # plans from which others are bred, twice as many: at least, at most
+_MORE = 4  # parameters for each of them: where there are many, local optima are many too
+_GAIN = 1e-6  # relative, that counts as one
 _SHORT = 1500  # candidates of the short list
 
 
@@ -53,15 +57,16 @@ def best_plan(
     weights = np.zeros(len(listed))
     weights[np.searchsorted(listed, relaxed.index)] = relaxed.weights
     everyone = np.arange(len(listed))
-    first = [rounded_weights(rules, everyone, weights, None), greedy(criterion, part, rules)]
-    effort = min(1.0, (_SMALL / len(blocks.fixed)) ** 1.5)
-    count = max(_FEWEST_STARTS, round(_STARTS * effort)) * thorough
-    first += [rounded_weights(rules, everyone, weights, rng) for _ in range(count)]
-    found = [exchange(criterion, part, rules, plan) for plan in first]
-    plan, value = max(found, key=lambda pair: pair[1])
-    starts = np.array([value for _, value in found])
-    kicks = max(_FEWEST_KICKS, round(_KICKS * effort)) * thorough
-    plan, value = _kicked(criterion, part, rules, plan, value, kicks, rng)
+    first = [rounded_weights(rules, everyone, weights, None)]
+    best = int(np.clip(len(blocks.fixed) // _MORE, *_BEST))
+    count = 2 * best if thorough else _FEWEST_STARTS
+    first += [rounded_weights(rules, everyone, weights, rng) for _ in range(count - 1)]
+    plans, starts = _started(criterion, part, rules, np.array(first))
+    if thorough:
+        plans, values = _bred(criterion, part, rules, plans, starts, best, rng)
+    else:
+        values = starts
+    plan, value = plans[values.argmax()], float(values.max())
     plan = listed[plan]
     kept = np.union1d(survivors(relaxed.G, blocks, allowed, value), plan)
     part, rules = blocks.take(kept), allowed.take(kept)
@@ -83,24 +88,46 @@ def _short_list(
     return np.unique(np.concatenate([relaxed.index, *tops]))
 
 
-def _kicked(
+def _started(
     criterion: InformationFunction,
     blocks: Blocks,
     allowed: Allowed,
-    plan: IntArray,
-    value: float,
-    kicks: int,
+    plans: IntArray,
+) -> tuple[IntArray, Array]:
+    if allowed.chooses_levels:
+        found = [exchange(criterion, blocks, allowed, plan) for plan in plans]
+        return np.array([plan for plan, _ in found]), np.array([value for _, value in found])
+    return improved(criterion, blocks, allowed, plans)
+
+
+def _bred(
+    criterion: InformationFunction,
+    blocks: Blocks,
+    allowed: Allowed,
+    plans: IntArray,
+    values: Array,
+    best: int,
     rng: np.random.Generator,
-) -> tuple[IntArray, float]:
-    """Iterated local search: replace a few poses by chance, improve, keep what is better."""
-    for _ in range(kicks):
-        trial = plan.copy()
-        for slot in rng.choice(len(plan), min(3, len(plan)), replace=False):
-            members = allowed.members[allowed.group[plan[slot]]]
-            free = members if allowed.repeats else np.setdiff1d(members, trial)
-            if len(free):
-                trial[slot] = rng.choice(free)
-        trial, found = exchange(criterion, blocks, allowed, trial, levels_too=False)
-        if found > value:
-            plan, value = trial, found
-    return plan, value
+) -> tuple[IntArray, Array]:
+    """Plans kicked and crossed, improved, the best kept, until there is no gain for a while."""
+    crossable = not (allowed.repeats or allowed.chooses_levels)
+    idle = 0
+    for _ in range(_ROUNDS):
+        # One of those that ended alike: plans that differ.
+        _, kept = np.unique(np.round(np.log(values) / _GAIN), return_index=True)
+        kept = kept[::-1][:best]
+        plans, values = plans[kept], values[kept]
+        children = [kicked(allowed, plan, rng) for plan in plans]
+        if crossable and len(plans) > 1:
+            pairs = [rng.choice(len(plans), 2, replace=False) for _ in plans]
+            children += [
+                kicked(allowed, crossed(allowed, plans[a], plans[b], rng), rng) for a, b in pairs
+            ]
+        else:
+            children += [kicked(allowed, plan, rng) for plan in plans]
+        new, found = improved(criterion, blocks, allowed, np.array(children))
+        idle = 0 if found.max() > values.max() * (1.0 + _GAIN) else idle + 1
+        plans, values = np.concatenate([plans, new]), np.concatenate([values, found])
+        if idle >= _PATIENCE:
+            break
+    return plans, values

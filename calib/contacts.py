@@ -20,10 +20,14 @@ from calib.instruments import Instrument
 from calib.poses import Poses
 
 TOUCHES = 1e-5  # m: a pose of a plan that misses by more touches nothing
-_THERE = 1e-10  # m
-_STEPS = 40
+_THERE, _MET = 1e-10, 1e-9  # m
+_STEPS, _BY_NOW = 30, 8
+_NEAR = 0.05  # of the reach: a start that is farther by now will not come
 _LONGEST = 0.5  # rad, or of the reach, in one step
-_RELUCTANT = 1e-8  # of the largest lever: damping near singular poses
+_RELUCTANT, _NOTHING = (
+    1e-8,
+    1e-12,
+)  # of the largest lever, and beside it: damping near singular poses
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,11 +113,13 @@ def _met(cell: Cell, contact: Contact, q: Array, free: Mask) -> tuple[Array, Mas
     low, high = robot.sample_limits().T
     units = np.where(robot.prismatic, robot.reach, 1.0)
     now = np.arange(len(q))
-    for _ in range(_STEPS):
+    for count in range(_STEPS):
         frames = forward(robot, q[now])
         points = _points(cell, contact, frames)
         off = contact.missed(points)
-        left = np.linalg.norm(off, axis=1) > _THERE
+        size = np.linalg.norm(off, axis=1)
+        coming = (size < _NEAR * robot.reach) | (count < _BY_NOW)
+        left = (size > _THERE) & coming
         now, off, points = now[left], off[left], points[left]
         if not len(now):
             break
@@ -125,14 +131,15 @@ def _met(cell: Cell, contact: Contact, q: Array, free: Mask) -> tuple[Array, Mas
         size = np.linalg.norm(step / units, axis=1, keepdims=True)
         step *= np.minimum(1.0, _LONGEST / np.maximum(size, 1e-300))
         q[now] = np.clip(q[now] + step, low, high)
-    return q, np.isin(np.arange(len(q)), now, invert=True)
+    points = _points(cell, contact, forward(robot, q))
+    return q, np.linalg.norm(contact.missed(points), axis=1) < _MET
 
 
 def _least(J: Array, wanted: Array) -> Array:
     """The least steps (m, n) with ``J step = wanted``, (m, r)."""
     Jt = np.swapaxes(J, -1, -2)
     A = J @ Jt
-    size = np.trace(A, axis1=-2, axis2=-1)[:, None, None] + 1e-300
+    size = np.trace(A, axis1=-2, axis2=-1)[:, None, None] + _NOTHING
     solved = np.linalg.solve(A + _RELUCTANT * size * np.eye(A.shape[-1]), wanted[..., None])
     return np.asarray((Jt @ solved)[..., 0])
 

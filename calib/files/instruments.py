@@ -179,16 +179,17 @@ def _touching(table: DistanceTable | PlaneTable | SphereTable, placed: bool) -> 
         nearest, farthest = table.reach_mm or (0.0, math.inf)
         reach = (nearest * _MM, farthest * _MM)
         return Distance(sigma=sigma, anchor=anchor, known=known, offset=table.offset, reach=reach)
-    given = table.position_mm
-    point = None if given is None else np.array(given) * _MM
     if isinstance(table, PlaneTable):
-        whole = point is not None and table.normal is not None
-        return Plane(
-            sigma=sigma, standing=place_of(point, np.array(table.normal))[None] if whole else None
-        )
+        return Plane(sigma=sigma, standing=_of_plane(table))
     radius = None if table.radius_mm is None else table.radius_mm * _MM
-    foreseen = point is not None and radius is not None
-    return Sphere(sigma=sigma, radius=radius, standing=point[None] if foreseen else None)
+    given = None if table.position_mm is None else np.array([table.position_mm]) * _MM
+    return Sphere(sigma=sigma, radius=radius, standing=None if radius is None else given)
+
+
+def _of_plane(table: PlaneTable) -> Array | None:
+    if table.position_mm is None or table.normal is None:
+        return None
+    return place_of(np.array(table.position_mm) * _MM, np.array(table.normal))[None]
 
 
 def _tracker(table: InstrumentTable, name: str, reads: tuple[int, ...] | None) -> Tracker:

@@ -157,7 +157,7 @@ def experiment_of(
     model = build(cell, poses).model
     refuse_idle_effects(cell, model, poses)
     seen = visible(scene_of(cell, poses.q))
-    _refuse_no_contact(cell, poses)
+    _refuse_no_contact(cell, plan)
     truth = plausible(model, poses, seed) if values is None else values
     nominal = model.initial if values is None else values
     if values is None and len(model.where(LoadEffect)):
@@ -168,11 +168,11 @@ def experiment_of(
     return Experiment(model, poses, seen, weights, nominal, truth, length, cell, arm=arm)
 
 
-def _refuse_no_contact(cell: Cell, poses: Poses) -> None:
-    apart = np.flatnonzero(touched(cell, poses.q) < 0)
+def _refuse_no_contact(cell: Cell, plan: Poses) -> None:
+    apart = np.flatnonzero(touched(cell, plan.q) < 0)
     if len(apart) and all(instrument.touches for instrument in cell.instruments):
         raise CalibError(
-            f"pose {poses.names[apart[0]]} of the plan touches nothing to {TOUCHES * 1e3:g} mm; let "
+            f"pose {plan.names[apart[0]]} of the plan touches nothing to {TOUCHES * 1e3:g} mm; let "
             "posecal design choose poses that do, or give joint values with more digits"
         )
 

@@ -1,6 +1,6 @@
 """A planned day for a camera, a ballbar and a pair of sockets on the KR 270 of the demo.
 
-    python -m studies.research.benchmarks.planned_days [--poses 24] [--refits 20] [--only NAME ..]
+    python -m studies.research.benchmarks.planned_days [--poses 40] [--refits 20] [--only NAME ..]
 
 Each plan is chosen and proved by ``doe.design``, read by an arm that is off, in plain numpy that shares
 no code with planner and estimator, and identified by ``calib.identify`` again and again. How the
@@ -109,7 +109,7 @@ def _turned(axis: Array, angle: Array) -> Array:
 def read(
     arm: Arm, cell: calib.Cell, plan: Poses, seen: Array, rng: np.random.Generator
 ) -> Measurements:
-    """What the instrument of a cell reads of a plan; into a socket the arm is brought by Newton's steps."""
+    """What a cell's instrument reads of a plan; into a socket the arm is brought by Newton's steps."""
     kind, q = cell.instruments[0].kind, plan.q
     site = plan.site
     if kind == "socket" and site is not None:
@@ -193,7 +193,7 @@ _HEADINGS = (
 
 
 @click.command()
-@click.option("--poses", type=click.IntRange(min=15), default=24, show_default=True)
+@click.option("--poses", type=click.IntRange(min=15), default=40, show_default=True)
 @click.option("--refits", type=click.IntRange(min=2), default=20, show_default=True)
 @click.option("--only", multiple=True, help="Parts of their names, beside the tracker.")
 def main(poses: int, refits: int, only: tuple[str, ...]) -> None:

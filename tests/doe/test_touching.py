@@ -140,9 +140,11 @@ def test_a_pose_is_read_by_what_it_touches_alone() -> None:
 
 
 def test_levels_are_kept_while_the_others_move() -> None:
-    found = planned(KINDS["sphere"][0], poses=None, levels="j2=-57.3,57.3x6")
-    assert set(np.round(np.degrees(found.poses.q[:, 1]), 6)) == {-57.3, 57.3}
-    assert np.abs(to_sphere(at(found.poses.q), found.poses.q)).max() < 1e-6
+    cell = cell_with(replace(SPHERE, standing=SITES[:1]))
+    q = planned(cell, poses=None, levels="j2=-40,-20x6").poses.q
+    assert set(np.round(np.degrees(q[:, 1]), 6)) == {-40.0, -20.0}
+    away = np.sqrt(((at(q) - SITES[0]) ** 2).sum(axis=1))
+    assert np.abs(away - RADIUS).max() < 1e-6
 
 
 def test_what_cannot_be_foreseen_or_reached_is_refused() -> None:

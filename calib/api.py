@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.cell import Cell
+from calib.contacts import with_sites
 from calib.errors import CalibError
 from calib.model import Model
 from calib.model.build import build
@@ -89,7 +90,11 @@ def predict(cell: Cell, measurements: Plan, values: Sequence[float] | Mapping[st
 
 
 def readings(cell: Cell, plan: Poses) -> Poses:
-    """The readings of a plan: each pose free, then each pose with the cell's [load] hung on it."""
+    """The readings of a plan: each pose free, then each pose with the cell's [load] hung on it.
+
+    Of several sockets each pose is in the one that it touches.
+    """
+    plan = with_sites(cell, plan)
     if cell.load is None:
         return plan
     both = hung(plan.take(np.tile(np.arange(len(plan)), 2)), 1.0, cell.load.com)

@@ -9,7 +9,7 @@ import numpy as np
 from calib.arrays import Array, Mask
 from calib.effects.tool import Tool
 from calib.model.covariance import at_points_read
-from doe.constraints import scene_of, visible
+from doe.constraints import read_by, scene_of, visible
 from doe.problem import RIDGE, Problem
 
 _NOTHING = 1e3 * RIDGE  # eigenvalue of the information below which a direction is open
@@ -66,7 +66,7 @@ def assess(problem: Problem, q: Array) -> Assessment:
         observability=observability(problem, M, len(q)),
         without_pose=np.array([_task(problem, M - block) for block in blocks]),
         without_marker=_without_markers(problem, q, seen),
-        hidden=int((~seen).sum()),
+        hidden=int((read_by(scene_of(problem.cell, q)) & ~seen).sum()),
     )
 
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from calib.arrays import Array, IntArray
+from calib.contacts import brought, touched
 from doe.constraints import scene_of
 from doe.problem import Problem
-from doe.problem.pool import rounded
+from doe.problem.pool import movable, rounded
 
 _TRIES = 48  # neighbours of each pose in one round
 _ROUNDS = 14
@@ -28,9 +29,7 @@ def polish(problem: Problem, q: Array, M: Array, *, seed: int) -> Array:
     rng = np.random.default_rng(seed)
     robot, levels = problem.cell.robot, problem.request.levels
     low, high = robot.sample_limits().T
-    free = np.ones(robot.dof, dtype=bool)
-    if levels is not None:
-        free[levels.joint] = False
+    free, contacts = movable(problem.cell, levels), touched(problem.cell, q)
     q, blocks = q.copy(), problem.information(q)
     value = float(problem.criterion.value(M))
     for width in np.geomspace(_WIDEST, _NARROWEST, _ROUNDS):
@@ -43,6 +42,7 @@ def polish(problem: Problem, q: Array, M: Array, *, seed: int) -> Array:
         )
         if levels is not None:
             tries[:, levels.joint] = np.repeat(q[:, levels.joint], _TRIES)
+        tries = brought(problem.cell, tries, np.repeat(contacts, _TRIES), free)
         kept, found, owner = _feasible(problem, tries)
         for slot in range(len(q)):
             own = np.flatnonzero(owner == slot)

@@ -136,7 +136,10 @@ def check_count(problem: Problem, pool: Pool) -> None:
     if not problem.criterion.whole or rules.chooses_levels:
         return
     size = blocks.scores(np.eye(len(blocks.fixed)))
-    told = [members[np.argsort(-size[members])[:_LOOKED_AT]] for members in rules.members]
+    # Those that tell most, and of the others an even share: one instrument may hide another's.
+    ordered = [members[np.argsort(-size[members])] for members in rules.members]
+    told = [own[:_LOOKED_AT] for own in ordered]
+    told += [own[np.linspace(0, len(own) - 1, _LOOKED_AT).astype(int)] for own in ordered]
     some = np.unique(np.concatenate(told))
     part, rules = blocks.take(some), rules.take(some)
     plan = greedy(Determinant(np.eye(len(blocks.fixed))), part, rules)

@@ -33,7 +33,7 @@ class Base(Effect):
 
     @property
     def initial(self) -> Array:
-        return self.of.guess
+        return self.of.guess_at(self.where)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -50,6 +50,7 @@ from calib.instruments import (
 from calib.instruments.camera import FREE, Board
 from calib.instruments.common_errors import COMMON_KINDS, CommonError
 from calib.instruments.lens import Lens
+from calib.instruments.plane import place_of
 from calib.instruments.pose import CORNERS, corners_of
 from calib.noise import Noise
 
@@ -138,7 +139,7 @@ def instruments_of(
     own = tuple(range(len(markers))) if bodies.parts else None
     placed = "base" in table.model.effects
     found: list[Instrument] = []
-    groups: dict[float, list[str]] = {}
+    groups: dict[float, list[tuple[str, SocketTable]]] = {}
     for name, entry in table.instruments.items():
         if isinstance(entry, PoseTable):
             found.append(_pose(entry, name, [bodies.parts[own] for own in table.bodies]))
@@ -149,13 +150,24 @@ def instruments_of(
         elif isinstance(entry, InstrumentTable):
             found.append(_tracker(entry, name, own))
         elif isinstance(entry, SocketTable):
-            groups.setdefault(entry.sigma_mm, []).append(name)
+            groups.setdefault(entry.sigma_mm, []).append((name, entry))
         else:
             found.append(replace(_touching(entry, placed), name=name, markers=own))
-    for sigma, names in groups.items():
-        sites = tuple(names) if len(names) > 1 else ()
-        found.append(Socket(name=names[0], markers=own, sites=sites, sigma=sigma * _MM))
+    found += [_sockets(group, own) for group in groups.values()]
     return tuple(found)
+
+
+def _sockets(group: Sequence[tuple[str, SocketTable]], reads: tuple[int, ...] | None) -> Socket:
+    """Foreseen where the places of all of them are given."""
+    names = tuple(name for name, _ in group)
+    given = [table.position_mm for _, table in group if table.position_mm is not None]
+    return Socket(
+        name=names[0],
+        markers=reads,
+        sites=names if len(names) > 1 else (),
+        sigma=group[0][1].sigma_mm * _MM,
+        standing=np.array(given) * _MM if len(given) == len(group) else None,
+    )
 
 
 def _touching(table: DistanceTable | PlaneTable | SphereTable, placed: bool) -> Instrument:
@@ -164,11 +176,20 @@ def _touching(table: DistanceTable | PlaneTable | SphereTable, placed: bool) -> 
     if isinstance(table, DistanceTable):
         anchor = None if table.anchor_mm is None else np.array(table.anchor_mm) * _MM
         known = anchor is not None and not placed
-        return Distance(sigma=sigma, anchor=anchor, known=known, offset=table.offset)
+        nearest, farthest = table.reach_mm or (0.0, math.inf)
+        reach = (nearest * _MM, farthest * _MM)
+        return Distance(sigma=sigma, anchor=anchor, known=known, offset=table.offset, reach=reach)
     if isinstance(table, PlaneTable):
-        return Plane(sigma=sigma)
+        return Plane(sigma=sigma, standing=_of_plane(table))
     radius = None if table.radius_mm is None else table.radius_mm * _MM
-    return Sphere(sigma=sigma, radius=radius)
+    given = None if table.position_mm is None else np.array([table.position_mm]) * _MM
+    return Sphere(sigma=sigma, radius=radius, standing=None if radius is None else given)
+
+
+def _of_plane(table: PlaneTable) -> Array | None:
+    if table.position_mm is None or table.normal is None:
+        return None
+    return place_of(np.array(table.position_mm) * _MM, np.array(table.normal))[None]
 
 
 def _tracker(table: InstrumentTable, name: str, reads: tuple[int, ...] | None) -> Tracker:

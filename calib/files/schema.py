@@ -260,22 +260,39 @@ class DistanceTable(Table):
     sigma_mm: Positive
     anchor_mm: Vector | None = None
     offset: Annotated[bool, Strict()] = False
+    reach_mm: Annotated[tuple[NotNegative, NotNegative], AfterValidator(_ordered)] | None = None
+
+    @model_validator(mode="after")
+    def _reach_from_somewhere(self) -> Self:
+        if self.reach_mm is not None and self.anchor_mm is None:
+            raise ValueError("has reach_mm, which counts from anchor_mm; add that")
+        return self
 
 
 class PlaneTable(Table):
     kind: Literal["plane"]
     sigma_mm: Positive
+    position_mm: Vector | None = None
+    normal: Direction | None = None
+
+    @model_validator(mode="after")
+    def _whole_plane(self) -> Self:
+        if (self.position_mm is None) != (self.normal is None):
+            raise ValueError("position_mm, a point of it, and normal go together")
+        return self
 
 
 class SphereTable(Table):
     kind: Literal["sphere"]
     sigma_mm: Positive
     radius_mm: Positive | None = None
+    position_mm: Vector | None = None
 
 
 class SocketTable(Table):
     kind: Literal["socket"]
     sigma_mm: Positive
+    position_mm: Vector | None = None
 
 
 class PointsTable(InstrumentTable):

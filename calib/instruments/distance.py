@@ -18,11 +18,13 @@ class Distance(Even):
 
     anchor : ndarray, shape (3,), m, base frame, None where nothing is said of it
     known : whether that is where it stands, and no guess
+    reach : shortest and longest distance from the anchor at which it reads, m
     """
 
     anchor: Array | None = None
     known: bool = False
     offset: bool = False
+    reach: tuple[float, float] = (0.0, np.inf)
     kind: ClassVar[str] = "distance"
     rows: ClassVar[int] = 1
     columns: ClassVar[tuple[Column, ...]] = (Column("d", "length"),)
@@ -50,6 +52,13 @@ class Distance(Even):
     @property
     def position(self) -> Array | None:
         return self.anchor
+
+    def within(self, points: Array) -> Mask:
+        """Whether points (..., 3), m, base axes, are in its reach, as far as the anchor is known."""
+        if self.anchor is None:
+            return np.ones(points.shape[:-1], dtype=bool)
+        away = np.linalg.norm(points - self.anchor, axis=-1)
+        return np.asarray((away >= self.reach[0]) & (away <= self.reach[1]))
 
     def read(self, place: Array, points: Array) -> Array:
         away, offset = self._from(place, points)

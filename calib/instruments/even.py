@@ -49,15 +49,39 @@ class Even(Instrument, ABC):
         return np.asarray(np.eye(self.rows) / own[..., None, None])
 
     @property
-    def unforeseen(self) -> str:
-        return (
-            f"the arm meets a {self.kind} at poses of its own, and plans draw them anywhere; measure "
-            "where it does, and ask identify and diagnose"
-        )
-
-    @property
     def even(self) -> float | None:
         return self.sigma
+
+
+@dataclass(frozen=True, eq=False)
+class Surface(Even, ABC):
+    """What the marker touches.
+
+    standing : ndarray, shape (k, u), the place of it, or of each of its sites, as far as is known, or
+        None
+    """
+
+    standing: Array | None = None
+    touches: ClassVar[bool] = True
+    given_by: ClassVar[str] = "position_mm"
+
+    def guess_at(self, name: str) -> Array:
+        if self.standing is None:
+            return self.guess
+        return np.asarray(self.standing[self.names.index(name)])
+
+    @property
+    def guess(self) -> Array:
+        return np.zeros(len(self.unknowns)) if self.standing is None else self.standing[0]
+
+    @property
+    def unforeseen(self) -> str:
+        of = f" of {', '.join(self.sites)}" if self.sites else ""
+        return (
+            ""
+            if self.standing is not None
+            else f"where it stands is not known; give {self.given_by}{of} in the base's frame"
+        )
 
 
 def contacts(seen: Mask, arm: Nominal) -> tuple[IntArray, IntArray, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.arm.se3 import skew, so3_exp, so3_right_jacobian
 from calib.arrays import Array, Mask
-from calib.instruments.even import Even, best, contacts
+from calib.instruments.even import Surface, best, contacts
 from calib.instruments.protocol import Column, Linear, Nominal, Start, Unknown
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -17,7 +17,7 @@ _LEAST_TURN = 1e-3  # rad: of a normal from straight down, where two tilts are o
 
 
 @dataclass(frozen=True, eq=False)
-class Plane(Even):
+class Plane(Surface):
     """``n p - height``, read as zero or by a gauge along the outward normal n, in base axes.
 
     The place is the normal's turn from upright, ``n = exp(rx, ry, 0) z``, and the height of the base's
@@ -25,6 +25,7 @@ class Plane(Even):
     """
 
     kind: ClassVar[str] = "plane"
+    given_by: ClassVar[str] = "position_mm and normal"
     rows: ClassVar[int] = 1
     unknowns: ClassVar[tuple[Unknown, ...]] = (
         Unknown("rx", "mrad", 1e-3, 1e-2),
@@ -63,8 +64,15 @@ class Plane(Even):
             slope = np.linalg.lstsq(p - middle, d - d.mean(), rcond=1e-6)[0]
             length = float(np.linalg.norm(slope))
             normals += [-normals[0], *([slope / length] if length > 0.0 else [])]
-        starts = [[*_tilt(n), n @ middle - d.mean()] for n in normals]
-        return best(self, rows, seen, arm, np.array(starts))
+        starts = [np.array([*_tilt(n), n @ middle - d.mean()]) for n in normals]
+        given = [] if self.standing is None else [self.guess]
+        return best(self, rows, seen, arm, np.array([*given, *starts]))
+
+
+def place_of(point: Array, normal: Array) -> Array:
+    """The place (3,) of a plane through a point (3,), m, base axes; its normal (3,) is taken upward."""
+    up = normal / np.linalg.norm(normal) * (1.0 if normal[2] >= 0.0 else -1.0)
+    return np.array([*_tilt(up), up @ point])
 
 
 def _turn(place: Array) -> Array:

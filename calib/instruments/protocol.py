@@ -118,6 +118,7 @@ class Instrument(ABC):
     rows : numbers of one reading; each : markers that one takes, k; columns : of a table
     stationed : whether it may stand elsewhere at other poses, a place for every station
     sought : whether its place is unknown even where the model has no base: nothing else tells it
+    touches : whether it reads where the arm meets it alone: its poses are solved for, not drawn
     """
 
     name: str = "instrument"
@@ -130,6 +131,7 @@ class Instrument(ABC):
     columns: ClassVar[tuple[Column, ...]]
     stationed: ClassVar[bool] = False
     sought: ClassVar[bool] = False
+    touches: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -159,6 +161,11 @@ class Instrument(ABC):
     def guess(self) -> Array:
         """Where it is taken to stand before it has read anything, (u,): known, or zero."""
         return np.zeros(len(self.unknowns))
+
+    def guess_at(self, name: str) -> Array:
+        """The same of the one of its sites that has this name."""
+        del name
+        return self.guess
 
     @property
     def parts(self) -> Mapping[str, slice]:

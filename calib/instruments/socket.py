@@ -9,12 +9,12 @@ from typing import ClassVar
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.instruments.even import POINT, Even, contacts
+from calib.instruments.even import POINT, Surface, contacts
 from calib.instruments.protocol import Column, Linear, Nominal, Start, Unknown
 
 
 @dataclass(frozen=True, eq=False)
-class Socket(Even):
+class Socket(Surface):
     """``p - c``, read as zero; the place c is in base axes. sigma : float, m, of a coordinate."""
 
     kind: ClassVar[str] = "socket"

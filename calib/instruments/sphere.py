@@ -8,12 +8,12 @@ from typing import ClassVar
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.instruments.even import POINT, Even, around, best, contacts, mirrored
+from calib.instruments.even import POINT, Surface, around, best, contacts, mirrored
 from calib.instruments.protocol import Column, Linear, Nominal, Start, Unknown
 
 
 @dataclass(frozen=True, eq=False)
-class Sphere(Even):
+class Sphere(Surface):
     """``|p - c| - r``, read as zero or by a gauge; the place is c in base axes, and r if unknown.
 
     radius : float, m, None if unknown
@@ -21,6 +21,7 @@ class Sphere(Even):
 
     radius: float | None = None
     kind: ClassVar[str] = "sphere"
+    given_by: ClassVar[str] = "position_mm and radius_mm"
     rows: ClassVar[int] = 1
     columns: ClassVar[tuple[Column, ...]] = (Column("d", "length", optional=True),)
 
@@ -56,7 +57,8 @@ class Sphere(Even):
         A = np.column_stack([2.0 * p, -np.ones(len(p))])
         linear = np.linalg.lstsq(A, (p**2).sum(axis=1) - d**2 - known, rcond=1e-6)[0][:3]
         size = float(np.ptp(p, axis=0).max()) if self.radius is None else self.radius
-        centres = np.array([linear, mirrored(linear, p), *around(p, size)])
+        given = [] if self.standing is None else [self.guess]
+        centres = np.array([*given, linear, mirrored(linear, p), *around(p, size)])
         if self.radius is None:
             away = np.linalg.norm(p - centres[:, None], axis=-1)
             centres = np.column_stack([centres, np.median(away - d, axis=-1)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from calib.cell import Cell
+from doe.constraints.contact import in_contact
 from doe.constraints.floor import Floor, floor_of
 from doe.constraints.hanging import hanging_load
 from doe.constraints.limits import joint_limits
@@ -10,16 +11,26 @@ from doe.constraints.obstacles import obstacles_of
 from doe.constraints.protocol import Constraint
 from doe.constraints.scene import Scene, moving_capsules, scene_of
 from doe.constraints.self_collision import clear_of_itself
-from doe.constraints.sight import hidden_by, visible
+from doe.constraints.sight import hidden_by, read_by, visible
 from doe.constraints.torque import joint_torque
 
-__all__ = ["Constraint", "Floor", "Scene", "constraints_of", "hidden_by", "scene_of", "visible"]
+__all__ = [
+    "Constraint",
+    "Floor",
+    "Scene",
+    "constraints_of",
+    "hidden_by",
+    "read_by",
+    "scene_of",
+    "visible",
+]
 
 
 def constraints_of(cell: Cell) -> tuple[Constraint, ...]:
     """Constraints that can act in a cell, the cheap ones first."""
     found = (
         joint_limits(cell),
+        in_contact(cell),
         floor_of(cell),
         *(obstacles_of(cell) if moving_capsules(cell) else ()),
         clear_of_itself(cell),

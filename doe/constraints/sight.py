@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.instruments import Camera
+from calib.contacts import contacts_of, touched
+from calib.instruments import Camera, Distance
 from doe.constraints.distances import point_segment, segment_segment
 from doe.constraints.obstacles import Obstacle, obstacles_of
 from doe.constraints.scene import PlacedCapsule, Scene, turned
@@ -16,15 +17,26 @@ _SKIN = 1e-6  # m; a marker this close to a surface is mounted on it
 _SLACK = 1e-12
 
 
+def read_by(scene: Scene) -> Mask:
+    """Readings that each configuration is for, shape (n, C): where it touches, that one alone."""
+    contacts, which = contacts_of(scene.cell), touched(scene.cell, scene.q)
+    found = np.ones((len(scene), len(scene.cell.channels)), dtype=bool)
+    found[:, [contact.channel for contact in contacts]] = False
+    for k, contact in enumerate(contacts):
+        found[which == k] = np.arange(found.shape[1]) == contact.channel
+    return found
+
+
 def visible(scene: Scene) -> Mask:
     """Whether each reading can be had at each configuration, shape (n, C): of a tracker each marker.
 
-    Hidden by a capsule across the beam, unless the marker itself sits in it; by a box or a ball
+    What is touched is read where it is (:func:`read_by`). All else is
+    hidden by a capsule across the beam, unless the marker itself sits in it; by a box or a ball
     across the beam, unless the instrument itself stands in it; and by turning away further than
-    its acceptance, a quarter turn where only its normal is known. All are seen where nobody said
-    where the instrument stands.
+    its acceptance, a quarter turn where only its normal is known; beside the image of a camera, and
+    out of the reach of a bar or wire. All are seen where nobody said where the instrument stands.
     """
-    seen = np.ones((len(scene), len(scene.cell.channels)), dtype=bool)
+    seen = read_by(scene)
     for _, channel, hidden in _hidings(scene):
         seen[hidden, channel] = False
     return seen
@@ -33,7 +45,8 @@ def visible(scene: Scene) -> Mask:
 def hidden_by(scene: Scene) -> dict[tuple[int, int], str]:
     """What hides a marker, by configuration and channel: ``turned away`` or ``behind A3``.
 
-    Of several causes the first one found. What is not in it, is seen (:func:`visible`).
+    Of several causes the first one found. What is not in it, is seen where the pose is for it
+    (:func:`visible`).
     """
     return {(int(i), c): why for why, c, hidden in _hidings(scene) for i in np.flatnonzero(hidden)}
 
@@ -44,6 +57,8 @@ def _hidings(scene: Scene) -> Iterator[tuple[str, int, Mask]]:
     for instrument, part in channels.blocks:
         if isinstance(instrument, Camera):
             yield from _beside_the_image(scene, instrument, part)
+        if isinstance(instrument, Distance):
+            yield from _out_of_reach(scene, instrument, part)
         at = instrument.position
         if at is None:
             continue
@@ -59,6 +74,12 @@ def _beside_the_image(scene: Scene, camera: Camera, part: slice) -> Iterator[tup
     points = scene.markers[:, read].reshape(len(scene), -1, 3 * camera.each)
     for channel, seen in enumerate(camera.inside(points).T, part.start):
         yield "beside the image", channel, ~seen
+
+
+def _out_of_reach(scene: Scene, bar: Distance, part: slice) -> Iterator[tuple[str, int, Mask]]:
+    points = scene.markers[:, bar.read_of(len(scene.cell.markers))]
+    for channel, within in enumerate(bar.within(points).T, part.start):
+        yield "out of reach", channel, ~within
 
 
 def _hidden(

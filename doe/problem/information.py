@@ -34,6 +34,11 @@ class Regressor:
     T: Array
     silent: bool = False
 
+    @cached_property
+    def known(self) -> Array:
+        """What is known beside all readings as independent rows, (k, p): lengths, lenses, the type."""
+        return self.model.beside(self.values)[1] @ self.T
+
     @property
     def rank(self) -> int:
         """Rows that one configuration brings, or the number of parameters if that is less."""

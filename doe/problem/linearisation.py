@@ -102,11 +102,11 @@ class Linearisation:
         return Rows(rows, scatter.mixing(weighted(W, scatter.levers)))
 
     def _foreseen(self, poses: Poses, points: Array, seen: Mask | None, sigma: float) -> Array:
-        """Whitening matrices (m, C, r, r), or standard deviations (m, C, 1, 1) where they do."""
+        """Whitening matrices (m, C, r, r), or one number for a row (m, C, 1, 1) where that will do."""
         even = self.model.readout.even
         if np.isnan(sigma) and even is not None:
             counted = np.ones(points.shape[:-1], dtype=bool) if seen is None else seen
-            return np.where(counted, even, np.inf)[..., None, None]
+            return np.where(counted, 1.0 / even, 0.0)[..., None, None]
         W = self._whitening(poses, points, np.full(points.shape[:-1], sigma))
         return W if seen is None else W * seen[..., None, None]
 
@@ -127,7 +127,7 @@ class Linearisation:
 def weighted(W: Array, columns: Array) -> Array:
     """Columns (m, C, r, k) in standard deviations, the coordinates of a reading one after the other.
 
-    W : ndarray, shape (m, C, r, r), or standard deviations (m, C, 1, 1)
+    W : ndarray, shape (m, C, r, r), or (m, C, 1, 1) for what is weighed alike
     """
-    rows = columns / W if W.shape[-1] == 1 else W @ columns
+    rows = columns * W if W.shape[-1] == 1 else W @ columns
     return np.asarray(rows.reshape(len(columns), -1, columns.shape[-1]))

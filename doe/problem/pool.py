@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
+from calib.contacts import brought, contacts_of
 from calib.errors import CalibError
 from doe.constraints import Constraint, scene_of, visible
 from doe.optimal.packed import pack, packed_size
@@ -37,7 +38,10 @@ def rounded(cell: Cell, q: Array) -> Array:
 
 
 def drawn(cell: Cell, count: int, levels: Levels | None, seed: int) -> Iterator[Array]:
-    """Scrambled Sobol configurations in chunks of shape (m, dof), the levels in turn; count in all."""
+    """Scrambled Sobol configurations in chunks of shape (m, dof), the levels in turn; count in all.
+
+    In turn, too, they are brought to what is touched, and left for all instruments else.
+    """
     from scipy.stats import qmc
 
     low, high = cell.robot.sample_limits().T
@@ -52,7 +56,26 @@ def drawn(cell: Cell, count: int, levels: Levels | None, seed: int) -> Iterator[
         if levels is not None:
             turn = np.arange(start, start + m) % len(levels.values)
             q[:, levels.joint] = levels.values[turn]
-        yield q
+        yield in_turn_brought(cell, q, levels, start)
+
+
+def in_turn_brought(cell: Cell, q: Array, levels: Levels | None, start: int = 0) -> Array:
+    """Configurations (m, dof) at one contact after the other, and some at none if others read there.
+
+    start : int, how many went before
+    """
+    contacts = contacts_of(cell)
+    if not contacts:
+        return q
+    others = int(any(not i.touches for i in cell.instruments))
+    count = 1 if levels is None else len(levels.values)
+    wanted = (np.arange(start, start + len(q)) // count) % (len(contacts) + others)
+    return brought(cell, q, np.where(wanted < len(contacts), wanted, -1), movable(cell, levels))
+
+
+def movable(cell: Cell, levels: Levels | None) -> Mask:
+    """Joints that stand at no level, shape (dof,)."""
+    return np.array([levels is None or k != levels.joint for k in range(cell.robot.dof)])
 
 
 def chunked(q: Array) -> Iterator[Array]:

@@ -61,15 +61,16 @@ def is_silent(cell: Cell, rows: Array) -> bool:
     return cell.load is not None and not rows[:, : rows.shape[1] // 2].any()
 
 
-def check_identifiable(cell: Cell, model: Model, rows: Array, request: Request) -> None:
+def check_identifiable(regressor: Regressor, rows: Array, request: Request) -> None:
     """Refuse a model that no plan of the size determines. Raises CalibError, CannotIdentify.
 
     rows : ndarray, shape (m, rows, p), of feasible configurations, columns in plausible sizes
     """
+    cell, model = regressor.cell, regressor.model
     m, count, p = rows.shape
     extra = 0 if request.fixed is None else len(request.fixed)
     silent = is_silent(cell, rows)
-    each, held = count // 2 if silent else count, model.by_type * model.sizes
+    each, held = count // 2 if silent else count, regressor.known
     equations = (request.poses + extra) * each + len(held)
     if equations < p:
         least = -(-(p - len(held)) // each) - extra

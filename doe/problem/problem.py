@@ -62,11 +62,10 @@ class Problem:
     def fixed(self) -> Array:
         """Information of what is measured in any case, shape (p, p), made positive definite.
 
-        What the robot's type knows is among it.
+        What is known beside all readings is among it.
         """
-        p = self.regressor.T.shape[1]
-        by_type = self.model.by_type @ self.regressor.T
-        M = RIDGE * np.eye(p) + by_type.T @ by_type
+        known = self.regressor.known
+        M = RIDGE * np.eye(known.shape[1]) + known.T @ known
         if self.request.fixed is not None:
             M = M + self.information(self.request.fixed.q).sum(axis=0)
         return M
@@ -136,10 +135,9 @@ def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
     except CalibError as error:
         raise CannotIdentify((), str(error)) from None
     rows = regressor.rows(probe, seen)
-    check_identifiable(cell, model, rows, request)
+    check_identifiable(regressor, rows, request)
     regressor = replace(regressor, silent=is_silent(cell, rows))
-    by_type = model.by_type @ regressor.T
-    known = by_type.T @ by_type / request.poses
+    known = regressor.known.T @ regressor.known / request.poses
     regressor = regressor.whitened((np.swapaxes(rows, -1, -2) @ rows).mean(axis=0) + known)
     targets, weights = targets_of(cell)
     try:

@@ -14,7 +14,7 @@ from calib.poses import Measurements, Poses
 from doe.constraints import constraints_of, scene_of, visible
 from doe.problem.levels import Levels, levels_of
 from doe.problem.linearisation import Linearisation
-from doe.problem.pool import rounded
+from doe.problem.pool import in_turn_brought, rounded
 from doe.prospect.conditions import Conditions, Hung, conditions_of
 
 _DRAWN = 8192
@@ -65,7 +65,7 @@ class Situation(Linearisation):
         q = rounded(self.cell, rng.uniform(low, high, (_CHUNK, len(low))))
         if self.levels is not None:
             q[:, self.levels.joint] = rng.choice(self.levels.values, _CHUNK)
-        return q
+        return in_turn_brought(self.cell, q, self.levels)
 
     def allowed(self, q: Array) -> Array:
         """The configurations of (m, dof) that the cell allows under every load."""

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from calib.api import in_turn
 from calib.arrays import Array
 from calib.cell import Cell, Repeatability
+from calib.contacts import TOUCHES, touched
 from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
+from calib.errors import CalibError
 from calib.instruments import Tracker
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
@@ -155,6 +157,7 @@ def experiment_of(
     model = build(cell, poses).model
     refuse_idle_effects(cell, model, poses)
     seen = visible(scene_of(cell, poses.q))
+    _refuse_no_contact(cell, plan)
     truth = plausible(model, poses, seed) if values is None else values
     nominal = model.initial if values is None else values
     if values is None and len(model.where(LoadEffect)):
@@ -163,6 +166,15 @@ def experiment_of(
     weights = noise_weights(model, nominal, poses, seen)
     arm = cell.repeatability if cell.scatters else None
     return Experiment(model, poses, seen, weights, nominal, truth, length, cell, arm=arm)
+
+
+def _refuse_no_contact(cell: Cell, plan: Poses) -> None:
+    apart = np.flatnonzero(touched(cell, plan.q) < 0)
+    if len(apart) and all(instrument.touches for instrument in cell.instruments):
+        raise CalibError(
+            f"pose {plan.names[apart[0]]} of the plan touches nothing to {TOUCHES * 1e3:g} mm; let "
+            "posecal design choose poses that do, or give joint values with more digits"
+        )
 
 
 def noise_weights(model: Model, values: Array, poses: Poses, seen: NDArray[np.bool_]) -> Array:

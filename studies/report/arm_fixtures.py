@@ -71,7 +71,7 @@ class Placed:
 
 def placed(cell: Cell, plan: Poses | Measurements) -> Placed:
     """From measured readings as an identification starts; else what the cell says, and no more."""
-    known = {i.name: i.guess for i in cell.instruments if _given(i)}
+    known = {name: i.guess_at(name) for i in cell.instruments if _given(i) for name in i.names}
     placing = tuple(e for e in cell.effects if parse_effect(e)[0] in ("base", "tool"))
     if not isinstance(plan, Measurements) or not placing:
         return Placed(known, cell.markers)
@@ -91,7 +91,9 @@ def placed(cell: Cell, plan: Poses | Measurements) -> Placed:
 def _given(instrument: Instrument) -> bool:
     if isinstance(instrument, Camera):
         return instrument.standing is not None
-    return isinstance(instrument, Distance) and instrument.anchor is not None
+    if isinstance(instrument, Distance):
+        return instrument.anchor is not None
+    return instrument.touches and not instrument.unforeseen
 
 
 def within(

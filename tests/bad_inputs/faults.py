@@ -674,6 +674,30 @@ CAMERAS = [
     Fault("the lens of a camera that the cell lacks", _IDENTIFY + " --calibration left=lens.yaml"),
 ]  # fmt: skip
 
+
+def _touched(kind: str, *more: str) -> Edit:
+    """The cell with something that is touched, or a bar, in place of the tracker."""
+    table = [f'[instruments.own]\nkind = "{kind}"', *more]
+    return swap("[instrument]\nsigma_mm = 0.010", "\n".join([*table, "sigma_mm = 0.010"]))
+
+
+TOUCHED = [
+    Fault("a plane of which nobody says where it stands", "design cell.toml", "cell.toml",
+          _touched("plane")),
+    Fault("a plane without its normal", "design cell.toml", "cell.toml",
+          _touched("plane", "position_mm = [1700, 0, 700]")),
+    Fault("a plane with a normal of no length", "design cell.toml", "cell.toml",
+          _touched("plane", "position_mm = [1700, 0, 700]", "normal = [0, 0, 0]")),
+    Fault("a sphere to be planned for without its radius", "design cell.toml", "cell.toml",
+          _touched("sphere", "position_mm = [1700, 0, 700]")),
+    Fault("the reach of a bar of no anchor", "design cell.toml", "cell.toml",
+          _touched("distance", "reach_mm = [300, 900]")),
+    Fault("a reach that ends before it begins", "design cell.toml", "cell.toml",
+          _touched("distance", "anchor_mm = [1700, 0, 300]", "reach_mm = [900, 300]")),
+    Fault("a plan that does not touch", "compare cell.toml plan.csv --monte-carlo 0", "cell.toml",
+          _touched("plane", "position_mm = [1700, 0, 700]", "normal = [0, 0, 1]")),
+]  # fmt: skip
+
 FAULTS = {
     "measurements.csv": MEASUREMENTS,
     "measurements that no arm gives": IMPLAUSIBLE,
@@ -683,6 +707,7 @@ FAULTS = {
     "exports and robot programs": EXPORTS,
     "robots, and a first cell of them": ROBOTS,
     "cameras": CAMERAS,
+    "what is touched": TOUCHED,
     "results that are read again": RESULTS,
     "a plant, its types, and the next poses": PLANT,
 }

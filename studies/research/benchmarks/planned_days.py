@@ -1,0 +1,212 @@
+"""A planned day for a camera, a ballbar and a pair of sockets on the KR 270 of the demo.
+
+    python -m studies.research.benchmarks.planned_days [--poses 40] [--refits 20] [--only NAME ..]
+
+Each plan is chosen and proved by ``doe.design``, read by an arm that is off, in plain numpy that shares
+no code with planner and estimator, and identified by ``calib.identify`` again and again. How the
+estimates scatter about their mean is set against the covariance that was predicted for the plan.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import click
+import numpy as np
+
+import calib
+import doe
+from calib.arm.robot import Robot
+from calib.arrays import Array
+from calib.poses import Measurements, Poses
+from studies.command.deliver import console_for
+from studies.compare.experiment import POINTS, experiment_of
+from studies.compare.prediction import predict
+from studies.demo.embedded import embedded_text
+from studies.tables import plain_table
+
+TRACKER_POSES = 15
+_HEAD = """
+schema = 1
+[robot]
+urdf = "kr270.urdf"
+base = "base_link"
+tip = "tool0"
+[robot.limits_deg]
+A2 = [-140.0, -0.01]
+[model]
+effects = ["base", "tool", "geometry"]
+[markers_mm]
+ball = [279.2, -16.4, -91.9]
+"""
+_BAR = '[instruments.bar]\nkind = "distance"\nsigma_mm = 0.005\nreach_mm = [700, 1500]\n'
+_ANCHOR = "anchor_mm = [1700, 0, 300]\n"
+_SOCKET = '[instruments.{}]\nkind = "socket"\nsigma_mm = 0.05\nposition_mm = [1700, {}, 700]\n'
+_CAMERA = """
+[boards.board]
+on = "tip"
+squares = [5, 4]
+pitch_mm = 60
+position_mm = [200, -100, 0]
+[instruments.camera]
+kind = "camera"
+focal_px = 2400
+center_px = [2000, 1500]
+image_px = [4000, 3000]
+sigma_px = 0.2
+position_mm = [4000, 0, 1500]
+rpy_deg = [-90, 0, 90]
+"""
+_APART = "[[known_distances]]\nbetween = ['left', 'right']\nmm = 600\nsigma_mm = 0.005\n"
+DAYS = {
+    "tracker, 0.01 mm": '[instruments.tracker]\nkind = "points"\nsigma_mm = 0.01\n',
+    "camera, 0.2 px": _CAMERA,
+    "ballbar, 0.005 mm": _BAR + _ANCHOR,
+    "two sockets, 0.05 mm": _SOCKET.format("left", 300) + _SOCKET.format("right", -300) + _APART,
+}
+_FOCAL, _CENTRE, _STANDS = 2400.0, np.array([2000.0, 1500.0]), np.array([4.0, 0.0, 1.5])
+_AXES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])  # x, y, z of the camera
+_ANCHOR_M = np.array([1.7, 0.0, 0.3])
+_SITES = np.array([[1.7, 0.3, 0.7], [1.7, -0.3, 0.7]])
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """An arm by hand: what stands before each joint, its axis, and what the links are off by."""
+
+    robot: Robot
+    off: Array
+
+    def tips(self, q: Array) -> tuple[Array, Array]:
+        """R (m, 3, 3) and p (m, 3), m."""
+        R, p = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
+        for k, origin in enumerate(self.robot.origins):
+            p, R = p + R @ origin[:3, 3], R @ origin[:3, :3]
+            if k < self.robot.dof:
+                p, R = p + R @ self.off[k, :3], R @ _turned(self.off[k, 3:], np.ones(1))
+                R = R @ _turned(self.robot.axes[k], q[:, k])
+        return R, p
+
+    def points(self, q: Array, markers: Array) -> Array:
+        """Markers (n, 3) at configurations, (m, n, 3), m."""
+        R, p = self.tips(q)
+        return np.einsum("mij,nj->mni", R, markers) + p[:, None]
+
+
+def _turned(axis: Array, angle: Array) -> Array:
+    """Turns (m, 3, 3) about a vector by so many of its lengths: the powers of its cross product."""
+    x, y, z = axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    size = np.sqrt(axis @ axis)
+    a = (angle * size)[:, None, None]
+    unit = K / size
+    return np.eye(3) + np.sin(a) * unit + (1.0 - np.cos(a)) * (unit @ unit)
+
+
+def read(
+    arm: Arm, cell: calib.Cell, plan: Poses, seen: Array, rng: np.random.Generator
+) -> Measurements:
+    """What a cell's instrument reads of a plan; into a socket the arm is brought by Newton's steps."""
+    kind, q = cell.instruments[0].kind, plan.q
+    site = plan.site
+    if kind == "socket" and site is not None:
+        goal = _SITES[(site == "right").astype(int)] + 5e-5 * rng.normal(size=(len(q), 3))
+        q = _brought(arm, q, cell.markers[:1], goal)
+        readings = np.zeros((len(q), 1, 3))
+    else:
+        points = arm.points(q, cell.markers)
+        if kind == "camera":
+            own = (points - _STANDS) @ _AXES.T
+            pixels = _FOCAL * own[..., :2] / own[..., 2:] + _CENTRE
+            readings = pixels + 0.2 * rng.normal(size=pixels.shape)
+        elif kind == "distance":
+            away = np.sqrt(((points - _ANCHOR_M) ** 2).sum(axis=-1, keepdims=True))
+            readings = away + 5e-6 * rng.normal(size=away.shape)
+        else:
+            readings = points + 1e-5 * rng.normal(size=points.shape)
+    unstated = np.full(seen.shape, np.nan)
+    return Measurements(replace(plan, q=q), readings * seen[..., None], seen, unstated)
+
+
+def _brought(arm: Arm, q: Array, marker: Array, goal: Array) -> Array:
+    for _ in range(12):
+        steps = 1e-6 * np.eye(q.shape[1])
+        ends = [arm.points(q + h, marker) - arm.points(q - h, marker) for h in steps]
+        J = np.stack([end[:, 0] for end in ends], axis=-1) / 2e-6
+        off = goal - arm.points(q, marker)[:, 0]
+        q = q + (np.linalg.pinv(J) @ off[..., None])[..., 0]
+    return q
+
+
+def day(name: str, poses: int, refits: int, task: float | None) -> tuple[list[str], float]:
+    """A row of the table, and the RMS foreseen at the targets, m.
+
+    task : the same of the tracker's poses, None for that of this day itself
+    """
+    from scipy.stats import chi2
+
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
+        (Path(folder) / "cell.toml").write_text(_HEAD + DAYS[name])
+        cell = calib.load_cell(Path(folder) / "cell.toml")
+    begun = time.perf_counter()
+    found = doe.design(cell, poses=poses, criterion="D", candidates=2000, fresh=False)
+    seconds = time.perf_counter() - begun
+    experiment = experiment_of(cell, found.poses)
+    foreseen = predict(experiment, POINTS)
+    rng = np.random.default_rng(0)
+    arm = Arm(
+        cell.robot, np.tile([2e-4] * 3 + [2e-4] * 3, (cell.robot.dof, 1)) * rng.normal(size=(6, 6))
+    )
+    estimates = []
+    for _ in range(refits):
+        length = [
+            replace(k, length=k.length + k.sigma * rng.normal()) for k in cell.known_distances
+        ]
+        data = read(arm, cell, experiment.poses, experiment.seen, rng)
+        fit = calib.identify(replace(cell, known_distances=tuple(length)), data)
+        at = {p.id: v for p, v in zip(fit.model.parameters, fit.values, strict=True)}
+        estimates.append([at[p.id] for p in experiment.model.parameters if p.effect != "base"])
+    kept = [k for k, p in enumerate(experiment.model.parameters) if p.effect != "base"]
+    cov = foreseen.covariance[np.ix_(kept, kept)]
+    off = np.array(estimates) - np.mean(estimates, axis=0)
+    statistic = float(np.einsum("ni,ij,nj->", off, np.linalg.inv(cov), off))
+    freedom = (refits - 1) * len(kept)
+    rms = found.assessment.task_rms
+    matching = poses if task is None else poses * (rms / task) ** 2
+    row = [
+        name, str(poses), f"{found.efficiency:.3f}", f"{rms * 1e3:.3f}",
+        f"{statistic / freedom:.3f}", f"{chi2.sf(statistic, freedom):.2f}", f"{matching:.0f}",
+        f"{seconds:.0f}",
+    ]  # fmt: skip
+    return row, rms
+
+
+_HEADINGS = (
+    ("instrument", "left"), ("poses", "right"), ("efficiency", "right"), ("at targets [mm]", "right"),
+    ("scatter / foreseen", "right"), ("p", "right"), ("poses like 15 of the tracker", "right"),
+    ("plan [s]", "right"),
+)  # fmt: skip
+
+
+@click.command()
+@click.option("--poses", type=click.IntRange(min=15), default=40, show_default=True)
+@click.option("--refits", type=click.IntRange(min=2), default=20, show_default=True)
+@click.option("--only", multiple=True, help="Parts of their names, beside the tracker.")
+def main(poses: int, refits: int, only: tuple[str, ...]) -> None:
+    """Plan, read and identify each day."""
+    table, task = plain_table(*_HEADINGS), None
+    for name in DAYS:
+        if task is not None and only and not any(part in name for part in only):
+            continue
+        row, rms = day(name, TRACKER_POSES if task is None else poses, refits, task)
+        task = rms if task is None else task
+        table.add_row(*row)
+    console_for(None).print(table)
+
+
+if __name__ == "__main__":
+    main()

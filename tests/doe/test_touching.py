@@ -1,0 +1,157 @@
+"""Plans for what is touched: poses that meet it, within the limits, and fits that scatter as foreseen.
+
+The truth is plain numpy: a chain, contacts and noise that share no code with planner or estimator.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import calib
+import doe
+from calib import Cell
+from calib.arrays import Array
+from calib.instruments import Distance, Instrument, KnownDistance, Plane, Socket, Sphere
+from calib.instruments.plane import place_of
+from calib.poses import Measurements, poses_at
+from doe.constraints import constraints_of, scene_of, visible
+from doe.problem.pool import drawn
+from studies.compare.experiment import POINTS, experiment_of
+from studies.compare.prediction import predict
+from tests.calib.instruments.test_slot import OFF, TRUE, arm, points_of
+from tests.helpers import cell_of
+
+ONE = np.array([[0.10, 0.02, -0.05]])
+SIGMA = 2e-5
+LIMITS = np.tile([-2.0, 2.0], (4, 1))
+MIDDLE, RADIUS = np.array([0.3, -0.2, 0.4]), 0.25
+NORMAL = np.array([0.2, -0.3, 0.9])
+SITES = points_of(
+    arm(), np.array([[0.4, -0.5, 0.6, 0.2], [-0.6, 0.7, -0.3, 0.5]]), np.zeros(3), ONE
+)[:, 0]
+APART = float(np.sqrt(((SITES[0] - SITES[1]) ** 2).sum()))
+SOCKETS = Socket(name="a", sites=("a", "b"), sigma=SIGMA, standing=SITES)
+SPHERE = Sphere(name="ball", sigma=SIGMA, radius=RADIUS, standing=MIDDLE[None])
+PLANE = Plane(name="table", sigma=SIGMA, standing=place_of(MIDDLE, NORMAL)[None])
+
+
+def cell_with(*instruments: Instrument, lengths: tuple[KnownDistance, ...] = ()) -> Cell:
+    cell = cell_of(replace(arm(), limits=LIMITS), ONE, ("base", OFF))
+    return replace(cell, instruments=instruments, known_distances=lengths)
+
+
+def at(q: Array, off: Array | None = None) -> Array:
+    """The marker (m, 3) of an arm whose joints are off."""
+    return points_of(arm(), q, np.zeros(3) if off is None else off, ONE)[:, 0]
+
+
+def to_plane(p: Array, site: Array) -> Array:
+    return ((p - MIDDLE) @ NORMAL / np.sqrt(NORMAL @ NORMAL))[:, None]
+
+
+def to_sphere(p: Array, site: Array) -> Array:
+    return (np.sqrt(((p - MIDDLE) ** 2).sum(axis=1)) - RADIUS)[:, None]
+
+
+def to_socket(p: Array, site: Array) -> Array:
+    return p - SITES[site]
+
+
+KINDS = {
+    "sockets": (cell_with(SOCKETS, lengths=(KnownDistance(("a", "b"), APART, 1e-5),)), to_socket),
+    "sphere": (cell_with(SPHERE), to_sphere),
+    "plane": (cell_with(PLANE), to_plane),
+}
+
+
+def planned(cell: Cell, **asked: object) -> doe.Design:
+    given = {"poses": 12, "criterion": "D", "candidates": 300, "fresh": False, **asked}
+    return doe.design(cell, **given)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_pose_touches_and_fits_scatter_as_foreseen(kind: str) -> None:
+    cell, missed = KINDS[kind]
+    found = planned(cell)
+    q = found.poses.q
+    if kind == "sockets":
+        away = np.stack([np.sqrt(((at(q) - site) ** 2).sum(axis=1)) for site in SITES], axis=1)
+        site = away.argmin(axis=1)
+        assert set(site) == {0, 1}
+    else:
+        site = np.zeros(len(q), dtype=int)
+    assert np.abs(missed(at(q), site)).max() < 1e-6
+    assert (np.abs(q) <= 2.0 + 1e-9).all()
+    assert 0.5 < found.efficiency <= 1.0
+    assert found.value <= found.bound * (1.0 + 1e-6)
+
+    experiment = experiment_of(cell, found.poses)
+    cov = predict(experiment, POINTS).covariance
+    ids = [p.id for p in experiment.model.parameters]
+    own = [ids.index(f"joint_offset:{joint}.offset") for joint in ("j2", "j3", "j4")]
+    np.testing.assert_allclose(np.sqrt(np.diag(cov))[own], found.assessment.std[own], rtol=1e-3)
+    rng, statistics = np.random.default_rng(0), []
+    for _ in range(8):
+        touched = settled(q, site, missed, rng)
+        names = np.array(["a", "b"])[site] if kind == "sockets" else None
+        readings = np.zeros((len(q), 1, 3 if kind == "sockets" else 1))
+        data = Measurements(
+            poses_at(touched, site=names), readings, np.ones((len(q), 1), bool),
+            np.full((len(q), 1), np.nan),
+        )  # fmt: skip
+        lengths = [replace(k, length=APART + 1e-5 * rng.normal()) for k in cell.known_distances]
+        own_cell = replace(cell, known_distances=tuple(lengths))
+        result = calib.identify(own_cell, data)
+        at_own = [[p.id for p in result.model.parameters].index(ids[k]) for k in own]
+        off = result.values[at_own] - TRUE
+        statistics.append(off @ np.linalg.solve(cov[np.ix_(own, own)], off))
+    from scipy.stats import chi2
+
+    assert 1e-3 < chi2.cdf(sum(statistics), 3 * len(statistics)) < 1.0 - 1e-3
+
+
+def settled(q: Array, site: Array, missed, rng: np.random.Generator) -> Array:  # type: ignore[no-untyped-def]
+    """Joints at which the true arm touches, its noise aside, by Newton's steps."""
+    noise = SIGMA * rng.normal(size=missed(at(q), site).shape)
+    for _ in range(15):
+        steps = 1e-6 * np.eye(4)
+        ends = [missed(at(q + h, TRUE), site) - missed(at(q - h, TRUE), site) for h in steps]
+        J = np.stack(ends, axis=-1) / 2e-6
+        off = missed(at(q, TRUE), site) - noise
+        q = q - (np.linalg.pinv(J) @ off[..., None])[..., 0]
+    assert np.abs(off).max() < 1e-9
+    return q
+
+
+def test_a_pose_is_read_by_what_it_touches_alone() -> None:
+    bar = Distance(name="bar", sigma=SIGMA, anchor=np.array([0.2, 0.2, -0.6]), reach=(0.2, 1.0))
+    cell = cell_with(bar, PLANE)
+    q = planned(cell).poses.q
+    on_plane = np.abs(to_plane(at(q), q)[:, 0]) < 1e-6
+    assert 0 < on_plane.sum() < len(q)
+    seen = visible(scene_of(cell, q))
+    np.testing.assert_array_equal(seen[:, 1], on_plane)
+    assert not seen[on_plane, 0].any()
+    away = np.sqrt(((at(q) - bar.anchor) ** 2).sum(axis=1))
+    np.testing.assert_array_equal(seen[~on_plane, 0], ((away >= 0.2) & (away <= 1.0))[~on_plane])
+
+
+def test_levels_are_kept_while_the_others_move() -> None:
+    cell = cell_with(replace(SPHERE, standing=SITES[:1]))
+    q = planned(cell, poses=None, levels="j2=-40,-20x6").poses.q
+    assert set(np.round(np.degrees(q[:, 1]), 6)) == {-40.0, -20.0}
+    away = np.sqrt(((at(q) - SITES[0]) ** 2).sum(axis=1))
+    assert np.abs(away - RADIUS).max() < 1e-6
+
+
+def test_what_cannot_be_foreseen_or_reached_is_refused() -> None:
+    with pytest.raises(calib.CalibError, match=r"give position_mm of a, b in the base's frame"):
+        planned(cell_with(replace(SOCKETS, standing=None)))
+    far = cell_with(replace(SPHERE, standing=np.array([[50.0, 0.0, 0.0]])))
+    contact = next(own for own in constraints_of(far) if own.name == "contact")
+    assert not contact.allows(scene_of(far, next(drawn(far, 64, None, 0)))).any()
+    with pytest.raises(calib.CalibError, match="touches nothing to"):
+        experiment_of(KINDS["plane"][0], poses_at(np.zeros((3, 4))))

@@ -98,10 +98,10 @@ def test_columns_and_keys_of_instruments_are_told() -> None:
     columns = written()["columns"]
     for name in (*OTHERS, *WRENCH):
         assert re.search(rf"[`\s]{re.escape(name)}[`\s]", columns), name
-    assert keys_of_instrument(Distance.kind) == ("sigma_mm", "anchor_mm", "offset")
+    assert keys_of_instrument(Distance.kind) == ("sigma_mm", "anchor_mm", "offset", "reach_mm")
     assert keys_of_instrument(Pose.kind) == ("sigma_mm", "sigma_urad", "covariance")
     table = [line for line in topic_rows("instruments") if line.startswith("distance")]
-    assert "d_mm sigma_mm, anchor_mm, offset" in table[0]
+    assert "d_mm sigma_mm, anchor_mm, offset, reach_mm" in table[0]
 
 
 def test_a_topic_that_is_not_there_names_the_closest() -> None:

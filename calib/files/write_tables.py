@@ -27,7 +27,7 @@ def _joint_header(robot: Robot) -> list[str]:
 
 def _joint_text(robot: Robot, q: Array) -> list[str]:
     shown = np.where(robot.prismatic, q * 1e3, np.degrees(q))
-    return [f"{value:.9g}" for value in shown]
+    return [f"{value + 0.0:.9g}" for value in shown]  # no "-0" of a joint at its end
 
 
 def measurement_columns(robot: Robot, instruments: Sequence[Instrument]) -> list[str]:

@@ -20,7 +20,7 @@ import numpy as np
 import calib
 import doe
 from calib.arm.robot import Robot
-from calib.arrays import Array
+from calib.arrays import Array, Mask
 from calib.poses import Measurements, Poses
 from studies.command.deliver import console_for
 from studies.compare.experiment import POINTS, experiment_of
@@ -103,11 +103,11 @@ def _turned(axis: Array, angle: Array) -> Array:
     size = np.sqrt(axis @ axis)
     a = (angle * size)[:, None, None]
     unit = K / size
-    return np.eye(3) + np.sin(a) * unit + (1.0 - np.cos(a)) * (unit @ unit)
+    return np.asarray(np.eye(3) + np.sin(a) * unit + (1.0 - np.cos(a)) * (unit @ unit))
 
 
 def read(
-    arm: Arm, cell: calib.Cell, plan: Poses, seen: Array, rng: np.random.Generator
+    arm: Arm, cell: calib.Cell, plan: Poses, seen: Mask, rng: np.random.Generator
 ) -> Measurements:
     """What a cell's instrument reads of a plan; into a socket the arm is brought by Newton's steps."""
     kind, q = cell.instruments[0].kind, plan.q

@@ -93,7 +93,7 @@ class Arm:
     def points(self, q: Array, markers: Array) -> Array:
         """Markers (n, 3) at configurations, (m, n, 3), m."""
         R, p = self.tips(q)
-        return np.einsum("mij,nj->mni", R, markers) + p[:, None]
+        return np.asarray(np.einsum("mij,nj->mni", R, markers) + p[:, None])
 
 
 def _turned(axis: Array, angle: Array) -> Array:

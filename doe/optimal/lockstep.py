@@ -2,8 +2,8 @@
 
 Near its end an exchange finds that almost no candidate helps, and most of its work is to price them. Of
 many plans that stand at one pose the pricing is one product of two matrices, which costs a part of as
-many products with a vector. Only the candidates that are best to first order are then judged exactly, by
-an update of the covariance: an exchange may be missed. What ends on the best plan and misses none is
+many products with a vector. Only the candidates that are best to first order are judged exactly, by an
+update of the covariance: an exchange may be missed. What ends on the best plan and misses none is
 :func:`doe.optimal.exchange.exchange`.
 """
 

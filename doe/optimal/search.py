@@ -20,6 +20,8 @@ _ROUNDS = 40  # of breeding, at most
 _PATIENCE = 10  # rounds without a gain after which there are no more
 _BEST = (6, 12)  # plans from which others are bred, twice as many: at least, at most
 _MORE = 4  # parameters for each of them: where there are many, local optima are many too
+_COLONIES = 3  # that breed apart and then together, where there are more parameters than
+_MANY = 26
 _GAIN = 1e-6  # relative, that counts as one
 _SHORT = 1500  # candidates of the short list
 
@@ -49,7 +51,7 @@ def best_plan(
 ) -> Found:
     """Search from many starts, then over every candidate that a better plan may contain.
 
-    thorough : else from the rounded weights and the greedy plan alone, a few per mille lower
+    thorough : else from a few rounded weights alone, some per mille lower
     """
     rng = np.random.default_rng(seed)
     listed = _short_list(blocks, allowed, relaxed)
@@ -57,15 +59,21 @@ def best_plan(
     weights = np.zeros(len(listed))
     weights[np.searchsorted(listed, relaxed.index)] = relaxed.weights
     everyone = np.arange(len(listed))
-    first = [rounded_weights(rules, everyone, weights, None)]
     best = int(np.clip(len(blocks.fixed) // _MORE, *_BEST))
     count = 2 * best if thorough else _FEWEST_STARTS
-    first += [rounded_weights(rules, everyone, weights, rng) for _ in range(count - 1)]
-    plans, starts = _started(criterion, part, rules, np.array(first))
+    ends = []
+    for colony in range(_COLONIES if thorough and len(blocks.fixed) > _MANY else 1):
+        drawn = [
+            rounded_weights(rules, everyone, weights, rng) for _ in range(count - (not colony))
+        ]
+        first = drawn if colony else [rounded_weights(rules, everyone, weights, None), *drawn]
+        ends.append(_started(criterion, part, rules, np.array(first)))
+    starts = np.concatenate([values for _, values in ends])
     if thorough:
-        plans, values = _bred(criterion, part, rules, plans, starts, best, rng)
-    else:
-        values = starts
+        ends = [_bred(criterion, part, rules, *end, best, rng) for end in ends]
+    plans, values = (np.concatenate(column) for column in zip(*ends, strict=True))
+    if len(ends) > 1:
+        plans, values = _bred(criterion, part, rules, plans, values, best, rng)
     plan, value = plans[values.argmax()], float(values.max())
     plan = listed[plan]
     kept = np.union1d(survivors(relaxed.G, blocks, allowed, value), plan)

@@ -17,11 +17,9 @@ from doe.optimal.relax import Relaxation
 
 _FEWEST_STARTS = 3
 _ROUNDS = 40  # of breeding, at most
-_PATIENCE = 10  # rounds without a gain after which there are no more
+_PATIENCE = 3  # rounds without a gain after which there are no more
 _BEST = (6, 12)  # plans from which others are bred, twice as many: at least, at most
 _MORE = 4  # parameters for each of them: where there are many, local optima are many too
-_COLONIES = 3  # that breed apart and then together, where there are more parameters than
-_MANY = 26
 _GAIN = 1e-6  # relative, that counts as one
 _SHORT = 1500  # candidates of the short list
 
@@ -61,21 +59,13 @@ def best_plan(
     everyone = np.arange(len(listed))
     best = int(np.clip(len(blocks.fixed) // _MORE, *_BEST))
     count = 2 * best if thorough else _FEWEST_STARTS
-    ends = []
-    for colony in range(_COLONIES if thorough and len(blocks.fixed) > _MANY else 1):
-        drawn = [
-            rounded_weights(rules, everyone, weights, rng) for _ in range(count - (not colony))
-        ]
-        first = drawn if colony else [rounded_weights(rules, everyone, weights, None), *drawn]
-        ends.append(_started(criterion, part, rules, np.array(first)))
-    starts = np.concatenate([values for _, values in ends])
+    drawn = [rounded_weights(rules, everyone, weights, rng) for _ in range(count - 1)]
+    first = [rounded_weights(rules, everyone, weights, None), *drawn]
+    plans, starts = _started(criterion, part, rules, np.array(first))
+    values = starts
     if thorough:
-        ends = [_bred(criterion, part, rules, *end, best, rng) for end in ends]
-    plans, values = (np.concatenate(column) for column in zip(*ends, strict=True))
-    if len(ends) > 1:
         plans, values = _bred(criterion, part, rules, plans, values, best, rng)
-    plan, value = plans[values.argmax()], float(values.max())
-    plan = listed[plan]
+    plan, value = listed[plans[values.argmax()]], float(values.max())
     kept = np.union1d(survivors(relaxed.G, blocks, allowed, value), plan)
     part, rules = blocks.take(kept), allowed.take(kept)
     plan, value = exchange(criterion, part, rules, np.searchsorted(kept, plan))

@@ -125,7 +125,7 @@ def _parameters(name: str) -> str:
     kind, context = catalogue()[name], context_of(embedded_cell(), None)
     for cell, own_context in (
         ("the demonstration", context),
-        ("a cell of these", _seeing(context)),
+        ("a cell with a board and sockets", _seeing(context)),
     ):
         for where in kind.places(own_context):
             try:

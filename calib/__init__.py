@@ -18,6 +18,7 @@ Values are SI and radians, in the order of ``result.model.parameters``, whose ``
 
 from calib.api import observation, parameters, predict, readings
 from calib.cell import Cell
+from calib.cell.planned import AskedLevels
 from calib.compensation.commands import Compensation, compensate
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.diagnose import diagnose
@@ -26,7 +27,6 @@ from calib.files.cell import load_cell
 from calib.files.tables import load_measurements, load_plan, load_targets
 from calib.identification import Identification
 from calib.identification.identify import identify
-from calib.planned import AskedLevels
 from calib.poses import Measurements, Poses
 from calib.poses.moves import in_one_session
 from calib.simulation import simulate

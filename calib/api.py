@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.cell import Cell
-from calib.contacts import with_sites
+from calib.cell.contacts import with_sites
 from calib.errors import CalibError
 from calib.model import Model
 from calib.model.build import build

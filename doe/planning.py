@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from calib.cell import Cell
+from calib.cell.planned import AskedLevels
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from calib.errors import CalibError, InputError
 from calib.files.tables import load_plan
 from calib.model.build import parse_effect
-from calib.planned import AskedLevels
 from calib.poses import Poses
 from calib.threads import one_blas_thread
 from doe.assess import assess

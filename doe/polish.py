@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.contacts import brought, touched
+from calib.cell.contacts import brought, touched
 from doe.constraints import scene_of
 from doe.problem import Problem
 from doe.problem.pool import movable, rounded

@@ -10,6 +10,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.cell import Cell
+from calib.cell.targets import targets_of
 from calib.change.at_targets import AtTargets, Length, Verdict, at_targets, rows_at, verdict
 from calib.change.causes import Cause, Explanation, candidates, explanations, same_as
 from calib.change.difference import Difference, difference
@@ -24,7 +25,6 @@ from calib.model import Model
 from calib.model.build import context_of
 from calib.model.reduction import generic_configurations
 from calib.poses import Poses, poses_at
-from calib.targets import targets_of
 
 Told: TypeAlias = Literal["none", "named", "ambiguous", "unclear"]
 
@@ -105,7 +105,7 @@ def changes(
     tolerance : float, m, of the worst target
 
     Raises CalibError where one did not converge or nothing can be compared, InputError as
-    :func:`calib.targets.targets_of`.
+    :func:`calib.cell.targets.targets_of`.
     """
     if not estimate.converged:
         raise CalibError("the later result did not converge; mend the identification first")

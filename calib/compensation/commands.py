@@ -32,6 +32,7 @@ from calib.arm.kinematics import forward
 from calib.arm.se3 import rotate, so3_log
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
+from calib.cell.targets import check_targets
 from calib.compensation.estimate import Estimate, estimate_of
 from calib.compensation.inverse import Goal, Reached, reach, tip_of
 from calib.compensation.unexplained import Unexplained, scatter_at
@@ -46,7 +47,6 @@ from calib.model.build import lacking
 from calib.model.covariance import errors_at, working_points
 from calib.poses import Poses, hung
 from calib.poses.moves import moves, with_moves
-from calib.targets import check_targets
 from calib.threads import one_blas_thread
 
 Known: TypeAlias = Estimate | Identification | Diagnosis | str | Path

@@ -12,10 +12,10 @@ from calib.arm.robot import Robot
 from calib.arm.se3 import from_xyz_rpy
 from calib.arrays import Array
 from calib.cell import Cell
+from calib.cell.planned import AskedLevels, Ball, Body, Box, HalfSpace, Planned, Targets
 from calib.errors import InputError
 from calib.files import schema
 from calib.files.tables import load_targets
-from calib.planned import AskedLevels, Ball, Body, Box, HalfSpace, Planned, Targets
 
 _MM = 1e-3
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.arrays import Mask
 from calib.cell import Cell
-from calib.contacts import touched
+from calib.cell.contacts import touched
 from doe.constraints.protocol import Constraint
 from doe.constraints.scene import Scene
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.planned import Ball, Body, Box, HalfSpace
+from calib.cell.planned import Ball, Body, Box, HalfSpace
 from doe.constraints.distances import (
     point_box,
     point_segment,

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.contacts import contacts_of, touched
+from calib.cell.contacts import contacts_of, touched
 from calib.instruments import Camera, Distance
 from doe.constraints.distances import point_segment, segment_segment
 from doe.constraints.obstacles import Obstacle, obstacles_of

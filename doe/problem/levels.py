@@ -10,8 +10,8 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
+from calib.cell.planned import AskedLevels
 from calib.errors import CalibError
-from calib.planned import AskedLevels
 
 _GRID = 25  # even steps over the range of the joint, from which levels are chosen
 _MOST = 100  # levels that may be chosen

@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
-from calib.contacts import brought, contacts_of
+from calib.cell.contacts import brought, contacts_of
 from calib.errors import CalibError
 from doe.constraints import Constraint, scene_of, visible
 from doe.optimal.packed import pack, packed_size

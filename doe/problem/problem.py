@@ -10,13 +10,13 @@ import numpy as np
 from calib.api import readings
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
+from calib.cell.targets import check_targets, targets_of
 from calib.effects.tool import Tool
 from calib.errors import CalibError, InputError
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
 from calib.model.covariance import at_points_read, at_tip
 from calib.poses import Poses, poses_at
-from calib.targets import check_targets, targets_of
 from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question, catalogue
 from doe.optimal.allowed import Allowed

@@ -9,9 +9,9 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
+from calib.cell.targets import targets_of
 from calib.model.covariance import gain
 from calib.poses import Poses
-from calib.targets import targets_of
 from studies.compare.experiment import POINTS, WAYS, Experiment, experiment_of
 from studies.compare.prediction import Prediction, accuracy_at, predict
 

@@ -12,11 +12,11 @@ import numpy as np
 from calib.api import as_vector
 from calib.arrays import Array
 from calib.cell import Cell
+from calib.cell.targets import targets_of
 from calib.errors import CalibError
 from calib.model.build import build
 from calib.noise import counted
 from calib.poses import Poses
-from calib.targets import targets_of
 from calib.threads import one_blas_thread
 from studies.compare.agreement import FEWEST, Agreement, agreement
 from studies.compare.derivatives import Derivatives, derivatives

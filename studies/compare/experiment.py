@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calib.api import in_turn
 from calib.arrays import Array
 from calib.cell import Cell, Repeatability
-from calib.contacts import TOUCHES, touched
+from calib.cell.contacts import TOUCHES, touched
 from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from calib.arrays import Array
 from calib.cell import Cell
+from calib.cell.targets import targets_of
 from calib.errors import CalibError, InputError
 from calib.files.tables import load_plan
 from calib.poses import Poses
-from calib.targets import targets_of
 from studies.compare.experiment import POINTS, Experiment, experiment_of
 from studies.compare.prediction import accuracy_at, predict
 

@@ -13,12 +13,12 @@ import numpy as np
 from calib import Cell, Measurements, load_cell, load_plan, readings
 from calib.arm.statics import wrench_with_load
 from calib.arrays import Array
+from calib.cell.targets import sobol_poses
 from calib.model import Model
 from calib.model.build import build, context_of, place_effect
 from calib.poses import Poses, poses_at
 from calib.poses.moves import with_moves
 from calib.simulation import simulate
-from calib.targets import sobol_poses
 
 INPUTS = ("cell.toml", "kr270.urdf", "plan.csv")
 _CHECKS = 8  # poses that take no part in the fit

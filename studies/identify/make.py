@@ -36,10 +36,10 @@ def identified(
     Raises InputError naming the file that is at fault.
     """
     import calib
+    from calib.cell.targets import accuracy_at_targets
     from calib.compensation.estimate import estimate_of
     from calib.drift import drift_of
     from calib.identification.identify import whitening
-    from calib.targets import accuracy_at_targets
     from calib.uncertainty.acceptance import judged
     from studies.identify.record import Asked, identify_record
     from studies.record import envelope

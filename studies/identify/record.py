@@ -33,11 +33,11 @@ from studies.targets import AtTarget, at_targets
 if TYPE_CHECKING:
     from calib import Identification
     from calib.arrays import Array
+    from calib.cell.targets import Accuracy
     from calib.compensation.estimate import Estimate
     from calib.drift import Drift as Moved
     from calib.identification import Residuals
     from calib.identification.common import Shared
-    from calib.targets import Accuracy
     from calib.uncertainty.acceptance import Judged
     from studies.document import Document
 

@@ -16,11 +16,11 @@ import doe
 from calib import CalibError, Cell, Poses, observation, parameters
 from calib.api import readings
 from calib.cell import Capsule, Load
+from calib.cell.planned import Planned
+from calib.cell.targets import targets_of
 from calib.model.build import build
 from calib.model.covariance import accuracy
-from calib.planned import Planned
 from calib.poses import hung, poses_at
-from calib.targets import targets_of
 from doe import CannotIdentify
 from doe.constraints import constraints_of, scene_of, visible
 from tests.helpers import cell_of, designed, random_robot, read_by, with_effects

@@ -9,7 +9,7 @@ import pytest
 
 import doe
 from calib import Cell
-from calib.planned import Planned
+from calib.cell.planned import Planned
 from doe.problem import problem_of
 from doe.problem.request import Request
 

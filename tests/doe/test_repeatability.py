@@ -15,9 +15,9 @@ from calib import Cell, readings
 from calib.arm.se3 import skew
 from calib.arrays import Array
 from calib.cell import Load, Repeatability
+from calib.cell.planned import Planned
 from calib.model import Model
 from calib.model.build import build
-from calib.planned import Planned
 from calib.poses import poses_at
 from doe.assess import assess
 from doe.problem import problem_of

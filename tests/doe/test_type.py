@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 import doe
+from calib.cell.planned import Planned
 from calib.model.build import build
-from calib.planned import Planned
 from calib.population import Prior
 from studies.demo.embedded import embedded_cell
 

@@ -10,6 +10,7 @@ import numpy as np
 from calib.api import readings
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
+from calib.cell.targets import targets_of
 from calib.compensation.estimate import estimate_of, fitted_of
 from calib.compensation.unexplained import (
     Unexplained,
@@ -29,7 +30,6 @@ from calib.model.covariance import task_error
 from calib.poses import Measurements, Poses, poses_at
 from calib.poses.visits import visits
 from calib.scatter import Variances
-from calib.targets import targets_of
 from calib.threads import one_blas_thread
 from doe.constraints import constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question

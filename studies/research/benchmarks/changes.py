@@ -35,6 +35,7 @@ from calib.arm.robot import Robot
 from calib.arm.se3 import so3_exp, transform
 from calib.arrays import Array
 from calib.cell import Cell, Repeatability
+from calib.cell.planned import Planned
 from calib.change import Changes, Known, changes, known_of
 from calib.change.causes import Cause, candidates
 from calib.change.difference import difference
@@ -47,7 +48,6 @@ from calib.files.write import json_text, write_files
 from calib.model import Model
 from calib.model.build import build, context_of
 from calib.model.covariance import covariance
-from calib.planned import Planned
 from calib.poses import Poses, poses_at
 from calib.simulation import simulate
 from studies.command.deliver import console_for
@@ -254,8 +254,8 @@ def _holds(
         if cause.kind not in ("base", "tool", "joint_offset", "link_geometry"):
             return None
         true = true + cause.columns @ np.asarray(size)
+    from calib.cell.targets import targets_of
     from calib.change.at_targets import rows_at
-    from calib.targets import targets_of
 
     _, weights = targets_of(cell)
     shown = rows_at(model, later, found.targets, found.difference, weights) @ true

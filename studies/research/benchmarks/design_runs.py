@@ -28,8 +28,8 @@ import scipy.linalg  # noqa: F401 -- with its threads, before they are limited
 import calib
 from calib import Cell
 from calib.arrays import Array
+from calib.cell.planned import Planned, Targets
 from calib.files.write import json_text
-from calib.planned import Planned, Targets
 from calib.threads import one_blas_thread
 from doe.criteria import Criterion
 from doe.criteria.determinant import Determinant

@@ -24,6 +24,7 @@ import numpy as np
 import doe
 from calib.arrays import Array
 from calib.cell import Cell
+from calib.cell.targets import targets_of
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.protocol import Effect
 from calib.files.write import json_text, write_files
@@ -32,7 +33,6 @@ from calib.model.build import build, context_of, place_effect
 from calib.model.covariance import accuracy, covariance
 from calib.poses import Poses, poses_at
 from calib.simulation import simulate
-from calib.targets import targets_of
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
 from studies.research.benchmarks.changes import arms

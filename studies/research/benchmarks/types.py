@@ -25,6 +25,7 @@ import numpy as np
 import calib
 from calib.arrays import Array
 from calib.cell import Cell
+from calib.cell.targets import targets_of
 from calib.errors import CalibError
 from calib.files.write import json_text, write_files
 from calib.model import Model
@@ -35,7 +36,6 @@ from calib.population import Prior, population
 from calib.population.hierarchy import Robot
 from calib.poses import Poses, poses_at
 from calib.simulation import simulate
-from calib.targets import targets_of
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
 from studies.research.benchmarks.changes import arms

@@ -20,7 +20,7 @@ import numpy as np
 
 import doe
 from calib import Cell, Poses, load_targets
-from calib.planned import Planned, Targets
+from calib.cell.planned import Planned, Targets
 from doe.curve import poses_that_match
 from studies.command.deliver import console_for
 from studies.demo.embedded import embedded_cell, embedded_plan

@@ -17,7 +17,7 @@ from calib.identification.identify import whitening
 from calib.identification.initial import initial_values
 from calib.model.build import build, context_of, place_effect
 from calib.poses import Poses
-from tests.calib.test_identify_tunings import arm, read, session
+from tests.calib.identification.test_identify_tunings import arm, read, session
 
 STEP = np.radians(10.0)
 MIRROR = 36.0  # cycles a turn that steps of 10 degrees cannot tell from none

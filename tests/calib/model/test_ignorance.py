@@ -7,9 +7,9 @@ import pytest
 
 import calib
 from calib import Cell, Poses
+from calib.cell.targets import targets_of
 from calib.compensation.estimate import estimate_of
 from calib.model.covariance import accuracy, covariance, errors_at, ignorance
-from calib.targets import targets_of
 from doe.prospect.sufficiency.enough import enough
 from studies.demo.embedded import embedded_plan, simulated
 from tests.doe.prospect.sufficiency.day import cell_of_day, whole_day

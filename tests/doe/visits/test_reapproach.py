@@ -15,10 +15,10 @@ import calib
 import doe
 from calib import Cell
 from calib.cell import Repeatability
+from calib.cell.planned import Planned
 from calib.errors import CalibError
 from calib.files.cell import load_cell
 from calib.model.build import build
-from calib.planned import Planned
 from calib.poses.visits import visits
 from doe.assess import assess
 from doe.visits.reapproach import reapproaches_of, with_reapproaches

@@ -11,11 +11,11 @@ import pytest
 import calib
 import doe
 from calib import Cell, readings
+from calib.cell.planned import Planned
 from calib.errors import CalibError
 from calib.files.cell import load_cell
 from calib.files.write_tables import plan_csv
 from calib.model.build import build
-from calib.planned import Planned
 from doe.constraints import scene_of, visible
 from doe.visits.reference import spacing, with_reference
 from studies.demo.embedded import INPUTS, embedded_text

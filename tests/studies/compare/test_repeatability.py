@@ -14,9 +14,9 @@ from calib import Cell, Measurements, Poses
 from calib.api import in_turn
 from calib.arrays import Array
 from calib.cell import Repeatability
+from calib.cell.planned import Planned
 from calib.model.build import build
 from calib.noise import Noise
-from calib.planned import Planned
 from calib.poses import poses_at
 from studies.compare.agreement import agreement
 from studies.compare.compare import compare

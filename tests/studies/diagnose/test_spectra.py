@@ -7,7 +7,7 @@ import pytest
 
 from studies.diagnose.record import aliases_of, spectrum_entry
 from tests.calib.diagnosis.test_spectra import mirrored, on_grid, spectra_at, with_ripple
-from tests.calib.test_identify_tunings import arm, read, session
+from tests.calib.identification.test_identify_tunings import arm, read, session
 
 
 def test_entries_keep_every_peak_and_say_aliases() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib import Cell
 from calib.cell import Capsule
-from calib.planned import Planned
+from calib.cell.planned import Planned
 from tests.helpers import designed, read_by
 
 HOSTILE = "</script><script>alert(1)</script><!--\"'><img src=x onerror=alert(2)>&lt;"

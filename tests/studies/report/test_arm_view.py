@@ -17,9 +17,9 @@ from calib import CalibError, Cell, Measurements, Poses
 from calib.arm.se3 import displacement, rotate, so3_exp
 from calib.arrays import Array
 from calib.cell import Capsule
-from calib.planned import Planned
+from calib.cell.planned import Planned
+from calib.cell.targets import sobol_poses
 from calib.poses import poses_at
-from calib.targets import sobol_poses
 from doe.constraints import hidden_by, scene_of, visible
 from studies.demo.embedded import embedded_text, simulated
 from studies.report.arm_drawing import drawing
@@ -28,7 +28,7 @@ from studies.report.arm_picture import Line, Picture
 from studies.report.arm_scene import ArmScene, scene
 from studies.report.arm_view import figure_html
 from studies.report.assets import asset
-from tests.calib.test_mujoco import in_mujoco
+from tests.calib.arm.test_mujoco import in_mujoco
 from tests.helpers import cell_of, random_robot, read_by
 from tests.studies.report.cells import HOSTILE, hostile, shaped
 

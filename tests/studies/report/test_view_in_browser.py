@@ -13,8 +13,8 @@ import pytest
 from markupsafe import Markup
 
 from calib import Cell, Poses
+from calib.cell.targets import sobol_poses
 from calib.poses import poses_at
-from calib.targets import sobol_poses
 from studies.report.arm_scene import ArmScene, scene
 from studies.report.arm_view import figure_html
 from studies.report.assets import asset

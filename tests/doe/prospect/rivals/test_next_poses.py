@@ -18,11 +18,11 @@ from calib.arm.kinematics import forward
 from calib.arm.se3 import cross, rotate
 from calib.arrays import Array
 from calib.cell import Load
+from calib.cell.planned import Planned
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.stage import positions
 from calib.diagnosis.verdict import Named
 from calib.errors import CalibError
-from calib.planned import Planned
 from doe.constraints import constraints_of, scene_of
 from doe.prospect.conditions import loads_of_data
 from doe.prospect.rivals.evidence import Evidence

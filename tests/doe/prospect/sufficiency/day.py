@@ -8,10 +8,10 @@ import numpy as np
 
 from calib import Cell, Measurements, readings
 from calib.arm.statics import wrench_with_load
+from calib.cell.planned import Planned
 from calib.effects.protocol import ElasticEffect
 from calib.model.build import build
 from calib.noise import Noise
-from calib.planned import Planned
 from calib.poses import Poses
 from calib.poses.moves import with_moves
 from calib.simulation import simulate

@@ -19,9 +19,9 @@ from calib import (
     load_measurements,
     load_targets,
 )
+from calib.cell.targets import targets_of
 from calib.model.covariance import accuracy
 from calib.noise import Noise
-from calib.targets import targets_of
 from doe.prospect.sufficiency import Enough
 from doe.prospect.sufficiency.enough import enough
 from studies.research.benchmarks.day import Setting, draw_day, write_day

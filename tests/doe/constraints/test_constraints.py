@@ -18,8 +18,8 @@ from calib.arm.se3 import so3_exp, transform
 from calib.arm.statics import Payload, loads_of, transmitted
 from calib.arrays import Array
 from calib.cell import Capsule, Load
+from calib.cell.planned import Ball, Box, HalfSpace
 from calib.errors import CalibError
-from calib.planned import Ball, Box, HalfSpace
 from calib.poses import hung, poses_at
 from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.constraints.distances import (

@@ -14,7 +14,7 @@ from calib.arrays import Array
 from calib.errors import CalibError
 from calib.model.build import build
 from calib.solver import levenberg_marquardt
-from tests.calib.test_identify import MARKERS, RIGID, measured, random_configurations
+from tests.calib.identification.test_identify import MARKERS, RIGID, measured, random_configurations
 from tests.helpers import cell_of, random_robot, with_effects
 
 

@@ -17,10 +17,10 @@ from calib.arrays import Array
 from calib.files.mjcf import load_mjcf
 from calib.files.robot_out import corrected_robot
 from calib.files.urdf import load_urdf
+from tests.calib.arm.test_mujoco import body_positions
+from tests.calib.arm.test_mujoco import in_mujoco as urdf_in_mujoco
+from tests.calib.files.test_mjcf import CASES, in_mujoco, place, set_joints
 from tests.calib.mjcf_arms import random_mjcf
-from tests.calib.test_mjcf import CASES, in_mujoco, place, set_joints
-from tests.calib.test_mujoco import body_positions
-from tests.calib.test_mujoco import in_mujoco as urdf_in_mujoco
 from tests.helpers import cell_of
 
 MARKERS = {"m1": np.array([0.1, 0.0, 0.2]), "m2": np.array([0.0, -0.3, 0.0])}

@@ -20,7 +20,7 @@ from calib.files.estimate import load_estimate
 from calib.poses import Poses, poses_at
 from calib.poses.moves import with_moves
 from studies.estimate import estimated
-from tests.calib.test_effects import seen, tips
+from tests.calib.effects.test_effects import seen, tips
 from tests.helpers import cell_of, random_context, random_robot, with_effects
 
 SIGMA = 1e-5

@@ -19,7 +19,7 @@ from calib.errors import EffectCannotAct, InputError
 from calib.model import Model
 from calib.poses import Poses, poses_at
 from calib.poses.moves import with_moves
-from tests.calib.test_effects import model_with, seen, tips
+from tests.calib.effects.test_effects import model_with, seen, tips
 from tests.helpers import (
     cell_of,
     measured_cell,

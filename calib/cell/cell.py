@@ -13,9 +13,9 @@ from calib.arm.dh import Convention
 from calib.arm.robot import Robot
 from calib.arm.statics import Payload
 from calib.arrays import Array
+from calib.cell.planned import Planned
 from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
 from calib.noise import Noise
-from calib.planned import Planned
 from calib.population.prior import Prior
 from calib.uncertainty.acceptance import Acceptance
 

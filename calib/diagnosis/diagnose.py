@@ -26,7 +26,8 @@ from calib.diagnosis.view import lineup
 from calib.effects.protocol import ARM
 from calib.effects.tuned import Tuned
 from calib.errors import Unsolvable
-from calib.identification.identify import check_counts, identify, whitening
+from calib.identification.checks import check_counts
+from calib.identification.identify import identify
 from calib.identification.initial import initial_values
 from calib.identification.mistakes import refuse_mistakes
 from calib.identification.noise_level import (
@@ -37,6 +38,7 @@ from calib.identification.noise_level import (
 )
 from calib.identification.outliers import judge, threshold
 from calib.identification.tuning import profiled
+from calib.identification.whitening import whitening
 from calib.model.build import build
 from calib.model.covariance import determined
 from calib.noise import counted

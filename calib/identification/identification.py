@@ -57,6 +57,26 @@ class Residuals:
     statistic: Array
     limit: float
 
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        data: Measurements,
+        values: Array,
+        outlier: Mask | None = None,
+        statistic: Array | None = None,
+        limit: float = np.inf,
+    ) -> Residuals:
+        """Those of a data set under values (p,), SI; no pose is an outlier unless it is said."""
+        return cls(
+            model.readout.channels,
+            data,
+            model.off(values, data),
+            np.zeros(len(data), dtype=bool) if outlier is None else outlier,
+            np.zeros(len(data)) if statistic is None else statistic,
+            limit,
+        )
+
     def lengths(self, poses: Mask | None = None) -> Array:
         """Lengths of the visible readings' residuals, shape (n,), m; of those that have one.
 

@@ -85,7 +85,7 @@ def _expanded(cell: Cell, found: Identification, held: Residuals) -> Array:
     The instrument counts as the cell or repeated readings tell it: what is left of the fit is the
     robot's.
     """
-    from calib.identification.identify import whitening
+    from calib.identification.whitening import whitening
 
     data, noise = held.data, found.noise
     repeated = noise.source == "replicates" and noise.replicate_factor is not None

@@ -14,8 +14,8 @@ from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.screen import Field, field
 from calib.effects.protocol import Effect
 from calib.effects.tuned import Tuned
+from calib.identification.checks import check_counts
 from calib.identification.estimators import choose_directions
-from calib.identification.identify import check_counts
 from calib.model import Model
 from calib.model.build import build
 from calib.model.covariance import Unidentifiable

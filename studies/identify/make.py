@@ -39,7 +39,7 @@ def identified(
     from calib.cell.targets import accuracy_at_targets
     from calib.compensation.estimate import estimate_of
     from calib.drift import drift_of
-    from calib.identification.identify import whitening
+    from calib.identification.whitening import whitening
     from calib.uncertainty.acceptance import judged
     from studies.identify.record import Asked, identify_record
     from studies.record import envelope

@@ -10,8 +10,8 @@ import pytest
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.earned import CrossValidation, _folds
 from calib.diagnosis.stage import Stage
-from calib.identification.identify import whitening
 from calib.identification.initial import initial_values
+from calib.identification.whitening import whitening
 from calib.model.build import build
 from calib.poses import Measurements
 from tests.calib.diagnosis.test_diagnose import measured

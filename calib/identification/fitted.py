@@ -1,0 +1,130 @@
+"""The estimate itself: values, outliers, and how loud the readings and the arm are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from calib.arrays import Array
+from calib.cell import Cell
+from calib.identification.estimators import Differences, Estimator, unspent
+from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
+from calib.identification.of_type import by_itself, held_by_type
+from calib.identification.search import Found, search
+from calib.model import Model
+from calib.observations import Observation
+from calib.population import Departure
+from calib.scatter import Levels, Variances, levels_of, scatter_of
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """An estimate and what it was made of.
+
+    observation : Observation, under the levels of noise that were found; found : where its search ended
+    levels : Levels, how whole poses err together; None for differences, where that drops out
+    of_type : Departure, where the cell names the robot's type
+    """
+
+    estimator: Estimator
+    observation: Observation
+    found: Found
+    levels: Levels | None = None
+    of_type: Departure | None = None
+
+    @property
+    def model(self) -> Model:
+        """As it was fitted."""
+        return self.observation.model
+
+    @property
+    def values(self) -> Array:
+        """The estimate, shape (p,), SI."""
+        return self.found.best.values
+
+    @property
+    def span(self) -> Array:
+        """Directions that were estimated, shape (p, k)."""
+        return self.found.span
+
+    @cached_property
+    def counted(self) -> Observation:
+        """Of the poses that were kept."""
+        return self.observation.only(self.found.kept)
+
+    def covariance(self) -> Array:
+        """Covariance of the values for the noise as stated, shape (p, p), SI."""
+        return self.estimator.covariance(self.counted, self.values, self.span)
+
+    @cached_property
+    def left(self) -> tuple[float, int]:
+        """What the kept poses leave, in the noise as stated, and its degrees of freedom.
+
+        What is known beside the readings counts as readings do, but for the robot's type: a robot that
+        left it is no louder.
+        """
+        judged = self.estimator.judged(self.counted, self.values, self.span)
+        known = self.model.known_rows - self.model.prior_rows
+        beside = self.model.beside(self.values)[0][:known]
+        unused = round(unspent(self.counted, self.values, self.span))
+        cost = float((judged.r**2).sum()) + float((beside**2).sum())
+        return cost, self.estimator.dof(self.counted, self.span) - unused
+
+    @cached_property
+    def noise(self) -> NoiseLevel:
+        """How loud the readings are, by the poses that were kept."""
+        kept, observation = self.found.kept, self.observation
+        data, weights = observation.data.take(kept), observation.weights[kept]
+        alone = noise_level(*self.left, data, weights, self.model.readout.channels.lengths)
+        if observation.mixing is None or self.levels is None:
+            return alone
+        return of_levels(self.levels, alone)
+
+    @property
+    def widening(self) -> float:
+        """Actual over stated deviations of the values; one where the levels hold what the arm adds."""
+        return self.noise.factor if self.observation.mixing is None else 1.0
+
+
+def fitted(cell: Cell, estimator: Estimator, observation: Observation, start: Array) -> Fitted:
+    """The estimate from ``start`` (p,) on, beside the robot's type where the cell names one."""
+    if observation.model.prior_rows:
+        return _beside_type(cell, estimator, observation, start)
+    return _judged(cell, Fitted(estimator, observation, search(estimator, observation, start)))
+
+
+def _beside_type(
+    cell: Cell, estimator: Estimator, observation: Observation, start: Array
+) -> Fitted:
+    """The estimate with the robot's type, as far as the readings by themselves are of that type."""
+    loose = replace(observation, model=by_itself(observation.model))
+    alone = _judged(cell, Fitted(estimator, loose, search(estimator, loose, start)))
+    if alone.observation.mixing is None:
+        pull, cov = alone.noise.factor, alone.covariance() * alone.noise.factor**2
+    else:
+        cost, dof = alone.left
+        pull, cov = max(1.0, float(np.sqrt(cost / max(dof, 1)))), alone.covariance()
+    beside, found, of_type = held_by_type(estimator, observation, alone.found, cov, pull)
+    return replace(_judged(cell, Fitted(estimator, beside, found)), of_type=of_type)
+
+
+def _judged(cell: Cell, fit: Fitted) -> Fitted:
+    """The same with how whole poses err together, as the poses kept show it."""
+    if isinstance(fit.estimator, Differences):
+        return fit
+    model, values, poses = fit.model, fit.values, fit.observation.data.poses
+    scatter = scatter_of(model, values, poses, Variances.none(model.robot.dof))
+    judged = fit.estimator.judged(fit.counted, values, fit.span)
+    off, by_known = model.beside(values)
+    levels = levels_of(
+        scatter,
+        fit.counted.points().rows(scatter.levers),
+        judged.r,
+        judged.J @ judged.span,
+        held=np.column_stack([by_known @ judged.span, off]),
+        known=cell.repeatability,
+    )
+    observation = replace(fit.observation, scatter=scatter.at(levels.variances))
+    return replace(fit, observation=observation, levels=levels)

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.compensation.unexplained import Fitted, Unexplained, left_held_out, left_in_fit
-from calib.diagnosis.diagnose import Diagnosis
+from calib.diagnosis.diagnosis import Diagnosis
 from calib.diagnosis.screen import refuted
 from calib.diagnosis.stage import Fit
 from calib.identification.identification import Identification

@@ -3,143 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from calib.arrays import Array, Mask
+from calib.arrays import Array
 from calib.cell import Cell
-from calib.diagnosis.candidates import Candidate, NotAsked, candidates
-from calib.diagnosis.contest import Entry, Outcome, contest
+from calib.diagnosis.candidates import candidates
+from calib.diagnosis.contest import Outcome
+from calib.diagnosis.diagnosis import Cause, Diagnosis
 from calib.diagnosis.earned import BY_TIME, CrossValidation
-from calib.diagnosis.gap import Gap, gap_of, reach
-from calib.diagnosis.power import detectable
-from calib.diagnosis.range_noise import Growth, growth
-from calib.diagnosis.refused import Refused, believed, nothing, plausible
-from calib.diagnosis.rounds import ALPHA
-from calib.diagnosis.screen import refuted
-from calib.diagnosis.shape import Doubt, shape_doubt
-from calib.diagnosis.sparing import sparing
+from calib.diagnosis.finding import Finding, finding_of
+from calib.diagnosis.gap import Gap
+from calib.diagnosis.hidden import hidden
+from calib.diagnosis.located import located, share_of
+from calib.diagnosis.searched import searched
+from calib.diagnosis.shape import shape_doubt
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.verdict import Named, VerdictName, verdict
-from calib.diagnosis.view import lineup
-from calib.effects.protocol import ARM
-from calib.effects.tuned import Tuned
-from calib.errors import Unsolvable
+from calib.diagnosis.verdict import VerdictName, verdict
 from calib.identification.checks import check_counts
 from calib.identification.identify import identify
 from calib.identification.initial import initial_values
 from calib.identification.mistakes import refuse_mistakes
 from calib.identification.noise_level import (
-    NoiseLevel,
-    noise_level,
-    of_levels,
+    REPLICATES,
     replicate_spread,
 )
-from calib.identification.outliers import judge, threshold
 from calib.identification.tuning import profiled
 from calib.identification.whitening import whitening
+from calib.model import Model
 from calib.model.build import build
 from calib.model.covariance import determined
-from calib.noise import counted
 from calib.poses import Measurements
 from calib.poses.moves import before_the_first_move, in_one_session
-from calib.poses.visits import visits
 from calib.threads import one_blas_thread
 
-_REPLICATES = 10  # degrees of freedom of repeated readings worth believing
-_GROSS = 10.0  # times the mean square of a typical group
 _LEFT_OVER = 0.001  # the scatter of a few repeats is a weak witness
-_ALONE = 0.9  # of what scatters, that one joint must hold to be named in place of the arm
-_NEVER = 1e3  # plausible sizes: what must be larger to be found is not visible
-_MOST_PASSES = 2  # contests, while outliers are judged anew
-
-
-@dataclass(frozen=True, eq=False)
-class Cause:
-    """An effect of the catalogue that was found.
-
-    values, std : ndarray, shape (k,), SI, std NaN where the data do not determine the value
-    p : float, over all that was asked
-    share : float, of the gap, NaN where there is none
-    """
-
-    named: Named
-    doubt: Doubt
-    values: Array
-    std: Array
-    p: float
-    share: float
-
-    @property
-    def misshapen(self) -> bool:
-        """Whether the cause is there in another form than the catalogue's."""
-        return self.doubt.stands
-
-    @property
-    def displaced(self) -> bool:
-        """Whether nothing of the cause is needed beside what its size varies with."""
-        return self.misshapen and not self.doubt.also_there
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where a part of the gap sits, and on what it depends."""
-
-    where: str
-    depends_on: str
-    share: float
-
-
-@dataclass(frozen=True)
-class Hidden:
-    """The size (SI) that an effect must have to be found; infinite where no size would do."""
-
-    effect: str
-    where: str
-    smallest: float
-    unit: str
-    scale: float
-
-
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """Result of :func:`diagnose`.
-
-    outlier : ndarray of bool, shape (m,), poses that were left out; statistic, limit : judged by
-    waiting : ndarray of bool, shape (m,), poses from before the first move, left out where approaches
-        follow from the order: the arm came there from a side that nothing tells
-    not_asked : causes that the table's columns cannot speak of
-    refused : what the contest held and what is not named all the same
-    before, after : Fit, of the user's model and with all that was found; stage : what they fit
-    linear : Stage, the same to first order
-    suspects : tuple of Candidate, all that was asked; outcome : Outcome, of the contest
-    growth : Growth, of the noise with range, None where the residual shows none
-    scale : float, actual over the standard deviation that the stage weighs by
-    """
-
-    verdict: VerdictName
-    noise: NoiseLevel
-    causes: tuple[Cause, ...]
-    located: tuple[Place, ...]
-    gap: Gap
-    hidden: tuple[Hidden, ...]
-    not_asked: tuple[NotAsked, ...]
-    refused: tuple[Refused, ...]
-    data: Measurements
-    outlier: Mask
-    waiting: Mask
-    statistic: Array
-    limit: float
-    before: Fit
-    after: Fit
-    outcome: Outcome
-    stage: Stage
-    linear: Stage
-    suspects: tuple[Candidate, ...]
-    heldout: Measurements | None
-    growth: Growth | None
-    scale: float
 
 
 @one_blas_thread
@@ -152,189 +51,100 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     """
     if heldout is not None:
         data, heldout = in_one_session(data, heldout)
-    model = build(cell, data.poses).model
-    if (
-        model.prior_rows
-    ):  # as far as this robot is of the type: what it left must not look like a cause
-        model = replace(model, prior=identify(cell, data).model.prior)
-    check_counts(model, data)
-    start = initial_values(model, data)
-    refuse_mistakes(model, data, start)
-    weights = whitening(cell, model, start, data)
-    factor = _replicate_factor(data, weights)
-    waiting = before_the_first_move(data.poses)
-    stage = Stage(data, model, start, weights / factor, waiting, arm=cell.repeatability)
-    suspects, missing = candidates(cell, model, data)
-    linear = stage.about(stage.fit(()), [c.effect for c in suspects])
-    asked = lineup(linear, suspects)
-    outcome = contest(linear, asked)
-    statistic, limit = np.zeros(len(data)), np.inf
-    grows = growth(data, outcome.fit.r)
-    if grows is not None:
-        weights = weights / grows.relative[..., None, None]
-        factor = _replicate_factor(data, weights)
-        stage, linear = (replace(s, weights=weights / factor) for s in (stage, linear))
-        outcome = contest(linear, asked)
-    for _ in range(_MOST_PASSES):
-        try:
-            fit = stage.exact(outcome.fit)
-        except Unsolvable:  # to first order an arm may be so soft that it does not stand
-            outcome = plausible(linear, outcome)
-            fit = stage.exact(outcome.fit)
-        out, statistic, limit = _outliers(stage, fit)
-        out |= waiting
-        if not stage.robust and np.array_equal(out, stage.dropped):
-            break
-        stage = replace(stage, dropped=out, robust=False)
-        linear = stage.about(fit, [c.effect for c in suspects])
-        active = [_tuned_as(c, fit) for c in outcome.active]
-        asked = lineup(linear, suspects, asked.banks)
-        outcome = contest(linear, asked, active, outcome.proved)
-    outcome, named, after, refused = believed(linear, outcome)
-    before, after = stage.exact(outcome.before), stage.exact(sparing(linear, after))
-    noise = _noise(stage, after, factor)
-    counted = data.take(~stage.dropped)
-    channels = stage.model.readout.channels
-    floor = float(np.sqrt(channels.numbers_each(counted.seen))) * noise.sigma
-    if heldout is not None and outcome.active:
-        gap = gap_of(before, after, counted, heldout, floor, reach(stage, after, heldout))
+    stage = _stage(cell, data)
+    waiting = stage.dropped
+    suspects, missing = candidates(cell, stage.model, data)
+    search = searched(stage, suspects)
+    finding = finding_of(search)
+    floor = finding.floor
+    if heldout is not None and finding.outcome.active:
+        gap = finding.gap(heldout, floor)
         if gap.heldout_after is not None and gap.heldout_after >= (gap.heldout_before or 0.0):
-            refused += tuple(
-                Refused.of(c, "the poses held out are predicted no better") for c in outcome.active
-            )
-            outcome, named, after = nothing(outcome), (), before
-            noise = _noise(stage, after, factor)
-    scale = noise.factor / factor if noise.source != "cell" and after.mixing is None else 1.0
-    left = _something_left(stage, outcome, after) or bool(refused and not outcome.active)
-    std = _deviations(stage, after, scale) if named else np.zeros(0)
-    causes = tuple(
-        _cause(stage, outcome, n, after, scale, std, len(suspects), len(named)) for n in named
-    )
-    located = _located(stage, outcome, after, causes, scale, bool(refused))
-    by_time = any(place.depends_on in BY_TIME for place in located)
-    gap = gap_of(before, after, counted, heldout, floor, reach(stage, after, heldout), by_time)
-    if by_time:
-        added = after.model.effects[len(model.effects) :]
-        account = CrossValidation(stage, after).ledger(added, by_time=True)
-        gap = replace(gap, over_time=(account.rms_without, account.rms_with))
-    doubted = left or gap.open or any(c.misshapen for c in causes)
-    doubted |= bool(causes) and noise.source == "residual"
+            finding = finding.refusing("the poses held out are predicted no better")
+    causes = _causes(finding, len(suspects))
+    outcome, after, refused = finding.outcome, finding.after, finding.refused
+    stage = search.stage
+    places = located(stage, outcome, after, causes, finding.scale, bool(refused))
+    by_time = any(place.depends_on in BY_TIME for place in places)
+    gap = finding.gap(heldout, floor, by_time)
+    gap = replace(gap, over_time=_over_time(stage, after)) if by_time else gap
     return Diagnosis(
-        verdict=verdict(named, outcome, doubted, all(c.doubt.tested for c in causes)),
-        noise=noise,
+        verdict=_verdict(finding, causes, gap),
+        noise=finding.noise,
         causes=tuple(c for c in causes if not c.displaced),
-        located=located,
+        located=places,
         gap=gap,
-        hidden=_hidden(outcome, causes, outcome.suspects),
+        hidden=hidden(outcome, {c.named.candidate.key for c in causes}),
         not_asked=tuple(missing),
         refused=refused,
         data=data,
         outlier=stage.dropped & ~waiting,
         waiting=waiting,
-        statistic=statistic,
-        limit=limit,
-        before=before,
+        statistic=search.statistic,
+        limit=search.limit,
+        before=finding.before,
         after=after,
         outcome=outcome,
         stage=stage,
-        linear=linear,
+        linear=search.linear,
         suspects=tuple(c for c in outcome.suspects if not c.echo),
         heldout=heldout,
-        growth=grows,
-        scale=scale,
+        growth=search.growth,
+        scale=finding.scale,
     )
 
 
-def _replicate_factor(data: Measurements, weights: Array) -> float:
-    """Actual over stated noise by readings repeated without a move; one where they agree.
+def _stage(cell: Cell, data: Measurements) -> Stage:
+    """What the readings are fitted by, refused where they cannot be; without those before a move."""
+    model = _model(cell, data)
+    check_counts(model, data)
+    start = initial_values(model, data)
+    refuse_mistakes(model, data, start)
+    weights, waiting = whitening(cell, model, start, data), before_the_first_move(data.poses)
+    return Stage(data, model, start, weights, waiting, arm=cell.repeatability)
 
-    One too where they are few. Readings between which the arm moved hold its repeatability as well.
-    Groups with a gross error do not count: whatever is no noise stands out among the others.
+
+def _over_time(stage: Stage, after: Fit) -> tuple[float, float]:
+    """Error at blocks of time left out, without and with all that was found, 3-D RMS, m."""
+    found = after.model.effects[len(stage.model.effects) :]
+    account = CrossValidation(stage, after).ledger(found, by_time=True)
+    return account.rms_without, account.rms_with
+
+
+def _verdict(finding: Finding, causes: Sequence[Cause], gap: Gap) -> VerdictName:
+    """In doubt where something is left, a cause has another form, or the residual tells the noise."""
+    left = _something_left(finding.search.stage, finding.outcome, finding.after)
+    left |= bool(finding.refused and not finding.outcome.active)
+    doubted = left or gap.open or any(c.misshapen for c in causes)
+    doubted |= bool(causes) and finding.noise.source == "residual"
+    tested = all(c.doubt.tested for c in causes)
+    return verdict(finding.named, finding.outcome, doubted, tested)
+
+
+def _model(cell: Cell, data: Measurements) -> Model:
+    """What the cell contains, a type as far as this robot is of it: what it left is no cause."""
+    model = build(cell, data.poses).model
+    return replace(model, prior=identify(cell, data).model.prior) if model.prior_rows else model
+
+
+def _causes(finding: Finding, asked: int) -> tuple[Cause, ...]:
+    """What is named, with its size and share.
+
+    asked : int, over how many its p counts
     """
-    _, group = np.unique(
-        np.column_stack([data.poses.repeated, visits(data.poses)]), axis=0, return_inverse=True
-    )
-    group = group.reshape(-1)
-    repeated = [group == g for g in np.flatnonzero(np.bincount(group) > 1)]
-    spreads = np.array(
-        [replicate_spread(data.take(g), weights[g]) for g in repeated] or np.zeros((0, 2))
-    )
-    spreads = spreads[spreads[:, 1] > 0]
-    if not len(spreads):
-        return 1.0
-    squares = spreads[:, 0] / spreads[:, 1]
-    typical = np.quantile(squares, 0.25, method="lower")
-    spread, dof = spreads[squares <= _GROSS * typical].sum(axis=0)
-    if dof < _REPLICATES or not spread:  # without any spread they are copies
-        return 1.0
-    return float(np.sqrt(spread / dof)) if refuted(float(spread), int(dof)) else 1.0
-
-
-def _tuned_as(candidate: Candidate, fit: Fit) -> Candidate:
-    """A candidate with the tuning that it has in a fit."""
-    if not isinstance(candidate.effect, Tuned):
-        return candidate
-    return candidate.as_tuned(float(fit.values[fit.positions(candidate.effect)[0]]))
-
-
-def _outliers(stage: Stage, fit: Fit) -> tuple[Mask, Array, float]:
-    """Poses that the model with all its effects does not explain."""
-    statistic = stage.statistics(fit)
-    limit = threshold(statistic, fit.r.shape[-1])
-    return judge(statistic, limit), statistic, limit
-
-
-def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:
-    """Noise from the residual of the final model, the stated one or the repeats' where they agree."""
-    kept = ~stage.dropped
-    cost = float((fit.r**2).sum())
-    weights = stage.weights[kept] * factor
-    dof = int(counted(weights).sum()) - fit.spent
-    lengths = stage.model.readout.channels.lengths
-    alone = noise_level(cost * factor**2, dof, stage.data.take(kept), weights, lengths)
-    if alone.source == "residual" and fit.levels is not None and fit.levels.instrument_only:
-        # What the markers of one reading say of each other repeats in every reading.
-        return replace(alone, source="replicates")
-    if fit.mixing is None or fit.levels is None:
-        return alone
-    found = of_levels(fit.levels, alone)
-    return replace(found, factor=found.factor * factor)
-
-
-def _something_left(stage: Stage, outcome: Outcome, after: Fit) -> bool:
-    """Whether the residual exceeds the scatter of repeated readings: lack of fit, by an F test.
-
-    Where poses err together, whether they do so beyond the arm's repeatability.
-    """
-    from scipy.special import fdtrc
-
-    if after.mixing is not None:
-        return bool(after.variances.configuration.any())
-    kept = ~stage.dropped
-    spread, repeats = replicate_spread(stage.data.take(kept), stage.weights[kept])
-    rest = outcome.last.dof - repeats
-    if repeats < _REPLICATES or rest <= 0:
-        return False
-    F = max(outcome.last.cost - spread, 0.0) / rest / (spread / repeats)
-    return bool(fdtrc(rest, repeats, F) < _LEFT_OVER)
-
-
-def _cause(
-    stage: Stage,
-    outcome: Outcome,
-    named: Named,
-    after: Fit,
-    scale: float,
-    std: Array,
-    asked: int,
-    causes: int,
-) -> Cause:
-    effect = named.candidate.effect
-    own = after.positions(effect)
-    share = _share(outcome, after, named.entry, scale)
-    p = min(1.0, named.entry.score.p * asked)
-    doubt = shape_doubt(stage, after, effect, causes)
-    return Cause(named, doubt, after.values[own], std[own], p, share)
+    if not finding.named:
+        return ()
+    stage, after = finding.search.stage, finding.after
+    std, count = _deviations(stage, after, finding.scale), len(finding.named)
+    found = []
+    for named in finding.named:
+        effect = named.candidate.effect
+        own = after.positions(effect)
+        share = share_of(finding.outcome, after, named.entry, finding.scale)
+        p = min(1.0, named.entry.score.p * asked)
+        doubt = shape_doubt(stage, after, effect, count)
+        found.append(Cause(named, doubt, after.values[own], std[own], p, share))
+    return tuple(found)
 
 
 def _deviations(stage: Stage, after: Fit, scale: float) -> Array:
@@ -349,89 +159,19 @@ def _deviations(stage: Stage, after: Fit, scale: float) -> Array:
     return np.where(np.isfinite(profile), profile, std)
 
 
-def _share(outcome: Outcome, after: Fit, entry: Entry, scale: float) -> float:
-    """By how much the sum of squares would rise without it, over its excess before; NaN without one.
+def _something_left(stage: Stage, outcome: Outcome, after: Fit) -> bool:
+    """Whether the residual exceeds the scatter of repeated readings: lack of fit, by an F test.
 
-    scale : float, actual over stated standard deviation; the noise left beside the estimated parameters
-        is what it says, or less where less is left
+    Where poses err together, whether they do so beyond the arm's repeatability.
     """
-    before, left = (float((fit.r**2).sum()) for fit in (outcome.before, after))
-    rows = int(np.count_nonzero(np.abs(after.J).sum(axis=-1)))
-    excess = before - min(left, (rows - after.spent) * scale**2)
-    return entry.fall / excess if excess > 0.0 else np.nan
+    from scipy.special import fdtrc
 
-
-def _located(
-    stage: Stage,
-    outcome: Outcome,
-    after: Fit,
-    causes: tuple[Cause, ...],
-    scale: float,
-    refused: bool,
-) -> tuple[Place, ...]:
-    """Places of all that was found, largest share first.
-
-    refused : whether something was there that nothing was named for
-    """
-    found = [
-        Place(c.named.candidate.where, c.named.candidate.depends_on, c.share)
-        for c in causes
-        if not c.displaced
-    ]
-    for c in causes:
-        if c.misshapen:
-            part = min(1.0, c.doubt.fall / max(c.named.entry.score.fall, 1e-9))
-            share = c.share if c.displaced else part * c.share
-            place = Place(c.named.candidate.where, c.doubt.depends_on, share)
-            if (place.where, place.depends_on) not in {(p.where, p.depends_on) for p in found}:
-                found.append(place)
-    for entry in outcome.entries:
-        if not entry.candidate.named:
-            share = _share(outcome, after, entry, scale)
-            found.append(Place(entry.candidate.where, entry.candidate.depends_on, share))
-    if after.variances.configuration.any() or (refused and not found):
-        # Beside a cause its share is undefined: it is no effect that could be taken out again.
-        share = np.nan if found else _unfollowed(outcome, after)
-        found.append(Place(_scattering(stage, after), "pose", share))
-    return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
-
-
-def _scattering(stage: Stage, after: Fit) -> str:
-    """The joint that nearly all comes from which differs from pose to pose; else the arm."""
-    variances, robot = after.variances.configuration, after.model.robot
-    each = [
-        float(stage.scatter.point_variance(variances * (np.arange(len(variances)) == k)).mean())
-        for k in range(len(variances))
-    ]
-    first = int(np.argmax(each))
-    alone = first < robot.dof and each[first] > _ALONE * sum(each)
-    return robot.joints[first] if alone else ARM
-
-
-def _unfollowed(outcome: Outcome, after: Fit) -> float:
-    """Share of the gap that differs from pose to pose and that nothing found follows."""
-    before, left = (float((fit.r**2).sum()) for fit in (outcome.before, after))
-    dof = int(np.count_nonzero(np.abs(after.J).sum(axis=-1))) - after.spent
-    noise = dof * after.variances.scale**2
-    return max(left - noise, 0.0) / (before - noise) if before > noise else np.nan
-
-
-def _hidden(
-    outcome: Outcome, causes: Sequence[Cause], suspects: Sequence[Candidate]
-) -> tuple[Hidden, ...]:
-    """What every inactive cause would have to be to be found, nine times in ten."""
-    found = []
-    entered = {cause.named.candidate.key for cause in causes}
-    for candidate in suspects:
-        if not candidate.named or candidate.echo or candidate.key in entered:
-            continue
-        columns, parameters = outcome.view.where[candidate.key], candidate.amounts
-        asked = len(suspects) * candidate.tried
-        sizes = detectable(outcome.last, columns, asked, ALPHA).smallest.tolist()
-        size, parameter = min(
-            zip(sizes, parameters, strict=True), key=lambda pair: pair[0] / pair[1].size
-        )
-        effect = candidate.effect
-        size = size if size < _NEVER * parameter.size else np.inf
-        found.append(Hidden(effect.kind, effect.where, size, parameter.unit, parameter.scale))
-    return tuple(found)
+    if after.mixing is not None:
+        return bool(after.variances.configuration.any())
+    kept = ~stage.dropped
+    spread, repeats = replicate_spread(stage.data.take(kept), stage.weights[kept])
+    rest = outcome.last.dof - repeats
+    if repeats < REPLICATES or rest <= 0:
+        return False
+    F = max(outcome.last.cost - spread, 0.0) / rest / (spread / repeats)
+    return bool(fdtrc(rest, repeats, F) < _LEFT_OVER)

@@ -17,7 +17,7 @@ import numpy as np
 from calib.arrays import Array, Mask
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.curves import TwistCurve
-from calib.diagnosis.diagnose import Diagnosis
+from calib.diagnosis.diagnosis import Diagnosis
 from calib.diagnosis.functions import polyline
 from calib.diagnosis.places import (
     directions_of,

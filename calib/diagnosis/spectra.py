@@ -20,7 +20,7 @@ import numpy as np
 
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
-from calib.diagnosis.diagnose import Diagnosis
+from calib.diagnosis.diagnosis import Diagnosis
 from calib.diagnosis.linear import times
 from calib.diagnosis.scan import Beside, scores
 from calib.diagnosis.screen import orthonormal

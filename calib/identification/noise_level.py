@@ -13,7 +13,7 @@ from calib.poses import Measurements
 from calib.scatter import Levels
 
 _DISAGREE = 0.01  # p value at which two estimates of the noise are taken to differ
-_FEWEST = 10  # degrees of freedom of a repeat estimate worth using
+REPLICATES = 10  # degrees of freedom of a repeat estimate worth using
 
 Source = Literal["cell", "replicates", "residual"]
 
@@ -109,7 +109,7 @@ def noise_level(
     factor = 1.0
     source: Source = "cell"
     # Noise never repeats to the digit: repeats without any spread are copies and say nothing.
-    own = float(np.sqrt(spread / repeats)) if repeats >= _FEWEST and spread > 0.0 else None
+    own = float(np.sqrt(spread / repeats)) if repeats >= REPLICATES and spread > 0.0 else None
     tail = 2.0 * min(float(chdtr(repeats, spread)), float(chdtrc(repeats, spread)))
     if own is not None and tail < _DISAGREE:
         factor, source = own, "replicates"

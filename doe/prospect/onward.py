@@ -8,7 +8,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from calib.cell import Cell
-from calib.diagnosis.diagnose import Diagnosis, diagnose
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.diagnosis import Diagnosis
 from calib.errors import CalibError
 from calib.poses import Measurements, Poses, poses_at
 from calib.threads import one_blas_thread

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.diagnose import _replicate_factor
 from calib.diagnosis.rounds import _leader
 from calib.diagnosis.screen import Score
+from calib.diagnosis.searched import replicate_factor
 from calib.diagnosis.verdict import _members
 from calib.effects.protocol import Effect
 from tests.calib.diagnosis.test_diagnose import measured
@@ -59,10 +59,8 @@ def test_probabilities_of_a_class_leave_room_for_what_is_not_in_it() -> None:
 def test_a_gross_error_among_the_repeats_is_not_the_noise() -> None:
     cell, data, _ = measured("", [], seed=4, twice=12)
     weights = np.broadcast_to(np.eye(3) / cell.noise.across, (*data.seen.shape, 3, 3))
-    assert _replicate_factor(data, weights) == pytest.approx(1.0, abs=0.35)
-    assert _replicate_factor(data, 1.6 * weights) == pytest.approx(1.6, rel=0.3)
+    assert replicate_factor(data, weights) == pytest.approx(1.0, abs=0.35)
+    assert replicate_factor(data, 1.6 * weights) == pytest.approx(1.6, rel=0.3)
     points = data.points.copy()
     points[3] += 50.0 * cell.noise.across
-    assert _replicate_factor(replace(data, readings=points), weights) == pytest.approx(
-        1.0, abs=0.35
-    )
+    assert replicate_factor(replace(data, readings=points), weights) == pytest.approx(1.0, abs=0.35)

@@ -22,6 +22,7 @@ _LIGHT = 1e-3  # damping up to which a short step means a minimum
 # Converged when a step moves no combination by this share of its deviation: below, the cost's own
 # rounding decides, and a last Gauss-Newton step is better than its length by far.
 _STEP = 1e-3
+_WALL = 1e3  # damping from which a step to where nothing can be computed means that there it ends
 _MAX_ITERATIONS = 60
 
 
@@ -108,4 +109,5 @@ def levenberg_marquardt(
         damping = np.clip(np.where(take, damping / 10.0, damping * 10.0), *_DAMPING[1:])
         converged = converged | small
         stalled = stalled | (damping >= _DAMPING[2])  # no step helps: the derivative is wrong here
+        stalled = stalled | (~np.isfinite(trial_cost) & (damping >= _WALL))
     return Minimum(values, cost, converged, iterations)

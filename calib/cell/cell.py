@@ -13,11 +13,11 @@ from calib.arm.dh import Convention
 from calib.arm.robot import Robot
 from calib.arm.statics import Payload
 from calib.arrays import Array
+from calib.cell.acceptance import Acceptance
 from calib.cell.planned import Planned
 from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
 from calib.noise import Noise
 from calib.population.prior import Prior
-from calib.uncertainty.acceptance import Acceptance
 
 Form: TypeAlias = Literal["urdf", "mjcf", "dh", "kinematics"]
 FORMS: tuple[Form, ...] = get_args(Form)

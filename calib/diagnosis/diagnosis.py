@@ -9,7 +9,6 @@ from calib.diagnosis.candidates import Candidate, NotAsked
 from calib.diagnosis.contest import Outcome
 from calib.diagnosis.gap import Gap
 from calib.diagnosis.hidden import Hidden
-from calib.diagnosis.located import Place
 from calib.diagnosis.range_noise import Growth
 from calib.diagnosis.refused import Refused
 from calib.diagnosis.shape import Doubt
@@ -44,6 +43,15 @@ class Cause:
     def displaced(self) -> bool:
         """Whether nothing of the cause is needed beside what its size varies with."""
         return self.misshapen and not self.doubt.also_there
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a part of the gap sits, and on what it depends."""
+
+    where: str
+    depends_on: str
+    share: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,28 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calib.diagnosis.contest import Entry, Outcome
+from calib.diagnosis.diagnosis import Cause, Place
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import ARM
 
-if TYPE_CHECKING:
-    from calib.diagnosis.diagnosis import Cause
-
 _ALONE = 0.9  # of what scatters, that one joint must hold to be named in place of the arm
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where a part of the gap sits, and on what it depends."""
-
-    where: str
-    depends_on: str
-    share: float
 
 
 def located(

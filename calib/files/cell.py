@@ -18,6 +18,7 @@ from calib.arm.robot import Robot
 from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.cell import Capsule, Cell, Load, Repeatability, Shapes
+from calib.cell.acceptance import Acceptance
 from calib.errors import InputError, UnknownEffect
 from calib.files.instruments import bodies_of, instruments_of, known_distances
 from calib.files.lenses import with_lenses
@@ -32,7 +33,6 @@ from calib.files.schema import (
     RobotTable,
 )
 from calib.model.build import context_of, parse_effect, parse_excluded
-from calib.uncertainty.acceptance import Acceptance
 
 _LARGEST_FILE = 2_000_000  # bytes; the parser of the standard library is slow
 _DEEPEST = 50  # parts of a key

@@ -9,40 +9,16 @@ undecided in between; by simple acceptance it passes where d is within.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from calib.arrays import Array
+from calib.cell import Cell
+from calib.cell.acceptance import Acceptance, Verdict
+from calib.identification import Identification, Residuals
+from calib.identification.whitening import whitening
 from calib.uncertainty.considered import common_displacements
 from calib.uncertainty.expanded import coverage_factor, directions, effective_freedom
-
-if TYPE_CHECKING:
-    from calib.cell import Cell
-    from calib.identification import Identification, Residuals
-
-Rule = Literal["simple", "guarded"]
-Verdict = Literal["pass", "fail", "undecided"]
-
-
-@dataclass(frozen=True)
-class Acceptance:
-    """What a cell asks for.
-
-    tolerance : float, m, of the distance of each point; rule : how a point is judged by it
-    """
-
-    tolerance: float
-    rule: Rule
-
-    def judge(self, distances: Array, expanded: Array) -> list[Verdict]:
-        """Each of the distances (n,), m, whose expanded uncertainties are (n,), m."""
-        guard = expanded if self.rule == "guarded" else np.zeros_like(expanded)
-        passed, failed = distances + guard <= self.tolerance, distances - guard > self.tolerance
-        return [
-            "pass" if p else "fail" if f else "undecided"
-            for p, f in zip(passed, failed, strict=True)
-        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +61,6 @@ def _expanded(cell: Cell, found: Identification, held: Residuals) -> Array:
     The instrument counts as the cell or repeated readings tell it: what is left of the fit is the
     robot's.
     """
-    from calib.identification.whitening import whitening
-
     data, noise = held.data, found.noise
     repeated = noise.source == "replicates" and noise.replicate_factor is not None
     factor, freedom = (noise.factor, noise.dof) if repeated else (1.0, np.inf)

@@ -15,7 +15,7 @@ from calib.identification.identification import Method
 from calib.identification.two_step import alternate
 from calib.model import Model
 from calib.model.covariance import Identifiable, gain, identifiable
-from calib.observations import Observation
+from calib.observations import Observation, points_of
 from calib.solver import Minimum, levenberg_marquardt
 
 # A valley along which poses of narrow joint ranges tell little takes hundreds.
@@ -86,8 +86,8 @@ class Readings:
         """
         if not observation.efficient or observation.weighing is not None:
             counted = observation if kept is None else observation.only(kept)
-            values = levenberg_marquardt(counted.points().flat, values, span).values
-        return Judged(*observation.points().linearise(values), span)
+            values = levenberg_marquardt(points_of(counted).flat, values, span).values
+        return Judged(*points_of(observation).linearise(values), span)
 
     def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
         return observation.covariance(values, span)
@@ -114,7 +114,7 @@ class Differences:
         for _ in range(_TURNS):
             rigid = levenberg_marquardt(observation.flat, values, span[:, ~soft])
             elastic = levenberg_marquardt(
-                observation.points(centred=True).flat, rigid.values, span[:, soft]
+                points_of(observation, centred=True).flat, rigid.values, span[:, soft]
             )
             iterations += rigid.iterations + elastic.iterations
             moved = np.abs(elastic.values - values) / observation.model.sizes
@@ -130,7 +130,7 @@ class Differences:
     ) -> Judged:
         del kept  # differences are weighted by their noise: their minimum is the points' own
         soft = span[:, _soft(observation.model, span)]
-        return Judged(*observation.points(centred=True).linearise(values), soft)
+        return Judged(*points_of(observation, centred=True).linearise(values), soft)
 
     def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
         """Both sets are linear in the same readings: what the elastic ones owe to noise goes into
@@ -141,7 +141,7 @@ class Differences:
         return np.asarray(gain @ gain.T)
 
     def followed(self, observation: Observation, values: Array, span: Array, moved: Array) -> Array:
-        read, centred = (o.rows(moved) for o in (observation, observation.points(centred=True)))
+        read, centred = (o.rows(moved) for o in (observation, points_of(observation, centred=True)))
         read, centred = (rows.reshape(-1, rows.shape[-1]) for rows in (read, centred))
         gains = self._gains(observation, values, span)
         # What is known beside the readings comes last, and stays as it is.
@@ -153,7 +153,7 @@ class Differences:
         soft = _soft(observation.model, span)
         rigid, elastic = span[:, ~soft], span[:, soft]
         _, J = observation.flat(values)
-        _, J_centred = observation.points(centred=True).flat(values)
+        _, J_centred = points_of(observation, centred=True).flat(values)
         to_rigid, to_elastic = np.linalg.pinv(J @ rigid), np.linalg.pinv(J_centred @ elastic)
         k = len(to_rigid)
         # Each set is fitted beside the other: where both stand still, all is solved together.

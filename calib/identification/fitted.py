@@ -14,7 +14,7 @@ from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.identification.of_type import by_itself, held_by_type
 from calib.identification.search import Found, search
 from calib.model import Model
-from calib.observations import Observation
+from calib.observations import Observation, points_of
 from calib.population import Departure
 from calib.scatter import Levels, Variances, levels_of, scatter_of
 
@@ -120,7 +120,7 @@ def _judged(cell: Cell, fit: Fitted) -> Fitted:
     off, by_known = model.beside(values)
     levels = levels_of(
         scatter,
-        fit.counted.points().rows(scatter.levers),
+        points_of(fit.counted).rows(scatter.levers),
         judged.r,
         judged.J @ judged.span,
         held=np.column_stack([by_known @ judged.span, off]),

@@ -14,7 +14,7 @@ from calib.identification.outliers import pose_statistics, prediction_statistics
 from calib.identification.whitening import whitening
 from calib.model import Model
 from calib.model.build import lacking
-from calib.observations import Points
+from calib.observations import Points, points_of
 from calib.poses import Measurements
 from calib.poses.moves import of_one_clock
 
@@ -27,7 +27,7 @@ def predicted(cell: Cell, fit: Fitted, heldout: Measurements) -> Residuals:
     Raises CalibError where they do not say what the model asks, or stood at a station of their own.
     """
     model, values, observation = fit.model, fit.values, fit.observation
-    r, J = observation.points().linearise(values)
+    r, J = points_of(observation).linearise(values)
     held = observation.beside(values)[1]
     limit = threshold(pose_statistics(r, J, fit.found.kept, fit.span, held)[0], r.shape[-1])
     heldout = _with_stations_of(observation.data, heldout)

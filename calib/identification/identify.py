@@ -31,6 +31,7 @@ from calib.observations import (
     Points,
     Weighting,
     as_poses,
+    points_of,
     with_measured_shape,
 )
 from calib.poses import Measurements
@@ -204,7 +205,7 @@ def _nominal(observation: Observation, start: Array) -> Array:
     nominal = model.initial
     nominal[placement] = start[placement]
     directions = np.eye(len(start))[:, placement]
-    return levenberg_marquardt(observation.points().flat, nominal, directions).values
+    return levenberg_marquardt(points_of(observation).flat, nominal, directions).values
 
 
 def _by_instrument(
@@ -225,7 +226,7 @@ def _std_by_pose(fit: Fitted) -> Array | None:
         return None
     if int(kept.sum()) < _POSES_PER_DIRECTION * span.shape[1]:
         return None
-    r, J = replace(counted.points(), known=counted.known).linearise(fit.values)
+    r, J = replace(points_of(counted), known=counted.known).linearise(fit.values)
     held = counted.beside(fit.values)[1]
     return np.sqrt(np.diag(clustered(r[kept], J[kept], span, held)))
 

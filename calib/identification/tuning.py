@@ -19,7 +19,7 @@ from calib.arrays import Array
 from calib.effects.tuned import Tuned
 from calib.identification.estimators import choose_directions
 from calib.model import Model
-from calib.observations import Observation, Points
+from calib.observations import Observation, Points, points_of
 from calib.poses import Poses
 from calib.solver import levenberg_marquardt
 
@@ -196,7 +196,7 @@ def profiled(
     factor : float, actual over stated noise where whole poses do not err together
     Half the interval of 95 per cent over 1.96, on the wider side.
     """
-    model, points = observation.model, observation.points()
+    model, points = observation.model, points_of(observation)
     out = np.full(len(values), np.nan)
     for effect, part in zip(model.effects, model.slices, strict=True):
         fitted = span[part.start].any() or part.start in model.still

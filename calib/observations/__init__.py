@@ -6,7 +6,7 @@ of a reading to position and orientation of the tip frame.
 
 from typing import Literal
 
-from calib.observations.points import Points
+from calib.observations.points import Points, points_of
 from calib.observations.pose import Pose, Weighting, as_poses
 from calib.observations.protocol import Observation
 from calib.observations.rigid import orientable, pose_from_points
@@ -22,6 +22,7 @@ __all__ = [
     "Weighting",
     "as_poses",
     "orientable",
+    "points_of",
     "pose_from_points",
     "with_measured_shape",
 ]

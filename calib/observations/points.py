@@ -49,3 +49,10 @@ class Points(Observation):
             mean = np.linalg.pinv(total, hermitian=True) @ weighted
             out[..., here, :, :, :] = a[..., here, :, :, :] - mean[..., None, :, :, :]
         return out
+
+
+def points_of(observation: Observation, *, centred: bool = False) -> Points:
+    """The readings behind an observation, weighed by the instrument: by them poses are judged."""
+    o = observation
+    scatter = o.known if o.scatter is None else o.scatter
+    return Points(o.model, o.data, o.weights, centred, scatter=scatter, pull=o.pull)

@@ -17,7 +17,7 @@ import numpy as np
 from calib.arm.se3 import fit_rigid, rotate, so3_exp, so3_log, transform
 from calib.arrays import Array, Mask
 from calib.effects.tool import Tool
-from calib.observations.points import Points
+from calib.observations.points import Points, points_of
 from calib.observations.protocol import Observation
 from calib.observations.rigid import orientable, pose_from_points, rigid_motions
 from calib.observations.shape import free_components, kept_in_place, shape_response
@@ -126,7 +126,7 @@ class Pose(Observation):
             return super().covariance(values, span)
         response = self._response(values, span)
         half = response @ blockwise_inverse(self.weights)
-        of_points = self.points().mixing
+        of_points = points_of(self).mixing
         if of_points is not None:
             return of_points.covariance(np.swapaxes(half, -1, -2))
         return np.asarray(np.einsum("mpa,mqa->pq", half, half, optimize=True))

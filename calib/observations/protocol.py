@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
@@ -15,9 +15,6 @@ from calib.model.covariance import covariance, gain
 from calib.noise import counted
 from calib.poses import Measurements
 from calib.scatter.poses import Mixing, Scatter
-
-if TYPE_CHECKING:
-    from calib.observations.points import Points
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,13 +124,6 @@ class Observation(ABC):
     def only(self, kept: Mask) -> Self:
         """The observation with the other poses weighted out; kept has shape (m,)."""
         return replace(self, weights=self.weights * kept[:, None, None, None])
-
-    def points(self, centred: bool = False) -> Points:
-        """The readings behind it, weighed by the instrument: by them poses are judged."""
-        from calib.observations.points import Points
-
-        scatter = self.known if self.scatter is None else self.scatter
-        return Points(self.model, self.data, self.weights, centred, scatter=scatter, pull=self.pull)
 
     @property
     def counted(self) -> Mask:

@@ -10,7 +10,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NotRequired, TypedDict, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NotRequired, TypedDict, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -83,12 +83,14 @@ class InputFile(Entry):
 class Record(Entry):
     """A result: what is common to all, and how it is told.
 
+    of_one_cell : whether its inputs begin with a cell
     cell : its name, empty in results of earlier versions
     about : what its [report] tells of robot, operator and environment
 
     A kind adds its fields, and what must hold between them for :meth:`told` to be sure of it.
     """
 
+    of_one_cell: ClassVar[bool] = True
     format: Literal[1] = Field(default=1, alias="schema")
     command: str
     version: str

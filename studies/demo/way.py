@@ -18,16 +18,16 @@ from calib.errors import CalibError, InputError
 from calib.files.read import sha256
 from calib.files.write import json_text, write_files
 from calib.files.write_tables import measurements_csv
-from studies.command.untyped import envelope
 from studies.compare.command import compare
 from studies.demo.embedded import embedded_text, session
+from studies.demo.record import DemoRecord, Step
 from studies.design.command import design
 from studies.diagnose.command import diagnose
 from studies.diagnose.record import DiagnoseRecord
 from studies.diagnose.telling import verdict_sentence
 from studies.identify.command import identify
 from studies.identify.record import IdentifyRecord
-from studies.record import read_as
+from studies.record import InputFile, envelope, read_as
 from studies.report.command import report
 
 RECORD = "demo.json"
@@ -42,11 +42,11 @@ class Way:
     folder: Path
     seed: int
     say: Callable[[str], None]
-    steps: list[dict[str, Any]] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     withheld: str = ""
 
-    def go(self) -> dict[str, Any]:
+    def go(self) -> DemoRecord:
         """All steps; returns the record, which is written as ``demo.json`` too.
 
         Raises InputError where a file in the folder is not as a demonstration left it.
@@ -59,14 +59,15 @@ class Way:
             said = step(self)
             seconds = time.monotonic() - begun
             self.say(f"      {said}  ({seconds:.0f} s)")
-            self.steps.append({"step": title, "says": said, "seconds": seconds})
-        record = {
-            **envelope("demo", [], self.seed),
-            "withheld": self.withheld,
-            "steps": self.steps,
-            "files": [{"file": name, "sha256": sha256(self.folder / name)} for name in self.files],
-        }
-        write_files({self.folder / RECORD: json_text(record)})
+            self.steps.append(Step(step=title, says=said, seconds=seconds))
+        record = DemoRecord(
+            **envelope("", [], self.seed),
+            folder=str(self.folder),
+            withheld=self.withheld,
+            steps=tuple(self.steps),
+            files=tuple(InputFile(file=n, sha256=sha256(self.folder / n)) for n in self.files),
+        )
+        write_files({self.folder / RECORD: record.dumps()})
         return record
 
     def write(self, texts: dict[str, str]) -> None:
@@ -94,10 +95,10 @@ class Way:
 
     def _keep_what_was_edited(self) -> None:
         try:
-            text = (self.folder / RECORD).read_text(encoding="utf-8")
-            written = {entry["file"]: entry["sha256"] for entry in json.loads(text)["files"]}
-        except (OSError, ValueError, KeyError, TypeError):
-            written = {}
+            earlier = read_as(self.folder / RECORD, DemoRecord).files
+        except InputError:
+            earlier = ()
+        written = {entry.file: entry.sha256 for entry in earlier}
         for name in (*_GIVEN, _PLAN, _DATA, _CHECK, *written):
             path = self.folder / name
             if path.exists() and (not path.is_file() or sha256(path) != written.get(name)):

@@ -27,17 +27,18 @@ def terminal(document: Document, of: str = "") -> Iterator[RenderableType]:
         text = f"{of}: {sentence.text}" if of and not number else sentence.text
         yield Text("\n".join(_wrapped(text)), style="bold")
     for number, section in enumerate(document.sections):
-        yield from _section(section, titled=number > 0)
+        yield from _section(section, titled=number > 0, below=number > 0 or bool(document.headline))
 
 
-def _section(section: Section, titled: bool) -> Iterator[RenderableType]:
-    shown = list(_parts(section.parts))
+def _section(section: Section, titled: bool, below: bool) -> Iterator[RenderableType]:
+    """Its parts; below : whether anything stands above them."""
+    shown = list(_parts(section.parts, below))
     if shown and titled:
         yield Text(f"\n{section.title}", style="bold")
     yield from shown
 
 
-def _parts(parts: Iterable[Part]) -> Iterator[RenderableType]:
+def _parts(parts: Iterable[Part], below: bool) -> Iterator[RenderableType]:
     """Sentences in blocks, tables with an empty line about them."""
     below_table = False
     for kind, group in groupby(parts, type):
@@ -45,16 +46,17 @@ def _parts(parts: Iterable[Part]) -> Iterator[RenderableType]:
             if below_table:
                 yield Text("")
             yield Text("\n".join(_lines(group)))  # type: ignore[arg-type]
-            below_table = False
+            below_table, below = False, True
         elif kind is Lines:
             yield from (Text(f"\n{part.text}") for part in group if isinstance(part, Lines))
-            below_table = False
+            below_table, below = False, True
         elif kind is Table:
             for table in group:
                 if isinstance(table, Table) and table.rows:
-                    yield Text("")
+                    if below:
+                        yield Text("")
                     yield from _table(table)
-                    below_table = True
+                    below_table = below = True
 
 
 def _lines(sentences: Iterable[Sentence]) -> Iterator[str]:
@@ -80,6 +82,7 @@ def _table(table: Table[Any]) -> Iterator[RenderableType]:
     columns = [column for column in table.columns if not column.detail]
     rows = table.rows[: table.most]
     made: RichTable = plain_table(*_heads(columns))
+    made.show_header = any(column.title for column in columns)
     for row in rows:
         made.add_row(*(Text(column.cell(row)) for column in columns))
     yield made

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import groupby
-from typing import TYPE_CHECKING, Literal, Self, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, Literal, Self, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -142,6 +142,7 @@ class Trend(Entry):
 class FleetRecord(Record):
     """Every robot below a folder."""
 
+    of_one_cell: ClassVar[bool] = False
     command: Literal["fleet"] = "fleet"
     folder: str
     verbs: tuple[Literal["identify", "diagnose"], ...] = Field(min_length=1)

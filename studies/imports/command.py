@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from studies.command.deliver import check_outputs, output_file, say_written, show, warn
+from studies.command.deliver import check_outputs, deliver, output_file
 from studies.command.options import PATH, json_option, one_line_faults
-from studies.command.untyped import envelope, output_texts
 
 if TYPE_CHECKING:
     from calib import Cell
-    from calib.files.exports import Eye, Joined, JointTable, PointList
+    from calib.files.exports import Eye
 
 
 @click.command("import", short_help="Exports of instrument and controller, as one table.")
@@ -104,10 +103,10 @@ def import_(
     import calib
     from calib.files.exports import read_export, read_joints
     from calib.files.exports.join import join
-    from calib.files.write import write_files
     from calib.files.write_tables import csv_text
     from studies.imports.images import image_files, images_and_joints
-    from studies.imports.tables import import_tables
+    from studies.imports.record import import_record
+    from studies.record import envelope
 
     cell = None if cell_path is None else calib.load_cell(cell_path)
     files = image_files(points) if boards else list(points)
@@ -133,12 +132,9 @@ def import_(
     )
     table = csv_text(joined.columns, joined.rows)
     warnings = () if cell is None else _read_back(cell, table, table_path, not partial)
-    fields = {**envelope("import", inputs, 0), **_fields(lists, joints, joined, warnings)}
-    texts = {table_path: table, **output_texts(json_path, fields)}
-    write_files(texts)
-    warn(warnings)
-    show(import_tables(lists, joints, joined), json_path)
-    say_written(texts, None, json_path)
+    made_from = envelope("" if cell is None else cell.name, inputs)
+    record = import_record(lists, joints, joined, warnings, made_from)
+    deliver(record, json_path, files={table_path: table})
 
 
 def _only_body(cell: Cell | None) -> str | None:
@@ -166,7 +162,7 @@ def _columns(text: str | None) -> list[str] | None:
     return roles
 
 
-def _read_back(cell: Any, table: str, target: Path, every_marker: bool) -> tuple[str, ...]:
+def _read_back(cell: Cell, table: str, target: Path, every_marker: bool) -> tuple[str, ...]:
     """Warnings of the table as ``load_measurements`` reads it. Raises InputError naming the target."""
     import tempfile
 
@@ -182,34 +178,3 @@ def _read_back(cell: Any, table: str, target: Path, every_marker: bool) -> tuple
             where = f"as joined, {error.where}" if error.where else "as joined"
             raise InputError(target, where, error.what, error.remedy) from None
         return tuple(text.replace(str(path), str(target)) for text in read.warnings)
-
-
-def _fields(
-    lists: list[PointList], joints: JointTable, joined: Joined, warnings: tuple[str, ...]
-) -> dict[str, Any]:
-    return {
-        "names": joined.pattern,
-        "names_tried": joined.tried,
-        "poses": len(joined.poses),
-        "points": len(joined.rows),
-        "markers": joined.markers,
-        "columns": list(joined.columns),
-        "lists": [
-            {
-                "file": str(own.path),
-                "points": len(own.points),
-                "columns": list(own.columns),
-                "unit": own.unit,
-                "unit_from": own.unit_from,
-                "ignored_columns": list(own.ignored),
-            }
-            for own in lists
-        ],
-        "joints": list(joints.joints),
-        "ignored_joint_columns": list(joints.ignored),
-        "poses_without_points": list(joined.without_points),
-        "poses_without_joints": joined.without_joints,
-        "points_left_out": list(joined.strays),
-        "notes": list(joined.notes),
-        "warnings": list(warnings),
-    }

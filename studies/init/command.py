@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, cast
 
 import click
 
-from studies.command.deliver import check_outputs, output_file, say_written, show, warn
+from studies.command.deliver import check_outputs, deliver, output_file
 from studies.command.options import PATH, json_option, one_line_faults
-from studies.command.untyped import envelope, output_texts
 
 if TYPE_CHECKING:
     from calib.arm.dh import Convention
@@ -54,8 +53,10 @@ def init(
 
     from calib.errors import InputError
     from calib.files.proposal import propose
-    from calib.files.write import make_folder, write_files
+    from calib.files.write import make_folder
     from studies.init.cell_text import cell_text, table_header
+    from studies.init.record import init_record
+    from studies.record import envelope
 
     found = propose(robot_path, cast("Convention | None", convention), base, tip, model)
     cell_path, table_path = folder / "cell.toml", folder / "measurements.csv"
@@ -68,28 +69,9 @@ def init(
     check_outputs(outputs, found.files)
     named = own_path or robot_path
     seen = Path(os.path.relpath(named.resolve(), folder.resolve())).as_posix()
-    robot = found.robot
-    name = robot.name or robot_path.stem
-    fields = {
-        **envelope("init", list(found.files), 0),
-        "cell": str(cell_path),
-        "table": str(table_path),
-        "robot": {"form": found.form, "base": robot.base, "tip": robot.tip},
-        "joints": list(robot.joints),
-        "notes": list(found.notes),
-        "warnings": list(found.lacks),
-    }
-    texts: dict[Path, str | bytes] = {cell_path: cell_text(found, seen, name)}
-    texts[table_path] = table_header(robot)
+    name = found.robot.name or robot_path.stem
+    texts = {cell_path: cell_text(found, seen, name), table_path: table_header(found.robot)}
     if own_path is not None:
         texts[own_path] = found.dh_text
-    texts |= output_texts(json_path, fields)
-    write_files(texts)
-    warn(found.lacks)
-    chain = (
-        f"{name}: {robot.dof} joints from {robot.base} to {robot.tip}: {', '.join(robot.joints)}"
-    )
-    marked = "guesses are marked EDIT: markers and the instrument's noise first of all"
-    next_step = f"then  posecal design {cell_path} -o {folder / 'plan.csv'}"
-    show([chain, *(f"note  {note}" for note in found.notes), marked, next_step], json_path)
-    say_written(texts, None, json_path)
+    made_from = envelope(str(cell_path), found.files)
+    deliver(init_record(found, name, table_path, made_from), json_path, files=texts)

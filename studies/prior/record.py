@@ -6,7 +6,7 @@ It is read by :func:`calib.files.prior.load_prior`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -74,6 +74,7 @@ class TypePrior(Entry):
 class PriorRecord(Record):
     """What the types of a fleet know of one robot more."""
 
+    of_one_cell: ClassVar[bool] = False
     command: Literal["prior"] = "prior"
     folder: str
     types: tuple[TypePrior, ...] = Field(min_length=1)

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import click
 
-from studies.command.deliver import check_outputs, output_file, say_written, show
+from studies.command.deliver import check_outputs, deliver, output_file
 from studies.command.options import PATH, cell_argument, json_option, one_line_faults
-from studies.command.untyped import envelope, output_texts
 
 
 @click.command(short_help="A plan as a robot program (KUKA, UR, ABB, FANUC).")
@@ -33,9 +32,10 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
     import calib
     from calib.errors import InputError
     from calib.files.read import sha256
-    from calib.files.write import write_files
     from studies.programs.languages import LANGUAGES, plan_stops
+    from studies.programs.record import ProgramRecord
     from studies.programs.stops import plain_text
+    from studies.record import envelope
 
     language = LANGUAGES.get(program_path.suffix.lower())
     if language is None:
@@ -50,23 +50,18 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
     inputs = [cell_path, *cell.robot_files, plan_path]
     check_outputs([program_path, output_file(json_path)], inputs)
     stops = plan_stops(cell, calib.load_plan(cell, plan_path), str(plan_path))
-    fields = envelope("program", inputs, 0)
+    made_from = envelope(cell.name, inputs, about=cell.about)
     head = (
-        f"Written by posecal {fields['version']} from {plain_text(plan_path.name)}, "
+        f"Written by posecal {made_from['version']} from {plain_text(plan_path.name)}, "
         f"sha256 {sha256(plan_path)[:16]}",
         f"Cell {plain_text(cell.name)}, {len(stops)} poses",
     )
     made = language(program_path.stem, cell, stops, head)
-    halts = sum(len(stop.tasks) for stop in stops)
-    fields |= {
-        "program": str(program_path),
-        "poses": [stop.name for stop in stops],
-        "stops": halts,
-        "notes": list(made.notes),
-    }
-    texts: dict[Path, str | bytes] = {program_path: made.text, **output_texts(json_path, fields)}
-    write_files(texts)
-    each = "free and loaded at each" if cell.load is not None else "one at each"
-    notes = [f"note  {note}" for note in made.notes]
-    show([f"{len(stops)} poses, {halts} stops to measure ({each})", *notes], json_path)
-    say_written(texts, None, json_path)
+    record = ProgramRecord(
+        **made_from,
+        program=str(program_path),
+        poses=tuple(stop.name for stop in stops),
+        stops=sum(len(stop.tasks) for stop in stops),
+        notes=made.notes,
+    )
+    deliver(record, json_path, files={program_path: made.text})

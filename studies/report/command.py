@@ -6,9 +6,8 @@ from pathlib import Path
 
 import click
 
-from studies.command.deliver import check_outputs, output_file
+from studies.command.deliver import check_outputs, deliver, output_file
 from studies.command.options import PATH, json_option, one_line_faults
-from studies.command.untyped import envelope, output_texts
 
 
 @click.command(short_help="One page of results, to hand on.")
@@ -40,8 +39,9 @@ def report(
     Example:
       posecal report identified.json diagnosis.json -o report.html --operator "A. Klimchik"
     """
-    from calib.files.write import write_files
+    from studies.record import envelope
     from studies.report.make import report_page
+    from studies.report.record import ReportRecord
 
     check_outputs([page_path, output_file(json_path)], results)
     told = {
@@ -50,6 +50,5 @@ def report(
         if text
     }
     text, notes = report_page(results, title, told)
-    fields = {**envelope("report", list(results), 0), "page": str(page_path), "notes": notes}
-    write_files({page_path: text, **output_texts(json_path, fields)})
-    click.echo(f"wrote {page_path}", err=json_path == "-")
+    record = ReportRecord(**envelope("", results), page=str(page_path), notes=notes)
+    deliver(record, json_path, files={page_path: text})

@@ -23,22 +23,6 @@ from studies.record import Record, read
 if TYPE_CHECKING:
     from studies.document import Document
 
-KINDS = (
-    "fleet",
-    "prior",
-    "identify",
-    "diagnose",
-    "design",
-    "plan",
-    "compare",
-    "enough",
-    "next",
-    "compensate",
-    "iso9283",
-    "changes",
-)
-"""What a report can tell of, in the order of its headlines; ``plan`` is ``diagnose --plan-only``."""
-
 _SAME_JOINTS = 1e-6  # rad or m
 _ANEW = "write it anew with this version"
 _LARGEST_JOINT = 1e6  # rad or m
@@ -67,7 +51,7 @@ class Result:
 
     @property
     def kind(self) -> str:
-        """One of KINDS."""
+        """One of :data:`studies.kinds.KINDS`."""
         return self.record.kind
 
     @cached_property
@@ -179,7 +163,7 @@ def load_evidence(paths: Sequence[Path]) -> Evidence:
 
 def _of_one_cell(results: tuple[Result, ...]) -> tuple[Result, ...]:
     """Those that begin with a cell: a fleet's inputs are results of many."""
-    return tuple(result for result in results if result.kind not in ("fleet", "prior"))
+    return tuple(result for result in results if result.record.of_one_cell)
 
 
 def _digest(results: tuple[Result, ...]) -> str:

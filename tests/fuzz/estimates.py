@@ -11,13 +11,13 @@ import calib
 from calib.compensation.estimate import Estimate
 from calib.compensation.unexplained import Unexplained
 from calib.files.estimate import load_estimate
+from calib.files.read import sha256
 from calib.files.write import json_text
 from calib.model.build import build
-from studies.command.untyped import envelope
 from studies.compensate.record import compensate_record
 from studies.demo.embedded import embedded_cell, embedded_plan
 from studies.estimate import estimated
-from studies.record import envelope as made_from
+from studies.record import envelope
 from tests.fuzz.reader import put
 
 CELL = embedded_cell()
@@ -28,7 +28,7 @@ def estimate(folder: Path, content: bytes) -> object:
     """What ``posecal compensate`` does with a result."""
     known = load_estimate(CELL, put(folder, "result.json", content))
     found = calib.compensate(CELL, known, POSES)
-    return compensate_record(CELL.robot, found, made_from(CELL.name, [])).dumps()
+    return compensate_record(CELL.robot, found, envelope(CELL.name, [])).dumps()
 
 
 def _result(command: str, effects: tuple[str, ...]) -> str:
@@ -44,10 +44,11 @@ def _result(command: str, effects: tuple[str, ...]) -> str:
         (model.parameters[0].id,),
         ("a note",),
     )
-    inputs = [CELL.path, *CELL.robot_files]
-    return json_text(
-        {**envelope(command, inputs, 0), "estimate": estimated(own).model_dump(by_alias=True)}
-    )
+    inputs = [
+        {"file": str(path), "sha256": sha256(path)} for path in (CELL.path, *CELL.robot_files)
+    ]
+    head = {"schema": 1, "command": command, "inputs": inputs}
+    return json_text({**head, "estimate": estimated(own).model_dump(by_alias=True)})
 
 
 ESTIMATES = (

@@ -8,11 +8,12 @@ from typing import Any
 from calib.files.columns import ANGLES, LENGTHS
 from calib.files.exports import read_joints, read_points
 from calib.files.exports.join import join
-from calib.files.write import json_text
 from calib.files.write_tables import csv_text
 from studies.demo.embedded import embedded_cell
-from studies.imports.command import _columns, _fields, _read_back
-from studies.imports.tables import import_tables
+from studies.document.terminal import terminal
+from studies.imports.command import _columns, _read_back
+from studies.imports.record import import_record
+from studies.record import envelope
 from tests.fuzz.reader import PART, parts, put
 
 CELL = embedded_cell()
@@ -55,7 +56,8 @@ def points(folder: Path, content: bytes) -> object:
     )
     out = csv_text(joined.columns, joined.rows)
     notes = _read_back(CELL, out, folder / "out.csv", False) if "cell" in given else ()
-    return json_text(_fields([own], joints, joined, notes)), [*import_tables([own], joints, joined)]
+    record = import_record([own], joints, joined, notes, envelope("", []))
+    return record.dumps(), [*terminal(record.told())]
 
 
 def joints(folder: Path, content: bytes) -> object:

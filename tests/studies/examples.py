@@ -8,6 +8,7 @@ from typing import Any
 
 from studies.record import Record, read
 
+SILENT = {"report"}  # kinds of which the terminal hears only what was written
 OLD = Path(__file__).parent / "old_results"
 
 
@@ -385,7 +386,46 @@ def _next() -> list[Record]:
     ]  # fmt: skip
 
 
+def _init() -> list[Record]:
+    return [changed("init"), changed("init", name="arm", notes=[])]
+
+
+def _program() -> list[Record]:
+    free = len(old_fields("program")["poses"])
+    return [changed("program"), changed("program", stops=free, notes=["names are cut short"])]
+
+
+def _import() -> list[Record]:
+    old = old_fields("import")
+    (first,) = old["lists"]
+    bodies = {**first, "reads": "readings", "unit_from": "of the file"}
+    ignored = {**first, "columns": [*first["columns"], "ux", "uy", "uz"], "ignored_columns": ["e"]}
+    left = {"poses_without_points": ["p8"], "poses_without_joints": {"p9": 3},
+            "points_left_out": ["TP1", "TP2", "TP3", "TP4"]}  # fmt: skip
+    return [
+        changed("import"),
+        changed(
+            "import", joint_file="joints.csv", joint_rows=30, carried_columns=["time_s"], **left
+        ),
+        changed("import", lists=[ignored], ignored_joint_columns=["comment"], notes=["averaged"]),
+        changed("import", lists=[bodies], names="{pose}", joint_file="joints.csv", joint_rows=30),
+    ]
+
+
+def _report() -> list[Record]:
+    return [changed("report"), changed("report", notes=["plan.csv is changed since"])]
+
+
+def _demo() -> list[Record]:
+    return [changed("demo"), changed("demo", folder="posecal-demo")]
+
+
 EXAMPLES = {
+    "init": _init(),
+    "program": _program(),
+    "import": _import(),
+    "report": _report(),
+    "demo": _demo(),
     "design": _design(),
     "plan": _plan(),
     "compare": _compare(),

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from studies.document import Section
+from studies.kinds import KINDS
 from studies.report.evidence import Evidence, Result
 from studies.report.sections.against import against
 from studies.report.sections.arm import arm
@@ -15,22 +16,6 @@ from studies.report.sections.provenance import provenance
 from studies.report.sections.summary import summary
 
 OF_THE_CELL: tuple[Callable[[Evidence], Section | None], ...] = (arm, cell)
-
-ORDER = (
-    "fleet",
-    "prior",
-    "design",
-    "plan",
-    "compare",
-    "identify",
-    "diagnose",
-    "enough",
-    "next",
-    "compensate",
-    "iso9283",
-    "changes",
-)
-"""Kinds of result as their sections follow each other."""
 
 WITH_INPUTS: dict[str, tuple[Callable[[Evidence, Result], Section | None], ...]] = {
     "identify": (against,),
@@ -60,7 +45,7 @@ def sections(evidence: Evidence, told: dict[str, str]) -> Iterator[Placed]:
         section = about(evidence)
         if section is not None:
             yield Placed(section, {})
-    for kind in ORDER:
+    for kind in KINDS:
         several = evidence.of(kind)
         for number, result in enumerate(several, 1):
             highlight = evidence.highlight.get(result.path, {})

@@ -9,14 +9,17 @@ from studies.diagnose.record import DiagnoseRecord
 from studies.diagnose.telling import to_do
 from studies.document import Section, Sentence
 from studies.identify.record import IdentifyRecord
+from studies.kinds import KINDS
 from studies.noise import Noise
 from studies.report.bars import Bar, bars
-from studies.report.evidence import KINDS, Evidence, Result
+from studies.report.evidence import Evidence, Result
+
+_FIRST = ("fleet", "prior", "identify", "diagnose")  # what a reader asks for before the rest
 
 
 def summary(evidence: Evidence) -> Section:
     """A headline of each result, how the error fell, and what to do next."""
-    said = [line for kind in KINDS for line in _said(evidence.of(kind))]
+    said = [line for kind in dict.fromkeys((*_FIRST, *KINDS)) for line in _said(evidence.of(kind))]
     drawn = list(_bars(evidence))
     fall = [bars(drawn, _FALL)] if drawn else []
     mixed = [Sentence(note, "warn") for note in evidence.mixed]

@@ -12,14 +12,13 @@ import resource
 import statistics
 import subprocess
 import sys
+from pathlib import Path
 
 import click
 from rich.table import Column, Table
 
 from studies.cli import main
 from studies.command.deliver import show
-from studies.command.options import json_option
-from studies.command.untyped import envelope, output_texts
 
 LIMIT_S = 0.15
 RUN = "from studies.cli import run; run()"
@@ -37,10 +36,10 @@ def cpu_time(code: str, arguments: list[str]) -> float:
 
 @click.command()
 @click.option("--runs", type=click.IntRange(min=1), default=20, show_default=True)
-@json_option
-def startup(runs: int, json_path: str | None) -> None:
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="All times.")
+def startup(runs: int, json_path: Path | None) -> None:
     """Measure what a person waits for before any work."""
-    from calib.files.write import write_files
+    from calib.files.write import json_text, write_files
 
     calls = [("python", "pass", []), *((" ".join(call), RUN, call) for call in CALLS)]
     times = {name: [cpu_time(code, call) for _ in range(runs)] for name, code, call in calls}
@@ -56,10 +55,10 @@ def startup(runs: int, json_path: str | None) -> None:
     )
     for name in times:
         table.add_row(name, f"{least[name]:.3f}", f"{median[name]:.3f}")
-    found = {"runs": runs, "least_s": least, "median_s": median}
-    fields = {**envelope("startup", [], 0), **found}
-    write_files(dict(output_texts(json_path, fields)))
-    show([table], json_path)
+    if json_path is not None:
+        found = {"runs": runs, "least_s": least, "median_s": median}
+        write_files({json_path: json_text(found)})
+    show([table], None)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,58 @@
+"""What ``posecal init`` made of a robot's file."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from pydantic import Field
+
+from calib.cell import Form
+from studies.record import Entry, Envelope, Record
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from calib.files.proposal import Proposal
+    from studies.document import Document
+
+
+class Proposed(Entry):
+    """The arm as found."""
+
+    form: Form
+    base: str
+    tip: str
+
+
+class InitRecord(Record):
+    """A first cell for a robot.
+
+    cell, table : the files that were written; name : of the arm, empty in results of earlier versions
+    """
+
+    of_one_cell: ClassVar[bool] = False
+    command: Literal["init"] = "init"
+    table: str
+    name: str = ""
+    robot: Proposed
+    joints: tuple[str, ...] = Field(min_length=1)
+    notes: tuple[str, ...]
+
+    def told(self) -> Document:
+        from studies.init.telling import told
+
+        return told(self)
+
+
+def init_record(found: Proposal, name: str, table: Path, made_from: Envelope) -> InitRecord:
+    """The record of a proposal."""
+    robot = found.robot
+    return InitRecord(
+        **made_from,
+        warnings=found.lacks,
+        table=str(table),
+        name=name,
+        robot=Proposed(form=found.form, base=robot.base, tip=robot.tip),
+        joints=robot.joints,
+        notes=found.notes,
+    )

@@ -1,0 +1,26 @@
+"""What a first cell says: the arm that was found, what was chosen, and what comes next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from studies.document import Document, Lines, Part, Section, Sentence, labelled
+from studies.init.record import InitRecord
+
+
+def told(record: InitRecord) -> Document:
+    """The arm, the guesses and the next command."""
+    return Document((), (Section("init", "A first cell", tuple(_parts(record))),))
+
+
+def _parts(record: InitRecord) -> Iterator[Part]:
+    robot, joints = record.robot, record.joints
+    yield Sentence(
+        f"{record.name or robot.form}: {len(joints)} joints from {robot.base} to {robot.tip}: "
+        f"{', '.join(joints)}"
+    )
+    yield Sentence("guesses are marked EDIT: markers and the instrument's noise first of all")
+    yield from labelled("note", record.notes)
+    plan = Path(record.cell).parent / "plan.csv"
+    yield Lines(f"then  posecal design {record.cell} -o {plan}")

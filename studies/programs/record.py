@@ -1,0 +1,28 @@
+"""What ``posecal program`` wrote."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+from studies.record import Count, Record
+
+if TYPE_CHECKING:
+    from studies.document import Document
+
+
+class ProgramRecord(Record):
+    """A plan as a robot program: the poses by their names in it, and how often it stops at them.
+
+    program : the file; stops : one at each pose, or one free and one loaded
+    """
+
+    command: Literal["program"] = "program"
+    program: str
+    poses: tuple[str, ...]
+    stops: Count
+    notes: tuple[str, ...]
+
+    def told(self) -> Document:
+        from studies.programs.telling import told
+
+        return told(self)

@@ -17,10 +17,11 @@ The way of a result, one folder a kind, ``studies/<kind>/``:
 ``command.py``
     Read, call, ``deliver(record, ..)``; only click is imported at its head.
 
-To add a kind: its folder, its name and type in ``kinds.py``, its command in ``cli.py``, its place in
+Nothing here knows who tells it or reads it: ``kinds.py`` alone names the folder of each kind, and
+``results.py`` reads a file as the kind it says it is.
+
+To add a kind: its folder, its line in ``kinds.py``, its command in ``cli.py``, its place in
 ``report/sections``. To add a field: one line in the model and one where it is made; a default only
 where files of earlier versions are to be read. ``posecal schema`` follows by itself. What needs the
 inputs of a result again (the arm, errors against joints) is a section of ``report/sections``.
-
-``commands/`` holds what has no record: its output is another file or a page.
 """

@@ -1,71 +1,44 @@
-"""The kinds of result that are records: a name and a type each. The names cost no import."""
+"""The kinds of result: a folder each, with the record and how it is told. Names cost no import."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from importlib import import_module
+from typing import TYPE_CHECKING, cast
 
 if TYPE_CHECKING:
+    from studies.document import Document
     from studies.record import Record
 
-KINDS = (
-    "fleet",
-    "prior",
-    "init",
-    "design",
-    "plan",
-    "program",
-    "import",
-    "compare",
-    "identify",
-    "diagnose",
-    "enough",
-    "next",
-    "compensate",
-    "iso9283",
-    "changes",
-    "report",
-    "demo",
-)
+_HOMES = {
+    "fleet": ("fleet", "FleetRecord"),
+    "prior": ("prior", "PriorRecord"),
+    "init": ("init", "InitRecord"),
+    "design": ("design", "DesignRecord"),
+    "plan": ("plan", "PlanRecord"),
+    "program": ("programs", "ProgramRecord"),
+    "import": ("imports", "ImportRecord"),
+    "compare": ("compare", "CompareRecord"),
+    "identify": ("identify", "IdentifyRecord"),
+    "diagnose": ("diagnose", "DiagnoseRecord"),
+    "enough": ("enough", "EnoughRecord"),
+    "next": ("next", "NextRecord"),
+    "compensate": ("compensate", "CompensateRecord"),
+    "iso9283": ("iso9283", "Iso9283Record"),
+    "changes": ("changes", "ChangesRecord"),
+    "report": ("report", "ReportRecord"),
+    "demo": ("demo", "DemoRecord"),
+}
+KINDS = tuple(_HOMES)
 """In the order in which a page tells of them."""
 
 
 def record_type(kind: str) -> type[Record]:
     """The record of a kind."""
-    from studies.changes.record import ChangesRecord
-    from studies.compare.record import CompareRecord
-    from studies.compensate.record import CompensateRecord
-    from studies.demo.record import DemoRecord
-    from studies.design.record import DesignRecord
-    from studies.diagnose.record import DiagnoseRecord
-    from studies.enough.record import EnoughRecord
-    from studies.fleet.record import FleetRecord
-    from studies.identify.record import IdentifyRecord
-    from studies.imports.record import ImportRecord
-    from studies.init.record import InitRecord
-    from studies.iso9283.record import Iso9283Record
-    from studies.next.record import NextRecord
-    from studies.plan.record import PlanRecord
-    from studies.prior.record import PriorRecord
-    from studies.programs.record import ProgramRecord
-    from studies.report.record import ReportRecord
+    folder, name = _HOMES[kind]
+    return cast("type[Record]", getattr(import_module(f"studies.{folder}.record"), name))
 
-    types: dict[str, type[Record]] = {
-        "design": DesignRecord,
-        "plan": PlanRecord,
-        "compare": CompareRecord,
-        "identify": IdentifyRecord,
-        "diagnose": DiagnoseRecord,
-        "enough": EnoughRecord,
-        "compensate": CompensateRecord,
-        "iso9283": Iso9283Record,
-        "fleet": FleetRecord,
-        "changes": ChangesRecord,
-        "prior": PriorRecord,
-        "next": NextRecord,
-        "init": InitRecord,
-        "program": ProgramRecord,
-        "import": ImportRecord,
-        "report": ReportRecord,
-        "demo": DemoRecord,
-    }
-    return types[kind]
+
+def tell(record: Record) -> Document:
+    """What the terminal and the page say of a result."""
+    folder, _ = _HOMES[record.kind]
+    return cast("Document", import_module(f"studies.{folder}.telling").told(record))

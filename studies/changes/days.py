@@ -16,8 +16,8 @@ from calib.files.estimate import load_estimate
 from calib.files.read import sha256
 from calib.poses import Poses
 from studies.identify.record import IdentifyRecord
-from studies.record import read_as
 from studies.report.evidence import located
+from studies.results import read_as
 
 
 @dataclass(frozen=True, eq=False)

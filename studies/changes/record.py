@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from calib.change.at_targets import AtTargets, Length
     from calib.change.causes import Explanation
     from studies.changes.days import Days
-    from studies.document import Document
 
 _MM = 1e3
 _MOST = 8  # causes that are kept
@@ -160,11 +159,6 @@ class ChangesRecord(Record):
         if (self.tolerance_mm is None) != (self.verdict is None):
             raise ValueError("verdict and tolerance_mm do not go together")
         return self
-
-    def told(self) -> Document:
-        from studies.changes.telling import told
-
-        return told(self)
 
 
 def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRecord:

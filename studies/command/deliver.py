@@ -35,9 +35,10 @@ def deliver(
     from calib.files.write import write_files
     from studies.document import pictures_of
     from studies.document.terminal import terminal
+    from studies.kinds import tell
 
     warn(tuple(dict.fromkeys((*warnings, *record.warnings))))
-    told = record.told()
+    told = tell(record)
     texts: dict[Path, str | bytes] = {}
     if json_path == "-":
         click.echo(record.dumps(), nl=False)

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from studies.compare.compare import Comparison, PlanStudy, Verdict
     from studies.compare.instruments import Reading
     from studies.compare.scratch import FromScratch as Scratch
-    from studies.document import Document
 
 _MM = 1e3
 _PAIRS = 6  # error ellipses: the parameters most entangled
@@ -224,11 +223,6 @@ class CompareRecord(Record):
     truth: Literal["model", "mujoco"]
     agreement: Agreement
     read_by: tuple[ReadBy, ...] = ()
-
-    def told(self) -> Document:
-        from studies.compare.telling import told
-
-        return told(self)
 
 
 def compare_record(

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from calib import Compensation
     from calib.arm.robot import Robot
     from calib.arrays import Array
-    from studies.document import Document
 
 _MM = 1e3
 
@@ -72,11 +71,6 @@ class CompensateRecord(Record):
     def _belongs_together(self) -> Self:
         check_same_joints(self.targets)
         return self
-
-    def told(self) -> Document:
-        from studies.compensate.telling import told
-
-        return told(self)
 
 
 def compensate_record(robot: Robot, found: Compensation, made_from: Envelope) -> CompensateRecord:

@@ -29,7 +29,7 @@ from studies.plots.style import (
     svg_text,
     tidy,
 )
-from studies.record import read_as
+from studies.results import read_as
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from studies.record import Entry, InputFile, NotNegative, Record
-
-if TYPE_CHECKING:
-    from studies.document import Document
 
 
 class Step(Entry):
@@ -31,8 +28,3 @@ class DemoRecord(Record):
     withheld: str
     steps: tuple[Step, ...]
     files: tuple[InputFile, ...]
-
-    def told(self) -> Document:
-        from studies.demo.telling import told
-
-        return told(self)

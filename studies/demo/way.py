@@ -27,8 +27,9 @@ from studies.diagnose.record import DiagnoseRecord
 from studies.diagnose.telling import verdict_sentence
 from studies.identify.command import identify
 from studies.identify.record import IdentifyRecord
-from studies.record import InputFile, envelope, read_as
+from studies.record import InputFile, envelope
 from studies.report.command import report
+from studies.results import read_as
 
 RECORD = "demo.json"
 _GIVEN = {"cell.toml": "cell.toml", "kr270.urdf": "kr270.urdf", "table2.csv": "plan.csv"}

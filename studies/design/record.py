@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from calib.arrays import Array
     from doe import Design
     from doe.assess import Assessment
-    from studies.document import Document
 
 _MM = 1e3
 _CANDIDATES = 2000  # of the landscape that are kept; more only darken its cloud
@@ -228,11 +227,6 @@ class DesignRecord(Record, Accuracy):
     def level_joint(self) -> str | None:
         """The joint that stands at levels."""
         return next(iter({**self.levels_deg, **self.levels_mm}), None)
-
-    def told(self) -> Document:
-        from studies.design.telling import told
-
-        return told(self)
 
 
 def design_record(found: Design, made_from: Envelope) -> DesignRecord:

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from calib.instruments import Channels
     from doe.prospect.rivals.next_poses import NextPoses
     from doe.prospect.rivals.next_poses import Prediction as Predicted
-    from studies.document import Document
 
 _MM, _URAD = 1e3, 1e6
 _MOST = 800  # numbers of cycles in a file: several at each pixel of a figure
@@ -231,11 +230,6 @@ class DiagnoseRecord(Findings, Record):
         if (gap.over_time_before_mm is None) != (gap.over_time_after_mm is None):
             raise ValueError("gap has one of over_time_before_mm and over_time_after_mm only")
         return self
-
-    def told(self) -> Document:
-        from studies.diagnose.telling import told
-
-        return told(self)
 
 
 def diagnose_record(

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from calib.model import Model
     from doe import Enough
     from doe.prospect.sufficiency import Step as Forecast
-    from studies.document import Document
 
 _MM = 1e3
 
@@ -125,11 +124,6 @@ class EnoughRecord(Record):
         if self.goal_mm is None and self.poses_to_goal is not None:
             raise ValueError("poses_to_goal has no goal_mm")
         return self
-
-    def told(self) -> Document:
-        from studies.enough.telling import told
-
-        return told(self)
 
     @property
     def gains(self) -> tuple[float | None, ...]:

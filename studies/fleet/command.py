@@ -74,6 +74,7 @@ def fleet(
     from studies.fleet.find import find
     from studies.fleet.one import VERBS, Asked, share
     from studies.fleet.record import fleet_record, results_of
+    from studies.kinds import tell
     from studies.record import envelope
 
     if not fleet_folder.is_dir():
@@ -105,7 +106,7 @@ def fleet(
     texts = {path: prior.dumps() for path, prior in known.items()}
     deliver(record, json_path, folder, texts)
     for prior in known.values():
-        show(terminal(prior.told()), json_path)
+        show(terminal(tell(prior)), json_path)
     kept, files = sum(own.kept for own in done), sum(len(own.files) for own in done)
     said = f"{plural(files - kept, 'result')} written beside the tables, {kept} kept"
     click.echo(said, err=json_path == "-")

@@ -154,7 +154,8 @@ def _kept(path: Path, verb: Verb, session: Session) -> Record | None:
     from calib.files.read import sha256
     from studies.diagnose import make as diagnosis
     from studies.identify import make as identification
-    from studies.record import envelope, read
+    from studies.record import envelope
+    from studies.results import read
 
     if not path.is_file():
         return None

@@ -23,7 +23,6 @@ from studies.record import (
 )
 
 if TYPE_CHECKING:
-    from studies.document import Document
     from studies.fleet.one import Asked, Done
 
 Status: TypeAlias = Literal["converged", "not_converged", "rank_deficient"]
@@ -172,11 +171,6 @@ class FleetRecord(Record):
     def faults(self) -> tuple[Session, ...]:
         """Tables with which something could not be done."""
         return tuple(own for own in self.sessions if own.fault)
-
-    def told(self) -> Document:
-        from studies.fleet.telling import told
-
-        return told(self)
 
 
 def fleet_record(

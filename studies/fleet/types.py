@@ -24,7 +24,7 @@ from calib.population.hierarchy import Robot
 from studies.changes.days import known_of_record
 from studies.fleet.one import Done
 from studies.identify.record import IdentifyRecord
-from studies.record import read_as
+from studies.results import read_as
 
 _WORST = 1e6  # condition of a change of parameters
 MOST = 1000

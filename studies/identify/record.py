@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from calib.identification import Residuals
     from calib.identification.common import Shared
     from calib.uncertainty.acceptance import Judged
-    from studies.document import Document
 
 _MM = 1e3
 _MOST = 3_000_000  # points; a damaged file may name poses and markers that fill any memory
@@ -277,11 +276,6 @@ class IdentifyRecord(Record):
         own = (row for row in self.residuals if row.heldout and row.metric)
         held = [float(np.linalg.norm(row.before)) for row in own]
         return float(np.sqrt(np.mean(np.square(held)))) if held else None
-
-    def told(self) -> Document:
-        from studies.identify.telling import told
-
-        return told(self)
 
 
 def identify_record(

@@ -11,7 +11,6 @@ from studies.record import Count, Entry, Envelope, Record
 
 if TYPE_CHECKING:
     from calib.files.exports import Joined, JointTable, PointList
-    from studies.document import Document
 
 
 class ReadList(Entry):
@@ -55,11 +54,6 @@ class ImportRecord(Record):
     poses_without_joints: dict[str, Count]
     points_left_out: tuple[str, ...]
     notes: tuple[str, ...]
-
-    def told(self) -> Document:
-        from studies.imports.telling import told
-
-        return told(self)
 
 
 def import_record(

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calib.files.proposal import Proposal
-    from studies.document import Document
 
 
 class Proposed(Entry):
@@ -37,11 +36,6 @@ class InitRecord(Record):
     robot: Proposed
     joints: tuple[str, ...] = Field(min_length=1)
     notes: tuple[str, ...]
-
-    def told(self) -> Document:
-        from studies.init.telling import told
-
-        return told(self)
 
 
 def init_record(found: Proposal, name: str, table: Path, made_from: Envelope) -> InitRecord:

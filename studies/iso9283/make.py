@@ -72,7 +72,7 @@ def _read(cell: Cell, data_path: Path, path: Path) -> _Known:
     from calib.files.estimate import load_estimate
     from calib.files.read import sha256
     from studies.identify.record import IdentifyRecord
-    from studies.record import read
+    from studies.results import read
 
     record, estimate = read(path), load_estimate(cell, path)
     if not estimate.converged:

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from calib.iso9283.measured import Compliance as Bent
     from calib.iso9283.measured import Cycles
     from calib.iso9283.predicted import Pose as Expected
-    from studies.document import Document
 
 _MM = _MRAD = 1e3
 _MEASURED, _PREDICTED = "measured", "predicted"
@@ -107,11 +106,6 @@ class Iso9283Record(Record):
     def of(self, how: How) -> list[Pose]:
         """The poses that were repeated, or those that were not."""
         return [own for own in self.poses if own.how == how]
-
-    def told(self) -> Document:
-        from studies.iso9283.telling import told
-
-        return told(self)
 
 
 def iso9283_record(

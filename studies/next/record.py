@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from doe import Onward
     from doe.prospect.onward import Aim
     from doe.prospect.sufficiency import Step
-    from studies.document import Document
 
 _MM = 1e3
 
@@ -74,11 +73,6 @@ class NextRecord(Record):
         if (self.aim != "causes") != (self.now is not None):
             raise ValueError("now belongs to the aims task and both")
         return self
-
-    def told(self) -> Document:
-        from studies.next.telling import told
-
-        return told(self)
 
 
 def next_record(

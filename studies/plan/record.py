@@ -13,7 +13,6 @@ from studies.record import Count, Entry, Envelope, Maybe, Number, Positive, Reco
 
 if TYPE_CHECKING:
     from doe.prospect import Detectability, PowerAnalysis
-    from studies.document import Document
 
 _UM = 1e6
 _TOLD = 1e6  # noncentrality from which on anything is told
@@ -138,11 +137,6 @@ class PlanRecord(Record):
     def seen(self) -> tuple[Seen, ...]:
         """Causes that are found where they are large enough."""
         return tuple(cause for cause in self.could_not_see if not cause.reason)
-
-    def told(self) -> Document:
-        from studies.plan.telling import told
-
-        return told(self)
 
 
 def plan_record(found: PowerAnalysis, made_from: Envelope) -> PlanRecord:

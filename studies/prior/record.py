@@ -13,7 +13,6 @@ from pydantic import Field, model_validator
 from studies.record import Count, Entry, Envelope, NotNegative, Number, Positive, Record
 
 if TYPE_CHECKING:
-    from studies.document import Document
     from studies.fleet.types import Learnt
 
 
@@ -78,11 +77,6 @@ class PriorRecord(Record):
     command: Literal["prior"] = "prior"
     folder: str
     types: tuple[TypePrior, ...] = Field(min_length=1)
-
-    def told(self) -> Document:
-        from studies.prior.telling import told
-
-        return told(self)
 
 
 def prior_record(types: Sequence[Learnt], folder: str, made_from: Envelope) -> PriorRecord:

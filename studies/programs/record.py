@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from studies.record import Count, Record
-
-if TYPE_CHECKING:
-    from studies.document import Document
 
 
 class ProgramRecord(Record):
@@ -21,8 +18,3 @@ class ProgramRecord(Record):
     poses: tuple[str, ...]
     stops: Count
     notes: tuple[str, ...]
-
-    def told(self) -> Document:
-        from studies.programs.telling import told
-
-        return told(self)

@@ -18,7 +18,9 @@ from studies.design.record import DesignRecord
 from studies.diagnose.record import DiagnoseRecord
 from studies.identify.point_errors import HELD_OUT
 from studies.identify.record import IdentifyRecord
-from studies.record import Record, read
+from studies.kinds import tell
+from studies.record import Record
+from studies.results import read
 
 if TYPE_CHECKING:
     from studies.document import Document
@@ -57,7 +59,7 @@ class Result:
     @cached_property
     def told(self) -> Document:
         """What it says of itself."""
-        return self.record.told()
+        return tell(self.record)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from studies.record import Record
-
-if TYPE_CHECKING:
-    from studies.document import Document
 
 
 class ReportRecord(Record):
@@ -20,8 +17,3 @@ class ReportRecord(Record):
     command: Literal["report"] = "report"
     page: str
     notes: tuple[str, ...]
-
-    def told(self) -> Document:
-        from studies.report.telling import told
-
-        return told(self)

@@ -13,6 +13,7 @@ from studies.demo.embedded import embedded_cell
 from studies.document.terminal import terminal
 from studies.imports.command import _columns, _read_back
 from studies.imports.record import import_record
+from studies.kinds import tell
 from studies.record import envelope
 from tests.fuzz.reader import PART, parts, put
 
@@ -57,7 +58,7 @@ def points(folder: Path, content: bytes) -> object:
     out = csv_text(joined.columns, joined.rows)
     notes = _read_back(CELL, out, folder / "out.csv", False) if "cell" in given else ()
     record = import_record([own], joints, joined, notes, envelope("", []))
-    return record.dumps(), [*terminal(record.told())]
+    return record.dumps(), [*terminal(tell(record))]
 
 
 def joints(folder: Path, content: bytes) -> object:

@@ -6,7 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from studies.record import Record, read
+from studies.record import Record
+from studies.results import read
 
 SILENT = {"report"}  # kinds of which the terminal hears only what was written
 OLD = Path(__file__).parent / "old_results"

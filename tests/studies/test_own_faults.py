@@ -17,7 +17,7 @@ from markupsafe import Markup
 from studies.cli import main
 from studies.document import pictures_of
 from studies.document.terminal import terminal
-from studies.kinds import KINDS, record_type
+from studies.kinds import KINDS, record_type, tell
 from tests.studies.examples import EXAMPLES, OLD, SILENT
 
 
@@ -63,7 +63,7 @@ def test_examples_reach_everything_that_tells(
 
 def _shown(kind: str, drawn: bool) -> None:
     for record in EXAMPLES[kind]:
-        told = record.told()
+        told = tell(record)
         assert list(terminal(told)) or kind in SILENT
         if drawn:
             assert list(pictures_of(told))
@@ -79,7 +79,7 @@ def test_a_page_does_not_blame_the_file(
     for record in EXAMPLES[kind]:
         result.write_text(record.dumps())
         try:
-            told = record.told()
+            told = tell(record)
             if module.endswith("pictures"):
                 list(pictures_of(told))
         except (AttributeError, ValueError):
@@ -106,5 +106,5 @@ def test_the_whole_page_of_every_example(
         files[-1].write_text(record.dumps())
     html, _ = report_page(files, None, {})
     for record in EXAMPLES[kind]:
-        for sentence in record.told().headline:
+        for sentence in tell(record).headline:
             assert sentence.text.replace("'", "&#39;") in html

@@ -15,8 +15,9 @@ from calib.errors import InputError
 from studies.cli import main
 from studies.document import pictures_of
 from studies.document.terminal import terminal
-from studies.kinds import KINDS, record_type
-from studies.record import Record, json_schema, read
+from studies.kinds import KINDS, record_type, tell
+from studies.record import Record
+from studies.results import json_schema, read
 from tests.studies.examples import EXAMPLES, OLD, SILENT, old_fields
 
 
@@ -123,9 +124,9 @@ def test_a_damaged_file_is_refused_or_told(kind: str, tmp_path: Path) -> None:
             if record is None:
                 continue
             read_well += 1
-            assert list(terminal(record.told())) or kind in SILENT
+            assert list(terminal(tell(record))) or kind in SILENT
             if value in (0, 1e29) and _drawn(place):
-                assert list(pictures_of(record.told())) or kind in WORDS_ALONE
+                assert list(pictures_of(tell(record))) or kind in WORDS_ALONE
     assert read_well > len(old_fields(kind))
 
 

@@ -19,7 +19,7 @@ from calib.poses import poses_at
 from calib.simulation import simulate
 from studies.cli import main
 from studies.demo.embedded import INPUTS, embedded_text
-from studies.record import json_schema
+from studies.results import json_schema
 
 SLIP = 3e-4
 

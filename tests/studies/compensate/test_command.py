@@ -20,7 +20,7 @@ from calib.compensation.estimate import estimate_of
 from calib.files.estimate import load_estimate
 from studies.cli import main
 from studies.estimate import estimated
-from studies.record import json_schema
+from studies.results import json_schema
 from tests.helpers import measured_cell
 
 TARGETS = """A1_rad,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg,weight

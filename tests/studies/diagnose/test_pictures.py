@@ -14,8 +14,10 @@ from studies.diagnose.record import diagnose_record
 from studies.diagnose.shown import Curve, Panel, Steps, shown
 from studies.diagnose.waterfall import waterfall
 from studies.document import pictures_of
+from studies.kinds import tell
 from studies.plots.style import Picture, files, svg_text
-from studies.record import envelope, read
+from studies.record import envelope
+from studies.results import read
 from tests.calib.diagnosis.test_error_curve import HALF, found
 
 
@@ -29,7 +31,7 @@ def drawn(result: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> dict[s
     file = tmp_path_factory.mktemp("diagnosed") / "d.json"
     record = diagnose_record(result, (), None, shown(result), None, envelope("cell", []))
     file.write_text(record.dumps())
-    return {picture.name: picture for picture in pictures_of(read(file).told())}
+    return {picture.name: picture for picture in pictures_of(tell(read(file)))}
 
 
 @pytest.mark.long

@@ -12,6 +12,7 @@ from rich.console import Console
 from studies.diagnose.record import DiagnoseRecord
 from studies.diagnose.telling import verdict_sentence
 from studies.document.terminal import terminal
+from studies.kinds import tell
 from tests.studies.examples import old_fields
 
 
@@ -57,7 +58,7 @@ def diagnosed(**changed: Any) -> DiagnoseRecord:
 def shown(of: DiagnoseRecord, width: int = 80) -> list[str]:
     out = io.StringIO()
     console = Console(file=out, width=width, highlight=False, soft_wrap=True)
-    for part in terminal(of.told(), "cell"):
+    for part in terminal(tell(of), "cell"):
         console.print(part)
     return [line.rstrip() for line in out.getvalue().splitlines()]
 

@@ -14,7 +14,7 @@ import calib
 from calib.files.write_tables import measurements_csv
 from studies.cli import main
 from studies.demo.embedded import INPUTS, embedded_text
-from studies.record import json_schema
+from studies.results import json_schema
 from tests.doe.prospect.sufficiency.day import MODEL, of_poses, whole_day
 
 

@@ -20,7 +20,7 @@ from click.testing import CliRunner, Result
 
 from studies.cli import main
 from studies.fleet import command, one
-from studies.record import json_schema
+from studies.results import json_schema
 from tests.studies.fleet.robots import SIGMA, put, table
 
 ROBOTS = 8

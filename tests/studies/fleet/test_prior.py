@@ -13,7 +13,7 @@ import pytest
 
 import calib
 import doe
-from studies.record import json_schema
+from studies.results import json_schema
 from tests.studies.fleet.robots import put, table
 from tests.studies.fleet.test_command import run
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from calib.arrays import Array
-from studies.record import json_schema
+from studies.results import json_schema
 from tests.studies.fleet.robots import MARKERS, SIGMA, points, put, table
 from tests.studies.fleet.test_command import run
 

@@ -18,8 +18,8 @@ from click.testing import CliRunner, Result
 from studies.cli import main
 from studies.identify.point_errors import point_errors
 from studies.identify.record import IdentifyRecord
-from studies.record import read_as
 from studies.report.evidence import load_evidence
+from studies.results import read_as
 
 RESULTS = ("identify", "diagnose", "design", "foresight", "compare")
 

@@ -1,0 +1,94 @@
+"""Results read again: what is wrong in a file is told with its place, as one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from pydantic import BaseModel, Field, ValidationError
+
+from calib.errors import InputError
+from calib.files.read import read_text
+from studies.kinds import KINDS, record_type
+from studies.record import InputFile, Record
+
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
+
+_MOST_BYTES = 200_000_000
+_ANEW = "write it anew with this version"
+
+R = TypeVar("R", bound=Record)
+
+
+class _Head(BaseModel):
+    """By which a result is known before it is read."""
+
+    format: int = Field(alias="schema")
+    command: str
+    plan_only: bool = False
+    inputs: list[InputFile]
+
+    @property
+    def kind(self) -> str:
+        return "plan" if self.command == "diagnose" and self.plan_only else self.command
+
+
+def kind_of(path: Path) -> str:
+    """The kind of a result: its command, or ``plan`` for ``diagnose --plan-only``.
+
+    Raises InputError where the file is no result, or of another version of the format.
+    """
+    head = _head(read_text(path, _MOST_BYTES), path)
+    if head.format != 1:
+        raise InputError(path, "schema", "is not 1", "write the result anew with this version")
+    return head.kind
+
+
+def read(path: Path) -> Record:
+    """The record in a file. Raises InputError naming the file and the place in it."""
+    text, kind = read_text(path, _MOST_BYTES), kind_of(path)
+    if kind not in KINDS:
+        raise InputError(
+            path, "command", f"{kind[:40]!r} is no kind of result", f"known are {', '.join(KINDS)}"
+        )
+    try:
+        return record_type(kind).model_validate_json(text)
+    except ValidationError as error:
+        first, *others = error.errors(include_url=False, include_input=False)
+        more = f" (and {len(others)} more)" if others else ""
+        raise InputError(path, _place(first), f"{_fault(first)}{more}", _ANEW) from None
+
+
+def read_as(path: Path, kind: type[R]) -> R:
+    """The record in a file that is known to be of a kind. Raises InputError."""
+    record = read(path)
+    if not isinstance(record, kind):
+        raise InputError(path, "command", f"is {record.command}", "name another result")
+    return record
+
+
+def _head(text: str, path: Path) -> _Head:
+    try:
+        return _Head.model_validate_json(text)
+    except ValidationError:
+        raise InputError(
+            path, "", "is no result of posecal", "write one with --json of a command"
+        ) from None
+
+
+def _place(error: ErrorDetails) -> str:
+    """``rms_mm.heldout``, ``targets[3].left_mm``: where in the file, empty for the whole."""
+    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in error["loc"])
+    return "".join(parts).removeprefix(".")
+
+
+def _fault(error: ErrorDetails) -> str:
+    known = {"missing": "is missing", "extra_forbidden": "is not known"}
+    message = error["msg"].removeprefix("Input ").removeprefix("Value error, ")
+    return known.get(error["type"], message[:1].lower() + message[1:])
+
+
+def json_schema(kind: str) -> dict[str, Any]:
+    """The JSON Schema of a kind of result, as it is written."""
+    return record_type(kind).model_json_schema(mode="serialization")

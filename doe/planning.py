@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.cell import Cell
 from calib.cell.planned import AskedLevels
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
@@ -28,8 +29,8 @@ from doe.problem.refusals import at_level, no_candidate
 from doe.problem.request import Request
 from doe.solve import Clock, Effort, check_count, choose, finish
 from doe.visits.order import travel, visiting_order
-from doe.visits.reapproach import reapproaches_of, with_reapproaches
-from doe.visits.reference import spacing, with_reference
+from doe.visits.reapproach import Reapproaches, reapproaches_of, with_reapproaches
+from doe.visits.reference import Reference, spacing, with_reference
 
 _MOST_POSES = 10_000
 CANDIDATES = 20_000
@@ -168,12 +169,7 @@ def _designed(
             return replace(there, notes=(note, *there.notes))
         levels = settled
     q, certificate, landscape, live = finish(problem, pool, chosen, effort, clock)
-    poses, reference, again = named(q[visiting_order(q)]), None, None
-    if effort.reapproaches:
-        poses, again = with_reapproaches(problem, poses, effort.reapproaches)
-    if effort.reference_every:
-        busy = () if again is None else again.poses + again.again
-        poses, reference = with_reference(problem, poses, effort.reference_every, busy)
+    poses, reference, again = _visited(problem, q, effort)
     q = poses.q
     result = Design(
         problem=problem,
@@ -193,6 +189,19 @@ def _designed(
     )
     clock.lap("judgement")
     return replace(result, notes=notes_of(result))
+
+
+def _visited(
+    problem: Problem, q: Array, effort: Effort
+) -> tuple[Poses, Reference | None, Reapproaches | None]:
+    """The poses in the order of a day, with those that are read again."""
+    poses, reference, again = named(q[visiting_order(q)]), None, None
+    if effort.reapproaches:
+        poses, again = with_reapproaches(problem, poses, effort.reapproaches)
+    if effort.reference_every:
+        busy = () if again is None else again.poses + again.again
+        poses, reference = with_reference(problem, poses, effort.reference_every, busy)
+    return poses, reference, again
 
 
 def _follows_levels(cell: Cell, request: Request) -> bool:

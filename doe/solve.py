@@ -185,11 +185,7 @@ def finish(
     proof = Proof(chosen.index, chosen.value, chosen.relaxed.bound, 0)
     provable = criterion.smooth and not (rules.chooses_levels or rules.repeats or effort.robust)
     if provable and len(live) <= _PROVABLE:
-        G = chosen.relaxed.G
-        nodes = min(_NODES, round(_WORK / (len(live) * len(G) ** 2 + 1)))
-        proof = _settled(
-            criterion, blocks, prove(plain, blocks, rules, chosen.index, G, most_nodes=nodes), proof
-        )
+        proof = _proved(criterion, blocks, rules, chosen, len(live), proof)
         clock.lap("branch and bound")
         effort.progress(
             f"branch and bound: {proof.value / proof.bound:.4f} after {proof.nodes} nodes"
@@ -234,6 +230,16 @@ def _polished(problem: Problem, pool: Pool, chosen: Chosen, effort: Effort) -> t
     relaxed = relax(problem.criterion, blocks, problem.rules(pool.level), start=start)
     rules = problem.rules(pool.level)
     return pool, _reported(problem, blocks, rules, index, chosen.agreement, relaxed)
+
+
+def _proved(
+    criterion: Criterion, blocks: Blocks, rules: Allowed, chosen: Chosen, live: int, start: Proof
+) -> Proof:
+    """The best plan that branch and bound finds among so many live candidates, from the one in hand."""
+    G = chosen.relaxed.G
+    nodes = min(_NODES, round(_WORK / (live * len(G) ** 2 + 1)))
+    found = prove(criterion.plain, blocks, rules, chosen.index, G, most_nodes=nodes)
+    return _settled(criterion, blocks, found, start)
 
 
 def _settled(criterion: Criterion, blocks: Blocks, proof: Proof, before: Proof) -> Proof:

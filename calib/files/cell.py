@@ -6,7 +6,7 @@ import difflib
 import math
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
@@ -28,8 +28,11 @@ from calib.files.read import ORDER, read_text
 from calib.files.robot import load_robot, robot_files, shapes_of
 from calib.files.schema import (
     KINDS,
+    AcceptanceTable,
     CellFile,
+    LoadTable,
     MarkerTable,
+    PriorTable,
     RobotTable,
 )
 from calib.model.build import context_of, parse_effect, parse_excluded
@@ -51,11 +54,7 @@ def load_cell(path: str | Path) -> Cell:
     convention = table.robot.dh_convention
     robot = load_robot(form, file, table.robot.base, table.robot.tip, convention)
     _check_joints(path, robot, table)
-    for text in table.model.effects:
-        try:
-            parse_effect(text)
-        except UnknownEffect as error:
-            raise InputError(path, "model.effects", str(error)) from None
+    _check_effects(path, table.model.effects)
     markers = {
         name: m if isinstance(m, MarkerTable) else MarkerTable(position=m)
         for name, m in table.markers_mm.items()
@@ -63,7 +62,7 @@ def load_cell(path: str | Path) -> Cell:
     given = "capsules_mm" in table.robot.model_fields_set
     shapes = Shapes(_capsules(table.robot)) if given else shapes_of(form, file, robot)
     bodies = bodies_of(path, table)
-    unseen = [MarkerTable(position=(0.0, 0.0, 0.0))] * len(bodies.names)
+    every = [*markers.values(), *len(bodies.names) * [MarkerTable(position=(0.0, 0.0, 0.0))]]
     positions = np.array([m.position for m in markers.values()]).reshape(-1, 3)
     cell = Cell(
         name=table.name or path.stem,
@@ -73,18 +72,12 @@ def load_cell(path: str | Path) -> Cell:
         robot=_narrowed(path, robot, table.robot),
         marker_names=(*markers, *bodies.names),
         markers=np.concatenate([positions * _MM, bodies.markers]),
-        marker_normals=np.array([_unit(m.normal) for m in (*markers.values(), *unseen)]),
-        marker_acceptance=np.array(
-            [math.radians(m.acceptance_deg or math.nan) for m in (*markers.values(), *unseen)]
-        ),
+        marker_normals=np.array([_unit(m.normal) for m in every]),
+        marker_acceptance=np.radians([m.acceptance_deg or math.nan for m in every]),
         instruments=instruments_of(table, tuple(markers), bodies),
         gravity=np.array(table.gravity.m_s2),
         payload=Payload(table.payload.mass_kg, _metres(table.payload.com_mm)),
-        load=None
-        if table.load is None
-        else Load(
-            table.load.mass_kg, _metres(table.load.com_mm), math.radians(table.load.max_tilt_deg)
-        ),
+        load=_load(table.load),
         effects=tuple(table.model.effects),
         knots={j: np.sort(np.radians(angles)) for j, angles in table.model.knots_deg.items()},
         anchors={
@@ -100,16 +93,36 @@ def load_cell(path: str | Path) -> Cell:
         dh_convention=convention,
         known_distances=known_distances(path, table),
         bodies=bodies.parts,
-        acceptance=None
-        if table.acceptance is None
-        else Acceptance(table.acceptance.tolerance_mm * _MM, table.acceptance.rule),
+        acceptance=_acceptance(table.acceptance),
         about={key: str(value) for key, value in table.report.items()},
     )
     cell = replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))
-    cell = with_targets(cell, table.design.targets)
-    if table.model.prior is None:
+    return _with_prior(with_targets(cell, table.design.targets), table.model.prior)
+
+
+def _check_effects(path: Path, effects: Sequence[str]) -> None:
+    for text in effects:
+        try:
+            parse_effect(text)
+        except UnknownEffect as error:
+            raise InputError(path, "model.effects", str(error)) from None
+
+
+def _load(table: LoadTable | None) -> Load | None:
+    if table is None:
+        return None
+    return Load(table.mass_kg, _metres(table.com_mm), math.radians(table.max_tilt_deg))
+
+
+def _acceptance(table: AcceptanceTable | None) -> Acceptance | None:
+    return None if table is None else Acceptance(table.tolerance_mm * _MM, table.rule)
+
+
+def _with_prior(cell: Cell, table: PriorTable | None) -> Cell:
+    """The cell with what its robot's type knows."""
+    if table is None:
         return cell
-    source = path.parent / table.model.prior.file
+    source = cell.path.parent / table.file
     return replace(cell, prior=load_prior(source, cell), prior_file=source)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -221,31 +222,22 @@ def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
     moving = [joint for joint in chain if joint.kind in MOVING]
     n = len(moving)
     if n > _MOST_JOINTS:
-        raise InputError(
-            path,
-            "",
-            f"has {n} moving joints, at most {_MOST_JOINTS} are possible",
-            "fix the others",
-        )
+        what = f"has {n} moving joints, at most {_MOST_JOINTS} are possible"
+        raise InputError(path, "", what, "fix the others")
     origins, axes = np.empty((n + 1, 4, 4)), np.empty((n, 3))
     limits, efforts = np.full((n, 2), [-np.inf, np.inf]), np.full(n, np.nan)
     masses, moments = np.zeros(n), np.zeros((n, 3))
-    C, T_link, k = np.eye(4), np.eye(4), -1
+    C, k = np.eye(4), -1
     for joint in chain:
-        where = f"joint {joint.name}"
-        own = origin_of(path, where, joint.element)
-        C, T_link = C @ own, T_link @ own
+        C = C @ origin_of(path, f"joint {joint.name}", joint.element)
         if joint.kind in MOVING:
             k += 1
             origins[k], axes[k] = C, _axis(path, joint)
             limits[k], efforts[k] = _limits(path, joint)
-            C, T_link = np.eye(4), np.eye(4)
-        for carrier, link, T in hanging:
-            if k >= 0 and carrier == joint.child and link in weights:
-                mass, com = weights[link]
-                placed = T_link @ T
-                masses[k] += mass
-                moments[k] += mass * (rotate(placed[:3, :3], com) + placed[:3, 3])
+            C = np.eye(4)
+        for mass, moment in _hung(joint.child, C, hanging, weights) if k >= 0 else ():
+            masses[k] += mass
+            moments[k] += moment
     origins[n] = C
     coms = moments / np.where(masses == 0, 1.0, masses)[:, None]
     return Robot(
@@ -261,6 +253,20 @@ def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
         masses=masses,
         coms=coms,
     )
+
+
+def _hung(
+    carrier: str,
+    placed: Array,
+    hanging: list[tuple[str, str, Array]],
+    weights: dict[str, tuple[float, Array]],
+) -> Iterator[tuple[float, Array]]:
+    """Mass and first moment, kg m, of all that hangs on a link, where the link is placed so."""
+    for own, link, T in hanging:
+        if own == carrier and link in weights:
+            mass, com = weights[link]
+            at = placed @ T
+            yield mass, mass * (rotate(at[:3, :3], com) + at[:3, 3])
 
 
 def _axis(path: Path, joint: UrdfJoint) -> Array:

@@ -177,21 +177,14 @@ def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRe
             Alone(id=f"{effect}:{where}.{name}", sigmas=sigmas)
             for (effect, where, name), sigmas in found.difference.alone.items()
         ),
-        left=Left(
-            before_mm=found.difference.left[0] * _MM,
-            after_mm=found.difference.left[1] * _MM,
-            p=found.moved.grown,
-            grown=found.moved.beyond,
-            excess_mm=max(days.before.excess, days.after.excess) * _MM,
-        ),
+        left=_left(found, days),
         cause=found.told,
         causes=tuple(map(_explained, found.explanations[:_MOST])) if found.moved.anything else (),
         same_as=tuple(Cause(effect=c.kind, where=c.where) for c in found.same_as),
         hidden=tuple(
             Cause(effect=e.cause.kind, where=e.cause.where) for e in found.explanations if e.hidden
         ),
-        targets=days.cell.targets_source
-        or f"{len(found.targets)} Sobol poses within the limits",
+        targets=days.cell.targets_source or f"{len(found.targets)} Sobol poses within the limits",
         change_rms_mm=_error(found.change.rms),
         change_worst_mm=_error(found.change.worst),
         kept_rms_mm=_error(rms),
@@ -199,16 +192,29 @@ def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRe
         renewed_rms_mm=float(np.hypot(found.renewed, found.rest)) * _MM,
         rest_mm=found.rest * _MM,
         worst_at=found.targets.names[found.kept.worst_at],
-        at_targets=tuple(
-            AtTarget(pose=name, change_mm=change, kept_mm=kept)
-            for name, change, kept in zip(
-                found.targets.names, _errors(found.change, 0.0), _errors(found.kept, found.rest),
-                strict=True,
-            )
-        ),
+        at_targets=_at_targets(found),
         tolerance_mm=None if found.tolerance is None else found.tolerance * _MM,
         verdict=found.verdict,
-    )  # fmt: skip
+    )
+
+
+def _left(found: Changes, days: Days) -> Left:
+    before, after = found.difference.left
+    return Left(
+        before_mm=before * _MM,
+        after_mm=after * _MM,
+        p=found.moved.grown,
+        grown=found.moved.beyond,
+        excess_mm=max(days.before.excess, days.after.excess) * _MM,
+    )
+
+
+def _at_targets(found: Changes) -> tuple[AtTarget, ...]:
+    changes, kept = _errors(found.change, 0.0), _errors(found.kept, found.rest)
+    return tuple(
+        AtTarget(pose=name, change_mm=change, kept_mm=own)
+        for name, change, own in zip(found.targets.names, changes, kept, strict=True)
+    )
 
 
 def _test(found: Changes) -> Test:

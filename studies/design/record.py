@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, Self, TypedDict
 
 import numpy as np
@@ -251,40 +252,20 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         bound=found.bound,
         efficiency=found.efficiency,
         proof=_proof(found),
-        poses=tuple(
-            Pose(pose=name, level=level, **_joints(robot, q))
-            for name, q, level in zip(found.poses.names, found.poses.q, levels, strict=True)
-        ),
+        poses=_poses(found, levels),
         levels_deg={} if slides else named,
         levels_mm=named if slides else {},
-        predicted_std=tuple(
-            Predicted(
-                name=p.name, effect=p.effect, where=p.where, id=p.id, std=std / p.scale, unit=p.unit
-            )
-            for p, std in zip(problem.model.parameters, judged.std.tolist(), strict=True)
-        ),
+        predicted_std=_predicted(found),
         targets=problem.cell.targets_source or f"{len(problem.targets)} Sobol poses",
         at_targets=at_targets(robot, problem.targets, judged.at_targets),
         survives=_survives(found),
-        candidates=Candidates(
-            drawn=found.candidates.drawn,
-            feasible=found.candidates.feasible,
-            removed_by=found.candidates.removed_by,
-        ),
+        candidates=_candidates(found),
         joint_travel_deg=math.degrees(found.travel),
         reference=_reference(found),
         reapproaches=_reapproaches(found),
         extends=None if problem.request.fixed is None else len(problem.request.fixed),
         against={name: _rival(found, name) for name in found.rivals},
-        curve=tuple(
-            Step(
-                poses=step.poses,
-                value=step.value,
-                task_rms_mm=step.task_rms * _MM,
-                efficiency=step.efficiency,
-            )
-            for step in found.curve
-        ),
+        curve=_curve(found),
         notes=found.notes,
         seconds=sum(found.seconds.values()),
         seconds_by_part=found.seconds,
@@ -292,6 +273,41 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         matches=poses_that_match(found.curve, found) if found.curve else {},
         landscape=_landscape(found),
         by_pose=_by_pose(found),
+    )
+
+
+def _poses(found: Design, levels: Sequence[float]) -> tuple[Pose, ...]:
+    robot, poses = found.problem.cell.robot, found.poses
+    return tuple(
+        Pose(pose=name, level=level, **_joints(robot, q))
+        for name, q, level in zip(poses.names, poses.q, levels, strict=True)
+    )
+
+
+def _predicted(found: Design) -> tuple[Predicted, ...]:
+    std: list[float] = found.assessment.std.tolist()
+    return tuple(
+        Predicted(
+            name=p.name, effect=p.effect, where=p.where, id=p.id, std=own / p.scale, unit=p.unit
+        )
+        for p, own in zip(found.problem.model.parameters, std, strict=True)
+    )
+
+
+def _candidates(found: Design) -> Candidates:
+    own = found.candidates
+    return Candidates(drawn=own.drawn, feasible=own.feasible, removed_by=own.removed_by)
+
+
+def _curve(found: Design) -> tuple[Step, ...]:
+    return tuple(
+        Step(
+            poses=step.poses,
+            value=step.value,
+            task_rms_mm=step.task_rms * _MM,
+            efficiency=step.efficiency,
+        )
+        for step in found.curve
     )
 
 

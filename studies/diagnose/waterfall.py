@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,21 +45,7 @@ def waterfall(steps: Steps, floor_mm: float) -> Picture:
     tidy(panel, "x")
     most = max(float(values.max()), low)
     digits = min(max(0, 2 - int(np.floor(np.log10(most)))), _MOST_DIGITS)
-    _bar(panel, 0, 0.0, values[0], {"color": "0.72"})
-    ends = [(values[0], f"{values[0]:.{digits}f}")]
-    for i in range(n):
-        start, end = values[i], values[i + 1]
-        worse = end > start
-        look: Any = {"color": VERMILLION if worse else BLUE, "hatch": "//" if worse else ""}
-        _bar(panel, i + 1, start, end, look)
-        sign = "+" if worse else "\N{MINUS SIGN}"
-        ends.append((max(start, end), f"{sign}{abs(end - start):.{digits}f}"))
-        _step(panel, i, start)
-    if n:
-        _step(panel, n, values[n])
-        _bar(panel, n + 1, 0.0, values[n], {"color": "0.45"})
-        ends.append((values[n], f"{values[n]:.{digits}f}"))
-    for at, (end, text) in enumerate(ends):
+    for at, (end, text) in enumerate([*_bars(panel, values, digits)]):
         _number(panel, at, low if end <= low < end + _TEXT * most else end, text)
     line = panel.axvline(
         low,
@@ -82,13 +69,37 @@ def waterfall(steps: Steps, floor_mm: float) -> Picture:
         f"What is left is {values[-1] / low:.2f} times the floor, which noise alone would leave."
     )
     header = ("step", *(f"{what} [{steps.unit}]" for what in ("RMS", "change", "floor")))
-    rows: list[tuple[Cell, ...]] = [(labels[0], float(values[0]), None, low)]
-    for label, value, change in zip(names, values[1:], np.diff(values), strict=True):
-        rows.append((label, float(value), float(change), low))
-    if n:
-        rows.append((labels[-1], float(values[n]), None, low))
     title = "From the gap to the floor"
-    return Picture("waterfall", title, caption, figure, header, tuple(rows))
+    rows = tuple(_rows(labels, values, low))
+    return Picture("waterfall", title, caption, figure, header, rows)
+
+
+def _rows(labels: Sequence[str], values: Array, floor: float) -> Iterator[tuple[Cell, ...]]:
+    """The error at each step and its change; at the end what is left."""
+    changes: list[float | None] = [None, *np.diff(values).tolist()]
+    for label, value, change in zip(labels, values.tolist(), changes, strict=False):
+        yield label, value, change, floor
+    if len(values) > 1:
+        yield labels[-1], float(values[-1]), None, floor
+
+
+def _bars(panel: Axes, values: Array, digits: int) -> Iterator[tuple[float, str]]:
+    """Draw the error before, its changes and what is left; yields each bar's end and number."""
+    n = len(values) - 1
+    _bar(panel, 0, 0.0, values[0], {"color": "0.72"})
+    yield values[0], f"{values[0]:.{digits}f}"
+    for i in range(n):
+        start, end = values[i], values[i + 1]
+        worse = end > start
+        look: Any = {"color": VERMILLION if worse else BLUE, "hatch": "//" if worse else ""}
+        _bar(panel, i + 1, start, end, look)
+        _step(panel, i, start)
+        sign = "+" if worse else "\N{MINUS SIGN}"
+        yield max(start, end), f"{sign}{abs(end - start):.{digits}f}"
+    if n:
+        _step(panel, n, values[n])
+        _bar(panel, n + 1, 0.0, values[n], {"color": "0.45"})
+        yield values[n], f"{values[n]:.{digits}f}"
 
 
 def _bar(panel: Axes, at: int, start: float, end: float, look: Any) -> None:

@@ -296,9 +296,7 @@ def identify_record(
     """
     from calib.identification import ADVICE
 
-    fit, held, noise = found.fit, found.heldout, found.noise
-    again, metric = noise.replicate_factor, fit.channels.metric
-    mm = found.footprint * _MM
+    fit, held = found.fit, found.heldout
     return IdentifyRecord(
         **made_from,
         **asked,
@@ -307,14 +305,7 @@ def identify_record(
         advice=ADVICE[found.status],
         approach=found.approach,
         method=found.method,
-        noise=IdentifyNoise(
-            sigma_mm=noise.sigma * mm,
-            believed_sigma_mm=noise.believed * mm,
-            source=noise.source,
-            replicate_sigma_mm=None if again is None else again * noise.believed * mm,
-            lack_of_fit_p=noise.lack_of_fit_p,
-            **by_level(found.levels, found.scatter),
-        ),
+        noise=_noise(found),
         poses=len(fit.data),
         points=int(fit.data.seen.sum()),
         rank=found.rank,
@@ -327,27 +318,18 @@ def identify_record(
         unidentifiable=tuple(
             Unidentifiable(names=u.names, reason=u.reason) for u in found.unidentifiable
         ),
-        absorbed=tuple(
-            Absorbed(id=d.id, absorbed_by=tuple(name for name, _ in d.absorbed_by))
-            for d in found.absorbed
-        ),
+        absorbed=_absorbed(found),
         outliers=tuple(_outliers(fit, found.footprint)),
         outliers_share=_share(found.shared),
         heldout_outliers=() if held is None else tuple(_outliers(held, found.footprint)),
-        rms_mm=_distances(found, lambda d: float(np.sqrt(np.mean(d**2)))),
+        rms_mm=_distances(found, _rms),
         max_mm=_distances(found, lambda d: float(d.max())),
         p95_mm=_distances(found, lambda d: float(np.quantile(d, 0.95))),
-        instruments=tuple(
-            OfInstrument.model_validate({"instrument": name, "unit": unit, **rms})
-            for (name, unit), rms in found.by_instrument.items()
-        ),
+        instruments=_instruments(found),
         pair_distances_mm=dict(_pairs(found)),
-        rms_of_residuals_mm=float(np.sqrt(np.mean(fit.lengths() ** 2))) * _MM if metric else None,
+        rms_of_residuals_mm=_rms(fit.lengths()) * _MM if fit.channels.metric else None,
         base=_base(found),
-        markers_mm={
-            found.model.marker_names[j]: three(found.marker_positions[j] * _MM)
-            for j in np.unique(found.model.readout.channels.marker).tolist()
-        },
+        markers_mm=_markers(found),
         bodies=_bodies(found),
         correlation=tuple(map(tuple, np.round(found.correlation, 4).tolist())),
         residuals=(*_residuals(found, fit), *(() if held is None else _residuals(found, held))),
@@ -363,6 +345,44 @@ def identify_record(
         of_type=None if found.of_type is None else of_type_entry(found),
         estimate=estimated(estimate),
     )
+
+
+def _noise(found: Identification) -> IdentifyNoise:
+    noise, mm = found.noise, found.footprint * _MM
+    again = noise.replicate_factor
+    return IdentifyNoise(
+        sigma_mm=noise.sigma * mm,
+        believed_sigma_mm=noise.believed * mm,
+        source=noise.source,
+        replicate_sigma_mm=None if again is None else again * noise.believed * mm,
+        lack_of_fit_p=noise.lack_of_fit_p,
+        **by_level(found.levels, found.scatter),
+    )
+
+
+def _absorbed(found: Identification) -> tuple[Absorbed, ...]:
+    return tuple(
+        Absorbed(id=d.id, absorbed_by=tuple(name for name, _ in d.absorbed_by))
+        for d in found.absorbed
+    )
+
+
+def _instruments(found: Identification) -> tuple[OfInstrument, ...]:
+    return tuple(
+        OfInstrument.model_validate({"instrument": name, "unit": unit, **rms})
+        for (name, unit), rms in found.by_instrument.items()
+    )
+
+
+def _rms(distances: Array) -> float:
+    return float(np.sqrt(np.mean(distances**2)))
+
+
+def _markers(found: Identification) -> dict[str, tuple[float, float, float]]:
+    """Those that are read by their names."""
+    model = found.model
+    read: list[int] = np.unique(model.readout.channels.marker).tolist()
+    return {model.marker_names[j]: three(found.marker_positions[j] * _MM) for j in read}
 
 
 def _parameters(found: Identification) -> Iterator[Parameter]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from itertools import groupby
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -28,6 +28,9 @@ from studies.plots.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+Pair: TypeAlias = tuple[str, str, str, str]
+"""Name and unit of one parameter, name and unit of another."""
+
 _RADIUS = math.sqrt(-2.0 * math.log(0.05))  # of the 95 % ellipse of two normal variables
 _DRAWN = 400  # points of a cloud; more only make it darker
 _LISTED = 20
@@ -36,7 +39,7 @@ _WRITTEN = 12  # parameters up to which the numbers stand in the cells
 
 @styled
 def ellipses(
-    pairs: Sequence[tuple[str, str, str, str]],
+    pairs: Sequence[Pair],
     covariances: Mapping[str, Array],
     samples: Mapping[str, Array] | None = None,
     *,
@@ -45,7 +48,7 @@ def ellipses(
 ) -> Picture:
     """95 % error ellipses of pairs of parameters, one panel a pair, about the mean.
 
-    pairs : (name, unit, name, unit) of both parameters, the first along x
+    pairs : the first parameter of each along x
     covariances : approach -> ndarray, shape (pairs, 2, 2), in these units; NaN where not estimable
     samples : approach -> ndarray, shape (trials, pairs, 2), simulated errors in these units
     """
@@ -58,13 +61,7 @@ def ellipses(
     for panel in axes.flat[len(pairs) :]:
         panel.remove()
     for i, (pair, panel) in enumerate(zip(pairs, axes.flat, strict=False)):
-        tidy(panel)
-        labels = brief([pair[0], pair[2]])
-        panel.set_xlabel(_label(labels[0], pair[1]))
-        panel.set_ylabel(_label(labels[1], pair[3]))
-        panel.tick_params(labelsize=9)
-        panel.locator_params(axis="x", nbins=3)
-        panel.locator_params(axis="y", nbins=4)
+        _prepare(panel, pair)
         for key, covariance in covariances.items():
             if key in samples:
                 _cloud(panel, np.asarray(samples[key])[:, i], look[key].color)
@@ -83,25 +80,39 @@ def ellipses(
         "pair", "approach", "std of first", "unit", "std of second", "unit", "correlation",
         "simulated inside [%]",
     )  # fmt: skip
-    rows: list[tuple[Cell, ...]] = []
-    for i, pair in enumerate(pairs):
-        for key, covariance in covariances.items():
-            C = np.asarray(covariance, dtype=float)[i]
-            a, b = (math.sqrt(max(C[k, k], 0.0)) for k in (0, 1))
-            inside = share_inside(C, np.asarray(samples[key])[:, i]) if key in samples else math.nan
-            rows.append(
-                (
-                    f"{pair[0]}, {pair[2]}",
-                    look[key].label,
-                    cell(a),
-                    pair[1],
-                    cell(b),
-                    pair[3],
-                    cell(C[0, 1] / (a * b)) if a * b > 0.0 else None,
-                    cell(100.0 * inside),
-                )
-            )
-    return Picture(name, title, caption, figure, header, tuple(rows))
+    rows = tuple(
+        _row(
+            pair,
+            look[key].label,
+            np.asarray(covariance, dtype=float)[i],
+            np.asarray(samples[key])[:, i] if key in samples else None,
+        )
+        for i, pair in enumerate(pairs)
+        for key, covariance in covariances.items()
+    )
+    return Picture(name, title, caption, figure, header, rows)
+
+
+def _prepare(panel: Axes, pair: Pair) -> None:
+    """Axes of a pair, with few ticks."""
+    tidy(panel)
+    labels = brief([pair[0], pair[2]])
+    panel.set_xlabel(_label(labels[0], pair[1]))
+    panel.set_ylabel(_label(labels[1], pair[3]))
+    panel.tick_params(labelsize=9)
+    panel.locator_params(axis="x", nbins=3)
+    panel.locator_params(axis="y", nbins=4)
+
+
+def _row(pair: Pair, approach: str, C: Array, samples: Array | None) -> tuple[Cell, ...]:
+    """Both standard deviations, the correlation, and how many samples the ellipse holds."""
+    first, unit, second, other = pair
+    a, b = (math.sqrt(max(C[k, k], 0.0)) for k in (0, 1))
+    related = cell(C[0, 1] / (a * b)) if a * b > 0.0 else None
+    inside = math.nan if samples is None else share_inside(C, samples)
+    return (
+        f"{first}, {second}", approach, cell(a), unit, cell(b), other, related, cell(100.0 * inside),
+    )  # fmt: skip
 
 
 def _label(name: str, unit: str) -> str:

@@ -54,12 +54,7 @@ def histogram(
     from matplotlib.lines import Line2D
 
     lengths = [np.linalg.norm(part, axis=-1) * _MM for part in (before, after)]
-    every = np.concatenate(lengths)
-    least = float(np.quantile(every, _BELOW))
-    low = max(min(least, 0.3 * sigma * _MM), _DECADES * float(every.max()), 1e-9)
-    high = 1.3 * max(float(every.max()), 3.0 * sigma * _MM)
-    if not high > low:
-        raise ValueError("no distance is above zero, nor is sigma")
+    low, high = _limits(np.concatenate(lengths), sigma * _MM)
     count = max(6, round(_BINS_A_DECADE * np.log10(high / low)))
     edges = np.geomspace(low, high, count + 1)
     figure = sheet(7.2, 4.4)
@@ -84,18 +79,22 @@ def histogram(
         f"({short(_NOISE * sigma * _MM)} mm at sigma {short(sigma * _MM)} mm)."
     )
     header = (
-        "model",
-        "points",
-        "RMS [mm]",
-        "mean [mm]",
-        "p95 [mm]",
-        "max [mm]",
-        "mean + 3 sigma [mm]",
-    )
+        "model", "points", "RMS [mm]", "mean [mm]", "p95 [mm]", "max [mm]", "mean + 3 sigma [mm]",
+    )  # fmt: skip
     rows = tuple(
         (label, float(len(own)), *figures(own)) for label, own in zip(names, lengths, strict=True)
     )
     return Picture(name, title, caption, figure, header, rows)
+
+
+def _limits(distances: Array, sigma: float) -> tuple[float, float]:
+    """Of the axis, in the unit of both. Raises ValueError where nothing is above zero."""
+    least = float(np.quantile(distances, _BELOW))
+    low = max(min(least, 0.3 * sigma), _DECADES * float(distances.max()), 1e-9)
+    high = 1.3 * max(float(distances.max()), 3.0 * sigma)
+    if not high > low:
+        raise ValueError("no distance is above zero, nor is sigma")
+    return low, high
 
 
 def figures(distances: Array) -> tuple[Cell, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,6 @@ from calib.arrays import Array
 from studies.plots.style import (
     BLUE,
     VERMILLION,
-    Cell,
     Picture,
     cell,
     legend_below,
@@ -22,6 +21,9 @@ from studies.plots.style import (
     styled,
     tidy,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _VECTOR = 2000  # candidates; a larger cloud becomes a picture within the SVG
 
@@ -105,31 +107,15 @@ def derivative(
     bound : 1 by the equivalence theorem, or ndarray, shape (levels,), one for each level
     efficiency : proven share of the best value, 0 to 1
     """
-    from matplotlib.lines import Line2D
-
     score, degrees = np.asarray(score, dtype=float), np.degrees(np.asarray(angle, dtype=float))
     chosen = np.asarray(chosen, dtype=int)
-    marks = None if levels is None else np.sort(np.degrees(np.asarray(levels, dtype=float)))
-    order = slice(None) if levels is None else np.argsort(np.asarray(levels))
-    limits = np.atleast_1d(np.asarray(bound, dtype=float))
-    limits = limits[order] if limits.size > 1 else limits
-    at = degrees if marks is None else _spread(degrees, marks)
+    marks, limits = _bounds(degrees, levels, bound)
+    at = degrees if levels is None or marks is None else _spread(degrees, marks)
     figure = sheet(6.8, 4.3)
     panel = figure.subplots()
     tidy(panel)
-    others = np.setdiff1d(np.arange(len(score)), chosen)
-    dot: Any = {"color": "0.55", "marker": "o", "linestyle": "", "markeredgewidth": 0.0}
-    many = len(others) > _VECTOR
-    panel.plot(at[others], score[others], markersize=1.2 if many else 2.0, rasterized=many, **dot)
-    cloud = Line2D([], [], label=f"candidates ({len(others)})", markersize=4.0, **dot)
-    line: Any = {"color": VERMILLION, "linestyle": "--", "linewidth": 1.6}
-    bar: Any
-    if limits.size == 1:
-        bar = panel.axhline(limits[0], label="bound", **line)
-    else:
-        marks = np.unique(degrees) if marks is None else marks
-        half = _half_width(marks)
-        bar = panel.hlines(limits, marks - half, marks + half, label="bound at the level", **line)
+    cloud = _cloud(panel, at, score, np.setdiff1d(np.arange(len(score)), chosen))
+    bar = _bar(panel, marks, limits)
     own, = panel.plot(
         at[chosen], score[chosen], color=BLUE, marker="D", markersize=6.5, markeredgecolor="white",
         markeredgewidth=0.8, linestyle="", label=f"chosen ({len(chosen)})",
@@ -139,33 +125,65 @@ def derivative(
             marks, [f"{mark:g}".replace("-", "\N{MINUS SIGN}") for mark in marks.round(2)]
         )
     panel.set_xlabel(f"{joint} [deg]")
-    panel.set_ylabel(f"derivative of {criterion}, bound = 1 [-]")
-    if limits.size > 1:
-        panel.set_ylabel(f"derivative of {criterion} [-]")
+    one = "" if limits.size > 1 else ", bound = 1"
+    panel.set_ylabel(f"derivative of {criterion}{one} [-]")
     low, high = float(score.min()), max(float(score.max()), float(limits.max()))
     panel.set_ylim(low - 0.12 * (high - low), high + 0.12 * (high - low))
-    if efficiency is not None:
-        panel.set_title(
-            f"at least {100.0 * efficiency:.1f} % of the best", loc="right", color="0.2"
-        )
+    proved = "" if efficiency is None else f"at least {100.0 * efficiency:.1f} %"
+    if proved:
+        panel.set_title(f"{proved} of the best", loc="right", color="0.2")
     legend_below(figure, [own, cloud, bar])
+    reached = f"; this one reaches {proved}." if proved else "."
     caption = (
         f"How much criterion {criterion} would gain by turning effort towards each candidate. In the "
-        "best design no candidate lies above the dashed bound and the chosen poses lie on it"
-        + (
-            f"; this one reaches at least {100.0 * efficiency:.1f} %."
-            if efficiency is not None
-            else "."
-        )
+        f"best design no candidate lies above the dashed bound and the chosen poses lie on it{reached}"
     )
-    labels = chosen_names or [str(index) for index in chosen]
-    at_level = np.broadcast_to(limits, (len(marks) if marks is not None else 1,))
-    rows: list[tuple[Cell, ...]] = []
-    for label, index in zip(labels, chosen, strict=True):
-        place = 0 if marks is None else int(np.argmin(np.abs(marks - degrees[index])))
-        rows.append((label, cell(degrees[index]), cell(score[index]), cell(at_level[place])))
+    nearest = _nearest(degrees[chosen], marks)
+    at_level = np.broadcast_to(limits, (1 if marks is None else len(marks),))[nearest]
     header = ("chosen", f"{joint} [deg]", "derivative [-]", "bound [-]")
-    return Picture(name, title, caption, figure, header, tuple(rows))
+    labels = chosen_names or [str(index) for index in chosen]
+    values = zip(labels, degrees[chosen], score[chosen], at_level, strict=True)
+    rows = tuple((label, *map(cell, numbers)) for label, *numbers in values)
+    return Picture(name, title, caption, figure, header, rows)
+
+
+def _bounds(
+    degrees: Array, levels: Array | None, bound: float | Array
+) -> tuple[Array | None, Array]:
+    """Angles at which candidates stand, None where anywhere; the bound at each, or the only one."""
+    limits = np.atleast_1d(np.asarray(bound, dtype=float))
+    if levels is None:
+        return np.unique(degrees) if limits.size > 1 else None, limits
+    order = np.argsort(np.asarray(levels))
+    marks = np.degrees(np.asarray(levels, dtype=float))[order]
+    return marks, limits[order] if limits.size > 1 else limits
+
+
+def _cloud(panel: Axes, at: Array, score: Array, others: NDArray[np.int_]) -> Any:
+    """The candidates that were not chosen; returns their entry in the legend."""
+    from matplotlib.lines import Line2D
+
+    dot: Any = {"color": "0.55", "marker": "o", "linestyle": "", "markeredgewidth": 0.0}
+    many = len(others) > _VECTOR
+    panel.plot(at[others], score[others], markersize=1.2 if many else 2.0, rasterized=many, **dot)
+    return Line2D([], [], label=f"candidates ({len(others)})", markersize=4.0, **dot)
+
+
+def _bar(panel: Axes, marks: Array | None, limits: Array) -> Any:
+    """The bound: one line, or one at each level."""
+    line: Any = {"color": VERMILLION, "linestyle": "--", "linewidth": 1.6}
+    if marks is None or limits.size == 1:
+        return panel.axhline(limits[0], label="bound", **line)
+    half = _half_width(marks)
+    return panel.hlines(limits, marks - half, marks + half, label="bound at the level", **line)
+
+
+def _nearest(degrees: Array, marks: Array | None) -> NDArray[np.int_]:
+    """The mark next to each angle."""
+    if marks is None:
+        return np.zeros(len(degrees), dtype=int)
+    nearest: NDArray[np.int_] = np.argmin(np.abs(degrees[:, None] - marks), axis=1)
+    return nearest
 
 
 def _half_width(marks: Array) -> float:
@@ -176,6 +194,5 @@ def _half_width(marks: Array) -> float:
 def _spread(degrees: Array, marks: Array) -> Array:
     """Angles moved apart beside their level, by a golden-ratio sequence: even and repeatable."""
     golden = (np.arange(len(degrees)) * 0.6180339887498949) % 1.0
-    nearest = marks[np.argmin(np.abs(degrees[:, None] - marks), axis=1)]
-    out: Array = nearest + 0.9 * _half_width(marks) * (2.0 * golden - 1.0)
+    out: Array = marks[_nearest(degrees, marks)] + 0.9 * _half_width(marks) * (2.0 * golden - 1.0)
     return out

@@ -60,7 +60,6 @@ def by_pose_and_axis(
     figure = sheet(min(10.5, max(5.2, 1.6 + 0.17 * m)), 5.6)
     panels = figure.subplots(3, 1, sharex=True, sharey=True)
     look = looks(marker_names)
-    inside = np.abs(values[~flagged]) <= 2.0 * sigma * _MM
     for axis, panel in zip("xyz", panels, strict=True):
         tidy(panel, "y")
         panel.axhspan(-2.0 * sigma * _MM, 2.0 * sigma * _MM, color=FAINT, linewidth=0, zorder=0)
@@ -80,21 +79,26 @@ def by_pose_and_axis(
     if flagged.any():
         handles.append(_ring())
     legend_below(figure, handles)
-    counted = int(np.isfinite(values[~flagged]).sum())
-    share = 100.0 * int(inside.sum()) / counted if counted else 0.0
-    caption = (
-        "Measured minus predicted coordinates of each marker. Noise alone puts 95 % of them into the "
-        f"grey band; here {share:.0f} % are inside"
-        + (", outliers not counted" if flagged.any() else "")
-        + ". Residuals of one pose that lean to one side point to an error of the model."
-    )
-    if (np.abs(values) > limit).any():
-        caption += " Triangles at the edge stand for values beyond it."
+    caption = _caption(values, flagged, sigma * _MM, limit)
     header = ("pose", "RMS [mm]", "largest [mm]", "axis", "marker", "outlier")
     rows = tuple(
         _row(label, values[i], flagged[i], marker_names) for i, label in enumerate(pose_names)
     )
     return Picture(name, title, caption, figure, header, rows)
+
+
+def _caption(values: Array, flagged: NDArray[np.bool_], sigma: float, limit: float) -> str:
+    """How many lie in the band, and what that says."""
+    counted = int(np.isfinite(values[~flagged]).sum())
+    inside = int((np.abs(values[~flagged]) <= 2.0 * sigma).sum())
+    share = 100.0 * inside / counted if counted else 0.0
+    but = ", outliers not counted" if flagged.any() else ""
+    edge = " Triangles at the edge stand for values beyond it."
+    return (
+        "Measured minus predicted coordinates of each marker. Noise alone puts 95 % of them into the "
+        f"grey band; here {share:.0f} % are inside{but}. Residuals of one pose that lean to one side "
+        f"point to an error of the model.{edge if (np.abs(values) > limit).any() else ''}"
+    )
 
 
 def _by_reading(outliers: NDArray[np.bool_] | None, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -16,6 +16,11 @@ _LONGEST_REMARK = 32  # characters that the pendant shows of a remark
 _MOST_AXES = 9  # of one group
 _PERCENT = 5  # of the joint speed
 _SETTLE = 2.0  # s, before anything is measured
+_NOTES = (
+    "FANUC counts J3 from the horizontal: where the chain counts it from the link before, "
+    "J3 = q3 - q2 in the controller's senses of rotation. Here stand the chain's values.",
+    f"Speed is {_PERCENT} %; run it first in T1, step by step.",
+)
 
 
 def fanuc(name: str, cell: Cell, stops: Sequence[Stop], head: Sequence[str]) -> Program:
@@ -27,25 +32,10 @@ def fanuc(name: str, cell: Cell, stops: Sequence[Stop], head: Sequence[str]) -> 
             "begin the chain at the arm",
         )  # fmt: skip
     axes = tuple(f"J{k + 1}" for k in range(robot.dof))
-    notes = [
-        *head,
-        *head_lines(cell, axes),
-        "FANUC counts J3 from the horizontal: where the chain counts it from the link before, "
-        "J3 = q3 - q2 in the controller's senses of rotation. Here stand the chain's values.",
-        f"Speed is {_PERCENT} %; run it first in T1, step by step.",
-    ]
-    remarks = [piece for note in notes for piece in _pieces(note)]
-    lines = [f"!{remark}" for remark in remarks]
-    positions = []
+    notes = [*head, *head_lines(cell, axes), *_NOTES]
+    lines = [f"!{piece}" for note in notes for piece in _pieces(note)]
     for number, stop in enumerate(stops, start=1):
-        lines += [
-            f"!{_cut(f'{number}/{len(stops)} {stop.name}')}",
-            f"J P[{number}] {_PERCENT}% FINE",
-        ]
-        lines += [f"WAIT {_SETTLE:6.2f}(sec)"]
-        for task in stop.tasks:
-            lines += [*(f"!{piece}" for piece in _pieces(task)), "PAUSE"]
-        positions += _position(cell, number, stop)
+        lines += _motion(number, len(stops), stop)
     numbered = [f"{n:4d}:{'' if own[0] == 'J' else '  '}{own} ;" for n, own in enumerate(lines, 1)]
     text = [
         f"/PROG  {program}",
@@ -56,16 +46,12 @@ def fanuc(name: str, cell: Cell, stops: Sequence[Stop], head: Sequence[str]) -> 
         "/MN",
         *numbered,
         "/POS",
-        *positions,
+        *(line for n, stop in enumerate(stops, 1) for line in _position(cell, n, stop)),
         "/END",
         "",
     ]
-    said = (
-        ()
-        if program == name.upper()
-        else (f"the program is {program}: name its file {program}.ls",)
-    )
-    return Program("\n".join(text), said)
+    renamed = (f"the program is {program}: name its file {program}.ls",)
+    return Program("\n".join(text), () if program == name.upper() else renamed)
 
 
 def identifier(text: str) -> str:
@@ -76,6 +62,16 @@ def identifier(text: str) -> str:
     """
     name = re.sub(r"[^A-Z0-9_]", "_", text.upper())
     return (name if name[:1].isalpha() else f"P_{name}")[:_LONGEST_NAME]
+
+
+def _motion(number: int, of: int, stop: Stop) -> Iterator[str]:
+    """Drive there, wait, and pause for each task."""
+    yield f"!{_cut(f'{number}/{of} {stop.name}')}"
+    yield f"J P[{number}] {_PERCENT}% FINE"
+    yield f"WAIT {_SETTLE:6.2f}(sec)"
+    for task in stop.tasks:
+        yield from (f"!{piece}" for piece in _pieces(task))
+        yield "PAUSE"
 
 
 def _position(cell: Cell, number: int, stop: Stop) -> list[str]:

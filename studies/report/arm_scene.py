@@ -137,9 +137,7 @@ def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = N
     tail = number[robot.dof + 2 :].tolist()
     arms = points[:, chain]
     reached = np.concatenate([arms, whole_mm(ridden)], axis=1)
-    length = float(np.linalg.norm(arms - arms[:, :1], axis=-1).max())
-    # An arm whose axes meet in one point reaches as far as what it carries.
-    length = max(length, _CARRIED * float(np.linalg.norm(reached - arms[:, :1], axis=-1).max()))
+    length = _length(arms, reached)
     values = np.where(robot.prismatic, poses.q * 1e3, np.degrees(poses.q))
     around = surroundings(cell, reached.reshape(-1, 3), length)
     drawn = () if _of_tracker(cell) else tuple(fixtures(cell, plan, placed, found, length / 1e3))
@@ -166,6 +164,14 @@ def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = N
         beyond=beyond,
         reads=_reads(cell, plan),
     )
+
+
+def _length(arms: IntArray, reached: IntArray) -> float:
+    """How far the arm reaches from its base, mm; if its axes meet in a point, what it carries."""
+    own, most = (
+        float(np.linalg.norm(points - arms[:, :1], axis=-1).max()) for points in (arms, reached)
+    )
+    return max(own, _CARRIED * most)
 
 
 def _own_markers(cell: Cell) -> list[int]:

@@ -15,6 +15,7 @@ from studies.plots.style import (
     Cell,
     Picture,
     cell,
+    cloud,
     legend_below,
     looks,
     pose_ticks,
@@ -120,8 +121,11 @@ def derivative(
     others = np.setdiff1d(np.arange(len(score)), chosen)
     dot: Any = {"color": "0.55", "marker": "o", "linestyle": "", "markeredgewidth": 0.0}
     many = len(others) > _VECTOR
-    panel.plot(at[others], score[others], markersize=1.2 if many else 2.0, rasterized=many, **dot)
-    cloud = Line2D([], [], label=f"candidates ({len(others)})", markersize=4.0, **dot)
+    if many:
+        panel.plot(at[others], score[others], markersize=1.2, rasterized=True, **dot)
+    else:
+        cloud(panel, at[others], score[others], 2.0, color=dot["color"], zorder=2)
+    crowd = Line2D([], [], label=f"candidates ({len(others)})", markersize=4.0, **dot)
     line: Any = {"color": VERMILLION, "linestyle": "--", "linewidth": 1.6}
     bar: Any
     if limits.size == 1:
@@ -148,7 +152,7 @@ def derivative(
         panel.set_title(
             f"at least {100.0 * efficiency:.1f} % of the best", loc="right", color="0.2"
         )
-    legend_below(figure, [own, cloud, bar])
+    legend_below(figure, [own, crowd, bar])
     caption = (
         f"How much criterion {criterion} would gain by turning effort towards each candidate. In the "
         "best design no candidate lies above the dashed bound and the chosen poses lie on it"

@@ -4,10 +4,10 @@ Moving a frame moves the loads, which changes the wrench at every elastic frame,
 again. With y_k the motion that elastic frame k adds and V_l the motion of frame l itself, both as
 velocity fields,
 
-    y_k = T_k K_k (whole_k sum_{l<=k} (V_l + y_l) + beyond sum_{l>k} (V_l + y_l)) ,
+    y_k = T_k K_k (whole_k sum_{l<=k} (V_l + y_l) + beyond sum_{l>k} (V_l + y_l)) .
 
-solved by Gauss-Seidel from the tip to the base: a round gains the factor compliance x load x lever,
-about two digits.
+Few components of a wrench bend a frame, of a joint's compliance the moment about its axis alone: how
+these change, at all elastic frames together, is what a small linear system is solved for at each pose.
 """
 
 from __future__ import annotations
@@ -19,9 +19,6 @@ import numpy as np
 from calib.arm.kinematics import Frames, spatial_columns
 from calib.arm.statics import Loads, Transmitted, rigid_change
 from calib.arrays import Array, IntArray
-
-_SETTLED = 1e-9  # relative change
-_MOST_ROUNDS = 30
 
 
 def coupled(
@@ -41,30 +38,30 @@ def coupled(
     elastic : dict, frame -> ndarray, shape (..., m, 6, 6), flexibility
     Returns ndarray, shape (..., m, 6, p), base axes.
     """
+    felt = {k: np.flatnonzero(K.any(axis=(*range(K.ndim - 2), -2))) for k, K in elastic.items()}
+    at, component = np.repeat([*felt], [len(c) for c in felt.values()]), np.hstack([*felt.values()])
     whole, beyond = rigid_change(loads, frames, wrench)
-    per_parameter = np.take(beyond, acts_at, axis=-3)  # (..., m, p, 3, 6)
-    pulls = np.einsum("...pij,...jp->...ip", per_parameter, own, optimize=True)
-    order = sorted(elastic, reverse=True)
-    follow, driven = {}, {}
-    for k in order:
-        # Velocity field at k for a unit wrench there, times what each wrench column contributes.
-        follow[k] = np.swapaxes(spatial_columns(frames.present, k, elastic[k]), -1, -2)
-        drive = whole[..., k, :, :] @ (own * (acts_at <= k)) + loaded[..., k, :, :]
-        turned = np.swapaxes(frames.R[..., k, :, :], -1, -2)
-        drive[..., 3:, :] += turned @ (pulls * (acts_at > k))
-        driven[k] = follow[k] @ drive
-    y = {k: driven[k] for k in order}
-    for _ in range(_MOST_ROUNDS):
-        change = 0.0
-        for k in order:
-            near = sum((y[j] for j in order if j <= k), np.zeros(()))
-            drive = whole[..., k, :, :] @ near
-            far = [beyond[..., j, :, :] @ y[j] for j in order if j > k]
-            if far:
-                drive[..., 3:, :] += np.swapaxes(frames.R[..., k, :, :], -1, -2) @ sum(far)
-            new = driven[k] + follow[k] @ drive
-            change = max(change, float(np.abs(new - y[k]).max(initial=0.0)))
-            y[k] = new
-        if change <= _SETTLED * max(float(np.abs(y[k]).max(initial=0.0)) for k in order):
-            break
-    return own + sum(y.values())
+    # Rows that read those components of what moves the frame too, and of moments from beyond it.
+    near = whole[..., at, component, :]
+    far = np.swapaxes(frames.R, -1, -2)[..., at, component - 3, :] * (component >= 3)[:, None]
+
+    def change(motion: Array, acts_at: IntArray) -> Array:
+        moments = _moments(beyond, motion, acts_at)
+        return np.where(acts_at <= at[:, None], near @ motion, far @ moments)
+
+    follow = np.concatenate(
+        [spatial_columns(frames.present, k, elastic[k][..., c]) for k, c in felt.items()], axis=-2
+    )
+    follow = np.swapaxes(follow, -1, -2)
+    given = change(own, acts_at) + loaded[..., at, component, :]
+    return own + follow @ np.linalg.solve(np.eye(len(at)) - change(follow, at), given)
+
+
+def _moments(beyond: Array, motion: Array, acts_at: IntArray) -> Array:
+    """Change of the moments by motions (..., m, 6, p) of all beyond the frames where they act."""
+    batch = np.broadcast_shapes(beyond.shape[:-3], motion.shape[:-2])
+    out = np.empty((*batch, 3, motion.shape[-1]))
+    for frame in np.unique(acts_at):
+        own = acts_at == frame
+        out[..., own] = beyond[..., frame, :, :] @ motion[..., own]
+    return out

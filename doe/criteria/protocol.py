@@ -25,7 +25,9 @@ from doe.optimal.function import Conic, InformationFunction
 
 def solved(M: Array, right: Array) -> Array:
     """``M^-1 right`` of matrices (..., p, p) and one (p, k) for all: NumPy before 2 wants it spread."""
-    return np.asarray(np.linalg.solve(M, np.broadcast_to(right, (*M.shape[:-2], *right.shape))))
+    if M.ndim > 2:
+        right = np.broadcast_to(right, (*M.shape[:-2], *right.shape))
+    return np.asarray(np.linalg.solve(M, right))
 
 
 @dataclass(frozen=True, eq=False)

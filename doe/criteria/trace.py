@@ -35,7 +35,7 @@ class Trace(Criterion):
 
     def gradient(self, M: Array) -> Array:
         W = solved(M, self.F)
-        return np.asarray(self.value(M) ** 2 * W @ W.T)
+        return np.asarray(W @ W.T / np.vdot(self.F, W) ** 2)
 
     @cached_property
     def _FFt(self) -> Array:

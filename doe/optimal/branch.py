@@ -73,12 +73,12 @@ def prove(
     root = _Node(np.zeros(0, dtype=int), np.union1d(everyone, plan))
     ticket = itertools.count()
     heap = [(-bound(G, blocks, allowed), next(ticket), root)]
-    nodes = 0
+    nodes, tried = 0, set[bytes]()
     while heap and nodes < most_nodes and -heap[0][0] > value * (1.0 + _SAME):
         gap = -heap[0][0] / value - 1.0
         _, _, node = heapq.heappop(heap)
         nodes += 1
-        found, children, better = _branch(criterion, blocks, allowed, node, value, gap)
+        found, children, better = _branch(criterion, blocks, allowed, node, value, gap, tried)
         if better is not None:
             plan, value = better
         if found > value * (1.0 + _SAME):
@@ -95,8 +95,12 @@ def _branch(
     node: _Node,
     value: float,
     gap: float,
+    tried: set[bytes],
 ) -> tuple[float, list[_Node], tuple[IntArray, float] | None]:
-    """Bound of a node, the nodes below it, and a better plan if one was met."""
+    """Bound of a node, the nodes below it, and a better plan if one was met.
+
+    tried : plans that weights were rounded to; added to
+    """
     taken = np.bincount(allowed.group[node.inside], minlength=len(allowed.positions))
     rules = replace(allowed.take(node.free), counts=allowed.counts - taken)
     part = Blocks(blocks.packed[node.free], blocks.total(node.inside), blocks.rank)
@@ -117,7 +121,7 @@ def _branch(
     M = part.total(np.arange(len(w)), w)
     G = criterion.gradient(M)
     found = bound(G, part, rules)
-    better = _rounded(criterion, blocks, allowed, rules, node, w, value)
+    better = _rounded(criterion, blocks, allowed, rules, node, w, value, tried)
     if better is not None:
         value = better[1]
     if found <= value * (1.0 + _SAME):
@@ -163,10 +167,14 @@ def _rounded(
     node: _Node,
     w: Array,
     value: float,
+    tried: set[bytes],
 ) -> tuple[IntArray, float] | None:
-    """The node's weights rounded and improved, where they come near the best plan."""
+    """The node's weights rounded and improved, where they come near the best plan for the first time."""
     _, chosen = rules.best(w)
-    plan = np.concatenate([node.inside, node.free[chosen]])
+    plan = np.sort(np.concatenate([node.inside, node.free[chosen]]))
+    if (key := plan.tobytes()) in tried:
+        return None
+    tried.add(key)
     near = float(criterion.value(blocks.total(plan)))
     if near < 0.98 * value:
         return None

@@ -50,16 +50,18 @@ def _singles(
     criterion: InformationFunction, blocks: Blocks, allowed: Allowed, plan: IntArray
 ) -> tuple[IntArray, float]:
     M = blocks.total(plan)
+    G = criterion.gradient(M)
     value = float(criterion.value(M))
     idle = 0
     while idle < len(plan):
         for slot in range(len(plan)):
-            found = _better(criterion, blocks, allowed, plan, slot, M, value)
+            found = _better(criterion, blocks, allowed, plan, slot, M, G, value)
             if found is None:
                 idle += 1
             else:
                 plan[slot], value = found
                 M = blocks.total(plan)
+                G = criterion.gradient(M)
                 idle = 0
             if idle >= len(plan):
                 break
@@ -73,17 +75,21 @@ def _better(
     plan: IntArray,
     slot: int,
     M: Array,
+    G: Array,
     value: float,
 ) -> tuple[int, float] | None:
-    """A better candidate in place of one pose, and the criterion with it; None if there is none."""
+    """A better candidate in place of one pose, and the criterion with it; None if there is none.
+
+    G : ndarray, shape (p, p), the gradient at M, the plan's information
+    """
     here = allowed.members[allowed.group[plan[slot]]]
     rows = blocks.packed[here] if len(here) < len(blocks) else blocks.packed
     base = M - blocks.matrices(plan[slot : slot + 1])[0]
-    possible = np.minimum(
-        _above(criterion.gradient(M), base, rows), criterion.screen(base, rows, blocks.rank)
-    )
+    possible = np.minimum(_above(G, base, rows), criterion.screen(base, rows, blocks.rank))
     if not allowed.repeats:
-        possible[np.isin(here, plan)] = -np.inf
+        taken = np.zeros(len(blocks), dtype=bool)
+        taken[plan] = True
+        possible[taken[here]] = -np.inf
     best, chosen = value * (1.0 + _WORTH), -1
     patience = _PATIENCE
     while patience:

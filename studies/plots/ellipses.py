@@ -17,6 +17,7 @@ from studies.plots.style import (
     Picture,
     brief,
     cell,
+    cloud,
     key_of,
     legend_below,
     looks,
@@ -64,7 +65,8 @@ def ellipses(
         _prepare(panel, pair)
         for key, covariance in covariances.items():
             if key in samples:
-                _cloud(panel, np.asarray(samples[key])[:, i], look[key].color)
+                drawn = np.asarray(samples[key])[:_DRAWN, i]
+                cloud(panel, *drawn.T, 1.5, color=look[key].color, alpha=0.5, zorder=1)
             outline = ellipse(np.asarray(covariance)[i])
             panel.plot(
                 *outline.T, color=look[key].color, linestyle=look[key].linestyle, linewidth=1.8
@@ -137,13 +139,6 @@ def share_inside(covariance: Array, samples: Array) -> float:
         return math.nan
     squares = np.einsum("ti,ij,tj->t", samples, np.linalg.inv(covariance), samples)
     return float(np.mean(squares <= _RADIUS**2))
-
-
-def _cloud(panel: Axes, points: Array, color: str) -> None:
-    panel.plot(
-        *points[:_DRAWN].T, color=color, linestyle="", marker=".", markersize=3.0, alpha=0.5,
-        markeredgewidth=0.0, zorder=1,
-    )  # fmt: skip
 
 
 @styled

@@ -14,6 +14,7 @@ from studies.plots.style import (
     VERMILLION,
     Picture,
     cell,
+    cloud,
     legend_below,
     looks,
     pose_ticks,
@@ -114,7 +115,7 @@ def derivative(
     figure = sheet(6.8, 4.3)
     panel = figure.subplots()
     tidy(panel)
-    cloud = _cloud(panel, at, score, np.setdiff1d(np.arange(len(score)), chosen))
+    crowd = _crowd(panel, at, score, np.setdiff1d(np.arange(len(score)), chosen))
     bar = _bar(panel, marks, limits)
     own, = panel.plot(
         at[chosen], score[chosen], color=BLUE, marker="D", markersize=6.5, markeredgecolor="white",
@@ -132,7 +133,7 @@ def derivative(
     proved = "" if efficiency is None else f"at least {100.0 * efficiency:.1f} %"
     if proved:
         panel.set_title(f"{proved} of the best", loc="right", color="0.2")
-    legend_below(figure, [own, cloud, bar])
+    legend_below(figure, [own, crowd, bar])
     reached = f"; this one reaches {proved}." if proved else "."
     caption = (
         f"How much criterion {criterion} would gain by turning effort towards each candidate. In the "
@@ -159,13 +160,16 @@ def _bounds(
     return marks, limits[order] if limits.size > 1 else limits
 
 
-def _cloud(panel: Axes, at: Array, score: Array, others: NDArray[np.int_]) -> Any:
+def _crowd(panel: Axes, at: Array, score: Array, others: NDArray[np.int_]) -> Any:
     """The candidates that were not chosen; returns their entry in the legend."""
     from matplotlib.lines import Line2D
 
     dot: Any = {"color": "0.55", "marker": "o", "linestyle": "", "markeredgewidth": 0.0}
     many = len(others) > _VECTOR
-    panel.plot(at[others], score[others], markersize=1.2 if many else 2.0, rasterized=many, **dot)
+    if many:
+        panel.plot(at[others], score[others], markersize=1.2, rasterized=True, **dot)
+    else:
+        cloud(panel, at[others], score[others], 2.0, color=dot["color"], zorder=2)
     return Line2D([], [], label=f"candidates ({len(others)})", markersize=4.0, **dot)
 
 

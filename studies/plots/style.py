@@ -17,6 +17,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
 
+import numpy as np
+
+from calib.arrays import Array
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
@@ -41,6 +45,7 @@ POSE = "pose:"
 """How elements of an SVG begin their id that stand for a pose."""
 _LIT = 60  # poses that are elements of their own
 _VECTOR = 1500  # points; a larger cloud becomes a picture within the SVG
+_STROKE = 5e-4  # of a cloud's width: length of the stroke that draws a point
 _NAME, _PARAMETER = 24, 48  # letters of a name beside an axis
 _FEWEST = 3  # ticks of a log axis
 _CLOSE = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)  # in a decade, where few are seen
@@ -194,6 +199,28 @@ def dots(panel: Axes, names: Sequence[str], x: Any, y: Any, **look: Any) -> None
         if math.isfinite(b):
             (mark,) = panel.plot([a], [b], **look)
             mark.set_gid(f"{POSE}{name}")
+
+
+def cloud(panel: Axes, x: Array, y: Array, size: float, **look: Any) -> None:
+    """Points of no name, as one element of the page however many there are.
+
+    Each is a stroke far shorter than it is wide, with round ends; size in points.
+    """
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    at = np.column_stack([x, y])
+    at = at[np.isfinite(at).all(axis=1)]
+    if not len(at):
+        return
+    ends = at + np.array([_STROKE * max(float(np.ptp(at[:, 0])), 1e-300), 0.0])
+    strokes = Path(
+        np.stack([at, ends], axis=1).reshape(-1, 2), [Path.MOVETO, Path.LINETO] * len(at)
+    )
+    strokes.should_simplify = False  # which would leave them out
+    look = {"fill": False, "capstyle": "round", "snap": False, **look}
+    panel.add_patch(PathPatch(strokes, linewidth=size, **look))
+    panel.autoscale_view()
 
 
 def key_of(look: Look, **changed: Any) -> Any:

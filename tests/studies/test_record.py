@@ -110,6 +110,7 @@ def _with(fields: Any, place: tuple[str | int, ...], value: Any) -> Any:
     return fields
 
 
+HERE = "<the place>"
 VALUES = (None, "x", -1, 0, 1e29, True, [], {})
 
 
@@ -118,8 +119,9 @@ def test_a_damaged_file_is_refused_or_told(kind: str, tmp_path: Path) -> None:
     """No value anywhere in a file makes our own code fail: what a record holds can be told."""
     path, read_well = tmp_path / "result.json", 0
     for place in _places(old_fields(kind)):
+        around = json.dumps(_with(old_fields(kind), place, HERE)).split(json.dumps(HERE))
         for value in VALUES:
-            path.write_text(json.dumps(_with(old_fields(kind), place, value)))
+            path.write_text(json.dumps(value).join(around))
             record = _read_or_refused(path)
             if record is None:
                 continue

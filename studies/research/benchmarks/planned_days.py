@@ -251,9 +251,8 @@ def main(poses: int, refits: int, only: tuple[str, ...], panda: bool) -> None:
     for name in NAMES:
         if task is not None and only and not any(part in name for part in only):
             continue
-        row, rms = day(
-            PANDA if panda else KR270, name, TRACKER_POSES if task is None else poses, refits, task
-        )
+        count = TRACKER_POSES if task is None else poses
+        row, rms = day(place, name, count, refits, task)
         task = rms if task is None else task
         table.add_row(*row)
     console_for(None).print(table)

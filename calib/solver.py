@@ -24,6 +24,7 @@ _LIGHT = 1e-3  # damping up to which a short step means a minimum
 _STEP = 1e-3
 _WALL = 1e3  # damping from which a step to where nothing can be computed means that there it ends
 _MAX_ITERATIONS = 60
+_STACK = 256  # rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,21 @@ def damped_step(A: Array, g: Array, damping: Array) -> Array:
     step = np.linalg.solve(scaled + damping[..., None, None] * eye, (g / scale)[..., None])
     out: Array = step[..., 0] / scale
     return out
+
+
+def triangle(A: Array) -> Array:
+    """R of ``A = Q R``, of shape (N, k) with N at least k: the triangle (k, k) of all rows.
+
+    In stacks that the processor's cache holds: of long matrices several times faster (Demmel, Grigori,
+    Hoemmen, Langou, SIAM J. Sci. Comput. 34(1), 2012).
+    """
+    N, k = A.shape
+    stacks, rows = N // _STACK, _STACK
+    if k < rows // 2 and stacks > 1:
+        cut = stacks * rows
+        R = np.asarray(np.linalg.qr(A[:cut].reshape(stacks, rows, k), mode="r"))
+        A = np.concatenate([R.reshape(-1, k), A[cut:]])
+    return np.asarray(np.linalg.qr(A, mode="r"))
 
 
 def least_squares(r: Array, J: Array) -> Array:

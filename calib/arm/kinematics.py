@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arm.robot import Robot
-from calib.arm.se3 import cross, rotate, so3_about, so3_exp, so3_right_jacobian
+from calib.arm.se3 import cross, rotate, skew, so3_about, so3_exp, so3_right_jacobian
 from calib.arrays import Array
 
 _UNTURNED = np.eye(3)
@@ -129,6 +129,9 @@ def spatial_columns(stage: Stage, frame: int, basis: Array) -> Array:
     return np.concatenate(np.broadcast_arrays(A, phi), axis=-1)
 
 
-def point_velocity(columns: Array, points: Array) -> Array:
-    """``A + phi x point`` for columns (..., p, 6) and points (..., p or 1, 3)."""
-    return columns[..., :3] + cross(columns[..., 3:], points)
+def point_levers(points: Array) -> Array:
+    """``A + phi x point`` as a matrix on (A, phi), shape (..., 3, 6), of points (..., 3)."""
+    out = np.zeros((*points.shape, 6))
+    out[..., :3] = np.eye(3)
+    out[..., 3:] = -skew(points)
+    return out

@@ -76,6 +76,10 @@ class Fitted:
         """Which numbers of the readings are lengths, shape (C, r)."""
         return self.model.readout.channels.lengths
 
+    def told(self, data: Measurements) -> Mask:
+        """Readings of a data set that hold a length, shape (m, C): of several instruments some do."""
+        return np.asarray(data.seen & self.lengths.any(axis=-1))
+
 
 def scatter_at(model: Model, values: Array, poses: Poses, variances: Variances | None) -> Array:
     """Squared error (m, M) [m^2] that the arm's scatter adds where it is approached anew."""
@@ -94,7 +98,7 @@ def left_in_fit(fit: Fitted) -> Unexplained:
     """
     error, share = _shares(fit, fit.data)
     vectors, growth, known = left_out(fit)
-    seen = fit.data.seen & known[:, None]
+    seen = fit.told(fit.data) & known[:, None]
     if not seen.any():
         return Unexplained(0.0, "left-out configurations")
     there = (vectors**2 * fit.lengths).sum(axis=-1)
@@ -189,7 +193,9 @@ def _projected(fit: Fitted) -> tuple[Array, Array]:
 
 def _unseen(fit: Fitted, data: Measurements, error: Array, share: Array, source: str) -> Unseen:
     """From squared errors where the fit was without, and what the parameters add, both (m, C)."""
-    seen, expected = data.seen, _noise(fit) + share + _scatter(fit, data)
+    seen, expected = fit.told(data), _noise(fit) + share + _scatter(fit, data)
+    if not seen.any():
+        return Unseen(0.0, 0.0, 0.0, source)
     noise = np.broadcast_to(_noise(fit), seen.shape)
     rms, lacking, excess = (
         float(max(0.0, (error - known)[seen].mean())) for known in (noise, noise + share, expected)
@@ -197,8 +203,8 @@ def _unseen(fit: Fitted, data: Measurements, error: Array, share: Array, source:
     if fit.variances is not None and fit.variances.any:
         surely = _beyond(error, expected, seen, data.poses.configuration)
     else:
-        numbers = fit.lengths.sum(axis=-1) * seen
-        surely = refuted(float((numbers * error / expected).sum()), int(numbers.sum()))
+        numbers = np.broadcast_to(fit.lengths.sum(axis=-1), seen.shape)[seen]
+        surely = refuted(float((numbers * error[seen] / expected[seen]).sum()), int(numbers.sum()))
     rms, lacking, excess = np.sqrt([rms, lacking, excess * surely]).tolist()
     return Unseen(rms, lacking, excess, source)
 

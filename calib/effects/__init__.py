@@ -22,6 +22,7 @@ from calib.effects.gear_ripple import GearRipple
 from calib.effects.geometry import Geometry
 from calib.effects.gravity_compensator import GravityCompensator
 from calib.effects.gravity_sag import GravitySag
+from calib.effects.instrument_drift import InstrumentDrift
 from calib.effects.joint_compliance import JointCompliance
 from calib.effects.joint_coupling import JointCoupling
 from calib.effects.joint_offset import JointOffset
@@ -42,6 +43,7 @@ from calib.effects.tracker_scale import TrackerScale
 from calib.effects.transmission_harmonic import TransmissionHarmonic
 from calib.effects.transmission_scale import TransmissionScale
 from calib.effects.warm_up import WarmUp
+from calib.effects.wire_scale import WireScale
 from calib.plugins import with_announced
 
 EFFECTS: dict[str, type[Effect]] = {
@@ -78,6 +80,8 @@ EFFECTS: dict[str, type[Effect]] = {
     "focal_expansion": FocalExpansion,
     "board_scale": BoardScale,
     "socket_seat": SocketSeat,
+    "instrument_drift": InstrumentDrift,
+    "wire_scale": WireScale,
 }
 
 GROUPS = ("base", "tool", "geometry")

@@ -360,12 +360,14 @@ class ReadingEffect(Effect):
 
 @dataclass(frozen=True, eq=False)
 class PartEffect(Effect):
-    """Displaces a part, ``where``: a camera, a board, a socket, from where it is found to stand.
+    """Displaces a part, ``where``: an instrument, a board, a socket, from where it is found to stand.
 
     A camera sees everything displaced along and about its own axes; a board in the world moves and
     grows along its own, about its origin, on the tip along the tip's, about its middle; a socket moves
-    along those of the base.
-    numbers : slice, those of the part that it moves: three of a shift, six of a motion, or its growth
+    along those of the base. What a 6-D instrument reads moves along and about its own axes; what a
+    wire or a gauge reads grows by its zero.
+    numbers : slice, those of the part that it moves: a zero, three of a shift, six of a motion, or what
+        it grows by
     body : slice or None, the markers on the tip that the part is
     """
 

@@ -182,14 +182,21 @@ def _touching(table: DistanceTable | PlaneTable | SphereTable, placed: bool) -> 
     if isinstance(table, PlaneTable):
         return Plane(sigma=sigma, standing=_of_plane(table))
     radius = None if table.radius_mm is None else table.radius_mm * _MM
-    given = None if table.position_mm is None else np.array([table.position_mm]) * _MM
-    return Sphere(sigma=sigma, radius=radius, standing=None if radius is None else given)
+    return Sphere(sigma=sigma, radius=radius, standing=_of_sphere(table))
 
 
 def _of_plane(table: PlaneTable) -> Array | None:
     if table.position_mm is None or table.normal is None:
         return None
     return place_of(np.array(table.position_mm) * _MM, np.array(table.normal))[None]
+
+
+def _of_sphere(table: SphereTable) -> Array | None:
+    """Its middle, and its radius where that is to be found."""
+    if table.position_mm is None or (table.radius_mm or table.about_radius_mm) is None:
+        return None
+    about = () if table.radius_mm is not None else (table.about_radius_mm,)
+    return np.array([[*table.position_mm, *about]]) * _MM
 
 
 def _tracker(table: InstrumentTable, name: str, reads: tuple[int, ...] | None) -> Tracker:

@@ -203,9 +203,12 @@ def _nominal(observation: Observation, start: Array) -> Array:
     model = observation.model
     placement = model.where(Base, Tool)
     nominal = model.initial
-    nominal[placement] = start[placement]
-    directions = np.eye(len(start))[:, placement]
-    return levenberg_marquardt(points_of(observation).flat, nominal, directions).values
+    if not len(placement):
+        return nominal
+    alone, own = model.without([e for e in model.effects if not isinstance(e, Base | Tool)], start)
+    points = replace(points_of(observation), model=alone)
+    nominal[placement] = levenberg_marquardt(points.flat, own, np.eye(len(own))).values
+    return nominal
 
 
 def _by_instrument(

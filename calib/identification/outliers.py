@@ -49,16 +49,23 @@ def prediction_statistics(r: Array, J: Array, cov: Array) -> tuple[Array, Array]
 
 
 def _mean_squares(r: Array, J: Array, cov: Array, sign: Array) -> tuple[Array, Array]:
-    """A fitted pose scatters by ``I - J cov J^T``, another one by ``I + J cov J^T``."""
-    spread = np.eye(r.shape[1]) + sign[:, None, None] * (J @ cov @ np.swapaxes(J, -1, -2))
+    """A fitted pose scatters by ``I - J cov J^T``, another one by ``I + J cov J^T``.
+
+    What lies across the columns of J scatters as it does by itself.
+    """
     used = np.abs(J).sum(axis=-1) > 0.0
-    spread = np.where(used[:, :, None] & used[:, None, :], spread, 0.0)
-    eigenvalues, vectors = np.linalg.eigh(spread)
-    component = (np.swapaxes(vectors, -1, -2) @ r[..., None])[..., 0]
+    r = np.where(used, r, 0.0)
+    Q, R = np.linalg.qr(J)
+    own = (np.swapaxes(Q, -1, -2) @ r[..., None])[..., 0]
+    shared = R @ cov @ np.swapaxes(R, -1, -2)
+    eigenvalues, vectors = np.linalg.eigh(np.eye(R.shape[-2]) + sign[:, None, None] * shared)
+    component = (np.swapaxes(vectors, -1, -2) @ own[..., None])[..., 0]
     informative = eigenvalues > _SINGULAR
     terms = np.where(informative, component**2 / np.where(informative, eigenvalues, 1.0), 0.0)
-    rows = informative.sum(axis=-1)
-    return terms.sum(axis=-1) / np.maximum(rows, 1), rows
+    across = r - (Q @ own[..., None])[..., 0]
+    rows = used.sum(axis=-1) - (~informative).sum(axis=-1)
+    squares = (across**2).sum(axis=-1) + terms.sum(axis=-1)
+    return squares / np.maximum(rows, 1), rows
 
 
 def threshold(statistics: Array, rows: int) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.instruments.even import POINT, Even, around, best, contacts, mirrored
-from calib.instruments.protocol import Column, Linear, Nominal, Start, Unknown
+from calib.instruments.protocol import ZERO, Column, Linear, Nominal, Start, Unknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,10 @@ class Distance(Even):
     @property
     def anchored(self) -> bool:
         return self.known
+
+    @property
+    def parts(self) -> Mapping[str, slice]:
+        return {f"distance:{self.name}": ZERO}
 
     @property
     def guess(self) -> Array:
@@ -67,16 +72,20 @@ class Distance(Even):
     def _from(self, place: Array, points: Array) -> tuple[Array, Array]:
         """Vectors from the anchor, and the offset."""
         anchor = place[..., :3] if not self.known or self.anchor is None else self.anchor
-        offset = place[..., -1:] if self.offset else np.zeros(1)
+        offset = place[..., self._shifts].sum(axis=-1, keepdims=True)
         return points - anchor[..., None, None, :], offset[..., None, None, :]
+
+    @property
+    def _shifts(self) -> slice:
+        """Of the place: what is added to the distance, all alike."""
+        return slice(0 if self.known else len(POINT), None)
 
     def linearise(self, place: Array, points: Array) -> Linear:
         away, offset = self._from(place, points)
         distance = np.linalg.norm(away, axis=-1, keepdims=True)
         along = (away / distance)[..., None, :]
-        parts = [] if self.known else [-along]
-        parts += [np.ones((*distance.shape, 1))] if self.offset else []
-        by_place = np.concatenate([np.zeros((*distance.shape, 0)), *parts], axis=-1)
+        shifts = np.ones((*distance.shape, place[..., self._shifts].shape[-1]))
+        by_place = np.concatenate([*([] if self.known else [-along]), shifts], axis=-1)
         return Linear(distance + offset, along, by_place)
 
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -10,7 +11,7 @@ import numpy as np
 from calib.arm.se3 import skew, so3_exp, so3_right_jacobian
 from calib.arrays import Array, Mask
 from calib.instruments.even import Surface, best, contacts
-from calib.instruments.protocol import Column, Linear, Nominal, Start, Unknown
+from calib.instruments.protocol import ZERO, Column, Linear, Nominal, Start, Unknown
 
 _UP = np.array([0.0, 0.0, 1.0])
 _LEAST_TURN = 1e-3  # rad: of a normal from straight down, where two tilts are one
@@ -35,13 +36,18 @@ class Plane(Surface):
     columns: ClassVar[tuple[Column, ...]] = (Column("d", "length", optional=True),)
 
     @property
+    def parts(self) -> Mapping[str, slice]:
+        return {f"plane:{self.name}": ZERO}
+
+    @property
     def metric(self) -> bool:
         return False
 
     def read(self, place: Array, points: Array) -> Array:
         normal = so3_exp(_turn(place)) @ _UP
         height = np.einsum("...mci,...i->...mc", points, normal)
-        return np.asarray(height[..., None] - place[..., None, None, 2:])
+        under = place[..., 2:3] - place[..., 3:].sum(axis=-1, keepdims=True)
+        return np.asarray(height[..., None] - under[..., None, None, :])
 
     def linearise(self, place: Array, points: Array) -> Linear:
         turn = _turn(place)
@@ -49,8 +55,10 @@ class Plane(Surface):
         by_turn = (-R @ skew(_UP) @ so3_right_jacobian(turn))[..., None, None, :, :2]
         normal = (R @ _UP)[..., None, None, None, :]
         rows = self.read(place, points)
+        one = np.ones((*rows.shape, 1))
         by_place = np.concatenate(
-            [points[..., None, :] @ by_turn, -np.ones((*rows.shape, 1))], axis=-1
+            [points[..., None, :] @ by_turn, -one, np.repeat(one, place.shape[-1] - 3, axis=-1)],
+            axis=-1,
         )
         return Linear(rows, normal, by_place)
 
@@ -77,7 +85,7 @@ def place_of(point: Array, normal: Array) -> Array:
 
 def _turn(place: Array) -> Array:
     """The rotation vector of a place (..., 3)."""
-    return np.concatenate([place[..., :2], np.zeros_like(place[..., 2:])], axis=-1)
+    return np.concatenate([place[..., :2], np.zeros_like(place[..., 2:3])], axis=-1)
 
 
 def _tilt(normal: Array) -> tuple[float, float]:

@@ -7,17 +7,17 @@ error is ``predicted^-1 measured``, of which a row's nine numbers hold the six o
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
-from calib.arm.se3 import rotate, so3_log
+from calib.arm.se3 import moved_as_one, rotate, so3_log
 from calib.arrays import Array, IntArray, Mask
 from calib.instruments.hand_eye import hand_eye
 from calib.instruments.points import Tracker
-from calib.instruments.protocol import Column, Linear, Nominal, Number, Start
+from calib.instruments.protocol import MOTION, Column, Linear, Nominal, Number, Start
 
 _OFF_UNIT = 0.01  # that a quaternion's length may be off by, from rounding
 _CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -53,22 +53,32 @@ class Pose(Tracker):
     def lengths(self) -> IntArray:
         return np.arange(3)
 
+    @property
+    def parts(self) -> Mapping[str, slice]:
+        return {f"pose:{self.name}": MOTION}
+
     def read(self, place: Array, points: Array) -> Array:
-        R, p = self.placement(place)
-        rows = rotate(R[..., None, None, None, :, :], _frame(points))
-        rows[..., 0, :] += p[..., None, None, :]
-        return _flat(rows)
+        corners = super().read(place[..., MOTION], points.reshape((*points.shape[:-2], -1, 3)))
+        if place.shape[-1] > MOTION.stop:
+            corners = moved_as_one(place[..., None, MOTION.stop :], corners)[0]
+        return _flat(_frame(corners.reshape((*corners.shape[:-2], -1, 9))))
 
     def linearise(self, place: Array, points: Array) -> Linear:
-        of_corners = super().linearise(place, points.reshape((*points.shape[:-2], -1, 3)))
-        R, _ = self.placement(place)
-        turned = np.einsum("ab,...ij->...aibj", DIFFERENCES, R[..., None, None, :, :])
-        by_corner = of_corners.by_place.reshape((*points.shape[:-1], CORNERS, 3, -1))
-        by_place = np.einsum("ab,...biu->...aiu", DIFFERENCES, by_corner)
+        """Of the corners, as a tracker reads them; what came loose moves all that is read."""
+        corners = points.reshape((*points.shape[:-2], -1, 3))
+        rows, _, by_place = super().linearise(place[..., MOTION], corners)
+        R = self.placement(place[..., MOTION])[0][..., None, None, :, :]
+        if place.shape[-1] > MOTION.stop:
+            rows, turn, by_motion = moved_as_one(place[..., None, MOTION.stop :], rows)
+            R, by_place = turn @ R, np.concatenate([turn @ by_place, by_motion], axis=-1)
+        turned = np.einsum("ab,...ij->...aibj", DIFFERENCES, R)
+        shape = (*rows.shape[:-2], -1, 9)
+        by_corner = by_place.reshape((*shape[:-1], CORNERS, 3, by_place.shape[-1]))
+        by_row = np.einsum("ab,...biu->...aiu", DIFFERENCES, by_corner)
         return Linear(
-            _flat(_frame(of_corners.rows.reshape(points.shape))),
+            _flat(_frame(rows.reshape(shape))),
             turned.reshape((*turned.shape[:-4], 9, 9)),
-            by_place.reshape((*points.shape, -1)),
+            by_row.reshape((*by_corner.shape[:-3], 9, by_place.shape[-1])),
         )
 
     def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:

@@ -37,7 +37,7 @@ class Unknown(NamedTuple):
     size: float
 
 
-MOTION, SCALE = slice(0, 6), slice(6, 7)
+ZERO, MOTION, SCALE = slice(0, 1), slice(0, 6), slice(6, 7)
 """Of a part that may come loose: a displacement in its own axes, and what it is too large by."""
 
 

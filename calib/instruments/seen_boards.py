@@ -6,12 +6,21 @@ six and more give a projection matrix; both are linear and are refined by the er
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TypeAlias
 
 import numpy as np
 
-from calib.arm.se3 import nearest_rotation, rotate, skew, so3_exp, so3_log, so3_right_jacobian
-from calib.arrays import Array, Mask
+from calib.arm.se3 import (
+    cross,
+    nearest_rotation,
+    rotate,
+    skew,
+    so3_exp,
+    so3_log,
+    so3_right_jacobian,
+)
+from calib.arrays import Array, IntArray, Mask
 from calib.instruments.hand_eye import Motions
 from calib.solver import levenberg_marquardt
 
@@ -35,22 +44,30 @@ def board_poses(ideal: Array, seen: Mask, shapes: tuple[Shape, ...]) -> tuple[Mo
     R, t = np.tile(np.eye(3), (m, count, 1, 1)), np.zeros((m, count, 3))
     whole = np.zeros((m, count), dtype=bool)
     for k, (own, points) in enumerate(shapes):
-        for i in range(m):
-            here = np.asarray(seen[i, own])
-            found = _one(ideal[i, own][here], points[here])
+        for here, images in _alike(seen[:, own]):
+            found = _linearly(ideal[images, own][:, here], points[here])
             if found is not None:
-                R[i, k], t[i, k] = found
-                whole[i, k] = True
+                R[images, k], t[images, k], whole[images, k] = found
         if whole[:, k].any():
-            here = whole[:, k]
-            R[here, k], t[here, k] = _refined(
-                ideal[here, own], seen[here, own], points, R[here, k], t[here, k]
+            good = whole[:, k]
+            R[good, k], t[good, k] = _refined(
+                ideal[good, own], seen[good, own], points, R[good, k], t[good, k]
             )
     return (R, t), whole
 
 
-def _one(ideal: Array, points: Array) -> tuple[Array, Array] | None:
-    """A board's pose by the linear way; None where too few of its points are seen, or they fail."""
+def _alike(seen: Mask) -> Iterator[tuple[Mask, IntArray]]:
+    """What is seen (C,), and the images (n,) in which it is that."""
+    patterns, which = np.unique(seen, axis=0, return_inverse=True)
+    for k, here in enumerate(patterns):
+        yield here, np.flatnonzero(which.reshape(-1) == k)
+
+
+def _linearly(ideal: Array, points: Array) -> tuple[Array, Array, Mask] | None:
+    """A board's poses (n) by the linear way, and which are sound; None where too little is seen.
+
+    ideal : ndarray, shape (n, C, 2); points : ndarray, shape (C, 3)
+    """
     if len(points) < min(_LEAST.values()):
         return None
     middle = points.mean(axis=0)
@@ -62,24 +79,35 @@ def _one(ideal: Array, points: Array) -> tuple[Array, Array] | None:
     local = (points - middle) @ axes.T / s[0]
     M = projection(ideal, local[:, :2] if flat else local)
     if flat:
-        size = np.sqrt(np.linalg.norm(M[:, 0]) * np.linalg.norm(M[:, 1]))
-        M = M / (size * (np.sign(M[2, 2]) or 1.0))
-        R = nearest_rotation(np.stack([M[:, 0], M[:, 1], np.cross(M[:, 0], M[:, 1])], axis=-1))
+        size = np.sqrt(np.linalg.norm(M[:, :, 0], axis=-1) * np.linalg.norm(M[:, :, 1], axis=-1))
+        M = M / (size * _sign(M[:, 2, 2]))[:, None, None]
+        x, y = M[:, :, 0], M[:, :, 1]
+        R = nearest_rotation(np.stack([x, y, cross(x, y)], axis=-1))
     else:
-        sign = np.sign(np.linalg.det(M[:, :3])) or 1.0
-        M = M * sign / np.linalg.svd(M[:, :3], compute_uv=False).mean()
-        R = nearest_rotation(M[:, :3])
-    t, R = M[:, -1] * s[0], R @ axes
-    return (R, t - R @ middle) if np.isfinite(t).all() and t[2] > 0.0 else None
+        size = np.linalg.svd(M[:, :, :3], compute_uv=False).mean(axis=-1)
+        M = M * (_sign(np.linalg.det(M[:, :, :3])) / size)[:, None, None]
+        R = nearest_rotation(M[:, :, :3])
+    t, R = M[:, :, -1] * s[0], R @ axes
+    return R, t - R @ middle, np.isfinite(t).all(axis=-1) & (t[:, 2] > 0.0)
+
+
+def _sign(a: Array) -> Array:
+    return np.where(a < 0.0, -1.0, 1.0)
 
 
 def projection(ideal: Array, points: Array) -> Array:
-    """The matrix (3, d + 1) with ``(x', y', 1) ~ M (p, 1)`` of points (n, d), up to its factor."""
+    """The matrices (..., 3, d + 1) with ``(x', y', 1) ~ M (p, 1)``, up to their factor.
+
+    ideal : ndarray, shape (..., n, 2); points : ndarray, shape (n, d)
+    """
     h = np.column_stack([points, np.ones(len(points))])
-    zero = np.zeros_like(h)
-    x, y = ideal[:, :1], ideal[:, 1:]
-    A = np.concatenate([np.hstack([h, zero, -x * h]), np.hstack([zero, h, -y * h])])
-    return np.asarray(np.linalg.svd(A)[2][-1].reshape(3, -1))
+    width = h.shape[-1]
+    A = np.zeros((*ideal.shape[:-1], 2, 3, width))
+    A[..., 0, 0, :] = A[..., 1, 1, :] = h
+    A[..., 2, :] = -ideal[..., None] * h[:, None]
+    A = A.reshape((*ideal.shape[:-2], -1, 3 * width))
+    Vt = np.linalg.svd(np.linalg.qr(A, mode="r"))[2]
+    return np.asarray(Vt[..., -1, :].reshape((*ideal.shape[:-2], 3, width)))
 
 
 def _refined(ideal: Array, seen: Mask, points: Array, R: Array, t: Array) -> tuple[Array, Array]:

@@ -16,12 +16,12 @@ from calib.instruments.protocol import Column, Linear, Nominal, Start, Unknown
 class Sphere(Surface):
     """``|p - c| - r``, read as zero or by a gauge; the place is c in base axes, and r if unknown.
 
-    radius : float, m, None if unknown
+    radius : float, m, None if unknown; plans then take the one that stands in ``standing``
     """
 
     radius: float | None = None
     kind: ClassVar[str] = "sphere"
-    given_by: ClassVar[str] = "position_mm and radius_mm"
+    given_by: ClassVar[str] = "position_mm, and radius_mm or about_radius_mm,"
     rows: ClassVar[int] = 1
     columns: ClassVar[tuple[Column, ...]] = (Column("d", "length", optional=True),)
 
@@ -57,7 +57,7 @@ class Sphere(Surface):
         A = np.column_stack([2.0 * p, -np.ones(len(p))])
         linear = np.linalg.lstsq(A, (p**2).sum(axis=1) - d**2 - known, rcond=1e-6)[0][:3]
         size = float(np.ptp(p, axis=0).max()) if self.radius is None else self.radius
-        given = [] if self.standing is None else [self.guess]
+        given = [] if self.standing is None else [self.guess[:3]]
         centres = np.array([*given, linear, mirrored(linear, p), *around(p, size)])
         if self.radius is None:
             away = np.linalg.norm(p - centres[:, None], axis=-1)

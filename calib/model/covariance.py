@@ -12,6 +12,7 @@ from calib.errors import Unsolvable
 from calib.instruments import Tracker
 from calib.model import Model
 from calib.poses import Poses
+from calib.solver import triangle
 
 _UNSEEN = 0.05  # a standard deviation of twenty plausible sizes: the data say nothing
 _NUMERICAL = 1e-9  # relative to the largest column
@@ -55,7 +56,7 @@ def identifiable(J: Array, sizes: Array, ids: tuple[str, ...]) -> Identifiable:
     if not np.isfinite(J).all():  # an arm so soft that it does not stand
         raise Unsolvable
     # The triangle first: pivots of its columns are those of the rows, and there are fewer of them.
-    R, order = qr(np.linalg.qr(J * sizes, mode="r"), mode="r", pivoting=True)
+    R, order = qr(triangle(J * sizes), mode="r", pivoting=True)
     pivots = np.abs(np.diag(R))
     rank = int((pivots > max(_UNSEEN, _NUMERICAL * pivots.max(initial=0.0))).sum())
     lost = []
@@ -125,7 +126,7 @@ def ignorance(J: Array, span: Array, sizes: Array, lost: Mask) -> Array:
 def _half(J: Array, span: Array) -> Array:
     """H (p, k) with ``H H^T = span (span^T J^T J span)^-1 span^T``."""
     scale = np.linalg.norm(J @ span, axis=0)
-    R = np.linalg.qr(J @ span / scale, mode="r")
+    R = triangle(J @ span / scale)
     return np.asarray(span @ (np.linalg.inv(R) / scale[:, None]))
 
 
@@ -143,7 +144,7 @@ def clustered(r: Array, J: Array, span: Array, held: Array) -> Array:
     flat = projected.reshape(-1, k)
     flat = np.concatenate([flat, held @ span])
     scale = np.linalg.norm(flat, axis=0)
-    inverse = np.linalg.inv(np.linalg.qr(flat / scale, mode="r")) / scale[:, None]
+    inverse = np.linalg.inv(triangle(flat / scale)) / scale[:, None]
     scores = np.einsum("mrk,mr->mk", projected, r) @ inverse @ inverse.T
     half = scores @ span.T
     N = int(np.count_nonzero(np.abs(flat).sum(axis=1)))

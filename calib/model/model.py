@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from calib.arm import statics
-from calib.arm.kinematics import Frames, forward, link_origins, point_velocity
+from calib.arm.kinematics import Frames, forward, link_origins, point_levers
 from calib.arm.robot import Robot
 from calib.arm.se3 import rotate
 from calib.arrays import Array, IntArray
@@ -440,18 +440,7 @@ class Model:
     def _jacobian(self, values: Array, poses: Poses) -> tuple[Array, Array]:
         state = self.state(values, poses)
         points = self.tip_points(state.frames, values, poses)
-        J = np.zeros((*points.shape, len(self.parameters)))
-        arm = self.where(TwistEffect, LoadEffect)
-        if len(arm):
-            given = statics.loads_of(self.robot, poses, self.payload, self.gravity)
-            soft, loads = self._flexibilities(values, poses), self.loads(values, poses)
-            fields = np.swapaxes(
-                arm_jacobian(self.robot, tuple(self._parts), values, state, given, loads, soft),
-                -1,
-                -2,
-            )
-            moved = point_velocity(fields[..., None, :, :], points[..., None, :])
-            J[..., arm] = np.swapaxes(moved, -1, -2)
+        J = self._by_arm(values, state, points)
         for effect, part in self._parts:
             if isinstance(effect, Tool):
                 R_tip = state.frames.R[..., -1, :, :]
@@ -463,6 +452,21 @@ class Model:
         if self._bodies:
             self._follow_bodies(values, poses, state.frames.R[..., -1, :, :], J)
         return self.readout.linearise(values, poses, points, J)
+
+    def _by_arm(self, values: Array, state: State, points: Array) -> Array:
+        """Derivatives (..., m, M, 3, p) of points by what moves the arm, those by all else zero."""
+        p, arm = len(self.parameters), self.where(TwistEffect, LoadEffect)
+        if not len(arm):
+            return np.zeros((*points.shape, p))
+        poses = state.poses
+        given = statics.loads_of(self.robot, poses, self.payload, self.gravity)
+        soft, loads = self._flexibilities(values, poses), self.loads(values, poses)
+        own = arm_jacobian(self.robot, tuple(self._parts), values, state, given, loads, soft)
+        fields = np.zeros((*own.shape[:-1], p))
+        fields[..., arm] = own
+        levers = point_levers(points).reshape((*points.shape[:-2], -1, 6))
+        J = levers @ fields
+        return np.asarray(J.reshape((*J.shape[:-2], *points.shape[-2:], p)))
 
     def _flexibilities(self, values: Array, poses: Poses) -> dict[int, Array]:
         """Flexibility of each frame that is elastic at the present values, shape (..., m, 6, 6)."""

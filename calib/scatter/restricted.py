@@ -23,6 +23,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.scatter.poses import Scatter, by_size
+from calib.solver import triangle
 
 _RIGID = 6
 _DEPENDENT = 1e-12
@@ -160,7 +161,7 @@ class Independent:
             # Squares have lost what is left of some column: the rows themselves have not.
             own, s = self.problem, np.sqrt(self.theta[0])
             rows = [r[:, :count] for r in (*self.rows, own.outside / s, own.held)]
-            R = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
+            R = triangle(np.concatenate(rows))
         return np.asarray(R)
 
     def pulls(self, combined: Array) -> Array:
@@ -312,9 +313,9 @@ def _by_approach(scatter: Scatter, H: Array, F: Array) -> tuple[Array, Array, Ar
         turned_H, turned_F = Ut @ own, Ut @ F[index].reshape(B, own.shape[1], -1)
         levers.append(_six(turned_H))
         columns.append(_six(turned_F))
-        rest.append(np.asarray(np.linalg.qr(_flat(turned_F[:, _RIGID:]), mode="r")))
+        rest.append(triangle(_flat(turned_F[:, _RIGID:])))
         config.append(scatter.configuration[index[:, 0]])
-    outside = np.asarray(np.linalg.qr(np.concatenate(rest), mode="r"))
+    outside = triangle(np.concatenate(rest))
     return np.concatenate(levers), np.concatenate(columns), outside, np.concatenate(config)
 
 

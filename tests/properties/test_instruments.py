@@ -30,6 +30,8 @@ OF_PARTS = [
         "focal_expansion",
         "board_scale",
         "socket_seat",
+        "instrument_drift",
+        "wire_scale",
     )
     for where in EFFECTS[kind].places(ALL.context)
     if ":" in where and not where.startswith("marker:")
@@ -64,7 +66,7 @@ def test_kinds_are_complete() -> None:
 def test_parts_are_complete() -> None:
     assert {w for kind, w in OF_PARTS if kind == "step"} == {
         "camera:wall", "camera:eye", "board:plate", "board:tiles", "board:solid",
-        "socket:nest", "socket:cup", "socket:cone",
+        "socket:nest", "socket:cup", "socket:cone", "pose:mocap", "distance:bar", "plane:table",
     }  # fmt: skip
 
 

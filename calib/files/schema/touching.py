@@ -40,6 +40,7 @@ class SphereTable(Table):
     kind: Literal["sphere"]
     sigma_mm: Positive
     radius_mm: Positive | None = None
+    about_radius_mm: Positive | None = None
     position_mm: Vector | None = None
 
 

@@ -102,7 +102,7 @@ def enough(
     forecast = Forecast(model, aims, share, beside, lacking.seen.rms, behind, doubt)
     criterion = _task(regressor, forecast)
     so_far = np.arange(len(day)) < len(data)
-    held = model.by_type * model.sizes
+    held = model.beside(values)[1] * model.sizes
     further = _in_best_order(criterion, rows, so_far, plan, done.left, held)
     steps = tuple(forecast.steps(told(rows, so_far, held), len(data), further))
     sigma = believed_sigma(day, at.weights(day), at.model.readout.channels.lengths) * arm.scale
@@ -249,7 +249,7 @@ def _fresh(
     chosen = np.zeros((0, cell.robot.dof))
     chunks = drawn(cell, _CANDIDATES, None, seed)
     pool = pool_of(regressor, constraints_of(cell), None, chunks, _CANDIDATES)
-    held = at.model.by_type * at.model.sizes
+    held = at.model.beside(at.values)[1] * at.model.sizes
     known, count = told(day, held=held), answer.steps[-1].readings
     while len(pool) and len(steps) < (wanted or _MOST_FRESH):
         blocks = Blocks(pool.packed / at.arm.scale**2, known.root.T @ known.root, regressor.rank)

@@ -53,7 +53,12 @@ def _followed(cell: Cell, now: Poses, coming: Poses) -> Poses:
         motion=None if now.motion is None else np.concatenate([now.motion, motion]),
         station=np.concatenate([now.station, np.full(k, now.station[last])]),
         load_mass=np.zeros(len(way)),
+        site=None if now.site is None else np.concatenate([now.site, _sites(coming)]),
     )
+
+
+def _sites(coming: Poses) -> np.ndarray[tuple[int], np.dtype[np.str_]]:
+    return np.full(len(coming), "") if coming.site is None else coming.site
 
 
 def _continued(values: Array | None, last: int, beyond: Array) -> Array | None:

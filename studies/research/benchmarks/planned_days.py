@@ -1,14 +1,18 @@
-"""A planned day for a camera, a ballbar and a pair of sockets on the KR 270 of the demo.
+"""A planned day for a camera, a ballbar and a pair of sockets, on the KR 270 of the demo or on a Panda.
 
     python -m studies.research.benchmarks.planned_days [--poses 40] [--refits 20] [--only NAME ..]
+        [--panda]
 
 Each plan is chosen and proved by ``doe.design``, read by an arm that is off, in plain numpy that shares
 no code with planner and estimator, and identified by ``calib.identify`` again and again. How the
-estimates scatter about their mean is set against the covariance that was predicted for the plan.
+estimates scatter about their mean is set against the covariance that was predicted for the plan. The
+Panda is that of ``panda_sockets_2`` under ``POSECAL_DATA``.
 """
 
 from __future__ import annotations
 
+import math
+import os
 import tempfile
 import time
 from dataclasses import dataclass, replace
@@ -32,45 +36,86 @@ TRACKER_POSES = 15
 _HEAD = """
 schema = 1
 [robot]
-urdf = "kr270.urdf"
+urdf = "robot.urdf"
 base = "base_link"
 tip = "tool0"
-[robot.limits_deg]
-A2 = [-140.0, -0.01]
+{}
 [model]
 effects = ["base", "tool", "geometry"]
-[markers_mm]
-ball = [279.2, -16.4, -91.9]
 """
-_BAR = '[instruments.bar]\nkind = "distance"\nsigma_mm = 0.005\nreach_mm = [700, 1500]\n'
-_ANCHOR = "anchor_mm = [1700, 0, 300]\n"
-_SOCKET = '[instruments.{}]\nkind = "socket"\nsigma_mm = 0.05\nposition_mm = [1700, {}, 700]\n'
+_SOCKET = '[instruments.{}]\nkind = "socket"\nsigma_mm = 0.05\nposition_mm = {}\n'
 _CAMERA = """
 [boards.board]
 on = "tip"
 squares = [5, 4]
-pitch_mm = 60
-position_mm = [200, -100, 0]
+pitch_mm = {pitch}
+position_mm = {board}
 [instruments.camera]
 kind = "camera"
 focal_px = 2400
 center_px = [2000, 1500]
 image_px = [4000, 3000]
 sigma_px = 0.2
-position_mm = [4000, 0, 1500]
+position_mm = {stands}
 rpy_deg = [-90, 0, 90]
 """
-_APART = "[[known_distances]]\nbetween = ['left', 'right']\nmm = 600\nsigma_mm = 0.005\n"
-DAYS = {
-    "tracker, 0.01 mm": '[instruments.tracker]\nkind = "points"\nsigma_mm = 0.01\n',
-    "camera, 0.2 px": _CAMERA,
-    "ballbar, 0.005 mm": _BAR + _ANCHOR,
-    "two sockets, 0.05 mm": _SOCKET.format("left", 300) + _SOCKET.format("right", -300) + _APART,
-}
-_FOCAL, _CENTRE, _STANDS = 2400.0, np.array([2000.0, 1500.0]), np.array([4.0, 0.0, 1.5])
+_APART = "[[known_distances]]\nbetween = ['left', 'right']\nmm = {}\nsigma_mm = 0.005\n"
+NAMES = ("tracker, 0.01 mm", "camera, 0.2 px", "ballbar, 0.005 mm", "two sockets, 0.05 mm")
+_FOCAL, _CENTRE = 2400.0, np.array([2000.0, 1500.0])
 _AXES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])  # x, y, z of the camera
-_ANCHOR_M = np.array([1.7, 0.0, 0.3])
-_SITES = np.array([[1.7, 0.3, 0.7], [1.7, -0.3, 0.7]])
+
+
+@dataclass(frozen=True)
+class Place:
+    """An arm and what stands around it, mm, base axes; ball and board on the tip.
+
+    limits : lines of the cell beneath [robot]; reach : of the bar; left, right : the sockets
+    """
+
+    limits: str
+    ball: tuple[float, ...]
+    board: tuple[float, ...]
+    pitch: float
+    camera: tuple[float, ...]
+    anchor: tuple[float, ...]
+    reach: tuple[float, ...]
+    left: tuple[float, ...]
+    right: tuple[float, ...]
+
+    def urdf(self) -> str:
+        """The file of the arm."""
+        if self is KR270:
+            return embedded_text("kr270.urdf")
+        return (Path(os.environ["POSECAL_DATA"]) / "panda_sockets_2" / "robot.urdf").read_text()
+
+    def cell(self, name: str) -> str:
+        """The cell of a day."""
+        ball = f"[markers_mm]\nball = {list(self.ball)}\n"
+        bar = f"anchor_mm = {list(self.anchor)}\nreach_mm = {list(self.reach)}\n"
+        sockets = _SOCKET.format("left", list(self.left)) + _SOCKET.format(
+            "right", list(self.right)
+        )
+        apart = _APART.format(math.dist(self.left, self.right))
+        seen = {"pitch": self.pitch, "board": list(self.board), "stands": list(self.camera)}
+        own = {
+            NAMES[0]: '[instruments.tracker]\nkind = "points"\nsigma_mm = 0.01\n',
+            NAMES[1]: _CAMERA.format(**seen),
+            NAMES[2]: f'[instruments.bar]\nkind = "distance"\nsigma_mm = 0.005\n{bar}',
+            NAMES[3]: sockets + apart,
+        }
+        return _HEAD.format(self.limits) + ball + own[name]
+
+
+KR270 = Place(
+    limits="[robot.limits_deg]\nA2 = [-140.0, -0.01]",
+    ball=(279.2, -16.4, -91.9), board=(200, -100, 0), pitch=60, camera=(4000, 0, 1500),
+    anchor=(1700, 0, 300), reach=(700, 1500), left=(1700, 300, 700), right=(1700, -300, 700),
+)  # fmt: skip
+PANDA = Place(
+    limits="",
+    ball=(60, 30, 100), board=(40, -40, 60), pitch=25, camera=(1700, 0, 600),
+    anchor=(500, 0, 50), reach=(200, 500), left=(500, 100, 250), right=(500, -100, 250),
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,23 +152,25 @@ def _turned(axis: Array, angle: Array) -> Array:
 
 
 def read(
-    arm: Arm, cell: calib.Cell, plan: Poses, seen: Mask, rng: np.random.Generator
+    arm: Arm, place: Place, cell: calib.Cell, plan: Poses, seen: Mask, rng: np.random.Generator
 ) -> Measurements:
     """What a cell's instrument reads of a plan; into a socket the arm is brought by Newton's steps."""
     kind, q = cell.instruments[0].kind, plan.q
     site = plan.site
     if kind == "socket" and site is not None:
-        goal = _SITES[(site == "right").astype(int)] + 5e-5 * rng.normal(size=(len(q), 3))
+        goal = 1e-3 * np.array([place.left, place.right])[(site == "right").astype(int)]
+        goal = goal + 5e-5 * rng.normal(size=(len(q), 3))
         q = _brought(arm, q, cell.markers[:1], goal)
         readings = np.zeros((len(q), 1, 3))
     else:
         points = arm.points(q, cell.markers)
         if kind == "camera":
-            own = (points - _STANDS) @ _AXES.T
+            own = (points - 1e-3 * np.array(place.camera)) @ _AXES.T
             pixels = _FOCAL * own[..., :2] / own[..., 2:] + _CENTRE
             readings = pixels + 0.2 * rng.normal(size=pixels.shape)
         elif kind == "distance":
-            away = np.sqrt(((points - _ANCHOR_M) ** 2).sum(axis=-1, keepdims=True))
+            there = 1e-3 * np.array(place.anchor)
+            away = np.sqrt(((points - there) ** 2).sum(axis=-1, keepdims=True))
             readings = away + 5e-6 * rng.normal(size=away.shape)
         else:
             readings = points + 1e-5 * rng.normal(size=points.shape)
@@ -141,7 +188,9 @@ def _brought(arm: Arm, q: Array, marker: Array, goal: Array) -> Array:
     return q
 
 
-def day(name: str, poses: int, refits: int, task: float | None) -> tuple[list[str], float]:
+def day(
+    place: Place, name: str, poses: int, refits: int, task: float | None
+) -> tuple[list[str], float]:
     """A row of the table, and the RMS foreseen at the targets, m.
 
     task : the same of the tracker's poses, None for that of this day itself
@@ -149,8 +198,8 @@ def day(name: str, poses: int, refits: int, task: float | None) -> tuple[list[st
     from scipy.stats import chi2
 
     with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
-        (Path(folder) / "cell.toml").write_text(_HEAD + DAYS[name])
+        (Path(folder) / "robot.urdf").write_text(place.urdf())
+        (Path(folder) / "cell.toml").write_text(place.cell(name))
         cell = calib.load_cell(Path(folder) / "cell.toml")
     begun = time.perf_counter()
     found = doe.design(cell, poses=poses, criterion="D", candidates=2000, fresh=False)
@@ -158,15 +207,13 @@ def day(name: str, poses: int, refits: int, task: float | None) -> tuple[list[st
     experiment = experiment_of(cell, found.poses)
     foreseen = predict(experiment, POINTS)
     rng = np.random.default_rng(0)
-    arm = Arm(
-        cell.robot, np.tile([2e-4] * 3 + [2e-4] * 3, (cell.robot.dof, 1)) * rng.normal(size=(6, 6))
-    )
+    arm = Arm(cell.robot, 2e-4 * rng.normal(size=(cell.robot.dof, 6)))
     estimates = []
     for _ in range(refits):
         length = [
             replace(k, length=k.length + k.sigma * rng.normal()) for k in cell.known_distances
         ]
-        data = read(arm, cell, experiment.poses, experiment.seen, rng)
+        data = read(arm, place, cell, experiment.poses, experiment.seen, rng)
         fit = calib.identify(replace(cell, known_distances=tuple(length)), data)
         at = {p.id: v for p, v in zip(fit.model.parameters, fit.values, strict=True)}
         estimates.append([at[p.id] for p in experiment.model.parameters if p.effect != "base"])
@@ -196,13 +243,16 @@ _HEADINGS = (
 @click.option("--poses", type=click.IntRange(min=15), default=40, show_default=True)
 @click.option("--refits", type=click.IntRange(min=2), default=20, show_default=True)
 @click.option("--only", multiple=True, help="Parts of their names, beside the tracker.")
-def main(poses: int, refits: int, only: tuple[str, ...]) -> None:
+@click.option("--panda", is_flag=True, help="On a Panda.")
+def main(poses: int, refits: int, only: tuple[str, ...], panda: bool) -> None:
     """Plan, read and identify each day."""
+    place = PANDA if panda else KR270
     table, task = plain_table(*_HEADINGS), None
-    for name in DAYS:
+    for name in NAMES:
         if task is not None and only and not any(part in name for part in only):
             continue
-        row, rms = day(name, TRACKER_POSES if task is None else poses, refits, task)
+        count = TRACKER_POSES if task is None else poses
+        row, rms = day(place, name, count, refits, task)
         task = rms if task is None else task
         table.add_row(*row)
     console_for(None).print(table)

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import calib
 from calib import Cell
 from calib.compensation.estimate import estimate_of
-from calib.compensation.unexplained import Fitted, left_out
+from calib.compensation.unexplained import Fitted, at_held_out, left_out
+from calib.effects import EFFECTS
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Measurements, poses_at
 from calib.simulation import simulate
 from tests.helpers import cell_of, random_robot
+from tests.properties.every_instrument import scene
 
 GEOMETRY = ("base", "tool", "geometry")
 MARKERS = np.array([[0.2, 0.0, 0.05], [0.18, 0.1, -0.04], [0.22, -0.06, -0.08]])
@@ -71,3 +75,25 @@ def test_one_marker_cannot_tell_and_says_so() -> None:
     assert "cannot tell the instrument from the arm" in " ".join(known.notes)
     quiet, data = session(60, 1.0, 1, 0)
     assert estimate_of(calib.identify(quiet, data)).notes == ()
+
+
+def test_instruments_that_read_no_length_do_not_speak_of_any() -> None:
+    """A camera beside a wire: what is unseen is that of the wire, however many corners there are."""
+    here = scene(8, 25)
+    offset = EFFECTS["joint_offset"].at(here.context, "j2")
+    read = tuple(i for i in here.context.instruments if i.kind in ("camera", "distance"))
+    context = replace(here.context, instruments=read)
+    base = [EFFECTS["base"].at(context, w) for w in EFFECTS["base"].places(context)]
+    model = replace(here.model(), instruments=read, effects=(*base, offset))
+    data = calib.simulate(model, here.at(model), here.poses, None, np.random.default_rng(0))
+    wire = next(part for i, part in model.readout.channels.blocks if i.kind == "distance")
+    weights = model.readout.whitening(here.at(model), data.poses, data.readings, data.sigma)
+    size = len(here.at(model))
+    fit = Fitted(
+        model, here.at(model), np.zeros((size, size)), np.eye(size), data, weights, 2e-5, None
+    )
+    off = data.readings.copy()
+    off[:, wire, 0] += 1e-3
+    shown = at_held_out(fit, replace(data, readings=off))
+    assert shown.rms == pytest.approx(1e-3, rel=1e-2)
+    assert shown.unexplained == pytest.approx(1e-3, rel=1e-2)

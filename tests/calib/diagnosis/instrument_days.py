@@ -1,4 +1,4 @@
-"""Days with cameras and sockets on a KR 270, with any fault of theirs.
+"""Days with cameras, sockets, wires, gauges and bodies on a KR 270, with any fault of theirs.
 
 The truth is plain numpy and OpenCV's projection: it shares no code with the estimator.
 """
@@ -13,6 +13,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import calib
 from calib import Cell, Measurements
@@ -40,6 +41,9 @@ class Fault:
     pitch : float, the same of the board
     camera, board : 6 numbers, m and rad, by which they are moved at noon, in their own axes
     socket : 3 numbers, m, by which ``cup`` is moved at noon; seat : by which the ball lies off in it
+    creep : 6 numbers, m and rad an hour, at which a camera or a 6-D tracker moves along its own axes
+    zero, zero_per_hour : float, m, by which a wire or a gauge reads more from noon, and each hour
+    wire : float, share by which a wire reads long
     """
 
     focal: float = 0.0
@@ -50,22 +54,30 @@ class Fault:
     board: tuple[float, ...] = (0.0,) * 6
     socket: tuple[float, ...] = (0.0,) * 3
     seat: tuple[float, ...] = (0.0,) * 3
+    creep: tuple[float, ...] = (0.0,) * 6
+    zero: float = 0.0
+    zero_per_hour: float = 0.0
+    wire: float = 0.0
+
+    def added(self, count: int) -> Array:
+        """What a wire or a gauge reads beyond what is there, m."""
+        return self.zero * after_noon(count) + self.zero_per_hour * hours(count)
 
 
 def seen_from_the_world(folder: Path, fault: Fault, seed: int, count: int = 45) -> Day:
     """A camera on a tripod looks at a board on the tip."""
-    cell = written(folder, "tip", "world")
+    cell = written(folder, looked_at("tip", "world"), ball=False)
     rng, q = np.random.default_rng(seed), spread(seed, count)
     T, noon = tips(cell.robot, q + OFF), after_noon(count)
     stands = looking(T[:, :3, 3].mean(axis=0), np.array([3.6, -1.2, 2.2]))
-    camera = both(stands, fault.camera, noon)
+    camera = both(stands, fault.camera, noon) @ crept(fault, count)
     board = T @ both(frame(np.array([0.05, -0.1, 0.2, 0.4, 2.0, -0.3])), fault.board, noon)
     return read(cell, folder, q, camera, board, fault, rng)
 
 
 def seen_from_the_tip(folder: Path, fault: Fault, seed: int, count: int = 45) -> Day:
     """A camera on the tip looks at a board on the floor."""
-    cell = written(folder, "world", "tip")
+    cell = written(folder, looked_at("world", "tip"), ball=False)
     rng, q = np.random.default_rng(seed), spread(seed, count, 0.3)
     T, noon = tips(cell.robot, q + OFF), after_noon(count)
     eye = frame(np.array([0.05, 0.08, 0.1, 0.1, -0.2, 0.5]))
@@ -81,6 +93,62 @@ Day = tuple[Cell, Measurements]
 def both(T: Array, moved: tuple[float, ...], after: Array) -> Array:
     """A frame before and after it is moved, (m, 4, 4)."""
     return np.where(after[:, None, None], T @ frame(np.array(moved)), T)
+
+
+def crept(fault: Fault, count: int) -> Array:
+    """What has moved since the morning, (m, 4, 4), in its own axes."""
+    return np.stack([frame(np.array(fault.creep) * hour) for hour in hours(count)])
+
+
+def along_a_wire(folder: Path, fault: Fault, seed: int, count: int = 60) -> Day:
+    """A draw-wire from a drum on the floor to a ball on the tip."""
+    cell = written(folder, f'[instruments.wire]\nkind = "distance"\nsigma_mm = {SIGMA_MM}\n')
+    rng, q = np.random.default_rng(seed), spread(seed, count)
+    T = tips(cell.robot, q + OFF)
+    ball = T[:, :3, :3] @ BALL + T[:, :3, 3]
+    d = np.linalg.norm(ball - np.array([1.4, 0.9, 0.1]), axis=1) * (1.0 + fault.wire)
+    d = d + fault.added(count) + rng.normal(scale=SIGMA_MM * 1e-3, size=count)
+    rows: list[list[object]] = [[i, "wire", "ball", f"{1e3 * x:.6f}"] for i, x in enumerate(d)]
+    return cell, tabled(cell, folder, q, rows, ["d_mm"])
+
+
+def on_a_table(folder: Path, fault: Fault, seed: int, count: int = 60) -> Day:
+    """A dial gauge's ball reads how high it stands over a table that leans a little."""
+    cell = written(folder, f'[instruments.table]\nkind = "plane"\nsigma_mm = {SIGMA_MM}\n')
+    rng, q = np.random.default_rng(seed), spread(seed, count)
+    T = tips(cell.robot, q + OFF)
+    ball = T[:, :3, :3] @ BALL + T[:, :3, 3]
+    normal = np.array([0.05, -0.08, 1.0])
+    d = ball @ normal / np.linalg.norm(normal) - 0.9
+    d = d + fault.added(count) + rng.normal(scale=SIGMA_MM * 1e-3, size=count)
+    rows: list[list[object]] = [[i, "table", "ball", f"{1e3 * x:.6f}"] for i, x in enumerate(d)]
+    return cell, tabled(cell, folder, q, rows, ["d_mm"])
+
+
+def with_a_body(folder: Path, fault: Fault, seed: int, count: int = 45) -> Day:
+    """A 6-D tracker on a tripod reads a body on the tip, and a wire the ball beside it."""
+    wire = f'[instruments.wire]\nkind = "distance"\nsigma_mm = {SIGMA_MM}\n'
+    mocap = f'[instruments.mocap]\nkind = "pose"\nsigma_mm = {SIGMA_MM}\nsigma_urad = 50\n'
+    cell = written(folder, "[bodies.plate]\n" + mocap + wire)
+    rng, q = np.random.default_rng(seed), spread(seed, count)
+    T, stands = tips(cell.robot, q + OFF), frame(np.array([2.5, -1.0, 0.4, 0.3, -0.2, 2.0]))
+    ball = T[:, :3, :3] @ BALL + T[:, :3, 3]
+    d = np.linalg.norm(ball - np.array([1.4, 0.9, 0.1]), axis=1)
+    d = d + rng.normal(scale=SIGMA_MM * 1e-3, size=count)
+    stands = both(stands, fault.camera, after_noon(count)) @ crept(fault, count)
+    body = T @ frame(np.array([0.05, -0.1, 0.2, 0.4, 2.0, -0.3]))
+    rows: list[list[object]] = []
+    for i in range(count):
+        error = np.concatenate([SIGMA_MM * 1e-3 * rng.normal(size=3), 5e-5 * rng.normal(size=3)])
+        there = np.linalg.inv(stands[i]) @ body[i] @ frame(error)
+        x, y, z, w = Rotation.from_matrix(there[:3, :3]).as_quat()
+        read = [*(f"{1e3 * a:.6f}" for a in there[:3, 3]), *(f"{a:.9f}" for a in (w, x, y, z))]
+        rows += [
+            [i, "mocap", "plate", *read, ""],
+            [i, "wire", "ball", *[""] * 7, f"{1e3 * d[i]:.6f}"],
+        ]
+    columns = ["x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz", "d_mm"]
+    return cell, tabled(cell, folder, q, rows, columns)
 
 
 def spread(seed: int, count: int, width: float = 0.5) -> Array:
@@ -139,7 +207,8 @@ def read(
 
 def in_sockets(folder: Path, fault: Fault, seed: int, count: int = 72) -> Day:
     """A ball on the tip is put into four sockets; the arm gives way to them."""
-    cell = written(folder, "", "")
+    sockets = (f'[instruments.{s}]\nkind = "socket"\nsigma_mm = {SIGMA_MM}\n' for s in SITES)
+    cell = written(folder, "".join(sockets))
     rng, robot = np.random.default_rng(seed), cell.robot
     site, noon = np.arange(count) % 4, after_noon(count)
     ball = BALL + np.where((site == 1)[:, None], np.array(fault.seat), 0.0)
@@ -178,25 +247,25 @@ def tabled(
     return calib.load_measurements(cell, path)
 
 
-def written(folder: Path, board: str, camera: str) -> Cell:
-    """A cell with a board and a camera where they are said to be, or with sockets."""
+def written(folder: Path, instruments: str, ball: bool = True) -> Cell:
+    """A cell with instruments, and with a ball on the tip where they are said to read one."""
     (folder / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
     robot = tomllib.loads(embedded_text("cell.toml"))["robot"]
     text = f'schema = 1\n[robot]\nurdf = "kr270.urdf"\nbase = "{robot["base"]}"\n'
-    text += f'tip = "{robot["tip"]}"\n'
-    if board:
-        points = {f"p{k}": [round(1e3 * float(c), 9) for c in p] for k, p in enumerate(TILES)}
-        listed = ", ".join(f"{name} = {point}" for name, point in points.items())
-        text += f'[boards.plate]\non = "{board}"\npoints_mm = {{ {listed} }}\n'
-        text += (
-            f'[instruments.eye]\nkind = "camera"\non = "{camera}"\nfocal_px = {LENS[:2].tolist()}\n'
-            f"center_px = {LENS[2:4].tolist()}\ndistortion = {LENS[4:].tolist()}\n"
-            f"image_px = [1920, 1080]\nsigma_px = {SIGMA_PX}\n"
-        )
-    else:
-        text += f"[markers_mm]\nball = {(1e3 * BALL + 4.0).tolist()}\n"
-        sockets = (f'[instruments.{s}]\nkind = "socket"\nsigma_mm = {SIGMA_MM}\n' for s in SITES)
-        text += "".join(sockets)
+    text += f'tip = "{robot["tip"]}"\n' + instruments
+    text += f"[markers_mm]\nball = {(1e3 * BALL + 4.0).tolist()}\n" if ball else ""
     effects = ["base", "tool", "joint_offset:A2,A3,A5"]
     (folder / "cell.toml").write_text(text + f"[model]\neffects = {json.dumps(effects)}\n")
     return calib.load_cell(folder / "cell.toml")
+
+
+def looked_at(board: str, camera: str) -> str:
+    """A board and a camera, where they are said to be."""
+    points = {f"p{k}": [round(1e3 * float(c), 9) for c in p] for k, p in enumerate(TILES)}
+    listed = ", ".join(f"{name} = {point}" for name, point in points.items())
+    return (
+        f'[boards.plate]\non = "{board}"\npoints_mm = {{ {listed} }}\n'
+        f'[instruments.eye]\nkind = "camera"\non = "{camera}"\nfocal_px = {LENS[:2].tolist()}\n'
+        f"center_px = {LENS[2:4].tolist()}\ndistortion = {LENS[4:].tolist()}\n"
+        f"image_px = [1920, 1080]\nsigma_px = {SIGMA_PX}\n"
+    )

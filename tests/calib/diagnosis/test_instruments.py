@@ -1,4 +1,4 @@
-"""Faults of cameras, boards and sockets: named where they are, and none where nothing is wrong."""
+"""Faults of instruments and what they look at: named where they are, none where nothing is wrong."""
 
 from __future__ import annotations
 
@@ -14,18 +14,25 @@ import calib
 from tests.calib.diagnosis.instrument_days import (
     Day,
     Fault,
+    along_a_wire,
     in_sockets,
+    on_a_table,
     seen_from_the_tip,
     seen_from_the_world,
+    with_a_body,
 )
 
 Make = Callable[..., Day]
 MOVED = (5e-4, -3e-4, 2e-4, 3e-4, -2e-4, 4e-4)
 TURNED = (4e-4, 3e-4, -2e-4, 1e-3, -8e-4, 5e-4)
+CREPT = tuple(x / 2.0 for x in MOVED)
 WORLD, TIP, SOCKETS = seen_from_the_world, seen_from_the_tip, in_sockets
+WIRE, TABLE, BODY = along_a_wire, on_a_table, with_a_body
 
 
 PLATE, EYE, CUP = "board:plate", "camera:eye", "socket:cup"
+DRUM, GAUGE, MOCAP = "distance:wire", "plane:table", "pose:mocap"
+DRIFT = "instrument_drift"
 # What is wrong, by what names it is told, on what it depends, and its first parameter. A camera or a
 # board in the world that was moved is, from the readings, one and the same as a base that was.
 CASES = {
@@ -40,8 +47,23 @@ CASES = {
     "board on the tip": (WORLD, Fault(board=TURNED), {f"step:{PLATE}"}, "time", None),
     "socket": (SOCKETS, Fault(socket=(4e-4, -3e-4, 2e-4)), {f"step:{CUP}"}, "time", None),
     "seat": (SOCKETS, Fault(seat=(2e-4, -3e-4, 2.5e-4)), {f"socket_seat:{CUP}"}, "none", 200.0),
-}
-QUICK = ("pitch", "camera on the tip", "seat")
+    "camera that creeps": (
+        WORLD, Fault(creep=CREPT), {f"{DRIFT}:{EYE}", "base_drift:base"}, "time", None
+    ),
+    "zero of a wire": (WIRE, Fault(zero=3e-4), {f"step:{DRUM}"}, "time", None),
+    "wire that creeps": (
+        WIRE, Fault(zero_per_hour=1e-4), {f"{DRIFT}:{DRUM}", "base_drift:base"}, "time", 100.0
+    ),
+    "zero of a gauge": (TABLE, Fault(zero=3e-4), {f"step:{GAUGE}", "step:base"}, "time", None),
+    "gauge that creeps": (
+        TABLE, Fault(zero_per_hour=1e-4), {f"{DRIFT}:{GAUGE}", "base_drift:base"}, "time", 100.0
+    ),
+    "6-D tracker": (BODY, Fault(camera=MOVED), {f"step:{MOCAP}"}, "time", None),
+    "6-D tracker that creeps": (
+        BODY, Fault(creep=CREPT), {f"{DRIFT}:{MOCAP}"}, "time", None
+    ),
+}  # fmt: skip
+QUICK = ("pitch", "camera on the tip", "seat", "wire that creeps", "6-D tracker")
 
 
 @pytest.mark.parametrize(
@@ -68,7 +90,7 @@ def test_what_is_wrong(
 
 
 @pytest.mark.parametrize(
-    "make", [TIP, *(pytest.param(m, marks=pytest.mark.long) for m in (WORLD, SOCKETS))]
+    "make", [TIP, BODY, *(pytest.param(m, marks=pytest.mark.long) for m in (WORLD, SOCKETS))]
 )
 def test_nothing_is_wrong(tmp_path: Path, make: Make) -> None:
     cell, data = make(tmp_path, Fault(), 0)
@@ -76,9 +98,16 @@ def test_nothing_is_wrong(tmp_path: Path, make: Make) -> None:
     assert (found.verdict, found.causes, found.located) == ("no_gap", (), ())
     asked = {f"{h.effect}:{h.where}" for h in found.hidden if np.isfinite(h.smallest)}
     told = (cause.partition(":")[2] for cause in asked)
-    places = {where for where in told if where.startswith(("camera:", "board:", "socket:"))}
-    assert places == (
-        {f"socket:{s}" for s in ("nest", "cup", "cone", "rim")}
-        if make is SOCKETS
-        else {"camera:eye", "board:plate"}
-    )
+    places = {where for where in told if ":" in where and not where.startswith("marker:")}
+    assert places == {
+        SOCKETS: {f"socket:{s}" for s in ("nest", "cup", "cone", "rim")}, BODY: {MOCAP, DRUM}
+    }.get(make, {EYE, PLATE})  # fmt: skip
+
+
+def test_a_wire_that_reads_long(tmp_path: Path) -> None:
+    """Beside one wire a drive's and a link's length may do the same, and that is said."""
+    cell, data = along_a_wire(tmp_path, Fault(wire=5e-4), 0)
+    (cause,) = calib.diagnose(cell, data).causes
+    named = [candidate.key for candidate, _ in cause.named.members]
+    assert named[0] == f"wire_scale:{DRUM}"
+    assert abs(cause.values[0] - 5e-4) < 4.0 * cause.std[0]

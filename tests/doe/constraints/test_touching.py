@@ -35,6 +35,7 @@ SITES = points_of(
 APART = float(np.sqrt(((SITES[0] - SITES[1]) ** 2).sum()))
 SOCKETS = Socket(name="a", sites=("a", "b"), sigma=SIGMA, standing=SITES)
 SPHERE = Sphere(name="ball", sigma=SIGMA, radius=RADIUS, standing=MIDDLE[None])
+UNKNOWN = Sphere(name="ball", sigma=SIGMA, standing=np.array([[*MIDDLE, RADIUS]]))
 PLANE = Plane(name="table", sigma=SIGMA, standing=place_of(MIDDLE, NORMAL)[None])
 
 
@@ -63,6 +64,7 @@ def to_socket(p: Array, site: Array) -> Array:
 KINDS = {
     "sockets": (cell_with(SOCKETS, lengths=(KnownDistance(("a", "b"), APART, 1e-5),)), to_socket),
     "sphere": (cell_with(SPHERE), to_sphere),
+    "sphere of unknown radius": (cell_with(UNKNOWN), to_sphere),
     "plane": (cell_with(PLANE), to_plane),
 }
 

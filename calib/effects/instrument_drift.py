@@ -1,0 +1,50 @@
+"""An instrument that drifts: a tripod that settles, a gauge that warms, a wire that creeps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from calib.arrays import Array
+from calib.effects.drift import drift_parameters, drift_rate, since_the_first
+from calib.effects.protocol import Context, Parameter, PartEffect, motion_of
+from calib.poses import Poses
+
+_OWN = ("camera", "pose", "distance", "plane")
+
+
+@dataclass(frozen=True, eq=False)
+class InstrumentDrift(PartEffect):
+    """A part of an instrument moves at constant rates from where it stood at the first pose in time.
+
+    A gauge and a wire have one rate, that of their zero. A tracker's is ``tracker_drift``.
+    clock : str, unit of the session's clock
+    """
+
+    clock: str
+    kind: ClassVar[str] = "instrument_drift"
+    uses: ClassVar[tuple[str, ...]] = ("time",)
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return tuple(where for where in context.parts if where.partition(":")[0] in _OWN)
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        part = context.parts[where]
+        return cls(where, motion_of(part), part.body, context.clock_unit)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        if self.numbers.stop == 1:
+            return (drift_rate(self.kind, self.where, "zero", "um", self.clock),)
+        return drift_parameters(self.kind, self.where, self.clock)
+
+    def amounts(self, poses: Poses, values: Array) -> Array:
+        return since_the_first(poses, self.clock)[:, None] * values[..., None, :]
+
+    def shares(self, poses: Poses, values: Array) -> Array:
+        elapsed = since_the_first(poses, self.clock)
+        return elapsed[:, None, None] * np.eye(len(self.parameters))

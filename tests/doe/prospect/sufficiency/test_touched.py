@@ -1,0 +1,65 @@
+"""Half a plan of sockets touched: the length between them counts now, and with all that is to come."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import calib
+from calib.arrays import Array, IntArray
+from calib.poses import Measurements, Poses, poses_at
+from doe.prospect.sufficiency import Enough
+from doe.prospect.sufficiency.enough import enough
+from doe.prospect.view import view_of
+from tests.doe.constraints.test_touching import KINDS, SITES, at, planned, settled, to_socket
+
+CELL, _ = KINDS["sockets"]
+SO_FAR = np.arange(7)
+
+
+def sites_of(q: Array) -> IntArray:
+    away = [np.sqrt(((at(q) - site) ** 2).sum(axis=1)) for site in SITES]
+    return np.argmin(np.stack(away, axis=1), axis=1)
+
+
+@pytest.fixture(scope="module")
+def plan() -> Poses:
+    return planned(CELL).poses
+
+
+@pytest.fixture(scope="module")
+def whole(plan: Poses) -> Measurements:
+    site = sites_of(plan.q)
+    q = settled(plan.q, site, to_socket, np.random.default_rng(0))
+    shape = (len(q), 1)
+    return Measurements(
+        poses_at(q, site=np.array(["a", "b"])[site], names=plan.names),
+        np.zeros((*shape, 3)), np.ones(shape, dtype=bool), np.full(shape, np.nan),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def answer(plan: Poses, whole: Measurements) -> Enough:
+    return enough(CELL, whole.take(SO_FAR), plan)
+
+
+def test_now_is_what_identify_says(whole: Measurements, answer: Enough) -> None:
+    found = calib.identify(CELL, whole.take(SO_FAR))
+    np.testing.assert_allclose(answer.steps[0].std, found.std, rtol=1e-6)
+
+
+def test_the_end_is_what_identify_will_say(whole: Measurements, answer: Enough) -> None:
+    found = calib.identify(CELL, whole)
+    assert answer.steps[-1].readings == len(whole)
+    assert not answer.steps[-1].open
+    np.testing.assert_allclose(answer.steps[-1].std, found.std, rtol=1e-3)
+
+
+def test_a_plan_foresees_the_length_as_an_identification_has_it(
+    plan: Poses, whole: Measurements
+) -> None:
+    view = view_of(CELL, plan)
+    found = calib.identify(CELL, whole.take(~view.waiting))
+    own = view.rows[:, : len(view.values)]
+    std = np.sqrt(np.diag(np.linalg.inv(own.T @ own)))
+    np.testing.assert_allclose(std, found.std, rtol=0.01)

@@ -9,11 +9,12 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.cell import Cell
+from calib.cell.targets import targets_of
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.contest import Entry, Outcome, contest
 from calib.diagnosis.earned import BY_TIME, CrossValidation
 from calib.diagnosis.gap import Gap, gap_of, reach
-from calib.diagnosis.power import detectable
+from calib.diagnosis.hidden import Hidden, hidden
 from calib.diagnosis.range_noise import Growth, growth
 from calib.diagnosis.refused import Refused, believed, nothing, plausible
 from calib.diagnosis.rounds import ALPHA
@@ -49,7 +50,6 @@ _REPLICATES = 10  # degrees of freedom of repeated readings worth believing
 _GROSS = 10.0  # times the mean square of a typical group
 _LEFT_OVER = 0.001  # the scatter of a few repeats is a weak witness
 _ALONE = 0.9  # of what scatters, that one joint must hold to be named in place of the arm
-_NEVER = 1e3  # plausible sizes: what must be larger to be found is not visible
 _MOST_PASSES = 2  # contests, while outliers are judged anew
 
 
@@ -87,17 +87,6 @@ class Place:
     where: str
     depends_on: str
     share: float
-
-
-@dataclass(frozen=True)
-class Hidden:
-    """The size (SI) that an effect must have to be found; infinite where no size would do."""
-
-    effect: str
-    where: str
-    smallest: float
-    unit: str
-    scale: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,6 +204,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         added = after.model.effects[len(model.effects) :]
         account = CrossValidation(stage, after).ledger(added, by_time=True)
         gap = replace(gap, over_time=(account.rms_without, account.rms_with))
+    entered = {cause.named.candidate.key for cause in causes}
     doubted = left or gap.open or any(c.misshapen for c in causes)
     doubted |= bool(causes) and noise.source == "residual"
     return Diagnosis(
@@ -223,7 +213,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         causes=tuple(c for c in causes if not c.displaced),
         located=located,
         gap=gap,
-        hidden=_hidden(outcome, causes, outcome.suspects),
+        hidden=hidden(stage, outcome, entered, ALPHA, targets_of(cell)),
         not_asked=tuple(missing),
         refused=refused,
         data=data,
@@ -412,24 +402,3 @@ def _unfollowed(outcome: Outcome, after: Fit) -> float:
     dof = int(np.count_nonzero(np.abs(after.J).sum(axis=-1))) - after.spent
     noise = dof * after.variances.scale**2
     return max(left - noise, 0.0) / (before - noise) if before > noise else np.nan
-
-
-def _hidden(
-    outcome: Outcome, causes: Sequence[Cause], suspects: Sequence[Candidate]
-) -> tuple[Hidden, ...]:
-    """What every inactive cause would have to be to be found, nine times in ten."""
-    found = []
-    entered = {cause.named.candidate.key for cause in causes}
-    for candidate in suspects:
-        if not candidate.named or candidate.echo or candidate.key in entered:
-            continue
-        columns, parameters = outcome.view.where[candidate.key], candidate.amounts
-        asked = len(suspects) * candidate.tried
-        sizes = detectable(outcome.last, columns, asked, ALPHA).smallest.tolist()
-        size, parameter = min(
-            zip(sizes, parameters, strict=True), key=lambda pair: pair[0] / pair[1].size
-        )
-        effect = candidate.effect
-        size = size if size < _NEVER * parameter.size else np.inf
-        found.append(Hidden(effect.kind, effect.where, size, parameter.unit, parameter.scale))
-    return tuple(found)

@@ -181,7 +181,8 @@ def compensated(desk: Desk, real: Real, identified: Any) -> None:
                        "-o", "better.csv")["rms_mm"]  # fmt: skip
     base = identified["base"]
     placed = moved(
-        np.array(base["translation_mm"]) * 1e-3, Rotation.from_rotvec(base["rotation_vector_rad"])
+        [v * 1e-3 for v in base["translation_mm"]],
+        Rotation.from_rotvec(base["rotation_vector_rad"]),
     )
     markers = np.array([identified["markers_mm"][m] for m in MARKERS]) * 1e-3
     nominal, better = (joints_of(desk.folder / name)[2] for name in ("targets.csv", "better.csv"))

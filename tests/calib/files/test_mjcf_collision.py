@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -69,7 +70,7 @@ def load(folder: Path, base: str, arm: str = ARM) -> Cell:
     return calib.load_cell(folder / "cell.toml")
 
 
-def with_probes(arm: str, count: int) -> object:
+def with_probes(arm: str, count: int) -> Any:
     """The same arm, and balls that may be put anywhere."""
     ball = '<body name="p{}" mocap="true"><geom name="p{}" type="sphere" size="1e-3"/></body>'
     balls = "".join(ball.format(k, k) for k in range(count))

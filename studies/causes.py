@@ -26,10 +26,14 @@ C = TypeVar("C", bound=Cause)
 
 
 class Sought(Cause):
-    """A cause with the smallest size that is found nine times in ten, None where no size would be."""
+    """A cause with the smallest size that is found nine times in ten, None where no size would be.
+
+    left_mm : what it leaves at the targets if it hides, at the most that such an error plausibly is
+    """
 
     minimum_detectable: Maybe
     unit: str
+    left_mm: Maybe = None
 
 
 class NotAsked(Entry):

@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.cell import Cell
+from calib.cell.targets import targets_of
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.contest import Outcome
 from calib.diagnosis.diagnosis import Cause, Diagnosis
@@ -68,13 +69,14 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     by_time = any(place.depends_on in BY_TIME for place in places)
     gap = finding.gap(heldout, floor, by_time)
     gap = replace(gap, over_time=_over_time(stage, after)) if by_time else gap
+    entered = {c.named.candidate.key for c in causes}
     return Diagnosis(
         verdict=_verdict(finding, causes, gap),
         noise=finding.noise,
         causes=tuple(c for c in causes if not c.displaced),
         located=places,
         gap=gap,
-        hidden=hidden(outcome, {c.named.candidate.key for c in causes}),
+        hidden=hidden(stage, outcome, entered, targets_of(cell)),
         not_asked=tuple(missing),
         refused=refused,
         data=data,

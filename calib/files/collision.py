@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from xml.etree.ElementTree import Element
 
@@ -49,8 +48,7 @@ def urdf_shapes(path: Path, base: str, tip: str) -> Shapes:
             points = rotate(T_own[:3, :3], points) + T_own[:3, 3]
             if carrier == "base":
                 lowest.append(float(points[:, 2].min()) - radius)
-            start, end, wide = enclosing_capsule(points)
-            capsules.setdefault(carrier, []).append(_capsule(start, end, wide + radius))
+            capsules.setdefault(carrier, []).append(capsule_about(points, radius))
     found = {name: tuple(own) for name, own in capsules.items()}
     return Shapes(found, tuple(unread), min(lowest, default=None))
 
@@ -71,9 +69,11 @@ def _places(
     return places
 
 
-def _capsule(start: Array, end: Array, radius: float) -> Capsule:
+def capsule_about(points: Array, radius: float) -> Capsule:
+    """A small capsule about balls of a radius at points (n, 3), m."""
+    start, end, wide = enclosing_capsule(points)
     (a, b, c), (d, e, f) = start.tolist(), end.tolist()
-    return Capsule((a, b, c), (d, e, f), radius)
+    return Capsule((a, b, c), (d, e, f), wide + radius)
 
 
 def _spanned(path: Path, where: str, collision: Element) -> tuple[Array, float]:
@@ -88,12 +88,11 @@ def _spanned(path: Path, where: str, collision: Element) -> tuple[Array, float]:
         return float(abs(numbers(path, where, attribute(shape, key, ""), 1)[0]))
 
     if shape.tag == "box":
-        half = 0.5 * numbers(path, where, attribute(shape, "size", ""), 3)
-        return np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T * half, 0.0
+        return corners(0.5 * numbers(path, where, attribute(shape, "size", ""), 3)), 0.0
     if shape.tag == "sphere":
         return np.zeros((1, 3)), number("radius")
     if shape.tag == "cylinder":
-        return np.array([*_rims(number("radius"), 0.5 * number("length"))]), 0.0
+        return rims(number("radius"), 0.5 * number("length")), 0.0
     if shape.tag == "capsule":
         return np.outer([-0.5, 0.5], [0.0, 0.0, number("length")]), number("radius")
     if shape.tag == "mesh":
@@ -102,12 +101,16 @@ def _spanned(path: Path, where: str, collision: Element) -> tuple[Array, float]:
     raise InputError(path, where, f"{shape.tag!r} is no shape that can be read")
 
 
-def _rims(radius: float, half: float) -> Iterator[tuple[float, float, float]]:
-    """Corners of polygons about both rims of a cylinder along z."""
-    wide = radius / np.cos(np.pi / _CORNERS)
-    for turn in 2.0 * np.pi * np.arange(_CORNERS) / _CORNERS:
-        for z in (-half, half):
-            yield wide * np.cos(turn), wide * np.sin(turn), z
+def corners(half: Array) -> Array:
+    """Those of a box with half edges (3,), shape (8, 3)."""
+    return np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T * half
+
+
+def rims(radius: float, half: float) -> Array:
+    """Corners of polygons about both rims of a cylinder along z, shape (n, 3)."""
+    wide, turn = radius / np.cos(np.pi / _CORNERS), 2.0 * np.pi * np.arange(_CORNERS) / _CORNERS
+    rim = np.column_stack([wide * np.cos(turn), wide * np.sin(turn), np.full(_CORNERS, half)])
+    return np.concatenate([rim, rim * [1.0, 1.0, -1.0]])
 
 
 def _mesh_file(path: Path, name: str) -> Path:

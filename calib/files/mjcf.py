@@ -42,7 +42,7 @@ class MjcfJoint:
     def origin(self) -> Array:
         """T_body_joint, the joint frame at zero reading, shape (4, 4)."""
         if self.slides:
-            return _shift(self.anchor - self.ref * self.axis)
+            return shifted(self.anchor - self.ref * self.axis)
         return transform(so3_about(self.axis, np.array(-self.ref)), self.anchor)
 
 
@@ -98,7 +98,7 @@ def load_mjcf(path: str | Path, base: str, tip: str) -> Robot:
             for joint in body.joints:
                 k += 1
                 origins[k] = C @ joint.origin
-                C = _shift(-joint.anchor)
+                C = shifted(-joint.anchor)
             for mass, com in body.masses if k >= 0 else []:
                 masses[k] += mass
                 moments[k] += mass * (rotate(C[:3, :3], com) + C[:3, 3])
@@ -149,7 +149,7 @@ def compiled(path: Path, root: Element, base: str, tip: str) -> MjcfChain:
         [
             MjcfBody(
                 element,
-                _pose(model.body_pos[b], model.body_quat[b]),
+                placed(model.body_pos[b], model.body_quat[b]),
                 [
                     _joint(path, element, model, int(j))
                     for j in np.flatnonzero(model.jnt_bodyid == b)
@@ -162,9 +162,9 @@ def compiled(path: Path, root: Element, base: str, tip: str) -> MjcfChain:
             )
             for element, b in zip(tree.bodies, own, strict=True)
         ],
-        np.eye(4) if site is None else _pose(site.pos, site.quat),
+        np.eye(4) if site is None else placed(site.pos, site.quat),
         {
-            original[f]: _pose(model.site(name).pos, model.site(name).quat)
+            original[f]: placed(model.site(name).pos, model.site(name).quat)
             for f, name in frames.items()
         },
     )
@@ -177,7 +177,7 @@ def _carriers(model: Any, own: list[int]) -> dict[int, tuple[int, Array]]:
         parent = int(model.body_parentid[i])
         if i not in carriers and parent in carriers:
             carrier, T = carriers[parent]
-            carriers[i] = (carrier, T @ _pose(model.body_pos[i], model.body_quat[i]))
+            carriers[i] = (carrier, T @ placed(model.body_pos[i], model.body_quat[i]))
     return carriers
 
 
@@ -208,7 +208,8 @@ def _joint(path: Path, body: Element, model: Any, j: int) -> MjcfJoint:
     )
 
 
-def _pose(position: Array, quaternion: Array) -> Array:
+def placed(position: Array, quaternion: Array) -> Array:
+    """The frame (4, 4) at a position (3,), m, turned by a quaternion (w, x, y, z)."""
     import mujoco
 
     R = np.empty(9)
@@ -216,5 +217,6 @@ def _pose(position: Array, quaternion: Array) -> Array:
     return transform(R.reshape(3, 3), position)
 
 
-def _shift(translation: Array) -> Array:
+def shifted(translation: Array) -> Array:
+    """The frame (4, 4) at a translation (3,), m, not turned."""
     return transform(np.eye(3), translation)

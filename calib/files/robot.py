@@ -14,6 +14,7 @@ from calib.files.collision import urdf_shapes
 from calib.files.dh import load_dh
 from calib.files.kinematics import load_kinematics
 from calib.files.mjcf import load_mjcf, mjcf_files
+from calib.files.mjcf_collision import mjcf_shapes
 from calib.files.urdf import load_urdf
 
 _FARTHEST = 50.0  # m: no link is as long
@@ -38,8 +39,9 @@ def load_robot(
 
 
 def shapes_of(form: Form, path: Path, robot: Robot) -> Shapes:
-    """What the robot's file says of its shape; only a URDF does."""
-    return urdf_shapes(path, robot.base, robot.tip) if form == "urdf" else Shapes({})
+    """What the robot's file says of its shape; a DH table says nothing."""
+    read = {"urdf": urdf_shapes, "mjcf": mjcf_shapes}.get(form)
+    return Shapes({}) if read is None else read(path, robot.base, robot.tip)
 
 
 def _refuse_far_origins(path: Path, robot: Robot) -> None:

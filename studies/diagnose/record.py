@@ -231,6 +231,12 @@ class DiagnoseRecord(Findings, Record):
             raise ValueError("gap has one of over_time_before_mm and over_time_after_mm only")
         return self
 
+    @property
+    def worst_hidden(self) -> Sought | None:
+        """What would leave most of all that these data could not have shown; None in old files."""
+        known = [entry for entry in self.could_not_see if entry.left_mm is not None]
+        return max(known, key=lambda entry: entry.left_mm or 0.0, default=None)
+
 
 def diagnose_record(
     found: Diagnosis,
@@ -288,6 +294,7 @@ def findings(found: Diagnosis, spectra: Sequence[FoundSpectrum] = ()) -> Finding
                 where=_at(entry.where, tip),
                 minimum_detectable=entry.smallest / entry.scale,
                 unit=entry.unit,
+                left_mm=entry.left * _MM,
             )
             for entry in found.hidden
         ),

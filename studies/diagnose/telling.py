@@ -42,6 +42,7 @@ from studies.document import (
     Table,
     labelled,
     listed,
+    mm,
 )
 from studies.joints import joint_columns
 from studies.noise import UNFOLLOWED, noise_words
@@ -53,8 +54,9 @@ _MOST_PAIRS = 6
 _LONG = 12  # letters of a place that is no longer named beside a number
 _MEANS = {
     "no_gap": "The measurements show nothing beyond the model and the noise.",
-    "explained": "Each cause is named, and nothing is left to explain.",
-    "ambiguous": "Nothing is left to explain, but other causes or forms would do as well.",
+    "explained": "Each cause is named, and nothing is left that these data could show.",
+    "ambiguous": "Nothing is left that these data could show, but other causes or forms would do as "
+    "well.",
     "unknown": "Something is there that no cause in the catalogue does.",
 }
 _NEXT = {
@@ -150,6 +152,7 @@ def _and(parts: Sequence[str]) -> str:
 
 def _parts(record: DiagnoseRecord) -> Iterator[Part]:
     yield Sentence(_MEANS[record.verdict])
+    yield from labelled("could hide", _could_hide(record))
     yield from labelled("noise", noise_words(record.noise))
     yield Table(_of_gap(record.gap.unit), list(_gap(record.gap)), "The error before and after")
     for effect in record.effects:
@@ -165,6 +168,19 @@ def _parts(record: DiagnoseRecord) -> Iterator[Part]:
         yield Table(_REFUSED, list(_refused(record.refused)), "Refused")
     yield Table(_OUTLIERS, record.outliers, "Poses left out", of_poses=True, most=_MOST_OUTLIERS)
     yield from _notes(record)
+
+
+def _could_hide(record: DiagnoseRecord) -> Iterator[str]:
+    """What would do most harm of all that would not have shown."""
+    worst = record.worst_hidden
+    if worst is None or record.verdict == "unknown":
+        return
+    size = f"{TWO(worst.minimum_detectable)} {worst.unit}"
+    why = "which these poses do not show" if worst.minimum_detectable is None else f"below {size}"
+    yield (
+        f"{worst.key}, {why}, would leave {mm(worst.left_mm)} RMS at the targets; any other cause of "
+        "the catalogue less"
+    )
 
 
 @dataclass(frozen=True)
@@ -347,6 +363,7 @@ _EACH: tuple[Column[Sought], ...] = (
     Column("where", lambda row: row.where),
     Column("smallest size", lambda row: row.minimum_detectable, Rule(FOUR.show, "not visible")),
     Column("unit", lambda row: row.unit, TEXT),
+    Column("leaves", lambda row: row.left_mm, MM, "mm"),
 )
 
 

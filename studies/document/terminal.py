@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
@@ -16,6 +17,7 @@ from studies.tables import plain_table
 
 _LABEL = 10  # letters
 _WIDTH = 100  # of sentences
+_AFTER_COMMA = re.compile(r"(?<=,)(?=[^\W\d])")  # not within a number
 
 
 def terminal(document: Document, of: str = "") -> Iterator[RenderableType]:
@@ -72,10 +74,17 @@ def _lines(sentences: Iterable[Sentence]) -> Iterator[str]:
         yield from (f"{'':<{_LABEL}} {line}" for line in rest)
 
 
+class _Wrapper(textwrap.TextWrapper):
+    """Breaks at blanks, and lists without any, ``effect:A1,A2,A3``, after a comma."""
+
+    def _split(self, text: str) -> list[str]:
+        return [part for chunk in super()._split(text) for part in _AFTER_COMMA.split(chunk)]
+
+
 def _wrapped(text: str, width: int = _WIDTH) -> list[str]:
     """Lines; names stay whole."""
-    lines = textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
-    return lines or [""]
+    wrapper = _Wrapper(width, break_long_words=False, break_on_hyphens=False)
+    return wrapper.wrap(text) or [""]
 
 
 def _table(table: Table[Any]) -> Iterator[RenderableType]:

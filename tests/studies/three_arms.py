@@ -155,6 +155,11 @@ class Real:
             found.append(self.markers @ frame[:3, :3].T + frame[:3, 3])
         return np.array(found)
 
+    def slipped(self, joint: int, by: float) -> Real:
+        """The same with the zero of a joint off, rad or m."""
+        off = np.eye(self.errors.shape[0])[joint] * by
+        return replace(self, tip=lambda q, *rest: self.tip(q + off[: len(q)], *rest))
+
     def nominal(self, markers: Array, base: Array) -> Real:
         """The arm of its file, with markers and base as somebody found them."""
         return replace(self, errors=np.zeros_like(self.errors), markers=markers, base=base)
@@ -179,14 +184,16 @@ def joints_of(table: Path) -> tuple[list[str], list[str], Array]:
     return [row["pose"] for row in rows], columns, q
 
 
-def measured(real: Real, plan: Path, seed: int) -> str:
-    """The table of a day: every pose of a plan, read to 0.01 mm in each coordinate."""
-    names, columns, q = joints_of(plan)
-    points = real.points(q)
-    points = (points + np.random.default_rng(seed).normal(size=points.shape) * 1e-5) * 1e3
-    shown = q / [np.pi / 180 if c.endswith("_deg") else 1e-3 for c in columns]
-    lines = [",".join(["pose", "marker", *columns, "x_mm", "y_mm", "z_mm"])]
-    for name, joints, markers in zip(names, shown, points, strict=True):
-        for j, point in enumerate(markers, 1):
-            lines.append(f"{name},m{j}," + ",".join(f"{v:.6f}" for v in (*joints, *point)))
-    return "\n".join([*lines, ""])
+def exported(names: Sequence[str], points: Array) -> str:
+    """Points (m, M, 3), m, as an instrument's software lists them: group, point, x, y, z, mm."""
+    rows = (
+        f"A, {name}, m{j}, " + ", ".join(f"{v:.6f}" for v in point)
+        for name, markers in zip(names, points * 1e3, strict=True)
+        for j, point in enumerate(markers, 1)
+    )
+    return "\n".join([*rows, ""])
+
+
+def read(points: Array, seed: int) -> Array:
+    """Read to 0.01 mm in each coordinate."""
+    return np.asarray(points + np.random.default_rng(seed).normal(size=points.shape) * 1e-5)

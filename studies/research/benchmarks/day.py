@@ -99,9 +99,12 @@ class Day:
     exact, read : ndarray, shape (N, M, 3), m, without scatter and noise, and as measured
     targets : ndarray, shape (T, n); reached, approached : ndarray, shape (T, M, 3), m, where the arm
         stands at them without scatter, and where one approach of each takes it
+    mechanism, truth : the arm, and where joints truly stand that are read
     """
 
     arm: Arm
+    mechanism: Mechanism
+    truth: Callable[[Array], Array]
     scatter: Scatter
     markers: Array
     guesses: Array
@@ -114,6 +117,15 @@ class Day:
     targets: Array
     reached: Array
     approached: Array
+
+    def approach(self, q: Array, rng: np.random.Generator) -> Array:
+        """Where one more approach of joints (N, n) takes the markers, shape (N, M, 3), m."""
+        return _at(self.mechanism, self.truth(q), self.R, self.p, self.scatter, rng).readings
+
+    def nominal(self, q: Array, markers: Array, R: Array, p: Array) -> Array:
+        """Where the arm of its file has markers (M, 3) at joints (N, n), base placed at R, p."""
+        arm = Mechanism(self.arm, np.zeros((self.arm.dof + 2, 6)), markers, weighs=False)
+        return _at(arm, q, R, p).readings
 
 
 def draw_day(
@@ -140,6 +152,8 @@ def draw_day(
     stood = _at(mechanism, truth(q), R, p, scatter, rng).readings
     return Day(
         arm=arm,
+        mechanism=mechanism,
+        truth=truth,
         scatter=scatter,
         markers=markers,
         guesses=guesses,

@@ -188,3 +188,26 @@ def test_a_sentence_for_each_joint_that_a_grid_deceives() -> None:
         assert words in said
     assert "A1 stands" not in said
     assert "A1: its line" not in said
+
+
+def sought(where: str, smallest: float | None, left: float | None) -> dict[str, Any]:
+    return {
+        "effect": "joint_compliance", "where": where, "minimum_detectable": smallest,
+        "unit": "urad/(N m)", "left_mm": left,
+    }  # fmt: skip
+
+
+def test_the_worst_that_could_hide_is_named() -> None:
+    entries = [sought("A2", 3.14, 0.0123), sought("A4", None, 0.002), sought("A5", 9.0, None)]
+    lines = " ".join(" ".join(shown(diagnosed(could_not_see=entries))).split())
+    assert "nothing is left that these data could show" in lines
+    assert (
+        "joint_compliance:A2, below 3.1 urad/(N m), would leave 0.0123 mm RMS at the targets"
+        in lines
+    )
+    blind = " ".join(shown(diagnosed(could_not_see=[sought("A4", None, 0.2)])))
+    assert "joint_compliance:A4, which these poses do not show, would leave 0.2000 mm" in blind
+    old = shown(diagnosed(could_not_see=[sought("A5", 9.0, None)]))
+    assert not any("could hide" in line for line in old)
+    left = shown(diagnosed(verdict="unknown", could_not_see=entries))
+    assert not any("could hide" in line for line in left)

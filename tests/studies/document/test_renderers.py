@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from dataclasses import dataclass
 
@@ -117,6 +118,21 @@ def test_long_sentences_are_wrapped_between_words_and_names_stay_whole() -> None
     lines = printed(told).splitlines()
     assert name in [line.strip() for line in lines] or any(name in line for line in lines)
     assert all(len(line) <= 100 for line in lines if name not in line)
+
+
+def test_a_list_without_blanks_breaks_after_a_comma_and_a_number_does_not() -> None:
+    names = "friction_windup:" + ",".join(f"joint_{k}" for k in range(40))
+    numbers = "at " + ",".join("1234" for _ in range(40))
+    section = Section("a", "A", (Sentence(names, label="not asked"), Sentence(numbers)))
+    console = Console(file=io.StringIO(), width=300, highlight=False)
+    with console.capture() as capture:
+        console.print(*terminal(Document((), (section,))), sep="\n")
+    lines = capture.get().splitlines()
+    ours = [line for line in lines if "joint_" in line]
+    assert len(ours) > 3
+    assert all(len(line) <= 100 and line.endswith(",") for line in ours[:-1])
+    assert "".join(line.removeprefix("not asked").strip() for line in ours) == names
+    assert any(numbers.removeprefix("at ") in line for line in lines), "no figure is torn apart"
 
 
 def test_texts_of_the_user_are_no_markup_on_the_page() -> None:

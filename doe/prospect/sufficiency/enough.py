@@ -20,7 +20,7 @@ from calib.compensation.unexplained import (
     scatter_at,
 )
 from calib.effects.tool import Tool
-from calib.errors import EffectCannotAct, TooFewPoses
+from calib.errors import CalibError, EffectCannotAct, TooFewPoses
 from calib.identification import Identification
 from calib.identification.identify import after_the_first_move, identify
 from calib.identification.noise_level import believed_sigma
@@ -34,15 +34,18 @@ from calib.threads import one_blas_thread
 from doe.constraints import constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question
 from doe.criteria.task import Task
+from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
+from doe.optimal.exchange import exchange, greedy
 from doe.optimal.packed import pack
 from doe.problem.information import Regressor
 from doe.problem.linearisation import Linearisation, Rows
 from doe.problem.nominal import nominal
-from doe.problem.pool import drawn, pool_of
+from doe.problem.pool import Pool, drawn, pool_of
 from doe.problem.problem import target_rows
+from doe.prospect.missed import likely_read, refusal
 from doe.prospect.sufficiency.answer import Enough, Lacking
-from doe.prospect.sufficiency.forecast import Forecast, Step, Told, best_next, told
+from doe.prospect.sufficiency.forecast import Forecast, Step, Told, best_next, open_beside, told
 from doe.prospect.sufficiency.match import match
 from doe.prospect.sufficiency.to_come import whole_day
 from doe.prospect.sufficiency.unnoticed import unnoticed
@@ -60,6 +63,8 @@ def enough(
     heldout: Measurements | None = None,
     goal: float | None = None,
     fresh: int = 0,
+    ahead: int = 0,
+    missed: Poses | None = None,
     seed: int = 0,
 ) -> Enough:
     """Say what the data tell, and what the rest of a plan adds, pose by pose in the best order.
@@ -69,6 +74,8 @@ def enough(
     heldout : poses that take no part: what they miss by is expected elsewhere, too
     goal : expected RMS error at the targets that is wanted, m
     fresh : so many poses beyond the plan are chosen whatever the goal
+    ahead : so many, the fresh ones among them, are still to be read: they are chosen together
+    missed : poses that could not be read: what is nearer to them than to any that was is not chosen
     seed : of the fresh candidates by which poses beyond the plan are judged
 
     The order is greedy: each pose is the one that lowers the expected error most beside those before
@@ -111,7 +118,13 @@ def enough(
     unasked = not fresh and (goal is None or known_after_all)
     if unasked or any(e.uses for e in model.effects):
         return result
-    beyond, q = _fresh(regressor, criterion, forecast, at, rows, result, fresh, seed)
+    pool = _pool(regressor, data, missed, seed)
+    known = told(rows, held=held)
+    blocks = Blocks(pool.packed / arm.scale**2, known.root.T @ known.root, regressor.rank)
+    chosen = _together(criterion, blocks, fresh, ahead)
+    beyond, q = _fresh(
+        pool, blocks, criterion, forecast, at, known, result, fresh, chosen
+    )
     return replace(result, fresh=beyond, fresh_q=q)
 
 
@@ -230,32 +243,57 @@ def _in_best_order(
         yield plan.names[poses[k]], len(of[of == k]), told(day, done, held)
 
 
+def _pool(regressor: Regressor, data: Measurements, missed: Poses | None, seed: int) -> Pool:
+    """Candidates beyond the plan."""
+    cell = regressor.cell
+    chunks = drawn(cell, _CANDIDATES, None, seed)
+    pool = pool_of(regressor, constraints_of(cell), None, chunks, _CANDIDATES)
+    if missed is None:
+        return pool
+    pool = pool.where(likely_read(cell.robot, pool.q, data.poses, missed))
+    if not len(pool):
+        raise CalibError(refusal(missed))
+    return pool
+
+
+def _together(criterion: Criterion, blocks: Blocks, fresh: int, ahead: int) -> IntArray:
+    """As many candidates as are still to be read, no exchange of one better, those first that add most."""
+    count = min(max(fresh, ahead), len(blocks))
+    if count < 2 or not fresh:
+        return np.zeros(0, dtype=int)
+    beside = open_beside(blocks)
+    rules = Allowed(np.zeros(len(blocks), dtype=int), np.zeros(1), np.array([count]), 1)
+    plan, _ = exchange(criterion, beside, rules, greedy(criterion, beside, rules))
+    return plan[best_next(criterion, blocks.take(plan), count)]
+
+
 def _fresh(
-    regressor: Regressor,
+    pool: Pool,
+    blocks: Blocks,
     criterion: Criterion,
     forecast: Forecast,
     at: Linearisation,
-    day: Rows,
+    known: Told,
     answer: Enough,
     wanted: int,
-    seed: int,
+    chosen: IntArray,
 ) -> tuple[tuple[Step, ...], Array]:
-    """Poses beyond the plan, each the one that adds most, and their joint values, (n, dof).
+    """Poses beyond the plan, those that are chosen or each the one that adds most, and their joint
+    values, (n, dof).
 
     So many as are wanted, else until the goal is met or tried enough.
     """
-    cell = regressor.cell
     steps: list[Step] = []
-    chosen = np.zeros((0, cell.robot.dof))
-    chunks = drawn(cell, _CANDIDATES, None, seed)
-    pool = pool_of(regressor, constraints_of(cell), None, chunks, _CANDIDATES)
-    held = at.model.by_type * at.model.sizes
-    known, count = told(day, held=held), answer.steps[-1].readings
+    found: list[Array] = []
+    count = answer.steps[-1].readings
     while len(pool) and len(steps) < (wanted or _MOST_FRESH):
-        blocks = Blocks(pool.packed / at.arm.scale**2, known.root.T @ known.root, regressor.rank)
-        q = pool.q[best_next(criterion, blocks, 1)]
-        chosen = np.concatenate([chosen, q])
-        one = at.of(_of_one(at, q)).per(at.model.sizes)
+        if len(steps) < len(chosen):
+            index = chosen[len(steps) : len(steps) + 1]
+        else:
+            blocks = replace(blocks, fixed=known.root.T @ known.root)
+            index = best_next(criterion, blocks, 1)
+        found.append(pool.q[index])
+        one = at.of(_of_one(at, pool.q[index])).per(at.model.sizes)
         known = known.beside(told(one))
         name = f"fresh{len(steps) + 1}"
         *_, step = forecast.steps(known, count, [(name, len(one.whitened), known)])
@@ -263,7 +301,7 @@ def _fresh(
         steps.append(step)
         if not wanted and answer.reaches(step):
             break
-    return tuple(steps), chosen
+    return tuple(steps), np.concatenate(found or [np.zeros((0, at.cell.robot.dof))])
 
 
 def _of_one(at: Linearisation, q: Array) -> Measurements:

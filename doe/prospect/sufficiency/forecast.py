@@ -160,12 +160,16 @@ def root(rows: Array) -> Array:
     return np.concatenate([R, np.zeros((rows.shape[1] - len(R), rows.shape[1]))])
 
 
+def open_beside(blocks: Blocks) -> Blocks:
+    """Candidates beside what is known, of which what nothing tells counts as twenty plausible sizes."""
+    p = len(blocks.fixed)
+    return Blocks(blocks.packed, blocks.fixed + _OPEN * np.eye(p), blocks.rank)
+
+
 def best_next(criterion: Criterion, blocks: Blocks, count: int) -> IntArray:
     """The candidates that add most, one after the other, beside what is known already.
 
-    What nothing tells of counts as twenty plausible sizes uncertain: it is closed first.
+    What is open is closed first.
     """
-    p = len(blocks.fixed)
-    beside = Blocks(blocks.packed, blocks.fixed + _OPEN * np.eye(p), blocks.rank)
     rules = Allowed(np.zeros(len(blocks), dtype=int), np.zeros(1), np.array([count]), 1)
-    return greedy(criterion, beside, rules)
+    return greedy(criterion, open_beside(blocks), rules)

@@ -34,6 +34,6 @@ def refusal(missed: Poses | None) -> str:
     if missed is None or not len(missed):
         return "no configuration satisfies the cell's constraints; relax [design]"
     return (
-        f"all candidates are nearer to one of {len(missed)} missed poses than to any that was read; leave "
-        "out those that were missed by accident"
+        f"all candidates are nearer to one of {len(missed)} missed poses than to any that was read; "
+        "leave out those that were missed by accident"
     )

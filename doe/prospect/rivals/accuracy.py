@@ -40,6 +40,7 @@ class Accuracy:
         return Known(np.eye(n), np.zeros((n, 0)), none, np.zeros(0), 0)
 
     def added(self, known: Known, rows: Array, q: Array) -> Known:
+        del q
         return known.added(self._blocks(rows))
 
     def values(self, known: Known) -> Array:
@@ -47,6 +48,7 @@ class Accuracy:
         return np.asarray([-0.5 * np.log(square)])
 
     def tried(self, known: Known, rows: Array, q: Array) -> Array:
+        del q
         A = self._blocks(rows)
         AP = A @ known.P
         V = AP @ np.swapaxes(A, -1, -2) + np.eye(A.shape[-2])

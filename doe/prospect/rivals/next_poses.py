@@ -24,7 +24,7 @@ from doe.prospect.remedies import changes, easiest
 from doe.prospect.rivals.accuracy import Shares, accuracy_of, with_accuracy
 from doe.prospect.rivals.evidence import Evidence, Known
 from doe.prospect.rivals.forms import Form, forms_of
-from doe.prospect.rivals.rivalry import Rivalry, rivalries
+from doe.prospect.rivals.rivalry import Rivalry, rivalries, suspicious
 from doe.prospect.rivals.search import Search, search_of
 from doe.prospect.situation import Offer, Situation, offer_of, situation_of
 from doe.visits.order import visiting_order
@@ -126,6 +126,8 @@ def next_poses(
     if not np.isfinite(diagnosis.after.values).all():
         return nothing
     found = rivalries(diagnosis)
+    if suspicious(diagnosis):  # what is there was taken for scatter, which would hide it
+        diagnosis = replace(diagnosis, after=replace(diagnosis.after, levels=None, mixing=None))
     rivals = [c.effect for rivalry in found for c in rivalry.members]
     situation = situation_after(cell, diagnosis, rivals)
     data = data_rows(situation, diagnosis)

@@ -41,7 +41,7 @@ def rivalries(diagnosis: Diagnosis) -> tuple[Rivalry, ...]:
 
     Causes by name only: a curve bends to whatever is there, so that no pose tells it from its rivals.
     """
-    if not diagnosis.outcome.active:
+    if suspicious(diagnosis):
         return _suspected(diagnosis)
     chosen = _chosen(diagnosis)
     ambiguous = any(len(cause.named.causes) > 1 for cause in diagnosis.causes)
@@ -56,11 +56,15 @@ def rivalries(diagnosis: Diagnosis) -> tuple[Rivalry, ...]:
     return tuple(found)
 
 
+def suspicious(diagnosis: Diagnosis) -> bool:
+    """Whether something is there that nothing found accounts for, by name or without."""
+    nothing = not diagnosis.causes and not diagnosis.outcome.active
+    return nothing and diagnosis.verdict == "unknown"
+
+
 def _suspected(diagnosis: Diagnosis) -> tuple[Rivalry, ...]:
     """Where something is there and nothing is found, the causes that explain most of it."""
-    if diagnosis.verdict != "unknown":
-        return ()
-    view = diagnosis.outcome.view
+    view = diagnosis.outcome.view.by_instrument
     named = [c for c in view.suspects if c.named and not c.echo]
     scores = linear_scores(view.beside, view, named)
     leading = sorted(named, key=lambda c: -scores[c.key].gain)[:_MOST]

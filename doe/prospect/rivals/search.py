@@ -55,12 +55,14 @@ class Contested:
         return self.evidence.data
 
     def added(self, known: Known, rows: Array, q: Array) -> Known:
+        del q
         return known.added(self.evidence.blocks(rows))
 
     def values(self, known: Known) -> Array:
         return self._margins(known, None)
 
     def tried(self, known: Known, rows: Array, q: Array) -> Array:
+        del q
         return self._margins(known, known.tried(self.evidence.blocks(rows)))
 
     def _margins(self, known: Known, S: Array | None) -> Array:
@@ -154,9 +156,7 @@ class Search:
 
     def _added(self, known: list[Known], index: int, before: Array) -> list[Known]:
         rows, q = self.offer.rows(np.array([index]), before)[0], self.offer.q[index]
-        return [
-            place.added(own, rows, q) for own, place in zip(known, self.places, strict=True)
-        ]
+        return [place.added(own, rows, q) for own, place in zip(known, self.places, strict=True)]
 
     def _best(self, known: list[Known], before: Array, taken: list[int]) -> int:
         """The candidate that adds most when it follows ``before``."""

@@ -36,8 +36,9 @@ from doe.criteria import Criterion, Question
 from doe.criteria.task import Task
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
-from doe.optimal.exchange import exchange, greedy
 from doe.optimal.packed import pack
+from doe.optimal.relax import relax
+from doe.optimal.search import best_plan
 from doe.problem.information import Regressor
 from doe.problem.linearisation import Linearisation, Rows
 from doe.problem.nominal import nominal
@@ -50,7 +51,7 @@ from doe.prospect.sufficiency.match import match
 from doe.prospect.sufficiency.to_come import whole_day
 from doe.prospect.sufficiency.unnoticed import unnoticed
 
-_CANDIDATES = 500
+_CANDIDATES = 2000
 _MOST_FRESH = 30
 
 
@@ -121,10 +122,8 @@ def enough(
     pool = _pool(regressor, data, missed, seed)
     known = told(rows, held=held)
     blocks = Blocks(pool.packed / arm.scale**2, known.root.T @ known.root, regressor.rank)
-    chosen = _together(criterion, blocks, fresh, ahead)
-    beyond, q = _fresh(
-        pool, blocks, criterion, forecast, at, known, result, fresh, chosen
-    )
+    chosen = _together(criterion, blocks, fresh, ahead, seed)
+    beyond, q = _fresh(pool, blocks, criterion, forecast, at, known, result, fresh, chosen)
     return replace(result, fresh=beyond, fresh_q=q)
 
 
@@ -256,14 +255,15 @@ def _pool(regressor: Regressor, data: Measurements, missed: Poses | None, seed: 
     return pool
 
 
-def _together(criterion: Criterion, blocks: Blocks, fresh: int, ahead: int) -> IntArray:
-    """As many candidates as are still to be read, no exchange of one better, those first that add most."""
+def _together(criterion: Criterion, blocks: Blocks, fresh: int, ahead: int, seed: int) -> IntArray:
+    """The best of as many candidates as are still to be read, those first that add most."""
     count = min(max(fresh, ahead), len(blocks))
     if count < 2 or not fresh:
         return np.zeros(0, dtype=int)
     beside = open_beside(blocks)
     rules = Allowed(np.zeros(len(blocks), dtype=int), np.zeros(1), np.array([count]), 1)
-    plan, _ = exchange(criterion, beside, rules, greedy(criterion, beside, rules))
+    relaxed = relax(criterion, beside, rules)
+    plan = best_plan(criterion, beside, rules, relaxed, seed=seed, thorough=False).plan
     return plan[best_next(criterion, blocks.take(plan), count)]
 
 

@@ -51,6 +51,7 @@ class IdentifyNoise(Noise):
 
     replicate_sigma_mm: NotNegative | None
     lack_of_fit_p: Number
+    degrees_of_freedom: Maybe = None
 
 
 class Parameter(Entry):
@@ -319,6 +320,7 @@ def identify_record(
             source=noise.source,
             replicate_sigma_mm=None if again is None else again * noise.believed * mm,
             lack_of_fit_p=noise.lack_of_fit_p,
+            degrees_of_freedom=float(noise.dof) if np.isfinite(noise.dof) else None,
             **by_level(found.levels, found.scatter),
         ),
         poses=len(fit.data),

@@ -28,9 +28,9 @@ from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
 from calib.model.covariance import task_error
 from calib.poses import Measurements, Poses, poses_at
-from calib.poses.visits import visits
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
+from calib.uncertainty.freedom import freedom
 from doe.constraints import constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question
 from doe.criteria.task import Task
@@ -51,7 +51,7 @@ from doe.prospect.sufficiency.match import match
 from doe.prospect.sufficiency.to_come import whole_day
 from doe.prospect.sufficiency.unnoticed import unnoticed
 
-_CANDIDATES = 2000
+_CANDIDATES = 1000
 _MOST_FRESH = 30
 
 
@@ -196,11 +196,9 @@ def _behind(found: Identification | None, lacking: Lacking) -> float:
     """
     if found is None:
         return np.inf
-    if not lacking.rms or (found.levels is not None and not len(found.levels.free)):
-        return found.noise.dof
-    kept = found.fit.data.take(~found.fit.outlier)
-    stays = len(np.unique(visits(kept.poses)))
-    return max(1.0, stays - found.rank / 6.0)
+    told = found.levels is not None and not len(found.levels.free)
+    as_a_whole = bool(lacking.rms) and not told
+    return freedom(found.noise.dof, found.stays, found.rank, as_a_whole=as_a_whole)
 
 
 def _ids(model: Model) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ from calib.identification.identify import after_the_first_move, identify
 from calib.identification.noise_level import believed_sigma
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
-from calib.model.covariance import task_error
+from calib.model.covariance import at_points_read, at_tip, task_error
 from calib.poses import Measurements, Poses, poses_at
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
@@ -39,6 +39,7 @@ from doe.optimal.blocks import Blocks
 from doe.optimal.packed import pack
 from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
+from doe.problem.common import at_targets, moved_rows
 from doe.problem.information import Regressor
 from doe.problem.linearisation import Linearisation, Rows
 from doe.problem.nominal import nominal
@@ -97,22 +98,27 @@ def enough(
     day = after_the_first_move(model, day)
     arm = _arm(cell, model, found)
     at = Linearisation(cell, model, values, arm)
-    rows = at.of(day, _kept(day, found)).per(model.sizes)
+    kept = _kept(day, found)
+    rows = at.of(day, kept).per(model.sizes)
+    moved = moved_rows(at, day, at.weights(day, kept), rows)
     lacking, beside = _lacking(cell, model, values, arm, found)
     targets, weights = targets_of(cell)
     doubt = unnoticed(cell, model, values, found, targets, weights)
     if not lacking.rms:
         doubt = replace(doubt, at_targets=max(doubt.at_targets, lacking.seen.lacking))
     regressor = Regressor(cell, model, values, np.diag(model.sizes))
-    aims = target_rows(regressor, targets, any(isinstance(e, Tool) for e in model.effects))
+    at_markers = any(isinstance(e, Tool) for e in model.effects)
+    aims = target_rows(regressor, targets, at_markers)
     behind = _behind(found, lacking)
     share = weights / weights.sum()
-    forecast = Forecast(model, aims, share, beside, lacking.seen.rms, behind, doubt)
+    counts = replace((at_points_read if at_markers else at_tip)(model))
+    predicted = at_targets(model, counts, values, targets)
+    forecast = Forecast(model, aims, share, beside, lacking.seen.rms, behind, doubt, predicted)
     criterion = _task(regressor, forecast)
     so_far = np.arange(len(day)) < len(data)
     held = model.by_type * model.sizes
-    further = _in_best_order(criterion, rows, so_far, plan, done.left, held)
-    steps = tuple(forecast.steps(told(rows, so_far, held), len(data), further))
+    further = _in_best_order(criterion, rows, moved, so_far, plan, done.left, held)
+    steps = tuple(forecast.steps(told(rows, moved, so_far, held), len(data), further))
     sigma = believed_sigma(day, at.weights(day), at.model.readout.channels.lengths) * arm.scale
     result = Enough(model, found, why, sigma, done, steps, goal, lacking, ())
     known_after_all = result.needed is not None or result.beyond_reach
@@ -120,7 +126,7 @@ def enough(
     if unasked or any(e.uses for e in model.effects):
         return result
     pool = _pool(regressor, data, missed, seed)
-    known = told(rows, held=held)
+    known = told(rows, moved, held=held)
     blocks = Blocks(pool.packed / arm.scale**2, known.root.T @ known.root, regressor.rank)
     chosen = _together(criterion, blocks, fresh, ahead, seed)
     beyond, q = _fresh(pool, blocks, criterion, forecast, at, known, result, fresh, chosen)
@@ -221,7 +227,13 @@ def _task(regressor: Regressor, forecast: Forecast) -> Criterion:
 
 
 def _in_best_order(
-    criterion: Criterion, day: Rows, so_far: Mask, plan: Poses, left: IntArray, held: Array
+    criterion: Criterion,
+    day: Rows,
+    moved: Rows,
+    so_far: Mask,
+    plan: Poses,
+    left: IntArray,
+    held: Array,
 ) -> Iterator[tuple[str, int, Told]]:
     """The poses of which readings are still to come, with all that is told after each."""
     if not len(left):
@@ -237,7 +249,7 @@ def _in_best_order(
     done = so_far.copy()
     for k in best_next(criterion, blocks, len(own)):
         done = done | (number == k)
-        yield plan.names[poses[k]], len(of[of == k]), told(day, done, held)
+        yield plan.names[poses[k]], len(of[of == k]), told(day, moved, done, held)
 
 
 def _pool(regressor: Regressor, data: Measurements, missed: Poses | None, seed: int) -> Pool:
@@ -291,8 +303,9 @@ def _fresh(
             blocks = replace(blocks, fixed=known.root.T @ known.root)
             index = best_next(criterion, blocks, 1)
         found.append(pool.q[index])
-        one = at.of(_of_one(at, pool.q[index])).per(at.model.sizes)
-        known = known.beside(told(one))
+        read = _of_one(at, pool.q[index])
+        one = at.of(read).per(at.model.sizes)
+        known = known.beside(told(one, moved_rows(at, read, at.weights(read), one)))
         name = f"fresh{len(steps) + 1}"
         *_, step = forecast.steps(known, count, [(name, len(one.whitened), known)])
         count = step.readings

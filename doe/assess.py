@@ -109,7 +109,8 @@ def _common(problem: Problem, M: Array, crossed: Array) -> Array:
     """
     if not crossed.shape[1]:
         return np.zeros(len(problem.target_weights))
-    return follow(problem.target_rows, np.linalg.solve(M, crossed), problem.common_at_targets)
+    response = np.asarray(np.linalg.solve(M, crossed))
+    return follow(problem.target_rows, response, problem.common_at_targets)
 
 
 def _task(problem: Problem, M: Array, crossed: Array) -> float:

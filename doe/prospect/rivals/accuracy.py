@@ -73,8 +73,8 @@ def accuracy_of(situation: Situation, diagnosis: Diagnosis, rows: Array) -> Accu
     known = np.concatenate([rows[:, :p] * model.sizes, regressor.known, np.eye(p) / FREE])
     inverse = np.linalg.inv(np.linalg.qr(known, mode="r"))
     # As many rows as parameters say the same of so many targets.
-    aims = np.linalg.qr(aims @ inverse, mode="r")
-    return Accuracy(model.sizes[:, None] * inverse, np.asarray(aims))
+    root = np.asarray(np.linalg.qr(aims @ inverse, mode="r"))
+    return Accuracy(model.sizes[:, None] * inverse, root)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from calib.effects.tool import Tool
 from calib.model.covariance import at_points_read
 from doe.constraints import read_by, scene_of, visible
 from doe.problem import RIDGE, Problem
+from doe.problem.common import follow
 
 _NOTHING = 1e3 * RIDGE  # eigenvalue of the information below which a direction is open
 
@@ -24,6 +25,7 @@ class Assessment:
     std : ndarray, shape (p,), SI, NaN where the plan leaves a parameter open
     at_targets : ndarray, shape (K,), m, expected error at each target pose, inf where one is open
     task_rms, task_worst : float, m, over the target poses
+    common : float, m, RMS part of it by errors common to all readings, which the criterion is without
     observability : dict, indices O1 to O5 of rows scaled to plausible sizes
     without_pose : ndarray, shape (N,), m, task RMS after the loss of each pose, inf where parameters
         are lost with it
@@ -42,6 +44,7 @@ class Assessment:
     without_pose: Array
     without_marker: dict[str, float]
     hidden: int
+    common: float = 0.0
 
 
 def assess(problem: Problem, q: Array) -> Assessment:
@@ -52,21 +55,31 @@ def assess(problem: Problem, q: Array) -> Assessment:
     shown = problem.regressor.T / units[:, None]
     cov = shown @ np.linalg.solve(M, shown.T)
     lost = open_parameters(problem, M)
-    squared = _squared_errors(problem, M)
+    each = problem.crossed(q)
+    crossed = problem.crossed_fixed + each.sum(axis=0)
+    common = _common(problem, M, crossed)
+    squared = _squared_errors(problem, M) + common
+    by_common = (units[:, None] * (shown @ np.linalg.solve(M, crossed))) ** 2
     seen = visible(scene_of(problem.cell, q))
     criterion = problem.criterion
     return Assessment(
         value=criterion.shown(float(criterion.plain.value(M))),
         determinant=0.0 if lost.any() else float(np.exp(-np.linalg.slogdet(cov)[1] / len(cov))),
         trace=np.inf if lost.any() else float(np.trace(cov)),
-        std=np.where(lost, np.nan, np.sqrt(np.diag(cov)) * units),
+        std=np.where(lost, np.nan, np.sqrt(np.diag(cov) * units**2 + by_common.sum(axis=1))),
         at_targets=np.sqrt(squared),
-        task_rms=_task(problem, M),
+        task_rms=_task(problem, M, crossed),
         task_worst=float(np.sqrt(squared[problem.target_weights > 0.0].max())),
         observability=observability(problem, M, len(q)),
-        without_pose=np.array([_task(problem, M - block) for block in blocks]),
-        without_marker=_without_markers(problem, q, seen),
+        without_pose=np.array(
+            [
+                _task(problem, M - block, crossed - own)
+                for block, own in zip(blocks, each, strict=True)
+            ]
+        ),
+        without_marker=_without_markers(problem, q, seen, common),
         hidden=int((read_by(scene_of(problem.cell, q)) & ~seen).sum()),
+        common=float(np.sqrt(problem.target_weights @ common)),
     )
 
 
@@ -89,12 +102,24 @@ def _squared_errors(problem: Problem, M: Array) -> Array:
     return np.where(shows, np.inf, squared)
 
 
-def _task(problem: Problem, M: Array) -> float:
+def _common(problem: Problem, M: Array, crossed: Array) -> Array:
+    """Squared error at each target by errors common to all readings, shape (K,), m^2.
+
+    crossed : ndarray, shape (p, b), of all readings
+    """
+    if not crossed.shape[1]:
+        return np.zeros(len(problem.target_weights))
+    response = np.asarray(np.linalg.solve(M, crossed))
+    return follow(problem.target_rows, response, problem.common_at_targets)
+
+
+def _task(problem: Problem, M: Array, crossed: Array) -> float:
     """Task RMS, m; inf where an open direction shows at the targets."""
     squared = _squared_errors(problem, M)
-    return (
-        float(np.sqrt(squared @ problem.target_weights)) if np.isfinite(squared).all() else np.inf
-    )
+    if not np.isfinite(squared).all():
+        return np.inf
+    squared = squared + _common(problem, M, crossed)
+    return float(np.sqrt(squared @ problem.target_weights))
 
 
 def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
@@ -114,8 +139,11 @@ def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
     }
 
 
-def _without_markers(problem: Problem, q: Array, seen: Mask) -> dict[str, float]:
-    """Task RMS with all but one marker, m; the lost marker's position is no unknown then."""
+def _without_markers(problem: Problem, q: Array, seen: Mask, common: Array) -> dict[str, float]:
+    """Task RMS with all but one marker, m; the lost marker's position is no unknown then.
+
+    common : ndarray, shape (K,), m^2, what all markers err by together: no marker less changes it much
+    """
     model, T = problem.model, problem.regressor.T
     if len(model.marker_names) == 1 or at_points_read(model) is not model:
         return {}  # nothing to lose, or readings that are no markers by themselves
@@ -141,6 +169,6 @@ def _without_markers(problem: Problem, q: Array, seen: Mask) -> dict[str, float]
             continue
         rows = (rows @ back)[..., ~own]
         solved = np.linalg.solve(sized, np.swapaxes(rows, -1, -2))
-        squared = np.einsum("krp,kpr->k", rows, solved)
+        squared = np.einsum("krp,kpr->k", rows, solved) + common
         found[name] = float(np.sqrt(problem.target_weights @ squared))
     return found

@@ -38,6 +38,17 @@ def _of_type(design: Design) -> Iterator[str]:
         )
 
 
+def _common(design: Design) -> Iterator[str]:
+    """That the criterion is without what all readings err by together."""
+    common, rms = design.assessment.common, design.assessment.task_rms
+    if common > 0.0:
+        yield (
+            f"errors common to all readings ([instrument.common]) make {common * 1e3:.2g} mm of the "
+            f"{rms * 1e3:.2g} mm expected at the targets, and no number of poses averages them out; "
+            "standard deviations hold them, the criterion and its certificate do not"
+        )
+
+
 def _outside(design: Design) -> Iterator[str]:
     """Plans that were given, with poses beyond the limits."""
     low, high = design.problem.cell.robot.limits.T
@@ -166,6 +177,7 @@ _NOTES = (
     _reference,
     _reapproaches,
     _of_type,
+    _common,
     _no_targets,
     _weak,
     _outside,

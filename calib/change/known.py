@@ -12,6 +12,7 @@ from calib.compensation.estimate import estimate_of
 from calib.identification.identification import Identification
 from calib.population.prior import Key
 from calib.poses import Poses
+from calib.uncertainty.freedom import freedom
 
 _CHANCE = 3.0  # standard deviations of a mean square
 
@@ -76,12 +77,15 @@ class Known:
         return np.asarray(self.covariance - V @ V.T)
 
 
+COORDINATES = 3
+"""Numbers that a parameter is taken from at one pose, in :func:`calib.uncertainty.freedom.freedom`: of
+two days that are compared fewer than the stays give, so that :func:`calib.change.moved.moved` holds its
+false alarms (``studies.research.benchmarks.changes``)."""
+
+
 def approaches(poses: int, parameters: int) -> float:
-    """Degrees of freedom where the points of a pose err together: poses, less what the fit took up of
-    their three coordinates. Where variances come from few poses, fewer than REML would give; so that
-    :func:`calib.change.moved.moved` holds its false alarms (``studies.research.benchmarks.changes``).
-    """
-    return max(poses - parameters / 3.0, 1.0)
+    """Degrees of freedom where the points of a pose err together."""
+    return freedom(np.inf, poses, parameters, as_a_whole=True, numbers=COORDINATES)
 
 
 def beyond(left: float, sigma: float, points: int) -> float:
@@ -91,17 +95,6 @@ def beyond(left: float, sigma: float, points: int) -> float:
     """
     most = 3.0 * sigma**2 * (1.0 + _CHANCE * np.sqrt(2.0 / (3.0 * points)))
     return float(np.sqrt(left**2 - 3.0 * sigma**2)) if left**2 > most else 0.0
-
-
-def freedom(source: str, dof: float, errant: float, scatters: bool) -> float:
-    """Degrees of freedom behind a covariance.
-
-    source : of the noise, "cell", "replicates" or "residual"; dof : of the fit
-    errant : :func:`approaches`; scatters : whether whole poses err, by variances that these show
-    """
-    if scatters:
-        return errant
-    return float(dof) if source != "cell" else np.inf
 
 
 def known_of(found: Identification) -> Known:
@@ -118,10 +111,11 @@ def known_of(found: Identification) -> Known:
         lost=np.array([p.id in estimate.undetermined for p in model.parameters]),
         markers=dict(zip(model.marker_names, found.marker_positions, strict=True)),
         dof=freedom(
-            found.noise.source,
-            found.dof,
-            free,
-            variances is not None and variances.any,
+            found.noise.dof,
+            len(fitted),
+            len(found.values),
+            as_a_whole=variances is not None and variances.any,
+            numbers=COORDINATES,
         ),
         left=left,
         approaches=free,

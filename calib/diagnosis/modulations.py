@@ -59,17 +59,29 @@ def modulations(stage: Stage, fit: Fit, where: str) -> list[Modulation]:
 def _postures(robot: Robot, poses: Poses, kept: Mask, where: str) -> Iterator[Modulation]:
     """Harmonics of once and twice each angle; of a slide, over its travel."""
     for k, joint in enumerate(robot.joints):
-        q = poses.q[:, k]
-        if not _varies(q[kept]):
-            continue
-        if robot.prismatic[k]:
-            q = np.pi * (q - q[kept].mean()) / float(np.ptp(q[kept]))
-        waves = np.sqrt(2.0) * np.column_stack([f(n * q) for n in (1, 2) for f in (np.cos, np.sin)])
-        if where in robot.joints:
-            chance = _OWN if joint == where else _OTHERS / (robot.dof - 1)
-        else:
-            chance = (_OWN + _OTHERS) / robot.dof
-        yield Modulation(f"q:{joint}", waves, np.zeros((len(q), 0)), chance)
+        if _varies(poses.q[kept, k]):
+            run = waves(robot, poses.q, poses.q[kept], k)
+            yield Modulation(
+                f"q:{joint}", run, np.zeros((len(run), 0)), chance_of(robot, joint, where)
+            )
+
+
+def waves(robot: Robot, q: Array, over: Array, joint: int) -> Array:
+    """Harmonics of a joint, of a slide those of its travel ``over`` some poses, shape (m, 4)."""
+    angle = q[:, joint]
+    if robot.prismatic[joint]:
+        travel = over[:, joint]
+        angle = np.pi * (angle - travel.mean()) / float(np.ptp(travel))
+    return np.asarray(
+        np.sqrt(2.0) * np.column_stack([f(n * angle) for n in (1, 2) for f in (np.cos, np.sin)])
+    )
+
+
+def chance_of(robot: Robot, joint: str, where: str) -> float:
+    """Share of the chance of a false doubt that an effect at a place runs with the joint's angle."""
+    if where in robot.joints:
+        return _OWN if joint == where else _OTHERS / (robot.dof - 1)
+    return (_OWN + _OTHERS) / robot.dof
 
 
 def _known(data: Measurements, fit: Fit, where: str) -> Iterator[tuple[str, Sequence[Array]]]:

@@ -135,19 +135,32 @@ def _modulated(rest: Field, columns: IntArray) -> tuple[float, float]:
 
 
 def _power(rest: Field, columns: IntArray, alpha: float) -> float:
-    """Power at a level alpha against one wave of an angle, the first two columns, at any phase.
+    """Power at a level alpha against one wave of an angle, the first two columns, at any phase."""
+    S, spread = rest.products(columns)[0], _spread(rest)
+    return float(wave_power(S, rest.lengths[columns], alpha, spread))
 
+
+def wave_power(S: Array, lengths: Array, alpha: float, spread: float = 1.0) -> Array:
+    """Power at a level alpha against one wave of an angle, at any phase, shape (...).
+
+    S : ndarray, shape (..., c, c), products of the harmonics of an effect beside all that is modelled,
+        the first two those of the wave; lengths : ndarray, shape (c,), of their columns before
     The weighted sum is taken for a multiple of a chi-square of equal mean and variance.
     """
     from scipy.special import chdtri, chndtr
 
-    d, vectors, w = _weighted(rest, columns)
-    if not len(d):
-        return 0.0
-    scale, dof = float((w**2).sum() / w.sum()), float(w.sum() ** 2 / (w**2).sum())
-    waves = vectors[:2].T @ np.stack([np.cos(_PHASES), np.sin(_PHASES)])
-    noncentral = (w * d) @ waves**2 / scale / _spread(rest)
-    return float(np.mean(1.0 - chndtr(chdtri(dof, alpha), dof, noncentral)))
+    d, vectors = np.linalg.eigh(_PART**2 * S)
+    d = np.where(d > (VISIBLE * _PART * lengths.max()) ** 2, d, 0.0)
+    w = d / (spread + d)
+    total, squares = w.sum(axis=-1), (w**2).sum(axis=-1)
+    seen = total > 0.0
+    safe = np.where(seen, total, 1.0), np.where(seen, squares, 1.0)
+    scale, dof = safe[1] / safe[0], safe[0] ** 2 / safe[1]
+    phases = np.stack([np.cos(_PHASES), np.sin(_PHASES)])
+    along = np.swapaxes(vectors[..., :2, :], -1, -2) @ phases
+    noncentral = ((w * d)[..., None] * along**2).sum(axis=-2) / (scale * spread)[..., None]
+    found = 1.0 - chndtr(chdtri(dof, alpha)[..., None], dof[..., None], noncentral)
+    return np.where(seen, found.mean(axis=-1), 0.0)
 
 
 def _weighted(rest: Field, columns: IntArray) -> tuple[Array, Array, Array]:

@@ -21,7 +21,8 @@ _TRIED = 5  # close rivals that are looked at
 _ALIKE = 3  # twins beside them
 _LARGEST = 4  # members of a class beyond which likeness lists the first of a kind only
 _CLOSE = 30.0  # gain below the best at which a rival is none
-_SAME = 8.0  # difference of -2 log likelihood that tells nothing yet
+SAME = 8.0
+"""Difference of -2 log likelihood that tells nothing yet."""
 _MASS = 0.98  # of the likelihood that a class holds together
 # Estimated by maximum likelihood from 382 named effects of 560 simulated cases (seeds 4001 and 4002
 # of studies.research.withheld), and again from 136 classes of 459 others (7201, 7103): 0.25 to 0.3.
@@ -98,7 +99,7 @@ def _close(entry: Entry, others: Sequence[Twin]) -> list[Candidate]:
     least = max(0.0, entry.rivals[0][1] - _CLOSE)
     rivals = [c for c, gain in entry.rivals if c.named and gain > least][:_TRIED]
     alike = [t.candidate for t in others if t.exact]
-    alike += [t.candidate for t in others if t.left < _SAME and not t.exact][:_ALIKE]
+    alike += [t.candidate for t in others if t.left < SAME and not t.exact][:_ALIKE]
     return list(dict.fromkeys([entry.candidate, *rivals, *alike]))
 
 
@@ -121,7 +122,7 @@ def _members(
     behind = np.array([min(price - rivals[0][1], 700.0) for _, price in rivals])
     mass = np.cumsum(np.exp(-0.5 * behind)) / np.exp(-0.5 * behind).sum()
     enough = 1 + int(np.argmax(mass >= _MASS))
-    count = max(enough, int(np.count_nonzero(behind <= _SAME)))
+    count = max(enough, int(np.count_nonzero(behind <= SAME)))
     known = {twin.candidate: twin for twin in others}
     chosen = list(range(count))
     for i in range(count, len(rivals)):
@@ -131,7 +132,7 @@ def _members(
             continue
         kinds = {rivals[j][0].effect.kind for j in chosen}
         room = len(chosen) < _LARGEST or rival.effect.kind not in kinds
-        if twin.exact or (room and behind[i] - twin.more * direction <= _SAME):
+        if twin.exact or (room and behind[i] - twin.more * direction <= SAME):
             chosen.append(i)
     weights = np.exp(-0.5 * _TEMPER * behind[chosen])
     shares = _IN_CLASS * weights / weights.sum()

@@ -24,6 +24,7 @@ from calib.poses.visits import visits
 from calib.scatter import Levels, Scatter
 from calib.uncertainty.considered import Considered
 from calib.uncertainty.expanded import LEVEL, coverage_factor, effective_freedom
+from calib.uncertainty.freedom import freedom
 
 Status = Literal["converged", "not_converged", "rank_deficient"]
 Method = Literal["joint", "two-step"]
@@ -190,10 +191,13 @@ class Identification:
         Where poses err as a whole, by as much as the data show, stays count and not points.
         """
         levels = self.levels
-        if levels is None or not levels.variances.any or not (levels.free > 0).any():
-            return max(float(self.noise.dof), 1.0)
-        stays = len(np.unique(visits(self.fit.data.poses)[~self.fit.outlier]))
-        return max(1.0, stays - self.rank / 6.0)
+        shown = levels is not None and levels.variances.any and bool((levels.free > 0).any())
+        return freedom(self.noise.dof, self.stays, self.rank, as_a_whole=shown)
+
+    @property
+    def stays(self) -> int:
+        """How often the arm came to a pose whose readings count."""
+        return len(np.unique(visits(self.fit.data.poses)[~self.fit.outlier]))
 
     @property
     def freedoms(self) -> Array:

@@ -17,6 +17,7 @@ from calib.arrays import Array
 from calib.model.covariance import working_points
 from calib.poses import Poses
 from calib.uncertainty.expanded import coverage_factor, directions, effective_freedom
+from calib.uncertainty.freedom import freedom
 
 if TYPE_CHECKING:
     from calib.compensation.estimate import Estimate
@@ -192,8 +193,8 @@ def _behind(found: Identification) -> float:
     held = found.heldout
     if held is not None and held.data.seen.any():
         return float(len(np.unique(held.data.poses.configuration)))
-    fitted = found.fit.data.poses.configuration[~found.fit.outlier]
-    return max(1.0, len(np.unique(fitted)) - found.rank / 6.0)
+    fitted = len(np.unique(found.fit.data.poses.configuration[~found.fit.outlier]))
+    return freedom(np.inf, fitted, found.rank, as_a_whole=True)
 
 
 def _spread(moved: Array) -> Array:

@@ -14,8 +14,9 @@ from calib.api import readings
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.model import Model
-from calib.poses import Poses, poses_at
+from calib.poses import Measurements, Poses, poses_at
 from calib.scatter import Variances
+from doe.problem.common import errors_of, moved_rows
 from doe.problem.linearisation import Linearisation
 
 
@@ -75,6 +76,22 @@ class Regressor:
         """
         poses, visit = self._readings(q)
         return _by_visit(self.linearisation.levers(poses, visible[visit], (visit, visit)), len(q))
+
+    def crossed(self, q: Array, visible: Mask) -> Array:
+        """``J' W J_b`` of each visit by errors common to all readings, one standard uncertainty of each
+        component, shape (m, p, b).
+
+        q : ndarray, shape (m, dof); visible : ndarray of bool, shape (m, M)
+        """
+        if not errors_of(self.model):
+            return np.zeros((len(q), len(self.T), 0))
+        at, (poses, visit) = self.linearisation, self._readings(q)
+        seen, points = visible[visit], self.model.predict(self.values, poses)
+        data = Measurements(poses, points, seen, np.full(seen.shape, np.nan))
+        rows = at.candidates(poses, seen, (visit, visit), np.nan)
+        moved = moved_rows(at, data, at.foreseen(poses, points, seen, np.nan), rows)
+        own, more = (_by_visit(r.independent, len(q)) for r in (rows, moved))
+        return np.asarray(self.T.T @ np.swapaxes(own, -1, -2) @ more)
 
     def _readings(self, q: Array) -> tuple[Poses, IntArray]:
         """The readings of visits, all free and then all loaded, and the visit of each."""

@@ -77,11 +77,11 @@ class Linearisation:
         visit : approach and configuration of each reading, (m,): candidates come in no order
         sigma : m, standard deviation of every point, NaN for that of the cell
         """
-        return self._rows(poses, lambda points: self._foreseen(poses, points, seen, sigma), visit)
+        return self._rows(poses, lambda points: self.foreseen(poses, points, seen, sigma), visit)
 
     def levers(self, poses: Poses, seen: Mask, visit: Visits) -> Array:
         """How such poses follow the tip, in the instrument's standard deviations, (m, R, 6)."""
-        W = self._foreseen(poses, self.model.predict(self.values, poses), seen, np.nan)
+        W = self.foreseen(poses, self.model.predict(self.values, poses), seen, np.nan)
         return weighted(W, self.scatter(poses, visit).levers[..., -6:])
 
     def scatter(self, poses: Poses, visit: Visits | None = None) -> Scatter:
@@ -101,8 +101,11 @@ class Linearisation:
         scatter = self.scatter(poses, visit)
         return Rows(rows, scatter.mixing(weighted(W, scatter.levers)))
 
-    def _foreseen(self, poses: Poses, points: Array, seen: Mask | None, sigma: float) -> Array:
-        """Whitening matrices (m, C, r, r), or one number for a row (m, C, 1, 1) where that will do."""
+    def foreseen(self, poses: Poses, points: Array, seen: Mask | None, sigma: float) -> Array:
+        """Whitening matrices (m, C, r, r), or one number for a row (m, C, 1, 1) where that will do.
+
+        Of :meth:`candidates`; points : where they are predicted, (m, C, r)
+        """
         even = self.model.readout.even
         if np.isnan(sigma) and even is not None:
             counted = np.ones(points.shape[:-1], dtype=bool) if seen is None else seen

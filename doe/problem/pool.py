@@ -110,13 +110,12 @@ class Pool:
         """The candidates that are none of these configurations (m, dof)."""
         known = {tuple(row) for row in np.round(q, 9)}
         fresh = np.array([tuple(row) not in known for row in np.round(self.q, 9)], dtype=bool)
-        return replace(
-            self,
-            q=self.q[fresh],
-            packed=self.packed[fresh],
-            level=self.level[fresh],
-            removed={**self.removed, "already measured": int((~fresh).sum())},
-        )
+        removed = {**self.removed, "already measured": int((~fresh).sum())}
+        return replace(self.where(fresh), removed=removed)
+
+    def where(self, kept: Mask) -> Pool:
+        """Some of the candidates, (n,), the counts as they were."""
+        return replace(self, q=self.q[kept], packed=self.packed[kept], level=self.level[kept])
 
     def joined(self, part: Chunk) -> Pool:
         """The pool with further candidates at its end, the counts as they were."""

@@ -21,6 +21,7 @@ from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question, catalogue
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
+from doe.problem.common import at_targets
 from doe.problem.information import Regressor
 from doe.problem.nominal import nominal
 from doe.problem.pool import Pool, drawn, rounded
@@ -74,6 +75,18 @@ class Problem:
         """Information matrix of configurations, hidden markers left out, shape (m, p, p)."""
         return self.regressor.information(q, visible(scene_of(self.cell, q)))
 
+    def crossed(self, q: Array) -> Array:
+        """By errors common to all readings, of configurations, shape (m, p, b)."""
+        return self.regressor.crossed(q, visible(scene_of(self.cell, q)))
+
+    @cached_property
+    def crossed_fixed(self) -> Array:
+        """The same of what is measured in any case, shape (p, b)."""
+        fixed = self.request.fixed
+        q = np.zeros((0, self.cell.robot.dof)) if fixed is None else fixed.q
+        none = np.zeros((len(self.regressor.T), self.common_at_targets.shape[-1]))
+        return self.crossed(q).sum(axis=0) if len(q) else none
+
     def blocks(self, pool: Pool) -> Blocks:
         """Information of a pool beside what is fixed."""
         return Blocks(pool.packed, self.fixed, self.regressor.rank)
@@ -93,6 +106,12 @@ class Problem:
     def target_rows(self) -> Array:
         """Rows of the targets, (K, r, p), m per y, the mean over markers in them."""
         return target_rows(self.regressor, self.targets, self.at_markers)
+
+    @cached_property
+    def common_at_targets(self) -> Array:
+        """How predictions at the targets follow errors common to all readings, (K, r, b), m."""
+        counts = (at_points_read if self.at_markers else at_tip)(self.model)
+        return at_targets(self.model, replace(counts), self.regressor.values, self.targets)
 
     @property
     def at_markers(self) -> bool:

@@ -111,17 +111,18 @@ class Likeness:
         return np.asarray(np.where(never < sure, np.inf, found))
 
 
-def margins(beside: Array, k: IntArray, shared: Array, rows: int) -> Array:
+def margins(beside: Array, k: IntArray, shared: Array, rows: int, lead: float = 0.0) -> Array:
     """Standard deviations by which each cause wins over each other, shape (..., E, E, D).
 
     beside : ndarray, shape (..., E, E, D), noncentrality that is left of it beside the other
     k : ndarray of int, shape (..., E), directions of each; rows : int, N
     shared : ndarray, shape (..., E, E), sum of the squared canonical correlations
+    lead : float, difference of the scores by which it is to win
     """
     mean = (k[..., :, None] - k[..., None, :]) * (1.0 - np.log(max(rows, 3)))
     variance = 2.0 * (k[..., :, None] + k[..., None, :]) - 4.0 * shared
     spread = np.sqrt(np.maximum(4.0 * beside + variance[..., None], 1e-12))
-    return np.asarray((mean[..., None] + beside) / spread)
+    return np.asarray((mean[..., None] + beside - lead) / spread)
 
 
 def likeness(

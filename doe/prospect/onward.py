@@ -20,8 +20,9 @@ from doe.prospect.sufficiency.enough import enough
 from doe.prospect.sufficiency.forecast import Step
 
 Aim: TypeAlias = Literal["task", "causes", "both"]
-For: TypeAlias = Literal["task", "causes"]
-Stop: TypeAlias = Literal["goal", "beyond_reach", "averages", "settled", "no_pose_helps"]
+Stop: TypeAlias = Literal[
+    "goal", "beyond_reach", "averages", "settled", "nothing_found", "no_pose_helps"
+]
 COUNT = 3
 """Poses that are chosen unless the user says otherwise."""
 _AVERAGES = (
@@ -34,14 +35,14 @@ class Onward:
     """Result of :func:`onward`.
 
     poses : Poses, to be read next, in this order; none where it is time to stop
-    serves : tuple of str, "task" or "causes", of each
+    serves : what they are for
     stops : tuple of Stop, why each aim asks for no more, the aims that do left out
     enough : Enough, without the poses to come; None where only causes are asked for
     diagnosis : Diagnosis or None; doubts : NextPoses or None, where causes are asked for
     """
 
     poses: Poses
-    serves: tuple[For, ...]
+    serves: Aim
     stops: tuple[Stop, ...]
     enough: Enough | None
     diagnosis: Diagnosis | None
@@ -61,45 +62,43 @@ def onward(
     aim: Aim = "task",
     count: int = COUNT,
     goal: float | None = None,
+    ahead: int = 0,
+    missed: Poses | None = None,
     seed: int = 0,
 ) -> Onward:
     """Choose the next poses after what was measured, or say that it is time to stop.
 
     aim : "task", the expected error at the targets; "causes", the rivals that a diagnosis cannot tell
-        apart; "both", half of the poses each while both are open
+        apart, and the forms of those that stand alone; "both", poses that serve both while both are
+        open (:mod:`doe.prospect.rivals.accuracy`)
     goal : expected RMS error at the targets that is wanted, m; without one, the task is done when more
         poses only average noise
+    ahead : poses that the day still has room for: those for the task are chosen as the best of so many
+    missed : poses that could not be read: what is nearer to them than to any that was is left out
 
     Raises CalibError where count is not positive, or poses to come depend on more than joints.
     """
     if count < 1:
         raise CalibError(f"{count} next poses are too few; ask for at least one")
-    answer, task = None, None
+    answer = diagnosis = doubts = task = causes = None
     if aim != "causes":
-        answer = enough(cell, data, goal=goal, fresh=count, seed=seed)
+        answer = enough(cell, data, goal=goal, fresh=count, ahead=ahead, missed=missed, seed=seed)
         task = _task_done(answer)
-    diagnosis = doubts = causes = None
     if aim != "task":
         diagnosis = diagnose(cell, data)
-        share = count if aim == "causes" or task is not None else -(-count // 2)
-        doubts = next_poses(cell, diagnosis, count=share, seed=seed)
-        causes = _causes_done(doubts)
-    q = np.zeros((0, cell.robot.dof))
-    if doubts is not None:
-        q = doubts.poses.q
-    apart = len(q)
-    if answer is not None and task is None:
-        rest = answer
-        if apart:
-            plan = poses_at(q, names=[f"c{i}" for i in range(apart)])
-            left = max(count - apart, 1)
-            rest = enough(cell, data, plan, goal=goal, fresh=left, seed=seed)
-        q = np.concatenate([q, rest.fresh_q])
-    names = [f"n{i + 1:02d}" for i in range(len(q))]
+        together = answer is not None and task is None
+        doubts = next_poses(
+            cell, diagnosis, count=count, seed=seed, forms=True, accuracy=together, missed=missed
+        )
+        causes = _causes_done(diagnosis, doubts)
     stops = tuple(stop for stop in (task, causes) if stop is not None)
-    first: For = "causes"
-    then: For = "task"
-    serves = (first,) * apart + (then,) * (len(q) - apart)
+    q = np.zeros((0, cell.robot.dof))
+    serves: Aim = "task"
+    if doubts is not None and len(doubts.poses):
+        q, serves = doubts.poses.q, "causes" if doubts.shares is None else "both"
+    elif answer is not None and task is None:
+        q = answer.fresh_q
+    names = [f"n{i + 1:02d}" for i in range(len(q))]
     return Onward(poses_at(q, names=names), serves, stops, answer, diagnosis, doubts)
 
 
@@ -129,8 +128,10 @@ def _work(step: Step) -> float:
     return float(step.readings * step.from_parameters**2)
 
 
-def _causes_done(doubts: NextPoses) -> Stop | None:
-    """Why the rivals ask for no more poses, None where they do."""
+def _causes_done(diagnosis: Diagnosis, doubts: NextPoses) -> Stop | None:
+    """Why the causes ask for no more poses, None where they do."""
     if len(doubts.poses):
         return None
-    return "no_pose_helps" if doubts.predictions else "settled"
+    if doubts.predictions or any(not form.told for form in doubts.forms):
+        return "no_pose_helps"
+    return "nothing_found" if diagnosis.verdict == "unknown" else "settled"

@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from calib import Cell, load_cell, load_measurements
-from calib.change import Known, approaches, beyond, freedom
+from calib.change import COORDINATES, Known, approaches, beyond
 from calib.compensation.estimate import Estimate
 from calib.errors import InputError
 from calib.files.estimate import load_estimate
 from calib.files.read import sha256
 from calib.poses import Poses
+from calib.uncertainty.freedom import freedom
 from studies.identify.record import IdentifyRecord
 from studies.report.evidence import located
 from studies.results import read_as
@@ -70,6 +71,15 @@ def days_of(before_path: Path, after_path: Path, cell_path: Path | None) -> Days
             *(note for _, notes in tables for note in notes),
         ),
     )
+
+
+def _behind_noise(record: IdentifyRecord) -> float:
+    """Degrees of freedom of the noise; before results had them, of the residuals."""
+    noise = record.noise
+    if noise.source == "cell":
+        return np.inf
+    own = noise.degrees_of_freedom
+    return float(record.degrees_of_freedom) if own is None else own
 
 
 def _cell_file(path: Path, record: IdentifyRecord) -> Path:
@@ -135,7 +145,13 @@ def known_of_record(record: IdentifyRecord, poses: Poses | None = None) -> Known
         covariance=np.array(estimate.covariance_si),
         lost=np.array(lost),
         markers={name: np.array(at) * 1e-3 for name, at in record.markers_mm.items()},
-        dof=freedom(record.noise.source, float(record.degrees_of_freedom), free, scatters),
+        dof=freedom(
+            _behind_noise(record),
+            record.poses,
+            len(keys),
+            as_a_whole=scatters,
+            numbers=COORDINATES,
+        ),
         left=left,
         approaches=free,
         excess=beyond(left, record.noise.believed_sigma_mm * 1e-3, record.points),

@@ -50,6 +50,7 @@ class IdentifyNoise(Noise):
 
     replicate_sigma_mm: NotNegative | None
     lack_of_fit_p: Number
+    degrees_of_freedom: Maybe = None
 
 
 class Parameter(Entry):
@@ -356,6 +357,7 @@ def _noise(found: Identification) -> IdentifyNoise:
         source=noise.source,
         replicate_sigma_mm=None if again is None else again * noise.believed * mm,
         lack_of_fit_p=noise.lack_of_fit_p,
+        degrees_of_freedom=float(noise.dof),
         **by_level(found.levels, found.scatter),
     )
 

@@ -31,6 +31,19 @@ if TYPE_CHECKING:
               help="How many to propose.")  # fmt: skip
 @click.option("--goal-mm", metavar="X", type=Finite(min=0, min_open=True),
               help="Expected RMS error at the targets that is wanted.")  # fmt: skip
+@click.option(
+    "--ahead",
+    type=click.IntRange(min=0, max=1000),
+    default=0,
+    help="How many the day still has room for: those for the task are the best of so many.",
+)
+@click.option(
+    "--missed",
+    "missed_path",
+    metavar="PLAN",
+    type=PATH,
+    help="Poses that could not be read: what is near them is not proposed again.",
+)
 @click.option("-o", "plan_path", metavar="PLAN", type=PATH, help="Write the poses as a plan.")
 @result_options
 def next_(
@@ -39,6 +52,8 @@ def next_(
     aim: Aim,
     count: int,
     goal_mm: float | None,
+    ahead: int,
+    missed_path: Path | None,
     plan_path: Path | None,
     folder: Path | None,
     json_path: str | None,
@@ -48,8 +63,8 @@ def next_(
 
     CELL is the description of the measurement cell (cell.toml), DATA the table of points measured so
     far. Measure the poses, add them to DATA, and ask again. For the task it stops at the goal, or
-    without one where more poses only average noise; for causes where the data tell them apart, or no
-    pose can. Then -o writes nothing.
+    without one where more poses only average noise; for causes where the data tell them apart and
+    would show another form of them, or no pose can. Then -o writes nothing.
 
     \b
     Example:
@@ -62,11 +77,17 @@ def next_(
 
     cell = calib.load_cell(cell_path)
     inputs = [cell_path, *cell.robot_files, data_path, *cell.named_files]
+    inputs += [] if missed_path is None else [missed_path]
     check_outputs([plan_path, output_file(json_path)], inputs, folder)
     data = calib.load_measurements(cell, data_path)
+    missed = None if missed_path is None else calib.load_plan(cell, missed_path)
     goal = None if goal_mm is None else goal_mm * 1e-3
     with faults_in(cell_path, readings_of=data_path):
-        found = doe.onward(cell, data, aim=aim, count=count, goal=goal, seed=seed)
-    record = next_record(found, aim, goal, cell, envelope(cell.name, inputs, seed))
+        found = doe.onward(
+            cell, data, aim=aim, count=count, goal=goal, ahead=ahead, missed=missed, seed=seed
+        )
+    count_missed = 0 if missed is None else len(missed)
+    made_from = envelope(cell.name, inputs, seed)
+    record = next_record(found, aim, goal, count_missed, cell, made_from)
     tables = {} if plan_path is None or found.done else {plan_path: next_table(found, cell)}
     deliver(record, json_path, folder, tables)

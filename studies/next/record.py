@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, Self
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Literal, Self, TypeAlias
 
 import numpy as np
 from pydantic import model_validator
@@ -14,16 +15,20 @@ if TYPE_CHECKING:
     from calib import Cell
     from doe import Onward
     from doe.prospect.onward import Aim
+    from doe.prospect.rivals.next_poses import Prediction
     from doe.prospect.sufficiency import Step
 
 _MM = 1e3
+Stop: TypeAlias = Literal[
+    "goal", "beyond_reach", "averages", "settled", "nothing_found", "no_pose_helps"
+]
 
 
 class Proposed(JointValues):
     """A pose to be read next; serves : what it is for."""
 
     pose: str
-    serves: Literal["task", "causes"]
+    serves: Literal["task", "causes", "both"]
 
 
 class Expected(Entry):
@@ -43,11 +48,21 @@ class Pair(Entry):
     after: Number
 
 
+class Shares(Entry):
+    """What poses for both do, as shares of what as many for one alone would."""
+
+    causes: Number
+    task: Number
+
+
 class NextRecord(Record):
     """The next poses, or why there are none.
 
     stops : why an aim asks for no more
     now, after : for the task, after with as many poses for it alone
+    forms : causes of which readings should show that they have another form, and how surely they do
+    shares : where the poses are for both
+    missed : how many poses could not be read
     verdict : of the diagnosis, where causes are asked for
     """
 
@@ -55,13 +70,19 @@ class NextRecord(Record):
     aim: Literal["task", "causes", "both"]
     goal_mm: Positive | None
     done: bool
-    stops: tuple[Literal["goal", "beyond_reach", "averages", "settled", "no_pose_helps"], ...]
+    stops: tuple[
+        Literal["goal", "beyond_reach", "averages", "settled", "nothing_found", "no_pose_helps"],
+        ...,
+    ]
     poses: tuple[Proposed, ...]
     now: Expected | None
     after: Expected | None
     lacking_mm: Maybe
     verdict: Literal["no_gap", "explained", "ambiguous", "unknown"] | None
     doubts: tuple[Pair, ...]
+    forms: tuple[Pair, ...] = ()
+    shares: Shares | None = None
+    missed: Count = 0
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -76,9 +97,9 @@ class NextRecord(Record):
 
 
 def next_record(
-    found: Onward, aim: Aim, goal: float | None, cell: Cell, made_from: Envelope
+    found: Onward, aim: Aim, goal: float | None, missed: int, cell: Cell, made_from: Envelope
 ) -> NextRecord:
-    """The record of a proposal; goal : m."""
+    """The record of a proposal; goal : m; missed : poses that could not be read."""
     poses, answer, doubts = found.poses, found.enough, found.doubts
     return NextRecord(
         **made_from,
@@ -87,22 +108,26 @@ def next_record(
         done=found.done,
         stops=found.stops,
         poses=tuple(
-            Proposed(pose=name, serves=serves, joints_deg=at.deg, joints_mm=at.mm)
-            for name, serves, at in zip(
-                poses.names,
-                found.serves,
-                (shown_joints(cell.robot, q) for q in poses.q),
-                strict=True,
+            Proposed(pose=name, serves=found.serves, joints_deg=at.deg, joints_mm=at.mm)
+            for name, at in zip(
+                poses.names, (shown_joints(cell.robot, q) for q in poses.q), strict=True
             )
         ),
         now=None if answer is None else _expected(answer.steps[0]),
         after=None if answer is None or not answer.fresh else _expected(answer.fresh[-1]),
         lacking_mm=None if answer is None else answer.lacking.rms * _MM,
         verdict=None if found.diagnosis is None else found.diagnosis.verdict,
-        doubts=()
-        if doubts is None
-        else tuple(Pair(rivals=p.rivals, now=p.now, after=p.after) for p in doubts.predictions),
+        doubts=() if doubts is None else _pairs(doubts.predictions),
+        forms=() if doubts is None else _pairs(doubts.forms),
+        shares=None
+        if doubts is None or doubts.shares is None
+        else Shares(causes=doubts.shares[0], task=doubts.shares[1]),
+        missed=missed,
     )
+
+
+def _pairs(found: Iterable[Prediction]) -> tuple[Pair, ...]:
+    return tuple(Pair(rivals=p.rivals, now=p.now, after=p.after) for p in found)
 
 
 def _expected(step: Step) -> Expected:

@@ -26,6 +26,7 @@ _STOPS = {
     "beyond_reach": "no number of poses meets the goal, for the model lacks more than that",
     "averages": "more poses would only average noise",
     "settled": "the data leave no causes that look alike",
+    "nothing_found": "something is there, and nothing in the catalogue explains it",
     "no_pose_helps": "no pose tells apart the causes that are left",
 }
 
@@ -42,7 +43,7 @@ def _headline(record: NextRecord) -> Iterator[Sentence]:
         mood: Mood = "good" if {"goal", "settled", "averages"} & {*record.stops} else "warn"
         yield Sentence(f"Stop: {why}.", mood)
     else:
-        own = {p.serves for p in record.poses}
+        own = {name for p in record.poses for name in _SERVES_BOTH.get(p.serves, (p.serves,))}
         serves = " and ".join(name for name in ("causes", "task") if name in own)
         yield Sentence(f"Measure {plural(len(record.poses), 'pose')} more, for {serves}.", "next")
         if why:
@@ -56,7 +57,13 @@ def _headline(record: NextRecord) -> Iterator[Sentence]:
         )
     if now is not None and now.open:
         yield Sentence(f"Still open: {listed(now.open, 5)}.", "warn")
-    if after is not None and not record.done:
+    if record.shares is not None:
+        yield Sentence(
+            f"They do {100.0 * record.shares.causes:.0f} % for the causes and "
+            f"{100.0 * record.shares.task:.0f} % for the task of what as many poses for that alone "
+            "would."
+        )
+    elif after is not None and not record.done:
         more = after.readings - (0 if now is None else now.readings)
         yield Sentence(
             f"{plural(more, 'reading')} more for it make that {mm(after.task_rms_mm)} RMS."
@@ -69,12 +76,19 @@ def _parts(record: NextRecord) -> Iterator[Part]:
     columns: tuple[Column[Any], ...] = (_POSE, *joint_columns(record.poses, detail=False), _SERVES)
     yield Table(columns, record.poses, "Poses to measure next")
     yield Table(_DOUBTS, record.doubts, "Causes that look alike")
+    yield Table(_FORMS, record.forms, "Causes that may have another form")
 
 
+_SERVES_BOTH = {"both": ("causes", "task")}
 _POSE: Column[Proposed] = Column("next pose", lambda row: row.pose)
 _SERVES: Column[Proposed] = Column("for", lambda row: row.serves)
 _DOUBTS: tuple[Column[Pair], ...] = (
     Column("causes that look alike", lambda row: " or ".join(row.rivals)),
     Column("told apart now", lambda row: row.now, PROBABILITY),
+    Column("with these poses", lambda row: row.after, PROBABILITY),
+)
+_FORMS: tuple[Column[Pair], ...] = (
+    Column("cause found", lambda row: row.rivals[0]),
+    Column("another form would show now", lambda row: row.now, PROBABILITY),
     Column("with these poses", lambda row: row.after, PROBABILITY),
 )

@@ -371,6 +371,8 @@ def _next() -> list[Record]:
         "after": 0.97,
     }
     for_causes = [{**first, "serves": "causes"}, *others]
+    for_both = [{**first, "serves": "both"}]
+    form = {**doubt, "rivals": ["backlash:A3", "another form of backlash:A3"], "now": 0.3}
     stopped = {"done": True, "poses": []}
     causes = {"aim": "causes", "now": None, "after": None, "lacking_mm": None, "goal_mm": None}
     open_ = {**old["now"], "open": ["a:b.c", "a:b.d"]}
@@ -378,6 +380,9 @@ def _next() -> list[Record]:
         changed("next"),
         changed("next", aim="both", poses=for_causes, doubts=[doubt], verdict="ambiguous"),
         changed("next", aim="both", poses=[first], stops=["goal"], verdict="unknown"),
+        changed("next", aim="both", poses=for_both, doubts=[doubt], forms=[form], missed=2,
+                shares={"causes": 0.97, "task": 0.82}, verdict="ambiguous"),
+        changed("next", **stopped, **causes, stops=["nothing_found"], verdict="unknown"),
         changed("next", **stopped, stops=["goal"]),
         changed("next", **stopped, stops=["beyond_reach"], after=None),
         changed("next", **stopped, stops=["averages"], goal_mm=None, now=open_),

@@ -17,7 +17,8 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from doe.prospect.likeness import Likeness, directions, likeness, margins
 
-_FREE = 10.0  # plausible sizes to which what is modelled is known beforehand
+FREE = 10.0
+"""Plausible sizes to which what is modelled is known beforehand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +117,7 @@ class Evidence:
         rest = np.setdiff1d(np.arange(rows.shape[1]), own)
         n, K = len(rest), len(own)
         # A weak prior, so that what the data leave open is open and yet finite.
-        N = np.concatenate([rows[:, rest] * sizes[rest], np.eye(n) / _FREE])
+        N = np.concatenate([rows[:, rest] * sizes[rest], np.eye(n) / FREE])
         X = np.concatenate([rows[:, own] * sizes[own], np.zeros((n, K))])
         Q, R = qr(N, mode="economic")
         B = Q.T @ X
@@ -152,14 +153,20 @@ class Evidence:
         """What is left of each rival beside the other, in noise variances, shape (..., pairs, 2)."""
         return self.of_pairs(self.likeness(known).beside[..., 0])
 
-    def margins(self, known: Known, S: Array | None = None, rows: int | None = None) -> Array:
+    def margins(
+        self,
+        known: Known,
+        S: Array | None = None,
+        rows: int | None = None,
+        lead: float = 0.0,
+    ) -> Array:
         """Standard deviations by which the truth wins, shape (..., pairs): the worse direction.
 
-        rows : N, where it is not that of ``known``
+        rows : N, where it is not that of ``known``; lead : of -2 log likelihood that it is to win by
         """
         alike = self.likeness(known, S)
         N = known.rows if rows is None else rows
-        found = margins(alike.beside, alike.directions, alike.shared, N)[..., 0]
+        found = margins(alike.beside, alike.directions, alike.shared, N, lead)[..., 0]
         return np.asarray(self.of_pairs(found).min(axis=-1))
 
     def preferences(self, known: Known) -> Array:

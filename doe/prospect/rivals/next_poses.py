@@ -19,10 +19,13 @@ from calib.poses import Poses, poses_at
 from calib.threads import one_blas_thread
 from doe.problem.linearisation import Linearisation, Rows, weighted
 from doe.prospect.likeness import SURE
+from doe.prospect.missed import likely_read, refusal
 from doe.prospect.remedies import changes, easiest
+from doe.prospect.rivals.accuracy import Shares, accuracy_of, with_accuracy
 from doe.prospect.rivals.evidence import Evidence, Known
-from doe.prospect.rivals.rivalry import Rivalry, rivalries
-from doe.prospect.rivals.search import search_of
+from doe.prospect.rivals.forms import Form, forms_of
+from doe.prospect.rivals.rivalry import Rivalry, rivalries, suspicious
+from doe.prospect.rivals.search import Search, search_of
 from doe.prospect.situation import Offer, Situation, offer_of, situation_of
 from doe.visits.order import visiting_order
 
@@ -79,20 +82,37 @@ class NextPoses:
     splits : for each pose, the pairs that it helps to tell apart
     predictions : tuple of Prediction, of every pair in doubt, the most doubtful first
     assumptions : tuple of str, how the poses are to be read for the predictions to hold
+    forms : tuple of Prediction, causes that may have another form than their name's
+    shares : of what as many poses for the causes alone, and for the accuracy alone, would bring; None
+        where the accuracy is not asked for
     """
 
     poses: Poses
     splits: tuple[tuple[tuple[str, str], ...], ...] = ()
     predictions: tuple[Prediction, ...] = ()
     assumptions: tuple[str, ...] = ()
+    forms: tuple[Prediction, ...] = ()
+    shares: tuple[float, float] | None = None
 
 
 @one_blas_thread
-def next_poses(cell: Cell, diagnosis: Diagnosis, *, count: int = POSES, seed: int = 0) -> NextPoses:
+def next_poses(
+    cell: Cell,
+    diagnosis: Diagnosis,
+    *,
+    count: int = POSES,
+    seed: int = 0,
+    forms: bool = False,
+    accuracy: bool = False,
+    missed: Poses | None = None,
+) -> NextPoses:
     """Poses that best separate what the diagnosis could not tell apart, within the cell's limits.
 
     count : int, configurations to choose; each is read under every load of the data
     seed : int, of the candidates
+    forms : whether poses are to show, too, if a cause that is named has another form than its name's
+    accuracy : whether they are to serve the accuracy at the targets beside that
+    missed : poses that could not be read: what is nearer to them than to any that was is left out
 
     The smallest margin of all pairs is maximised by greedy choice and exchange (T-optimality). A pair
     that the whole pool of candidates cannot separate takes no part; for it, and for what is still in
@@ -103,20 +123,31 @@ def next_poses(cell: Cell, diagnosis: Diagnosis, *, count: int = POSES, seed: in
     if count < 1:
         raise CalibError(f"{count} next poses are too few; ask for at least one")
     nothing = NextPoses(_named(np.zeros((0, cell.robot.dof))))
-    found = rivalries(diagnosis) if np.isfinite(diagnosis.after.values).all() else ()
-    if not found:
+    if not np.isfinite(diagnosis.after.values).all():
         return nothing
+    found = rivalries(diagnosis)
+    if suspicious(diagnosis):  # what is there was taken for scatter, which would hide it
+        diagnosis = replace(diagnosis, after=replace(diagnosis.after, levels=None, mixing=None))
     rivals = [c.effect for rivalry in found for c in rivalry.members]
     situation = situation_after(cell, diagnosis, rivals)
     data = data_rows(situation, diagnosis)
     doubts = [d for r in found if (d := _doubt(situation, data, r)) is not None]
-    if not doubts:
+    unseen = tuple(forms_of(diagnosis, data)) if forms else ()
+    if not doubts and not unseen:
         return nothing
     q = situation.feasible(_CANDIDATES, seed)
+    q = q[likely_read(cell.robot, q, diagnosis.data.poses, missed)]
     if not len(q):
-        raise CalibError("no configuration satisfies the cell's constraints; relax [design]")
+        raise CalibError(refusal(missed))
     offer = offer_of(situation, q, count)
-    chosen = _chosen(doubts, offer, situation, count)
+    search = _search(doubts, unseen, offer, situation, count)
+    if search is not None and accuracy:
+        search = with_accuracy(search, accuracy_of(situation, diagnosis, data[1]), count)
+    plan = [] if search is None else search.best_plan(count)
+    chosen = offer.q[plan]
+    # Where no column depends on the approach the order is free: the shortest way.
+    if offer.half is None and len(plan):
+        chosen = chosen[visiting_order(chosen)]
     judged = [_judged(doubt, situation, chosen) for doubt in doubts]
     pairs = [pair for own in judged for pair in own]
     unsolved = [
@@ -130,6 +161,8 @@ def next_poses(cell: Cell, diagnosis: Diagnosis, *, count: int = POSES, seed: in
         splits,
         tuple(sorted(predictions, key=lambda p: p.now)),
         assumptions_of(situation, len(chosen)),
+        tuple(_shown(form, situation, chosen) for form in unseen),
+        _shares(search, plan),
     )
 
 
@@ -210,15 +243,37 @@ def _doubt(situation: Situation, data: tuple[Array, Array], rivalry: Rivalry) ->
     return _Doubt(rivalry, replace(evidence, pairs=pairs)) if pairs else None
 
 
-def _chosen(doubts: Sequence[_Doubt], offer: Offer, situation: Situation, count: int) -> Array:
-    """Configurations (m, dof) in the order of measuring; none where no pair can be split."""
-    rivals = [doubt.evidence for doubt in doubts]
-    search = search_of(rivals, offer, situation.conditions.last, count, _MARGIN)
-    if search is None:
-        return np.zeros((0, offer.q.shape[1]))
-    q = offer.q[search.best_plan(count)]
-    # Where no column depends on the approach the order is free: the shortest way.
-    return q if offer.half is not None else q[visiting_order(q)]
+def _search(
+    doubts: Sequence[_Doubt],
+    forms: Sequence[Form],
+    offer: Offer,
+    situation: Situation,
+    count: int,
+) -> Search | None:
+    """What poses may settle; None where they can settle nothing."""
+    rivals, start = [doubt.evidence for doubt in doubts], situation.conditions.last
+    pairs = search_of(rivals, offer, start, count, _MARGIN)
+    hopeful = tuple(form for form in forms if form.hopeful(offer, start))
+    if pairs is None:
+        return Search(hopeful, offer, start) if hopeful else None
+    return replace(pairs, places=(*pairs.places, *hopeful))
+
+
+def _shown(form: Form, situation: Situation, q: Array) -> Prediction:
+    """How surely another form of a cause would be seen, now and with the poses read."""
+    known = form.data
+    now = float(form.power(known.S))
+    for own, rows in zip(q, situation.in_order(q) if len(q) else (), strict=True):
+        known = form.added(known, rows, own)
+    names = form.key, f"another form of {form.key}"
+    return Prediction(names, now, float(form.power(known.S)))
+
+
+def _shares(search: Search | None, plan: Sequence[int]) -> tuple[float, float] | None:
+    if search is None or not isinstance(search.weigh, Shares):
+        return None
+    first, second = search.weigh.of(search.values(plan))
+    return float(first), float(second)
 
 
 def _judged(doubt: _Doubt, situation: Situation, q: Array) -> list[tuple[Prediction, list[bool]]]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contest import Entry
+from calib.diagnosis.rounds import linear_scores
 
 _REACH = 25.0
 """Gain by which a rival may trail and still be in reach: at a predicted probability of 0.95 two
@@ -40,6 +41,8 @@ def rivalries(diagnosis: Diagnosis) -> tuple[Rivalry, ...]:
 
     Causes by name only: a curve bends to whatever is there, so that no pose tells it from its rivals.
     """
+    if suspicious(diagnosis):
+        return _suspected(diagnosis)
     chosen = _chosen(diagnosis)
     ambiguous = any(len(cause.named.causes) > 1 for cause in diagnosis.causes)
     found = []
@@ -51,6 +54,21 @@ def rivalries(diagnosis: Diagnosis) -> tuple[Rivalry, ...]:
         if len(members) > 1:
             found.append(Rivalry(tuple(members[:_MOST]), declared))
     return tuple(found)
+
+
+def suspicious(diagnosis: Diagnosis) -> bool:
+    """Whether something is there that nothing found accounts for, by name or without."""
+    nothing = not diagnosis.causes and not diagnosis.outcome.active
+    return nothing and diagnosis.verdict == "unknown"
+
+
+def _suspected(diagnosis: Diagnosis) -> tuple[Rivalry, ...]:
+    """Where something is there and nothing is found, the causes that explain most of it."""
+    view = diagnosis.outcome.view.by_instrument
+    named = [c for c in view.suspects if c.named and not c.echo]
+    scores = linear_scores(view.beside, view, named)
+    leading = sorted(named, key=lambda c: -scores[c.key].gain)[:_MOST]
+    return (Rivalry(tuple(leading), True),) if len(leading) > 1 else ()
 
 
 def _chosen(diagnosis: Diagnosis) -> list[Candidate]:

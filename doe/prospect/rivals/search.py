@@ -1,13 +1,15 @@
-"""The poses that make the worst of several rivalries as clear as can be: greedy, then exchange."""
+"""The poses that make the worst of what is asked as clear as can be: greedy, then exchange."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from calib.arrays import Array, Mask
+from calib.diagnosis.verdict import SAME
 from doe.prospect.rivals.evidence import Evidence, Known
 from doe.prospect.situation import Offer
 
@@ -17,21 +19,54 @@ _OTHERS = 1e-3  # weight of the mean beside the worst pair: it decides between e
 _CLEAR = 4.0  # standard deviations beyond which a pair gains nothing any more
 
 
+class Place(Protocol):
+    """What poses are asked for, as the search sees it: the larger its values, the better."""
+
+    @property
+    def data(self) -> Known:
+        """What is known after the data."""
+
+    def added(self, known: Known, rows: Array, q: Array) -> Known:
+        """What is known with the rows (r, p) of one more configuration (dof,)."""
+
+    def values(self, known: Known) -> Array:
+        """Of what is known, shape (k,)."""
+
+    def tried(self, known: Known, rows: Array, q: Array) -> Array:
+        """With the rows (m, r, p) of one of m configurations (m, dof) each, shape (m, k)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Contested:
-    """Rivals of one place, as the search sees them.
+    """Rivals of one place; its values are the margins of the pairs that poses can tell apart.
 
     rows : int, N of the data and of the poses to be chosen
     hopeful : ndarray of bool, shape (pairs,), pairs that candidates can tell apart
+    lead : float, of -2 log likelihood by which the truth must win to stand alone
     """
 
     evidence: Evidence
     rows: int
     hopeful: Mask
+    lead: float = SAME
 
-    def margins(self, known: Known, S: Array | None = None) -> Array:
-        """Of the hopeful pairs, shape (..., hopeful); S : other Gram matrices than those known."""
-        return self.evidence.margins(known, S, self.rows)[..., self.hopeful]
+    @property
+    def data(self) -> Known:
+        return self.evidence.data
+
+    def added(self, known: Known, rows: Array, q: Array) -> Known:
+        del q
+        return known.added(self.evidence.blocks(rows))
+
+    def values(self, known: Known) -> Array:
+        return self._margins(known, None)
+
+    def tried(self, known: Known, rows: Array, q: Array) -> Array:
+        del q
+        return self._margins(known, known.tried(self.evidence.blocks(rows)))
+
+    def _margins(self, known: Known, S: Array | None) -> Array:
+        return self.evidence.margins(known, S, self.rows, self.lead)[..., self.hopeful]
 
 
 def contested(
@@ -49,16 +84,24 @@ def contested(
     return Contested(evidence, rows, reach >= clear)
 
 
+def worst(values: Sequence[Array]) -> Array:
+    """The worst of all, and a little of the mean; from those of each place, (..., k)."""
+    together = np.minimum(np.concatenate(values, axis=-1), _CLEAR)
+    return np.asarray(together.min(axis=-1) + _OTHERS * together.mean(axis=-1))
+
+
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Rivalries, each with a pair that candidates can tell apart, and the candidates.
+    """What is asked for, and the candidates.
 
     start : ndarray, shape (dof,), where the arm stands
+    weigh : what is made as large as can be, from the values of every place
     """
 
-    places: tuple[Contested, ...]
+    places: tuple[Place, ...]
     offer: Offer
     start: Array
+    weigh: Callable[[Sequence[Array]], Array] = worst
 
     def best_plan(self, count: int) -> list[int]:
         """A sequence of candidates that no exchange of one of them improves."""
@@ -92,13 +135,17 @@ class Search:
         return plan
 
     def value(self, plan: Sequence[int]) -> float:
-        """Score of a sequence: the worst pair's margin, and a little of the mean."""
+        """What a sequence is worth."""
+        return float(self.weigh(self.values(plan)))
+
+    def values(self, plan: Sequence[int]) -> list[Array]:
+        """Of every place, after the data and a sequence of candidates."""
         each = zip(self.places, self.known(plan), strict=True)
-        return float(_score([place.margins(known) for place, known in each]))
+        return [place.values(known) for place, known in each]
 
     def known(self, plan: Sequence[int]) -> list[Known]:
         """What is known of every place after the data and a sequence of candidates."""
-        found, before = [place.evidence.data for place in self.places], self.start
+        found, before = [place.data for place in self.places], self.start
         for index in plan:
             found = self._added(found, index, before)
             before = self.offer.q[index]
@@ -108,29 +155,17 @@ class Search:
         return np.asarray(self.offer.q[plan[-1]] if plan else self.start)
 
     def _added(self, known: list[Known], index: int, before: Array) -> list[Known]:
-        rows = self.offer.rows(np.array([index]), before)[0]
-        return [
-            own.added(place.evidence.blocks(rows))
-            for own, place in zip(known, self.places, strict=True)
-        ]
+        rows, q = self.offer.rows(np.array([index]), before)[0], self.offer.q[index]
+        return [place.added(own, rows, q) for own, place in zip(known, self.places, strict=True)]
 
     def _best(self, known: list[Known], before: Array, taken: list[int]) -> int:
         """The candidate that adds most when it follows ``before``."""
-        rows = self.offer.rows(slice(None), before)
-        scores = _score(
-            [
-                place.margins(own, own.tried(place.evidence.blocks(rows)))
-                for own, place in zip(known, self.places, strict=True)
-            ]
+        rows, q = self.offer.rows(slice(None), before), self.offer.q
+        scores = self.weigh(
+            [place.tried(own, rows, q) for own, place in zip(known, self.places, strict=True)]
         )
         scores[taken] = -np.inf
         return int(scores.argmax())
-
-
-def _score(margins: list[Array]) -> Array:
-    """The worst pair's margin, and a little of the mean; from those of each place, (..., pairs)."""
-    together = np.minimum(np.concatenate(margins, axis=-1), _CLEAR)
-    return np.asarray(together.min(axis=-1) + _OTHERS * together.mean(axis=-1))
 
 
 def search_of(

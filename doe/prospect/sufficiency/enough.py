@@ -20,34 +20,39 @@ from calib.compensation.unexplained import (
     scatter_at,
 )
 from calib.effects.tool import Tool
-from calib.errors import EffectCannotAct, TooFewPoses
+from calib.errors import CalibError, EffectCannotAct, TooFewPoses
 from calib.identification import Identification
 from calib.identification.identify import after_the_first_move, identify
 from calib.identification.noise_level import believed_sigma
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
-from calib.model.covariance import task_error
+from calib.model.covariance import at_points_read, at_tip, task_error
 from calib.poses import Measurements, Poses, poses_at
-from calib.poses.visits import visits
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
+from calib.uncertainty.freedom import freedom
 from doe.constraints import constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question
 from doe.criteria.task import Task
+from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.packed import pack
+from doe.optimal.relax import relax
+from doe.optimal.search import best_plan
+from doe.problem.common import at_targets, moved_rows
 from doe.problem.information import Regressor
 from doe.problem.linearisation import Linearisation, Rows
 from doe.problem.nominal import nominal
-from doe.problem.pool import drawn, pool_of
+from doe.problem.pool import Pool, drawn, pool_of
 from doe.problem.problem import target_rows
+from doe.prospect.missed import likely_read, refusal
 from doe.prospect.sufficiency.answer import Enough, Lacking
-from doe.prospect.sufficiency.forecast import Forecast, Step, Told, best_next, told
+from doe.prospect.sufficiency.forecast import Forecast, Step, Told, best_next, open_beside, told
 from doe.prospect.sufficiency.match import match
 from doe.prospect.sufficiency.to_come import whole_day
 from doe.prospect.sufficiency.unnoticed import unnoticed
 
-_CANDIDATES = 500
+_CANDIDATES = 1000
 _MOST_FRESH = 30
 
 
@@ -60,6 +65,8 @@ def enough(
     heldout: Measurements | None = None,
     goal: float | None = None,
     fresh: int = 0,
+    ahead: int = 0,
+    missed: Poses | None = None,
     seed: int = 0,
 ) -> Enough:
     """Say what the data tell, and what the rest of a plan adds, pose by pose in the best order.
@@ -69,6 +76,8 @@ def enough(
     heldout : poses that take no part: what they miss by is expected elsewhere, too
     goal : expected RMS error at the targets that is wanted, m
     fresh : so many poses beyond the plan are chosen whatever the goal
+    ahead : so many, the fresh ones among them, are still to be read: they are chosen together
+    missed : poses that could not be read: what is nearer to them than to any that was is not chosen
     seed : of the fresh candidates by which poses beyond the plan are judged
 
     The order is greedy: each pose is the one that lowers the expected error most beside those before
@@ -89,29 +98,38 @@ def enough(
     day = after_the_first_move(model, day)
     arm = _arm(cell, model, found)
     at = Linearisation(cell, model, values, arm)
-    rows = at.of(day, _kept(day, found)).per(model.sizes)
+    kept = _kept(day, found)
+    rows = at.of(day, kept).per(model.sizes)
+    moved = moved_rows(at, day, at.weights(day, kept), rows)
     lacking, beside = _lacking(cell, model, values, arm, found)
     targets, weights = targets_of(cell)
     doubt = unnoticed(cell, model, values, found, targets, weights)
     if not lacking.rms:
         doubt = replace(doubt, at_targets=max(doubt.at_targets, lacking.seen.lacking))
     regressor = Regressor(cell, model, values, np.diag(model.sizes))
-    aims = target_rows(regressor, targets, any(isinstance(e, Tool) for e in model.effects))
+    at_markers = any(isinstance(e, Tool) for e in model.effects)
+    aims = target_rows(regressor, targets, at_markers)
     behind = _behind(found, lacking)
     share = weights / weights.sum()
-    forecast = Forecast(model, aims, share, beside, lacking.seen.rms, behind, doubt)
+    counts = replace((at_points_read if at_markers else at_tip)(model))
+    predicted = at_targets(model, counts, values, targets)
+    forecast = Forecast(model, aims, share, beside, lacking.seen.rms, behind, doubt, predicted)
     criterion = _task(regressor, forecast)
     so_far = np.arange(len(day)) < len(data)
     held = model.beside(values)[1] * model.sizes
-    further = _in_best_order(criterion, rows, so_far, plan, done.left, held)
-    steps = tuple(forecast.steps(told(rows, so_far, held), len(data), further))
+    further = _in_best_order(criterion, rows, moved, so_far, plan, done.left, held)
+    steps = tuple(forecast.steps(told(rows, moved, so_far, held), len(data), further))
     sigma = believed_sigma(day, at.weights(day), at.model.readout.channels.lengths) * arm.scale
     result = Enough(model, found, why, sigma, done, steps, goal, lacking, ())
     known_after_all = result.needed is not None or result.beyond_reach
     unasked = not fresh and (goal is None or known_after_all)
     if unasked or any(e.uses for e in model.effects):
         return result
-    beyond, q = _fresh(regressor, criterion, forecast, at, rows, result, fresh, seed)
+    pool = _pool(regressor, data, missed, seed)
+    known = told(rows, moved, held=held)
+    blocks = Blocks(pool.packed / arm.scale**2, known.root.T @ known.root, regressor.rank)
+    chosen = _together(criterion, blocks, fresh, ahead, seed)
+    beyond, q = _fresh(pool, blocks, criterion, forecast, at, known, result, fresh, chosen)
     return replace(result, fresh=beyond, fresh_q=q)
 
 
@@ -184,11 +202,9 @@ def _behind(found: Identification | None, lacking: Lacking) -> float:
     """
     if found is None:
         return np.inf
-    if not lacking.rms or (found.levels is not None and not len(found.levels.free)):
-        return found.noise.dof
-    kept = found.fit.data.take(~found.fit.outlier)
-    stays = len(np.unique(visits(kept.poses)))
-    return max(1.0, stays - found.rank / 6.0)
+    told = found.levels is not None and not len(found.levels.free)
+    as_a_whole = bool(lacking.rms) and not told
+    return freedom(found.noise.dof, found.stays, found.rank, as_a_whole=as_a_whole)
 
 
 def _ids(model: Model) -> tuple[str, ...]:
@@ -211,7 +227,13 @@ def _task(regressor: Regressor, forecast: Forecast) -> Criterion:
 
 
 def _in_best_order(
-    criterion: Criterion, day: Rows, so_far: Mask, plan: Poses, left: IntArray, held: Array
+    criterion: Criterion,
+    day: Rows,
+    moved: Rows,
+    so_far: Mask,
+    plan: Poses,
+    left: IntArray,
+    held: Array,
 ) -> Iterator[tuple[str, int, Told]]:
     """The poses of which readings are still to come, with all that is told after each."""
     if not len(left):
@@ -227,43 +249,70 @@ def _in_best_order(
     done = so_far.copy()
     for k in best_next(criterion, blocks, len(own)):
         done = done | (number == k)
-        yield plan.names[poses[k]], len(of[of == k]), told(day, done, held)
+        yield plan.names[poses[k]], len(of[of == k]), told(day, moved, done, held)
+
+
+def _pool(regressor: Regressor, data: Measurements, missed: Poses | None, seed: int) -> Pool:
+    """Candidates beyond the plan."""
+    cell = regressor.cell
+    chunks = drawn(cell, _CANDIDATES, None, seed)
+    pool = pool_of(regressor, constraints_of(cell), None, chunks, _CANDIDATES)
+    if missed is None:
+        return pool
+    pool = pool.where(likely_read(cell.robot, pool.q, data.poses, missed))
+    if not len(pool):
+        raise CalibError(refusal(missed))
+    return pool
+
+
+def _together(criterion: Criterion, blocks: Blocks, fresh: int, ahead: int, seed: int) -> IntArray:
+    """The best of as many candidates as are still to be read, those first that add most."""
+    count = min(max(fresh, ahead), len(blocks))
+    if count < 2 or not fresh:
+        return np.zeros(0, dtype=int)
+    beside = open_beside(blocks)
+    rules = Allowed(np.zeros(len(blocks), dtype=int), np.zeros(1), np.array([count]), 1)
+    relaxed = relax(criterion, beside, rules)
+    plan = best_plan(criterion, beside, rules, relaxed, seed=seed, thorough=False).plan
+    return plan[best_next(criterion, blocks.take(plan), count)]
 
 
 def _fresh(
-    regressor: Regressor,
+    pool: Pool,
+    blocks: Blocks,
     criterion: Criterion,
     forecast: Forecast,
     at: Linearisation,
-    day: Rows,
+    known: Told,
     answer: Enough,
     wanted: int,
-    seed: int,
+    chosen: IntArray,
 ) -> tuple[tuple[Step, ...], Array]:
-    """Poses beyond the plan, each the one that adds most, and their joint values, (n, dof).
+    """Poses beyond the plan, those that are chosen or each the one that adds most, and their joint
+    values, (n, dof).
 
     So many as are wanted, else until the goal is met or tried enough.
     """
-    cell = regressor.cell
     steps: list[Step] = []
-    chosen = np.zeros((0, cell.robot.dof))
-    chunks = drawn(cell, _CANDIDATES, None, seed)
-    pool = pool_of(regressor, constraints_of(cell), None, chunks, _CANDIDATES)
-    held = at.model.beside(at.values)[1] * at.model.sizes
-    known, count = told(day, held=held), answer.steps[-1].readings
+    found: list[Array] = []
+    count = answer.steps[-1].readings
     while len(pool) and len(steps) < (wanted or _MOST_FRESH):
-        blocks = Blocks(pool.packed / at.arm.scale**2, known.root.T @ known.root, regressor.rank)
-        q = pool.q[best_next(criterion, blocks, 1)]
-        chosen = np.concatenate([chosen, q])
-        one = at.of(_of_one(at, q)).per(at.model.sizes)
-        known = known.beside(told(one))
+        if len(steps) < len(chosen):
+            index = chosen[len(steps) : len(steps) + 1]
+        else:
+            blocks = replace(blocks, fixed=known.root.T @ known.root)
+            index = best_next(criterion, blocks, 1)
+        found.append(pool.q[index])
+        read = _of_one(at, pool.q[index])
+        one = at.of(read).per(at.model.sizes)
+        known = known.beside(told(one, moved_rows(at, read, at.weights(read), one)))
         name = f"fresh{len(steps) + 1}"
         *_, step = forecast.steps(known, count, [(name, len(one.whitened), known)])
         count = step.readings
         steps.append(step)
         if not wanted and answer.reaches(step):
             break
-    return tuple(steps), chosen
+    return tuple(steps), np.concatenate(found or [np.zeros((0, at.cell.robot.dof))])
 
 
 def _of_one(at: Linearisation, q: Array) -> Measurements:

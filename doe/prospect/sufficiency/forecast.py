@@ -34,22 +34,29 @@ class Told:
     root : ndarray, shape (p, p), R with ``R^T R`` the sum of the rows' squares
     core : ndarray, shape (p, p), covariance of the equations' right side; None for independent rows of
         unit variance, where it is ``R^T R``
+    crossed : ndarray, shape (p, b), what errors common to all readings put there
     """
 
     root: Array
     core: Array | None
+    crossed: Array
 
     def beside(self, other: Told) -> Told:
         """Both, of other configurations."""
         both = root(np.concatenate([self.root, other.root]))
+        crossed = self.crossed + other.crossed
         if self.core is None or other.core is None:
-            return Told(both, None)
-        return Told(both, self.core + other.core)
+            return Told(both, None, crossed)
+        return Told(both, self.core + other.core, crossed)
 
     def covariance(self, span: Array) -> Array:
         """Of the least-squares values along ``span`` (p, k), shape (p, p)."""
         bread = covariance(self.root, span)
         return bread if self.core is None else np.asarray(bread @ self.core @ bread)
+
+    def response(self, span: Array) -> Array:
+        """Of those values to one standard uncertainty of each common error, shape (p, b)."""
+        return np.asarray(covariance(self.root, span) @ self.crossed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +67,7 @@ class Step:
     task_rms, task_worst : float, m, expected at the targets; what is open is off by its plausible
         size, as far as the others do not make up for it
     task_most : float, m, that the error at the targets exceeds once in twenty
+    common : float, m, the part of ``task_rms`` by errors common to all readings
     from_parameters : float, m, the part of ``task_rms`` that more readings lower
     std : ndarray, shape (p,), SI, NaN for what is open
     open : tuple of str, parameters that cannot be told
@@ -73,6 +81,7 @@ class Step:
     from_parameters: float
     std: Array
     open: tuple[str, ...]
+    common: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +95,7 @@ class Forecast:
     seen : float, m, error that poses showed which the fit was without: the least that holds now
     dof : float, degrees of freedom behind the noise, infinite where it is known
     unnoticed : Unnoticed, what the bound allows for beside that
+    predicted : ndarray, shape (targets, r, b), m, how predictions follow errors common to all readings
     """
 
     model: Model
@@ -95,6 +105,7 @@ class Forecast:
     seen: float
     dof: float
     unnoticed: Unnoticed
+    predicted: Array
 
     def steps(
         self, known: Told, readings: int, further: Iterable[tuple[str, int, Told]]
@@ -121,37 +132,56 @@ class Forecast:
         squared = ((self.rows @ cov) * self.rows).sum(axis=(1, 2))
         own = np.sqrt(np.maximum(squared, 0.0))
         parameters = task_error(own, self.weights)[0]
-        rms, worst = task_error(np.hypot(own, self.beside), self.weights)
-        std = np.where(known, np.sqrt(np.diag(cov)) * self.model.sizes, np.nan)
+        response = told.response(span)
+        missed = self.rows @ response - self.predicted
+        common = np.sqrt((missed**2).sum(axis=(1, 2)))
+        beside = np.hypot(common, self.beside)
+        rms, worst = task_error(np.hypot(own, beside), self.weights)
+        variances = np.diag(cov) + (response**2).sum(axis=1)
+        std = np.where(known, np.sqrt(variances) * self.model.sizes, np.nan)
         lost = tuple(name for entry in choice.unidentifiable for name in entry.names)
         doubted = np.hypot(rms * self.unnoticed.louder, self.unnoticed.at_targets)
-        most = float(doubted) * self._margin(cov, parameters, rms)
-        return Step(pose, readings, rms, worst, most, parameters, std, lost)
+        most = float(doubted) * self._margin(cov, missed, rms)
+        by_common = task_error(common, self.weights)[0]
+        return Step(pose, readings, rms, worst, most, parameters, std, lost, by_common)
 
-    def _margin(self, cov: Array, parameters: float, rms: float) -> float:
+    def _margin(self, cov: Array, missed: Array, rms: float) -> float:
         """By how much the error exceeds its expectation once in twenty.
 
-        One draw of the parameters errs by ``sum lambda_i z_i^2``, a chi-square by its first two moments
+        One draw of the parameters and of the common errors, ``missed`` (targets, r, b) by one standard
+        uncertainty of each, errs by ``sum lambda_i z_i^2``, a chi-square by its first two moments
         (Welch and Satterthwaite); the noise behind the expectation is an estimate as well. Their ratio
         has an F distribution.
         """
         from scipy.special import fdtri
 
-        half = (self.rows * np.sqrt(self.weights)[:, None, None]).reshape(-1, len(cov))
-        spread = np.linalg.eigvals(cov @ half.T @ half).real
-        drawn = float(spread.sum() ** 2 / (spread**2).sum()) * (rms / parameters) ** 4
+        share = np.sqrt(self.weights)[:, None, None]
+        half, shared = (self.rows * share).reshape(-1, len(cov)), missed * share
+        shared = shared.reshape(len(half), missed.shape[-1])
+        # The same sums of squares in p + b rows: of values and common errors side by side.
+        both = np.concatenate([half, shared], axis=1)
+        inner = both.T @ both
+        p, b = len(cov), shared.shape[1]
+        spreads = np.zeros((p + b, p + b))
+        spreads[:p, :p], spreads[p:, p:] = cov, np.eye(b)
+        spread = np.linalg.eigvals(spreads @ inner).real
+        drawn = float(rms**4 / (spread**2).sum())
         return float(np.sqrt(fdtri(min(drawn, _MANY), min(self.dof, _MANY), _SURE)))
 
 
-def told(rows: Rows, chosen: Mask | None = None, held: Array | None = None) -> Told:
-    """What readings tell together, all or some of them, (m,), beside rows ``held`` (k, p)."""
+def told(rows: Rows, moved: Rows, chosen: Mask | None = None, held: Array | None = None) -> Told:
+    """What readings tell together, all or some of them, (m,), beside rows ``held`` (k, p).
+
+    moved : Rows, how the same readings follow errors common to all
+    """
     own = rows.whitened if chosen is None else rows.whitened * chosen[:, None, None]
+    crossed = np.einsum("mrp,mrb->pb", own, moved.whitened)
     core = None if rows.mixing is None else rows.mixing.covariance(own)
     flat = own.reshape(-1, own.shape[-1])
     if held is None:
-        return Told(root(flat), core)
+        return Told(root(flat), core, crossed)
     both = root(np.concatenate([flat, held]))
-    return Told(both, None if core is None else core + held.T @ held)
+    return Told(both, None if core is None else core + held.T @ held, crossed)
 
 
 def root(rows: Array) -> Array:
@@ -160,12 +190,16 @@ def root(rows: Array) -> Array:
     return np.concatenate([R, np.zeros((rows.shape[1] - len(R), rows.shape[1]))])
 
 
+def open_beside(blocks: Blocks) -> Blocks:
+    """Candidates beside what is known, of which what nothing tells counts as twenty plausible sizes."""
+    p = len(blocks.fixed)
+    return Blocks(blocks.packed, blocks.fixed + _OPEN * np.eye(p), blocks.rank)
+
+
 def best_next(criterion: Criterion, blocks: Blocks, count: int) -> IntArray:
     """The candidates that add most, one after the other, beside what is known already.
 
-    What nothing tells of counts as twenty plausible sizes uncertain: it is closed first.
+    What is open is closed first.
     """
-    p = len(blocks.fixed)
-    beside = Blocks(blocks.packed, blocks.fixed + _OPEN * np.eye(p), blocks.rank)
     rules = Allowed(np.zeros(len(blocks), dtype=int), np.zeros(1), np.array([count]), 1)
-    return greedy(criterion, beside, rules)
+    return greedy(criterion, open_beside(blocks), rules)

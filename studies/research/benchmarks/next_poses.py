@@ -1,31 +1,37 @@
 """Days that plan themselves by ``posecal next``, against a fixed plan of the same length.
 
-    python -m studies.research.benchmarks.next_poses [--days 20] [--causes 6] [--seed 0] [--json FILE]
+    python -m studies.research.benchmarks.next_poses [--days 20] [--causes 6] [--first 0] [--seed 0]
+        [--json FILE]
 
-The KR 270 of the demonstration, three markers read to 0.01 mm, a robot off by plausible errors. A day
-begins with six random poses; then two at a time are chosen from what was read, up to twenty. Beside it,
-on the same robot: twenty random poses, and the plan that ``posecal design`` makes for the task, in its
-order. The error is the expected one at the targets, by the poses and the true robot; poses are saved
-where the day is where the fixed plan ends. Where a fixed plan ends better than the day, none are.
+The KR 270 of the demonstration, three markers read to 0.01 mm, a robot off by plausible errors. Beside
+the day, on the same robot: twenty random poses, and the plan that ``posecal design`` makes for the
+task, in its order. The day begins with the first six poses of that plan; then two at a time are chosen
+from what was read, up to twenty. The error is the expected one at the targets, by the poses that were
+read and the true robot; poses are saved where the day is where the fixed plan ends. Where a fixed plan
+ends better than the day, none are. On days ``all read`` every pose can be read; on days ``barred`` a
+quarter of the joint box cannot, which nobody knows beforehand: who gets there has lost a pose.
 
-``--causes``: the arm has a cause that its model lacks and that another looks like. Poses are counted
-until a diagnosis names it alone: chosen for the rivals by turns of four, or taken from random poses.
+``--causes``: the arm has a cause that its model lacks and that another looks like, of a size that
+twelve random poses show by eight standard deviations. Poses are counted until a diagnosis names it
+alone: chosen for the causes by turns of four, taken from the plan that is the best for the task beside
+those twelve, or random. ``--first`` is the number of the first day.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import click
 import numpy as np
 
 import doe
-from calib.arrays import Array
+from calib.arrays import Array, Mask
 from calib.cell import Cell
 from calib.cell.targets import targets_of
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.diagnosis import Diagnosis
 from calib.effects.protocol import Effect
 from calib.files.write import json_text, write_files
 from calib.model import Model
@@ -33,6 +39,7 @@ from calib.model.build import build, context_of, place_effect
 from calib.model.covariance import accuracy, covariance
 from calib.poses import Poses, poses_at
 from calib.simulation import simulate
+from doe.prospect.rivals.next_poses import next_poses
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
 from studies.research.benchmarks.changes import arms
@@ -42,9 +49,15 @@ START, STEP, LENGTH = 6, 2, 20
 CAUSES = (("transmission_scale", "A3"), ("transmission_scale", "A2"), ("joint_coupling", "A3"))
 _START_CAUSES, _STEP_CAUSES, _LENGTH_CAUSES = 12, 4, 32
 _SHOWN = 8.0  # standard deviations by which the starting poses show a cause
+_BARRED = 0.25  # of the joint box
 _HEADINGS = (
-    ("against", "left"), ("days", "right"), ("error of the day", "right"),
-    ("of the plan [mm]", "right"), ("poses saved", "right"), ("of", "right"),
+    ("day", "left"), ("against", "left"), ("days", "right"), ("error of the day", "right"),
+    ("of the plan [mm]", "right"), ("lost by the day", "right"), ("by the plan", "right"),
+    ("poses saved", "right"), ("of", "right"),
+)  # fmt: skip
+_CAUSES = (
+    ("poses", "left"), ("days", "right"), (f"named within {_LENGTH_CAUSES}", "right"),
+    ("after", "right"),
 )  # fmt: skip
 
 
@@ -73,8 +86,17 @@ class Robot:
         """RMS error at the targets that these poses leave, m."""
         _, J = self.model.jacobian(self.truth, poses_at(q))
         rows = J.reshape(-1, J.shape[-1]) / self.cell.noise.along
+        # Beside plausible sizes, known to a hundred times: what few poses leave open is finite.
+        rows = np.concatenate([rows, np.diag(0.01 / self.model.sizes)])
         cov = covariance(rows, np.eye(len(self.truth)))
         return accuracy(self.model, self.truth, cov, *targets_of(self.cell))[0]
+
+    def barred(self, rng: np.random.Generator) -> Callable[[Array], Mask]:
+        """Which configurations (m, dof) cannot be read: a quarter of the joint box."""
+        low, high = self.cell.robot.sample_limits().T
+        across = rng.normal(size=len(low)) / (high - low)
+        limit = np.quantile(self.random(10_000, rng) @ across, 1.0 - _BARRED)
+        return lambda q: np.asarray(q @ across > limit)
 
 
 def named(q: Array) -> Poses:
@@ -84,10 +106,15 @@ def named(q: Array) -> Poses:
 
 @dataclass(frozen=True)
 class Day:
-    """Expected errors after 6, 8 .. poses of the day, and of each plan at its end, m."""
+    """Expected errors after 6, 8 .. poses of the day, and of each plan at its end, m.
 
+    kind : what sort of day; lost : poses that could not be read, of the day and of each plan
+    """
+
+    kind: str
     errors: tuple[float, ...]
     plans: dict[str, float]
+    lost: dict[str, int]
 
     def saved(self, plan: str) -> int:
         """Poses by which the day is sooner where the plan ends."""
@@ -95,54 +122,69 @@ class Day:
         return LENGTH - START - STEP * reached[0] if reached else 0
 
 
-def day(rng: np.random.Generator) -> Day:
+def day(rng: np.random.Generator, kind: str) -> Day:
     """A day that chooses its poses for the task, and fixed plans beside it."""
     robot = Robot.drawn(rng)
-    q = robot.random(START, rng)
-    data = simulate(robot.model, robot.truth, named(q), robot.cell.noise, rng)
-    errors = [robot.expected(q)]
+    barred = robot.barred(rng) if kind == "barred" else lambda q: np.zeros(len(q), dtype=bool)
+    fixed = doe.design(robot.cell, poses=LENGTH, candidates=2000, fresh=False, levels=None).poses.q
+    q = fixed[:START]
+    errors = [robot.expected(q[~barred(q)])]
+    seed = int(rng.integers(2**32))
     while len(q) < LENGTH:
-        further = doe.onward(robot.cell, data, count=STEP, goal=1e-9).poses.q
-        if not len(further):  # beyond reach, for what the readings show: the last word is the fit's
-            further = robot.random(STEP, rng)
+        out = barred(q)
+        data = simulate(
+            robot.model, robot.truth, named(q[~out]), robot.cell.noise, np.random.default_rng(seed)
+        )
+        found = doe.onward(
+            robot.cell, data, count=STEP, goal=1e-9, ahead=LENGTH - len(q), missed=named(q[out])
+        )
+        # Beyond reach, for what the readings show: the last word is the fit's.
+        further = found.poses.q if len(found.poses) else robot.random(STEP, rng)
         q = np.concatenate([q, further])
-        fresh = simulate(robot.model, robot.truth, named(q), robot.cell.noise, rng)
-        own = np.concatenate([data.readings, fresh.readings[len(data) :]])
-        data = replace(fresh, readings=own)
-        errors.append(robot.expected(q))
-    fixed = doe.design(robot.cell, poses=LENGTH, candidates=2000, fresh=False, levels=None)
-    plans = {"random poses": robot.random(LENGTH, rng), "posecal design": fixed.poses.q}
-    return Day(tuple(errors), {name: robot.expected(own) for name, own in plans.items()})
+        errors.append(robot.expected(q[~barred(q)]))
+    plans = {"random poses": robot.random(LENGTH, rng), "posecal design": fixed}
+    lost = {name: int(barred(own).sum()) for name, own in {"day": q, **plans}.items()}
+    ends = {name: robot.expected(own[~barred(own)]) for name, own in plans.items()}
+    return Day(kind, tuple(errors), ends, lost)
 
 
 @dataclass(frozen=True)
 class Found:
-    """Poses until a cause was named alone: chosen, and random; None where it was not."""
+    """Poses until a cause was named alone; None where it was not."""
 
     cause: str
     chosen: int | None
+    planned: int | None
     random: int | None
 
 
 def found(kind: str, where: str, rng: np.random.Generator) -> Found:
-    """A day until its cause is named, by chosen poses and by random ones."""
+    """A day until its cause is named: by chosen poses, by those of a plan, and by random ones."""
     robot = Robot.drawn(rng)
     effect = place_effect(kind, where, context_of(robot.cell, named(robot.random(20, rng))))
     whole, values = robot.model.extended(robot.truth, (effect,))
     start = robot.random(_START_CAUSES, rng)
     own = _size(robot, whole, values, effect, start, rng)
     values = np.concatenate([robot.truth, own])
+    length = _LENGTH_CAUSES - _START_CAUSES
+    plan = doe.design(
+        robot.cell, poses=length, extend=named(start), candidates=2000, fresh=False, levels=None
+    ).poses.q[rng.permutation(length)]
 
-    def chosen(q: Array, cell: Cell) -> Array:
-        data = simulate(whole, values, named(q), cell.noise, np.random.default_rng(len(q)))
-        further = doe.onward(cell, data, aim="causes", count=_STEP_CAUSES).poses.q
+    def chosen(_: Array, seen: Diagnosis) -> Array:
+        further = next_poses(robot.cell, seen, count=_STEP_CAUSES, forms=True).poses.q
         return further if len(further) else robot.random(_STEP_CAUSES, rng)
 
-    ways: tuple[Callable[[Array, Cell], Array], ...] = (
-        chosen,
-        lambda _, __: robot.random(_STEP_CAUSES, rng),
-    )
-    needed = [_until_named(robot, whole, values, (kind, where), start, way) for way in ways]
+    def planned(q: Array, _: Diagnosis) -> Array:
+        return plan[len(q) - _START_CAUSES :][:_STEP_CAUSES]
+
+    def anywhere(_: Array, __: Diagnosis) -> Array:
+        return robot.random(_STEP_CAUSES, rng)
+
+    needed = [
+        _until_named(robot, whole, values, (kind, where), start, way)
+        for way in (chosen, planned, anywhere)
+    ]
     return Found(f"{kind}:{where}", *needed)
 
 
@@ -161,26 +203,31 @@ def _size(
 
 def _until_named(
     robot: Robot, whole: Model, values: Array, cause: tuple[str, str], q: Array,
-    way: Callable[[Array, Cell], Array],
+    way: Callable[[Array, Diagnosis], Array],
 ) -> int | None:  # fmt: skip
-    while len(q) <= _LENGTH_CAUSES:
+    while True:
         data = simulate(whole, values, named(q), robot.cell.noise, np.random.default_rng(len(q)))
         seen = diagnose(robot.cell, data)
-        causes = [c.named for c in seen.causes]
-        if seen.verdict == "explained" and [
-            (c.candidate.effect.kind, c.candidate.where) for c in causes
-        ] == [cause]:
+        causes = [(c.named.candidate.effect.kind, c.named.candidate.where) for c in seen.causes]
+        if seen.verdict == "explained" and causes == [cause]:
             return len(q)
-        q = np.concatenate([q, way(q, robot.cell)])
-    return None
+        if len(q) >= _LENGTH_CAUSES:
+            return None
+        q = np.concatenate([q, way(q, seen)])
 
 
 def _rows(days: list[Day]) -> Iterator[tuple[str, ...]]:
-    for plan in days[0].plans if days else ():
-        end = float(np.median([own.errors[-1] for own in days])) * 1e3
-        other = float(np.median([own.plans[plan] for own in days])) * 1e3
-        saved = float(np.median([own.saved(plan) for own in days]))
-        yield plan, str(len(days)), f"{end:.4f}", f"{other:.4f}", f"{saved:g}", str(LENGTH)
+    for kind in dict.fromkeys(own.kind for own in days):
+        these = [own for own in days if own.kind == kind]
+        end = float(np.median([own.errors[-1] for own in these])) * 1e3
+        for plan in these[0].plans:
+            other = float(np.median([own.plans[plan] for own in these])) * 1e3
+            saved = float(np.median([own.saved(plan) for own in these]))
+            lost = [float(np.median([own.lost[name] for own in these])) for name in ("day", plan)]
+            yield (
+                kind, plan, str(len(these)), f"{end:.4f}", f"{other:.4f}",
+                f"{lost[0]:g}", f"{lost[1]:g}", f"{saved:g}", str(LENGTH),
+            )  # fmt: skip
 
 
 def _middle(counts: list[int | None]) -> str:
@@ -188,33 +235,37 @@ def _middle(counts: list[int | None]) -> str:
     return f"{middle:g}" if np.isfinite(middle) else f"> {_LENGTH_CAUSES}"
 
 
+def _told(rivals: list[Found]) -> Iterator[tuple[str, ...]]:
+    for way in ("chosen", "planned", "random"):
+        counts = [getattr(own, way) for own in rivals]
+        within = sum(n is not None for n in counts)
+        yield way, str(len(rivals)), str(within), _middle(counts)
+
+
 @click.command()
-@click.option("--days", default=20, show_default=True, help="For the task.")
+@click.option("--days", default=20, show_default=True, help="For the task, of each kind.")
 @click.option("--causes", default=6, show_default=True, help="Days with a cause.")
+@click.option("--first", default=0, show_default=True, help="Number of the first day.")
 @click.option("--seed", default=0, show_default=True)
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Every day.")
 @one_line_faults
-def main(days: int, causes: int, seed: int, json_path: Path | None) -> None:
+def main(days: int, causes: int, first: int, seed: int, json_path: Path | None) -> None:
     """Poses that a day saves which plans itself."""
     console = console_for(None)
-    own = [day(np.random.default_rng([seed, k])) for k in range(days)]
-    table = plain_table(*_HEADINGS)
-    for row in _rows(own):
-        table.add_row(*row)
-    console.print(table)
-    rivals = [
-        found(*CAUSES[k % len(CAUSES)], np.random.default_rng([seed, 1, k])) for k in range(causes)
+    own = [
+        day(np.random.default_rng([seed, k]), kind)
+        for kind in ("all read", "barred")
+        for k in range(first, first + days)
     ]
-    if rivals:
-        counts = [_middle([r.chosen for r in rivals]), _middle([r.random for r in rivals])]
-        named_ = [
-            sum(n is not None for n in of)
-            for of in zip(*((r.chosen, r.random) for r in rivals), strict=True)
-        ]
-        console.print(
-            f"causes named after {counts[0]} poses by posecal next, {counts[1]} at random "
-            f"({named_[0]} and {named_[1]} of {len(rivals)} named within {_LENGTH_CAUSES})"
-        )
+    rivals = [
+        found(*CAUSES[k % len(CAUSES)], np.random.default_rng([seed, 1, k]))
+        for k in range(first, first + causes)
+    ]
+    for headings, rows in ((_HEADINGS, _rows(own)), (_CAUSES, _told(rivals))):
+        table = plain_table(*headings)
+        for row in rows:
+            table.add_row(*row)
+        console.print(table)
     if json_path is not None:
         write_files({json_path: json_text([*map(asdict, own), *map(asdict, rivals)])})
 

@@ -87,3 +87,23 @@ def test_where_nothing_looks_alike_no_pose_is_for_causes(cell: Path) -> None:
     assert fields["stops"] == ["settled"]
     assert fields["now"] is None
     assert "Diagnosis so far: no gap" in said
+
+
+def test_what_is_near_a_missed_pose_is_not_proposed_again(cell: Path) -> None:
+    plan, missed = cell.with_name("plan.csv"), cell.with_name("missed.csv")
+    before, _ = proposed(cell, "--poses", 3, "-o", plan)
+    plan.rename(missed)
+    after, _ = proposed(cell, "--poses", 3, "--missed", missed, "--ahead", 6)
+    first, second = (
+        np.array([list(p["joints_deg"].values()) for p in fields["poses"]])
+        for fields in (before, after)
+    )
+    rows = cell.with_name("measurements.csv").read_text().splitlines()
+    names = rows[0].split(",")
+    at = [names.index(f"{name}_deg") for name in before["poses"][0]["joints_deg"]]
+    read = np.array([[float(row.split(",")[k]) for k in at] for row in rows[1:]])
+    for one in second:  # all joints have one range
+        barred = np.linalg.norm(one - first, axis=1).min()
+        assert np.linalg.norm(one - read, axis=1).min() < barred
+    assert after["missed"] == 3
+    assert [entry["file"] for entry in after["inputs"]][-1].endswith("missed.csv")

@@ -1,0 +1,94 @@
+"""What every plan has beside its poses, and how many poses a model needs at least."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib import Cell
+from calib.cell.planned import Planned
+from calib.model.build import build
+from calib.population import Prior
+from calib.poses import poses_at
+from doe.constraints import constraints_of
+from doe.problem.pool import Pool, chunked, pool_of
+from doe.problem.problem import RIDGE, Problem, problem_of
+from doe.problem.refusals import CannotIdentify
+from doe.problem.request import Request
+from doe.solve import check_count
+from studies.demo.embedded import embedded_cell
+
+
+@pytest.fixture(scope="module")
+def cell() -> Cell:
+    effects = ("base", "tool", "geometry")
+    return replace(embedded_cell(), effects=effects, load=None, knots={}, design=Planned())
+
+
+def in_si(problem: Problem, M: np.ndarray) -> np.ndarray:
+    """Information in the coordinates of the criteria, of the values in SI."""
+    back = np.linalg.inv(problem.regressor.T)
+    return np.asarray(back.T @ M @ back)
+
+
+def test_what_a_type_tells_is_in_every_plan(cell: Cell) -> None:
+    rng = np.random.default_rng(0)
+    own = [p for p in build(cell).model.parameters if p.effect == "geometry"]
+    sizes = np.array([p.size for p in own])
+    keys = tuple((p.effect, p.where, p.name) for p in own)
+    mixed = rng.normal(size=(len(own), len(own))) * sizes[:, None]
+    cov = mixed @ mixed.T / len(own) + np.diag(sizes**2)
+    problem = problem_of(
+        replace(cell, prior=Prior("kr270", keys, 0.0 * sizes, cov, 30)), Request(6, "task")
+    )
+    ridge = RIDGE * np.eye(len(problem.fixed))
+    told = in_si(problem, problem.fixed - ridge)
+    at = np.array([p.effect == "geometry" for p in problem.model.parameters])
+    np.testing.assert_allclose(told[np.ix_(at, at)] @ cov, np.eye(len(own)), atol=1e-6)
+    assert np.abs(told[~at]).max() < 1e-6 * np.abs(told).max()
+
+
+def test_what_is_measured_in_any_case_adds_up(cell: Cell) -> None:
+    rng = np.random.default_rng(1)
+    q = rng.uniform(*cell.robot.sample_limits().T, (3, cell.robot.dof))
+    problem = problem_of(cell, Request(6, "task", fixed=poses_at(q)))
+    _, J = problem.model.jacobian(problem.regressor.values, poses_at(q))
+    rows = J.reshape(-1, J.shape[-1]) / cell.noise.along
+    ridge = RIDGE * np.eye(len(problem.fixed))
+    told = in_si(problem, problem.fixed - ridge) * np.outer(
+        problem.model.sizes, problem.model.sizes
+    )
+    own = rows * problem.model.sizes
+    np.testing.assert_allclose(told, own.T @ own, rtol=1e-6, atol=1e-6 * np.abs(told).max())
+
+
+def pool(cell: Cell) -> tuple[Problem, Pool]:
+    problem = problem_of(cell, Request(8, "D"))
+    rng = np.random.default_rng(2)
+    q = rng.uniform(*cell.robot.sample_limits().T, (200, cell.robot.dof))
+    found = pool_of(problem.regressor, constraints_of(cell), None, chunked(q), len(q))
+    return problem, found
+
+
+def test_a_number_of_poses_is_refused_just_where_no_plan_of_it_tells_all(cell: Cell) -> None:
+    """By the rank of random plans, which is that of the best where poses lie in general."""
+    problem, found = pool(cell)
+    p, rng = len(problem.model.parameters), np.random.default_rng(3)
+    enough = next(
+        n
+        for n in range(1, 12)
+        if max(
+            np.linalg.matrix_rank(
+                problem.information(found.q[rng.choice(len(found), n, replace=False)]).sum(axis=0),
+                tol=1e-6,
+            )
+            for _ in range(20)
+        )
+        == p
+    )
+    few = replace(problem, request=replace(problem.request, poses=enough - 1))
+    with pytest.raises(CannotIdentify, match=f"{enough - 1} poses leave .* parameters open"):
+        check_count(few, found)
+    check_count(replace(problem, request=replace(problem.request, poses=enough)), found)

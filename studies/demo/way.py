@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -19,9 +18,11 @@ from calib.files.read import sha256
 from calib.files.write import json_text, write_files
 from calib.files.write_tables import measurements_csv
 from studies.compare.command import compare
+from studies.compare.record import CompareRecord
 from studies.demo.embedded import embedded_text, session
 from studies.demo.record import DemoRecord, Step
 from studies.design.command import design
+from studies.design.record import DesignRecord
 from studies.diagnose.command import diagnose
 from studies.diagnose.record import DiagnoseRecord
 from studies.diagnose.telling import verdict_sentence
@@ -76,7 +77,7 @@ class Way:
         write_files({self.folder / name: text for name, text in texts.items()})
         self.files += texts
 
-    def run(self, command: click.Command, name: str, *args: str, **files: str) -> dict[str, Any]:
+    def run(self, command: click.Command, name: str, *args: str, **files: str) -> None:
         """Run a command; what it prints becomes ``name.txt``, its result ``name.json``.
 
         args : options, and names of files that the demonstration wrote; files : option -> new file
@@ -91,8 +92,6 @@ class Way:
         if status:
             raise CalibError(f"step {name} of the demonstration failed, see above")
         self.write({f"{name}.txt": printed.getvalue()})
-        fields: dict[str, Any] = json.loads((self.folder / f"{name}.json").read_text("utf-8"))
-        return fields
 
     def _keep_what_was_edited(self) -> None:
         try:
@@ -109,13 +108,15 @@ class Way:
 
 def plan(way: Way) -> str:
     """Choose fifteen poses and prove how good they are."""
-    fields = way.run(
+    way.run(
         design, "design", "--candidates", "5000", "--against", "table2.csv",
         "--seed", str(way.seed), _CELL, output=_PLAN,
     )  # fmt: skip
+    found = read_as(way.folder / "design.json", DesignRecord)
+    papers = found.against["table2.csv"].efficiency or math.nan
     return (
-        f"{len(fields['poses'])} poses, at least {100 * fields['efficiency']:.0f} % as good as the "
-        f"best (the paper's Table II: {100 * fields['against']['table2.csv']['efficiency']:.0f} %)"
+        f"{len(found.poses)} poses, at least {100 * found.efficiency:.0f} % as good as the "
+        f"best (the paper's Table II: {100 * papers:.0f} %)"
     )
 
 
@@ -160,21 +161,21 @@ def fit(way: Way) -> str:
 
 def simulate_both(way: Way) -> str:
     """Both approaches at the plan and at the paper's, predicted and simulated."""
-    fields = way.run(
+    way.run(
         compare, "compare", "--monte-carlo", "100", "--workers", "2", "--seed", str(way.seed),
         _CELL, _PLAN, "table2.csv",
     )  # fmt: skip
+    found = read_as(way.folder / "compare.json", CompareRecord)
     ours, theirs = (
         {
-            own["weighting"] if own["approach"] == "pose" else "points": own["task_rms_mm"]
-            for own in plan["approaches"]
+            own.weighting if own.approach == "pose" else "points": own.task_rms_mm or math.nan
+            for own in plan.approaches
         }
-        for plan in fields["plans"]
-    )  # fmt: skip
+        for plan in found.plans
+    )
     return (
         f"#2 is {ours['plain'] / ours['points']:.1f} times more accurate than plain #1, this plan "
-        f"{theirs['points'] / ours['points']:.1f} times more than Table II; "
-        f"{fields['agreement']['says']}"
+        f"{theirs['points'] / ours['points']:.1f} times more than Table II; {found.agreement.says}"
     )
 
 

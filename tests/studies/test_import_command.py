@@ -15,6 +15,7 @@ import calib
 from calib.files.write_tables import measurements_csv
 from studies.cli import main
 from studies.demo.embedded import INPUTS, embedded_text, simulated
+from tests.camera_cells import PINHOLE, camera_cell
 
 
 def run(*arguments: object) -> Result:
@@ -194,23 +195,7 @@ def test_a_recording_a_pose(folder: Path) -> None:
     np.testing.assert_allclose(data.readings[:, 0, 3:6], [[0.0, 1.0, 0.0]] * 3, atol=1e-9)
 
 
-SEEN = """schema = 1
-[robot]
-urdf = "kr270.urdf"
-base = "base_link"
-tip = "tool0"
-[boards.b]
-on = "tip"
-squares = [9, 6]
-pitch_mm = 30
-[instruments.cam]
-kind = "camera"
-focal_px = 1000
-center_px = [479.5, 359.5]
-sigma_px = 0.1
-[model]
-effects = ["base", "tool"]
-"""
+SEEN = camera_cell("squares = [9, 6]\npitch_mm = 30", PINHOLE, "kr270.urdf", "base_link", "tool0")
 
 
 def test_images_of_a_board(tmp_path: Path) -> None:

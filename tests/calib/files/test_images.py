@@ -17,24 +17,9 @@ from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.exports.images import read_images
 from calib.files.exports.patterns import pattern_of
+from tests.camera_cells import PINHOLE, camera_cell
 from tests.photographs import DOTS, cv2, facing, photograph, pixels
 
-CELL = """schema = 1
-[robot]
-urdf = "r.urdf"
-base = "base"
-tip = "tip"
-[boards.b]
-on = "tip"
-{board}
-[instruments.cam]
-kind = "camera"
-focal_px = 1000
-center_px = [479.5, 359.5]
-sigma_px = 0.1
-[model]
-effects = ["base", "tool"]
-"""
 SIDE = int(0.03 * DOTS)  # of a square
 
 
@@ -71,7 +56,7 @@ VIEWS = [(0.15, (0.5, -0.3)), (3.0, (-0.45, 0.35))]
 
 
 def cell_of(folder: Path, board: str) -> Path:
-    (folder / "cell.toml").write_text(CELL.format(board=board))
+    (folder / "cell.toml").write_text(camera_cell(board, PINHOLE))
     return folder / "cell.toml"
 
 

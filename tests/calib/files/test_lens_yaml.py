@@ -14,6 +14,7 @@ from calib.files.cell_out import extended_cell
 from calib.files.lens_yaml import lens_yaml, read_lens
 from calib.instruments import Camera
 from studies.cli import main
+from tests.camera_cells import camera_cell
 
 cv2 = pytest.importorskip("cv2", exc_type=ImportError)
 VALUES = np.array([1371.25, 1369.5, 962.75, 541.125, -0.12, 0.05, 8e-4, -5e-4, -0.01])
@@ -24,22 +25,9 @@ URDF = """<robot name="r"><link name="base"/><link name="a"/><link name="tip"/>
 <axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="0" velocity="1"/></joint>
 <joint name="j2" type="revolute"><parent link="a"/><child link="tip"/><origin xyz="0.4 0 0"/>
 <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="0" velocity="1"/></joint></robot>"""
-CELL = """schema = 1
-[robot]
-urdf = "r.urdf"
-base = "base"
-tip = "tip"
-[boards.b]
-on = "tip"
-squares = [6, 5]
-pitch_mm = 30
-[instruments.cam]
-kind = "camera"
-calibration = "lenses/cam.yaml"
-sigma_px = 0.2
-[model]
-effects = ["base", "tool"]
-"""
+CELL = camera_cell(
+    "squares = [6, 5]\npitch_mm = 30", 'calibration = "lenses/cam.yaml"\nsigma_px = 0.2'
+)
 ROS = """image_width: 1920
 image_height: 1080
 camera_name: narrow

@@ -125,7 +125,7 @@ def _parameters(name: str) -> str:
     kind, context = catalogue()[name], context_of(embedded_cell(), None)
     for cell, own_context in (
         ("the demonstration", context),
-        ("a cell with a board and sockets", _seeing(context)),
+        ("a cell with a board, sockets and a wire", _seeing(context)),
     ):
         for where in kind.places(own_context):
             try:
@@ -139,17 +139,22 @@ def _parameters(name: str) -> str:
 
 
 def _seeing(context: Context) -> Context:
-    """The same arm, read by a camera on the tip that sees a board, and in two sockets."""
+    """The same arm, read by a camera on the tip that sees a board, in two sockets, and by a wire."""
     import numpy as np
 
     from calib.instruments.camera import ArmCamera, Board
+    from calib.instruments.distance import Distance
     from calib.instruments.socket import Socket
 
     board = Board("BOARD", slice(0, 3), np.zeros((3, 3)))
     sites = ("SOCKET", "another")
     return replace(
         context,
-        instruments=(ArmCamera(name="CAMERA", boards=(board,)), Socket(name=sites[0], sites=sites)),
+        instruments=(
+            ArmCamera(name="CAMERA", boards=(board,)),
+            Socket(name=sites[0], sites=sites),
+            Distance(name="WIRE"),
+        ),
         bodies={"BOARD": slice(0, 3)},
     )
 

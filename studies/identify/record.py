@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, TypedDict
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, computed_field, model_validator
 
 from studies.estimate import Estimated, estimated
 from studies.identify.acceptance import AcceptanceEntry, acceptance_entry
@@ -130,7 +130,10 @@ class Distances(Entry):
 
 
 class OfInstrument(Entry):
-    """RMS of an instrument's errors in one unit: lengths in space, and of whole poses their turns."""
+    """RMS of an instrument's errors in one unit: lengths in space, and of whole poses their turns.
+
+    The JSON holds them once more together, as ``rms``.
+    """
 
     instrument: str
     unit: Literal["mm", "mrad", "px"]
@@ -139,6 +142,17 @@ class OfInstrument(Entry):
     fitted: NotNegative | None = None
     heldout: NotNegative | None = None
     heldout_trimmed: NotNegative | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _told_once(cls, raw: dict[str, object]) -> dict[str, object]:
+        return {name: value for name, value in raw.items() if name != "rms"}
+
+    @computed_field  # type: ignore[prop-decorator]
+    @property
+    def rms(self) -> dict[str, str | float | None]:
+        """All of the entry."""
+        return {name: getattr(self, name) for name in type(self).model_fields}
 
 
 Model: TypeAlias = Literal["nominal", "fitted_all", "fitted", "heldout", "heldout_trimmed"]

@@ -85,9 +85,7 @@ def _better(
     here = allowed.members[allowed.group[plan[slot]]]
     rows = blocks.packed[here] if len(here) < len(blocks) else blocks.packed
     base = M - blocks.matrices(plan[slot : slot + 1])[0]
-    possible = np.minimum(
-        _above(G, base, rows), criterion.screen(base, rows, blocks.rank)
-    )
+    possible = np.minimum(_above(G, base, rows), criterion.screen(base, rows, blocks.rank))
     if not allowed.repeats:
         taken = np.zeros(len(blocks), dtype=bool)
         taken[plan] = True

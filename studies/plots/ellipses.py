@@ -69,7 +69,9 @@ def ellipses(
         for key, covariance in covariances.items():
             if key in samples:
                 drawn = np.asarray(samples[key])[:_DRAWN, i]
-                cloud(panel, *drawn.T, 1.5, color=look[key].color, alpha=0.5, zorder=1)
+                cloud(
+                    panel, drawn[:, 0], drawn[:, 1], 1.5, color=look[key].color, alpha=0.5, zorder=1
+                )
             outline = ellipse(np.asarray(covariance)[i])
             panel.plot(
                 *outline.T, color=look[key].color, linestyle=look[key].linestyle, linewidth=1.8

@@ -54,8 +54,8 @@ def coupled(
     )
     follow = np.swapaxes(follow, -1, -2)
     given = change(own, acts_at) + loaded[..., at, component, :]
-    total: Array = own + follow @ np.linalg.solve(np.eye(len(at)) - change(follow, at), given)
-    return total
+    bent = follow @ np.linalg.solve(np.eye(len(at)) - change(follow, at), given)
+    return np.asarray(own + bent)
 
 
 def _moments(beyond: Array, motion: Array, acts_at: IntArray) -> Array:

@@ -169,7 +169,7 @@ def _rounded(
     value: float,
     tried: set[bytes],
 ) -> tuple[IntArray, float] | None:
-    """The node's weights rounded and improved, where they come near the best plan first."""
+    """The node's weights rounded and improved, where first met and near the best plan."""
     _, chosen = rules.best(w)
     plan = np.sort(np.concatenate([node.inside, node.free[chosen]]))
     if (key := plan.tobytes()) in tried:

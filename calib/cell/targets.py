@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import CalibError
 from calib.poses import Poses, hung, poses_at
-from calib.uncertainty.budget import Budget, Expected, budget_of, combined
-
-if TYPE_CHECKING:
-    from calib.compensation.estimate import Estimate
-    from calib.identification import Identification
 
 _COUNT = 200
 _OUTSIDE = 1e-4  # rad or m: rounding of limits
@@ -30,47 +22,6 @@ def targets_of(cell: Cell) -> tuple[Poses, Array]:
     if cell.load is not None:
         poses = hung(poses, cell.load.mass, cell.load.com)
     return poses, np.ones(_COUNT)
-
-
-@dataclass(frozen=True, eq=False)
-class Accuracy:
-    """What the uncertainty of identified parameters leaves at the targets.
-
-    expected : Expected, by the parameters alone; source : str, what the targets are
-    """
-
-    targets: Poses
-    budget: Budget
-    expected: Expected
-    source: str
-
-    @property
-    def errors(self) -> Array:
-        """RMS of each target, shape (m,), m."""
-        return self.expected.errors
-
-    @property
-    def rms(self) -> float:
-        """Over the targets, m."""
-        return self.expected.rms(self.errors)
-
-    @property
-    def worst(self) -> float:
-        """At the worst of them, m."""
-        return self.expected.worst(self.errors)
-
-
-def accuracy_at_targets(
-    cell: Cell, found: Identification, estimate: Estimate | None = None
-) -> Accuracy:
-    """The accuracy to expect at the cell's targets.
-
-    estimate : of the same identification, for what the arm itself adds in the budget
-    """
-    targets, weights = targets_of(cell)
-    budget = budget_of(found, estimate, targets, weights)
-    source = cell.targets_source or f"{len(targets)} Sobol poses within the limits"
-    return Accuracy(targets, budget, combined(budget.calibration, weights), source)
 
 
 def sobol_poses(cell: Cell, count: int, seed: int) -> Poses:

@@ -1,1 +1,1 @@
-"""Uncertainty: expanded, by source, of errors that all readings share, and against a tolerance."""
+"""Uncertainty of estimates: expanded, its degrees of freedom, errors that all readings share."""

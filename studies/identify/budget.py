@@ -11,7 +11,7 @@ from studies.record import Entry, Maybe, NotNegative, Positive
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from calib.uncertainty.budget import Budget, Part
+    from calib.accuracy.budget import Budget, Part
 
 _MM = 1e3
 _AVERAGED = 0.5  # of what a source does to one reading, or of what it does at the targets
@@ -85,7 +85,7 @@ def budget_entry(budget: Budget) -> BudgetEntry:
 
 
 def _expanded(budget: Budget, parts: Sequence[Part]) -> Expanded:
-    from calib.uncertainty.budget import combined
+    from calib.accuracy.budget import combined
 
     found = combined(parts, budget.weights)
     u, most = found.rms(found.errors), found.rms(found.expanded)

@@ -36,11 +36,11 @@ def identified(
     Raises InputError naming the file that is at fault.
     """
     import calib
-    from calib.cell.targets import accuracy_at_targets
+    from calib.accuracy.acceptance import judged
+    from calib.accuracy.at_targets import accuracy_at_targets
     from calib.compensation.estimate import estimate_of
     from calib.drift import drift_of
     from calib.identification.whitening import whitening
-    from calib.uncertainty.acceptance import judged
     from studies.identify.record import Asked, identify_record
     from studies.record import envelope
 

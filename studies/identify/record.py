@@ -32,13 +32,13 @@ from studies.targets import AtTarget, at_targets
 
 if TYPE_CHECKING:
     from calib import Identification
+    from calib.accuracy.acceptance import Judged
+    from calib.accuracy.at_targets import Accuracy
     from calib.arrays import Array
-    from calib.cell.targets import Accuracy
     from calib.compensation.estimate import Estimate
     from calib.drift import Drift as Moved
     from calib.identification import Residuals
     from calib.identification.common import Shared
-    from calib.uncertainty.acceptance import Judged
 
 _MM = 1e3
 _MOST = 3_000_000  # points; a damaged file may name poses and markers that fill any memory

@@ -8,20 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from calib.arm.se3 import skew
 from calib.arrays import Array
+from calib.compensation.estimate import Estimate
+from calib.compensation.unexplained import scatter_at
+from calib.identification import Identification
 from calib.model.covariance import working_points
 from calib.poses import Poses
 from calib.uncertainty.expanded import coverage_factor, directions, effective_freedom
 from calib.uncertainty.freedom import freedom
-
-if TYPE_CHECKING:
-    from calib.compensation.estimate import Estimate
-    from calib.identification import Identification
 
 _NOISE = "noise"
 
@@ -171,8 +170,6 @@ def of_calibration(found: Identification, targets: Poses, weights: Array) -> Ite
 
 def _of_arm(found: Identification, estimate: Estimate, targets: Poses) -> Iterator[Part]:
     """What comes on top at each target: the arm's scatter, and what the model lacks."""
-    from calib.compensation.unexplained import scatter_at
-
     variances = scatter_at(estimate.model, estimate.values, targets, estimate.variances)
     m, M = variances.shape
     if variances.any():

@@ -11,12 +11,12 @@ import pytest
 
 import calib
 from calib import Cell, Poses
+from calib.accuracy.budget import Budget, budget_of, combined
 from calib.arrays import Array
 from calib.compensation.estimate import estimate_of
 from calib.identification import Identification
 from calib.instruments.common_errors import CommonError
 from calib.poses import poses_at
-from calib.uncertainty.budget import Budget, budget_of, combined
 from calib.uncertainty.expanded import coverage_factor, effective_freedom
 from studies.demo.embedded import simulated
 from tests.calib.uncertainty import common_days as days

@@ -1,0 +1,1 @@
+"""How accurate an identified robot is: by source, at its targets, and against a tolerance."""

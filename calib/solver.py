@@ -142,6 +142,8 @@ def levenberg_marquardt(
         g = np.where(take[..., None], trial_g, g)
         A = np.where(take[..., None, None], trial_A, A)
         converged = converged | small
-        stalled = stalled | lost | (damping >= _DAMPING[2])  # no step helps: the derivative is wrong here
+        stalled = (
+            stalled | lost | (damping >= _DAMPING[2])
+        )  # no step helps: the derivative is wrong here
         stalled = stalled | (~np.isfinite(trial_cost) & (damping >= _WALL))
     return Minimum(values, cost, converged, iterations)

@@ -18,11 +18,14 @@ Linearise = Callable[[Array], tuple[Array, Array]]
 """values (..., p) -> residuals (..., N) and their derivatives (..., N, p)."""
 
 _DAMPING = (1e-7, 1e-12, 1e12)  # start, smallest, largest; relative to the diagonal
+_GROWTH = 2.0  # of the damping after a step that fails, and of this factor after each further one
+_EASED = 0.1  # smallest factor of the damping after a step that helps
 _LIGHT = 1e-3  # damping up to which a short step means a minimum
 # Converged when a step moves no combination by this share of its deviation: below, the cost's own
 # rounding decides, and a last Gauss-Newton step is better than its length by far.
 _STEP = 1e-3
 _WALL = 1e3  # damping from which a step to where nothing can be computed means that there it ends
+_ROUNDING = 2.0**-52  # share of the cost below which no gain shows
 _MAX_ITERATIONS = 60
 _STACK = 256  # rows
 
@@ -82,6 +85,17 @@ def least_squares(r: Array, J: Array) -> Array:
     return values + damped_step(A, J.T @ (r - J @ values), np.array(_DAMPING[1]))
 
 
+def _eased(cost: Array, reached: Array, promised: Array) -> Array:
+    """Factor of the damping after a step that helps, by how much of the promised gain it kept.
+
+    A curved valley is followed at the damping that suits it, where fixed factors overshoot and return
+    (Nielsen, IMM-REP-1999-05, Technical University of Denmark).
+    """
+    with np.errstate(all="ignore"):  # where nothing can be computed the step does not count
+        kept = (cost - reached) / promised
+        return np.asarray(np.clip(1.0 - (2.0 * kept - 1.0) ** 3, _EASED, _GROWTH))
+
+
 def levenberg_marquardt(
     linearise: Linearise, start: Array, span: Array, max_iterations: int = _MAX_ITERATIONS
 ) -> Minimum:
@@ -102,7 +116,7 @@ def levenberg_marquardt(
         return normal_equations(r, J @ span)
 
     cost, g, A = equations(values)
-    damping = np.full(batch, _DAMPING[0])
+    damping, growth = np.full(batch, _DAMPING[0]), np.full(batch, _GROWTH)
     converged = np.zeros(batch, dtype=bool)
     iterations = 0
     stalled = ~np.isfinite(cost)
@@ -118,12 +132,18 @@ def levenberg_marquardt(
         )
         # A step below resolution ends the search even where rounding hides its gain.
         take = (better | small) & ~converged & ~stalled & np.isfinite(trial_cost)
+        promised = expected + damping * np.einsum("...ii,...i,...i->...", A, step, step)
+        lost = (promised <= _ROUNDING * cost) & (trial_cost >= cost)
+        factor = np.where(take, _eased(cost, trial_cost, promised), growth)
+        damping = np.clip(damping * factor, *_DAMPING[1:])
+        growth = np.where(take, _GROWTH, _GROWTH * growth)
         values = np.where(take[..., None], trial, values)
         cost = np.where(take, trial_cost, cost)
         g = np.where(take[..., None], trial_g, g)
         A = np.where(take[..., None, None], trial_A, A)
-        damping = np.clip(np.where(take, damping / 10.0, damping * 10.0), *_DAMPING[1:])
         converged = converged | small
-        stalled = stalled | (damping >= _DAMPING[2])  # no step helps: the derivative is wrong here
+        stalled = (
+            stalled | lost | (damping >= _DAMPING[2])
+        )  # no step helps: the derivative is wrong here
         stalled = stalled | (~np.isfinite(trial_cost) & (damping >= _WALL))
     return Minimum(values, cost, converged, iterations)

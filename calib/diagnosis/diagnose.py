@@ -21,6 +21,7 @@ from calib.diagnosis.located import located, share_of
 from calib.diagnosis.searched import searched
 from calib.diagnosis.shape import shape_doubt
 from calib.diagnosis.stage import Fit, Stage
+from calib.diagnosis.stated import stated
 from calib.diagnosis.verdict import VerdictName, verdict
 from calib.identification.checks import check_counts
 from calib.identification.identify import identify
@@ -103,6 +104,7 @@ def _stage(cell: Cell, data: Measurements) -> Stage:
     start = initial_values(model, data)
     refuse_mistakes(model, data, start)
     weights, waiting = whitening(cell, model, start, data), before_the_first_move(data.poses)
+    model, start = model.extended(start, stated(model, start, data))
     return Stage(data, model, start, weights, waiting, arm=cell.repeatability)
 
 

@@ -39,6 +39,10 @@ class Base(Effect):
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(Parameter(self.kind, self.where, *own) for own in self.of.unknowns)
 
+    @property
+    def believed(self) -> Array:
+        return self.of.prior
+
 
 def sought(context: Context) -> tuple[Base, ...]:
     """Places that are unknown even where the model has no base."""

@@ -179,6 +179,11 @@ class Effect(ABC):
         """Values at which it does nothing and a search begins, shape (p,), SI."""
         return np.zeros(len(self.parameters))
 
+    @property
+    def believed(self) -> Array:
+        """Standard deviations, SI, of values that are known about zero beforehand; NaN where not."""
+        return np.full(len(self.parameters), np.nan)
+
     def rests(self, values: Array) -> bool:
         """Whether it does nothing at values (..., p)."""
         return not values.any()

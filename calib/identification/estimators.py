@@ -19,7 +19,7 @@ from calib.observations import Observation, points_of
 from calib.solver import Minimum, levenberg_marquardt
 
 # A valley along which poses of narrow joint ranges tell little takes hundreds.
-_MOST_ITERATIONS = 400
+MOST_ITERATIONS = 400
 _TURNS = 12  # rigid parameters and elastic differences in turn: each gains three digits
 _SETTLED = 1e-6  # of a plausible size
 _STIFF = 0.03  # of the plausible size of a compliance: as the drives of a heavy arm yield
@@ -36,8 +36,10 @@ class Judged(NamedTuple):
 class Estimator(Protocol):
     """A way from readings to values and their covariance."""
 
-    def fit(self, observation: Observation, start: Array, span: Array) -> Minimum:
-        """Least-squares values, moving along ``span`` (p, k)."""
+    def fit(
+        self, observation: Observation, start: Array, span: Array, most: int = MOST_ITERATIONS
+    ) -> Minimum:
+        """Least-squares values, moving along ``span`` (p, k), in at most so many iterations."""
         ...
 
     def judged(
@@ -72,10 +74,12 @@ class Readings:
 
     method: Method = "joint"
 
-    def fit(self, observation: Observation, start: Array, span: Array) -> Minimum:
+    def fit(
+        self, observation: Observation, start: Array, span: Array, most: int = MOST_ITERATIONS
+    ) -> Minimum:
         if self.method == "two-step":
             return alternate(observation.flat, start, *steps(observation.model, span))
-        return levenberg_marquardt(observation.flat, start, span, _MOST_ITERATIONS)
+        return levenberg_marquardt(observation.flat, start, span, most)
 
     def judged(
         self, observation: Observation, values: Array, span: Array, kept: Mask | None = None
@@ -108,7 +112,10 @@ class Differences:
     other rigid parameters follow from the readings themselves; the two sets are found in turn.
     """
 
-    def fit(self, observation: Observation, start: Array, span: Array) -> Minimum:
+    def fit(
+        self, observation: Observation, start: Array, span: Array, most: int = MOST_ITERATIONS
+    ) -> Minimum:
+        del most  # each of its turns takes few
         soft = _soft(observation.model, span)
         values, iterations, settled = start, 0, False
         for _ in range(_TURNS):

@@ -26,6 +26,8 @@ from calib.model.covariance import Identifiable
 from calib.observations import Observation
 from calib.solver import Minimum
 
+# Of a fit that gross errors bend only the size of what it leaves is told: five digits of it.
+_TOLD = 30
 _ROUNDS = 12  # times that outliers are judged anew
 
 
@@ -85,7 +87,7 @@ def search(estimator: Estimator, observation: Observation, start: Array) -> Foun
         best = estimator.fit(observation.only(kept), best.values, span)
         fresh, statistics, limit = _judged(estimator, observation, best.values, kept, span)
     if first is None:
-        first = estimator.fit(observation, best.values, span)
+        first = estimator.fit(observation, best.values, span, _TOLD)
     at_end = choose_directions(observation.only(kept), best.values)
     if best.converged and at_end.rank < choice.rank:
         # The start was where more is told: a marker on an axis tells less than one beside it.

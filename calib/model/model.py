@@ -372,8 +372,8 @@ class Model:
         return [
             (part.start + k, float(std))
             for effect, part in self._parts
-            if isinstance(effect, Base)
-            for k, std in enumerate(effect.of.prior)
+            if isinstance(effect, Base | ReadingEffect)
+            for k, std in enumerate(effect.believed)
             if np.isfinite(std)
         ]
 

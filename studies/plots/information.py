@@ -13,6 +13,7 @@ from studies.plots.style import (
     BLUE,
     VERMILLION,
     Picture,
+    aside,
     cell,
     cloud,
     legend_below,
@@ -148,9 +149,7 @@ def _crowd(panel: Axes, at: Array, score: Array, others: NDArray[np.int_]) -> An
 
 
 def _spread(degrees: Array, marks: Array) -> Array:
-    """Angles moved apart beside their level, by a golden-ratio sequence: even and repeatable."""
-    golden = (np.arange(len(degrees)) * 0.6180339887498949) % 1.0
+    """Angles moved apart beside their level."""
     nearest = np.argmin(np.abs(degrees[:, None] - marks), axis=1)
     half = 0.3 * float(np.diff(marks).min()) if len(marks) > 1 else 1.0
-    out: Array = marks[nearest] + 0.9 * half * (2.0 * golden - 1.0)
-    return out
+    return aside(marks[nearest], 0.9 * half)

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Self, TypeAlias
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
+import numpy as np
 from pydantic import model_validator
 
 from studies.record import Entry, Maybe, Number, Three
+
+if TYPE_CHECKING:
+    from calib.arrays import Array
+    from calib.model import Model
+    from calib.poses import Measurements
 
 Lengths: TypeAlias = Three | tuple[Number]
 """Residual of a point, or of one length, mm."""
@@ -67,3 +75,50 @@ class Off(Entry):
     def metric(self) -> bool:
         """Whether it is a length."""
         return self.x_mm is not None or self.d_mm is not None
+
+
+@dataclass(frozen=True)
+class Missed:
+    """What a reading is off by, in the units of the JSON.
+
+    entry : fields that every residual has; row : where it stands in the readings of the table
+    after : ``x_mm`` .. -> number; before : unit -> numbers, the unit of the first number first
+    """
+
+    entry: dict[str, Any]
+    row: tuple[int, int]
+    after: dict[str, Any]
+    before: dict[str, tuple[float, ...]]
+
+
+def missed(
+    model: Model, data: Measurements, before: Array, after: Array, heldout: bool
+) -> Iterator[Missed]:
+    """Each reading of a table, by two models that leave before and after, shape (m, C, r), SI.
+
+    Of a point in the instrument's frame, of the origin of a body in its own.
+    """
+    poses = data.poses
+    sites = [""] * len(poses) if poses.site is None else poses.site.tolist()
+    for instrument, part in model.readout.channels.blocks:
+        scales = np.array([n.scale for n in instrument.numbers])
+        measured = data.readings[:, part, : instrument.rows]
+        old, new = (
+            instrument.shown(measured, off[:, part, : instrument.rows]) / scales
+            for off in (before, after)
+        )
+        keys = [f"{n.name}_{n.unit}" for n in instrument.numbers]
+        units = [n.unit for n in instrument.numbers]
+        own = {unit: [k for k, other in enumerate(units) if other == unit] for unit in units}
+        for i, c in np.argwhere(data.seen[:, part]).tolist():
+            yield Missed(
+                {
+                    "pose": poses.names[i],
+                    "marker": model.channel_names[part][c],
+                    "instrument": instrument.name_at(sites[i]),
+                    "heldout": heldout,
+                },
+                (i, part.start + c),
+                dict(zip(keys, new[i, c].tolist(), strict=True)),
+                {unit: tuple(old[i, c, at].tolist()) for unit, at in own.items()},
+            )

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -61,9 +61,9 @@ def of_plan(plan: Plan) -> Iterator[Draw]:
     if plan.by_pose and plan.by_pose[0].effects:
         yield lambda: information_by_pose(plan)
     if plan.by_poses.counts:
-        yield lambda: _against(plan.by_poses, accuracy.against_poses)
+        yield lambda: _against(plan.by_poses, "poses")
     if len(plan.by_markers.counts) > 1:
-        yield lambda: _against(plan.by_markers, accuracy.against_markers)
+        yield lambda: _against(plan.by_markers, "markers")
 
 
 def by_approach(plan: Plan) -> Picture:
@@ -100,14 +100,13 @@ def entangled(plan: Plan) -> Picture:
 
 def information_by_pose(plan: Plan) -> Picture:
     """What each pose counts for, by effect."""
-    effects = list(plan.by_pose[0].effects)
-    shares = np.array([[worth.effects[e] for e in effects] for worth in plan.by_pose])
-    return information.by_pose([worth.pose for worth in plan.by_pose], shares, effects)
+    poses = plan.by_pose
+    return information.by_pose([own.pose for own in poses], [own.effects for own in poses])
 
 
-def _against(curve: ByNumber, draw: Callable[..., Picture]) -> Picture:
+def _against(curve: ByNumber, of: Literal["poses", "markers"]) -> Picture:
     rms = {key: np.array(v, dtype=float) / 1e3 for key, v in curve.task_rms_mm.items()}
-    return draw(list(curve.counts), rms, what="task RMS, median of subsets")
+    return accuracy.against_number(curve.counts, rms, of, "task RMS, median of subsets")
 
 
 def _units(plan: Plan) -> list[str]:

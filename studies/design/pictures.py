@@ -42,9 +42,8 @@ def derivative(record: DesignRecord, landscape: Landscape) -> Picture:
 
 def information_by_pose(record: DesignRecord) -> Picture:
     """What each pose tells of the parameters, by effect."""
-    effects = list(record.by_pose[0].effects)
-    shares = np.array([[own.effects[e] for e in effects] for own in record.by_pose])
-    return information.by_pose([own.pose for own in record.by_pose], shares, effects)
+    poses = record.by_pose
+    return information.by_pose([own.pose for own in poses], [own.effects for own in poses])
 
 
 def deviations_by_plan(record: DesignRecord) -> Picture:
@@ -62,4 +61,4 @@ def deviations_by_plan(record: DesignRecord) -> Picture:
 def against_poses(record: DesignRecord) -> Picture:
     """Accuracy of the best plans found of fewer and more poses."""
     rms = np.array([step.task_rms_mm for step in record.curve], dtype=float) / 1e3
-    return accuracy.against_poses([step.poses for step in record.curve], {"best plans": rms})
+    return accuracy.against_number([step.poses for step in record.curve], {"best plans": rms})

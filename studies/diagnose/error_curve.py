@@ -15,6 +15,7 @@ from studies.plots.style import (
     VERMILLION,
     Cell,
     Picture,
+    aside,
     legend_below,
     sheet,
     styled,
@@ -80,9 +81,10 @@ def _array(values: Row) -> Array:
 def _fitted(panel: Axes, shown: Panel, grid: Array, variable: Array, levels: bool) -> list[Any]:
     """What each pose says, and the curve through it with its band; entries of the legend."""
     value, half = _array(shown.value), _TWO_SIDED * _array(shown.std)
+    at = aside(variable, 0.22 * float(np.diff(grid).min())) if levels else variable
     points, = panel.plot(
-        _aside(variable, grid) if levels else variable, _array(shown.single), color="0.6", marker="o",
-        linestyle="", markersize=2.8, markeredgewidth=0.0, label="each pose by itself", zorder=2,
+        at, _array(shown.single), color="0.6", marker="o", linestyle="", markersize=2.8,
+        markeredgewidth=0.0, label="each pose by itself", zorder=2,
         rasterized=len(variable) > _VECTOR,
     )  # fmt: skip
     if levels:
@@ -137,12 +139,6 @@ def _limits(shown: Panel) -> tuple[float, float]:
     low, high = float(every.min(initial=0.0)), float(every.max(initial=0.0))
     room = 0.08 * (high - low) or 1.0
     return low - room, high + room
-
-
-def _aside(values: Array, marks: Array) -> Array:
-    """Values moved apart beside their level, by a golden-ratio sequence: even and repeatable."""
-    golden = (np.arange(len(values)) * 0.6180339887498949) % 1.0
-    return values + 0.22 * float(np.diff(marks).min()) * (2.0 * golden - 1.0)
 
 
 def _rows(curve: Curve) -> Iterator[tuple[Cell, ...]]:

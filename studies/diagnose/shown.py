@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 
 from calib.threads import one_blas_thread
 from studies.record import Entry, Maybe, NotNegative, Number
-from studies.residual import Angles, Lengths, Off, Pixels
+from studies.residual import Angles, Lengths, Off, Pixels, missed
 
 if TYPE_CHECKING:
     from calib.arm.robot import Robot
@@ -163,34 +163,13 @@ def _steps(found: Diagnosis, added: list[Candidate]) -> Steps:
 
 
 def _residuals(found: Diagnosis, data: Measurements, heldout: bool) -> Iterator[Residual]:
-    """Measured minus predicted at each point, before and after the found effects.
-
-    Of a point in the instrument's frame, of the origin of a body in its own.
-    """
-    model = found.before.model
-    off = [fit.model.off(fit.values, data) for fit in (found.before, found.after)]
-    poses = data.poses
-    sites = [""] * len(poses) if poses.site is None else poses.site.tolist()
-    for instrument, part in model.readout.channels.blocks:
-        unit = instrument.numbers[0].unit
-        own = [k for k, n in enumerate(instrument.numbers) if n.unit == unit]
-        keys = [f"{instrument.numbers[k].name}_{unit}" for k in own]
-        measured = data.readings[:, part, : instrument.rows]
-        before, after = (
-            instrument.shown(measured, missed[:, part, : instrument.rows])[..., own]
-            / instrument.numbers[0].scale
-            for missed in off
-        )
-        for i, c in np.argwhere(data.seen[:, part]).tolist():
-            numbers: dict[str, Any] = dict(zip(keys, after[i, c].tolist(), strict=True))
-            numbers[f"before_{unit}"] = tuple(before[i, c].tolist())
-            yield Residual(
-                pose=poses.names[i],
-                marker=model.channel_names[part][c],
-                instrument=instrument.name_at(sites[i]),
-                **numbers,
-                heldout=heldout,
-            )
+    """Measured minus predicted at each point, before and after the found effects; no turns."""
+    before, after = (fit.model.off(fit.values, data) for fit in (found.before, found.after))
+    for own in missed(found.before.model, data, before, after, heldout):
+        unit, off = next(iter(own.before.items()))
+        numbers: dict[str, Any] = {k: x for k, x in own.after.items() if k.endswith(f"_{unit}")}
+        numbers[f"before_{unit}"] = off
+        yield Residual(**own.entry, **numbers)
 
 
 def label(candidate: Candidate) -> str:

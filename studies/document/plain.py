@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from operator import itemgetter
 from typing import Any, TypeAlias
 
-from studies.document.parts import Column
+from studies.document.parts import Column, Table
 from studies.document.rules import Rule
 
 Cell: TypeAlias = str | float | int | None
@@ -25,6 +25,13 @@ def plain_columns(
         Column(title, itemgetter(i), Rule(_signed, "", all(_numeric(row[i]) for row in rows)))
         for i, title in enumerate(header)
     )
+
+
+def table_of(
+    header: Sequence[str], rows: Sequence[Sequence[Cell]], caption: str = ""
+) -> Table[Sequence[Any]]:
+    """A table that stands open, of what no record tells."""
+    return Table(plain_columns(header, rows), rows, caption=caption, fold=False)
 
 
 def _numeric(cell: Cell) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, TypedDict
 
 import numpy as np
@@ -27,7 +26,7 @@ from studies.record import (
     Three,
     three,
 )
-from studies.residual import Angles, Lengths, Off, Pixels
+from studies.residual import Angles, Lengths, Off, Pixels, missed
 from studies.targets import AtTarget, at_targets
 
 if TYPE_CHECKING:
@@ -514,28 +513,9 @@ def _placement(placed: Array) -> Placement:
 
 
 def _residuals(found: Identification, part: Residuals) -> Iterator[Residual]:
-    nominal = replace(part, vectors=found.model.off(found.nominal, part.data))
-    held, seen, poses = part is found.heldout, part.data.seen, part.data.poses
-    sites = [""] * len(poses) if poses.site is None else poses.site.tolist()
-    for instrument, channels in part.channels.blocks:
-        scales = np.array([n.scale for n in instrument.numbers])
-        after, before = (p.shown(instrument, channels) / scales for p in (part, nominal))
-        names = found.model.channel_names[channels]
-        keys = [f"{n.name}_{n.unit}" for n in instrument.numbers]
-        first = instrument.numbers[0].unit
-        linear = sum(n.unit == first for n in instrument.numbers)
-        for i, c in np.argwhere(seen[:, channels]).tolist():
-            turn = before[i, c, linear:]
-            numbers: dict[str, Any] = dict(zip(keys, after[i, c].tolist(), strict=True))
-            numbers[f"nominal_{first}"] = tuple(before[i, c, :linear].tolist())
-            if len(turn):
-                numbers["nominal_mrad"] = three(turn)
-            if first == "px":
-                numbers["at_px"] = tuple(part.data.readings[i, channels][c, :2].tolist())
-            yield Residual(
-                pose=poses.names[i],
-                marker=names[c],
-                instrument=instrument.name_at(sites[i]),
-                **numbers,
-                heldout=held,
-            )
+    nominal = found.model.off(found.nominal, part.data)
+    for own in missed(found.model, part.data, nominal, part.vectors, part is found.heldout):
+        numbers: dict[str, Any] = {f"nominal_{unit}": off for unit, off in own.before.items()}
+        if "px" in own.before:
+            numbers["at_px"] = tuple(part.data.readings[own.row][:2].tolist())
+        yield Residual(**own.entry, **own.after, **numbers)

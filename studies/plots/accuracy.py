@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -28,43 +28,18 @@ _GUIDE = "1/sqrt(n)"
 
 
 @styled
-def against_poses(
+def against_number(
     counts: Sequence[int],
     accuracy: Mapping[str, Array],
-    *,
+    of: Literal["poses", "markers"] = "poses",
     what: str = "task RMS",
-    name: str = "accuracy_poses",
-    title: str = "Accuracy against the number of poses",
 ) -> Picture:
-    """Accuracy over the number of poses, a line for each approach or plan.
+    """Accuracy over the number of poses or markers, a line for each approach or plan.
 
-    counts : numbers of poses, shape (k,)
+    counts : numbers of them, shape (k,)
     accuracy : approach or plan -> ndarray, shape (k,), m; NaN where not estimable
+    what : the figure of accuracy
     """
-    return _against(counts, accuracy, "poses", what, name, title)
-
-
-@styled
-def against_markers(
-    counts: Sequence[int],
-    accuracy: Mapping[str, Array],
-    *,
-    what: str = "task RMS",
-    name: str = "accuracy_markers",
-    title: str = "Accuracy against the number of markers",
-) -> Picture:
-    """Accuracy over the number of markers; arguments as in ``against_poses``."""
-    return _against(counts, accuracy, "markers", what, name, title)
-
-
-def _against(
-    counts: Sequence[int],
-    accuracy: Mapping[str, Array],
-    of: str,
-    what: str,
-    name: str,
-    title: str,
-) -> Picture:
     look = looks(accuracy)
     n = np.asarray(counts, dtype=float)
     scale, unit = length_unit(accuracy)
@@ -94,7 +69,8 @@ def _against(
         (float(count), *(cell(values[i]) for values in lines.values()))
         for i, count in enumerate(counts)
     )
-    return Picture(name, title, caption, figure, header, rows)
+    title = f"Accuracy against the number of {of}"
+    return Picture(f"accuracy_{of}", title, caption, figure, header, rows)
 
 
 def length_unit(values: Mapping[str, Array]) -> tuple[float, str]:

@@ -39,9 +39,6 @@ def against(
     variables: Mapping[str, Array],
     sigma: float,
     heldout: NDArray[np.bool_],
-    *,
-    name: str = "against",
-    title: str = "What is left, against what it may depend on",
 ) -> Picture:
     """The error of each pose over each variable, one panel a variable, with medians of sixths.
 
@@ -86,7 +83,8 @@ def against(
         "medians lie level near the dashed line; a slope or a bow points to what is not modelled."
     )
     header = ("against", "rank correlation [-]", "highest median [mm]", "lowest median [mm]")
-    return Picture(name, title, caption, figure, header, tuple(rows))
+    title = "What is left, against what it may depend on"
+    return Picture("against", title, caption, figure, header, tuple(rows))
 
 
 def _medians(values: Array, shown: Array) -> tuple[Array, Array]:

@@ -87,9 +87,6 @@ def predicted_against_simulated(
     predicted: Mapping[str, Array],
     simulated: Mapping[str, Array],
     trials: int,
-    *,
-    name: str = "predicted_simulated",
-    title: str = "Predicted and simulated standard deviations",
 ) -> Picture:
     """Ratio of simulated to predicted standard deviations with the band of chance.
 
@@ -131,8 +128,9 @@ def predicted_against_simulated(
     for key in predicted:
         header += [f"{look[key].label}: {what}" for what in ("predicted", "simulated", "ratio")]
         columns += [np.asarray(predicted[key]), np.asarray(simulated[key]), ratios[key]]
+    title = "Predicted and simulated standard deviations"
     table = _rows(names, units, columns)
-    return Picture(name, title, caption, figure, tuple(header), table)
+    return Picture("predicted_simulated", title, caption, figure, tuple(header), table)
 
 
 # -- rows of parameters ------------------------------------------------------------------------

@@ -35,6 +35,7 @@ Pair: TypeAlias = tuple[str, str, str, str]
 _RADIUS = math.sqrt(-2.0 * math.log(0.05))  # of the 95 % ellipse of two normal variables
 _DRAWN = 400  # points of a cloud; more only make it darker
 _LISTED = 20
+_STEPS = 145  # of an outline
 _WRITTEN = 12  # parameters up to which the numbers stand in the cells
 
 
@@ -43,9 +44,6 @@ def ellipses(
     pairs: Sequence[Pair],
     covariances: Mapping[str, Array],
     samples: Mapping[str, Array] | None = None,
-    *,
-    name: str = "ellipses",
-    title: str = "95 % error ellipses",
 ) -> Picture:
     """95 % error ellipses of pairs of parameters, one panel a pair, about the mean.
 
@@ -94,7 +92,7 @@ def ellipses(
         for i, pair in enumerate(pairs)
         for key, covariance in covariances.items()
     )
-    return Picture(name, title, caption, figure, header, rows)
+    return Picture("ellipses", "95 % error ellipses", caption, figure, header, rows)
 
 
 def _prepare(panel: Axes, pair: Pair) -> None:
@@ -124,9 +122,9 @@ def _label(name: str, unit: str) -> str:
     return f"error of {name}{' ' if len(name) < 12 else chr(10)}[{unit}]"
 
 
-def ellipse(covariance: Array, steps: int = 145) -> Array:
-    """Outline of the 95 % ellipse of a covariance (2, 2), shape (steps, 2); NaN stays NaN."""
-    turn = np.linspace(0.0, 2.0 * np.pi, steps)
+def ellipse(covariance: Array) -> Array:
+    """Outline of the 95 % ellipse of a covariance (2, 2), shape (145, 2); NaN stays NaN."""
+    turn = np.linspace(0.0, 2.0 * np.pi, _STEPS)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     if not np.isfinite(covariance).all():
         return np.full_like(circle, np.nan)
@@ -144,23 +142,14 @@ def share_inside(covariance: Array, samples: Array) -> float:
 
 
 @styled
-def correlation(
-    names: Sequence[str],
-    matrix: Array,
-    groups: Sequence[str] | None = None,
-    *,
-    name: str = "correlation",
-    title: str = "Correlation of the parameters",
-) -> Picture:
+def correlation(names: Sequence[str], matrix: Array) -> Picture:
     """Map of the correlations, blue to red from -1 to 1, the strongest pairs in the table.
 
-    names : of the p parameters
+    names : of the p parameters; those of one effect, ``effect:..``, stand in one bracket
     matrix : ndarray, shape (p, p), correlations or a covariance; NaN where not estimable
-    groups : effect of each parameter, drawn as brackets; taken from ``effect:..`` when not given
     """
     R = correlations(matrix)
     count = len(names)
-    groups = [n.split(":")[0] if ":" in n else "" for n in names] if groups is None else groups
     side = 1.9 + max(0.165 * count, 0.42 * min(count, _WRITTEN))
     figure = sheet(side + 1.9, side, "compressed")
     panel = figure.subplots()
@@ -173,7 +162,7 @@ def correlation(
     panel.spines[:].set_visible(False)
     if count <= _WRITTEN:
         _write(panel, R)
-    _brackets(panel, groups)
+    _brackets(panel, [n.split(":")[0] if ":" in n else "" for n in names])
     bar = figure.colorbar(image, ax=panel, shrink=0.6, aspect=30, ticks=[-1, -0.5, 0, 0.5, 1])
     bar.set_label("correlation [-]")
     bar.outline.set_visible(False)
@@ -188,8 +177,8 @@ def correlation(
             f"The strongest pair is {names[first[k]]} and {names[second[k]]} with {values[k]:+.2f}; "
             f"{int(np.sum(np.abs(values) > 0.9))} of {len(values)} pairs exceed 0.9."
         )
-    header = ("parameter", "parameter", "correlation")
-    return Picture(name, title, caption, figure, header, rows)
+    header, title = ("parameter", "parameter", "correlation"), "Correlation of the parameters"
+    return Picture("correlation", title, caption, figure, header, rows)
 
 
 def correlations(matrix: Array) -> Array:

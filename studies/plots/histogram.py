@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _MM = 1e3
+_MODELS = ("nominal model, base and markers fitted", "identified model")
 _BINS_A_DECADE = 8
 _BELOW = 0.005  # of the points may lie left of the axis, and count in the first bin
 _DECADES = 1e-7  # shown at most, of the largest
@@ -36,15 +37,7 @@ _NOISE = 2.795483  # 95 % of |noise| / sigma in three coordinates (chi with 3 de
 
 
 @styled
-def histogram(
-    before: Array,
-    after: Array,
-    sigma: float,
-    *,
-    names: tuple[str, str] = ("nominal model, base and markers fitted", "identified model"),
-    name: str = "histogram",
-    title: str = "Distances between measured and predicted points",
-) -> Picture:
+def histogram(before: Array, after: Array, sigma: float) -> Picture:
     """Histograms of the 3-D distances before and after, one above the other, on one log axis.
 
     before, after : ndarray, shape (n, 3), m, measured minus predicted; sigma : of one coordinate [m]
@@ -60,7 +53,7 @@ def histogram(
     figure = sheet(7.2, 4.4)
     panels = figure.subplots(2, 1, sharex=True, sharey=True)
     looks: Any = ({"color": VERMILLION, "hatch": "//"}, {"color": BLUE})
-    for panel, own, label, look in zip(panels, lengths, names, looks, strict=True):
+    for panel, own, label, look in zip(panels, lengths, _MODELS, looks, strict=True):
         tidy(panel, "y")
         panel.hist(np.clip(own, low, high), edges, edgecolor="white", linewidth=0.0, **look)
         panel.set(xscale="log", xlim=(low, high), ylabel="points")
@@ -82,9 +75,10 @@ def histogram(
         "model", "points", "RMS [mm]", "mean [mm]", "p95 [mm]", "max [mm]", "mean + 3 sigma [mm]",
     )  # fmt: skip
     rows = tuple(
-        (label, float(len(own)), *figures(own)) for label, own in zip(names, lengths, strict=True)
+        (label, float(len(own)), *figures(own)) for label, own in zip(_MODELS, lengths, strict=True)
     )
-    return Picture(name, title, caption, figure, header, rows)
+    title = "Distances between measured and predicted points"
+    return Picture("histogram", title, caption, figure, header, rows)
 
 
 def _limits(distances: Array, sigma: float) -> tuple[float, float]:

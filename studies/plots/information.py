@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from studies.plots.style import (
     BLUE,
     VERMILLION,
     Picture,
+    aside,
     cell,
     cloud,
     legend_below,
@@ -30,23 +31,16 @@ _VECTOR = 2000  # candidates; a larger cloud becomes a picture within the SVG
 
 
 @styled
-def by_pose(
-    pose_names: Sequence[str],
-    shares: Array,
-    groups: Sequence[str] = ("parameters",),
-    *,
-    name: str = "information",
-    title: str = "Information by pose",
-) -> Picture:
+def by_pose(pose_names: Sequence[str], shares: Sequence[Mapping[str, float]]) -> Picture:
     """Leverage of each pose as stacked bars; all bars sum to the number of parameters.
 
-    shares : ndarray, shape (m,) or (m, groups), parameters determined by each pose
-    groups : names of the groups of parameters
+    shares : of each pose, effect -> how many of its parameters the pose determines; the same effects
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    parts = np.asarray(shares, dtype=float).reshape(len(pose_names), len(groups))
+    groups = list(shares[0])
+    parts = np.array([[own[group] for group in groups] for own in shares])
     look = looks(groups, solid=True)
     m = len(pose_names)
     figure = sheet(min(10.5, max(4.8, 1.6 + 0.17 * m)), 3.9)
@@ -80,7 +74,7 @@ def by_pose(
         (label, *map(cell, part), cell(100.0 * part.sum() / total if total else np.nan))
         for label, part in zip(pose_names, parts, strict=True)
     )
-    return Picture(name, title, caption, figure, header, rows)
+    return Picture("information", "Information by pose", caption, figure, header, rows)
 
 
 @styled
@@ -90,33 +84,30 @@ def derivative(
     joint: str,
     chosen: NDArray[np.int_],
     *,
-    chosen_names: Sequence[str] | None = None,
     levels: Array | None = None,
-    bound: float | Array = 1.0,
     criterion: str = "D",
     efficiency: float | None = None,
-    name: str = "derivative",
-    title: str = "Directional derivative of the design",
 ) -> Picture:
     """Derivative of the criterion towards each candidate, over the angle of one joint.
 
-    score : ndarray, shape (n,), scaled so that no candidate of an optimal design exceeds the bound
+    score : ndarray, shape (n,), scaled so that no candidate of an optimal design exceeds one, the bound
+        of the equivalence theorem
     angle : ndarray, shape (n,), rad, of the joint at each candidate
     chosen : ndarray of int, shape (k,), candidates of the design
     levels : ndarray, shape (levels,), rad, where the joint may stand; candidates are then spread
         beside their level
-    bound : 1 by the equivalence theorem, or ndarray, shape (levels,), one for each level
     efficiency : proven share of the best value, 0 to 1
     """
     score, degrees = np.asarray(score, dtype=float), np.degrees(np.asarray(angle, dtype=float))
     chosen = np.asarray(chosen, dtype=int)
-    marks, limits = _bounds(degrees, levels, bound)
-    at = degrees if levels is None or marks is None else _spread(degrees, marks)
+    marks = None if levels is None else np.degrees(np.sort(levels))
+    at = degrees if marks is None else _spread(degrees, marks)
     figure = sheet(6.8, 4.3)
     panel = figure.subplots()
     tidy(panel)
     crowd = _crowd(panel, at, score, np.setdiff1d(np.arange(len(score)), chosen))
-    bar = _bar(panel, marks, limits)
+    line: Any = {"color": VERMILLION, "linestyle": "--", "linewidth": 1.6}
+    bar = panel.axhline(1.0, label="bound", **line)
     own, = panel.plot(
         at[chosen], score[chosen], color=BLUE, marker="D", markersize=6.5, markeredgecolor="white",
         markeredgewidth=0.8, linestyle="", label=f"chosen ({len(chosen)})",
@@ -126,9 +117,8 @@ def derivative(
             marks, [f"{mark:g}".replace("-", "\N{MINUS SIGN}") for mark in marks.round(2)]
         )
     panel.set_xlabel(f"{joint} [deg]")
-    one = "" if limits.size > 1 else ", bound = 1"
-    panel.set_ylabel(f"derivative of {criterion}{one} [-]")
-    low, high = float(score.min()), max(float(score.max()), float(limits.max()))
+    panel.set_ylabel(f"derivative of {criterion}, bound = 1 [-]")
+    low, high = float(score.min()), max(float(score.max()), 1.0)
     panel.set_ylim(low - 0.12 * (high - low), high + 0.12 * (high - low))
     proved = "" if efficiency is None else f"at least {100.0 * efficiency:.1f} %"
     if proved:
@@ -139,25 +129,10 @@ def derivative(
         f"How much criterion {criterion} would gain by turning effort towards each candidate. In the "
         f"best design no candidate lies above the dashed bound and the chosen poses lie on it{reached}"
     )
-    nearest = _nearest(degrees[chosen], marks)
-    at_level = np.broadcast_to(limits, (1 if marks is None else len(marks),))[nearest]
     header = ("chosen", f"{joint} [deg]", "derivative [-]", "bound [-]")
-    labels = chosen_names or [str(index) for index in chosen]
-    values = zip(labels, degrees[chosen], score[chosen], at_level, strict=True)
-    rows = tuple((label, *map(cell, numbers)) for label, *numbers in values)
-    return Picture(name, title, caption, figure, header, rows)
-
-
-def _bounds(
-    degrees: Array, levels: Array | None, bound: float | Array
-) -> tuple[Array | None, Array]:
-    """Angles at which candidates stand, None where anywhere; the bound at each, or the only one."""
-    limits = np.atleast_1d(np.asarray(bound, dtype=float))
-    if levels is None:
-        return np.unique(degrees) if limits.size > 1 else None, limits
-    order = np.argsort(np.asarray(levels))
-    marks = np.degrees(np.asarray(levels, dtype=float))[order]
-    return marks, limits[order] if limits.size > 1 else limits
+    rows = tuple((str(k), cell(degrees[k]), cell(score[k]), 1.0) for k in chosen)
+    title = "Directional derivative of the design"
+    return Picture("derivative", title, caption, figure, header, rows)
 
 
 def _crowd(panel: Axes, at: Array, score: Array, others: NDArray[np.int_]) -> Any:
@@ -173,30 +148,8 @@ def _crowd(panel: Axes, at: Array, score: Array, others: NDArray[np.int_]) -> An
     return Line2D([], [], label=f"candidates ({len(others)})", markersize=4.0, **dot)
 
 
-def _bar(panel: Axes, marks: Array | None, limits: Array) -> Any:
-    """The bound: one line, or one at each level."""
-    line: Any = {"color": VERMILLION, "linestyle": "--", "linewidth": 1.6}
-    if marks is None or limits.size == 1:
-        return panel.axhline(limits[0], label="bound", **line)
-    half = _half_width(marks)
-    return panel.hlines(limits, marks - half, marks + half, label="bound at the level", **line)
-
-
-def _nearest(degrees: Array, marks: Array | None) -> NDArray[np.int_]:
-    """The mark next to each angle."""
-    if marks is None:
-        return np.zeros(len(degrees), dtype=int)
-    nearest: NDArray[np.int_] = np.argmin(np.abs(degrees[:, None] - marks), axis=1)
-    return nearest
-
-
-def _half_width(marks: Array) -> float:
-    """Half the width of the strip in which the candidates of a level are drawn."""
-    return 0.3 * float(np.diff(marks).min()) if len(marks) > 1 else 1.0
-
-
 def _spread(degrees: Array, marks: Array) -> Array:
-    """Angles moved apart beside their level, by a golden-ratio sequence: even and repeatable."""
-    golden = (np.arange(len(degrees)) * 0.6180339887498949) % 1.0
-    out: Array = marks[_nearest(degrees, marks)] + 0.9 * _half_width(marks) * (2.0 * golden - 1.0)
-    return out
+    """Angles moved apart beside their level."""
+    nearest = np.argmin(np.abs(degrees[:, None] - marks), axis=1)
+    half = 0.3 * float(np.diff(marks).min()) if len(marks) > 1 else 1.0
+    return aside(marks[nearest], 0.9 * half)

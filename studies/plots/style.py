@@ -223,6 +223,12 @@ def cloud(panel: Axes, x: Array, y: Array, size: float, **look: Any) -> None:
     panel.autoscale_view()
 
 
+def aside(values: Array, most: float) -> Array:
+    """Values (m,) moved apart by as much at most, by a golden-ratio sequence: even and repeatable."""
+    golden = (np.arange(len(values)) * 0.6180339887498949) % 1.0
+    return np.asarray(values + most * (2.0 * golden - 1.0))
+
+
 def key_of(look: Look, **changed: Any) -> Any:
     """Entry of a legend."""
     from matplotlib.lines import Line2D

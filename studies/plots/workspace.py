@@ -27,13 +27,7 @@ _VIEWS = ((0, 1), (0, 2))
 
 
 @styled
-def workspace(
-    tips: Array,
-    expected: Array,
-    *,
-    name: str = "workspace",
-    title: str = "Expected error over the workspace",
-) -> Picture:
+def workspace(tips: Array, expected: Array) -> Picture:
     """The expected error at each target as a dot where the tip is, larger and darker for more.
 
     tips : ndarray, shape (n, 3), m, base frame; expected : ndarray, shape (n,), m, infinite where open
@@ -71,7 +65,8 @@ def workspace(
             ("worst", ranks[-1]),
         )
     ]
-    return Picture(name, title, caption, figure, header, tuple(rows))
+    title = "Expected error over the workspace"
+    return Picture("workspace", title, caption, figure, header, tuple(rows))
 
 
 def _coloured(figure: Figure, panels: Any, tips: Array, shown: Array) -> None:

@@ -40,7 +40,7 @@ def report(
       posecal report identified.json diagnosis.json -o report.html --operator "A. Klimchik"
     """
     from studies.record import envelope
-    from studies.report.make import report_page
+    from studies.report.page import report_page
     from studies.report.record import ReportRecord
 
     check_outputs([page_path, output_file(json_path)], results)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from markupsafe import Markup
 
 from studies.document.page import Writer
 from studies.report.assets import asset
-from studies.report.evidence import Evidence
+from studies.report.evidence import load_evidence
 from studies.report.sections import Placed, sections
 
 _STYLES = ("page.css", "highlight.css", "arm_view.css")
@@ -24,12 +26,15 @@ class _Shown:
     html: Markup
 
 
-def page(evidence: Evidence, title: str, told: dict[str, str]) -> str:
-    """The report as HTML that names nothing outside itself.
+def report_page(
+    results: Sequence[Path], title: str | None, told: dict[str, str]
+) -> tuple[str, tuple[str, ...]]:
+    """The report as HTML that names nothing outside itself, and notes on what had to be left out.
 
-    title : str; told : what the user tells of the measurement (operator, instrument ..), by label
+    title : str, None for the name of the cell
+    told : what the user tells of the measurement (operator, instrument ..), by label
 
-    Raises InputError where a result misses what results of its kind hold.
+    Raises InputError where a file is no result, or one that misses what results of its kind hold.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -40,14 +45,15 @@ def page(evidence: Evidence, title: str, told: dict[str, str]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    writer = Writer.fresh()
-    return environment.get_template("page.html.j2").render(
-        title=title,
+    evidence, writer = load_evidence(results), Writer.fresh()
+    html = environment.get_template("page.html.j2").render(
+        title=title or ("Calibration" if evidence.cell is None else evidence.cell.name),
         told=told,
         sections=[_shown(writer, placed) for placed in sections(evidence, told)],
         styles=[asset(name) for name in _STYLES],
         scripts=[asset(name) for name in _SCRIPTS],
     )
+    return html, evidence.notes
 
 
 def _shown(writer: Writer, placed: Placed) -> _Shown:

@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 from studies.document import page as document_page
 from studies.report import page
-from studies.report.make import report_page
+from studies.report.page import report_page
 from tests.fuzz.small_cell import put_small_cell, small_results
 
 _DRAWN = 32  # one input of so many

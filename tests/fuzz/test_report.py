@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from calib.errors import InputError
-from studies.report.make import report_page
+from studies.report.page import report_page
 from tests.fuzz.report import check_harmless
 from tests.fuzz.small_cell import put_small_cell, small_results
 

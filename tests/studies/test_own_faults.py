@@ -96,7 +96,7 @@ def test_the_whole_page_of_every_example(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Every column, sentence and figure as the page shows it; drawn to the end once."""
-    from studies.report.make import report_page
+    from studies.report.page import report_page
 
     report_page([OLD / f"{kind}.json"], None, {})
     monkeypatch.setattr("studies.document.page.inline_svg", lambda *_: Markup("<svg></svg>"))

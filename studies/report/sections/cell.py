@@ -7,8 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from calib import Cell
+from studies.document import Section
+from studies.document.plain import shown, table_of
 from studies.report.evidence import Evidence
-from studies.report.parts import Section, Table, shown
 
 
 def cell(evidence: Evidence) -> Section | None:
@@ -16,10 +17,10 @@ def cell(evidence: Evidence) -> Section | None:
     if evidence.cell is None:
         return None
     own = evidence.cell
-    facts = Table(("", ""), list(_facts(own)))
+    facts = table_of(("", ""), list(_facts(own)))
     units = np.where(own.robot.prismatic, "mm", "deg")
     scale = np.where(own.robot.prismatic, 1e3, 180.0 / np.pi)
-    joints = Table(
+    joints = table_of(
         ("joint", "moves", "from", "to", "unit", "mass of its link [kg]"),
         [
             (name, "slides" if slides else "turns", *_range(limits * factor), unit, mass or None)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from studies.document import Part, Section, Sentence
+from studies.document.plain import table_of
 from studies.report.evidence import Evidence
-from studies.report.parts import Part, Section, Sentence, Table
 
 
 def provenance(evidence: Evidence, told: dict[str, str]) -> Section:
@@ -21,9 +22,9 @@ def provenance(evidence: Evidence, told: dict[str, str]) -> Section:
         (entry.file, entry.sha256): entry for result in evidence.results for entry in result.inputs
     }
     parts: list[Part] = [
-        Table(("", ""), list(told.items())),
-        Table(("result", "command", "posecal", "seed"), commands, "Results"),
-        Table(
+        table_of(("", ""), list(told.items())),
+        table_of(("result", "command", "posecal", "seed"), commands, "Results"),
+        table_of(
             ("file", "sha256", "today"),
             [(entry.file, entry.sha256, entry.state) for entry in inputs.values()],
             "Inputs",

@@ -11,9 +11,10 @@ from calib.arm.kinematics import forward
 from calib.arm.se3 import fit_rigid, rotate, so3_log, transform
 from calib.arrays import Array
 from studies.plots.style import BLUE, FAINT, SOFT, VERMILLION, Picture, sheet, styled
-from studies.plots.view import (
+from studies.plots.view import View
+from studies.research.paper.arm import arm_of_equation_21
+from studies.research.paper.drawing import (
     LIGHT,
-    View,
     arc,
     ball,
     cylinder,
@@ -25,7 +26,6 @@ from studies.plots.view import (
     symbol,
     tube,
 )
-from studies.research.paper.arm import arm_of_equation_21
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

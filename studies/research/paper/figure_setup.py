@@ -26,10 +26,10 @@ from studies.plots.style import (
     sheet,
     styled,
 )
-from studies.plots.view import (
+from studies.plots.view import View
+from studies.research.paper.drawing import (
     BODY,
     LIGHT,
-    View,
     ball,
     cylinder,
     frame,

@@ -21,10 +21,10 @@ from studies.plots.style import (
     styled,
     tidy,
 )
-from studies.plots.view import (
+from studies.plots.view import View
+from studies.research.paper.drawing import (
     BODY,
     LIGHT,
-    View,
     arrow,
     ball,
     cylinder,

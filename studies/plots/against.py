@@ -41,7 +41,7 @@ def against(
     heldout: NDArray[np.bool_],
     *,
     name: str = "against",
-    title: str = "What is left, against what it may depend on",
+    title: str = "Error of each pose",
 ) -> Picture:
     """The error of each pose over each variable, one panel a variable, with medians of sixths.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +24,11 @@ from studies.plots.style import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from studies.changes.record import ChangesRecord
+
+_LINEAR = 5.0  # standard deviations; beyond, the scale is logarithmic
 
 
 @styled
@@ -43,7 +48,8 @@ def changed_parameters(record: ChangesRecord) -> Picture:
         *panel.plot(ratio[moved], at[moved], color=VERMILLION, marker="^", linestyle="",
                     label="moved"),
     ]  # fmt: skip
-    panel.set_xscale("symlog", linthresh=5.0)
+    panel.set_xscale("symlog", linthresh=_LINEAR)
+    _plain_ticks(panel)
     panel.set_yticks(at, brief([p.id for p in known]), fontsize=9)
     panel.set(xlabel="after - before [standard deviations]", ylim=(len(known) - 0.4, -0.6))
     legend_below(figure, handles)
@@ -59,6 +65,17 @@ def changed_parameters(record: ChangesRecord) -> Picture:
     return Picture(
         "changed_parameters", "Parameters, after minus before", caption, figure, header, rows
     )
+
+
+def _plain_ticks(panel: Axes) -> None:
+    """Numbers at zero, where the scale turns logarithmic, and at a few powers of ten beyond."""
+    low, high = panel.get_xlim()
+    decades = math.floor(math.log10(max(-low, high, _LINEAR)))
+    far = [_LINEAR, *(10.0**k for k in range(decades, 0, -max(1, decades // 3)))]
+    ticks = [0.0, *far, *(-tick for tick in far)]
+    panel.set_xticks([tick for tick in ticks if low <= tick <= high])
+    panel.xaxis.set_major_formatter("{x:g}")
+    panel.minorticks_off()
 
 
 @styled

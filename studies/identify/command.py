@@ -56,6 +56,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--length-mm",
+    metavar="MM",
     type=Finite(min=1e-3, max=1e6),
     default=1000.0,
     show_default=True,

@@ -27,12 +27,13 @@ if TYPE_CHECKING:
 @click.option("--for", "aim", type=click.Choice(["task", "causes", "both"]), default="task",
               show_default=True,
               help="Accuracy at the targets, causes that look alike, or both.")  # fmt: skip
-@click.option("--poses", "count", type=click.IntRange(min=1, max=100), default=3, show_default=True,
-              help="How many to propose.")  # fmt: skip
+@click.option("--poses", "count", metavar="N", type=click.IntRange(min=1, max=100), default=3,
+              show_default=True, help="How many to propose.")  # fmt: skip
 @click.option("--goal-mm", metavar="X", type=Finite(min=0, min_open=True),
               help="Expected RMS error at the targets that is wanted.")  # fmt: skip
 @click.option(
     "--ahead",
+    metavar="N",
     type=click.IntRange(min=0, max=1000),
     default=0,
     help="How many the day still has room for: those for the task are the best of so many.",

@@ -12,6 +12,8 @@ from calib.effects.protocol import ARM
 from studies.plots.style import (
     FAINT,
     INK,
+    ON_DARK,
+    ON_LIGHT,
     SKY,
     SOFT,
     Cell,
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
 
 _MOST = 32  # causes on the map; the others are easier to tell and stand in the table
 _HARDEST = 30.0  # times the smallest size at which the colours end
-_CELL = 0.3  # inch
+_CELL = 0.26  # inch
 _COLUMNS = 4
 _FAR = 100.0  # a usual size that is farther from what is found is not drawn
 
@@ -124,7 +126,7 @@ def _write(panel: Axes, times: Array) -> None:
         if value == 0.0:
             continue
         text = "=" if np.isinf(value) else f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
-        color = "white" if value > 5.0 else INK
+        color = ON_DARK if value > 5.0 else ON_LIGHT
         panel.text(j, i, text, ha="center", va="center", fontsize=9, color=color)
 
 

@@ -192,5 +192,5 @@ def _alike(record: PlanRecord) -> Iterator[Part]:
         if not any(both <= group for group in twins):
             once.setdefault(both, pair)
     if once:
-        yield Sentence("From which size on a cause is told apart from what it is taken for:")
-        yield Table(_ALIKE, list(once.values()), "Causes that look alike", most=_MOST_PAIRS)
+        told = "From which size on a cause is told apart from what it is taken for"
+        yield Table(_ALIKE, list(once.values()), "Causes that look alike", told, most=_MOST_PAIRS)

@@ -12,6 +12,8 @@ import numpy as np
 from calib.arrays import Array
 from studies.plots.style import (
     INK,
+    ON_DARK,
+    ON_LIGHT,
     SOFT,
     Cell,
     Picture,
@@ -64,9 +66,8 @@ def ellipses(
         for key, covariance in covariances.items():
             if key in samples:
                 drawn = np.asarray(samples[key])[:_DRAWN, i]
-                cloud(
-                    panel, drawn[:, 0], drawn[:, 1], 1.5, color=look[key].color, alpha=0.5, zorder=1
-                )
+                color = look[key].color
+                cloud(panel, drawn[:, 0], drawn[:, 1], 2.2, color=color, alpha=0.7, zorder=1)
             outline = ellipse(np.asarray(covariance)[i])
             panel.plot(
                 *outline.T, color=look[key].color, linestyle=look[key].linestyle, linewidth=1.8
@@ -194,7 +195,7 @@ def _write(panel: Axes, R: Array) -> None:
     """Numbers in the cells, white on dark ones."""
     for (i, j), value in np.ndenumerate(R):
         if i != j and np.isfinite(value):
-            color = "white" if abs(value) > 0.65 else INK
+            color = ON_DARK if abs(value) > 0.65 else ON_LIGHT
             panel.text(j, i, f"{value:.2f}", ha="center", va="center", fontsize=9, color=color)
 
 

@@ -40,6 +40,8 @@ BLACK, BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY = (
     "#56B4E9",
 )
 INK, SOFT, FAINT = "0.15", "0.45", "0.85"
+ON_LIGHT, ON_DARK = "#262627", "#fffffe"
+"""Text on coloured cells: no greys, which a page turns round in dark colours."""
 DPI = 200
 POSE = "pose:"
 """How elements of an SVG begin their id that stand for a pose."""
@@ -48,7 +50,8 @@ _VECTOR = 1500  # points; a larger cloud becomes a picture within the SVG
 _STROKE = 5e-4  # of a cloud's width: length of the stroke that draws a point
 _NAME, _PARAMETER = 24, 48  # letters of a name beside an axis
 _FEWEST = 3  # ticks of a log axis
-_CLOSE = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)  # in a decade, where few are seen
+_STEPS = ((1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0))  # in a decade
+_COARSE = ((1.0,), (1.0, 3.0))
 _NAMED = 62  # poses whose names fit below an axis
 _NOT_IN_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")  # may stand in names
 RC: Any = {
@@ -237,9 +240,9 @@ def key_of(look: Look, **changed: Any) -> Any:
 
 
 def log_ticks(axis: Axis, low: float, high: float) -> None:
-    """Plain numbers at 1, 2, 5 where few decades are shown, at powers of ten where many.
+    """Plain numbers at powers of ten where many decades are shown, at 1, 2, 5 where few.
 
-    Between them where less than three would be seen; evenly where that does not suffice either.
+    As few as are three in view; evenly where even the closest are not.
     """
     from matplotlib.ticker import (
         FuncFormatter,
@@ -249,9 +252,8 @@ def log_ticks(axis: Axis, low: float, high: float) -> None:
         NullLocator,
     )
 
-    decades = math.log10(high / low)
-    coarse = (1.0, 2.0, 5.0) if decades < 2.2 else (1.0,)
-    fitting = [own for own in (coarse, _CLOSE) if len(_within(low, high, own)) >= _FEWEST]
+    steps = _STEPS if math.log10(high / low) < 2.2 else _COARSE
+    fitting = [own for own in steps if len(_within(low, high, own)) >= _FEWEST]
     logarithmic = LogLocator(subs=fitting[0], numticks=20) if fitting else None
     axis.set_major_locator(logarithmic or MaxNLocator(_FEWEST + 2))
     axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))

@@ -10,6 +10,7 @@ from calib.arrays import Array
 from studies.plots.style import (
     FAINT,
     INK,
+    SOFT,
     Cell,
     Picture,
     cell,
@@ -78,7 +79,7 @@ def _coloured(figure: Figure, panels: Any, tips: Array, shown: Array) -> None:
     look: Any = {
         "cmap": "viridis_r",
         "norm": LogNorm(low, max(high, 1.05 * low)),
-        "edgecolors": "white",
+        "edgecolors": SOFT,
         "linewidths": 0.4,
     }
     size = 14.0 + 60.0 * (shown[order] / high) ** 2

@@ -32,8 +32,8 @@ def report(
     """Write one self-contained HTML page from results.
 
     RESULT are files that --json wrote: of design, compare, identify, diagnose (--plan-only too),
-    compensate, enough, fleet, iso9283, in any number. What they were made from is read again where it
-    is unchanged.
+    enough, next, compensate, iso9283, changes, fleet (--prior too), in any number. What they were made
+    from is read again where it is unchanged.
 
     \b
     Example:

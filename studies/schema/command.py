@@ -9,10 +9,12 @@ from studies.kinds import KINDS
 
 
 @click.command(short_help="The JSON Schema of a result.")
-@click.argument("kind", type=click.Choice(KINDS))
+@click.argument("kind", metavar="KIND", type=click.Choice(KINDS))
 @one_line_faults
 def schema(kind: str) -> None:
     """Print the JSON Schema (draft 2020-12) of what --json of a command writes.
+
+    KIND is a command that takes --json, plan (of diagnose --plan-only) or prior (of fleet --prior).
 
     \b
     Example:

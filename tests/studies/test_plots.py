@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import re
 import subprocess
 import sys
@@ -19,7 +20,12 @@ from matplotlib.figure import Figure
 
 from calib.errors import InputError
 from calib.files.write import write_files
+from studies.changes.pictures import changed_parameters
+from studies.changes.record import ChangesRecord
 from studies.compare.agreement import band
+from studies.document.svg import inline_svg
+from studies.plan.pictures import look_alikes
+from studies.plan.record import PlanRecord
 from studies.plots import Picture, files
 from studies.plots.accuracy import against_number, length_unit
 from studies.plots.deviations import by_approach, predicted_against_simulated
@@ -27,7 +33,18 @@ from studies.plots.ellipses import correlation, correlations, ellipse, ellipses,
 from studies.plots.histogram import histogram
 from studies.plots.information import by_pose, derivative
 from studies.plots.residuals import by_pose_and_axis
-from studies.plots.style import APPROACHES, RC, SERIES, folder_files, log_ticks, looks, svg_text
+from studies.plots.style import (
+    APPROACHES,
+    RC,
+    SERIES,
+    folder_files,
+    log_ticks,
+    looks,
+    settle,
+    svg_text,
+)
+from studies.record import Record
+from tests.studies.examples import EXAMPLES
 
 NAMES = ["geometry:A2.x", "geometry:A3.x", "joint_compliance:A2.compliance"]
 UNITS = ["um", "um", "urad/(N m)"]
@@ -302,13 +319,38 @@ def test_bytes_are_written_as_they_are(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.png"]
 
 
-@pytest.mark.parametrize(("low", "high"), [(0.012, 0.028), (0.0151, 0.0188), (0.3, 40), (1e-4, 10)])
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [(0.012, 0.028), (0.0151, 0.0188), (0.3, 40), (1e-4, 10), (0.0002, 0.05), (1.5, 250)],
+)
 def test_a_log_axis_has_ticks_to_read(low: float, high: float) -> None:
     panel = Figure().subplots()
     panel.set(yscale="log", ylim=(low, high))
     log_ticks(panel.yaxis, low, high)
     ticks = [tick for tick in panel.yaxis.get_majorticklocs() if low <= tick <= high]
     assert 3 <= len(ticks) <= 10
+    gaps = np.diff(np.log10(ticks)) / math.log10(high / low)
+    assert min(gaps) > 0.05, "labels do not meet"
+
+
+def test_numbers_on_coloured_cells_keep_their_colour_on_a_dark_page() -> None:
+    old = EXAMPLES["plan"][0]
+    assert isinstance(old, PlanRecord)
+    root = ElementTree.fromstring(inline_svg(look_alikes(old), "f0", None))
+    texts = [own for own in root.iter() if own.tag.endswith("text")]
+    cells = [own for own in texts if re.fullmatch(r"=|\d+\.\d", own.text or "")]
+    assert cells
+    assert all("var(" not in own.attrib["style"] for own in cells)
+
+
+@pytest.mark.parametrize("record", EXAMPLES["changes"])
+def test_ticks_of_what_moved_are_plain_numbers(record: Record) -> None:
+    assert isinstance(record, ChangesRecord)
+    picture = changed_parameters(record)
+    settle(picture.figure)
+    texts = [label.get_text() for label in picture.figure.axes[0].get_xticklabels()]
+    assert {"-5", "0", "5"} & set(texts)
+    assert all(re.fullmatch(r"-?\d+", text.replace("\N{MINUS SIGN}", "-")) for text in texts)
 
 
 def test_the_first_bin_holds_no_others() -> None:

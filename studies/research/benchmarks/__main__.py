@@ -71,13 +71,13 @@ def all_of_them(peers: Path | None, repeats: int, out: Path | None) -> None:
     if peers is None:
         own_benchmarks(print)
         return
-    begun = time.perf_counter()
+    begun, folder = time.perf_counter(), out or peers
+    folder.mkdir(parents=True, exist_ok=True)
     console = console_for(None)
     pythons = environments(peers, console.print)
     rows = identification(peers / "work", pythons, repeats, console.print)
     blocks = optimal_designs(pythons, console.print)
     found = {"seconds": time.perf_counter() - begun, "identification": rows, "design": blocks}
-    folder = out or peers
     text = markdown(rows) + "\n" + design_markdown(blocks)
     write_files({folder / "peers.json": json_text(found), folder / "peers.md": text})
     console.print(text)

@@ -255,7 +255,14 @@ def _peer(found: Comparison, python: str, name: str, matrices: Array, poses: int
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "blocks.npz"
         np.savez(path, matrices=matrices)
-        run = [python, str(script), name, str(path), str(poses)]
+        run = [
+            python,
+            "-P",
+            str(script),
+            name,
+            str(path),
+            str(poses),
+        ]  # -P: ours is not its `types`
         try:
             done = subprocess.run(  # noqa: S603
                 run, capture_output=True, text=True, timeout=LIMIT, cwd=folder, env=one_thread()

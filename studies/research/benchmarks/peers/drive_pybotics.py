@@ -18,7 +18,7 @@ from pybotics.optimization import OptimizationHandler, optimize_accuracy
 from pybotics.robot import Robot
 from scipy.optimize import least_squares
 
-STEPS = 150  # evaluations of the Jacobian, at most
+STEPS = 60  # evaluations of the Jacobian, at most
 
 
 def chain_of(w: Any, at: Any) -> tuple[Any, Any, list[int], Any, Any]:

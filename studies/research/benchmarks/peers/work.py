@@ -37,7 +37,7 @@ class Work:
         return 1e3 * np.linalg.norm(own - getattr(self, table)[:, : own.shape[1]], axis=-1)
 
 
-def write_work(folder: Path, fit: int = FIT, enough_s: float = 60.0) -> Work:
+def write_work(folder: Path, fit: int = FIT, enough_s: float = 20.0) -> Work:
     """Write the files of the work; ``fit`` poses in order of a draw, the others are held out.
 
     enough_s : s after which a run is not repeated

@@ -14,7 +14,7 @@ def test_every_public_name_is_found_and_listed() -> None:
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:
-    with pytest.raises(AttributeError, match="calib.*nothing"):
+    with pytest.raises(AttributeError, match="nothing"):
         _ = calib.nothing
 
 

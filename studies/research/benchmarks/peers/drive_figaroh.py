@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from figaroh.calibration.base_calibration import BaseCalibration
 from figaroh.calibration.calibration_tools import calc_updated_fkm
 from figaroh.tools.robot import load_robot
@@ -51,9 +50,8 @@ def settings(folder: Path, work: dict[str, Any], compliance: bool) -> Path:
         "data": {"source_file": str(folder / "fit.csv")},
     }
     path = folder / f"figaroh_{compliance}.yaml"
-    path.write_text(
-        yaml.safe_dump({"robot": {"name": work["name"]}, "tasks": {"calibration": task}})
-    )
+    # JSON is YAML too.
+    path.write_text(json.dumps({"robot": {"name": work["name"]}, "tasks": {"calibration": task}}))
     return path
 
 

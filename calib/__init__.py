@@ -16,20 +16,26 @@ Values are SI and radians, in the order of ``result.model.parameters``, whose ``
 :class:`CalibError` of one line.
 """
 
-from calib.api import observation, parameters, predict, readings
-from calib.cell import Cell
-from calib.cell.planned import AskedLevels
-from calib.compensation.commands import Compensation, compensate
-from calib.diagnosis import Diagnosis
-from calib.diagnosis.diagnose import diagnose
-from calib.errors import CalibError
-from calib.files.cell import load_cell
-from calib.files.tables import load_measurements, load_plan, load_targets
-from calib.identification import Identification
-from calib.identification.identify import identify
-from calib.poses import Measurements, Poses
-from calib.poses.moves import in_one_session
-from calib.simulation import simulate
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from calib.api import observation, parameters, predict, readings
+    from calib.cell import Cell
+    from calib.cell.planned import AskedLevels
+    from calib.compensation.commands import Compensation, compensate
+    from calib.diagnosis import Diagnosis
+    from calib.diagnosis.diagnose import diagnose
+    from calib.errors import CalibError
+    from calib.files.cell import load_cell
+    from calib.files.tables import load_measurements, load_plan, load_targets
+    from calib.identification import Identification
+    from calib.identification.identify import identify
+    from calib.poses import Measurements, Poses
+    from calib.poses.moves import in_one_session
+    from calib.simulation import simulate
 
 __all__ = [
     "AskedLevels",
@@ -54,3 +60,39 @@ __all__ = [
     "readings",
     "simulate",
 ]
+
+_HOMES = {  # imported when first asked for: a part of the package does not wait for all of it
+    "AskedLevels": "calib.cell.planned",
+    "CalibError": "calib.errors",
+    "Cell": "calib.cell",
+    "Compensation": "calib.compensation.commands",
+    "Diagnosis": "calib.diagnosis",
+    "Identification": "calib.identification",
+    "Measurements": "calib.poses",
+    "Poses": "calib.poses",
+    "compensate": "calib.compensation.commands",
+    "diagnose": "calib.diagnosis.diagnose",
+    "identify": "calib.identification.identify",
+    "in_one_session": "calib.poses.moves",
+    "load_cell": "calib.files.cell",
+    "load_measurements": "calib.files.tables",
+    "load_plan": "calib.files.tables",
+    "load_targets": "calib.files.tables",
+    "observation": "calib.api",
+    "parameters": "calib.api",
+    "predict": "calib.api",
+    "readings": "calib.api",
+    "simulate": "calib.simulation",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -87,6 +88,18 @@ def compare(python: str, quick: bool) -> Comparison:
         _beside_figaroh(found, python, geometric(count))
         _beside_pydex(found, python, _matrices("elastic", count))
         _beside_r(found, count if quick else 10_000, 2.0 if quick else 15.0)
+    return found
+
+
+@one_blas_thread
+def beside(pythons: Mapping[str, Path], quick: bool) -> Comparison:
+    """Those peers that have an interpreter of their own, by name; R is not asked."""
+    found, count = Comparison(), 200 if quick else 1000
+    asked = {"figaroh": ("geometric", _beside_figaroh), "pydex": ("elastic", _beside_pydex)}
+    with master(None):
+        for name, (case, run) in asked.items():
+            if name in pythons:
+                run(found, str(pythons[name]), _matrices(case, count))
     return found
 
 
@@ -242,7 +255,14 @@ def _peer(found: Comparison, python: str, name: str, matrices: Array, poses: int
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "blocks.npz"
         np.savez(path, matrices=matrices)
-        run = [python, str(script), name, str(path), str(poses)]
+        run = [
+            python,
+            "-P",
+            str(script),
+            name,
+            str(path),
+            str(poses),
+        ]  # -P: ours is not its `types`
         try:
             done = subprocess.run(  # noqa: S603
                 run, capture_output=True, text=True, timeout=LIMIT, cwd=folder, env=one_thread()

@@ -10,7 +10,8 @@ from click.testing import CliRunner
 
 pytest.importorskip("mujoco")
 
-from studies.research.benchmarks.claims import SENTENCES, Said, main, summaries
+from studies.research.benchmarks.claimed import Said
+from studies.research.benchmarks.claims import SENTENCES, main, summaries
 
 
 def test_summaries_by_hand() -> None:

@@ -7,14 +7,13 @@ import numpy as np
 from calib.arrays import Array
 
 
-def lessened(cov: Array, out: Array, share: float) -> Array:
-    """Covariance with a share of the information of a pose taken away.
+def halved(cov: Array, out: Array) -> Array:
+    """Covariance with a pose measured half as well: between what it is with the pose and without.
 
-    cov : ndarray, shape (b, p, p); out : ndarray, shape (b, r, p), the pose's rows; share : float, below 1:
-        without all of it the information may well be singular
+    cov : ndarray, shape (b, p, p); out : ndarray, shape (b, r, p), the pose's rows
     """
     U = out @ cov
-    S = np.eye(out.shape[1]) / share - U @ np.swapaxes(out, 1, 2)
+    S = 2.0 * np.eye(out.shape[1]) - U @ np.swapaxes(out, 1, 2)
     return np.asarray(cov + np.swapaxes(U, 1, 2) @ np.linalg.solve(S, U))
 
 

@@ -14,11 +14,10 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
-from doe.optimal.covariance import exchanged, lessened
+from doe.optimal.covariance import exchanged, halved
 from doe.optimal.function import InformationFunction
 from doe.optimal.packed import pack
 
-_LESSENED = 0.9  # share of the pose that goes, without which candidates are ranked
 _JUDGED = 6  # candidates of the largest scores that are judged exactly in place of a pose
 _WORTH = 1e-6  # relative gain below which an exchange is none
 _KICKED = 3  # poses of a plan that are replaced by chance
@@ -44,8 +43,7 @@ def improved(
         for level in np.unique(levels):
             own = live[levels == level]
             out, (here, packed) = plans[own, slot], parts[level]
-            base = lessened(cov[own], rows[out], _LESSENED)
-            scores = pack(criterion.leaning(base)) @ packed.T
+            scores = pack(criterion.leaning(halved(cov[own], rows[out]))) @ packed.T
             if not allowed.repeats:
                 taken = np.zeros((len(own), len(blocks)), dtype=bool)
                 np.put_along_axis(taken, plans[own], True, axis=1)

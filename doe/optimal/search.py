@@ -17,10 +17,9 @@ from doe.optimal.relax import Relaxation
 
 _FEWEST_STARTS = 3
 _ROUNDS = 40  # of breeding, at most
-_PATIENCE = (3, 8)  # rounds without a gain after which there are no more: at least, at most
-_LONGER = 100  # over the parameters gives their number: where there are few, a round costs little
-_BEST = 12  # plans from which others are bred, twice as many
-_BEST_LEVELS = 6  # where levels are chosen, and each start is an exchange over all of them
+_PATIENCE = 3  # rounds without a gain after which there are no more
+_BEST = (6, 12)  # plans from which others are bred, twice as many: at least, at most
+_MORE = 4  # parameters for each of them: where there are many, local optima are many too
 _GAIN = 1e-6  # relative, that counts as one
 _SHORT = 1500  # candidates of the short list
 
@@ -58,7 +57,7 @@ def best_plan(
     weights = np.zeros(len(listed))
     weights[np.searchsorted(listed, relaxed.index)] = relaxed.weights
     everyone = np.arange(len(listed))
-    best = _BEST_LEVELS if rules.chooses_levels else _BEST
+    best = int(np.clip(len(blocks.fixed) // _MORE, *_BEST))
     count = 2 * best if thorough else _FEWEST_STARTS
     drawn = [rounded_weights(rules, everyone, weights, rng) for _ in range(count - 1)]
     first = [rounded_weights(rules, everyone, weights, None), *drawn]
@@ -110,7 +109,7 @@ def _bred(
 ) -> tuple[IntArray, Array]:
     """Plans kicked and crossed, improved, the best kept, until there is no gain for a while."""
     crossable = not (allowed.repeats or allowed.chooses_levels)
-    patience, idle = int(np.clip(_LONGER // len(blocks.fixed), *_PATIENCE)), 0
+    idle = 0
     for _ in range(_ROUNDS):
         # One of those that ended alike: plans that differ.
         _, kept = np.unique(np.round(np.log(values) / _GAIN), return_index=True)
@@ -127,6 +126,6 @@ def _bred(
         new, found = improved(criterion, blocks, allowed, np.array(children))
         idle = 0 if found.max() > values.max() * (1.0 + _GAIN) else idle + 1
         plans, values = np.concatenate([plans, new]), np.concatenate([values, found])
-        if idle >= patience:
+        if idle >= _PATIENCE:
             break
     return plans, values

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from rich.table import Table
 from rich.text import Text
 
@@ -12,3 +14,8 @@ def plain_table(*columns: tuple[str, str]) -> Table:
     for title, justify in columns:
         table.add_column(Text(title), justify=justify, overflow="fold")  # type: ignore[arg-type]
     return table
+
+
+def number(value: float | None) -> str:
+    """Four digits, or a dash for what is undefined."""
+    return "-" if value is None or not math.isfinite(value) else f"{value:.4g}"

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import calib
+from calib.accuracy.at_targets import accuracy_at_targets
 from calib.arrays import Array, Mask
-from calib.cell.targets import accuracy_at_targets
 from calib.change import changes, known_of
 from calib.compensation.estimate import estimate_of
 from calib.threads import one_blas_thread

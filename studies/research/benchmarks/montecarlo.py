@@ -12,7 +12,6 @@ its estimates and ours, in standard deviations.
 
 from __future__ import annotations
 
-import math
 import os
 import platform
 import statistics
@@ -42,7 +41,7 @@ from studies.demo.embedded import embedded_plan
 from studies.engines import engine
 from studies.research.paper import table_one
 from studies.research.paper.elastostatic import cell_of_section_five
-from studies.tables import plain_table
+from studies.tables import number, plain_table
 
 WORKERS = 2
 SEED = 0
@@ -227,8 +226,8 @@ def table(rows: list[Row]) -> Table:
         last = found["case"]
         alike = {None: "-", True: "yes", False: "no"}[found.get("same")]
         keys = ("seconds", "rate", "over one worker", "over the loop")
-        figures = [_number(found.get(key)) for key in keys]
-        shown.add_row(*head, found["by"], *figures, alike, _number(found.get("apart")))
+        figures = [number(found.get(key)) for key in keys]
+        shown.add_row(*head, found["by"], *figures, alike, number(found.get("apart")))
     return shown
 
 
@@ -264,11 +263,6 @@ def main(trials: int, repeats: int, loop: int, path: Path | None) -> None:
     if path is not None:
         write_files({path: json_text({"run": run_fields(trials, repeats, load), "rows": rows})})
         console.print(f"wrote {path}")
-
-
-def _number(value: float | None) -> str:
-    """Four digits, or a dash for what is undefined."""
-    return "-" if value is None or not math.isfinite(value) else f"{value:.4g}"
 
 
 if __name__ == "__main__":

@@ -34,7 +34,9 @@ class Work:
     def errors_mm(self, predicted: dict[str, Any], table: str) -> Array:
         """Length of each error, shape (n, markers); of the first markers if fewer are predicted."""
         own = np.asarray(predicted[table])
-        return 1e3 * np.linalg.norm(own - getattr(self, table)[:, : own.shape[1]], axis=-1)
+        return np.asarray(
+            1e3 * np.linalg.norm(own - getattr(self, table)[:, : own.shape[1]], axis=-1)
+        )
 
 
 def write_work(folder: Path, fit: int = FIT, enough_s: float = 20.0) -> Work:

@@ -1,4 +1,4 @@
-"""The picture of the README from a demonstration: ``python -m studies.demo.picture FOLDER OUT``."""
+"""The picture of the README from a demonstration: ``python -m studies.research.picture FOLDER OUT``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from calib.arm.kinematics import forward
 from calib.arrays import Array
 from calib.files.write import write_files
 from studies.identify.record import IdentifyRecord
-from studies.plots import view as draw
 from studies.plots.style import (
     BLUE,
     FAINT,
@@ -29,12 +28,14 @@ from studies.plots.style import (
     svg_text,
     tidy,
 )
+from studies.plots.view import View
+from studies.research.paper import drawing as draw
 from studies.results import read_as
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_VIEW = draw.View(-58.0, 18.0)
+_VIEW = View(-58.0, 18.0)
 
 
 @styled

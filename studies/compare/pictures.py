@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calib.arrays import Array
+from studies.compare.agreement import band
 from studies.plots import accuracy, deviations, ellipses, information
 from studies.plots.style import Picture
 
@@ -81,7 +82,7 @@ def simulated(plan: Plan) -> Picture:
     }
     predicted = {own.key: _std(own) for own in tried}
     return deviations.predicted_against_simulated(
-        plan.ids, _units(plan), predicted, scatter, plan.trials
+        plan.ids, _units(plan), predicted, scatter, plan.trials, band(plan.trials)
     )
 
 

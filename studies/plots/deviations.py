@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calib.arrays import Array
-from studies.compare.agreement import band
 from studies.plots.style import (
     FAINT,
     INK,
@@ -87,16 +86,18 @@ def predicted_against_simulated(
     predicted: Mapping[str, Array],
     simulated: Mapping[str, Array],
     trials: int,
+    chance: tuple[float, float],
 ) -> Picture:
     """Ratio of simulated to predicted standard deviations with the band of chance.
 
     names, units : of the p parameters
     predicted, simulated : approach -> ndarray, shape (p,), in these units
     trials : int, number of simulated experiments behind each simulated value
+    chance : in which 95 of 100 ratios lie where the prediction holds
     """
     look = looks(predicted)
     ratios = {key: _positive(simulated[key]) / _positive(predicted[key]) for key in predicted}
-    low, high = band(trials)
+    low, high = chance
     figure, panels = _panels(names, [""] * len(names))
     everything = np.concatenate([*ratios.values(), [low, high]])
     left, right = np.nanmin(everything), np.nanmax(everything)

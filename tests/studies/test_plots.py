@@ -68,7 +68,7 @@ def _many() -> Picture:
 @cache
 def _ratios() -> Picture:
     simulated = {key: 1.05 * value for key, value in STD.items()}
-    return predicted_against_simulated(NAMES, UNITS, STD, simulated, 200)
+    return predicted_against_simulated(NAMES, UNITS, STD, simulated, 200, band(200))
 
 
 @cache

@@ -68,7 +68,7 @@ def stated(model: Model, values: Array, data: Measurements) -> Iterator[Stated]:
     values : ndarray, shape (p,), SI, by which the instruments stand
     """
     for instrument, part in model.readout.channels.blocks:
-        if not isinstance(instrument, Tracker):
+        if not (isinstance(instrument, Tracker) and instrument.common):
             continue
         readings = data.readings[:, part, : instrument.rows]
         starts = readings - model.readout.beams(instrument, values, data.poses, readings)

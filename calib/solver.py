@@ -92,7 +92,7 @@ def _eased(cost: Array, reached: Array, promised: Array) -> Array:
     (Nielsen, IMM-REP-1999-05, Technical University of Denmark).
     """
     with np.errstate(all="ignore"):  # where nothing can be computed the step does not count
-        kept = (cost - reached) / promised
+        kept = np.where(promised > 0.0, (cost - reached) / promised, 1.0)
         return np.asarray(np.clip(1.0 - (2.0 * kept - 1.0) ** 3, _EASED, _GROWTH))
 
 
@@ -142,8 +142,7 @@ def levenberg_marquardt(
         g = np.where(take[..., None], trial_g, g)
         A = np.where(take[..., None, None], trial_A, A)
         converged = converged | small
-        stalled = (
-            stalled | lost | (damping >= _DAMPING[2])
-        )  # no step helps: the derivative is wrong here
-        stalled = stalled | (~np.isfinite(trial_cost) & (damping >= _WALL))
+        # No step helps, for the derivative is wrong here, or nothing can be computed beyond.
+        wall = ~np.isfinite(trial_cost) & (damping >= _WALL)
+        stalled = stalled | lost | wall | (damping >= _DAMPING[2])
     return Minimum(values, cost, converged, iterations)

@@ -24,10 +24,8 @@ _THERE, _MET = 1e-10, 1e-9  # m
 _STEPS, _BY_NOW = 30, 8
 _NEAR = 0.05  # of the reach: a start that is farther by now will not come
 _LONGEST = 0.5  # rad, or of the reach, in one step
-_RELUCTANT, _NOTHING = (
-    1e-8,
-    1e-12,
-)  # of the largest lever, and beside it: damping near singular poses
+# Of the largest lever, and beside it: damping near singular poses.
+_RELUCTANT, _NOTHING = 1e-8, 1e-12
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,10 +27,7 @@ from calib.identification.checks import check_counts
 from calib.identification.identify import identify
 from calib.identification.initial import initial_values
 from calib.identification.mistakes import refuse_mistakes
-from calib.identification.noise_level import (
-    REPLICATES,
-    replicate_spread,
-)
+from calib.identification.noise_level import REPLICATES, replicate_spread
 from calib.identification.tuning import profiled
 from calib.identification.whitening import whitening
 from calib.model import Model

@@ -19,7 +19,7 @@ from calib.observations import Observation, points_of
 from calib.solver import Minimum, levenberg_marquardt
 
 # A valley along which poses of narrow joint ranges tell little takes hundreds.
-MOST_ITERATIONS = 400
+_MOST_ITERATIONS = 400
 _TURNS = 12  # rigid parameters and elastic differences in turn: each gains three digits
 _SETTLED = 1e-6  # of a plausible size
 _STIFF = 0.03  # of the plausible size of a compliance: as the drives of a heavy arm yield
@@ -37,7 +37,7 @@ class Estimator(Protocol):
     """A way from readings to values and their covariance."""
 
     def fit(
-        self, observation: Observation, start: Array, span: Array, most: int = MOST_ITERATIONS
+        self, observation: Observation, start: Array, span: Array, most: int = _MOST_ITERATIONS
     ) -> Minimum:
         """Least-squares values, moving along ``span`` (p, k), in at most so many iterations."""
         ...
@@ -75,7 +75,7 @@ class Readings:
     method: Method = "joint"
 
     def fit(
-        self, observation: Observation, start: Array, span: Array, most: int = MOST_ITERATIONS
+        self, observation: Observation, start: Array, span: Array, most: int = _MOST_ITERATIONS
     ) -> Minimum:
         if self.method == "two-step":
             return alternate(observation.flat, start, *steps(observation.model, span))
@@ -113,7 +113,7 @@ class Differences:
     """
 
     def fit(
-        self, observation: Observation, start: Array, span: Array, most: int = MOST_ITERATIONS
+        self, observation: Observation, start: Array, span: Array, most: int = _MOST_ITERATIONS
     ) -> Minimum:
         del most  # each of its turns takes few
         soft = _soft(observation.model, span)

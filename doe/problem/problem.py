@@ -111,7 +111,7 @@ class Problem:
     def common_at_targets(self) -> Array:
         """How predictions at the targets follow errors common to all readings, (K, r, b), m."""
         counts = (at_points_read if self.at_markers else at_tip)(self.model)
-        return at_targets(self.model, replace(counts), self.regressor.values, self.targets)
+        return at_targets(self.model, counts, self.regressor.values, self.targets)
 
     @property
     def at_markers(self) -> bool:

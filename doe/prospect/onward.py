@@ -25,9 +25,8 @@ Stop: TypeAlias = Literal[
 ]
 COUNT = 3
 """Poses that are chosen unless the user says otherwise."""
-_AVERAGES = (
-    0.05  # of the work, squared error times readings: less is what readings do by their number
-)
+# Of the work, squared error times readings: less is what readings do by their number.
+_AVERAGES = 0.05
 
 
 @dataclass(frozen=True, eq=False)

@@ -144,7 +144,9 @@ class OfInstrument(Entry):
 
     @model_validator(mode="before")
     @classmethod
-    def _told_once(cls, raw: dict[str, object]) -> dict[str, object]:
+    def _told_once(cls, raw: object) -> object:
+        if not isinstance(raw, dict):
+            return raw  # which is refused as any other fault
         return {name: value for name, value in raw.items() if name != "rms"}
 
     @computed_field  # type: ignore[prop-decorator]

@@ -111,7 +111,7 @@ def enough(
     aims = target_rows(regressor, targets, at_markers)
     behind = _behind(found, lacking)
     share = weights / weights.sum()
-    counts = replace((at_points_read if at_markers else at_tip)(model))
+    counts = at_points_read(model) if at_markers else at_tip(model)
     predicted = at_targets(model, counts, values, targets)
     forecast = Forecast(model, aims, share, beside, lacking.seen.rms, behind, doubt, predicted)
     criterion = _task(regressor, forecast)

@@ -10,6 +10,7 @@ import numpy as np
 
 from calib.arrays import Array
 from doe.criteria.protocol import Conic, Criterion, Question
+from doe.optimal.covariance import growth
 from doe.optimal.packed import pack
 
 
@@ -45,6 +46,9 @@ class Determinant(Criterion):
 
     def leaning(self, cov: Array) -> Array:
         return cov
+
+    def brought(self, cov: Array, into: Array) -> Array:
+        return growth(cov, into)
 
     def screen(self, base: Array, packed: Array, rank: int) -> Array:
         # det(base + M) = det(base) det(I + base^-1 M), whose rank eigenvalues have a known sum.

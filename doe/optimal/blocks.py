@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -38,6 +38,11 @@ class Blocks:
         return self.fixed + unpack(rows.sum(axis=0) if weights is None else weights @ rows)
 
     @cached_property
+    def mean(self) -> Array:
+        """Mean information of a candidate, shape (p, p)."""
+        return unpack(self.packed.mean(axis=0))
+
+    @cached_property
     def rows(self) -> Array:
         """Rows J of every candidate with ``J^T J`` its matrix, shape (n, r, p), r at most the rank.
 
@@ -65,6 +70,10 @@ class Blocks:
     def scores(self, G: Array) -> Array:
         """``<G, M_i>`` of every candidate, shape (n,)."""
         return np.asarray(self.packed @ pack(G))
+
+    def beside(self, more: Array) -> Blocks:
+        """The same candidates where more is known in any case, ndarray of shape (p, p)."""
+        return replace(self, fixed=self.fixed + more)
 
     def take(self, index: IntArray) -> Blocks:
         """The blocks of some candidates."""

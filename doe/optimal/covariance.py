@@ -7,13 +7,15 @@ import numpy as np
 from calib.arrays import Array
 
 
-def halved(cov: Array, out: Array) -> Array:
-    """Covariance with a pose measured half as well: between what it is with the pose and without.
+def lessened(cov: Array, out: Array, share: float) -> Array:
+    """Covariance with a share of what a pose tells taken away.
 
-    cov : ndarray, shape (b, p, p); out : ndarray, shape (b, r, p), the pose's rows
+    All of it may well leave the information singular.
+
+    cov : ndarray, shape (b, p, p); out : ndarray, shape (b, r, p), the pose's rows; share : float, < 1
     """
     U = out @ cov
-    S = 2.0 * np.eye(out.shape[1]) - U @ np.swapaxes(out, 1, 2)
+    S = np.eye(out.shape[1]) / share - U @ np.swapaxes(out, 1, 2)
     return np.asarray(cov + np.swapaxes(U, 1, 2) @ np.linalg.solve(S, U))
 
 
@@ -29,3 +31,41 @@ def exchanged(cov: Array, out: Array, into: Array) -> Array:
     U = both @ cov[:, None]
     S = U @ np.swapaxes(both, 2, 3) + np.diag(np.repeat([1.0, -1.0], r))
     return np.asarray(cov[:, None] - np.swapaxes(U, 2, 3) @ np.linalg.solve(S, U))
+
+
+def fall(cov: Array, G: Array, into: Array) -> Array:
+    """By how much poses lower a trace of the covariance, ``tr((I + A C A')^-1 A G A')``, shape (n,).
+
+    cov : ndarray, shape (p, p), C without it; G : ndarray, shape (p, p), ``C W C`` for the trace of
+    ``W C``; into : ndarray, shape (n, r, p), rows A of each
+    """
+    return _trace(np.eye(into.shape[1])[..., None] + _turned(cov, into), _turned(G, into))
+
+
+def growth(cov: Array, into: Array) -> Array:
+    """By how much poses raise the log-determinant of the information, shape (n,).
+
+    cov : ndarray, shape (p, p), without it; into : ndarray, shape (n, r, p), rows of each
+    """
+    S = np.eye(into.shape[1])[..., None] + _turned(cov, into)
+    return np.asarray(np.linalg.slogdet(np.moveaxis(S, 2, 0))[1])
+
+
+def _turned(G: Array, into: Array) -> Array:
+    """``A G A'`` of each pose, shape (r, r, n)."""
+    n, r, p = into.shape
+    own = (into.reshape(n * r, p) @ G).reshape(into.shape) @ np.swapaxes(into, 1, 2)
+    return np.ascontiguousarray(np.moveaxis(own, 0, 2))
+
+
+def _trace(S: Array, N: Array) -> Array:
+    """``tr(S^-1 N)`` of many small symmetric matrices (r, r, n), unknowns put out in turn."""
+    total = np.zeros(S.shape[2])
+    while len(S):
+        pivot = np.maximum(S[0, 0], 1.0)  # S is no less than the identity but for rounding
+        total += N[0, 0] / pivot
+        out = S[1:, 0] / pivot
+        half = N[1:, 0] - 0.5 * N[0, 0] * out
+        N = N[1:, 1:] - out[:, None] * half - half[:, None] * out
+        S = S[1:, 1:] - out[:, None] * S[0, 1:]
+    return total

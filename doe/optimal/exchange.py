@@ -124,8 +124,7 @@ def greedy(criterion: InformationFunction, blocks: Blocks, allowed: Allowed) -> 
     """
     counts = allowed.counts
     if allowed.chooses_levels:
-        mean = blocks.total(np.arange(len(blocks)), np.full(len(blocks), 1.0 / len(blocks)))
-        _, first = allowed.best(blocks.scores(criterion.gradient(mean)))
+        _, first = allowed.best(blocks.scores(criterion.gradient(blocks.fixed + blocks.mean)))
         counts = np.bincount(allowed.group[first], minlength=len(counts))
     chosen: list[int] = []
     M = blocks.fixed

@@ -19,6 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from calib.arrays import Array
+from doe.optimal.covariance import fall
 from doe.optimal.packed import pack
 
 
@@ -63,6 +64,15 @@ class InformationFunction(ABC):
         In any scale, shape (b, p, p).
         """
         return np.array([self.gradient(M) for M in np.linalg.inv(cov)])
+
+    def brought(self, cov: Array, into: Array) -> Array:
+        """What ranks candidates beside a plan that lacks a pose, however much they tell: shape (n,).
+
+        By what they lower of a trace of the covariance, exact where the criterion is one.
+
+        cov : ndarray, shape (p, p), without them; into : ndarray, shape (n, r, p), rows of each
+        """
+        return fall(cov, self.leaning(cov[None])[0], into)
 
     def screen(self, base: Array, packed: Array, rank: int) -> Array:
         """Upper bound on ``Phi(base + M_j)`` of packed candidates, shape (n,): the gradient at base.

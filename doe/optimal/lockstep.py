@@ -1,10 +1,11 @@
 """Many plans improved side by side, and what is bred from the best of them.
 
 Near its end an exchange finds that almost no candidate helps, and most of its work is to price them. Of
-many plans that stand at one pose the pricing is one product of two matrices, which costs a part of as
-many products with a vector. Only the candidates that are best to first order are then judged exactly,
-by an update of the covariance: an exchange may be missed. What ends on the best plan and misses none is
-:func:`doe.optimal.exchange.exchange`.
+many plans that stand at one pose the pricing to first order is one product of two matrices, which costs
+a part of as many products with a vector. Where poses are few each is so large a part of all that is
+known that its first order says little: then candidates are ranked by what they bring, at ten times the
+cost. Only the first of them are judged exactly, by an update of the covariance: an exchange may be
+missed. What ends on the best plan and misses none is :func:`doe.optimal.exchange.exchange`.
 """
 
 from __future__ import annotations
@@ -14,26 +15,35 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
-from doe.optimal.covariance import exchanged, halved
+from doe.optimal.covariance import exchanged, lessened
 from doe.optimal.function import InformationFunction
 from doe.optimal.packed import pack
 
 _JUDGED = 6  # candidates of the largest scores that are judged exactly in place of a pose
+_JUDGED_CLOSELY = 32  # where a smoother criterion than their own ranks them
+_HALF = 0.5  # of a pose is taken away for a first order between what is without it and with it
+_NEARLY = 0.9999  # of a pose is taken away to see what would come in its place
 _WORTH = 1e-6  # relative gain below which an exchange is none
 _KICKED = 3  # poses of a plan that are replaced by chance
 
 
 def improved(
-    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, plans: IntArray
+    criterion: InformationFunction,
+    blocks: Blocks,
+    allowed: Allowed,
+    plans: IntArray,
+    *,
+    closely: bool = False,
 ) -> tuple[IntArray, Array]:
     """Improve plans by single exchanges, one pose after the other, until none of the likely ones helps.
 
     plans : ndarray of int, shape (B, size)
+    closely : bool, rank candidates by what they bring in place of to first order
     Returns the plans, poses of a level together, and their criteria.
     """
     plans = np.take_along_axis(plans, np.argsort(allowed.group[plans], axis=1, kind="stable"), 1)
     parts = [(here, blocks.packed[here]) for here in allowed.members]
-    rows = blocks.rows
+    rows, judged = blocks.rows, _JUDGED_CLOSELY if closely and not criterion.smooth else _JUDGED
     totals = np.array([blocks.total(plan) for plan in plans])
     values, cov = np.array(criterion.value(totals)), np.linalg.inv(totals)
     idle, slot = np.zeros(len(plans), dtype=int), 0
@@ -43,12 +53,17 @@ def improved(
         for level in np.unique(levels):
             own = live[levels == level]
             out, (here, packed) = plans[own, slot], parts[level]
-            scores = pack(criterion.leaning(halved(cov[own], rows[out]))) @ packed.T
+            if closely:
+                rests, into = lessened(cov[own], rows[out], _NEARLY), rows[here]
+                scores = np.array([criterion.brought(rest, into) for rest in rests])
+            else:
+                between = lessened(cov[own], rows[out], _HALF)
+                scores = pack(criterion.leaning(between)) @ packed.T
             if not allowed.repeats:
                 taken = np.zeros((len(own), len(blocks)), dtype=bool)
                 np.put_along_axis(taken, plans[own], True, axis=1)
                 scores[taken[:, here]] = -np.inf
-            top = _largest(scores, _JUDGED)
+            top = _largest(scores, judged)
             found = criterion.value_by_covariance(exchanged(cov[own], rows[out], rows[here[top]]))
             found = np.where(np.take_along_axis(scores, top, 1) > -np.inf, found, -np.inf)
             best = np.take_along_axis(top, found.argmax(axis=1)[:, None], 1)[:, 0]

@@ -400,6 +400,7 @@ def _saved(picture: Picture, kind: str, **metadata: str | None) -> bytes:
 
 def settle(figure: Figure) -> None:
     """Lay the figure out once: a second pass would move it by fractions of a pixel."""
-    if figure.get_layout_engine() is not None:
-        figure.draw_without_rendering()
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)  # without the drawing that ``draw_without_rendering`` adds
         figure.set_layout_engine(None)  # a placeholder would be drawn once more

@@ -169,10 +169,17 @@ class Forecast:
         return float(np.sqrt(fdtri(min(drawn, _MANY), min(self.dof, _MANY), _SURE)))
 
 
-def told(rows: Rows, moved: Rows, chosen: Mask | None = None, held: Array | None = None) -> Told:
+def told(
+    rows: Rows,
+    moved: Rows,
+    chosen: Mask | None = None,
+    held: Array | None = None,
+    pull: float = 1.0,
+) -> Told:
     """What readings tell together, all or some of them, (m,), beside rows ``held`` (k, p).
 
     moved : Rows, how the same readings follow errors common to all
+    pull : by how much more the rows beside them weigh, as an observation has it
     """
     own = rows.whitened if chosen is None else rows.whitened * chosen[:, None, None]
     crossed = np.einsum("mrp,mrb->pb", own, moved.whitened)
@@ -180,8 +187,9 @@ def told(rows: Rows, moved: Rows, chosen: Mask | None = None, held: Array | None
     flat = own.reshape(-1, own.shape[-1])
     if held is None:
         return Told(root(flat), core, crossed)
+    held = pull * held
     both = root(np.concatenate([flat, held]))
-    return Told(both, None if core is None else core + held.T @ held, crossed)
+    return Told(both, None if core is None else core + pull**2 * held.T @ held, crossed)
 
 
 def root(rows: Array) -> Array:

@@ -107,7 +107,9 @@ class Fit:
 
     def by_instrument(self, r: Array, J: Array) -> Fit:
         """The same with other rows, (m, R) and (m, R, p), as if nothing but the instrument erred."""
-        return replace(self, r=r, J=J, mixing=None, pull=1.0 if self.mixing is not None else self.pull)
+        return replace(
+            self, r=r, J=J, mixing=None, pull=1.0 if self.mixing is not None else self.pull
+        )
 
     @property
     def moving(self) -> Array:

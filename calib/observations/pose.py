@@ -132,7 +132,7 @@ class Pose(Observation):
         of_known, of_points = self.of_known(values, span), points_of(self).mixing
         if of_points is not None:
             return of_points.covariance(np.swapaxes(half, -1, -2)) + self.pull**2 * of_known
-        return np.einsum("mpa,mqa->pq", half, half, optimize=True) + of_known
+        return np.asarray(np.einsum("mpa,mqa->pq", half, half, optimize=True) + of_known)
 
     def followed(self, values: Array, span: Array, moved: Array) -> Array:
         response = self._response(values, span)

@@ -116,11 +116,11 @@ def drawn_type(sigma: float, rng: np.random.Generator, together: float = 0.0) ->
     sizes = model.sizes[own]
     share = np.geomspace(*_SPREAD, len(own))[rng.permutation(len(own))]
     mean = _MEAN * sizes * rng.normal(size=len(own))
-    R = np.eye(len(own))
+    half = np.eye(len(own))
     if together:
         signs = rng.choice([-1.0, 1.0], len(own))
-        R = together * np.outer(signs, signs) + (1.0 - together) * R
-    return Type(cell, model, own, mean, share * sizes, np.linalg.cholesky(R))
+        half = np.linalg.cholesky(together * np.outer(signs, signs) + (1.0 - together) * half)
+    return Type(cell, model, own, mean, share * sizes, half)
 
 
 def learnt(of: Type, count: int, rng: np.random.Generator) -> Prior:

@@ -116,10 +116,11 @@ def drawn_type(sigma: float, rng: np.random.Generator, together: float = 0.0) ->
     sizes = model.sizes[own]
     share = np.geomspace(*_SPREAD, len(own))[rng.permutation(len(own))]
     mean = _MEAN * sizes * rng.normal(size=len(own))
-    half: Array = np.eye(len(own))
+    half = np.eye(len(own))
     if together:
         signs = rng.choice([-1.0, 1.0], len(own))
-        half = np.linalg.cholesky(together * np.outer(signs, signs) + (1.0 - together) * half)
+        R = together * np.outer(signs, signs) + (1.0 - together) * half
+        half = np.asarray(np.linalg.cholesky(R), dtype=float)
     return Type(cell, model, own, mean, share * sizes, half)
 
 

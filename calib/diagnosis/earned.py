@@ -16,7 +16,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
 from calib.diagnosis.gap import blocks_of_time
-from calib.diagnosis.prior import prior_rows
+from calib.diagnosis.prior import held_rows
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Effect
 from calib.noise import unwhitened
@@ -80,9 +80,9 @@ class CrossValidation:
     @cached_property
     def _kept(self) -> Kept:
         fit = self.fit
-        prior = fit.pull * prior_rows(fit.model, fit.amplitudes)
-        J = np.concatenate([fit.J.reshape(-1, fit.J.shape[-1]), prior])
-        r = np.concatenate([fit.r.ravel(), -prior @ fit.values])
+        off, held = held_rows(fit.model, fit.amplitudes, fit.values, fit.pull)
+        J = np.concatenate([fit.J.reshape(-1, fit.J.shape[-1]), held])
+        r = np.concatenate([fit.r.ravel(), off])
         A = J @ fit.span
         scale = np.linalg.norm(A, axis=0)
         Q, T = np.linalg.qr(A / np.where(scale > 0.0, scale, 1.0))

@@ -53,6 +53,7 @@ class LinearModel(Model):
             self.gravity,
             self.instruments,
             lengths=self.lengths,
+            prior=self.prior,
         )
 
     def _knows(self, effect: Effect) -> bool:
@@ -131,4 +132,5 @@ def linearised(
         known,
         carried,
         lengths=exact.lengths,
+        prior=exact.prior,
     )

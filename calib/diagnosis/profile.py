@@ -19,7 +19,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.prior import prior_rows
+from calib.diagnosis.prior import held_rows
 from calib.diagnosis.screen import CURVE_PRICE, NOTHING, VISIBLE, Score
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.view import View
@@ -174,14 +174,14 @@ def ground(
     """
     fit = view.fit
     span, r = fit.span, fit.r
-    prior = prior_rows(fit.model, fit.amplitudes)
-    of_prior = np.column_stack([prior @ span, -prior @ fit.values])
+    off, prior = held_rows(fit.model, fit.amplitudes, fit.values)
+    of_prior = np.column_stack([prior @ span, off])
     if without is not None:
         own = fit.positions(without.effect)
         span = span[:, np.abs(span[own]).sum(axis=0) == 0.0]
         r = r + fit.J[..., own] @ fit.moving[own]
         kept = np.abs(prior[:, own]).sum(axis=1) == 0.0
-        of_prior = np.column_stack([prior @ span, -prior @ fit.values])[kept]
+        of_prior = np.column_stack([prior @ span, off])[kept]
     chosen = list(suspects)
     columns = np.concatenate([view.where[c.key] for c in chosen]) if chosen else np.zeros(0, int)
     known = span.shape[1]

@@ -43,7 +43,8 @@ class Fit:
     r : ndarray, shape (m, rows), J : ndarray, shape (m, rows, p), whitened and weighted
     levels : Levels or None, how the readings err beside the instrument; mixing : Mixing or None,
         what makes the rows independent under them
-    pull : float, by how many standard deviations of the instrument a row errs under them
+    pull : float, by how many standard deviations of the instrument a row errs under them, or where
+        nothing errs as a whole and the robot's type is known
     """
 
     model: Model
@@ -70,9 +71,10 @@ class Fit:
 
         Rows of independent readings: where whole poses err together, those that :attr:`mixing` makes.
         """
-        r, J, held = self.r, self.J, held_rows(self.model, self.amplitudes, self.values)
+        r, J, pull = self.r, self.J, self.pull
         if self.mixing is not None:
-            r, J = self.mixing(r[..., None])[..., 0], self.mixing(J)
+            r, J, pull = self.mixing(r[..., None])[..., 0], self.mixing(J), 1.0
+        held = held_rows(self.model, self.amplitudes, self.values, pull)
         flat = np.concatenate([J.reshape(-1, J.shape[-1]), held[1]])
         return np.concatenate([r.ravel(), held[0]]), flat
 
@@ -99,9 +101,15 @@ class Fit:
     @property
     def spent(self) -> int:
         """Parameters that the readings determine: what the robot's type says of them is no reading."""
-        rows = self.model.by_type
+        rows = self.model.by_type * (self.pull if self.mixing is None else 1.0)
         by_type = np.trace(rows @ self.covariance @ rows.T) if len(rows) else 0.0
         return int(self.span.shape[1]) - round(float(by_type))
+
+    def by_instrument(self, r: Array, J: Array) -> Fit:
+        """The same with other rows, (m, R) and (m, R, p), as if nothing but the instrument erred."""
+        return replace(
+            self, r=r, J=J, mixing=None, pull=1.0 if self.mixing is not None else self.pull
+        )
 
     @property
     def moving(self) -> Array:
@@ -164,7 +172,8 @@ class Stage:
         for _ in range(_TURNS):
             fit = self._settled(fit)
             pull, fit = fit.pull, self._under_levels(fit)
-            if not fit.amplitudes or abs(fit.pull - pull) <= _ALIKE * pull:
+            held = fit.amplitudes or fit.model.prior_rows
+            if not held or abs(fit.pull - pull) <= _ALIKE * pull:
                 break
         return fit
 
@@ -262,7 +271,8 @@ class Stage:
         )
         scatter = self.scatter.at(levels.variances)
         if not levels.variances.any:
-            return replace(fit, levels=levels, mixing=None, pull=1.0)
+            pull = levels.variances.scale if fit.model.prior_rows else 1.0
+            return replace(fit, levels=levels, mixing=None, pull=pull)
         mixing, pull = scatter.mixing(weighted), scatter.typical(weighted)
         return replace(fit, levels=levels, mixing=mixing, pull=pull)
 
@@ -270,7 +280,7 @@ class Stage:
         """Mean square of every pose's residual over its predicted variance, in full weight, (m,)."""
         everything = replace(self, dropped=np.zeros(len(self.data), dtype=bool))
         r, J = everything.observation(fit.model, np.ones(len(self.data))).linearise(fit.values)
-        full = replace(fit, r=r[~self.dropped], J=J[~self.dropped], mixing=None)
+        full = fit.by_instrument(r[~self.dropped], J[~self.dropped])
         return fit_statistics(r, J, ~self.dropped, full.covariance)[0]
 
     def _robust_weight(self, fit: Fit) -> Array:

@@ -146,7 +146,7 @@ class View:
     @cached_property
     def by_instrument(self) -> View:
         """The same as if nothing but the instrument erred."""
-        return replace(self, fit=replace(self.fit, mixing=None))
+        return replace(self, fit=self.fit.by_instrument(self.fit.r, self.fit.J))
 
     def without(self, member: Candidate) -> Field:
         """The same with one of the fitted effects out again, a candidate like the others.

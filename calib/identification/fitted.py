@@ -87,6 +87,16 @@ class Fitted:
         """Actual over stated deviations of the values; one where the levels hold what the arm adds."""
         return self.noise.factor if self.observation.mixing is None else 1.0
 
+    @property
+    def loudness(self) -> float:
+        """Actual over believed noise of the rows that the estimate is made of."""
+        if self.observation.mixing is None:
+            return self.noise.factor
+        r, _ = self.counted.linearise(self.values)
+        spent = int(self.counted.numbers.sum()) - self.left[1]
+        dof = int(np.count_nonzero(r)) - spent
+        return max(1.0, float(np.sqrt((r**2).sum() / max(dof, 1))))
+
 
 def fitted(cell: Cell, estimator: Estimator, observation: Observation, start: Array) -> Fitted:
     """The estimate from ``start`` (p,) on, beside the robot's type where the cell names one."""
@@ -101,11 +111,7 @@ def _beside_type(
     """The estimate with the robot's type, as far as the readings by themselves are of that type."""
     loose = replace(observation, model=by_itself(observation.model))
     alone = _judged(cell, Fitted(estimator, loose, search(estimator, loose, start)))
-    if alone.observation.mixing is None:
-        pull, cov = alone.noise.factor, alone.covariance() * alone.noise.factor**2
-    else:
-        cost, dof = alone.left
-        pull, cov = max(1.0, float(np.sqrt(cost / max(dof, 1)))), alone.covariance()
+    cov, pull = alone.covariance() * alone.widening**2, alone.loudness
     beside, found, of_type = held_by_type(estimator, observation, alone.found, cov, pull)
     return replace(_judged(cell, Fitted(estimator, beside, found)), of_type=of_type)
 

@@ -34,7 +34,7 @@ def held_by_type(
         raise ValueError("a model without a type")
     at, prior = model.of_type_at, model.of_type
     own, sizes = covariance[np.ix_(at, at)], model.sizes[at]
-    found = departure(prior, values[at], own, loosened(prior, sizes))
+    found = replace(departure(prior, values[at], own, loosened(prior, sizes)), pull=pull)
     believed = replace(model, prior=adapted(found, sizes))
     observation = replace(observation, model=believed, pull=pull)
     return observation, search(estimator, observation, values), found

@@ -121,15 +121,18 @@ class Pose(Observation):
         return np.asarray((levers**2 * known.variances.approach[known.kinds]).sum(axis=-1))
 
     def covariance(self, values: Array, span: Array) -> Array:
-        """Covariance (p, p), from the noise of the points through shape, poses and fit."""
+        """Covariance (p, p), from the noise of the points through shape, poses and fit.
+
+        What is known beside them is as uncertain as the points are loud: see :attr:`pull`.
+        """
         if self.efficient and not self.own_shape:
             return super().covariance(values, span)
         response = self._response(values, span)
         half = response @ blockwise_inverse(self.weights)
-        of_points = points_of(self).mixing
+        of_known, of_points = self.of_known(values, span), points_of(self).mixing
         if of_points is not None:
-            return of_points.covariance(np.swapaxes(half, -1, -2))
-        return np.asarray(np.einsum("mpa,mqa->pq", half, half, optimize=True))
+            return of_points.covariance(np.swapaxes(half, -1, -2)) + self.pull**2 * of_known
+        return np.asarray(np.einsum("mpa,mqa->pq", half, half, optimize=True) + of_known)
 
     def followed(self, values: Array, span: Array, moved: Array) -> Array:
         response = self._response(values, span)

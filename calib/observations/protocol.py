@@ -103,12 +103,16 @@ class Observation(ABC):
         """Covariance (p, p) of the least-squares values along ``span`` (p, k), the noise as stated."""
         if self.mixing is None:
             return covariance(self.flat(values)[1], span)
-        held = self.model.known_rows
-        of_known = (
-            gain(self.flat(values)[1], span)[:, -held:] if held else np.zeros((len(values), 0))
-        )
         of_readings = self.mixing.covariance(self.gains(values, span))
-        return of_readings + self.pull**2 * of_known @ of_known.T
+        return of_readings + self.pull**2 * self.of_known(values, span)
+
+    def of_known(self, values: Array, span: Array) -> Array:
+        """What unit variance in each row known beside the readings puts into the values, (p, p)."""
+        held = self.model.known_rows
+        if not held:
+            return np.zeros((len(values), len(values)))
+        follow = gain(self.flat(values)[1], span)[:, -held:]
+        return np.asarray(follow @ follow.T)
 
     def gains(self, values: Array, span: Array) -> Array:
         """How the least-squares values follow the whitened rows, shape (m, rows, p)."""

@@ -17,6 +17,8 @@ from calib.population.prior import Key, Prior
 _TOLD = 1e-3  # share of a prior's variance that the data must tell
 _SURELY = 0.01  # over all parameters, below which one is released
 _RELEASED = 10.0  # plausible sizes
+_UP_TO = 0.75  # probability with which a robot stands no farther out than is believed of it
+_AS_OTHERS = 4.0  # rows that say that it stands as others do
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +31,8 @@ class Departure:
     statistic : float; rows : int; p_value : float, of so large a one in a robot of the type
     released : tuple of Key, parameters that the type is not believed for
     factor : float, by which the type's deviations are widened for all others
+    pull : float, actual over stated noise of the readings: by so much more the type weighs in their
+        units
     """
 
     prior: Prior
@@ -38,6 +42,7 @@ class Departure:
     p_value: float
     released: tuple[Key, ...]
     factor: float
+    pull: float = 1.0
 
     @property
     def of_the_type(self) -> bool:
@@ -64,7 +69,7 @@ def departure(prior: Prior, values: Array, covariance: Array, loose: Prior) -> D
     # Of the prior's own coordinates: a shift of one parameter by its deviation.
     g, Q = prior.std * (W.T @ u), np.outer(prior.std, prior.std) * (W.T @ K @ W)
     out, rest = _released(prior, g, Q)
-    ratio = max(statistic - rest, 0.0) / max(rows - len(out), 1)
+    factor = _widening(max(statistic - rest, 0.0), max(rows - len(out), 1))
     return Departure(
         prior,
         scores,
@@ -72,7 +77,7 @@ def departure(prior: Prior, values: Array, covariance: Array, loose: Prior) -> D
         rows,
         _tail(prior, statistic, rows),
         tuple(prior.keys[i] for i in out),
-        float(np.sqrt(max(ratio, 1.0))),
+        factor,
     )
 
 
@@ -87,14 +92,27 @@ def adapted(found: Departure, sizes: Array) -> Prior:
     sizes : ndarray, shape (k,), SI, plausible sizes of the prior's parameters
 
     What left it alone is released to ten plausible sizes. All others keep their shape, as much wider as
-    they stand out together (Birge's ratio): a robot of the type's tail is no exception, and yet nearer
-    to its own readings.
+    they may stand out together: a robot of the type's tail is no exception, and yet nearer to its own
+    readings.
     """
     extra = np.array(
         [_RELEASED**2 * s**2 if key in found.released else 0.0
          for key, s in zip(found.prior.keys, sizes, strict=True)]
     )  # fmt: skip
     return found.prior.widened(found.factor, extra)
+
+
+def _widening(square: float, rows: int) -> float:
+    """By how much a robot may stand farther out than others, one at least.
+
+    Its own spread s over the type's makes the sum of squares ``s^2 chi^2``: few rows leave s open, so
+    it is an upper bound of s that counts, by these rows against those that say it is one. The ratio
+    itself (Birge's) is half the time too small, and intervals of robots far out then miss.
+    """
+    from scipy.special import chdtri
+
+    shown = square / float(chdtri(rows, _UP_TO))
+    return float(np.sqrt(max(1.0, (rows * shown + _AS_OTHERS) / (rows + _AS_OTHERS))))
 
 
 def _square(u: Array, K: Array) -> tuple[float, int]:

@@ -125,8 +125,10 @@ def _form(diagnosis: Diagnosis, cause: Cause, data: tuple[Array, Array]) -> Form
     p, K = len(diagnosis.after.values), _WAVES * len(joints)
     runs = Runs(model.robot, q, joints, own, diagnosis.after.values[own], p)
     columns = runs.beside(rows.reshape(len(q), -1, rows.shape[1]), q).reshape(len(r), -1)
+    known, by_known = model.beside(diagnosis.after.values)
+    columns = np.concatenate([columns, np.pad(by_known, ((0, 0), (0, K)))])
     sizes = np.concatenate([model.sizes, np.ones(K)])
-    evidence = Evidence.of(columns, r, sizes, [np.arange(p, p + K)], ())
+    evidence = Evidence.of(columns, np.append(r, known), sizes, [np.arange(p, p + K)], ())
     robot, where = model.robot, cause.named.candidate.where
     chances = np.array([chance_of(robot, robot.joints[k], where) for k in joints])
     alpha = SHAPE_ALPHA / max(1, len(diagnosis.causes))

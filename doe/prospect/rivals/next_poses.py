@@ -220,6 +220,8 @@ def _evidence(
     # What only a changed situation has is nothing to the data.
     r, rows = data
     rows = np.pad(rows, ((0, 0), (0, len(model.parameters) - rows.shape[1])))
+    known, by_known = model.beside(situation.values)
+    r, rows = np.append(r, known), np.concatenate([rows, by_known])
     own = np.concatenate(at)
     # Each rival takes the place of all: to first order, whole refits differ by less than noise.
     y = r + rows[:, own] @ situation.values[own]

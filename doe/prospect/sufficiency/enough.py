@@ -29,6 +29,7 @@ from calib.model.build import build, refuse_idle_effects
 from calib.model.covariance import at_points_read, at_tip, task_error
 from calib.poses import Measurements, Poses, poses_at
 from calib.scatter import Variances
+from calib.scatter.poses import Mixing
 from calib.threads import one_blas_thread
 from calib.uncertainty.freedom import freedom
 from doe.constraints import constraints_of, scene_of, visible
@@ -116,9 +117,13 @@ def enough(
     forecast = Forecast(model, aims, share, beside, lacking.seen.rms, behind, doubt, predicted)
     criterion = _task(regressor, forecast)
     so_far = np.arange(len(day)) < len(data)
-    held = model.beside(values)[1] * model.sizes
-    further = _in_best_order(criterion, rows, moved, so_far, plan, done.left, held)
-    steps = tuple(forecast.steps(told(rows, moved, so_far, held), len(data), further))
+    held, weighs = (
+        model.beside(values)[1] * model.sizes,
+        (_pull(arm, found), _weighing(at, day, kept)),
+    )
+    further = _in_best_order(criterion, rows, moved, so_far, plan, done.left, held, weighs)
+    now = told(rows, moved, so_far, held, *weighs)
+    steps = tuple(forecast.steps(now, len(data), further))
     sigma = believed_sigma(day, at.weights(day), at.model.readout.channels.lengths) * arm.scale
     result = Enough(model, found, why, sigma, done, steps, goal, lacking, ())
     known_after_all = result.needed is not None or result.beyond_reach
@@ -126,7 +131,7 @@ def enough(
     if unasked or any(e.uses for e in model.effects):
         return result
     pool = _pool(regressor, data, missed, seed)
-    known = told(rows, moved, held=held)
+    known = told(rows, moved, None, held, *weighs)
     blocks = Blocks(pool.packed / arm.scale**2, known.root.T @ known.root, regressor.rank)
     chosen = _together(criterion, blocks, fresh, ahead, seed)
     beyond, q = _fresh(pool, blocks, criterion, forecast, at, known, result, fresh, chosen)
@@ -165,6 +170,18 @@ def _arm(cell: Cell, model: Model, found: Identification | None) -> Variances:
     shown = None if found is None or found.levels is None else found.levels.variances
     arm = Variances.of_arm(model.robot.dof, cell.repeatability) if shown is None else shown
     return arm if found is None or arm.any else replace(arm, scale=found.noise.factor)
+
+
+def _pull(arm: Variances, found: Identification | None) -> float:
+    """By how much more the type weighs beside rows of arms that scatter, as it does in the estimate."""
+    of_type = None if found is None else found.of_type
+    return of_type.pull if of_type is not None and arm.any else 1.0
+
+
+def _weighing(at: Linearisation, data: Measurements, kept: Mask | None = None) -> Mixing | None:
+    """What the estimate weighs whole poses by: how the arm scatters as the cell says it."""
+    arm = Variances.of_arm(at.model.robot.dof, at.cell.repeatability)
+    return replace(at, arm=arm).of(data, kept).mixing if arm.any else None
 
 
 def _lacking(
@@ -234,6 +251,7 @@ def _in_best_order(
     plan: Poses,
     left: IntArray,
     held: Array,
+    weighs: tuple[float, Mixing | None],
 ) -> Iterator[tuple[str, int, Told]]:
     """The poses of which readings are still to come, with all that is told after each."""
     if not len(left):
@@ -249,7 +267,7 @@ def _in_best_order(
     done = so_far.copy()
     for k in best_next(criterion, blocks, len(own)):
         done = done | (number == k)
-        yield plan.names[poses[k]], len(of[of == k]), told(day, moved, done, held)
+        yield plan.names[poses[k]], len(of[of == k]), told(day, moved, done, held, *weighs)
 
 
 def _pool(regressor: Regressor, data: Measurements, missed: Poses | None, seed: int) -> Pool:
@@ -305,7 +323,8 @@ def _fresh(
         found.append(pool.q[index])
         read = _of_one(at, pool.q[index])
         one = at.of(read).per(at.model.sizes)
-        known = known.beside(told(one, moved_rows(at, read, at.weights(read), one)))
+        also = moved_rows(at, read, at.weights(read), one)
+        known = known.beside(told(one, also, weighing=_weighing(at, read)))
         name = f"fresh{len(steps) + 1}"
         *_, step = forecast.steps(known, count, [(name, len(one.whitened), known)])
         count = step.readings

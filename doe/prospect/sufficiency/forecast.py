@@ -15,6 +15,7 @@ from calib.model.covariance import (
     ignorance,
     task_error,
 )
+from calib.scatter.poses import Mixing
 from doe.criteria import Criterion
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
@@ -169,19 +170,31 @@ class Forecast:
         return float(np.sqrt(fdtri(min(drawn, _MANY), min(self.dof, _MANY), _SURE)))
 
 
-def told(rows: Rows, moved: Rows, chosen: Mask | None = None, held: Array | None = None) -> Told:
+def told(
+    rows: Rows,
+    moved: Rows,
+    chosen: Mask | None = None,
+    held: Array | None = None,
+    pull: float = 1.0,
+    weighing: Mixing | None = None,
+) -> Told:
     """What readings tell together, all or some of them, (m,), beside rows ``held`` (k, p).
 
     moved : Rows, how the same readings follow errors common to all
+    pull, weighing : how the estimate weighs the rows beside them, and theirs, as an observation has it
     """
-    own = rows.whitened if chosen is None else rows.whitened * chosen[:, None, None]
+    own = counted = rows.whitened if chosen is None else rows.whitened * chosen[:, None, None]
+    if weighing is not None:
+        counted = weighing(own)
+        own = weighing.back(counted)
     crossed = np.einsum("mrp,mrb->pb", own, moved.whitened)
     core = None if rows.mixing is None else rows.mixing.covariance(own)
-    flat = own.reshape(-1, own.shape[-1])
+    flat = counted.reshape(-1, counted.shape[-1])
     if held is None:
         return Told(root(flat), core, crossed)
+    held = pull * held
     both = root(np.concatenate([flat, held]))
-    return Told(both, None if core is None else core + held.T @ held, crossed)
+    return Told(both, None if core is None else core + pull**2 * held.T @ held, crossed)
 
 
 def root(rows: Array) -> Array:

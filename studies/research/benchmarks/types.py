@@ -1,10 +1,12 @@
 """How many poses robot N + 1 of a type needs, after N of them: predicted, and simulated.
 
     python -m studies.research.benchmarks.types [--robots 8] [--sigma-mm 0.1] [--goal-mm 0.2] [--seed 0]
-        [--json FILE]
+        [--together 0] [--far] [--json FILE]
 
 The KR 270 of the demonstration with base, tool and geometry, three markers. The type's mean is off by a
-third of the plausible sizes, its robots differ from it by a tenth to a thirtieth of them. What N robots
+third of the plausible sizes, its robots differ from it by a tenth to a thirtieth of them, any two
+parameters with the correlation ``--together`` up to their signs; with ``--far`` all that are measured
+stand where one in twenty stands farther out. What N robots
 tell comes from as many days of 20 random poses, drawn to first order. Robots after them are simulated
 in full at random poses and go through ``calib.identify``. Poses are counted until the RMS error at 200
 targets is below the goal and stays there: predicted by the type and the poses alone before anything is
@@ -46,6 +48,7 @@ POSES = (2, 3, 4, 5, 6, 8, 11, 15, 20, 28)
 DAY = 20
 _MEAN, _SPREAD = 1 / 3, (1 / 30, 1 / 10)  # plausible sizes
 _KNOCK = 2e-3
+_FAR = 0.95
 _HEADINGS = (
     ("robots before", "right"), ("poses predicted", "right"), ("poses simulated", "right"),
     ("held", "right"), ("tail", "right"), ("strangers", "right"), ("knocked", "right"),
@@ -54,19 +57,27 @@ _HEADINGS = (
 
 @dataclass(frozen=True, eq=False)
 class Type:
-    """Robots of one model: mean and spread, (k,), SI, of the parameters at ``own``."""
+    """Robots of one model: mean and spread, (k,), SI, of the parameters at ``own``.
+
+    half : ndarray, shape (k, k), a root of their correlations
+    """
 
     cell: Cell
     model: Model
     own: Array
     mean: Array
     spread: Array
+    half: Array
 
-    def robot(self, rng: np.random.Generator) -> tuple[Array, float]:
+    def robot(self, rng: np.random.Generator, far: bool = False) -> tuple[Array, float]:
         """A robot's values, (p,), and how far it is from the mean, in spreads."""
+        from scipy.special import chdtri
+
         z = rng.normal(size=len(self.own))
+        if far:
+            z *= np.sqrt(chdtri(len(z), 1.0 - _FAR) / (z @ z))
         values = self.model.initial
-        values[self.own] = self.mean + self.spread * z
+        values[self.own] = self.mean + self.spread * (self.half @ z)
         values[[p.effect == "base" for p in self.model.parameters]] = [
             3.0,
             1.0,
@@ -96,15 +107,21 @@ class Outcome:
     knocked: tuple[bool, ...]
 
 
-def drawn_type(sigma: float, rng: np.random.Generator) -> Type:
-    """A type whose cells read points to sigma, m."""
+def drawn_type(sigma: float, rng: np.random.Generator, together: float = 0.0) -> Type:
+    """A type whose cells read points to sigma, m, and whose parameters go together."""
     arm = arms()[0]
     cell = replace(arm, instruments=(replace(arm.tracker, noise=Noise(sigma, sigma)),))
     model = build(cell).model
     own = np.array([i for i, p in enumerate(model.parameters) if p.effect not in ("base", "tool")])
     sizes = model.sizes[own]
     share = np.geomspace(*_SPREAD, len(own))[rng.permutation(len(own))]
-    return Type(cell, model, own, _MEAN * sizes * rng.normal(size=len(own)), share * sizes)
+    mean = _MEAN * sizes * rng.normal(size=len(own))
+    half = np.eye(len(own))
+    if together:
+        signs = rng.choice([-1.0, 1.0], len(own))
+        R = together * np.outer(signs, signs) + (1.0 - together) * half
+        half = np.asarray(np.linalg.cholesky(R), dtype=float)
+    return Type(cell, model, own, mean, share * sizes, half)
 
 
 def learnt(of: Type, count: int, rng: np.random.Generator) -> Prior:
@@ -142,9 +159,11 @@ def true_error(of: Type, found: calib.Identification, truth: Array) -> float:
     return float(np.sqrt((off**2).sum(axis=-1).mean()))
 
 
-def outcome(of: Type, prior: Prior, before: int, goal: float, rng: np.random.Generator) -> Outcome:
+def outcome(
+    of: Type, prior: Prior, before: int, goal: float, rng: np.random.Generator, far: bool = False
+) -> Outcome:
     """One robot more, measured with more and more poses."""
-    truth, distance = of.robot(rng)
+    truth, distance = of.robot(rng, far)
     order = of.poses(max(POSES), rng)
     cell = replace(of.cell, prior=prior)
     bounds = [predicted(of, prior, order.take(slice(n))) for n in POSES]
@@ -202,17 +221,29 @@ def _row(own: list[Outcome]) -> tuple[str, ...]:
 @click.option("--sigma-mm", default=0.1, show_default=True, help="Of a coordinate of a point.")
 @click.option("--goal-mm", default=0.2, show_default=True, help="RMS error at the targets.")
 @click.option("--seed", default=0, show_default=True)
+@click.option(
+    "--together", default=0.0, show_default=True, help="Correlation of any two parameters."
+)
+@click.option("--far", is_flag=True, help="Robots that one in twenty stands farther out than.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Every robot.")
 @one_line_faults
-def main(robots: int, sigma_mm: float, goal_mm: float, seed: int, json_path: Path | None) -> None:
+def main(
+    robots: int,
+    sigma_mm: float,
+    goal_mm: float,
+    seed: int,
+    together: float,
+    far: bool,
+    json_path: Path | None,
+) -> None:
     """Poses that one robot more needs, by how many of its type are known."""
     table, found = plain_table(*_HEADINGS), list[Outcome]()
     for before in LEARNT:
         rng = np.random.default_rng([seed, before])
         own = []
         for _ in range(robots):
-            of = drawn_type(sigma_mm * 1e-3, rng)
-            own.append(outcome(of, learnt(of, before, rng), before, goal_mm * 1e-3, rng))
+            of = drawn_type(sigma_mm * 1e-3, rng, together)
+            own.append(outcome(of, learnt(of, before, rng), before, goal_mm * 1e-3, rng, far))
         table.add_row(*_row(own))
         found += own
     console_for(None).print(table)

@@ -7,20 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.candidates import candidates
+from calib.cell import Cell
+from calib.diagnosis.candidates import Candidate, candidates
 from calib.diagnosis.earned import CrossValidation, _folds
 from calib.diagnosis.stage import Stage
 from calib.identification.initial import initial_values
 from calib.identification.whitening import whitening
+from calib.instruments import KnownDistance, Socket
 from calib.model.build import build
 from calib.poses import Measurements
 from tests.calib.diagnosis.test_diagnose import measured
+from tests.calib.instruments.test_touching import ONE, SITES, contacts_of_a_larger_arm
+from tests.helpers import cell_of, random_robot
 
-pytestmark = pytest.mark.long
 
-
-def stage_of(effect: str, values: list[float]) -> tuple[Stage, list]:
-    cell, data, _ = measured(effect, values)
+def stage_of(cell: Cell, data: Measurements) -> tuple[Stage, list[Candidate]]:
     model = build(cell, data.poses).model
     start = initial_values(model, data)
     weights = whitening(cell, model, start, data)
@@ -28,20 +29,22 @@ def stage_of(effect: str, values: list[float]) -> tuple[Stage, list]:
     return stage, candidates(cell, model, data)[0]
 
 
-def predicted(stage: Stage, effects: list, by_time: bool) -> float:
+def predicted(stage: Stage, effects: list[Candidate], by_time: bool) -> float:
     """3-D RMS at folds predicted by refits without them, m."""
     fold, data = _folds(stage.data.poses, by_time), stage.data
     squares = 0.0
     for f in range(int(fold.max()) + 1):
         fit = replace(stage, dropped=fold == f).fit([c.effect for c in effects])
         part: Measurements = data.take(fold == f)
-        squares += float(((part.points - fit.model.predict(fit.values, part.poses)) ** 2).sum())
+        squares += float((fit.model.off(fit.values, part) ** 2).sum())
     return float(np.sqrt(squares / data.seen.sum()))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("by_time", [False, True])
 def test_left_out_errors_are_those_of_refits(by_time: bool) -> None:
-    stage, suspects = stage_of("backlash:A3", [2e-4])
+    cell, data, _ = measured("backlash:A3", [2e-4])
+    stage, suspects = stage_of(cell, data)
     right = next(c for c in suspects if c.key == "backlash:A3")
     wrong = next(c for c in suspects if c.key == "transmission_harmonic:A5")
     fit = stage.fit([right.effect, wrong.effect])
@@ -53,3 +56,29 @@ def test_left_out_errors_are_those_of_refits(by_time: bool) -> None:
         assert found.rms_without == pytest.approx(predicted(stage, [rest], by_time), rel=0.02)
     assert crossed.ledger([right.effect], by_time).earns
     assert not crossed.ledger([wrong.effect], by_time).earns
+
+
+@pytest.mark.parametrize("by_time", [pytest.param(False, marks=pytest.mark.long), True])
+def test_known_distances_hold_the_arm_s_size(by_time: bool) -> None:
+    """Contacts alone are met by an arm without any length: what is known of lengths counts as well."""
+    rng, robot = np.random.default_rng(2), random_robot(np.random.default_rng(12), 6)
+    data, centres = contacts_of_a_larger_arm(robot)
+    q = data.poses.q + 2e-5 * rng.normal(size=data.poses.q.shape)
+    q[:, 2] -= 6e-4 * np.sin(data.poses.q[:, 2])
+    data = replace(data, poses=replace(data.poses, q=q))
+    pairs = [
+        KnownDistance(
+            (SITES[a], SITES[b]), float(np.sqrt(((centres[a] - centres[b]) ** 2).sum())), 1e-5
+        )
+        for a, b in ((0, 1), (2, 3))
+    ]
+    cell = cell_of(robot, ONE + np.array([0.08, -0.05, 0.06]), ("tool", "geometry"))
+    sockets = Socket(name="a", sigma=2e-5, sites=SITES)
+    cell = replace(cell, instruments=(sockets,), known_distances=tuple(pairs))
+    stage, suspects = stage_of(cell, data)
+    right = next(c for c in suspects if c.key == "transmission_harmonic:j3")
+    found = CrossValidation(stage, stage.fit([right.effect])).ledger([right.effect], by_time)
+    assert found.rms_with == pytest.approx(predicted(stage, [right], by_time), rel=0.02)
+    assert found.rms_without == pytest.approx(predicted(stage, [], by_time), rel=0.02)
+    assert found.rms_with > 1e-5
+    assert found.earns

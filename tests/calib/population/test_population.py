@@ -89,6 +89,23 @@ def test_intervals_hold_for_one_robot_more_and_few_are_called_strangers(robots: 
     assert np.mean(strangers) < 0.04
 
 
+@pytest.mark.parametrize("together", [0.0, 0.9])
+def test_intervals_hold_at_the_edge_of_a_type(together: float) -> None:
+    """One in twenty stands farther out; the type is known, so that no doubt about it helps."""
+    rng, hits = np.random.default_rng(8), []
+    for _ in range(10):
+        signs = rng.choice([-1.0, 1.0], P)
+        R = together * np.outer(signs, signs) + (1.0 - together) * np.eye(P)
+        spread = SIZES * 10 ** rng.uniform(-1.0, 0.0, P)
+        own = Type(rng.normal(size=P) * SIZES, spread[:, None] * np.linalg.cholesky(R))
+        prior = Prior("arm", KEYS, own.mean, own.L @ own.L.T, 1000)
+        for _ in range(100):
+            z = rng.normal(size=P)
+            z *= np.sqrt(21.03 / (z @ z))  # chi-square of twelve: 0.95
+            hits.append(held(prior, own.mean + own.L @ z, int(rng.integers(4, 40)), rng)[0])
+    assert 0.925 < np.mean(hits) < 0.97
+
+
 def test_a_robot_that_is_not_of_the_type_is_said_and_not_absorbed() -> None:
     rng = np.random.default_rng(4)
     own = Type.drawn(rng)

@@ -64,7 +64,7 @@ def diagnose(
 
     \b
     Example:
-      posecal diagnose cell.toml measurements.csv --holdout 0.3 --json diagnosis.json
+      posecal diagnose cell.toml day.csv --holdout 0.3 --json diagnosis.json
       posecal diagnose cell.toml plan.csv --plan-only
     """
     import calib

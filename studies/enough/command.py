@@ -48,7 +48,7 @@ def enough(
 
     \b
     Example:
-      posecal enough cell.toml measurements.csv --plan plan.csv --goal-mm 0.05 --holdout check.csv
+      posecal enough cell.toml day.csv --plan plan.csv --holdout check.csv
     """
     import calib
     import doe

@@ -95,10 +95,10 @@ def import_(
 
     \b
     Examples:
-      posecal import tracker.txt --joints joints.csv --unit mm --cell cell.toml -o measurements.csv
-      posecal import takes/*.csv --joints joints.csv --cell cell.toml -o measurements.csv
-      posecal import samples.yaml --joints states.yaml --eye in-hand --marker camera -o measurements.csv
-      posecal import images --board b --joints joints.csv --cell cell.toml -o measurements.csv
+      posecal import tracker.txt --joints joints.csv --cell cell.toml -o day.csv
+      posecal import takes/*.csv --joints joints.csv --cell cell.toml -o day.csv
+      posecal import samples.yaml --joints q.yaml --eye in-hand --marker c -o day.csv
+      posecal import images --board b --joints q.csv --cell cell.toml -o day.csv
     """
     import calib
     from calib.files.exports import read_export, read_joints

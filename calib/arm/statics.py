@@ -9,8 +9,8 @@ import numpy as np
 
 from calib.arm.kinematics import Frames, forward
 from calib.arm.robot import Robot
-from calib.arm.se3 import cross, rotate, skew
-from calib.arrays import Array
+from calib.arm.se3 import by_one, cross, double_cross, rotate, skew
+from calib.arrays import Array, room
 from calib.poses import Poses
 
 
@@ -78,16 +78,16 @@ def loads_of(robot: Robot, poses: Poses, payload: Payload, gravity: Array) -> Lo
 
     Raises nothing: a robot without link masses and poses without wrench give zeros.
     """
-    m = len(poses)
-    mass = np.zeros((m, robot.dof + 2))
-    moment = np.zeros((m, robot.dof + 2, 3))
+    m, count = len(poses), robot.dof + 2
+    mass, moment, wrench = room((m,), count), room((m,), count, 3), room((m,), 6)
+    mass[...], moment[...], wrench[...] = 0.0, 0.0, poses.wrench
     mass[:, 1:-1] = robot.masses
     moment[:, 1:-1] = robot.masses[:, None] * robot.coms
     mass[:, -1] = payload.mass + poses.load_mass
     moment[:, -1] = payload.mass * np.asarray(payload.com)
     moment[:, -1] += poses.load_mass[:, None] * poses.load_com
-    pull = poses.wrench[:, :3]
-    return Loads(mass, moment, pull, poses.wrench[:, 3:], pull, np.zeros((m, 3)), gravity)
+    pull = wrench[:, :3]
+    return Loads(mass, moment, pull, wrench[:, 3:], pull, np.zeros((m, 3)), gravity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,11 @@ class Transmitted:
 
 def _from_tip(a: Array, axis: int) -> Array:
     """Cumulative sum from the tip towards the base."""
-    return np.flip(np.cumsum(np.flip(a, axis), axis), axis)
+    total = a.copy(order="K")
+    frames = np.moveaxis(total, axis, 0)
+    for k in reversed(range(len(frames) - 1)):
+        frames[k] += frames[k + 1]
+    return total
 
 
 def transmitted(loads: Loads, frames: Frames, carriers: Array) -> Transmitted:
@@ -128,7 +132,8 @@ def transmitted(loads: Loads, frames: Frames, carriers: Array) -> Transmitted:
     moments = loads.mass[..., None] * carriers + rotate(frames.R_link, loads.mass_moment)
     mass_beyond = _from_tip(loads.mass, -1)
     first_moment = _from_tip(moments, -2)
-    force = loads.force[..., None, :] + mass_beyond[..., None] * loads.gravity
+    weight = by_one(mass_beyond[..., None], loads.gravity[None])
+    force = loads.force[..., None, :] + weight
     tip = frames.o[..., -1:, :]
     arm = first_moment - mass_beyond[..., None] * frames.o
     moment = loads.moment[..., None, :] + cross(tip - frames.o, loads.force[..., None, :])
@@ -147,34 +152,18 @@ def _lever(loads: Loads, frames: Frames) -> Array:
     return rotate(frames.R[..., -1, :, :], loads.lever)
 
 
-def rigid_change(loads: Loads, frames: Frames, wrench: Transmitted) -> tuple[Array, Array]:
-    """How the transmitted wrench follows small motions of the arm, given as velocity fields (A, phi).
+def change_beyond(loads: Loads, frames: Frames, wrench: Transmitted) -> Array:
+    """How moments follow a small motion, a velocity field (A, phi), of all beyond each frame.
 
-    Returns
-    -------
-    whole : ndarray, shape (..., m, n + 2, 6, 6): change of ``Transmitted.local`` when the frame and
-        all beyond it move as one body. The loads keep their direction in base axes while the axes
-        in which the wrench is read turn with the frame.
-    beyond : ndarray, shape (..., m, n + 2, 3, 6): change of the moment [N m, base axes], about any
-        point that rests, when all beyond the frame moves
+    Returns ndarray, shape (..., m, n + 2, 3, 6), N m, base axes, about any point that rests. The loads
+    keep their direction: (A + phi x c) x w = -[w]x A + [w]x [c]x phi, summed over the weights and the
+    force at the tip.
     """
-    g, f = skew(loads.gravity), skew(loads.force)[..., None, :, :]
-    tip, mass = frames.o[..., -1:, :], wrench.mass_beyond[..., None, None]
-    # (A + phi x c) x w = -[w]x A + [w]x [c]x phi, summed over the weights and the force at the tip.
-    shift = -(mass * g + f)
-    turn = g @ skew(wrench.first_moment) + f @ skew(tip)
+    turn = double_cross(loads.gravity, wrench.first_moment)
+    turn = turn + double_cross(loads.force[..., None, :], frames.o[..., -1:, :])
     if loads.lever.any():
-        turn = turn + (skew(loads.pull) @ skew(_lever(loads, frames)))[..., None, :, :]
-    beyond = np.concatenate([np.broadcast_to(shift, turn.shape), turn], axis=-1)
-    F, M = skew(wrench.force), skew(wrench.moment)
-    own_shift = shift + F
-    own_turn = turn - F @ skew(frames.o) + M
-    axes = np.swapaxes(frames.R, -1, -2)
-    whole = np.zeros((*turn.shape[:-2], 6, 6))
-    whole[..., :3, 3:] = axes @ F
-    whole[..., 3:, :3] = axes @ own_shift
-    whole[..., 3:, 3:] = axes @ own_turn
-    return whole, beyond
+        turn = turn + double_cross(loads.pull, _lever(loads, frames))[..., None, :, :]
+    return np.concatenate([np.broadcast_to(-skew(wrench.force), turn.shape), turn], axis=-1)
 
 
 def wrench_with_load(robot: Robot, gravity: Array, poses: Poses) -> Array:

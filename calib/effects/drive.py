@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from calib.arm.robot import Robot
-from calib.arrays import Array
+from calib.arrays import Array, room
 from calib.effects.protocol import (
     Context,
     ElasticEffect,
@@ -76,9 +76,11 @@ class ElasticDrive(AlongJoint, ElasticEffect):
         return np.outer(self.axis, self.axis)[:, :, None] * self.shares(poses)[:, None, None, :]
 
     def basis(self, state: State) -> Array:
-        torque = state.wrench.local[..., self.frame, :] @ self.axis
-        turned: Array = torque[..., None] * self.shares(state.poses)
-        return self.axis[:, None] * turned[..., None, :]
+        torque = np.einsum("...i,i->...", state.wrench.local[..., self.frame, :], self.axis)
+        by = torque[..., None] * self.shares(state.poses)
+        out = room(by.shape[:-1], 6, by.shape[-1])
+        out[...] = self.axis[:, None] * by[..., None, :]
+        return out
 
 
 def along_axis(robot: Robot, joint: int) -> Array:

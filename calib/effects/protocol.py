@@ -198,8 +198,8 @@ Displacement: TypeAlias = tuple[int, Array]
 
 def displaced(twists: Sequence[Twist], values: Array) -> tuple[Displacement, ...]:
     """Displacements ``basis @ values`` by what is linear; values (..., p), SI."""
-    theta = values[..., None, :, None]
-    return tuple((frame, (basis @ theta)[..., 0]) for frame, basis in twists)
+    theta = values[..., None, :]
+    return tuple((f, np.einsum("...ip,...p->...i", basis, theta)) for f, basis in twists)
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,11 +51,12 @@ def prediction_statistics(r: Array, J: Array, cov: Array) -> tuple[Array, Array]
 def _mean_squares(r: Array, J: Array, cov: Array, sign: Array) -> tuple[Array, Array]:
     """A fitted pose scatters by ``I - J cov J^T``, another one by ``I + J cov J^T``.
 
-    What lies across the columns of J scatters as it does by itself.
+    What lies across the columns of J scatters as it does by itself; of few rows nothing does.
     """
     used = np.abs(J).sum(axis=-1) > 0.0
     r = np.where(used, r, 0.0)
-    Q, R = np.linalg.qr(J)
+    rows, columns = J.shape[-2:]
+    Q, R = np.linalg.qr(J) if rows > columns else (np.eye(rows), J)
     own = (np.swapaxes(Q, -1, -2) @ r[..., None])[..., 0]
     shared = R @ cov @ np.swapaxes(R, -1, -2)
     eigenvalues, vectors = np.linalg.eigh(np.eye(R.shape[-2]) + sign[:, None, None] * shared)
@@ -63,9 +64,9 @@ def _mean_squares(r: Array, J: Array, cov: Array, sign: Array) -> tuple[Array, A
     informative = eigenvalues > _SINGULAR
     terms = np.where(informative, component**2 / np.where(informative, eigenvalues, 1.0), 0.0)
     across = r - (Q @ own[..., None])[..., 0]
-    rows = used.sum(axis=-1) - (~informative).sum(axis=-1)
+    counted = used.sum(axis=-1) - (~informative).sum(axis=-1)
     squares = (across**2).sum(axis=-1) + terms.sum(axis=-1)
-    return squares / np.maximum(rows, 1), rows
+    return squares / np.maximum(counted, 1), counted
 
 
 def threshold(statistics: Array, rows: int) -> float:

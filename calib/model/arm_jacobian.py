@@ -36,28 +36,23 @@ def arm_jacobian(
     loads: Loads,
     elastic: Mapping[int, Array],
 ) -> Array:
-    """Velocity field of the tip for each parameter that moves the arm, (..., m, 6, k), base axes.
+    """Velocity field of the tip for each parameter, shape (..., m, 6, p), base axes.
 
     parts : each effect and where its parameters stand in the values
     values : ndarray, shape (..., p), SI
     given, loads : Loads, without and with the errors of weights and wrenches
     elastic : dict, frame -> ndarray, shape (..., m, 6, 6), flexibility
-    The k columns are the parameters of the twist and load effects, in their order. One that displaces
-    several frames gets the sum of what it does at each.
+    Columns of what does not move the arm are zero. A parameter that displaces several frames gets the
+    sum of what it does at each.
     """
     at: dict[tuple[int, bool], list[tuple[slice, Array]]] = {}
     pulls: list[tuple[slice, Array]] = []
-    count = 0
     for effect, part in parts:
-        if not isinstance(effect, TwistEffect | LoadEffect):
-            continue
-        own = slice(count, count + len(effect.parameters))
-        count = own.stop
         if isinstance(effect, TwistEffect):
             for frame, basis in effect.twists(state, values[..., part]):
-                at.setdefault((frame, isinstance(effect, Constant)), []).append((own, basis))
-        else:
-            pulls.append((own, _wrenches(robot, effect, state, given)))
+                at.setdefault((frame, isinstance(effect, Constant)), []).append((part, basis))
+        elif isinstance(effect, LoadEffect):
+            pulls.append((part, _wrenches(robot, effect, state, given)))
     acts_at = [frame for frame, _ in at]
     moves = [
         _fields(state, frame, fixed, _joined([basis for _, basis in twists]))
@@ -71,7 +66,7 @@ def arm_jacobian(
             moves, acts_at, pulled, wrench, elastic, loads, state, robot.tip_frame
         )
     batch = np.broadcast_shapes(*(moved.shape[:-1] for moved in (*moves, pulled)))
-    columns = np.zeros((*batch, count))
+    columns = np.zeros((*batch, values.shape[-1]))
     for moved, twists in zip((*moves, pulled), (*at.values(), pulls), strict=True):
         begin = 0
         for own, basis in twists:
@@ -87,7 +82,7 @@ def _fields(state: State, frame: int, fixed: bool, basis: Array) -> Array:
     fixed : whether they act before what depends on the pose
     """
     stage = state.frames.constant if fixed else state.frames.present
-    return np.swapaxes(spatial_columns(stage, frame, basis), -1, -2)
+    return spatial_columns(stage, frame, basis)
 
 
 def _wrenches(robot: Robot, effect: Effect, state: State, given: Loads) -> Array:

@@ -21,7 +21,7 @@ from calib.arm import statics
 from calib.arm.kinematics import Frames, forward, link_origins, point_levers
 from calib.arm.robot import Robot
 from calib.arm.se3 import rotate
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, room
 from calib.effects.base import Base
 from calib.effects.protocol import (
     Constant,
@@ -217,7 +217,8 @@ class Model:
         return self._summed(values, state.poses, moved)
 
     def _summed(self, values: Array, poses: Poses, moved: list[Displacement]) -> Array:
-        xi = np.zeros((*values.shape[:-1], len(poses), self.robot.dof + 2, 6))
+        xi = room((*values.shape[:-1], len(poses)), self.robot.dof + 2, 6)
+        xi[...] = 0.0
         for frame, own in moved:
             xi[..., frame, :] += own
         return xi
@@ -455,15 +456,13 @@ class Model:
 
     def _by_arm(self, values: Array, state: State, points: Array) -> Array:
         """Derivatives (..., m, M, 3, p) of points by what moves the arm, those by all else zero."""
-        p, arm = len(self.parameters), self.where(TwistEffect, LoadEffect)
-        if not len(arm):
+        p = len(self.parameters)
+        if not len(self.where(TwistEffect, LoadEffect)):
             return np.zeros((*points.shape, p))
         poses = state.poses
         given = statics.loads_of(self.robot, poses, self.payload, self.gravity)
         soft, loads = self._flexibilities(values, poses), self.loads(values, poses)
-        own = arm_jacobian(self.robot, tuple(self._parts), values, state, given, loads, soft)
-        fields = np.zeros((*own.shape[:-1], p))
-        fields[..., arm] = own
+        fields = arm_jacobian(self.robot, tuple(self._parts), values, state, given, loads, soft)
         levers = point_levers(points).reshape((*points.shape[:-2], -1, 6))
         J = levers @ fields
         return np.asarray(J.reshape((*J.shape[:-2], *points.shape[-2:], p)))

@@ -2,9 +2,10 @@
 
 Six errors of every segment, together with base and markers, describe each error in many ways. At
 generic poses the columns that others can imitate are found and dropped: base first, then markers,
-then joint offsets are kept, of the rest what adds most (QR with pivoting on columns scaled to one),
-and the instrument's scale if lengths leave it anything. Nothing about the robot's architecture is
-assumed, so parallel or intersecting axes and prismatic joints need no table of their own.
+then joint offsets are kept, of the rest what adds most (QR with pivoting on columns scaled to one;
+of equals the one nearest the base), and the instrument's scale if lengths leave it anything. Nothing
+about the robot's architecture is assumed, so parallel or intersecting axes and prismatic joints need
+no table of their own.
 """
 
 from __future__ import annotations
@@ -32,6 +33,11 @@ Axes that are parallel by design are so to some 1e-3 in a real, corrected robot.
 angle would show of a millimetre is three micrometres, at three hundred times the usual uncertainty.
 """
 _NOTHING = 1e-9  # norm of a column that moves no marker, relative to the largest
+_TIE = 1e-9
+"""Share of its length by which each column yields to the one before it.
+
+A shift along z of one frame and along y of the next may be the same one: rounding is not to choose.
+"""
 _SCALE = "scale"  # of all lengths, where none is known
 _PLACES = ("base", "tool", "tracker_scale")
 _CARRIED = 100  # configurations
@@ -187,7 +193,8 @@ def _select(X: Array, groups: Array) -> list[int]:
         rest = X[:, members]
         for _ in range(2):  # twice is enough for orthogonality to rounding
             rest = rest - basis @ (basis.T @ rest)
-        Q, R, order = qr(rest, mode="economic", pivoting=True)
+        first = 1.0 - _TIE * np.arange(len(members))
+        Q, R, order = qr(rest * first, mode="economic", pivoting=True)
         rank = int((np.abs(np.diag(R)) > _DEPENDENT).sum())
         kept += sorted(members[order[:rank]])
         basis = np.column_stack([basis, Q[:, :rank]])

@@ -24,6 +24,7 @@ from calib.model import Model
 from calib.poses import Poses
 from calib.poses.visits import visits
 from calib.scatter.variances import Variances, lever_of
+from calib.solver import inverse_factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +150,7 @@ class Scatter:
             moved = (H * known.approach[self.kinds]) @ np.swapaxes(H, -1, -2)
             V = V + moved * _together(self.approach[index], R)
         V = V + known.scale**2 * np.eye(r * R)
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(V)))
+        return inverse_factor(V)
 
 
 def scatter_of(model: Model, values: Array, poses: Poses, variances: Variances) -> Scatter:

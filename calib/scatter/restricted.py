@@ -23,7 +23,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.scatter.poses import Scatter, by_size
-from calib.solver import triangle
+from calib.solver import inverse_factor, triangle
 
 _RIGID = 6
 _DEPENDENT = 1e-12
@@ -212,18 +212,21 @@ def likelihood(problem: Turned, theta: Array) -> Likelihood:
     for block, Li, own in zip(problem.blocks, rows.factors, rows.rows, strict=True):
         value -= 2.0 * np.log(np.diagonal(Li, axis1=-2, axis2=-1)).sum()
         F = (own @ back_from).reshape((*block.F.shape[:2], p + 1))
-        Z, back = Li @ block.Z, np.swapaxes(Li, -1, -2)
-        Zt, owner = np.swapaxes(Z, -1, -2), S[block.owner]
-        each = (Z**2).sum(axis=(0, 1)) - ((Zt @ F) ** 2).sum(axis=(0, 2))
-        gradient += each @ owner
-        information += owner.T @ ((Zt @ Z) ** 2).sum(axis=0) @ owner
-        inverse = back @ Li
-        gradient[0] += np.trace(inverse, axis1=-2, axis2=-1).sum() - ((back @ F) ** 2).sum()
-        information[0, 0] += (inverse**2).sum()
-        across = ((back @ Z) ** 2).sum(axis=(0, 1)) @ owner
+        taken = F @ np.swapaxes(F, -1, -2)
+        Z, back, owner = Li @ block.Z, np.swapaxes(Li, -1, -2), S[block.owner]
+        gradient += np.einsum("bdq,bdq->q", Z, Z - taken @ Z) @ owner
+        gradient[0] += np.einsum("bij,bij->", Li, Li - taken @ Li)
+        information += owner.T @ _squares(np.swapaxes(Z, -1, -2) @ Z) @ owner
+        information[0, 0] += _squares(back @ Li).sum()
+        across = _squares(back @ Z).sum(axis=0) @ owner
         information[0] += across
         information[:, 0] += across
     return Likelihood(float(value), gradient, information, diagonal)
+
+
+def _squares(a: Array) -> Array:
+    """Sums of squares over the first axis."""
+    return np.asarray(np.einsum("b...,b...->...", a, a))
 
 
 def _solution(R: Array) -> Array:
@@ -238,14 +241,19 @@ def _solution(R: Array) -> Array:
 
 
 def maximised(
-    problem: Turned, theta: Array, free: IntArray, settled: float = SETTLED
+    problem: Turned,
+    theta: Array,
+    free: IntArray,
+    settled: float = SETTLED,
+    found: Likelihood | None = None,
 ) -> tuple[Array, Likelihood]:
     """Variances at which the likelihood is largest, and the likelihood there.
 
     theta : ndarray, shape (v,), where the search starts; free : ndarray of int, those that move
     settled : float, fall of -2 log likelihood that is not worth another step
+    found : Likelihood, at the start, where it is known
     """
-    found = likelihood(problem, theta)
+    found = likelihood(problem, theta) if found is None else found
     if not len(free):
         return theta, found
     low = _lowest(theta)
@@ -295,7 +303,7 @@ def _factor(block: Block, theta: Array) -> Array:
     """Inverse Cholesky factors (B, d, d) of the covariance of the turned rows."""
     V = (block.Z * theta[block.owner]) @ np.swapaxes(block.Z, -1, -2)
     V = V + theta[0] * np.eye(V.shape[-1])
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(V)))
+    return inverse_factor(V)
 
 
 def _by_approach(scatter: Scatter, H: Array, F: Array) -> tuple[Array, Array, Array, IntArray]:

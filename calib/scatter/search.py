@@ -107,8 +107,7 @@ def searched(
 ) -> Levels:
     """The levels of a problem; start, may : as :func:`problem_of` gives them."""
     theta, free = start, np.zeros(0, dtype=int)
-    found = likelihood(problem, theta)
-    alone = found.value
+    found = nothing = likelihood(problem, theta)
     if before is not None and len(before.free):
         theta, free = np.maximum(before.theta, start * (before.theta == 0.0)), before.free
         theta, found = maximised(problem, theta, free)
@@ -120,14 +119,14 @@ def searched(
     if scatter.has_approaches:
         state = _moved(problem, *state, may, scatter.joints + 2)
     theta, found, free = state
-    if found.value > alone - _entry_price(len(may)):
-        theta, found, free = start, likelihood(problem, start), np.zeros(0, dtype=int)
+    if found.value > nothing.value - _entry_price(len(may)):
+        theta, found, free = start, nothing, np.zeros(0, dtype=int)
     return Levels(
         _variances(theta * problem.units, scatter),
         free,
         theta,
         found.value,
-        alone,
+        nothing.value,
         problem.beyond_rigid,
         scatter.has_approaches,
     )
@@ -151,7 +150,7 @@ def _entering(
         if promised[j] < 0.5 * _PAYS:
             break
         wider = np.sort(np.append(free, j))
-        fresh, better = maximised(problem, theta, wider)
+        fresh, better = maximised(problem, theta, wider, found=found)
         if found.value - better.value > price:
             return fresh, better, wider
     return None

@@ -17,7 +17,7 @@ from studies.command.options import (
 )
 
 
-@click.command(short_help="What moved between two results of one robot?")
+@click.command()
 @click.argument("before_path", metavar="BEFORE", type=PATH)
 @click.argument("after_path", metavar="AFTER", type=PATH)
 @click.option("--cell", "cell_path", metavar="CELL", type=PATH,

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from studies.compare.compare import Truth
 
 
-@click.command(short_help="How accurate a plan will be, predicted and simulated.")
+@click.command()
 @cell_argument
 @click.argument(
     "plan_paths",

@@ -17,7 +17,7 @@ from studies.command.options import (
 )
 
 
-@click.command(short_help="Commands that bring the real arm to its targets.")
+@click.command()
 @cell_argument
 @click.argument("result_path", metavar="RESULT", type=PATH)
 @click.argument("targets_path", metavar="TARGETS", type=PATH)

@@ -11,7 +11,7 @@ from studies.command.deliver import deliver
 from studies.command.options import json_option, one_line_faults, seed_option
 
 
-@click.command(short_help="The whole way on the paper's robot, as files to edit.")
+@click.command()
 @click.argument("folder", type=click.Path(path_type=Path), default=Path("posecal-demo"))
 @json_option
 @seed_option

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from doe import Design
 
 
-@click.command(short_help="Which poses to measure, with a proof of how good.")
+@click.command()
 @cell_argument
 @click.option("-o", "--output", "plan_path", metavar="PLAN", type=PATH,
               help="Write the plan as CSV, in the order of measuring.")  # fmt: skip

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from calib import Cell
 
 
-@click.command(short_help="What the model lacks: where, why, how much.")
+@click.command()
 @cell_argument
 @data_argument
 @click.option(

@@ -18,7 +18,7 @@ from studies.command.options import (
 )
 
 
-@click.command(short_help="Half-way: are the poses enough, which come next?")
+@click.command()
 @cell_argument
 @data_argument
 @click.option("--plan", "plan_path", metavar="PLAN", type=PATH,

@@ -7,7 +7,7 @@ import click
 from studies.command.options import one_line_faults
 
 
-@click.command(short_help="What words, keys, columns and effects mean.")
+@click.command()
 @click.argument("topic", required=False)
 @one_line_faults
 def explain(topic: str | None) -> None:

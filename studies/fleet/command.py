@@ -24,7 +24,7 @@ AHEAD = 1000
 """Tables that are given out at once: more than a cluster has workers, few enough for any memory."""
 
 
-@click.command(short_help="Every robot below a folder, one summary.")
+@click.command()
 @click.argument("fleet_folder", metavar="FOLDER", type=PATH)
 @click.option("--only", type=click.Choice(["identify", "diagnose"]), default=None,
               help="One of both: a diagnosis takes a hundred times as long.")  # fmt: skip

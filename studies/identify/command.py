@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from calib.observations import Approach, Weighting
 
 
-@click.command(short_help="The model's parameters from measured points.")
+@click.command()
 @cell_argument
 @data_argument
 @click.option(

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from calib.files.exports import Eye
 
 
-@click.command("import", short_help="Exports of instrument and controller, as one table.")
+@click.command("import")
 @click.argument("points", metavar="POINTS...", nargs=-1, required=True,
                 type=PATH)  # fmt: skip
 @click.option("--joints", "joints_path", metavar="FILE", required=True,

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from calib.arm.dh import Convention
 
 
-@click.command(short_help="A first cell for a robot of your own.")
+@click.command()
 @click.argument("robot_path", metavar="ROBOT", type=PATH)
 @click.option("-o", "--output", "folder", metavar="FOLDER", type=PATH, default=Path(),
               help="Where cell.toml and measurements.csv go. Default: here.")  # fmt: skip

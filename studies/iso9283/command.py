@@ -18,7 +18,7 @@ from studies.command.options import (
 )
 
 
-@click.command(short_help="Accuracy, repeatability and compliance as ISO 9283 has them.")
+@click.command()
 @cell_argument
 @data_argument
 @click.argument("result_path", metavar="[RESULT]", type=PATH, required=False)

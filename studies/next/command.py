@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from doe.prospect.onward import Aim
 
 
-@click.command("next", short_help="The next best poses, or stop: call it in a loop.")
+@click.command("next")
 @cell_argument
 @data_argument
 @click.option("--for", "aim", type=click.Choice(["task", "causes", "both"]), default="task",

@@ -10,7 +10,7 @@ from studies.command.deliver import check_outputs, deliver, output_file
 from studies.command.options import PATH, cell_argument, json_option, one_line_faults
 
 
-@click.command(short_help="A plan as a robot program (KUKA, UR, ABB, FANUC).")
+@click.command()
 @cell_argument
 @click.argument("plan_path", metavar="PLAN", type=PATH)
 @click.option("-o", "--output", "program_path", metavar="FILE", required=True,

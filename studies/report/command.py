@@ -10,7 +10,7 @@ from studies.command.deliver import check_outputs, deliver, output_file
 from studies.command.options import PATH, json_option, one_line_faults
 
 
-@click.command(short_help="One page of results, to hand on.")
+@click.command()
 @click.argument("results", metavar="RESULT...", nargs=-1, required=True, type=PATH)
 @click.option("-o", "--output", "page_path", metavar="FILE", type=PATH,
               default=Path("report.html"), show_default=True, help="The page.")  # fmt: skip

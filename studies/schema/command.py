@@ -8,7 +8,7 @@ from studies.command.options import one_line_faults
 from studies.kinds import KINDS
 
 
-@click.command(short_help="The JSON Schema of a result.")
+@click.command()
 @click.argument("kind", metavar="KIND", type=click.Choice(KINDS))
 @one_line_faults
 def schema(kind: str) -> None:

@@ -71,10 +71,11 @@ def test_roll_pitch_yaw_where_pitch_is_vertical(pitch: float) -> None:
     np.testing.assert_allclose(back, R, atol=1e-9)
 
 
-def test_rotations_agree_with_scipy() -> None:
+@pytest.mark.parametrize("size", [1e-5, 0.03, 0.06, 1.0])
+def test_rotations_agree_with_scipy(size: float) -> None:
     from scipy.spatial.transform import Rotation
 
-    r = np.random.default_rng(0).normal(size=(50, 3))
+    r = size * np.random.default_rng(0).normal(size=(50, 3))
     np.testing.assert_allclose(se3.so3_exp(r), Rotation.from_rotvec(r).as_matrix(), atol=1e-14)
     R = Rotation.random(50, random_state=1)
     np.testing.assert_allclose(se3.so3_log(R.as_matrix()), R.as_rotvec(), atol=1e-12)
@@ -86,3 +87,17 @@ def test_rigid_fit_finds_the_motion(xi) -> None:
     T = se3.displacement(xi)
     moved = points @ T[:3, :3].T + T[:3, 3]
     np.testing.assert_allclose(se3.fit_rigid(moved, points), T, atol=1e-10)
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_products_do_not_depend_on_how_arrays_lie_in_memory(order: str) -> None:
+    rng = np.random.default_rng(0)
+    A, B = (np.asarray(rng.normal(size=(4, 5, 3, 3)), order=order) for _ in "AB")
+    a, b, w = (np.asarray(rng.normal(size=(4, 5, 3)), order=order) for _ in "abw")
+    np.testing.assert_allclose(se3.turned(A, B), A @ B, atol=1e-14)
+    np.testing.assert_allclose(se3.turned(A, B[:1, :, :, :2]), A @ B[:1, :, :, :2], atol=1e-14)
+    np.testing.assert_allclose(se3.by_one(A, B[0, 0]), A @ B[0, 0], atol=1e-14)
+    np.testing.assert_allclose(se3.by_one(A[0, 0], B[0, 0, :, :1]), A[0, 0] @ B[0, 0, :, :1])
+    np.testing.assert_allclose(se3.cross(a, b), np.cross(a, b), atol=1e-14)
+    twice = np.cross(a, np.cross(b, w))
+    np.testing.assert_allclose(se3.rotate(se3.double_cross(a, b), w), twice, atol=1e-13)

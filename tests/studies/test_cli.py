@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from studies.cli import main
+from studies.cli import COMMANDS, loaded, main
 
 RUN = "from studies.cli import run; run()"
 HEAVY = {
@@ -38,10 +38,17 @@ atexit.register(lambda: print("loaded", *sys.modules))
     done = subprocess.run(
         [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False
     )
-    said, _, loaded = done.stdout.rpartition("loaded ")
+    said, _, modules = done.stdout.rpartition("loaded ")
     assert said or done.stderr.count("\n") == 1
-    assert not HEAVY & set(loaded.split())
-    assert "click" in loaded.split()
+    assert not HEAVY & set(modules.split())
+    assert "click" in modules.split()
+    if arguments[-1] != "--help" or len(arguments) == 1:
+        assert not [name for name in modules.split() if name.endswith(".command")]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_name_of_the_help_is_a_command(name: str) -> None:
+    assert loaded(name).name == name
 
 
 def completed(shell: str, words: str, at: str) -> str:

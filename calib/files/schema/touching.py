@@ -46,7 +46,9 @@ class SphereTable(Table):
     @model_validator(mode="after")
     def _one_radius(self) -> Self:
         if self.radius_mm is not None and self.about_radius_mm is not None:
-            raise ValueError("radius_mm is a known radius, about_radius_mm one to be found; give one")
+            raise ValueError(
+                "radius_mm is a known radius, about_radius_mm one to be found; give one"
+            )
         return self
 
 

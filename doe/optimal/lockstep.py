@@ -3,8 +3,8 @@
 Near its end an exchange finds that almost no candidate helps, and most of its work is to price them. Of
 many plans that stand at one pose the pricing to first order is one product of two matrices, which costs
 a part of as many products with a vector. Where poses are few each is so large a part of all that is
-known that its first order says little: then candidates are ranked by what they bring, at ten times the
-cost. Only the first of them are judged exactly, by an update of the covariance: an exchange may be
+known that its first order says little: then candidates are ranked by what they bring, at many times
+the cost. Only the first of them are judged exactly, by an update of the covariance: an exchange may be
 missed. What ends on the best plan and misses none is :func:`doe.optimal.exchange.exchange`.
 """
 

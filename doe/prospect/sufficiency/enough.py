@@ -117,10 +117,8 @@ def enough(
     forecast = Forecast(model, aims, share, beside, lacking.seen.rms, behind, doubt, predicted)
     criterion = _task(regressor, forecast)
     so_far = np.arange(len(day)) < len(data)
-    held, weighs = (
-        model.beside(values)[1] * model.sizes,
-        (_pull(arm, found), _weighing(at, day, kept)),
-    )
+    held = model.beside(values)[1] * model.sizes
+    weighs = (_pull(arm, found), _weighing(at, day, kept))
     further = _in_best_order(criterion, rows, moved, so_far, plan, done.left, held, weighs)
     now = told(rows, moved, so_far, held, *weighs)
     steps = tuple(forecast.steps(now, len(data), further))

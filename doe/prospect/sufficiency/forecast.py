@@ -192,7 +192,7 @@ def told(
     flat = counted.reshape(-1, counted.shape[-1])
     if held is None:
         return Told(root(flat), core, crossed)
-    held = pull * held
+    held = pull * held  # and so is the error of these rows, of which core is made
     both = root(np.concatenate([flat, held]))
     return Told(both, None if core is None else core + pull**2 * held.T @ held, crossed)
 

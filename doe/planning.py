@@ -54,6 +54,7 @@ def design(
     robust: bool = False,
     refine: bool | None = None,
     fresh: bool = True,
+    prove: bool = False,
     curve: bool = False,
     reference_every: int | None = None,
     reapproach: int | None = None,
@@ -76,6 +77,7 @@ def design(
     robust : the plan that is best after the loss of whichever one pose it can least spare
     refine : polish the joint angles; by default unless the candidates come from a table
     fresh : a second bound over as many fresh candidates
+    prove : branch and bound until no plan of the candidates is better, for some minutes at most
     curve : also the best plans of fewer and of more poses
     reference_every : one of the poses is measured again at the start, after every so many poses, and at
         the end, to show drift; 0 for none; the cell's [design] otherwise
@@ -103,7 +105,7 @@ def design(
     renewed = source if fresh and isinstance(source, int) else 0
     polished = isinstance(source, int) if refine is None else refine
     every, again = spacing(cell, reference_every), reapproaches_of(cell, reapproach)
-    effort = Effort(polished, renewed, robust, curve, every, again, seed, progress)
+    effort = Effort(polished, renewed, robust, prove, curve, every, again, seed, progress)
     return _designed(cell, request, source, effort, against or {}, Clock())
 
 

@@ -15,7 +15,7 @@ from doe.criteria import Criterion
 from doe.criteria.determinant import Determinant
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
-from doe.optimal.branch import Proof, prove
+from doe.optimal.branch import SHORT_WORK, Proof, provable, prove
 from doe.optimal.certify import survivors
 from doe.optimal.exchange import greedy
 from doe.optimal.packed import pack
@@ -28,9 +28,8 @@ from doe.problem import Problem
 from doe.problem.pool import Pool, drawn, judge
 from doe.problem.refusals import CannotIdentify
 
-_PROVABLE = 400  # surviving candidates up to which branch and bound is tried
-_NODES = 400
-_WORK = 2e7  # candidates times squared parameters of all nodes: fewer of them where each costs more
+_LONG_WORK = 1e11  # multiplications of a branch and bound of minutes
+_NODES_TOLD = 200  # nodes between two lines on the way
 _ROUNDING = 1e-6
 _SHOWN = 20_000  # candidates of the landscape
 _LOOKED_AT = 100  # candidates of each level by which a number of poses is judged
@@ -42,6 +41,7 @@ class Effort:
 
     refine : polish the joint angles; fresh : number of fresh candidates for a second bound, 0 for none
     robust : prefer the plan that is best after the loss of any one pose
+    prove : go on with branch and bound for minutes
     curve : also the best plans of other numbers of poses
     reference_every : poses between two readings of a reference pose, 0 for none
     reapproaches : poses that are visited again, 0 for none
@@ -51,6 +51,7 @@ class Effort:
     refine: bool = True
     fresh: int = 0
     robust: bool = False
+    prove: bool = False
     curve: bool = False
     reference_every: int = 0
     reapproaches: int = 0
@@ -183,13 +184,10 @@ def finish(
     live = survivors(chosen.relaxed.G, blocks, rules, chosen.value)
     plain = criterion.plain
     proof = Proof(chosen.index, chosen.value, chosen.relaxed.bound, 0)
-    provable = criterion.smooth and not (rules.chooses_levels or rules.repeats or effort.robust)
-    if provable and len(live) <= _PROVABLE:
-        proof = _proved(criterion, blocks, rules, chosen, len(live), proof)
+    if provable(criterion, rules) and not effort.robust:
+        proof = _proved(criterion, blocks, rules, chosen, effort, proof)
         clock.lap("branch and bound")
-        effort.progress(
-            f"branch and bound: {proof.value / proof.bound:.4f} after {proof.nodes} nodes"
-        )
+        effort.progress(_told(proof))
     fresh = np.nan
     if effort.fresh:
         fresh = fresh_bound(problem, chosen.relaxed.G, effort.fresh, effort.seed + 2)
@@ -233,13 +231,28 @@ def _polished(problem: Problem, pool: Pool, chosen: Chosen, effort: Effort) -> t
 
 
 def _proved(
-    criterion: Criterion, blocks: Blocks, rules: Allowed, chosen: Chosen, live: int, start: Proof
+    criterion: Criterion,
+    blocks: Blocks,
+    rules: Allowed,
+    chosen: Chosen,
+    effort: Effort,
+    start: Proof,
 ) -> Proof:
-    """The best plan that branch and bound finds among so many live candidates, from the one in hand."""
-    G = chosen.relaxed.G
-    nodes = min(_NODES, round(_WORK / (live * len(G) ** 2 + 1)))
-    found = prove(criterion.plain, blocks, rules, chosen.index, G, most_nodes=nodes)
+    """The best plan that branch and bound finds, from the one in hand."""
+
+    def told(proof: Proof) -> None:
+        if effort.prove and proof.nodes % _NODES_TOLD == 0:
+            effort.progress(_told(proof))
+
+    work = _LONG_WORK if effort.prove else SHORT_WORK
+    found = prove(
+        criterion.plain, blocks, rules, chosen.index, chosen.relaxed.G, most_work=work, told=told
+    )
     return _settled(criterion, blocks, found, start)
+
+
+def _told(proof: Proof) -> str:
+    return f"branch and bound: {proof.value / proof.bound:.4f} after {proof.nodes} nodes"
 
 
 def _settled(criterion: Criterion, blocks: Blocks, proof: Proof, before: Proof) -> Proof:

@@ -1,16 +1,17 @@
-"""Branch and bound: the proof that a plan is the best of a pool, where few candidates survive.
+"""Branch and bound: the proof that a plan is the best of a pool, or a better plan.
 
-A node fixes some candidates into the plan and shuts others out. Its relaxation gives a bound by the
-same certificate as everywhere, reduced costs shut out more, and the candidate branches that costs
-most to force, by the second-order model of the interior point method. The best bound goes first, so
-that stopping early still leaves a valid one.
+A node says how many poses come from each of some regions of candidates. Its relaxation gives a bound by
+the same certificate as everywhere, and reduced costs shut candidates out. Then the region is cut in two
+whose weights are the farthest from whole numbers, and every way to share its poses is a node below. The
+best bound goes first, so that stopping early still leaves a valid one.
 """
 
 from __future__ import annotations
 
 import heapq
 import itertools
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,11 +21,19 @@ from doe.optimal.blocks import Blocks
 from doe.optimal.certify import bound, survivors
 from doe.optimal.exchange import exchange
 from doe.optimal.function import InformationFunction
-from doe.optimal.newton import newton_weights
+from doe.optimal.regions import Cut, Regions, cut_of
+from doe.optimal.relax import Relaxation, relax
 
-_FINEST, _COARSEST = 1e-6, 1e-3  # of a node's weights, relative
-_DIGITS = 0.02  # of the gap that is left, the precision of a node's weights: its bound holds anyway
-_FRACTION = 1e-3  # weights closer to 0 or 1 than this count as whole
+_FINEST, _COARSEST = 1e-8, 1e-3  # of a node's relaxation, relative
+_DIGITS = (
+    0.05  # of the gap that is left: what a node's relaxation may be off, its bound holds anyway
+)
+_NEAR = 0.98  # of the best plan, from which a node's rounded weights are improved
+SHORT_WORK = 2.5e8
+"""Multiplications of about a second."""
+_OVERHEAD = 1e6  # of a node, in multiplications
+_LIKELY = 6  # candidates of a node's relaxation for each pose, about
+_FEWEST = 20  # nodes that the work must be enough for; fewer close no gap
 _SAME = 1e-9  # relative difference of two plans that is rounding
 
 
@@ -50,8 +59,139 @@ class Proof:
 
 @dataclass(frozen=True, eq=False)
 class _Node:
-    inside: IntArray  # candidates fixed into the plan
-    free: IntArray  # candidates that may still enter
+    """Regions, one of them cut in two.
+
+    likely : ndarray of int, candidates that had weight before the cut
+    before : int, poses before the cut, the others beyond it
+    onward : int, -1 or 1: on which side of the weights, with fewer poses before the cut or with more
+    """
+
+    whole: Regions
+    likely: IntArray
+    cut: Cut | None = None
+    before: int = 0
+    onward: int = 0
+
+    def regions(self) -> Regions:
+        if self.cut is None:
+            return self.whole
+        return self.whole.cut(self.cut.beyond, self.cut.region, self.before)
+
+    def farther(self) -> Iterator[_Node]:
+        """The other ways to share the poses on this side of the weights, the nearest first."""
+        if self.cut is None:
+            return
+        end = -1 if self.onward < 0 else int(self.whole.counts[self.cut.region]) + 1
+        for before in range(self.before + self.onward, end, self.onward):
+            other = replace(self, before=before)
+            if other.regions().feasible:
+                yield other
+
+
+def _sides(whole: Regions, cut: Cut, likely: IntArray) -> Iterator[Iterator[_Node]]:
+    """The nodes below, on either side of the weights, the nearest first."""
+    fewer = min(int(np.floor(cut.before)), int(whole.counts[cut.region]) - 1)
+    for before, onward in ((fewer, -1), (fewer + 1, 1)):
+        yield _Node(whole, likely, cut, before - onward, onward).farther()
+
+
+@dataclass(eq=False)
+class _Tree:
+    """What is proved so far.
+
+    heap : open nodes, the best bound first; tried : plans that weights were rounded to
+    work : float, multiplications, about
+    """
+
+    criterion: InformationFunction
+    blocks: Blocks
+    allowed: Allowed
+    plan: IntArray
+    value: float
+    nodes: int = 0
+    work: float = 0.0
+    heap: list[tuple[float, int, _Node]] = field(default_factory=list)
+    tried: set[bytes] = field(default_factory=set)
+    ticket: Iterator[int] = field(default_factory=itertools.count)
+
+    @property
+    def enough(self) -> float:
+        """A plan up to here is no better than the one in hand."""
+        return self.value * (1.0 + _SAME)
+
+    @property
+    def bound(self) -> float:
+        left = -self.heap[0][0] if self.heap else 0.0
+        return max(left, self.value)
+
+    def push(self, bound: float, node: _Node) -> None:
+        heapq.heappush(self.heap, (-bound, next(self.ticket), node))
+
+    def grow(self) -> None:
+        """Take the node of the largest bound and open those below it."""
+        above, _, node = heapq.heappop(self.heap)
+        regions = node.regions()
+        self.nodes += 1
+        part = self.blocks.take(regions.index)
+        relaxed = self._relaxed(part, regions, node, -above / self.value - 1.0)
+        self._round(regions, relaxed)
+        left = min(relaxed.bound, -above)
+        self._open_farther(node, relaxed.G, -above)
+        if left > self.enough:
+            self._open_below(part, regions, relaxed, left)
+
+    def _relaxed(self, part: Blocks, regions: Regions, node: _Node, gap: float) -> Relaxation:
+        relaxed = relax(
+            self.criterion, part, regions.allowed,
+            start=np.flatnonzero(np.isin(regions.index, node.likely)),
+            gap=float(np.clip(_DIGITS * gap, _FINEST, _COARSEST)), enough=self.enough,
+        )  # fmt: skip
+        self.work += self.work_of(len(part), len(relaxed.index), relaxed.rounds)
+        return relaxed
+
+    def work_of(self, live: int, likely: int, rounds: int) -> float:
+        """Multiplications of a node, about: pricing, and the second order of the likely candidates."""
+        priced, second = live * self.blocks.packed.shape[1], (likely * len(self.blocks.fixed)) ** 2
+        return _OVERHEAD + rounds * float(priced + second)
+
+    def _round(self, regions: Regions, relaxed: Relaxation) -> None:
+        """Keep a node's weights rounded and improved where that is better than the plan in hand."""
+        w = np.bincount(relaxed.index, relaxed.weights, len(regions.index))
+        chosen: IntArray = np.sort(regions.allowed.best(w.astype(float))[1])
+        key = regions.index[chosen].tobytes()
+        part, rules = self.blocks.take(regions.index), self.allowed.take(regions.index)
+        if key in self.tried or self.criterion.value(part.total(chosen)) < _NEAR * self.value:
+            return
+        self.tried.add(key)
+        better, _ = exchange(self.criterion, part, rules, chosen)
+        value = float(self.criterion.value(part.total(better)))
+        if value > self.enough:
+            self.plan, self.value = regions.index[better], value
+
+    def _open_farther(self, node: _Node, G: Array, above: float) -> None:
+        """The next node on this side that a better plan may be in, by the bound of this one's G."""
+        fixed, scores = float((G * self.blocks.fixed).sum()), self.blocks.scores(G)
+        for other in node.farther():
+            regions = other.regions()
+            found = min(fixed + regions.allowed.best(scores[regions.index])[0], above)
+            if found > self.enough:
+                self.push(found, other)
+                break
+
+    def _open_below(self, part: Blocks, regions: Regions, relaxed: Relaxation, left: float) -> None:
+        kept = survivors(relaxed.G, part, regions.allowed, self.enough)
+        w = np.bincount(relaxed.index, relaxed.weights, len(regions.index))
+        likely, regions = regions.index[relaxed.index], regions.take(kept)
+        cut = cut_of(self.criterion, part.take(kept), regions, relaxed.M, w[kept])
+        if cut is not None:  # else one plan is left, and that was judged
+            for side in _sides(regions, cut, likely):
+                for child in itertools.islice(side, 1):
+                    self.push(left, child)
+
+
+def provable(criterion: InformationFunction, allowed: Allowed) -> bool:
+    """Whether branch and bound is for such a problem: a smooth criterion, levels given."""
+    return criterion.smooth and not allowed.chooses_levels
 
 
 def prove(
@@ -61,132 +201,27 @@ def prove(
     plan: IntArray,
     G: Array,
     *,
-    most_nodes: int = 500,
+    most_work: float = SHORT_WORK,
+    told: Callable[[Proof], None] = lambda _: None,
 ) -> Proof:
-    """Prove a plan, or find a better one: a smooth criterion, levels given, candidates used once.
+    """Prove a plan, or find a better one, where that is :func:`provable`.
 
     G : ndarray, shape (p, p), supergradient of the root's bound
-    Returns the best plan and the bound that is left after ``most_nodes``.
+    most_work : multiplications after which it stops, about; told : called after every node
+    Returns the best plan and the bound that is left. Where the work is enough for a few nodes alone,
+    none is opened.
     """
-    value = float(criterion.value(blocks.total(plan)))
-    everyone = survivors(G, blocks, allowed, value * (1.0 + _SAME))
-    root = _Node(np.zeros(0, dtype=int), np.union1d(everyone, plan))
-    ticket = itertools.count()
-    heap = [(-bound(G, blocks, allowed), next(ticket), root)]
-    nodes, tried = 0, set[bytes]()
-    while heap and nodes < most_nodes and -heap[0][0] > value * (1.0 + _SAME):
-        gap = -heap[0][0] / value - 1.0
-        _, _, node = heapq.heappop(heap)
-        nodes += 1
-        found, children, better = _branch(criterion, blocks, allowed, node, value, gap, tried)
-        if better is not None:
-            plan, value = better
-        if found > value * (1.0 + _SAME):
-            for child in children:
-                heapq.heappush(heap, (-found, next(ticket), child))
-    left = max([-heap[0][0]] if heap else [value])
-    return Proof(plan, value, max(left, value), nodes)
+    tree = _Tree(criterion, blocks, allowed, plan, float(criterion.value(blocks.total(plan))))
+    index = np.union1d(survivors(G, blocks, allowed, tree.enough), plan)
+    whole = Regions(index, allowed.group[index], allowed.counts, allowed.repeats)
+    tree.push(bound(G, blocks, allowed), _Node(whole, plan))
 
+    def proof() -> Proof:
+        return Proof(tree.plan, tree.value, tree.bound, tree.nodes)
 
-def _branch(
-    criterion: InformationFunction,
-    blocks: Blocks,
-    allowed: Allowed,
-    node: _Node,
-    value: float,
-    gap: float,
-    tried: set[bytes],
-) -> tuple[float, list[_Node], tuple[IntArray, float] | None]:
-    """Bound of a node, the nodes below it, and a better plan if one was met.
-
-    tried : plans that weights were rounded to; added to
-    """
-    taken = np.bincount(allowed.group[node.inside], minlength=len(allowed.positions))
-    rules = replace(allowed.take(node.free), counts=allowed.counts - taken)
-    part = Blocks(blocks.packed[node.free], blocks.total(node.inside), blocks.rank)
-    if (rules.counts < 0).any() or any(
-        len(members) < count for members, count in zip(rules.members, rules.counts, strict=True)
-    ):
-        return -np.inf, [], None
-    if not rules.size:
-        return (
-            float(criterion.value(part.fixed)),
-            [],
-            _judged(criterion, blocks, node.inside, value),
-        )
-    open_level = rules.counts[rules.group] > 0
-    node = _Node(node.inside, node.free[open_level])
-    part, rules = part.take(np.flatnonzero(open_level)), rules.take(np.flatnonzero(open_level))
-    w = newton_weights(criterion, part, rules, float(np.clip(_DIGITS * gap, _FINEST, _COARSEST)))
-    M = part.total(np.arange(len(w)), w)
-    G = criterion.gradient(M)
-    found = bound(G, part, rules)
-    better = _rounded(criterion, blocks, allowed, rules, node, w, value, tried)
-    if better is not None:
-        value = better[1]
-    if found <= value * (1.0 + _SAME):
-        return found, [], better
-    kept = survivors(G, part, rules, value * (1.0 + _SAME))
-    if not len(kept):
-        return value, [], better
-    split = kept[_pull(criterion, part, rules, M, w)[kept].argmax()]
-    rest = node.free[kept[kept != split]]
-    into = np.append(node.inside, node.free[split])
-    return found, [_Node(into, rest), _Node(node.inside, rest)], better
-
-
-def _pull(
-    criterion: InformationFunction, part: Blocks, rules: Allowed, M: Array, w: Array
-) -> Array:
-    """What it costs to force each candidate in or out, to second order, shape (q,).
-
-    A weight moved by delta, the others following, costs ``delta^2 / (2 K_jj)`` with K the inverse of
-    the Hessian on the directions that keep the sum of every level.
-    """
-    fractional = np.flatnonzero((w > _FRACTION) & (w < 1.0 - _FRACTION))
-    cost = 1e-9 * (0.5 - np.abs(w - 0.5))
-    if len(fractional) < 2:
-        return cost
-    _, _, rows = criterion.curvature(M, part.matrices(fractional))
-    H = rows @ rows.T
-    H[np.diag_indices(len(H))] += 1e-6 * np.trace(H) / len(H)
-    K = np.linalg.inv(H)
-    sums = (rules.group[fractional] == np.unique(rules.group[fractional])[:, None]).astype(float)
-    follow = K @ sums.T
-    K = K - follow @ np.linalg.solve(sums @ follow, follow.T)
-    delta = np.minimum(w[fractional], 1.0 - w[fractional])
-    cost[fractional] += delta**2 / np.maximum(np.diag(K), 1e-300)
-    return cost
-
-
-def _rounded(
-    criterion: InformationFunction,
-    blocks: Blocks,
-    allowed: Allowed,
-    rules: Allowed,
-    node: _Node,
-    w: Array,
-    value: float,
-    tried: set[bytes],
-) -> tuple[IntArray, float] | None:
-    """The node's weights rounded and improved, where first met and near the best plan."""
-    _, chosen = rules.best(w)
-    plan = np.sort(np.concatenate([node.inside, node.free[chosen]]))
-    if (key := plan.tobytes()) in tried:
-        return None
-    tried.add(key)
-    near = float(criterion.value(blocks.total(plan)))
-    if near < 0.98 * value:
-        return None
-    whole = np.union1d(node.free, plan)
-    plan, _ = exchange(
-        criterion, blocks.take(whole), allowed.take(whole), np.searchsorted(whole, plan)
-    )
-    return _judged(criterion, blocks, whole[plan], value)
-
-
-def _judged(
-    criterion: InformationFunction, blocks: Blocks, plan: IntArray, value: float
-) -> tuple[IntArray, float] | None:
-    found = float(criterion.value(blocks.total(plan)))
-    return (plan, found) if found > value * (1.0 + _SAME) else None
+    if most_work < _FEWEST * tree.work_of(len(index), _LIKELY * len(plan), 1):
+        return proof()
+    while tree.heap and -tree.heap[0][0] > tree.enough and tree.work < most_work:
+        tree.grow()
+        told(proof())
+    return proof()

@@ -64,14 +64,17 @@ def relax(
     *,
     start: IntArray | None = None,
     gap: float = GAP,
+    enough: float = 0.0,
 ) -> Relaxation:
     """Maximise the criterion over weights, certified over every candidate.
 
-    start : ndarray of int, candidates to begin with, as those of a known plan
+    start : ndarray of int, candidates to begin with, as those of a known plan, in place of a search for
+        them
     gap : float, certified relative gap at which to stop; a larger one is returned where the solver
         cannot reach it
+    enough : float, bound at which to stop in any case
     """
-    active, M = _warm_start(criterion, blocks, allowed)
+    active, M = _warm_start(criterion, blocks, allowed, _WARM_ROUNDS if start is None else 1)
     if start is not None:
         active = np.union1d(active, start)
     met, precision = [M], _DIGITS
@@ -88,7 +91,7 @@ def relax(
         stalled = 0 if bounds[tightest] < best * (1.0 - 0.1 * gap) else stalled + 1
         if bounds[tightest] < best:
             best, G_best = bounds[tightest], proofs[tightest]
-        if best <= value * (1.0 + gap):
+        if best <= max(value * (1.0 + gap), enough):
             break
         # No more digits of the master than its candidates deserve.
         precision = max(gap / 4.0, min(precision, _DIGITS * (best / value - 1.0)))
@@ -133,13 +136,13 @@ def _master(
 
 
 def _warm_start(
-    criterion: InformationFunction, blocks: Blocks, allowed: Allowed
+    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, rounds: int
 ) -> tuple[IntArray, Array]:
-    """Candidates and information of a few Frank-Wolfe steps from uniform weights."""
+    """Candidates and information of so many Frank-Wolfe steps from uniform weights."""
     uniform = np.full(len(blocks), allowed.size / len(blocks))
     M = blocks.total(np.arange(len(blocks)), uniform)
     active: IntArray = np.zeros(0, dtype=int)
-    for step in range(_WARM_ROUNDS):
+    for step in range(rounds):
         scores = blocks.scores(criterion.gradient(M))
         _, chosen = allowed.best(scores)
         active = np.union1d(active, np.union1d(chosen, _entering(scores, allowed)))

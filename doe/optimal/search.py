@@ -1,4 +1,4 @@
-"""From weights to the best whole plan found: many starts on a short list, then the whole pool."""
+"""From weights to the best whole plan found: many starts, the whole pool, branch and bound."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
+from doe.optimal.branch import provable, prove
 from doe.optimal.breadth import Breadth, breadth_of
 from doe.optimal.certify import survivors
 from doe.optimal.exchange import exchange, rounded_weights
@@ -46,7 +47,7 @@ def best_plan(
     seed: int,
     thorough: bool = True,
 ) -> Found:
-    """Search from many starts, then over every candidate that a better plan may contain.
+    """Search from many starts, then among all that a better plan may contain, then by its bounds.
 
     thorough : else from a few rounded weights alone, some per mille lower
     """
@@ -71,7 +72,11 @@ def best_plan(
     kept = np.union1d(survivors(relaxed.G, blocks, allowed, value), plan)
     part, rules = blocks.take(kept), allowed.take(kept)
     plan, value = exchange(criterion, part, rules, np.searchsorted(kept, plan))
-    return Found(kept[plan], value, starts)
+    plan = kept[plan]
+    if thorough and provable(criterion, allowed):
+        proof = prove(criterion, blocks, allowed, plan, relaxed.G)
+        plan, value = proof.plan, proof.value
+    return Found(plan, value, starts)
 
 
 def _short_list(

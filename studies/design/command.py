@@ -61,6 +61,11 @@ if TYPE_CHECKING:
     "--robust", is_flag=True, help="The plan that best survives the loss of any one pose."
 )
 @click.option(
+    "--prove",
+    is_flag=True,
+    help="Go on until no plan of the candidates is better, for some minutes: D, A and task alone.",
+)
+@click.option(
     "--reference-every",
     metavar="K",
     type=click.IntRange(min=0),
@@ -92,6 +97,7 @@ def design(
     against: tuple[Path, ...],
     curve: bool,
     robust: bool,
+    prove: bool,
     reference_every: int | None,
     reapproach: int | None,
     repeats: bool | None,
@@ -139,6 +145,7 @@ def design(
             against=plans,
             repeats=repeats,
             robust=robust,
+            prove=prove,
             refine=polish,
             curve=curve,
             reference_every=reference_every,

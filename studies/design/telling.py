@@ -107,7 +107,8 @@ def _proof(record: DesignRecord) -> Iterator[Part]:
         yield Sentence(
             f"{100.0 * solver:.2f} of the missing {100.0 * rest:.2f} % are the solver's, the rest lies "
             "between the plan and the bound, which may split poses; the searches ended "
-            f"{100.0 * spread:.2f} % apart: the closer, the more is the bound's",
+            f"{100.0 * spread:.2f} % apart: the closer, the more is the bound's"
+            f"{'; --prove goes on' * (proof.nodes > 0)}",
             label="slack",
         )
     yield Detail(

@@ -7,7 +7,6 @@ import pytest
 
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
-from doe.optimal.branch import prove
 from doe.optimal.certify import bound, survivors
 from doe.optimal.conic import conic_weights
 from doe.optimal.exchange import exchange, greedy
@@ -15,7 +14,7 @@ from doe.optimal.newton import newton_weights
 from doe.optimal.relax import relax
 from doe.optimal.robust import robust_exchange, smallest_left
 from doe.optimal.search import best_plan
-from tests.doe.problems import best_by_exhaustion, criteria, grouped, plans, random_blocks
+from tests.doe.problems import best_by_exhaustion, criteria, grouped, random_blocks
 
 P = 4
 NAMES = list(criteria(np.random.default_rng(0), P))
@@ -135,24 +134,6 @@ def test_search_against_exhaustion(name: str, rules: str, seed: int) -> None:
     assert relaxed.bound >= optimum * (1.0 - 1e-9)
     assert value <= optimum * (1.0 + 1e-9)
     assert value >= 0.999 * optimum
-
-
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("rules", ["free", "levels"])
-@pytest.mark.parametrize("name", ["D", "A", "task"])
-def test_branch_and_bound_against_exhaustion(name: str, rules: str, seed: int) -> None:
-    """From the worst plan of all it must still end at the best one, and say so."""
-    rng = np.random.default_rng(10 + seed)
-    allowed = SMALL[rules]
-    criterion, blocks = criteria(rng, P)[name], random_blocks(rng, len(allowed.group), P)
-    optimum, _ = best_by_exhaustion(criterion, blocks, allowed)
-    worst = min(plans(allowed), key=lambda plan: float(criterion.value(blocks.total(plan))))
-    relaxed = relax(criterion, blocks, allowed)
-    proof = prove(criterion, blocks, allowed, worst, relaxed.G, most_nodes=2000)
-    assert proof.optimal
-    assert proof.value == pytest.approx(optimum, rel=1e-8)
-    stopped = prove(criterion, blocks, allowed, worst, relaxed.G, most_nodes=1)
-    assert stopped.bound >= optimum * (1.0 - 1e-9)
 
 
 @pytest.mark.parametrize("name", NAMES)

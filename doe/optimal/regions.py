@@ -1,0 +1,147 @@
+"""Regions of candidates with so many poses in each, and the cut that a relaxation feels most.
+
+A dense pool has neighbours of every candidate that are as good. To shut one out says nothing, but to
+say how many poses stand on either side of a plane between them does: the weights have to become whole
+there, however many candidates there are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arrays import Array, IntArray, Mask
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.optimal.function import InformationFunction
+from doe.optimal.packed import unpack
+
+_SOME = 1e-3  # weight from which a candidate counts where planes are laid
+_WHOLE = 1e-6  # what a count may be off and still be whole
+
+
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """Plans of so many poses from each of some sets of candidates.
+
+    index : ndarray of int, shape (n,), candidates; group : ndarray of int, shape (n,), region of each
+    counts : ndarray of int, shape (L,), poses in each; repeats : whether a candidate may be used again
+    """
+
+    index: IntArray
+    group: IntArray
+    counts: IntArray
+    repeats: bool
+
+    @property
+    def allowed(self) -> Allowed:
+        """The same as rules over the candidates."""
+        count = len(self.counts)
+        return Allowed(
+            self.group, np.arange(float(count)), self.counts, count, repeats=self.repeats
+        )
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every region has the candidates for its poses."""
+        held = np.bincount(self.group, minlength=len(self.counts))
+        return bool((held >= (np.minimum(self.counts, 1) if self.repeats else self.counts)).all())
+
+    def take(self, kept: IntArray) -> Regions:
+        """Some of the candidates, by their places in the index."""
+        return Regions(self.index[kept], self.group[kept], self.counts, self.repeats)
+
+    def cut(self, beyond: Mask, region: int, before: int) -> Regions:
+        """A region in two: so many of its poses before the cut, the others beyond, (n,).
+
+        Regions without a pose are no more.
+        """
+        group = np.where(beyond, len(self.counts), self.group)
+        counts = np.append(self.counts, self.counts[region] - before)
+        counts[region] = before
+        held = counts > 0
+        alive = held[group]
+        return Regions(
+            self.index[alive], (np.cumsum(held) - 1)[group[alive]], counts[held], self.repeats
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """One region in two.
+
+    beyond : ndarray of bool, shape (n,), its candidates on the far side; before : float, weight on the
+    near side
+    """
+
+    region: int
+    beyond: Mask
+    before: float
+
+
+def cut_of(
+    criterion: InformationFunction, part: Blocks, regions: Regions, M: Array, w: Array
+) -> Cut | None:
+    """The cut that weights w (n,) pay most to meet in whole numbers; None where no region divides.
+
+    M : ndarray, shape (p, p), the information that they make
+    Distances are those of the criterion's second order at M, in which a weight that moves by d over a
+    distance x costs ``(d x)^2 / 2``. Planes stand between two candidates of weight, across their line.
+    """
+    held = np.flatnonzero(w > _SOME)
+    size = part.packed.shape[1]
+    turn = criterion.curvature(M, unpack(np.eye(size)))[2]
+    at = part.packed[held] @ turn
+    best, found = 0.0, None
+    for region in np.unique(regions.group[held]):
+        own = np.flatnonzero(regions.group[held] == region)
+        worth, first, second, middle, before = _plane(at[own], w[held[own]])
+        if worth > best:
+            normal = turn @ (at[own[first]] - at[own[second]])
+            best, found = worth, (int(region), normal, middle, before)
+    if found is None:
+        return _one_and_others(regions, w)
+    region, normal, middle, before = found
+    beyond = (regions.group == region) & (part.packed @ normal > middle)
+    return Cut(region, beyond, before)
+
+
+def _plane(at: Array, w: Array) -> tuple[float, int, int, float, float]:
+    """The best plane between two of k points (k, d) of weights w (k,).
+
+    Returns what it is worth, 0 where all weights are whole, the two points, where it stands along
+    their difference, and the weight before it.
+    """
+    if len(at) < 2:
+        return 0.0, 0, 0, 0.0, 0.0
+    gram = at @ at.T
+    first, second = np.triu_indices(len(at), 1)
+    along = gram[first] - gram[second]
+    length = gram[first, first] + gram[second, second] - 2.0 * gram[first, second]
+    order = np.argsort(along, axis=1)
+    sorted_along = np.take_along_axis(along, order, axis=1)
+    before = np.cumsum(w[order], axis=1)[:, :-1]
+    part = np.abs(before - np.round(before))
+    gap = np.diff(sorted_along, axis=1)
+    worth = np.where(part > _WHOLE, part**2 * gap**2, 0.0) / np.maximum(length, 1e-300)[:, None]
+    pair, place = np.unravel_index(worth.argmax(), worth.shape)
+    middle = 0.5 * (sorted_along[pair, place] + sorted_along[pair, place + 1])
+    return (
+        float(worth[pair, place]), int(first[pair]), int(second[pair]), float(middle),
+        float(before[pair, place]),
+    )  # fmt: skip
+
+
+def _one_and_others(regions: Regions, w: Array) -> Cut | None:
+    """Weights are whole: the heaviest candidate of a region that has others from the rest of it."""
+    held = np.bincount(regions.group, minlength=len(regions.counts))
+    most = regions.counts if not regions.repeats else np.ones_like(regions.counts)
+    divides = (held > most)[regions.group]
+    if not divides.any():
+        return None
+    one = int(np.where(divides, w, -1.0).argmax())
+    region = int(regions.group[one])
+    beyond = regions.group == region
+    beyond[one] = False
+    return Cut(region, beyond, float(w[one]))

@@ -50,6 +50,9 @@ class Determinant(Criterion):
     def brought(self, cov: Array, into: Array) -> Array:
         return growth(cov, into)
 
+    def raised(self, cov: Array, into: Array) -> Array:
+        return np.asarray(self.value_by_covariance(cov) * np.exp(growth(cov, into) / len(cov)))
+
     def screen(self, base: Array, packed: Array, rank: int) -> Array:
         # det(base + M) = det(base) det(I + base^-1 M), whose rank eigenvalues have a known sum.
         told = packed @ pack(np.asarray(np.linalg.inv(base)))

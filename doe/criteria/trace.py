@@ -48,6 +48,10 @@ class Trace(Criterion):
         W = cov @ self.F
         return np.asarray(W @ np.swapaxes(W, -1, -2))
 
+    def raised(self, cov: Array, into: Array) -> Array:
+        left = 1.0 / self.value_by_covariance(cov) - self.brought(cov, into)
+        return np.asarray(1.0 / np.maximum(left, 1e-300))
+
     def conic(self, M: Any, at: Array) -> Conic:
         import cvxpy as cp
 

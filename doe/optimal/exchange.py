@@ -1,11 +1,10 @@
 """Whole plans: rounded and greedy starts, improved by exchanging one pose for a better candidate.
 
 An exchange is judged exactly, but only where it could pay: the criterion is concave, so a supergradient
-at any matrix bounds every exchange from above by one dot product. The bound is refined at the best
-exchange found so far (Kelley's cutting planes over the pool), and for D the rank of a block bounds its
-determinant; a pose stays only where no candidate can beat it. Blocks of several markers have about as
-many rows as there are parameters, so a low-rank update of the inverse would cost what the evaluation
-itself does.
+at any matrix bounds every exchange from above by one dot product. Where a criterion has a form for one
+pose more, that bounds it within what little of the pose that leaves is kept beside the plan; else the
+bound is refined at the best exchange found so far (Kelley's cutting planes over the pool), and for D the
+rank of a block bounds its determinant. A pose stays only where no candidate can beat it.
 """
 
 from __future__ import annotations
@@ -15,12 +14,15 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
+from doe.optimal.covariance import lessened
 from doe.optimal.function import InformationFunction
 from doe.optimal.packed import pack
 
 _BATCH = 24
 _PATIENCE = 2  # batches looked at after the first one that holds something better
 _PROMISING = 200  # candidates of a level that is tried in place of another
+_NEARLY = 0.9999  # of a pose is taken away: the rest alone may be singular
+_DIGITS = 1e-9  # that an update of the covariance may lose, relative
 _WORTH = 1e-7  # relative gain below which an exchange is rounding
 
 
@@ -91,6 +93,10 @@ def _better(
         taken[plan] = True
         possible[taken[here]] = -np.inf
     best, chosen = value * (1.0 + _WORTH), -1
+    live = np.flatnonzero(possible > best)
+    if len(live) > _BATCH:
+        closer = _raised(criterion, blocks, plan[slot], here[live], M)
+        possible[live] = np.minimum(possible[live], closer)
     patience = _PATIENCE
     while patience:
         live = np.flatnonzero(possible > best)
@@ -110,6 +116,16 @@ def _better(
             cut = _above(criterion.gradient(nearest), base, rows[rest])
             possible[rest] = np.minimum(possible[rest], cut)
     return None if chosen < 0 else (chosen, best)
+
+
+def _raised(
+    criterion: InformationFunction, blocks: Blocks, out: int, index: IntArray, M: Array
+) -> Array:
+    """Upper bounds on the criterion with candidates in place of a pose, of which a trace stays."""
+    rows = blocks.take(np.append(index, out)).rows
+    rest = lessened(np.linalg.inv(M)[None], rows[-1:], _NEARLY)[0]
+    found = criterion.raised(rest, rows[:-1])
+    return np.full(len(index), np.inf) if found is None else found * (1.0 + _DIGITS)
 
 
 def _above(G: Array, base: Array, rows: Array) -> Array:

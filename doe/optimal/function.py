@@ -74,6 +74,13 @@ class InformationFunction(ABC):
         """
         return fall(cov, self.leaning(cov[None])[0], into)
 
+    def raised(self, cov: Array, into: Array) -> Array | None:
+        """``Phi`` with each pose beside a plan, shape (n,); None without a form for that.
+
+        cov, into : as above
+        """
+        return None
+
     def screen(self, base: Array, packed: Array, rank: int) -> Array:
         """Upper bound on ``Phi(base + M_j)`` of packed candidates, shape (n,): the gradient at base.
 

@@ -20,11 +20,14 @@ from doe.optimal.function import InformationFunction
 from doe.optimal.packed import pack
 
 _JUDGED = 6  # candidates of the largest scores that are judged exactly in place of a pose
-_JUDGED_CLOSELY = 32  # where a smoother criterion than their own ranks them
+_JUDGED_CLOSELY = (
+    2,
+    32,
+)  # where what they bring ranks them, or a smoother criterion than their own
 _HALF = 0.5  # of a pose is taken away for a first order between what is without it and with it
 _NEARLY = 0.9999  # of a pose is taken away to see what would come in its place
 _WORTH = 1e-6  # relative gain below which an exchange is none
-_KICKED = 3  # poses of a plan that are replaced by chance
+_KICKED = 3  # poses of a plan that are replaced by chance, at most half of them
 
 
 def improved(
@@ -33,17 +36,19 @@ def improved(
     allowed: Allowed,
     plans: IntArray,
     *,
-    closely: bool = False,
+    closely: int = 0,
 ) -> tuple[IntArray, Array]:
     """Improve plans by single exchanges, one pose after the other, until none of the likely ones helps.
 
     plans : ndarray of int, shape (B, size)
-    closely : bool, rank candidates by what they bring in place of to first order
+    closely : int, candidates in place of each pose that are ranked by what they bring, the best to
+        first order
     Returns the plans, poses of a level together, and their criteria.
     """
     plans = np.take_along_axis(plans, np.argsort(allowed.group[plans], axis=1, kind="stable"), 1)
     parts = [(here, blocks.packed[here]) for here in allowed.members]
-    rows, judged = blocks.rows, _JUDGED_CLOSELY if closely and not criterion.smooth else _JUDGED
+    rows = blocks.rows
+    judged = _JUDGED_CLOSELY[not criterion.smooth] if closely else _JUDGED
     totals = np.array([blocks.total(plan) for plan in plans])
     values, cov = np.array(criterion.value(totals)), np.linalg.inv(totals)
     idle, slot = np.zeros(len(plans), dtype=int), 0
@@ -53,12 +58,7 @@ def improved(
         for level in np.unique(levels):
             own = live[levels == level]
             out, (here, packed) = plans[own, slot], parts[level]
-            if closely:
-                rests, into = lessened(cov[own], rows[out], _NEARLY), rows[here]
-                scores = np.array([criterion.brought(rest, into) for rest in rests])
-            else:
-                between = lessened(cov[own], rows[out], _HALF)
-                scores = pack(criterion.leaning(between)) @ packed.T
+            scores = _scores(criterion, cov[own], rows[out], rows[here], packed, closely)
             if not allowed.repeats:
                 taken = np.zeros((len(own), len(blocks)), dtype=bool)
                 np.put_along_axis(taken, plans[own], True, axis=1)
@@ -79,6 +79,28 @@ def improved(
     return plans, values
 
 
+def _scores(
+    criterion: InformationFunction, cov: Array, out: Array, into: Array, packed: Array, closely: int
+) -> Array:
+    """What ranks candidates in place of one pose of each plan, shape (B, n).
+
+    cov : ndarray, shape (B, p, p), of the plans; out : ndarray, shape (B, r, p), rows of the poses
+    into, packed : rows (n, r, p) and information of the candidates; closely : as above
+    """
+    if closely < len(into):
+        between = lessened(cov, out, _HALF)
+        scores = np.asarray(pack(criterion.leaning(between)) @ packed.T)
+        if not closely:
+            return scores
+    rests = lessened(cov, out, _NEARLY)
+    if closely >= len(into):
+        return np.array([criterion.brought(rest, into) for rest in rests])
+    found = np.full_like(scores, -np.inf)
+    for own, rest, some in zip(found, rests, _largest(scores, closely), strict=True):
+        own[some] = criterion.brought(rest, into[some])
+    return found
+
+
 def _largest(scores: Array, count: int) -> IntArray:
     """Positions of the largest of each row, shape (B, count) or all of them."""
     if scores.shape[1] <= count:
@@ -89,7 +111,8 @@ def _largest(scores: Array, count: int) -> IntArray:
 def kicked(allowed: Allowed, plan: IntArray, rng: np.random.Generator) -> IntArray:
     """A plan with a few of its poses replaced by chance, levels kept."""
     plan = plan.copy()
-    for slot in rng.choice(len(plan), min(_KICKED, len(plan)), replace=False):
+    count = max(1, min(_KICKED, len(plan) // 2))
+    for slot in rng.choice(len(plan), count, replace=False):
         members = allowed.members[allowed.group[plan[slot]]]
         free = members if allowed.repeats else np.setdiff1d(members, plan)
         if len(free):

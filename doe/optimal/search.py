@@ -103,7 +103,7 @@ def _started(
     if allowed.chooses_levels:
         found = [exchange(criterion, blocks, allowed, plan) for plan in plans]
         return np.array([plan for plan, _ in found]), np.array([value for _, value in found])
-    return _settled(criterion, blocks, allowed, plans, breadth.eased, breadth.whole)
+    return _settled(criterion, blocks, allowed, plans, breadth, breadth.eased, breadth.whole)
 
 
 def _settled(
@@ -111,6 +111,7 @@ def _settled(
     blocks: Blocks,
     allowed: Allowed,
     plans: IntArray,
+    breadth: Breadth,
     eased: tuple[float, ...],
     whole: int,
 ) -> tuple[IntArray, Array]:
@@ -123,7 +124,8 @@ def _settled(
     for share in eased:
         helped = blocks.beside(share * allowed.size * blocks.mean)
         plans, values = improved(criterion, helped, allowed, plans)
-    return improved(criterion, blocks, allowed, plans[np.argsort(-values)[:whole]], closely=True)
+    best = plans[np.argsort(-values)[:whole]]
+    return improved(criterion, blocks, allowed, best, closely=breadth.closely)
 
 
 def _bred(
@@ -151,9 +153,8 @@ def _bred(
             ]
         else:
             children += [kicked(allowed, plan, rng) for plan in plans]
-        new, found = _settled(
-            criterion, blocks, allowed, np.array(children), breadth.eased[-1:], breadth.whole // 3
-        )
+        few, last = breadth.whole // 3, breadth.eased[-1:]
+        new, found = _settled(criterion, blocks, allowed, np.array(children), breadth, last, few)
         idle = 0 if found.max() > values.max() * (1.0 + _GAIN) else idle + 1
         plans, values = np.concatenate([plans, new]), np.concatenate([values, found])
         if idle >= _PATIENCE:

@@ -91,7 +91,7 @@ def draw(index: int, seed: int) -> Drawn:
     mean = np.einsum("nrp,nrq->pq", rows, rows) / len(rows)
     T = np.linalg.inv(np.linalg.cholesky(mean)).T
     turned = rows @ T
-    p, r = rows.shape[2], min(rows.shape[1], 6)
+    p, r = rows.shape[2], int(np.linalg.matrix_rank(rows[:9], rtol=1e-9).max())
     poses = max(3, round(p / r * rng.uniform(*_SPARE)))
     name = _CRITERIA[index % len(_CRITERIA)]
     goal_rows = turned[count:].reshape(-1, p) / np.sqrt(goals * markers)

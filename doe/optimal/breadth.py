@@ -49,7 +49,7 @@ def breadth_of(allowed: Allowed, p: int) -> Breadth:
     whole = max(_WHOLE_WAY[0], _WHOLE_WAY[1] // allowed.size)
     starts = _MORE_EASED * whole
     even = round(_EVEN * starts)
-    best, closely = (_BEST_OF_FEW, _CLOSELY)
+    best, closely = _BEST_OF_FEW, _CLOSELY
     if allowed.size <= _FEWEST:
         best, closely = _BEST_OF_FEWEST, _EVERYONE
     return Breadth(starts, even, best, _KICKS_OF_FEW, _EASED, whole, closely)

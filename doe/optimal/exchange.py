@@ -2,9 +2,9 @@
 
 An exchange is judged exactly, but only where it could pay: the criterion is concave, so a supergradient
 at any matrix bounds every exchange from above by one dot product. Where a criterion has a form for one
-pose more, that bounds it within what little of the pose that leaves is kept beside the plan; else the
-bound is refined at the best exchange found so far (Kelley's cutting planes over the pool), and for D the
-rank of a block bounds its determinant. A pose stays only where no candidate can beat it.
+pose more, that bounds it within what little of the pose that leaves is kept beside the plan. Else the
+bound is refined at the best exchange found so far (Kelley's cutting planes over the pool), and for D
+the rank of a block bounds its determinant. A pose stays only where no candidate can beat it.
 """
 
 from __future__ import annotations

@@ -36,10 +36,13 @@ _BASE, _POSES = 20_000, 20  # candidates and poses while something else grows
 _CASES = ("elastic", "elastic + base", "elastic + base, tool", "geometric", "all")
 _GREW = {"n": (10_000, 20_000, 40_000, 80_000, 160_000), "poses": (15, 20, 40, 80, 160)}
 _READ = (100, 200, 400, 800, 1495)
-_EFFECTS = (("base", "tool"), ("base", "tool", "joint_offset"), ("base", "tool", "geometry"))
-_EFFECTS += (
-    (*_EFFECTS[-1], "joint_compliance"),
-    (*_EFFECTS[-1], "joint_compliance", "transmission_harmonic"),
+_GEOMETRY = ("base", "tool", "geometry")
+_EFFECTS: tuple[tuple[str, ...], ...] = (
+    ("base", "tool"),
+    ("base", "tool", "joint_offset"),
+    _GEOMETRY,
+    (*_GEOMETRY, "joint_compliance"),
+    (*_GEOMETRY, "transmission_harmonic"),
 )
 
 

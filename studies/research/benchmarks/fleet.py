@@ -1,9 +1,10 @@
 """A plant of simulated robots through ``posecal fleet``: speed, memory, a kill, workers.
 
-    python -m studies.research.benchmarks.fleet [--robots 1000] [--diagnose] [--json FILE]
+    python -m studies.research.benchmarks.fleet [--robots 1000] [--diagnose] [--once] [--json FILE]
 
 Three runs over the same files: by several workers; by as many, killed when a third is done and started
-again; by one. All results must be the same to the last byte, and nothing be computed twice.
+again; by one. All results must be the same to the last byte, and nothing be computed twice. ``--once``
+is the first of them alone.
 """
 
 from __future__ import annotations
@@ -123,46 +124,58 @@ def digests(folder: Path) -> dict[str, str]:
 
 
 def measured(
-    base: Path, robots: int, workers: int, seed: int, options: list[str]
+    base: Path, robots: int, workers: int, seed: int, options: list[str], once: bool = False
 ) -> dict[str, Any]:
-    """The three runs, and whether they agree."""
-    whole, killed, alone = (base / name for name in ("whole", "killed", "alone"))
+    """The first run, then the two others and whether all agree."""
+    whole = base / "whole"
     begun = time.monotonic()
     write_plant(whole, robots, seed=seed)
     drawn_s = time.monotonic() - begun
-    for copy in (killed, alone):
+    copies = () if once else (base / "killed", base / "alone")
+    for copy in copies:
         shutil.copytree(whole, copy)
     many = ["--workers", str(workers), *options]
     first = run(whole, *many)
     wanted = len(results(whole))
-    cut = run(killed, *many, until=lambda own: own.results >= wanted // 3)
-    stood = {path: path.stat().st_mtime_ns for path in results(killed)}
-    second = run(killed, *many)
-    single = run(alone, "--workers", "1", *options)
     summary = json.loads((whole / "fleet.json").read_text(encoding="utf-8"))
     busy = [own.seconds for own in first.samples if 0 < own.results < wanted]
-    return {
+    found = {
         "robots": robots,
         "workers": workers,
         "options": options,
         "simulated_s": drawn_s,
-        "status": [first.status, cut.status, second.status, single.status],
+        "status": first.status,
         "results": wanted,
         "faults": robots // FAULTY,
         "seconds": first.samples[-1].seconds,
         "robots_a_minute": 60.0 * robots / first.samples[-1].seconds,
         "robots_a_minute_started": 60.0 * robots / (busy[-1] - busy[0]) if len(busy) > 1 else None,
-        "processor_s_a_robot": single.cpu_s / robots,
-        "robots_a_minute_one_worker": 60.0 * robots / single.samples[-1].seconds,
+        "processor_s_a_robot": first.cpu_s / robots,
         "memory_to_a_third_mb": first.memory_mb(0.01, 1 / 3),
         "memory_of_the_last_tenth_mb": first.memory_mb(0.9, 1.0),
+        "knocked": [index for index in range(robots) if knocked(index)],
+        "stand_out": sorted({int(own["robot"][-5:]) for own in summary["off"]}),
+    }
+    return found if once else found | _again(whole, *copies, many, ["--workers", "1", *options])
+
+
+def _again(
+    whole: Path, killed: Path, alone: Path, many: list[str], single: list[str]
+) -> dict[str, Any]:
+    """A run that is killed and gone on with, and one by a single worker, beside the whole one."""
+    wanted = len(results(whole))
+    cut = run(killed, *many, until=lambda own: own.results >= wanted // 3)
+    stood = {path: path.stat().st_mtime_ns for path in results(killed)}
+    second, one = run(killed, *many), run(alone, *single)
+    return {
+        "status_of_the_others": [cut.status, second.status, one.status],
+        "processor_s_of_one_worker": one.cpu_s,
+        "seconds_of_one_worker": one.samples[-1].seconds,
         "stood_at_the_kill": len(stood),
         "second_run_written_and_kept": second.counts,
         "kept_untouched": all(p.stat().st_mtime_ns == when for p, when in stood.items()),
         "killed_same_bytes": digests(killed) == digests(whole),
         "one_worker_same_bytes": digests(alone) == digests(whole),
-        "knocked": [index for index in range(robots) if knocked(index)],
-        "stand_out": sorted({int(own["robot"][-5:]) for own in summary["off"]}),
         "left_over": [p.name for p in killed.rglob(".posecal-*")],
     }
 
@@ -171,15 +184,16 @@ def measured(
 @click.option("--robots", type=click.IntRange(min=6), default=1000, show_default=True)
 @click.option("--workers", type=click.IntRange(min=1), default=2, show_default=True)
 @click.option("--diagnose", "both", is_flag=True, help="Diagnose too: some seconds a robot.")
+@click.option("--once", is_flag=True, help="No kill, and not by one worker.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 @click.option("--json", "path", type=click.Path(path_type=Path), help="Write the figures as JSON.")
-def main(robots: int, workers: int, both: bool, seed: int, path: Path | None) -> None:
+def main(robots: int, workers: int, both: bool, once: bool, seed: int, path: Path | None) -> None:
     """Measure ``posecal fleet``; about a second of a processor a robot and run without --diagnose."""
     from calib.files.write import json_text, write_files
 
     options = ["--holdout", "0.3", *([] if both else ["--only", "identify"])]
     with tempfile.TemporaryDirectory() as name:
-        found = measured(Path(name), robots, workers, seed, options)
+        found = measured(Path(name), robots, workers, seed, options, once)
     console = console_for(None)
     for key, value in found.items():
         shown = f"{value:.4g}" if isinstance(value, float) else value

@@ -127,12 +127,11 @@ def measured(
     base: Path, robots: int, workers: int, seed: int, options: list[str], once: bool = False
 ) -> dict[str, Any]:
     """The first run, then the two others and whether all agree."""
-    whole = base / "whole"
+    whole, killed, alone = (base / name for name in ("whole", "killed", "alone"))
     begun = time.monotonic()
     write_plant(whole, robots, seed=seed)
     drawn_s = time.monotonic() - begun
-    copies = () if once else (base / "killed", base / "alone")
-    for copy in copies:
+    for copy in () if once else (killed, alone):
         shutil.copytree(whole, copy)
     many = ["--workers", str(workers), *options]
     first = run(whole, *many)
@@ -156,7 +155,9 @@ def measured(
         "knocked": [index for index in range(robots) if knocked(index)],
         "stand_out": sorted({int(own["robot"][-5:]) for own in summary["off"]}),
     }
-    return found if once else found | _again(whole, *copies, many, ["--workers", "1", *options])
+    if once:
+        return found
+    return found | _again(whole, killed, alone, many, ["--workers", "1", *options])
 
 
 def _again(

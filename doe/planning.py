@@ -105,6 +105,8 @@ def design(
     renewed = source if fresh and isinstance(source, int) else 0
     polished = isinstance(source, int) if refine is None else refine
     every, again = spacing(cell, reference_every), reapproaches_of(cell, reapproach)
+    if prove:
+        _check_provable(request, robust)
     effort = Effort(polished, renewed, robust, prove, curve, every, again, seed, progress)
     return _designed(cell, request, source, effort, against or {}, Clock())
 
@@ -133,6 +135,18 @@ def _criterion(name: str, discriminate: tuple[str, str] | None, of: tuple[str, .
         known = ", ".join(n for n in catalogue() if n != UNASKED)
         raise InputError("criterion", "", f"{name!r} is unknown", f"known are {known}")
     return name
+
+
+def _check_provable(request: Request, robust: bool) -> None:
+    """Refuse a proof where there is none."""
+    kinds = catalogue()
+    if not kinds[request.criterion].smooth:
+        smooth = ", ".join(sorted(name for name, kind in kinds.items() if kind.smooth))
+        raise CalibError(f"branch and bound is for criteria {smooth}, not {request.criterion}")
+    if robust:
+        raise CalibError("branch and bound knows no robust plans; leave out one of both")
+    if request.levels is not None and not request.levels.chosen:
+        raise CalibError("branch and bound chooses no levels; give them, as in A2=-140,-57,-10x3")
 
 
 def _plan(cell: Cell, plan: str | Path | Poses | None) -> Poses | None:

@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 @click.option(
     "--prove",
     is_flag=True,
-    help="Go on until no plan of the candidates is better, for some minutes: D, A and task alone.",
+    help="Go on until no plan of the candidates is better, for some minutes at most (D, A, c, task).",
 )
 @click.option(
     "--reference-every",

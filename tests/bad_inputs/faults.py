@@ -360,6 +360,7 @@ OTHERS = [
     Fault("more levels than poses", "design cell.toml --levels A2=5x3 --poses 4"),
     Fault("too many levels", "design cell.toml --levels A2=999x1"),
     Fault("an unknown criterion", "design cell.toml --criterion F"),
+    Fault("a proof that there is none of", "design cell.toml --criterion E --prove"),
     Fault("candidates that are no count", "design cell.toml --candidates -5"),
     Fault("a topic that is misspelt", "explain baklash"),
     Fault("too few candidates", "design cell.toml --candidates 3"),

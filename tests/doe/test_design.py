@@ -52,6 +52,29 @@ def massless(kr270: Cell, tmp_path_factory: pytest.TempPathFactory) -> Cell:
     return designed(replace(kr270, effects=ELASTIC, robot=robot), path)
 
 
+def test_a_plan_is_proved_to_be_the_best(elastic: Cell, quick: Callable[..., doe.Design]) -> None:
+    """At the tip, where the bound alone leaves three per cent; and on the way lines are told."""
+    lines: list[str] = []
+    proved = doe.design(elastic, levels=LEVELS, prove=True, progress=lines.append, **QUICK)
+    assert proved.certificate.optimal
+    assert proved.certificate.value >= quick().certificate.value * (1.0 - 1e-9)
+    assert proved.certificate.value <= quick().certificate.bound * (1.0 + 1e-9)
+    assert any(line.startswith("branch and bound: 1.0000") for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("asked", "why"),
+    [
+        ({"criterion": "E", "levels": LEVELS}, "not E"),
+        ({"robust": True, "levels": LEVELS}, "robust"),
+        ({"levels": "A2=5x3"}, "chooses no levels"),
+    ],
+)
+def test_what_cannot_be_proved_is_said(elastic: Cell, asked: dict[str, Any], why: str) -> None:
+    with pytest.raises(CalibError, match=why):
+        doe.design(elastic, prove=True, **asked, **QUICK)
+
+
 def information(cell: Cell, q: np.ndarray) -> np.ndarray:
     """From the public observation matrices alone, SI."""
     B = observation(cell, q) / cell.noise.along

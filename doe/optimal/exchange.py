@@ -123,7 +123,7 @@ def _raised(
 ) -> Array:
     """Upper bounds on the criterion with candidates in place of a pose, of which a trace stays."""
     rows = blocks.take(np.append(index, out)).rows
-    cov: Array = np.linalg.inv(M)[None]
+    cov = np.asarray(np.linalg.inv(M))[None]
     rest = lessened(cov, rows[-1:], _NEARLY)[0]
     found = criterion.raised(rest, rows[:-1])
     return np.full(len(index), np.inf) if found is None else found * (1.0 + _DIGITS)

@@ -54,20 +54,13 @@ def best_plan(
     rng = np.random.default_rng(seed)
     listed = _short_list(blocks, allowed, relaxed)
     part, rules = blocks.take(listed), allowed.take(listed)
+    search = _Search(criterion, part, rules, breadth_of(rules, len(blocks.fixed)))
     weights = np.zeros(len(listed))
     weights[np.searchsorted(listed, relaxed.index)] = relaxed.weights
-    breadth = breadth_of(rules, len(blocks.fixed))
-    count, even = (breadth.starts, breadth.even) if thorough else (_QUICK, 0)
-    everyone, same = np.arange(len(listed)), np.ones(len(listed))
-    drawn = [
-        rounded_weights(rules, everyone, same if k < even else weights, rng)
-        for k in range(count - 1)
-    ]
-    first = np.array([rounded_weights(rules, everyone, weights, None), *drawn])
-    plans, starts = _started(criterion, part, rules, first, breadth)
+    plans, starts = search.started(search.drawn(weights, thorough, rng))
     values = starts
     if thorough:
-        plans, values = _bred(criterion, part, rules, plans, values, breadth, rng)
+        plans, values = search.bred(plans, values, rng)
     plan, value = listed[plans[values.argmax()]], float(values.max())
     kept = np.union1d(survivors(relaxed.G, blocks, allowed, value), plan)
     part, rules = blocks.take(kept), allowed.take(kept)
@@ -79,11 +72,7 @@ def best_plan(
     return Found(plan, value, starts)
 
 
-def _short_list(
-    blocks: Blocks,
-    allowed: Allowed,
-    relaxed: Relaxation,
-) -> IntArray:
+def _short_list(blocks: Blocks, allowed: Allowed, relaxed: Relaxation) -> IntArray:
     """Candidates with weight, and those that the relaxation prices next."""
     scores = blocks.scores(relaxed.G)
     tops = []
@@ -93,70 +82,71 @@ def _short_list(
     return np.unique(np.concatenate([relaxed.index, *tops]))
 
 
-def _started(
-    criterion: InformationFunction,
-    blocks: Blocks,
-    allowed: Allowed,
-    plans: IntArray,
-    breadth: Breadth,
-) -> tuple[IntArray, Array]:
-    if allowed.chooses_levels:
-        found = [exchange(criterion, blocks, allowed, plan) for plan in plans]
-        return np.array([plan for plan, _ in found]), np.array([value for _, value in found])
-    return _settled(criterion, blocks, allowed, plans, breadth, breadth.eased, breadth.whole)
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Many plans of the short list, improved, kicked and crossed."""
 
+    criterion: InformationFunction
+    blocks: Blocks
+    allowed: Allowed
+    breadth: Breadth
 
-def _settled(
-    criterion: InformationFunction,
-    blocks: Blocks,
-    allowed: Allowed,
-    plans: IntArray,
-    breadth: Breadth,
-    eased: tuple[float, ...],
-    whole: int,
-) -> tuple[IntArray, Array]:
-    """Local optima; those of few poses by way of problems in which average poses help, less and less.
+    def drawn(self, weights: Array, thorough: bool, rng: np.random.Generator) -> IntArray:
+        """Plans to start from: the largest weights, draws by them, and draws that do not heed them."""
+        everyone, same = np.arange(len(weights)), np.ones(len(weights))
+        count, even = (self.breadth.starts, self.breadth.even) if thorough else (_QUICK, 0)
+        drawn = [
+            rounded_weights(self.allowed, everyone, same if k < even else weights, rng)
+            for k in range(count - 1)
+        ]
+        return np.array([rounded_weights(self.allowed, everyone, weights, None), *drawn])
 
-    whole : int, plans that go on without help, those that are best where it is least
-    """
-    if not eased:
-        return improved(criterion, blocks, allowed, plans)
-    for share in eased:
-        helped = blocks.beside(share * allowed.size * blocks.mean)
-        plans, values = improved(criterion, helped, allowed, plans)
-    best = plans[np.argsort(-values)[:whole]]
-    return improved(criterion, blocks, allowed, best, closely=breadth.closely)
+    def started(self, plans: IntArray) -> tuple[IntArray, Array]:
+        """Local optima from those plans."""
+        if self.allowed.chooses_levels:
+            found = [exchange(self.criterion, self.blocks, self.allowed, plan) for plan in plans]
+            return np.array([plan for plan, _ in found]), np.array([value for _, value in found])
+        return self._settled(plans, self.breadth.eased, self.breadth.whole)
 
+    def _settled(
+        self, plans: IntArray, eased: tuple[float, ...], whole: int
+    ) -> tuple[IntArray, Array]:
+        """Local optima; those of few poses by way of problems in which average poses help, ever less.
 
-def _bred(
-    criterion: InformationFunction,
-    blocks: Blocks,
-    allowed: Allowed,
-    plans: IntArray,
-    values: Array,
-    breadth: Breadth,
-    rng: np.random.Generator,
-) -> tuple[IntArray, Array]:
-    """Plans kicked and crossed, improved, the best kept, until there is no gain for a while."""
-    crossable = not (allowed.repeats or allowed.chooses_levels)
-    idle = 0
-    for _ in range(_ROUNDS):
-        # One of those that ended alike: plans that differ.
-        _, kept = np.unique(np.round(np.log(values) / _GAIN), return_index=True)
-        kept = kept[::-1][: breadth.best]
-        plans, values = plans[kept], values[kept]
-        children = [kicked(allowed, plan, rng) for plan in plans for _ in range(breadth.kicks)]
-        if crossable and len(plans) > 1:
-            pairs = [rng.choice(len(plans), 2, replace=False) for _ in plans]
-            children += [
-                kicked(allowed, crossed(allowed, plans[a], plans[b], rng), rng) for a, b in pairs
-            ]
+        whole : int, plans that go on without help, those that are best where it is least
+        """
+        if not eased:
+            return improved(self.criterion, self.blocks, self.allowed, plans)
+        for share in eased:
+            helped = self.blocks.beside(share * self.allowed.size * self.blocks.mean)
+            plans, values = improved(self.criterion, helped, self.allowed, plans)
+        best, closely = plans[np.argsort(-values)[:whole]], self.breadth.closely
+        return improved(self.criterion, self.blocks, self.allowed, best, closely=closely)
+
+    def bred(
+        self, plans: IntArray, values: Array, rng: np.random.Generator
+    ) -> tuple[IntArray, Array]:
+        """Plans kicked and crossed, improved, the best kept, until there is no gain for a while."""
+        idle, last = 0, self.breadth.eased[-1:]
+        for _ in range(_ROUNDS):
+            # One of those that ended alike: plans that differ.
+            _, kept = np.unique(np.round(np.log(values) / _GAIN), return_index=True)
+            kept = kept[::-1][: self.breadth.best]
+            plans, values = plans[kept], values[kept]
+            new, found = self._settled(self._children(plans, rng), last, self.breadth.whole // 3)
+            idle = 0 if found.max() > values.max() * (1.0 + _GAIN) else idle + 1
+            plans, values = np.concatenate([plans, new]), np.concatenate([values, found])
+            if idle >= _PATIENCE:
+                break
+        return plans, values
+
+    def _children(self, plans: IntArray, rng: np.random.Generator) -> IntArray:
+        """Each plan kicked so many times, and one crossed of every two, or kicked once more."""
+        allowed = self.allowed
+        found = [kicked(allowed, plan, rng) for plan in plans for _ in range(self.breadth.kicks)]
+        if allowed.repeats or allowed.chooses_levels or len(plans) < 2:
+            more = iter(plans)
         else:
-            children += [kicked(allowed, plan, rng) for plan in plans]
-        few, last = breadth.whole // 3, breadth.eased[-1:]
-        new, found = _settled(criterion, blocks, allowed, np.array(children), breadth, last, few)
-        idle = 0 if found.max() > values.max() * (1.0 + _GAIN) else idle + 1
-        plans, values = np.concatenate([plans, new]), np.concatenate([values, found])
-        if idle >= _PATIENCE:
-            break
-    return plans, values
+            pairs = [rng.choice(len(plans), 2, replace=False) for _ in plans]
+            more = (crossed(allowed, plans[a], plans[b], rng) for a, b in pairs)
+        return np.array([*found, *(kicked(allowed, plan, rng) for plan in more)])

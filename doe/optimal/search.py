@@ -20,7 +20,8 @@ from doe.optimal.relax import Relaxation
 _QUICK = 3  # starts where a search is not thorough
 _ROUNDS = 40  # of breeding, at most
 _PATIENCE = 3  # rounds without a gain after which there are no more
-_GAIN = 1e-6  # relative, that counts as one
+_SAME = 1e-6  # relative difference of criteria of one and the same plan
+_WORTH = 2e-4  # relative gain of a round that is one
 _SHORT = 1500  # candidates of the short list
 
 
@@ -130,11 +131,11 @@ class _Search:
         idle, last = 0, self.breadth.eased[-1:]
         for _ in range(_ROUNDS):
             # One of those that ended alike: plans that differ.
-            _, kept = np.unique(np.round(np.log(values) / _GAIN), return_index=True)
+            _, kept = np.unique(np.round(np.log(values) / _SAME), return_index=True)
             kept = kept[::-1][: self.breadth.best]
             plans, values = plans[kept], values[kept]
             new, found = self._settled(self._children(plans, rng), last, self.breadth.whole // 3)
-            idle = 0 if found.max() > values.max() * (1.0 + _GAIN) else idle + 1
+            idle = 0 if found.max() > values.max() * (1.0 + _WORTH) else idle + 1
             plans, values = np.concatenate([plans, new]), np.concatenate([values, found])
             if idle >= _PATIENCE:
                 break

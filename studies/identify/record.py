@@ -2,46 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, TypedDict
+from typing import TYPE_CHECKING, Literal, Self, TypedDict
 
 import numpy as np
-from pydantic import Field, computed_field, model_validator
+from pydantic import Field, model_validator
 
 from studies.estimate import Estimated, estimated
 from studies.identify.acceptance import AcceptanceEntry, acceptance_entry
 from studies.identify.budget import BudgetEntry, budget_entry
 from studies.identify.drift import Drift, drift_entry
-from studies.identify.of_type import OfType, of_type_entry
-from studies.noise import Noise, by_level
-from studies.record import (
-    Count,
-    Entry,
-    Envelope,
-    Maybe,
-    MaybePositive,
-    NotNegative,
-    Number,
-    Record,
-    Three,
-    three,
+from studies.identify.errors import (
+    Distances,
+    Model,
+    OfInstrument,
+    Pairs,
+    Residual,
+    distances_entry,
+    instrument_entries,
+    pair_entries,
+    residual_entries,
+    rms_of,
 )
-from studies.residual import Angles, Lengths, Off, Pixels, missed
+from studies.identify.of_type import OfType, of_type_entry
+from studies.identify.outliers import Outlier, Share, outlier_entries, share_entry
+from studies.identify.parameters import (
+    Absorbed,
+    Parameter,
+    Unidentifiable,
+    absorbed_entries,
+    parameter_entries,
+    unidentifiable_entries,
+)
+from studies.identify.placement import Base, Placement, base_entry, body_entries, marker_entries
+from studies.noise import Noise, by_level
+from studies.record import Count, Envelope, Maybe, NotNegative, Number, Record, Three
 from studies.targets import AtTarget, at_targets
 
 if TYPE_CHECKING:
     from calib import Identification
     from calib.accuracy.acceptance import Judged
     from calib.accuracy.at_targets import Accuracy
-    from calib.arrays import Array
     from calib.compensation.estimate import Estimate
     from calib.drift import Drift as Moved
-    from calib.identification import Residuals
-    from calib.identification.common import Shared
 
 _MM = 1e3
 _MOST = 3_000_000  # points; a damaged file may name poses and markers that fill any memory
-_PLACED = ("base", "tool")
 
 
 class IdentifyNoise(Noise):
@@ -50,158 +55,6 @@ class IdentifyNoise(Noise):
     replicate_sigma_mm: NotNegative | None
     lack_of_fit_p: Number
     degrees_of_freedom: Maybe = None
-
-
-class Parameter(Entry):
-    """An identified value; what belongs to its deviation is None where it was not estimated.
-
-    degrees_of_freedom : behind ci95, None where the uncertainty counts as known
-    std_by_pose : if the points of a pose err together, as under a model that lacks something
-    step_two_optimism : factor by which it would be less if base and tool were known
-    """
-
-    id: str
-    name: str
-    effect: str
-    where: str
-    value: Number
-    std: MaybePositive
-    ci95: tuple[Number, Number] | None
-    degrees_of_freedom: Maybe = None
-    std_by_pose: Maybe
-    step_two_optimism: Maybe
-    unit: str
-
-    @property
-    def placed(self) -> bool:
-        """Whether it says where base or markers are."""
-        return self.effect in _PLACED
-
-
-class Unidentifiable(Entry):
-    """Parameters that the poses do not determine."""
-
-    names: tuple[str, ...]
-    reason: str
-
-
-class Absorbed(Entry):
-    """A constant that others stand for at any pose."""
-
-    id: str
-    absorbed_by: tuple[str, ...]
-
-
-class Outlier(Entry):
-    """A pose that stands out."""
-
-    pose: str
-    reason: str
-
-
-class Share(Entry):
-    """What the outliers have in common, in the unit that it names."""
-
-    variable: str
-    low: Number
-    high: Number
-    unit: str
-    poses: Count
-    of_poses: Count
-    outliers: Count
-    of_outliers: Count
-    p: Number
-    beyond_all_others: Maybe
-
-
-class Distances(Entry):
-    """A figure over the distances between measured and predicted points.
-
-    nominal : base and markers fitted; fitted : without the outliers; None where there is no point, and
-        everywhere where no reading is a length
-    """
-
-    nominal: NotNegative | None
-    fitted_all: NotNegative | None
-    fitted: NotNegative | None
-    heldout: NotNegative | None
-    heldout_trimmed: NotNegative | None
-
-
-class OfInstrument(Entry):
-    """RMS of an instrument's errors in one unit: lengths in space, and of whole poses their turns.
-
-    The JSON holds them once more together, as ``rms``.
-    """
-
-    instrument: str
-    unit: Literal["mm", "mrad", "px"]
-    nominal: NotNegative | None = None
-    fitted_all: NotNegative | None = None
-    fitted: NotNegative | None = None
-    heldout: NotNegative | None = None
-    heldout_trimmed: NotNegative | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _told_once(cls, raw: object) -> object:
-        if not isinstance(raw, dict):
-            return raw  # which is refused as any other fault
-        return {name: value for name, value in raw.items() if name != "rms"}
-
-    @computed_field  # type: ignore[prop-decorator]
-    @property
-    def rms(self) -> dict[str, str | float | None]:
-        """All of the entry."""
-        return {name: getattr(self, name) for name in type(self).model_fields}
-
-
-Model: TypeAlias = Literal["nominal", "fitted_all", "fitted", "heldout", "heldout_trimmed"]
-
-
-class Pairs(Entry):
-    """Errors of the distances between points of two poses, mm."""
-
-    rms: NotNegative
-    p95: NotNegative
-    max: NotNegative
-    pairs: Count
-
-
-class Placement(Entry):
-    """The base in the frame of the readings."""
-
-    rotation_vector_rad: Three
-    translation_mm: Three
-
-
-class Base(Placement):
-    """Placement at the first station, and at each where there are several."""
-
-    stations: dict[str, Placement] = Field(default_factory=dict)
-
-
-class Residual(Off):
-    """Measured minus predicted reading, by the identified and by the nominal model.
-
-    Of a point in the instrument's frame, of one that touches a socket in the base's; of a body's pose
-    in its own, turns beside it; of what reads one length that alone, d; of a camera's reading in the
-    image, ``at_px`` where it was measured.
-    """
-
-    rx_mrad: Maybe = None
-    ry_mrad: Maybe = None
-    rz_mrad: Maybe = None
-    nominal_mm: Lengths | None = None
-    nominal_px: Pixels | None = None
-    at_px: Pixels | None = None
-    nominal_mrad: Three | Angles | None = None
-
-    @property
-    def before(self) -> tuple[float, ...]:
-        """The residual of the nominal model."""
-        alone = () if self.metric else self.nominal_mrad
-        return self.nominal_mm or self.nominal_px or alone or ()
 
 
 class Asked(TypedDict):
@@ -327,28 +180,29 @@ def identify_record(
         rank=found.rank,
         degrees_of_freedom=found.dof,
         iterations=found.iterations,
-        parameters=tuple(_parameters(found)),
+        parameters=tuple(parameter_entries(found)),
         weak=found.weak,
         unused_poses=(*found.unused, *found.waiting),
         before_the_first_move=found.waiting,
-        unidentifiable=tuple(
-            Unidentifiable(names=u.names, reason=u.reason) for u in found.unidentifiable
-        ),
-        absorbed=_absorbed(found),
-        outliers=tuple(_outliers(fit, found.footprint)),
-        outliers_share=_share(found.shared),
-        heldout_outliers=() if held is None else tuple(_outliers(held, found.footprint)),
-        rms_mm=_distances(found, _rms),
-        max_mm=_distances(found, lambda d: float(d.max())),
-        p95_mm=_distances(found, lambda d: float(np.quantile(d, 0.95))),
-        instruments=_instruments(found),
-        pair_distances_mm=dict(_pairs(found)),
-        rms_of_residuals_mm=_rms(fit.lengths()) * _MM if fit.channels.metric else None,
-        base=_base(found),
-        markers_mm=_markers(found),
-        bodies=_bodies(found),
+        unidentifiable=unidentifiable_entries(found),
+        absorbed=absorbed_entries(found),
+        outliers=tuple(outlier_entries(fit, found.footprint)),
+        outliers_share=share_entry(found.shared),
+        heldout_outliers=() if held is None else tuple(outlier_entries(held, found.footprint)),
+        rms_mm=distances_entry(found, rms_of),
+        max_mm=distances_entry(found, lambda d: float(d.max())),
+        p95_mm=distances_entry(found, lambda d: float(np.quantile(d, 0.95))),
+        instruments=instrument_entries(found),
+        pair_distances_mm=dict(pair_entries(found)),
+        rms_of_residuals_mm=rms_of(fit.lengths()) * _MM if fit.channels.metric else None,
+        base=base_entry(found),
+        markers_mm=marker_entries(found),
+        bodies=body_entries(found),
         correlation=tuple(map(tuple, np.round(found.correlation, 4).tolist())),
-        residuals=(*_residuals(found, fit), *(() if held is None else _residuals(found, held))),
+        residuals=(
+            *residual_entries(found, fit),
+            *(() if held is None else residual_entries(found, held)),
+        ),
         task_rms_mm=accuracy.rms * _MM,
         task_worst_mm=accuracy.worst * _MM,
         targets=accuracy.source,
@@ -375,149 +229,3 @@ def _noise(found: Identification) -> IdentifyNoise:
         degrees_of_freedom=float(noise.dof),
         **by_level(found.levels, found.scatter),
     )
-
-
-def _absorbed(found: Identification) -> tuple[Absorbed, ...]:
-    return tuple(
-        Absorbed(id=d.id, absorbed_by=tuple(name for name, _ in d.absorbed_by))
-        for d in found.absorbed
-    )
-
-
-def _instruments(found: Identification) -> tuple[OfInstrument, ...]:
-    return tuple(
-        OfInstrument.model_validate({"instrument": name, "unit": unit, **rms})
-        for (name, unit), rms in found.by_instrument.items()
-    )
-
-
-def _rms(distances: Array) -> float:
-    return float(np.sqrt(np.mean(distances**2)))
-
-
-def _markers(found: Identification) -> dict[str, tuple[float, float, float]]:
-    """Those that are read by their names."""
-    model = found.model
-    read: list[int] = np.unique(model.readout.channels.marker).tolist()
-    return {model.marker_names[j]: three(found.marker_positions[j] * _MM) for j in read}
-
-
-def _parameters(found: Identification) -> Iterator[Parameter]:
-    by_pose = np.full(len(found.values), np.nan) if found.std_by_pose is None else found.std_by_pose
-    for p, value, std, (low, high), dof, own, factor in zip(
-        found.model.parameters, found.values.tolist(), found.std.tolist(),
-        found.interval().tolist(), found.freedoms.tolist(), by_pose.tolist(),
-        found.optimism.tolist(), strict=True,
-    ):  # fmt: skip
-        known = 0.0 < std < np.inf
-        yield Parameter(
-            id=p.id,
-            name=p.name,
-            effect=p.effect,
-            where=p.where,
-            value=value / p.scale,
-            std=std / p.scale if known else None,
-            ci95=(low / p.scale, high / p.scale) if known else None,
-            degrees_of_freedom=dof if known else None,
-            std_by_pose=own / p.scale,
-            step_two_optimism=factor,
-            unit=p.unit,
-        )
-
-
-def _outliers(part: Residuals, footprint: float) -> Iterator[Outlier]:
-    for i in np.flatnonzero(part.outlier):
-        errors = np.where(part.channels.lengths, part.vectors[i], 0.0)
-        largest = float(np.linalg.norm(errors, axis=-1).max()) * footprint * _MM
-        ratio = float(np.sqrt(part.statistic[i] / part.limit))
-        yield Outlier(
-            pose=part.data.poses.names[i],
-            reason=f"residual up to {largest:.3f} mm, {ratio:.1f} times what the other poses allow",
-        )
-
-
-def _share(common: Shared | None) -> Share | None:
-    if common is None:
-        return None
-    return Share(
-        variable=common.variable,
-        low=common.low / common.scale,
-        high=common.high / common.scale,
-        unit=common.unit,
-        poses=common.inside,
-        of_poses=common.poses,
-        outliers=common.outliers,
-        of_outliers=common.of,
-        p=common.p,
-        beyond_all_others=common.alone / common.scale if common.alone else None,
-    )
-
-
-def _distances(found: Identification, figure: Callable[[Array], float]) -> Distances:
-    """Nothing where no reading is a length."""
-    metric = found.fit.channels.metric
-    known = {key: figure(d) * _MM for key, d in found.distances.items() if metric and len(d)}
-    return Distances.model_validate({key: known.get(key) for key in Distances.model_fields})
-
-
-def _pairs(found: Identification) -> Iterator[tuple[Model, Pairs]]:
-    from calib.identification.pairs import pair_errors
-    from calib.instruments import Tracker
-
-    fit, held = found.fit, found.heldout
-    if not all(isinstance(i, Tracker) for i in found.model.instruments):
-        return  # nothing else reads where a point is
-    nominal = found.model.predict(found.nominal, fit.data.poses)[..., :3]
-    parts: list[tuple[Model, Array]] = [
-        ("nominal", pair_errors(fit.data, nominal)),
-        ("fitted", pair_errors(fit.data, fit.data.points - fit.vectors[..., :3])),
-    ]
-    if held is not None:
-        parts.append(("heldout", pair_errors(held.data, held.data.points - held.vectors[..., :3])))
-    for key, errors in parts:
-        if len(errors):
-            yield (
-                key,
-                Pairs(
-                    rms=float(np.sqrt(np.mean(errors**2))) * _MM,
-                    p95=float(np.quantile(np.abs(errors), 0.95)) * _MM,
-                    max=float(np.abs(errors).max()) * _MM,
-                    pairs=len(errors),
-                ),
-            )
-
-
-def _base(found: Identification) -> Base:
-    stations = {where: _placement(placed) for where, placed in found.bases.items()}
-    first = next(iter(stations.values()), _placement(np.zeros(6)))
-    return Base(**first.model_dump(), stations=stations if len(stations) > 1 else {})
-
-
-def _bodies(found: Identification) -> dict[str, Placement]:
-    """Each body's frame in the tip's."""
-    from calib.instruments import Pose
-
-    return {
-        found.model.marker_names[first]: _placement(np.concatenate(body))
-        for i in found.model.instruments
-        if isinstance(i, Pose)
-        for first, body in i.bodies(found.marker_positions)
-    }
-
-
-def _placement(placed: Array) -> Placement:
-    from calib.arm.se3 import so3_exp, so3_log
-
-    return Placement(
-        rotation_vector_rad=three(so3_log(so3_exp(placed[3:]))),
-        translation_mm=three(placed[:3] * _MM),
-    )
-
-
-def _residuals(found: Identification, part: Residuals) -> Iterator[Residual]:
-    nominal = found.model.off(found.nominal, part.data)
-    for own in missed(found.model, part.data, nominal, part.vectors, part is found.heldout):
-        numbers: dict[str, Any] = {f"nominal_{unit}": off for unit, off in own.before.items()}
-        if "px" in own.before:
-            numbers["at_px"] = tuple(part.data.readings[own.row][:2].tolist())
-        yield Residual(**own.entry, **own.after, **numbers)

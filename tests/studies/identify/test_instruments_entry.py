@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
-from studies.identify.record import OfInstrument
+from studies.identify.errors import OfInstrument
 
 
 def test_figures_stand_flat_and_together_and_are_read_again() -> None:

@@ -1,0 +1,134 @@
+"""The identified parameters in words and as tables, and what speaks against them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from studies.document import (
+    CORRELATION,
+    TENTH,
+    TO_STD,
+    Column,
+    Detail,
+    Figure,
+    Part,
+    Rule,
+    Sentence,
+    Table,
+    listed,
+    plural,
+)
+from studies.identify.parameters import Absorbed, Parameter
+from studies.identify.pictures import correlation
+from studies.identify.record import IdentifyRecord
+from studies.noise import noise_words
+
+_TOGETHER = 0.9  # correlation worth a line
+_BY_POSE, _OPTIMISM = 1.2, 1.05  # ratios worth a line
+_INTERVAL = Rule(TO_STD.show, absent="")
+_PARAMETERS: tuple[Column[Parameter], ...] = (
+    Column("effect", lambda row: row.effect),
+    Column("where", lambda row: row.where),
+    Column("parameter", lambda row: row.name),
+    Column("value", lambda row: (row.value, row.std), TO_STD),
+    Column("standard\ndeviation", lambda row: row.std and (row.std, row.std), TO_STD),
+    Column("95 % interval", lambda row: row.ci95 and (*row.ci95, row.std), _INTERVAL, detail=True),
+    Column("unit", lambda row: row.unit),
+)
+_CORRELATED: tuple[Column[tuple[str, str, float]], ...] = (
+    Column("parameter", lambda row: row[0]),
+    Column("parameter", lambda row: row[1]),
+    Column("correlation", lambda row: row[2], CORRELATION),
+)
+_ABSORBED: tuple[Column[Absorbed], ...] = (
+    Column("constant error", lambda row: row.id),
+    Column("does the same as", lambda row: ", ".join(row.absorbed_by)),
+)
+
+
+def told_parameters(record: IdentifyRecord) -> Iterator[Part]:
+    """The values, how sure they are, and what a reader should know of them."""
+    how = ", elastic parameters from differences" * record.differences
+    yield Sentence(f"approach {record.approach}, method {record.method}{how}", label="solved")
+    for k, words in enumerate(noise_words(record.noise)):
+        yield Sentence(words, label="" if k else "noise")
+    caption = (
+        "Parameters of the robot. Base and tool are estimated with them, and their uncertainty is "
+        "counted; 95 of 100 such intervals hold the true value, if the model is right. The factor is "
+        "Student's t at the effective degrees of freedom"
+    )
+    robot, placed = ([p for p in record.parameters if p.placed is own] for own in (False, True))
+    yield Table(_PARAMETERS, robot, "Parameters of the robot", caption, fold=False)
+    where = Table(_PARAMETERS, placed, "Where base and markers are", fold=True, paper=True)
+    yield Detail((where,) if placed else ())
+    yield from _doubts(record)
+    caption = (
+        f"Pairs whose correlation is above {_TOGETHER}: their sum or difference is known better than "
+        "each"
+    )
+    pairs = sorted(_correlated(record), key=lambda pair: -abs(pair[2]))
+    table = Table(_CORRELATED, pairs, "Pairs that go together", caption)
+    yield Detail((table,) if pairs else ())
+    yield Detail((Figure(lambda: correlation(record)),), "Correlation of all parameters")
+    absorbed = Table(_ABSORBED, record.absorbed, "Errors that no pose can tell from those above",
+                     fold=True)  # fmt: skip
+    yield Detail((absorbed,) if record.absorbed else ())
+
+
+def _doubts(record: IdentifyRecord) -> Iterator[Sentence]:
+    """What a reader of the values should know."""
+    for entry in record.unidentifiable:
+        yield Sentence(f"{listed(entry.names)}: {entry.reason}", "warn", "not told")
+    if record.weak:
+        said = f"{listed(record.weak)}: more uncertain than such errors are large"
+        yield Sentence(said, "warn", "weak")
+    if any(p.effect == "backlash" for p in record.parameters):
+        yield Sentence(
+            "half_width below zero is ordinary lost motion, the joint stops short of its motion; above "
+            "zero it goes too far",
+            "note",
+            "sign",
+        )
+    few = [name for name in record.unused_poses if name not in record.before_the_first_move]
+    if few:
+        yield Sentence(f"{listed(few)}: too few markers for an orientation", "note", "unused")
+    together = _common_error(record)
+    if together > _BY_POSE:
+        yield Sentence(
+            "points of one pose err together: counted by pose, standard deviations are "
+            f"{TENTH(together)} times these in the median (JSON: std_by_pose)",
+            "note", "by pose",
+        )  # fmt: skip
+    worst = max((p.step_two_optimism or 0.0 for p in record.parameters), default=0.0)
+    if worst > _OPTIMISM:
+        yield Sentence(
+            "base and tool are part of these standard deviations; taken as known, as in the paper's "
+            f"step 2, they would read up to {TENTH(worst)} times smaller",
+            label="step 2",
+        )
+    if record.absorbed:
+        count = plural(len(record.absorbed), "constant error")
+        yield Sentence(
+            f"{count} more, which no pose can tell from those above (JSON: absorbed)",
+            label="left out",
+        )
+
+
+def _common_error(record: IdentifyRecord) -> float:
+    """Median ratio of standard deviations by pose to those by point; 1 where it cannot be told."""
+    ratios = [p.std_by_pose / p.std for p in record.parameters if p.std and p.std_by_pose]
+    if not ratios or record.noise.source != "residual" or record.noise.scatters:
+        return 1.0
+    return float(np.median(ratios))
+
+
+def _correlated(record: IdentifyRecord) -> Iterator[tuple[str, str, float]]:
+    """Pairs of the robot's parameters that the data hardly tell apart."""
+    own = [i for i, p in enumerate(record.parameters) if not p.placed and p.std]
+    for n, a in enumerate(own):
+        for b in own[n + 1 :]:
+            r = record.correlation[a][b]
+            if r is not None and abs(r) > _TOGETHER:
+                yield record.parameters[a].id, record.parameters[b].id, r

@@ -1,6 +1,6 @@
 """Optimal plans: cost of posecal's own parts, and other programs on the same information blocks.
 
-    python -m studies.research.benchmarks.design [--quick] [--out FOLDER] [--peers PYTHON]
+    python -m studies.research.benchmarks.design [--quick] [--only PART] [--out FOLDER] [--peers PYTHON]
 
 The robot is the demo's KR 270 with three markers. Its elastostatic problem (p = 9, five levels of A2
 with three poses each) is the paper's; the geometric one has p = 33. Every case runs in a process of its
@@ -183,29 +183,36 @@ def _plots(found: dict[str, list[Row]], folder: Path) -> None:
     click.echo(f"wrote {', '.join(map(str, written))}")
 
 
+PARTS = {
+    "command": (commands, "posecal design on the paper's case, a whole process"),
+    "geometric": (efficiencies, "Whole plans of the geometric problem"),
+    "branch": (branches, "Branch and bound on the paper's case"),
+    "by_parameters": (by_parameters, f"Relaxation by master, - where stopped after {STOP:g} s"),
+}
+
+
 @click.command()
 @click.option("--quick", is_flag=True, help="Small sizes: does it run?")
+@click.option("--only", multiple=True, type=click.Choice(list(PARTS)), help="These parts alone.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for JSON, PNG and SVG.")
 @click.option("--peers", "python", metavar="PYTHON", default=sys.executable,
               help="Interpreter that has figaroh and pydex.")  # fmt: skip
 @one_line_faults
-def main(quick: bool, out: Path | None, python: str) -> None:
+def main(quick: bool, only: tuple[str, ...], out: Path | None, python: str) -> None:
     """Measure the design of plans; the full run takes about twenty minutes."""
     console = Console(width=165, highlight=False, markup=False)
     load = os.getloadavg()
     found: dict[str, list[Row]] = {}
-    found["pools"], found["solved"] = scaling(quick)
-    console.print(table(found["pools"], "Candidates with blocks, memory of the whole process"))
-    console.print(table(found["solved"], "\nRelaxation and exchange on them"))
-    parts = {
-        "command": (commands, "posecal design on the paper's case, a whole process"),
-        "geometric": (efficiencies, "Whole plans of the geometric problem"),
-        "branch": (branches, "Branch and bound on the paper's case"),
-        "by_parameters": (by_parameters, f"Relaxation by master, - where stopped after {STOP:g} s"),
-    }
-    for name, (measure, title) in parts.items():
+    if not only:
+        found["pools"], found["solved"] = scaling(quick)
+        console.print(table(found["pools"], "Candidates with blocks, memory of the whole process"))
+        console.print(table(found["solved"], "\nRelaxation and exchange on them"))
+    for name in only or PARTS:
+        measure, title = PARTS[name]
         found[name] = list(measure(quick))
         console.print(table(found[name], "\n" + title))
+    if only:
+        return
     from studies.research.benchmarks.design_peers import compare
 
     peers = compare(python, quick)

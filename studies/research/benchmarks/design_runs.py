@@ -37,9 +37,9 @@ from doe.criteria.trace import Trace
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.branch import prove
-from doe.optimal.certify import survivors
+from doe.optimal.certify import bound, survivors
 from doe.optimal.packed import pack, packed_size
-from doe.optimal.relax import Relaxation, relax
+from doe.optimal.relax import Relaxation, bounded, relax
 from doe.optimal.search import Found, best_plan
 from doe.problem import RIDGE, Problem, problem_of
 from doe.problem.levels import levels_of, parse_levels
@@ -230,18 +230,21 @@ def branch(case: str, count: int, criterion: str) -> Row:
     blocks, rules = posed.blocks(drawn_pool), posed.rules(drawn_pool.level)
     with master(None):
         _, relaxed, found = solved(posed.criterion, blocks, rules)
-        left = survivors(relaxed.G, blocks, rules, found.value)
+        plain = posed.criterion.plain
+        G = bounded(plain, blocks, rules, relaxed).G
+        value = float(plain.value(blocks.total(found.plan)))
+        left = survivors(G, blocks, rules, value)
         begun = time.perf_counter()
-        proof = prove(posed.criterion, blocks, rules, found.plan, relaxed.G, most_work=np.inf)
+        proof = prove(plain, blocks, rules, found.plan, G, most_work=np.inf)
         seconds = time.perf_counter() - begun
     return {
-        "gap of the relaxation": relaxed.bound / proof.value - 1.0,
+        "gap of the relaxation": bound(G, blocks, rules) / proof.value - 1.0,
         "survivors": len(left),
         "optimal": proof.optimal,
         "nodes": proof.nodes,
         "seconds": seconds,
         "gap left": proof.bound / proof.value - 1.0,
-        "gain over exchange": proof.value / found.value - 1.0,
+        "gain over exchange": proof.value / value - 1.0,
     }
 
 

@@ -190,17 +190,17 @@ def pool_of(
             f"{count} candidates for {p} parameters need "
             f"{8e-9 * count * packed_size(p):.0f} GB; ask for at most {most}"
         )
+    packed, parts, start = np.empty((count, packed_size(p))), [], 0
     with ThreadPoolExecutor(_WORKERS) as executor:
-        parts = list(executor.map(partial(judge, regressor, constraints, levels), chunks))
-    packed = np.empty((sum(len(part.q) for part in parts), packed_size(p)))
-    start = 0
-    for part in parts:
-        packed[start : start + len(part.q)] = part.packed
-        start += len(part.q)
+        for part in executor.map(partial(judge, regressor, constraints, levels), chunks):
+            here = packed[start : start + len(part.q)]
+            here[:] = part.packed
+            parts.append(replace(part, packed=here))  # its own is let go at once
+            start += len(part.q)
     removed_at = fallen_of(parts)
     return Pool(
         np.concatenate([part.q for part in parts]),
-        packed,
+        packed[:start],
         np.concatenate([part.level for part in parts]),
         sum(part.drawn for part in parts),
         {name: int(counts.sum()) for name, counts in removed_at.items()},

@@ -25,16 +25,15 @@ from doe.optimal.regions import Cut, Regions, cut_of
 from doe.optimal.relax import Relaxation, relax
 
 _FINEST, _COARSEST = 1e-8, 1e-3  # of a node's relaxation, relative
-_DIGITS = (
-    0.05  # of the gap that is left: what a node's relaxation may be off, its bound holds anyway
-)
+_DIGITS = 0.05  # of the gap that is left, by which a node's relaxation may be off: its bound holds
 _NEAR = 0.98  # of the best plan, from which a node's rounded weights are improved
-SHORT_WORK = 2.5e8
-"""Multiplications of about a second."""
 _OVERHEAD = 1e6  # of a node, in multiplications
 _LIKELY = 6  # candidates of a node's relaxation for each pose, about
 _FEWEST = 20  # nodes that the work must be enough for; fewer close no gap
 _SAME = 1e-9  # relative difference of two plans that is rounding
+
+SHORT_WORK = 2.5e8
+"""Multiplications of about a second."""
 
 
 @dataclass(frozen=True, eq=False)

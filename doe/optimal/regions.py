@@ -90,47 +90,54 @@ def cut_of(
     distance x costs ``(d x)^2 / 2``. Planes stand between two candidates of weight, across their line.
     """
     held = np.flatnonzero(w > _SOME)
-    size = part.packed.shape[1]
-    turn = criterion.curvature(M, unpack(np.eye(size)))[2]
-    at = part.packed[held] @ turn
-    best, found = 0.0, None
-    for region in np.unique(regions.group[held]):
-        own = np.flatnonzero(regions.group[held] == region)
-        worth, first, second, middle, before = _plane(at[own], w[held[own]])
-        if worth > best:
-            normal = turn @ (at[own[first]] - at[own[second]])
-            best, found = worth, (int(region), normal, middle, before)
-    if found is None:
-        return _one_and_others(regions, w)
-    region, normal, middle, before = found
-    beyond = (regions.group == region) & (part.packed @ normal > middle)
-    return Cut(region, beyond, before)
+    turn = criterion.curvature(M, unpack(np.eye(part.packed.shape[1])))[2]
+    at, group = part.packed[held] @ turn, regions.group[held]
+    planes = {g: _plane(at[group == g], w[held][group == g]) for g in np.unique(group).tolist()}
+    region, plane = max(planes.items(), key=lambda pair: pair[1].worth, default=(0, _NOWHERE))
+    if plane.worth > 0.0:
+        inside = regions.group == region
+        beyond = inside & (part.packed @ (turn @ plane.normal) > plane.middle)
+        if beyond.any() and (inside & ~beyond).any():  # else rounding has put all on one side
+            return Cut(region, beyond, plane.before)
+    return _one_and_others(regions, w)
 
 
-def _plane(at: Array, w: Array) -> tuple[float, int, int, float, float]:
-    """The best plane between two of k points (k, d) of weights w (k,).
+@dataclass(frozen=True, eq=False)
+class _Plane:
+    """Across a line in the direction of ``normal`` (d,), where it stands along it.
 
-    Returns what it is worth, 0 where all weights are whole, the two points, where it stands along
-    their difference, and the weight before it.
+    worth : float, 0 where the weights before it are whole; before : float, their sum
     """
+
+    worth: float
+    normal: Array
+    middle: float
+    before: float
+
+
+_NOWHERE = _Plane(0.0, np.zeros(1), 0.0, 0.0)
+
+
+def _plane(at: Array, w: Array) -> _Plane:
+    """The best plane between two of k points (k, d) of weights w (k,)."""
     if len(at) < 2:
-        return 0.0, 0, 0, 0.0, 0.0
+        return _NOWHERE
     gram = at @ at.T
     first, second = np.triu_indices(len(at), 1)
     along = gram[first] - gram[second]
     length = gram[first, first] + gram[second, second] - 2.0 * gram[first, second]
     order = np.argsort(along, axis=1)
-    sorted_along = np.take_along_axis(along, order, axis=1)
+    along = np.take_along_axis(along, order, axis=1)
     before = np.cumsum(w[order], axis=1)[:, :-1]
-    part = np.abs(before - np.round(before))
-    gap = np.diff(sorted_along, axis=1)
+    part, gap = np.abs(before - np.round(before)), np.diff(along, axis=1)
     worth = np.where(part > _WHOLE, part**2 * gap**2, 0.0) / np.maximum(length, 1e-300)[:, None]
     pair, place = np.unravel_index(worth.argmax(), worth.shape)
-    middle = 0.5 * (sorted_along[pair, place] + sorted_along[pair, place + 1])
-    return (
-        float(worth[pair, place]), int(first[pair]), int(second[pair]), float(middle),
-        float(before[pair, place]),
-    )  # fmt: skip
+    return _Plane(
+        worth=float(worth[pair, place]),
+        normal=at[first[pair]] - at[second[pair]],
+        middle=0.5 * float(along[pair, place] + along[pair, place + 1]),
+        before=float(before[pair, place]),
+    )
 
 
 def _one_and_others(regions: Regions, w: Array) -> Cut | None:

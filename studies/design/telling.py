@@ -62,18 +62,17 @@ def _size(record: DesignRecord) -> str:
 
 def _certificate(record: DesignRecord) -> str:
     """The proof as a sentence."""
-    proof = record.proof
-    if proof.proved_optimal:
-        return (
-            "No plan of these candidates is better: proved by branch and bound, "
-            f"{plural(proof.nodes, 'node')}."
-        )
+    proof, fresh = record.proof, record.proof.efficiency_fresh
     squared = " (of the squared RMS)" if record.criterion.startswith("task") else ""
-    fresh = proof.efficiency_fresh
-    also = "" if fresh is None else f", and {PROVED(fresh)} of the best of fresh ones"
+    if proof.proved_optimal:
+        best, found = "", plural(proof.nodes, "node")
+        if fresh is not None:
+            best = f"; it reaches at least {PROVED(fresh)}{squared} of the best of fresh ones"
+        return f"No plan of these candidates is better: proved by branch and bound, {found}{best}."
+    best = "" if fresh is None else f", and {PROVED(fresh)} of the best of fresh ones"
     return (
         f"Proved: at least {PROVED(record.efficiency)}{squared} of what the best plan of the same size "
-        f"from {record.candidates.feasible} candidates could reach{also}."
+        f"from {record.candidates.feasible} candidates could reach{best}."
     )
 
 

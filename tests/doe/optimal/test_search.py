@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from doe.optimal.covariance import exchanged, fall, growth, lessened
+from doe.optimal.exchange import exchange
 from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
 from tests.doe.problems import best_by_exhaustion, criteria, grouped, random_blocks
@@ -25,6 +26,32 @@ def test_updates_of_a_covariance_are_those_of_whole_inverses() -> None:
     np.testing.assert_allclose(fall(C, C @ W @ C, into), lowered)
     raised = np.linalg.slogdet(M + further)[1] - np.linalg.slogdet(M)[1]
     np.testing.assert_allclose(growth(C, into), raised)
+
+
+@pytest.mark.parametrize("name", ["D", "A", "c", "task"])
+def test_a_pose_more_by_a_closed_form(name: str) -> None:
+    rng = np.random.default_rng(1)
+    plan, into = rng.normal(size=(9, 5)), rng.normal(size=(6, 4, 5))
+    M = plan.T @ plan
+    criterion = criteria(rng, 5)[name]
+    found = criterion.raised(np.linalg.inv(M), into)
+    assert found is not None
+    np.testing.assert_allclose(found, criterion.value(M + np.swapaxes(into, 1, 2) @ into))
+
+
+@pytest.mark.parametrize("name", ["D", "A", "task", "E"])
+@pytest.mark.parametrize("poses", [3, 8])
+def test_an_exchange_ends_where_no_pose_is_better_elsewhere(name: str, poses: int) -> None:
+    """Every candidate tried in place of every pose; of three poses, two alone leave the model open."""
+    rng = np.random.default_rng(poses)
+    blocks, allowed = random_blocks(rng, 200, 6, 2), grouped(200, 1, poses)
+    criterion = criteria(rng, 6)[name]
+    plan, value = exchange(criterion, blocks, allowed, np.arange(poses))
+    for slot in range(poses):
+        rest = np.delete(plan, slot)
+        for other in np.setdiff1d(np.arange(200), plan):
+            tried = float(criterion.value(blocks.total(np.append(rest, other))))
+            assert tried <= value * (1.0 + 1e-6)
 
 
 @pytest.mark.parametrize("name", ["D", "A", "E"])

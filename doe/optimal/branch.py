@@ -120,8 +120,9 @@ class _Tree:
 
     @property
     def bound(self) -> float:
+        """No plan is better; what was shut out may be so by rounding."""
         left = -self.heap[0][0] if self.heap else 0.0
-        return max(left, self.value)
+        return max(left, self.enough)
 
     def push(self, bound: float, node: _Node) -> None:
         heapq.heappush(self.heap, (-bound, next(self.ticket), node))

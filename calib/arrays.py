@@ -18,8 +18,8 @@ Mask: TypeAlias = NDArray[np.bool_]
 """Which of something: poses, markers, candidates, parameters."""
 
 # glibc gives freed arrays above a threshold back to the system and asks for them again a moment later,
-# a quarter of the time of a design. The threshold grows to the largest block that was freed, 32 MB at
-# most, so such a block is freed here; it is never touched, and takes no memory.
+# up to a quarter of the time of a design. The threshold grows to the largest block that was freed, to
+# 32 MB at most, so such a block is freed here; it is never touched, and takes no memory.
 np.empty(2**25 - 2**14, dtype=np.uint8)
 
 

@@ -10,6 +10,7 @@ from doe.optimal.allowed import Allowed
 
 _FEW = 30  # poses up to which each is so large a part of all that first orders mislead
 _FEWEST = 12  # poses up to which no candidate is passed over by its first order
+_EVERYONE = 2**31  # more than any pool has
 _CLOSELY = 200  # candidates in place of each pose that are ranked closely where poses are more
 _EASED = (0.3, 0.1, 0.03, 0.01)  # information of average poses, per pose, that plans begin with
 _WHOLE_WAY = (18, 168)  # their starts that then go on without: at least, and over the poses
@@ -17,7 +18,6 @@ _MORE_EASED = 4  # times as many that begin
 _EVEN = 0.7  # share of them that does not heed the weights, which say little of so few poses
 _BEST_OF_FEWEST, _BEST_OF_FEW, _KICKS_OF_FEW = 8, 4, 3
 _BEST = (6, 12)  # where poses are more: at least, at most
-_EVERYONE = 2**31
 _MORE = 4  # parameters for each of them: where there are many, local optima are many too
 
 

@@ -10,7 +10,6 @@ over a large array and of one large matrix product here. Times above it are told
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -30,6 +29,7 @@ from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
 from studies.research.benchmarks import design_runs
 from studies.research.benchmarks.design_runs import any_of, timed
+from studies.research.benchmarks.real import folder_of, read
 from studies.tables import number, plain_table
 
 _BASE, _POSES = 20_000, 20  # candidates and poses while something else grows
@@ -137,12 +137,9 @@ def plans(quick: bool) -> Iterator[Line]:
 
 def identifications(quick: bool) -> Iterator[Line]:
     """Real readings of a UR10: each row times each parameters' pair in every step of the last fit."""
-    shared = Path(__file__).parents[4] / "shared" / "data"
-    folder = Path(os.environ.get("POSECAL_DATA", shared)) / "ur10_leica_b"
-    if not folder.exists():
+    if not folder_of("ur10_leica_b").exists():
         return
-    cell = calib.load_cell(folder / "cell.toml")
-    data = calib.load_measurements(cell, folder / "measurements.csv")
+    cell, data = read("ur10_leica_b")
 
     def run(effects: Sequence[str], count: int) -> tuple[int, Run]:
         own, chosen = replace(cell, effects=tuple(effects)), np.linspace(0, len(data) - 1, count)
@@ -151,9 +148,9 @@ def identifications(quick: bool) -> Iterator[Line]:
         steps = float(found.iterations * 3 * int(data.seen[chosen.astype(int)].sum()))
         return p, Run(count, seconds, 0.0, steps * packed_size(p))
 
-    read = _READ[: 3 if quick else None]
-    yield Line("identify", "poses", tuple(run(cell.effects, m)[1] for m in read))
-    grown = [run(effects, read[-1]) for effects in _EFFECTS]
+    counts = _READ[: 3 if quick else None]
+    yield Line("identify", "poses", tuple(run(cell.effects, m)[1] for m in counts))
+    grown = [run(effects, counts[-1]) for effects in _EFFECTS]
     yield Line("identify", "p", tuple(replace(own, size=p) for p, own in grown))
 
 

@@ -18,7 +18,6 @@ values, outliers and covariance. pybotics is given:
 
 from __future__ import annotations
 
-import os
 import statistics
 import subprocess
 import sys
@@ -47,6 +46,7 @@ from calib.files.write import json_text, write_files
 from calib.identification.initial import initial_values
 from calib.model.build import build
 from studies.command.options import one_line_faults
+from studies.research.benchmarks.real import folder_of, read
 
 SIZES, HELD_FROM = (100, 300), 300
 CLOSE = 1.05  # share of posecal's error at which pybotics is clocked
@@ -231,11 +231,8 @@ def table(rows: list[Row]) -> Table:
 @one_line_faults
 def main(path: Path | None) -> None:
     """Compare identification by posecal and by pybotics; the latter takes some minutes."""
-    shared = Path(__file__).parents[4] / "shared" / "data"
-    folder = Path(os.environ.get("POSECAL_DATA", shared)) / "ur10_leica_b"
-    cell = calib.load_cell(folder / "cell.toml")
-    whole = whole_process(folder)
-    data = calib.load_measurements(cell, folder / "measurements.csv")
+    whole = whole_process(folder_of("ur10_leica_b"))
+    cell, data = read("ur10_leica_b")
     whole |= {"calib.identify [s]": timed(cell, data, 3)[1], "poses": len(data)}
     rows = list(compare(cell, data))
     console = Console(width=140, highlight=False, markup=False)

@@ -149,11 +149,9 @@ def pool(repeats: int) -> list[Sample]:
 def identify(repeats: int) -> list[Sample]:
     """1495 poses of three markers, of a real UR10; poses remember results, so each run has its own."""
     import calib
+    from studies.research.benchmarks.real import read
 
-    shared = Path(__file__).parents[4] / "shared" / "data"
-    folder = Path(os.environ.get("POSECAL_DATA", shared)) / "ur10_leica_b"
-    cell = calib.load_cell(folder / "cell.toml")
-    data = calib.load_measurements(cell, folder / "measurements.csv")
+    cell, data = read("ur10_leica_b")
     fresh = [data.take(slice(None)) for _ in range(repeats + 1)]
     return [clocked(partial(calib.identify, cell, own)) for own in fresh][1:]
 

@@ -6,7 +6,6 @@ for, both programs that have one get the same assumed ones, since gravity's torq
 
 from __future__ import annotations
 
-import os
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 import calib
 from calib.arrays import Array
 from calib.files.write import json_text, write_files
+from studies.research.benchmarks.real import folder_of, read
 
 NAME, FIT = "irb120_faro", 100
 MASSES = (3.1, 3.9, 2.9, 1.3, 0.5, 0.1)  # kg, assumed, of the links that the joints move
@@ -44,10 +44,8 @@ def write_work(folder: Path, fit: int = FIT, enough_s: float = 20.0) -> Work:
 
     enough_s : s after which a run is not repeated
     """
-    shared = Path(__file__).parents[5] / "shared" / "data"
-    source = Path(os.environ.get("POSECAL_DATA", shared)) / NAME
-    cell = calib.load_cell(source / "cell.toml")
-    data = calib.load_measurements(cell, source / "measurements.csv")
+    source = folder_of(NAME)
+    cell, data = read(NAME)
     order = np.random.default_rng(0).permutation(len(data))
     given, kept = data.take(np.sort(order[:fit])), data.take(np.sort(order[fit:]))
     joints, markers = (

@@ -30,8 +30,8 @@ def _weak(design: Design) -> Iterator[str]:
 
 def _of_type(design: Design) -> Iterator[str]:
     """That the plan leans on what is known before."""
-    prior = design.problem.model.of_type
-    if prior is not None:
+    prior = design.problem.model.own_prior
+    if prior is not None and prior.robots:
         yield (
             f"planned on top of what {prior.robots} robots of {prior.type} tell of "
             f"{len(prior.keys)} parameters: a robot that is not of the type needs more poses"

@@ -73,6 +73,10 @@ class Repeatability:
     rotation: float
 
 
+SizePrior: TypeAlias = Literal["estimated", "off"] | Mapping[str, float]
+"""Of the sizes of errors: found from the data, not counted, or widths by ``kind_unit``."""
+
+
 @dataclass(frozen=True, eq=False)
 class Cell:
     """Everything that a cell file says, in SI and radians.
@@ -104,6 +108,7 @@ class Cell:
     bodies : dict, name -> slice, the markers that are points of it: frames have an origin and the ends
         of two axes, boards all their points
     prior : Prior or None, what the robot's type says of it; prior_file : Path or None, where it stands
+    size_prior : SizePrior, how large errors usually are: found from the data, said, or not counted
     acceptance : Acceptance, or None without a tolerance
     about : dict, what the cell's [report] tells of robot, operator and environment, for the reader
     """
@@ -137,6 +142,7 @@ class Cell:
     bodies: Mapping[str, slice] = field(default_factory=dict)
     prior: Prior | None = None
     prior_file: Path | None = None
+    size_prior: SizePrior = "estimated"
     acceptance: Acceptance | None = None
     about: Mapping[str, str] = field(default_factory=dict)
 

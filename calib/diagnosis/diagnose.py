@@ -123,9 +123,11 @@ def _verdict(finding: Finding, causes: Sequence[Cause], gap: Gap) -> VerdictName
 
 
 def _model(cell: Cell, data: Measurements) -> Model:
-    """What the cell contains, a type as far as this robot is of it: what it left is no cause."""
+    """What the cell contains, with what these readings let be believed of its type and its sizes."""
     model = build(cell, data.poses).model
-    return replace(model, prior=identify(cell, data).model.prior) if model.prior_rows else model
+    if not model.prior_rows and cell.size_prior != "estimated":
+        return model
+    return replace(model, prior=identify(cell, data).model.prior)
 
 
 def _causes(finding: Finding, asked: int) -> tuple[Cause, ...]:

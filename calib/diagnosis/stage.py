@@ -101,9 +101,9 @@ class Fit:
     @property
     def spent(self) -> int:
         """Parameters that the readings determine: what the robot's type says of them is no reading."""
-        rows = self.model.by_type * (self.pull if self.mixing is None else 1.0)
-        by_type = np.trace(rows @ self.covariance @ rows.T) if len(rows) else 0.0
-        return int(self.span.shape[1]) - round(float(by_type))
+        rows = self.model.by_prior * (self.pull if self.mixing is None else 1.0)
+        by_prior = np.trace(rows @ self.covariance @ rows.T) if len(rows) else 0.0
+        return int(self.span.shape[1]) - round(float(by_prior))
 
     def by_instrument(self, r: Array, J: Array) -> Fit:
         """The same with other rows, (m, R) and (m, R, p), as if nothing but the instrument erred."""

@@ -94,6 +94,7 @@ def load_cell(path: str | Path) -> Cell:
         known_distances=known_distances(path, table),
         bodies=bodies.parts,
         acceptance=_acceptance(table.acceptance),
+        size_prior=table.model.size_prior,
         about={key: str(value) for key, value in table.report.items()},
     )
     cell = replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))

@@ -34,11 +34,12 @@ def check_options(
         raise CalibError("differences go with approach points and method joint; drop one of them")
 
 
-def check_counts(model: Model, data: Measurements) -> None:
+def check_counts(model: Model, data: Measurements, share: float = 1.0) -> None:
     """Refuse what no choice of so few poses could determine.
 
     A reading of M markers fixes at most 3, 5 or 6 rigid coordinates (M = 1, 2, more), that of a body 6;
     the shape of the set of markers and bodies is common to all readings.
+    share : of the parameters that the readings must determine; how large errors are holds the others
 
     Raises TooFewPoses with the number that is needed, CalibError for points that no arm of this size
     could have reached.
@@ -55,7 +56,7 @@ def check_counts(model: Model, data: Measurements) -> None:
     numbers = int((data.seen * model.readout.channels.rows).sum())
     known = model.prior_rows
     equations = min(numbers, rigid * measured + shape + placed) + known
-    if equations < p:
+    if equations < share * p:
         raise TooFewPoses(measured, int(np.ceil((p - shape - known) / rigid)), p, equations)
 
 

@@ -13,10 +13,16 @@ from calib.identification.estimators import Differences, Estimator, unspent
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.identification.of_type import by_itself, held_by_type
 from calib.identification.search import Found, search
+from calib.identification.sizes import widths_by
 from calib.model import Model
+from calib.model.covariance import Identifiable
 from calib.observations import Observation, points_of
 from calib.population import Departure
+from calib.population.sizes import Elementary, Widths
 from calib.scatter import Levels, Variances, levels_of, scatter_of
+
+_MOST_ROUNDS = 4  # of widths and fit in turn
+_SETTLED = 0.05  # of a width
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +32,8 @@ class Fitted:
     observation : Observation, under the levels of noise that were found; found : where its search ended
     levels : Levels, how whole poses err together; None for differences, where that drops out
     of_type : Departure, where the cell names the robot's type
+    sizes : Widths, of errors, where they hold what the readings leave open; told : Identifiable, what
+        the readings determine without them
     """
 
     estimator: Estimator
@@ -33,6 +41,8 @@ class Fitted:
     found: Found
     levels: Levels | None = None
     of_type: Departure | None = None
+    sizes: Widths | None = None
+    told: Identifiable | None = None
 
     @property
     def model(self) -> Model:
@@ -53,6 +63,11 @@ class Fitted:
     def counted(self) -> Observation:
         """Of the poses that were kept."""
         return self.observation.only(self.found.kept)
+
+    @property
+    def choice(self) -> Identifiable:
+        """What the readings determine."""
+        return self.found.choice if self.told is None else self.told
 
     def covariance(self) -> Array:
         """Covariance of the values for the noise as stated, shape (p, p), SI."""
@@ -98,11 +113,47 @@ class Fitted:
         return max(1.0, float(np.sqrt((r**2).sum() / max(dof, 1))))
 
 
-def fitted(cell: Cell, estimator: Estimator, observation: Observation, start: Array) -> Fitted:
-    """The estimate from ``start`` (p,) on, beside the robot's type where the cell names one."""
+def fitted(
+    cell: Cell,
+    estimator: Estimator,
+    observation: Observation,
+    start: Array,
+    errors: Elementary | None = None,
+) -> Fitted:
+    """The estimate from ``start`` (p,) on, beside the robot's type where the cell names one.
+
+    errors : whose sizes are found from the readings, and hold what those leave open
+    """
     if observation.model.prior_rows:
-        return _beside_type(cell, estimator, observation, start)
-    return _judged(cell, Fitted(estimator, observation, search(estimator, observation, start)))
+        fit = _beside_type(cell, estimator, observation, start)
+    else:
+        found = search(estimator, observation, start)
+        fit = _judged(cell, Fitted(estimator, observation, found))
+    if errors is None or not errors.keys:
+        return fit
+    return _beside_sizes(cell, fit, errors)
+
+
+def _beside_sizes(cell: Cell, alone: Fitted, errors: Elementary) -> Fitted:
+    """The estimate with a prior of the sizes that errors have by the readings themselves.
+
+    Fit and widths follow from each other. Where the readings leave nothing open, as it is.
+    """
+    fit, known = alone, alone.model
+    for _ in range(_MOST_ROUNDS):
+        sizes = widths_by(fit, errors, known)
+        if not sizes.shows:
+            return fit
+        if fit.sizes is not None and np.allclose(sizes.widths, fit.sizes.widths, rtol=_SETTLED):
+            break
+        prior = sizes.prior if known.prior is None else known.prior.beside(sizes.prior)
+        held = replace(known, prior=prior)
+        observation = replace(alone.observation, model=held, scatter=None, pull=fit.loudness)
+        found = search(fit.estimator, observation, fit.values)
+        told = alone.found.choice
+        fit = _judged(cell, replace(alone, observation=observation, found=found, told=told))
+        fit = replace(fit, sizes=sizes)
+    return fit
 
 
 def _beside_type(

@@ -19,6 +19,7 @@ from calib.model.covariance import Unidentifiable, correlation
 from calib.model.reduction import Dropped
 from calib.observations import Approach
 from calib.population import Departure
+from calib.population.sizes import Widths
 from calib.poses import Measurements, Poses
 from calib.poses.visits import visits
 from calib.scatter import Levels, Scatter
@@ -138,6 +139,9 @@ class Identification:
         the uncertainty is no part of ``covariance``
     scatter : Scatter or None, how whole poses err together; levels : Levels or None, how that was found
     of_type : Departure or None, how the robot stands to its type where the cell names one
+    sizes : Widths or None, how large errors are by these readings, where that holds what they leave
+        open; pull : float, what is known beside the readings weighs so many times more, as they err
+        so many times more than is stated
     """
 
     model: Model
@@ -168,6 +172,8 @@ class Identification:
     profiled: Array | None = None
     footprint: float = 1.0
     of_type: Departure | None = None
+    sizes: Widths | None = None
+    pull: float = 1.0
     common: tuple[Considered, ...] = ()
 
     @property

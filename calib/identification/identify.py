@@ -19,12 +19,12 @@ from calib.identification.heldout import predicted
 from calib.identification.identification import Identification, Method, Residuals, Status
 from calib.identification.initial import initial_values
 from calib.identification.mistakes import refuse_mistakes
-from calib.identification.search import Found
 from calib.identification.tuning import profiled, with_tunings
 from calib.identification.whitening import whitening
 from calib.model import Model
 from calib.model.build import Built, build, refuse_idle_effects
 from calib.model.covariance import clustered, covariance, ignorance
+from calib.model.sizes import elementary
 from calib.observations import (
     Approach,
     Observation,
@@ -34,6 +34,7 @@ from calib.observations import (
     points_of,
     with_measured_shape,
 )
+from calib.population.sizes import Elementary
 from calib.poses import Measurements
 from calib.poses.moves import before_the_first_move
 from calib.scatter import Variances, scatter_of
@@ -41,6 +42,7 @@ from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
 from calib.uncertainty.considered import considered
 
+_SHARE = 0.6  # of the parameters that the readings determine where sizes hold the others
 _POSES_PER_DIRECTION = 3  # fewer do not tell how poses scatter
 
 
@@ -75,7 +77,8 @@ def identify(
             "differences go without [model.prior], which is of every reading; drop one"
         )
     data = after_the_first_move(built.model, data)
-    check_counts(built.model, data)
+    asked = cell.size_prior == "estimated" and not differences
+    check_counts(built.model, data, _SHARE if asked else 1.0)
     refuse_idle_effects(cell, built.model, data.poses)
     estimator: Estimator = Differences() if differences else Readings(method)
     try:
@@ -85,11 +88,17 @@ def identify(
             if approach == "points"
             else as_poses(points, points.model.marker_positions(start), weighting, length)
         )
-        fit = fitted(cell, estimator, observation, start)
+        errors = _errors(cell, built) if asked else None
+        fit = fitted(cell, estimator, observation, start, errors)
     except np.linalg.LinAlgError:
         raise Unsolvable from None
     held = predicted(cell, fit, heldout) if heldout is not None else None
     return _identification(built, fit, start, held, approach, method)
+
+
+def _errors(cell: Cell, built: Built) -> Elementary:
+    """The errors whose sizes are asked, but for those of which the robot's type knows more."""
+    return elementary(built.model, built.full, () if cell.prior is None else cell.prior.keys)
 
 
 def _identification(
@@ -113,14 +122,14 @@ def _identification(
         values=values,
         covariance=stated * widening**2,
         ignorance=ignorance(counted.flat(values)[1], span, model.sizes, np.diag(stated) <= 0.0),
-        status=_status(found),
+        status=_status(fit),
         approach=approach,
         method=method,
         noise=fit.noise,
         dof=fit.left[1],
-        rank=found.choice.rank,
+        rank=fit.choice.rank,
         iterations=found.best.iterations,
-        unidentifiable=found.choice.unidentifiable,
+        unidentifiable=fit.choice.unidentifiable,
         absorbed=built.dropped,
         undecided=tuple(data.poses.names[i] for i in np.flatnonzero(found.undecided)),
         unused=_unused(observation),
@@ -137,6 +146,8 @@ def _identification(
         profiled=profiled(counted, values, span, np.sqrt(np.diag(stated)), widening),
         footprint=model.footprint(values, data),
         of_type=fit.of_type,
+        sizes=fit.sizes,
+        pull=fit.observation.pull,
         common=considered(model, values, data, follow),
     )
 
@@ -185,10 +196,10 @@ def after_the_first_move(model: Model, data: Measurements) -> Measurements:
     return replace(data, seen=data.seen & ~before_the_first_move(data.poses)[:, None])
 
 
-def _status(found: Found) -> Status:
-    if not (bool(found.best.converged) and found.regular):
+def _status(fit: Fitted) -> Status:
+    if not (bool(fit.found.best.converged) and fit.found.regular):
         return "not_converged"
-    return "rank_deficient" if found.choice.unidentifiable else "converged"
+    return "rank_deficient" if fit.choice.unidentifiable else "converged"
 
 
 def _unused(observation: Observation) -> tuple[str, ...]:

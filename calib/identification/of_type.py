@@ -16,9 +16,9 @@ from calib.population import Departure, adapted, departure, loosened
 
 def by_itself(model: Model) -> Model:
     """The model under which the readings are judged first: they speak for themselves."""
-    if model.of_type is None:
+    if model.own_prior is None:
         return model
-    return replace(model, prior=loosened(model.of_type, model.sizes[model.of_type_at]))
+    return replace(model, prior=loosened(model.own_prior, model.sizes[model.own_prior_at]))
 
 
 def held_by_type(
@@ -30,9 +30,9 @@ def held_by_type(
     covariance : ndarray, shape (p, p), of its values; pull : actual over stated noise of the readings
     """
     model, values = observation.model, loose.best.values
-    if model.of_type is None:
+    if model.own_prior is None:
         raise ValueError("a model without a type")
-    at, prior = model.of_type_at, model.of_type
+    at, prior = model.own_prior_at, model.own_prior
     own, sizes = covariance[np.ix_(at, at)], model.sizes[at]
     found = replace(departure(prior, values[at], own, loosened(prior, sizes)), pull=pull)
     believed = replace(model, prior=adapted(found, sizes))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +25,7 @@ from calib.effects.tuned import Tuned
 from calib.errors import CalibError, EffectCannotAct, UnknownEffect
 from calib.model import Model
 from calib.model.reduction import Dropped, carried_over, irreducible
+from calib.model.sizes import elementary, stated
 from calib.population.prior import Prior
 from calib.poses import Poses
 
@@ -207,7 +208,9 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
     full = model_of(cell, effects)
     built = Built(*irreducible(full), full)
     _refuse_absorbed(_placed(cell, context), full, built)
-    return built if cell.prior is None else replace(built, model=_of_type(built, cell.prior))
+    if cell.prior is not None:
+        built = replace(built, model=_of_type(built, cell.prior))
+    return built if isinstance(cell.size_prior, str) else _of_sizes(built, cell.size_prior)
 
 
 def _of_type(built: Built, prior: Prior) -> Model:
@@ -233,6 +236,14 @@ def _of_type(built: Built, prior: Prior) -> Model:
         there = ", ".join(dict.fromkeys(key[0] for key in prior.keys))
         raise CalibError(f"[model.prior] knows {there} and nothing of this model; take it out")
     return replace(model, prior=known)
+
+
+def _of_sizes(built: Built, widths: Mapping[str, float]) -> Built:
+    """The model with what the cell says of the sizes of its errors, beside what the type does."""
+    known = built.model.prior
+    sizes = stated(elementary(built.model, built.full, known.keys if known else ()), widths)
+    prior = sizes if known is None else known.beside(sizes)
+    return replace(built, model=replace(built.model, prior=prior))
 
 
 def is_constant(kind: str) -> bool:

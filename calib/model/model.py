@@ -64,7 +64,8 @@ class Model:
     gravity : ndarray, shape (3,), m/s^2, base axes
     instruments : tuple of Instrument, that read the markers: C channels, r numbers each at most
     lengths : tuple of KnownDistance, that are known beside all readings
-    prior : Prior or None, what the robot's type says; of the model's parameters alone it counts
+    prior : Prior or None, what is believed beforehand, by the robot's type and by how large errors are;
+        of the model's parameters alone it counts
     """
 
     robot: Robot
@@ -344,27 +345,27 @@ class Model:
 
     @property
     def prior_rows(self) -> int:
-        """How many of these are the type's; they come last."""
-        return 0 if self.of_type is None else len(self.of_type.keys)
+        """How many of these say what is believed of the parameters; they come last."""
+        return 0 if self.own_prior is None else len(self.own_prior.keys)
 
     @cached_property
-    def of_type(self) -> Prior | None:
-        """What the robot's type says of the parameters that the model has."""
+    def own_prior(self) -> Prior | None:
+        """What is believed beforehand of the parameters that the model has."""
         keys = {(p.effect, p.where, p.name) for p in self.parameters}
         return None if self.prior is None else self.prior.only(keys)
 
     @cached_property
-    def of_type_at(self) -> IntArray:
+    def own_prior_at(self) -> IntArray:
         """Positions of these parameters."""
         keys = [(p.effect, p.where, p.name) for p in self.parameters]
-        return np.zeros(0, dtype=int) if self.of_type is None else self.of_type.positions(keys)
+        return np.zeros(0, dtype=int) if self.own_prior is None else self.own_prior.positions(keys)
 
     @cached_property
-    def by_type(self) -> Array:
-        """What the robot's type says as rows of unit variance: derivatives, shape (k, p)."""
+    def by_prior(self) -> Array:
+        """The same as rows of unit variance: derivatives, shape (k, p)."""
         rows = np.zeros((self.prior_rows, len(self.parameters)))
-        if self.of_type is not None and self.prior_rows:
-            rows[:, self.of_type_at] = self.of_type.whitening
+        if self.own_prior is not None and self.prior_rows:
+            rows[:, self.own_prior_at] = self.own_prior.whitening
         return rows
 
     @cached_property
@@ -394,10 +395,10 @@ class Model:
         for k, (position, std) in enumerate(self._believed, len(self.lengths)):
             residuals[..., k] = -values[..., position] / std
             J[..., k, position] = 1.0 / std
-        if (prior := self.of_type) is not None and self.prior_rows:
+        if (prior := self.own_prior) is not None and self.prior_rows:
             own = slice(self.known_rows - self.prior_rows, None)
-            residuals[..., own] = (prior.mean - values[..., self.of_type_at]) @ prior.whitening.T
-            J[..., own, :] = self.by_type
+            residuals[..., own] = (prior.mean - values[..., self.own_prior_at]) @ prior.whitening.T
+            J[..., own, :] = self.by_prior
         return residuals, J
 
     def _place_of(self, name: str, values: Array) -> tuple[Array, Array]:

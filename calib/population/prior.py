@@ -54,6 +54,15 @@ class Prior:
         cov = T @ self.covariance @ T.T
         return replace(self, keys=(*own, *rest), mean=T @ self.mean, covariance=(cov + cov.T) / 2.0)
 
+    def beside(self, other: Prior) -> Prior:
+        """What is known of these parameters and of others."""
+        k, own = len(self.keys), len(self.keys) + len(other.keys)
+        covariance = np.zeros((own, own))
+        covariance[:k, :k], covariance[k:, k:] = self.covariance, other.covariance
+        mean = np.concatenate([self.mean, other.mean])
+        keys = (*self.keys, *other.keys)
+        return replace(self, keys=keys, mean=mean, covariance=covariance)
+
     def widened(self, factor: float, extra: Array) -> Prior:
         """With ``factor`` times the standard deviations, and variances ``extra`` (k,) beside them."""
         return replace(self, covariance=factor**2 * self.covariance + np.diag(extra))

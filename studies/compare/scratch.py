@@ -8,7 +8,7 @@ refits end.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,7 +61,7 @@ def from_scratch(
         return None
     way = prediction.way
     found = calib.identify(
-        cell,
+        replace(cell, size_prior="off"),
         experiment.measured(points),
         approach=way.approach,
         weighting=way.weighting,

@@ -60,7 +60,7 @@ def of_type_entry(found: Identification) -> OfType:
         raise ValueError("an identification without a type")
     prior = stood.prior
     rows = []
-    for k, at in enumerate(model.of_type_at.tolist()):
+    for k, at in enumerate(model.own_prior_at[: len(prior.keys)].tolist()):
         p = model.parameters[at]
         rows.append(
             Left(

@@ -26,3 +26,4 @@ class ModelTable(Table):
     effects: Annotated[list[str], Field(min_length=1)]
     knots_deg: dict[str, list[Number]] = {}
     prior: PriorTable | None = None
+    size_prior: Literal["estimated", "off"] | dict[str, Positive] = "estimated"

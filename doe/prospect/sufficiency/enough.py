@@ -147,7 +147,7 @@ def _identified(
 
 
 def _believed(model: Model, found: Identification | None) -> Model:
-    """The model with what of the robot's type the readings so far leave to be believed."""
+    """The model with what the readings so far leave to be believed of its type and its sizes."""
     return model if found is None else replace(model, prior=found.model.prior)
 
 
@@ -171,9 +171,8 @@ def _arm(cell: Cell, model: Model, found: Identification | None) -> Variances:
 
 
 def _pull(arm: Variances, found: Identification | None) -> float:
-    """By how much more the type weighs beside rows of arms that scatter, as it does in the estimate."""
-    of_type = None if found is None else found.of_type
-    return of_type.pull if of_type is not None and arm.any else 1.0
+    """By how much more what is believed weighs beside arms that scatter, as it does in the estimate."""
+    return found.pull if found is not None and arm.any else 1.0
 
 
 def _weighing(at: Linearisation, data: Measurements, kept: Mask | None = None) -> Mixing | None:

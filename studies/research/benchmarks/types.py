@@ -145,7 +145,7 @@ def predicted(of: Type, prior: Prior, poses: Poses) -> float:
     values = model.initial
     values[of.own] = prior.mean
     _, J = model.jacobian(values, poses)
-    rows = np.concatenate([J.reshape(-1, J.shape[-1]) / of.cell.noise.along, model.by_type])
+    rows = np.concatenate([J.reshape(-1, J.shape[-1]) / of.cell.noise.along, model.by_prior])
     if np.linalg.matrix_rank(rows / np.linalg.norm(rows, axis=0)) < rows.shape[1]:
         return np.inf
     cov = covariance(rows, np.eye(len(values)))

@@ -1,0 +1,154 @@
+"""How large errors of a kind are in this robot: widths of a normal prior, found from its own readings.
+
+Every elementary error j, one of six constants at a frame or a parameter of another effect, is taken as
+``N(0, w_c^2 / u_g)``: w_c is the width of its class (kind and unit), u_g tells how much less the place
+g errs than others of its kind; a worn joint errs more. Both are variance components beside the levels
+of noise, and found by the same restricted likelihood: with X the columns, V the covariance of the
+readings, n its scale and D the covariance of the errors,
+
+    -2 log L = log|n^2 V| + log|D| + log|X^T V^-1 X / n^2 + D^-1| + y^T P y
+
+(Patterson and Thompson, Biometrika 58(3), 1971). What is known beforehand stands beside it, each as an
+inverse gamma law: ``w_c^2`` about the plausible size of the kind, n about one, and ``1 / u_g`` about
+one, so that a place far beyond its kind is met (a multivariate t). The maximum is found by expectation
+and maximisation (Dempster, Laird and Rubin, J. R. Stat. Soc. B 39(1), 1977).
+
+The constants of a model are an irreducible set, each a sum of elementary ones; base and markers, which
+stand anywhere, take up the rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arrays import Array, IntArray
+from calib.population.prior import Key, Prior
+
+_KNOWN = 2.0  # errors of a kind that its plausible size stands for
+_TAIL = 2.0  # degrees of freedom of what a place errs more or less than others
+_STATED = 20.0  # numbers that the noise, as it was found without any prior, stands for
+_MOST_ROUNDS = 100
+_SETTLED = 0.01  # of a width
+_SAVED = 0.1  # parameters: where the prior determines fewer, no figure that anybody prints changes
+
+
+@dataclass(frozen=True, eq=False)
+class Elementary:
+    """The e elementary errors that k parameters of a model stand for.
+
+    keys : tuple of Key, of the parameters; at : ndarray of int, shape (k,), where they stand
+    G : ndarray, shape (k, e), parameters from elementary errors
+    sizes : ndarray, shape (e,), SI, plausible ones
+    classes : tuple of (kind, unit); scales : ndarray, shape (c,), SI per unit
+    of_class, of_place : ndarray of int, shape (e,)
+    """
+
+    keys: tuple[Key, ...]
+    at: IntArray
+    G: Array
+    sizes: Array
+    classes: tuple[tuple[str, str], ...]
+    scales: Array
+    of_class: IntArray
+    of_place: IntArray
+
+    def prior(self, variances: Array) -> Prior:
+        """What is believed of the parameters, for variances (e,) of the elementary errors."""
+        cov = (self.G * variances) @ self.G.T
+        return Prior("", self.keys, np.zeros(len(self.keys)), (cov + cov.T) / 2.0, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Widths:
+    """How large errors are.
+
+    widths : ndarray, shape (c,), SI, of the classes; prior : Prior, of the parameters
+    saved : float, how many parameters it determines in place of the readings
+    """
+
+    of: Elementary
+    widths: Array
+    prior: Prior
+    saved: float
+
+    @property
+    def shows(self) -> bool:
+        """Whether the readings leave so much open that the prior makes a difference."""
+        return self.saved > _SAVED
+
+
+def widths_of(of: Elementary, J: Array, y: Array, dof: int) -> Widths:
+    """Find the widths.
+
+    J : ndarray, shape (N, k), derivatives by the parameters in independent rows of unit variance, all
+        else projected out; y : ndarray, shape (N,), readings less those of the nominal arm, likewise
+    dof : int, rows that count less what was projected out
+    """
+    found = _Search(of, J.T @ J, J.T @ y, float(y @ y), dof)
+    widths = found.typical
+    share, noise = np.ones(len(of.sizes)), 1.0
+    for _ in range(_MOST_ROUNDS):
+        squares, noise = found.expected(widths[of.of_class] ** 2 / share, noise)
+        share = found.shares(squares, widths)
+        last, widths = widths, found.widths(share * squares)
+        if np.allclose(widths, last, rtol=_SETTLED):
+            break
+    prior = of.prior(widths[of.of_class] ** 2 / share)
+    return Widths(of, widths, prior, found.saved(prior, noise))
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Normal equations ``A v = g`` of the parameters, ``square`` that of their right-hand side."""
+
+    of: Elementary
+    A: Array
+    g: Array
+    square: float
+    dof: int
+
+    @property
+    def typical(self) -> Array:
+        """Plausible size of each class, shape (c,)."""
+        of = self.of
+        found = [of.sizes[of.of_class == c] for c in range(len(of.classes))]
+        return np.array([float(np.sqrt((own**2).mean())) for own in found])
+
+    def expected(self, variances: Array, noise: float) -> tuple[Array, float]:
+        """Expected squares (e,) of the errors at some variances (e,), and the noise that is left."""
+        G = self.of.G
+        W = np.linalg.solve((G * variances) @ G.T, G)
+        m, C = self._posterior(self.of.prior(variances), noise)
+        mean = variances * (W.T @ m)
+        told = (G * W).sum(axis=0) - (W * (C @ W)).sum(axis=0)
+        squares = mean**2 + np.maximum(variances - variances**2 * told, 0.0)
+        rest = self.square - 2.0 * float(m @ self.g) + float(m @ self.A @ m)
+        rest += float((self.A * C).sum())
+        return squares, float(np.sqrt((max(rest, 0.0) + _STATED) / (self.dof + _STATED)))
+
+    def _posterior(self, prior: Prior, noise: float) -> tuple[Array, Array]:
+        """Values (k,) and their covariance (k, k)."""
+        W = prior.whitening
+        C = np.linalg.inv(self.A / noise**2 + W.T @ W)
+        return C @ self.g / noise**2, np.asarray(C, dtype=np.float64)
+
+    def shares(self, squares: Array, widths: Array) -> Array:
+        """By how much each place errs less than others of its kind, shape (e,)."""
+        of = self.of
+        scaled = np.bincount(of.of_place, squares / widths[of.of_class] ** 2)
+        count = np.bincount(of.of_place)
+        return np.asarray(((_TAIL + count) / (_TAIL + scaled))[of.of_place])
+
+    def widths(self, squares: Array) -> Array:
+        """Width of each class, shape (c,)."""
+        of = self.of
+        total = np.bincount(of.of_class, squares, len(of.classes))
+        count = np.bincount(of.of_class, minlength=len(of.classes))
+        return np.asarray(np.sqrt((total + _KNOWN * self.typical**2) / (count + _KNOWN)))
+
+    def saved(self, prior: Prior, noise: float) -> float:
+        """How many of the k parameters the prior determines, not the readings."""
+        _, C = self._posterior(prior, noise)
+        return len(self.g) - float((self.A * C).sum()) / noise**2

@@ -43,6 +43,7 @@ class Candidate:
     effect : Effect, a curve where it has no name; named : whether it has one, in the catalogue
     depends_on : str, on what it depends most, as in the results
     tried : int, forms among which this one was chosen
+    odds : float, how often it is met at its place, beside a cause that any arm may have
     line : int, its number among causes of its kind at its place
     echo : str, key of the cause in whose place it stands with the same tuning; itself none
     also : tuple of Candidate, other names for the same: no reading tells them from it
@@ -55,6 +56,12 @@ class Candidate:
     line: int = 1
     echo: str = ""
     also: tuple[Candidate, ...] = ()
+    odds: float = 1.0
+
+    @property
+    def choices(self) -> float:
+        """Among how many its evidence counts: one that is seldom met as the best of as many."""
+        return self.tried / self.odds
 
     @property
     def where(self) -> str:
@@ -95,8 +102,8 @@ class Candidate:
 
     @cached_property
     def limits(self) -> Array:
-        """Magnitudes of its amounts beyond which nothing is believed, shape (k,), SI."""
-        return np.array([p.limit for p in self.amounts])
+        """Magnitudes of its amounts beyond which they are far out on this arm, shape (k,), SI."""
+        return (self.effect.allowance or 1.0) * np.array([p.limit for p in self.amounts])
 
     def as_tuned(self, tuning: float) -> Candidate:
         """The same at another tuning."""
@@ -141,7 +148,9 @@ def candidates(
             except CalibError as error:
                 missing.append(NotAsked(f"{kind}:{where}", str(error)))
                 continue
-            own = Candidate(effect, True, depends_on(effect))
+            expected = effect_type.expected(context, where)
+            effect = replace(effect, allowance=expected.allowance)
+            own = Candidate(effect, True, depends_on(effect), odds=expected.odds)
             if not _renamed(model.effects, kind, where):
                 found.append(own)
             elif _compliant(model.effects, where):

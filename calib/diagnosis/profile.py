@@ -71,7 +71,7 @@ class Ground:
         gain = self.nearby.gain(own, np.diag(1.0 / limits))
         told = np.diag(gain.triangle) * limits
         fall = max(gain.fall + gain.promised, 0.0)
-        return self._priced(fall, told).counted(prod(c.tried for c in causes))
+        return self._priced(fall, told).counted(prod(c.choices for c in causes))
 
     def score(self, suspect: Candidate) -> Score:
         """What a suspect would explain, variances found anew."""
@@ -87,7 +87,7 @@ class Ground:
         _, found = maximised(problem, self.levels.theta, self.levels.free, _SETTLED)
         told = found.diagonal[problem.known : -1] * limits
         fall = max(self.levels.value - found.value, 0.0)
-        return self._priced(fall, told).counted(prod(c.tried for c in causes))
+        return self._priced(fall, told).counted(prod(c.choices for c in causes))
 
     def _columns_of(self, causes: Sequence[Candidate]) -> tuple[IntArray, Array]:
         """Columns (k,) of some causes by name, and the limits (k,) of their parameters."""

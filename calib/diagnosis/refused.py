@@ -1,4 +1,4 @@
-"""What the contest held and does not deserve its name: too large to be true, or no help elsewhere."""
+"""What the contest held and does not deserve its name: it is no help elsewhere."""
 
 from __future__ import annotations
 
@@ -46,10 +46,7 @@ def believed(
     for again in range(_MOST_ROUNDS):
         fresh = _unworthy(stage, outcome.fit, outcome.active)
         if not fresh:
-            named, after = classes(stage, outcome)
-            fresh = [(n.candidate, why) for n in named if (why := implausible(after, n.candidate))]
-            if not fresh:
-                return outcome, named, after, tuple(refused.values())
+            return outcome, *classes(stage, outcome), tuple(refused.values())
         refused |= {c.key: Refused.of(c, why) for c, why in fresh}
         rest = [c for c in outcome.active if c.key not in refused]
         lineup = outcome.lineup.without(refused)
@@ -65,18 +62,21 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
 
     Of those that earn nothing the worse half, for what is left may then earn its place.
     """
-    found = [(c, why) for c in active if c.named and (why := implausible(fit, c))]
-    if found or not active:
-        return found
+    if not active:
+        return []
     crossed = CrossValidation(stage, fit)
     accounts = [(c, crossed.ledger([c.effect], c.depends_on in BY_TIME)) for c in active]
     idle = [(c, a) for c, a in accounts if not a.earns]
     idle.sort(key=lambda pair: pair[1].without - pair[1].with_it)
-    for c, _ in idle[: (len(idle) + 1) // 2]:
-        left = "stretches of time" if c.depends_on in BY_TIME else "configurations"
-        found.append((c, f"{left} that are left out are predicted no better with it"))
-    if found:
-        return found
+    if idle:
+        left = {True: "stretches of time", False: "configurations"}
+        return [
+            (
+                c,
+                f"{left[c.depends_on in BY_TIME]} that are left out are predicted no better with it",
+            )
+            for c, _ in idle[: (len(idle) + 1) // 2]
+        ]
     together = crossed.ledger([c.effect for c in active], False)
     if len(active) > 1 and not together.earns:
         return [(c, "all found together predict left-out configurations no better") for c in active]
@@ -84,25 +84,25 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
 
 
 def plausible(stage: Stage, outcome: Outcome) -> Outcome:
-    """The outcome without what is too large to be true, one fit after the other."""
+    """The outcome without what is far out, one fit after the other."""
     while True:
-        rest = [c for c in outcome.active if not (c.named and implausible(outcome.fit, c))]
+        rest = [c for c in outcome.active if not (c.named and far_out(outcome.fit, c))]
         if len(rest) == len(outcome.active):
             return outcome
         outcome = left_with(stage, outcome, rest)
 
 
-def implausible(fit: Fit, candidate: Candidate) -> str:
-    """Why no such thing is met in practice, empty where it is."""
+def far_out(fit: Fit, candidate: Candidate) -> str:
+    """What of a cause is larger than such errors usually are, empty where nothing is."""
     amounts = candidate.amounts
     values = fit.values[fit.positions(candidate.effect)][-len(amounts) :]
     worst = int(np.argmax(np.abs(values) / candidate.limits))
-    p = amounts[worst]
-    if abs(values[worst]) <= p.limit:
+    p, limit = amounts[worst], float(candidate.limits[worst])
+    if abs(values[worst]) <= limit:
         return ""
     return (
-        f"{p.name} would be {values[worst] / p.scale:.3g} {p.unit}, and beyond {p.limit / p.scale:.3g} "
-        f"{p.unit} such an error is not believed"
+        f"its {p.name} of {values[worst] / p.scale:.3g} {p.unit} is far out: beyond "
+        f"{limit / p.scale:.3g} {p.unit} such an error is seldom met"
     )
 
 

@@ -266,7 +266,7 @@ def linear_scores(beside: Field, view: View, suspects: Sequence[Candidate]) -> d
     """Score of each suspect, those with a tuning counted, at the variances of the fit."""
     asked = [Asked(view.where[c.key], c.spread, c.limits, c.sparing) for c in suspects]
     found = scored(beside, asked)
-    return {c.key: own.counted(c.tried) for c, own in zip(suspects, found, strict=True)}
+    return {c.key: own.counted(c.choices) for c, own in zip(suspects, found, strict=True)}
 
 
 def _leading(

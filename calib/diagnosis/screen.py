@@ -199,12 +199,12 @@ class Score:
         """Evidence less its price."""
         return self.evidence - self.price
 
-    def counted(self, tried: int) -> Score:
+    def counted(self, tried: float) -> Score:
         """The score of the best of so many."""
         if tried == 1:
             return self
         price = self.price + 2.0 * float(np.log(tried))
-        return replace(self, price=price, p=min(1.0, self.p * tried))
+        return replace(self, price=price, p=min(1.0, self.p * max(tried, 1.0)))
 
 
 NOTHING = Score(0.0, 0.0, 0.0, 1.0)

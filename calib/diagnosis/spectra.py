@@ -195,7 +195,9 @@ class _View:
 
     def falls(self, around: Beside, cycles: Array) -> Array:
         """Fall at some cycles (C,), in variances of the noise."""
-        limits = np.array([p.limit for p in self.ripple.amplitudes])
+        limits = (self.ripple.allowance or 1.0) * np.array(
+            [p.limit for p in self.ripple.amplitudes]
+        )
         carried, parts = around.carried(self.carrier), [np.zeros(0)]
         for i in range(0, len(cycles), _CHUNK):
             functions = self.ripple.functions(self.poses, cycles[i : i + _CHUNK])

@@ -38,7 +38,7 @@ class Form:
     @cached_property
     def limits(self) -> Array:
         """Magnitudes of its amplitudes beyond which nothing is believed, SI."""
-        return np.array([p.limit for p in self.effect.amplitudes])
+        return (self.effect.allowance or 1.0) * np.array([p.limit for p in self.effect.amplitudes])
 
     def only(self, chosen: IntArray) -> Form:
         """The same at some of its tunings."""

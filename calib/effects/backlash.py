@@ -16,8 +16,11 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.drive import DriveError, error_unit
-from calib.effects.protocol import Parameter
+from calib.effects.protocol import Context, Expected, Parameter
+from calib.effects.usual import light
 from calib.poses import Poses
+
+_SERVO = 10.0  # 2 mrad become 20: geared servos have 4 to 6 when new (ROBOTIS, MX-28 and XM430)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +29,10 @@ class Backlash(DriveError):
 
     kind: ClassVar[str] = "backlash"
     uses: ClassVar[tuple[str, ...]] = ("approach",)
+
+    @classmethod
+    def expected(cls, context: Context, where: str) -> Expected:
+        return Expected(allowance=_SERVO if light(context) else 1.0)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -9,10 +9,13 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.bearing_compliance import tilt_across
-from calib.effects.protocol import Context, ElasticEffect, Parameter
+from calib.effects.protocol import Context, ElasticEffect, Expected, Parameter
+from calib.effects.usual import softer
 from calib.poses import Poses
 
-_LARGEST = 1e-5  # rad/(N m): a robot on a table or a light pedestal
+# rad/(N m): a robot on a table or a light pedestal has up to 10, one on a telescopic column 15 to 25
+# (base of the Hilti construction robot on five kinds of ground)
+_LARGEST = 3e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +31,10 @@ class BaseCompliance(ElasticEffect):
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
         return cls(where, 0)
+
+    @classmethod
+    def expected(cls, context: Context, where: str) -> Expected:
+        return Expected(allowance=softer(context))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

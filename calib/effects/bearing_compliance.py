@@ -11,10 +11,12 @@ from calib.arrays import Array
 from calib.effects.protocol import (
     Context,
     ElasticEffect,
+    Expected,
     Parameter,
     joint_index,
     turning_joints,
 )
+from calib.effects.usual import softer
 from calib.poses import Poses
 
 # rad/(N m): crossed roller bearings of small gears tilt by 5 to 20 urad/(N m) (makers' catalogues),
@@ -45,6 +47,10 @@ class BearingCompliance(ElasticEffect):
     def at(cls, context: Context, where: str) -> Self:
         joint = joint_index(context, where)
         return cls(where, joint + 1, context.robot.axes[joint])
+
+    @classmethod
+    def expected(cls, context: Context, where: str) -> Expected:
+        return Expected(allowance=softer(context))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -9,12 +9,13 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.protocol import Context, Effect, ReadingEffect
+from calib.effects.protocol import Context, Effect, Expected, ReadingEffect
 from calib.instruments import Camera, Instrument
 from calib.instruments.lens import CENTER
 from calib.poses import Poses
 
 _CAMERA = "camera:"
+_LENS = 10.0  # odds: of an arm and a camera the camera is looked at first
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,10 @@ class FocalEffect(ReadingEffect):
     @classmethod
     def _of(cls, context: Context, where: str, centre: Array) -> Self:
         return cls(where, centre)
+
+    @classmethod
+    def expected(cls, context: Context, where: str) -> Expected:
+        return Expected(odds=_LENS)
 
     @abstractmethod
     def shares(self, poses: Poses) -> Array:

@@ -24,10 +24,20 @@ import numpy as np
 from calib.arm.kinematics import forward
 from calib.arm.se3 import across, cross, rotate, so3_exp
 from calib.arrays import Array
-from calib.effects.protocol import Context, Parameter, SpringEffect, joint_index, turning_joints
+from calib.effects.protocol import (
+    Context,
+    Expected,
+    Parameter,
+    SpringEffect,
+    joint_index,
+    turning_joints,
+)
+from calib.effects.usual import heavy
 from calib.poses import Poses
 
 _ABOVE, _ALONG = 1 / 5, 1 / 20  # of the arm's reach: distances of the default anchors
+_LAST = 1  # the second joint that turns is the last that makers balance, on heavy arms
+_SELDOM, _NEVER = 1e-2, 1e-4  # odds elsewhere, and at the elbow and the wrist
 _TOO_STEEP = 0.1  # sine of a direction to the joint's axis below which it is no direction across
 
 
@@ -52,6 +62,16 @@ class GravityCompensator(SpringEffect):
         given = context.anchors.get(where)
         anchors = default_anchors(context, joint) if given is None else given
         return cls(where, joint, robot.dof + 2, robot.axes[joint], anchors)
+
+    @classmethod
+    def expected(cls, context: Context, where: str) -> Expected:
+        if where in context.anchors:
+            return Expected()
+        turning = [j for j, slides in zip(context.robot.joints, context.robot.prismatic, strict=True)
+                   if not slides]  # fmt: skip
+        if turning.index(where) > _LAST:
+            return Expected(odds=_NEVER)
+        return Expected(odds=1.0 if heavy(context) and turning.index(where) == _LAST else _SELDOM)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

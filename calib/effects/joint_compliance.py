@@ -9,7 +9,8 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.drive import ElasticDrive, compliance_unit
-from calib.effects.protocol import Parameter
+from calib.effects.protocol import Context, Expected, Parameter
+from calib.effects.usual import softer
 from calib.poses import Poses
 
 
@@ -18,6 +19,10 @@ class JointCompliance(ElasticDrive):
     """Compliance along one joint's variable."""
 
     kind: ClassVar[str] = "joint_compliance"
+
+    @classmethod
+    def expected(cls, context: Context, where: str) -> Expected:
+        return Expected(allowance=softer(context))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -51,7 +51,7 @@ class Parameter:
     unit : str, in which people read it
     scale : float, SI per unit
     size : float, SI, a plausible magnitude: scales columns
-    largest : float or None, SI, beyond which no such error is believed; ten plausible sizes where None
+    largest : float or None, SI, beyond which such an error is far out; ten plausible sizes where None
     """
 
     effect: str
@@ -64,7 +64,7 @@ class Parameter:
 
     @property
     def limit(self) -> float:
-        """Magnitude beyond which nobody has met such an error, SI."""
+        """Magnitude beyond which such an error is seldom met, SI."""
         return 10.0 * self.size if self.largest is None else self.largest
 
     @property
@@ -80,6 +80,17 @@ class State:
     poses: Poses
     frames: Frames
     wrench: Transmitted
+
+
+class Expected(NamedTuple):
+    """What is known of a cause at a place before anything is measured.
+
+    odds : how often it is met there, beside a cause that any arm may have
+    allowance : by how many times the usual limits such errors may be larger on this arm
+    """
+
+    odds: float = 1.0
+    allowance: float = 1.0
 
 
 class Part(NamedTuple):
@@ -152,9 +163,12 @@ class Effect(ABC):
     uses : what it needs to know of each pose beyond joints and loads, by the names of ``Poses``;
         where a pose does not say, the effect rests
     turns : whether its places are joints that turn, not slide
+    allowance : None, or for a suspect how many times the limits of its parameters stand for one
+        standard deviation a priori
     """
 
     where: str
+    allowance: float | None = field(default=None, kw_only=True)
     kind: ClassVar[str]
     uses: ClassVar[tuple[str, ...]] = ()
     turns: ClassVar[bool] = False
@@ -169,6 +183,11 @@ class Effect(ABC):
     def at(cls, context: Context, where: str) -> Effect:
         """The effect at one of its places."""
 
+    @classmethod
+    def expected(cls, context: Context, where: str) -> Expected:
+        """How often, and how large, it is met at a place of the robot at hand."""
+        return Expected()
+
     @property
     @abstractmethod
     def parameters(self) -> tuple[Parameter, ...]:
@@ -182,7 +201,9 @@ class Effect(ABC):
     @property
     def believed(self) -> Array:
         """Standard deviations, SI, of values that are known about zero beforehand; NaN where not."""
-        return np.full(len(self.parameters), np.nan)
+        if self.allowance is None:
+            return np.full(len(self.parameters), np.nan)
+        return np.array([self.allowance * p.limit for p in self.parameters])
 
     def rests(self, values: Array) -> bool:
         """Whether it does nothing at values (..., p)."""

@@ -7,8 +7,12 @@ from typing import ClassVar
 
 from calib.arrays import Array
 from calib.effects.drive import DriveError, error_unit, variable_unit
-from calib.effects.protocol import Parameter
+from calib.effects.protocol import Context, Expected, Parameter
 from calib.poses import Poses
+
+_TURNING = (
+    0.2  # odds of a ratio that is not as designed: screws and belts stretch, teeth are counted
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,6 +20,11 @@ class TransmissionScale(DriveError):
     """An error of one joint's variable in proportion to it."""
 
     kind: ClassVar[str] = "transmission_scale"
+
+    @classmethod
+    def expected(cls, context: Context, where: str) -> Expected:
+        slides = context.robot.prismatic[context.robot.joints.index(where)]
+        return Expected(odds=1.0 if slides else _TURNING)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

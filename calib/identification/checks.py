@@ -46,7 +46,21 @@ def check_counts(model: Model, data: Measurements, share: float = 1.0) -> None:
     """
     if (tracked := model.tracked(data)) is not None:
         refuse_unreachable(*tracked, _NO_UNIT)
-    p, coordinates = len(model.parameters), _coordinates(model)
+    p = len(model.parameters)
+    equations, each, beside = _equations(model, data)
+    if equations < share * p:
+        measured = int(data.seen.any(axis=1).sum())
+        raise TooFewPoses(measured, int(np.ceil((share * p - beside) / each)), p, equations)
+
+
+def outnumbered(model: Model, data: Measurements) -> bool:
+    """Whether there are more parameters than any choice of so few poses could determine."""
+    return _equations(model, data)[0] < len(model.parameters)
+
+
+def _equations(model: Model, data: Measurements) -> tuple[int, int, int]:
+    """How many there are, at most how many of a pose, and how many beside the poses."""
+    coordinates = _coordinates(model)
     rigid = {3: 3, 6: 5}.get(coordinates, 6) if len(model.markers) < 3 else 6
     shape = coordinates - rigid if len(model.where(Tool)) else 0
     measured = int(data.seen.any(axis=1).sum())
@@ -56,8 +70,7 @@ def check_counts(model: Model, data: Measurements, share: float = 1.0) -> None:
     numbers = int((data.seen * model.readout.channels.rows).sum())
     known = model.prior_rows
     equations = min(numbers, rigid * measured + shape + placed) + known
-    if equations < share * p:
-        raise TooFewPoses(measured, int(np.ceil((p - shape - known) / rigid)), p, equations)
+    return equations, rigid, shape + known
 
 
 def _coordinates(model: Model) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.cell import Cell
+from calib.identification.checks import outnumbered
 from calib.identification.estimators import Differences, Estimator, unspent
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.identification.of_type import by_itself, held_by_type
@@ -129,7 +130,7 @@ def fitted(
     else:
         found = search(estimator, observation, start)
         fit = _judged(cell, Fitted(estimator, observation, found))
-    if errors is None or not errors.keys:
+    if errors is None:
         return fit
     return _beside_sizes(cell, fit, errors)
 
@@ -137,9 +138,17 @@ def fitted(
 def _beside_sizes(cell: Cell, alone: Fitted, errors: Elementary) -> Fitted:
     """The estimate with a prior of the sizes that errors have by the readings themselves.
 
-    Fit and widths follow from each other. Where the readings leave nothing open, as it is.
+    Fit and widths follow from each other. Where the readings leave nothing open, as it is. What such
+    poses do not show at all stays where it was, unless there are fewer readings than parameters.
     """
-    fit, known = alone, alone.model
+    fit, known, told = alone, alone.model, alone.found.choice
+    lost: tuple[int, ...] = ()
+    if told.unidentifiable and not outnumbered(known, alone.observation.data):
+        gone = {name for entry in told.unidentifiable for name in entry.names}
+        lost = tuple(i for i, p in enumerate(known.parameters) if p.id in gone)
+        errors = errors.without(lost)
+    if not errors.keys:
+        return alone
     for _ in range(_MOST_ROUNDS):
         sizes = widths_by(fit, errors, known)
         if not sizes.shows:
@@ -148,9 +157,10 @@ def _beside_sizes(cell: Cell, alone: Fitted, errors: Elementary) -> Fitted:
             break
         prior = sizes.prior if known.prior is None else known.prior.beside(sizes.prior)
         held = replace(known, prior=prior)
-        observation = replace(alone.observation, model=held, scatter=None, pull=fit.loudness)
+        observation = replace(
+            alone.observation, model=held, scatter=None, pull=fit.loudness, lost=lost
+        )
         found = search(fit.estimator, observation, fit.values)
-        told = alone.found.choice
         fit = _judged(cell, replace(alone, observation=observation, found=found, told=told))
         fit = replace(fit, sizes=sizes)
     return fit

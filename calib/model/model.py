@@ -374,9 +374,8 @@ class Model:
         return [
             (part.start + k, float(std))
             for effect, part in self._parts
-            if isinstance(effect, Base | ReadingEffect)
             for k, std in enumerate(effect.believed)
-            if np.isfinite(std)
+            if np.isfinite(std) and part.start + k not in self.tunings
         ]
 
     def beside(self, values: Array) -> tuple[Array, Array]:

@@ -162,7 +162,7 @@ def _priorities(model: Model) -> Array:
         if isinstance(effect, Base | Tool):
             groups += [0 if isinstance(effect, Base) else 1] * len(effect.parameters)
         elif isinstance(effect, ConstantTwist):
-            offset = _axis_component(model.robot, effect)
+            offset = axis_component(model.robot, effect)
             groups += [2 if c == offset else 3 for c in effect.components]
         elif isinstance(effect, TrackerScale):
             groups.append(0 if effect.where == _SCALE else 4)
@@ -171,7 +171,7 @@ def _priorities(model: Model) -> Array:
     return np.array(groups)
 
 
-def _axis_component(robot: Robot, effect: ConstantTwist) -> int:
+def axis_component(robot: Robot, effect: ConstantTwist) -> int:
     """Component of a frame's displacement that is its joint's own variable, else -1."""
     if not 0 < effect.frame <= robot.dof:
         return -1

@@ -3,18 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from calib.effects.base import Base
-from calib.effects.protocol import Constant, Effect
+from calib.effects.protocol import Constant, ConstantTwist, Effect, Parameter
 from calib.effects.tool import Tool
 from calib.effects.tuned import Tuned
 from calib.errors import UnknownEffect
 from calib.model.model import Model
-from calib.model.reduction import carried_over
+from calib.model.reduction import axis_component, carried_over
 from calib.population.prior import Key, Prior
 from calib.population.sizes import Elementary
+
+OFFSET = "joint_offset"
+_ZEROS = 3.0
+"""How much larger zeros of joints err than what is machined: arms are put to zero by hand, industrial
+ones to 0.02 to 0.06 deg, service robots to a degree."""
+
+
+class _Error(NamedTuple):
+    """One parameter that is the size of an error; ``zero``: that of a joint's variable."""
+
+    key: Key
+    parameter: Parameter
+    constant: bool
+    zero: bool
+
+    @property
+    def kind(self) -> tuple[str, str]:
+        """Errors that have one width."""
+        return OFFSET if self.zero else self.key[0], self.parameter.unit
+
+    @property
+    def size(self) -> float:
+        """A plausible size, SI."""
+        return self.parameter.size * (_ZEROS if self.zero else 1.0)
 
 
 def elementary(model: Model, full: Model, taken: Collection[Key] = ()) -> Elementary:
@@ -24,72 +49,69 @@ def elementary(model: Model, full: Model, taken: Collection[Key] = ()) -> Elemen
     taken : keys of parameters of which more is known
     Places and tunings are no errors, and what an instrument's maker states has its size.
     """
-    own, every = _sized(model.effects), _sized(full.effects)
-    constant = [key for key, e, _ in own if isinstance(e, Constant)]
-    theirs = [(key, e, s) for key, e, s in every if isinstance(e, Constant)] if constant else []
-    rest = [row for row in own if not isinstance(row[1], Constant)]
-    G = np.zeros((len(constant) + len(rest), len(theirs) + len(rest)))
+    own = _errors(model)
+    constant, rest = [e for e in own if e.constant], [e for e in own if not e.constant]
+    theirs = [e for e in _errors(full) if e.constant] if constant else []
+    G = np.eye(len(own), len(theirs) + len(rest), len(theirs) - len(constant))
     if constant:
-        carried = carried_over(full, model, [key for key, _, _ in theirs])
-        G[: len(constant), : len(theirs)] = carried
-    G[len(constant) :, len(theirs) :] = np.eye(len(rest))
-    keys = [*constant, *(key for key, _, _ in rest)]
-    kept = [i for i, key in enumerate(keys) if key not in taken]
-    G = G[kept]
-    errors = [*theirs, *rest]
-    shown = np.abs(G).max(axis=0, initial=0.0) > 0.0
-    errors = [own for own, some in zip(errors, shown, strict=True) if some]
+        G[: len(constant), : len(theirs)] = carried_over(full, model, [e.key for e in theirs])
     order = [(p.effect, p.where, p.name) for p in model.parameters]
-    units = [(key[0], e.parameters[s].unit) for key, e, s in errors]
-    places = [key[:2] for key, _, _ in errors]
-    scales = {own: e.parameters[s].scale for own, (_, e, s) in zip(units, errors, strict=True)}
+    keys, errors = tuple(e.key for e in (*constant, *rest)), (*theirs, *rest)
+    scales = {e.kind: e.parameter.scale for e in errors}
     classes = tuple(scales)
-    return Elementary(
-        tuple(keys[i] for i in kept),
-        np.array([order.index(keys[i]) for i in kept], dtype=int),
-        G[:, shown],
-        np.array([e.parameters[s].size for _, e, s in errors]),
+    places = np.array([f"{e.key[0]}:{e.key[1]}" for e in errors])
+    every = Elementary(
+        keys,
+        np.array([order.index(key) for key in keys], dtype=int),
+        G,
+        np.array([e.size for e in errors]),
         classes,
-        np.array([scales[own] for own in classes]),
-        np.array([classes.index(unit) for unit in units], dtype=int),
-        np.unique(np.array([":".join(p) for p in places]), return_inverse=True)[1].reshape(-1),
+        np.array(list(scales.values())),
+        np.array([classes.index(e.kind) for e in errors], dtype=int),
+        np.unique(places, return_inverse=True)[1].reshape(-1),
     )
+    return every.without([order.index(key) for key in keys if key in taken])
 
 
-def _sized(effects: Collection[Effect]) -> list[tuple[Key, Effect, int]]:
-    """Every parameter that is the size of an error: its key, its effect, and its position there."""
-    found = []
-    for effect in effects:
-        if isinstance(effect, Base | Tool):
-            continue
-        for k, p in enumerate(effect.parameters):
-            tuning = isinstance(effect, Tuned) and k == 0
-            if not tuning and not np.isfinite(effect.believed[k]):
-                found.append(((p.effect, p.where, p.name), effect, k))
-    return found
+def _errors(model: Model) -> list[_Error]:
+    return [
+        _Error((p.effect, p.where, p.name), p, isinstance(e, Constant), _is_zero(model, e, k))
+        for e in model.effects
+        if not isinstance(e, Base | Tool)
+        for k, p in enumerate(e.parameters)
+        if not (isinstance(e, Tuned) and k == 0) and not np.isfinite(e.believed[k])
+    ]
+
+
+def _is_zero(model: Model, effect: Effect, k: int) -> bool:
+    """Whether a parameter is the zero of a joint."""
+    if isinstance(effect, ConstantTwist):
+        return axis_component(model.robot, effect) == effect.components[k]
+    return effect.kind == OFFSET
 
 
 def stated(of: Elementary, widths: Mapping[str, float]) -> Prior:
     """The prior for widths that somebody states.
 
-    widths : by ``kind_unit``, as in ``geometry_mrad``; a kind that is not named has any size
+    widths : by ``kind_unit``, as in ``geometry_mrad``, which holds for zeros of joints as well where
+        ``joint_offset_mrad`` is not named; a kind that is not named has any size
 
     Raises UnknownEffect where no such parameter is in the model.
     """
-    known = {
-        f"{kind}_{name}": (c, si)
-        for c, (kind, unit) in enumerate(of.classes)
-        for name, si in _named(unit, of.scales[c]).items()
-    }
-    by_class = np.full(len(of.classes), np.inf)
-    for key, width in widths.items():
+    named = [_named(unit, scale) for (_, unit), scale in zip(of.classes, of.scales, strict=True)]
+    by_class, known = np.full(len(of.classes), np.inf), set()
+    for c, (kind, _) in enumerate(of.classes):
+        for also in ("geometry", kind) if kind == OFFSET else (kind,):
+            for unit, si in named[c].items():
+                known.add(f"{also}_{unit}")
+                if f"{also}_{unit}" in widths:
+                    by_class[c] = widths[f"{also}_{unit}"] * si
+    for key in widths:
         if key not in known:
-            there = ", ".join(known) or "no errors"
+            there = ", ".join(sorted(known)) or "no errors"
             raise UnknownEffect(
                 f"[model] size_prior names {key!r}; of this model it may name {there}"
             )
-        c, si = known[key]
-        by_class[c] = width * si
     wide = by_class[of.of_class]
     anyhow = (np.abs(of.G) * np.isinf(wide)).any(axis=1)
     prior = of.prior(np.where(np.isinf(wide), 0.0, wide) ** 2)

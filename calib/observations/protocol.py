@@ -28,6 +28,7 @@ class Observation(ABC):
         points: the readings are weighed by it
     scatter : Scatter or None, how they do as the data show it, what is known included. It weighs
         nothing: a model that lacks something would leave it to the joints that scatter most
+    lost : positions of values that the readings do not determine: they stay where they are
     pull : what is known beside the readings weighs so many times more than its deviation says, as the
         readings err so many times more than theirs
     """
@@ -38,6 +39,7 @@ class Observation(ABC):
     known: Scatter | None = field(default=None, kw_only=True)
     scatter: Scatter | None = field(default=None, kw_only=True)
     pull: float = field(default=1.0, kw_only=True)
+    lost: tuple[int, ...] = field(default=(), kw_only=True)
 
     @abstractmethod
     def whitened(self, values: Array) -> tuple[Array, Array]:
@@ -97,7 +99,8 @@ class Observation(ABC):
 
     def span(self) -> Array:
         """Directions in which values may move, shape (p, k)."""
-        return np.delete(np.eye(len(self.model.parameters)), self.model.still, axis=1)
+        staying = [*self.model.still, *self.lost]
+        return np.delete(np.eye(len(self.model.parameters)), staying, axis=1)
 
     def covariance(self, values: Array, span: Array) -> Array:
         """Covariance (p, p) of the least-squares values along ``span`` (p, k), the noise as stated."""

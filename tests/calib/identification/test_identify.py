@@ -247,8 +247,22 @@ def test_too_few_poses_says_how_many_are_needed(kr270: Cell) -> None:
         cell = cell_of(kr270.robot, np.zeros((markers, 3)), RIGID)
         data, _ = measured(cell, random_configurations(cell, rng, needed), rng)
         assert calib.identify(cell, data).rank <= len(calib.parameters(cell))
+        alone = replace(cell, size_prior="off")
         with pytest.raises(TooFewPoses, match=f"at least {needed} poses"):
-            calib.identify(cell, data.take(slice(0, needed - 1)))
+            calib.identify(alone, data.take(slice(0, needed - 1)))
+
+
+def test_sizes_hold_what_few_poses_leave_open(kr270: Cell) -> None:
+    """With fewer equations than parameters every one is estimated, and what is open is named."""
+    rng = np.random.default_rng(0)
+    cell = cell_of(kr270.robot, np.zeros((1, 3)), RIGID)
+    data, _ = measured(cell, random_configurations(cell, rng, 7), rng)
+    result = calib.identify(cell, data)
+    assert result.status == "rank_deficient"
+    assert result.rank <= 21 < len(result.values)
+    assert (result.std > 0.0).all()
+    with pytest.raises(TooFewPoses, match="at least 6 poses"):
+        calib.identify(cell, data.take(slice(0, 5)))
 
 
 def test_what_the_poses_do_not_show_is_named_and_left_nominal(kr270: Cell) -> None:

@@ -155,7 +155,7 @@ def test_what_is_open_now_is_said_to_close(
     assert not free.steps[-1].open
     assert free.needed is not None
     assert free.needed > 0
-    few = enough(cell, of_poses(full, [0], 15), table_two)
+    few = enough(replace(cell, size_prior="off"), of_poses(full, [0], 15), table_two)
     assert "too few poses" in few.why
     assert few.steps[0].open
 
@@ -168,6 +168,7 @@ def test_without_a_plan_only_now_is_known(cell: Cell, half: Measurements, answer
 
 def test_a_model_of_time_goes_on_at_the_pace_of_the_data(kr270: Cell, table_two: Poses) -> None:
     cell = replace(with_effects(cell_of_day(kr270), *RIGID, "base_drift", "backlash:A3"), load=None)
+    cell = replace(cell, size_prior="off")  # which the whole day needs no more
     full = whole_day(cell, table_two)
     found = identify(cell, full)
     answer = enough(cell, full.take(slice(0, 11)), table_two, goal=1e-9)

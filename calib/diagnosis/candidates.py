@@ -149,6 +149,9 @@ def candidates(
                 missing.append(NotAsked(f"{kind}:{where}", str(error)))
                 continue
             expected = effect_type.expected(context, where)
+            if expected.instead:
+                missing.append(NotAsked(f"{kind}:{where}", expected.instead))
+                continue
             effect = replace(effect, allowance=expected.allowance)
             own = Candidate(effect, True, depends_on(effect), odds=expected.odds)
             if not _renamed(model.effects, kind, where):

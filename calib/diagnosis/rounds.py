@@ -16,6 +16,7 @@ from calib.diagnosis.profile import ground
 from calib.diagnosis.screen import NOTHING, Asked, Field, Score, score, scored
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.view import View
+from calib.effects.protocol import ElasticEffect, LoadEffect
 
 ALPHA = 0.01
 """Probability of a false entry, over all candidates together."""
@@ -95,6 +96,9 @@ class Round:
 def better(state: Round) -> tuple[Candidate, ...]:
     """The next set of effects; the present one where it stands."""
     active, view = state.active, state.view
+    acting = tuple(c for c in active if not isinstance(c.effect, LoadEffect))
+    if len(acting) < len(active) and not yields(acting, view):
+        return acting
     for member in active:
         beside = view.without(member)
         own = linear_scores(beside, view, [member])[member.key]
@@ -208,9 +212,27 @@ def _kept(beside: Field, own: IntArray, other: IntArray) -> float:
 
 
 def _eligible(active: Sequence[Candidate], view: View) -> list[Candidate]:
-    """Who may come in beside those that are: of curves no more than a few."""
+    """Who may come in beside those that are: of curves no more than a few, loads where something yields."""
     full = sum(not c.named for c in active) >= _MOST_CURVES
-    return [c for c in view.suspects if c not in active and not c.echo and (c.named or not full)]
+    stiff = not yields(active, view)
+    return [
+        c
+        for c in view.suspects
+        if c not in active
+        and not c.echo
+        and (c.named or not full)
+        and not (stiff and isinstance(c.effect, LoadEffect))
+    ]
+
+
+def yields(active: Sequence[Candidate], view: View) -> bool:
+    """Whether the user's model, or what is in, holds something elastic.
+
+    A load moves nothing else, though to first order about an arm that yields its columns stay.
+    """
+    asked = {id(c.effect) for c in view.suspects}
+    effects = [e for e in view.fit.model.effects if id(e) not in asked]
+    return any(isinstance(e, ElasticEffect) for e in (*effects, *(c.effect for c in active)))
 
 
 def _by_name(beside: Field, state: Round, curve: Candidate) -> list[Candidate]:
@@ -218,7 +240,7 @@ def _by_name(beside: Field, state: Round, curve: Candidate) -> list[Candidate]:
     if curve.spread is None:
         return []
     view = state.view
-    names = [c for c in view.suspects if c.named and not c.echo]
+    names = [c for c in _eligible((), view) if c.named]
     scores = linear_scores(beside, view, names)
     named = [c for c in names if scores[c.key].gain > 0.0]
     named = sorted(named, key=lambda c: -scores[c.key].gain)[:_CALLED]

@@ -87,10 +87,12 @@ class Expected(NamedTuple):
 
     odds : how often it is met there, beside a cause that any arm may have
     allowance : by how many times the usual limits such errors may be larger on this arm
+    instead : why it is not asked at all, empty where it is
     """
 
     odds: float = 1.0
     allowance: float = 1.0
+    instead: str = ""
 
 
 class Part(NamedTuple):

@@ -34,6 +34,8 @@ OTHERS = (
 )
 
 _MOST_TURNS = 100.0
+_SLACK = (1e-3, math.radians(0.05))
+"""By how much a reading may pass a limit, m and rad: controllers stop there, and encoders scatter."""
 _RADIANS_LOOK = 2 * math.pi + 0.1  # a whole table of degrees below this is probably radians
 
 
@@ -132,7 +134,7 @@ def joint_warnings(table: Table, robot: Robot, q: Array) -> tuple[str, ...]:
                 f"{table.path}: joint angles reach only {largest:.3g} degrees: the range looks like "
                 "radians; if so, name the columns <joint>_rad"
             )
-    margin = 1e-4  # rad or m: rounding of the URDF's limits
+    margin = np.where(robot.prismatic, *_SLACK)
     outside = (q < robot.limits[:, 0] - margin) | (q > robot.limits[:, 1] + margin)
     for j in np.flatnonzero(outside.any(axis=0)):
         row = int(np.flatnonzero(outside[:, j])[0])

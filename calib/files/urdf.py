@@ -128,13 +128,11 @@ def chain_of(path: Path, root: ElementTree.Element, base: str, tip: str) -> list
         chain.append(by_child[link])
         link = by_child[link].parent
     chain.reverse()
-    _refuse_unsupported(path, root, chain)
+    _refuse_unsupported(path, chain)
     return chain
 
 
-def _refuse_unsupported(path: Path, root: ElementTree.Element, chain: list[UrdfJoint]) -> None:
-    inside = {joint.child for joint in chain[:-1]}
-    names = {joint.name for joint in chain}
+def _refuse_unsupported(path: Path, chain: list[UrdfJoint]) -> None:
     for joint in chain:
         if joint.kind not in (*MOVING, "fixed"):
             raise InputError(
@@ -152,35 +150,25 @@ def _refuse_unsupported(path: Path, root: ElementTree.Element, chain: list[UrdfJ
             )
     if not any(joint.kind in MOVING for joint in chain):
         raise InputError(path, "", "the chain has no moving joint", "check [robot] base and tip")
-    for element in root.findall("joint"):
-        parent = element.find("parent")
-        link = "" if parent is None else parent.get("link", "")
-        moving = element.get("type") in MOVING
-        if element.get("name") not in names and moving and link in inside:
-            raise InputError(
-                path,
-                f"joint {element.get('name')}",
-                f"branches off link {link!r} of the chain",
-                "only serial chains are supported; remove the branch or fix its joint",
-            )
 
 
 def carried(
     path: Path, root: ElementTree.Element, chain: list[UrdfJoint], first: tuple[str, ...] = ()
 ) -> list[tuple[str, str, Array]]:
-    """(link on the chain, link, transform) of links that hang on the chain by fixed joints.
+    """(link on the chain, link, transform) of links that hang on the chain, rigidly.
+
+    Joints beside the chain, of whatever type, and beyond its tip are held at zero.
 
     first : links beside those that joints of the chain move
     """
     on_chain = (*first, *(joint.child for joint in chain))
     placed = {link: (link, np.eye(4)) for link in on_chain}
-    fixed: dict[str, list[UrdfJoint]] = {}
+    beside: dict[str, list[UrdfJoint]] = {}
     for joint in _joints(path, root).values():
-        if joint.kind == "fixed":
-            fixed.setdefault(joint.parent, []).append(joint)
+        beside.setdefault(joint.parent, []).append(joint)
     pending = list(placed)
     for link in pending:  # grows as links are placed
-        for joint in fixed.get(link, ()):
+        for joint in beside.get(link, ()):
             if joint.child not in placed:
                 carrier, T = placed[link]
                 own = origin_of(path, f"joint {joint.name}", joint.element)
@@ -207,8 +195,8 @@ def _inertials(path: Path, root: ElementTree.Element) -> dict[str, tuple[float, 
 def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
     """Read the serial chain from link ``base`` to link ``tip``.
 
-    Fixed joints are folded into the next origin; masses that hang on a moving link by fixed joints
-    are gathered into it. The effort limit 0 means: not given.
+    Fixed joints are folded into the next origin; masses that hang on a moving link by other joints
+    than the chain's, which are held at zero, are gathered into it. The effort limit 0 means: not given.
 
     Raises InputError for what is not well-formed, not a serial chain of revolute, continuous or
     prismatic joints, or not made of finite numbers.

@@ -164,7 +164,7 @@ def test_geometry_everywhere_is_geometry_at_every_place(kr270: Cell) -> None:
 
 def test_geometry_that_others_absorb_at_every_place_is_refused(kr270: Cell) -> None:
     cell = cell_of(kr270.robot, MARKERS, ["base", "tool", "geometry:A1"])
-    with pytest.raises(EffectCannotAct, match="geometry cannot act: base:base.* move the markers"):
+    with pytest.raises(EffectCannotAct, match=r"geometry cannot act: base:base.* move the markers"):
         build(cell)
     build(with_effects(cell, "base", "tool", "geometry:A1,A2"))
 

@@ -75,7 +75,8 @@ def propose(
         notes, moving = () if tip else ends.notes, ends.moving
         base, tip = base or ends.base, tip or ends.tip
     robot = load_robot(form, path, base, tip, convention)
-    held = tuple(joint for joint in moving if joint not in robot.joints)
+    held = tuple(joint for joint in moving if joint not in (*robot.joints, *robot.told))
+    notes += tuple(f"{m.joint} follows {m.master}, which the table tells" for m in robot.mimics)
     lacks = _lacks(form, robot)
     return Proposal(form, convention, robot_files(form, path), robot, held, "", notes, lacks)
 

@@ -42,7 +42,7 @@ def polish(problem: Problem, q: Array, M: Array, *, seed: int) -> Array:
         )
         if levels is not None:
             tries[:, levels.joint] = np.repeat(q[:, levels.joint], _TRIES)
-        tries = brought(problem.cell, tries, np.repeat(contacts, _TRIES), free)
+        tries = brought(problem.cell, robot.tied(tries), np.repeat(contacts, _TRIES), free)
         kept, found, owner = _feasible(problem, tries)
         for slot in range(len(q)):
             own = np.flatnonzero(owner == slot)

@@ -41,7 +41,7 @@ def solutions(robot: Robot, R: Array, o: Array) -> list[Solutions]:
 
     low, high = robot.sample_limits().T
     unit = qmc.Sobol(robot.dof, rng=np.random.default_rng(0)).random(64)[:_STARTS]
-    starts = low + unit * (high - low)
+    starts = robot.tied(low + unit * (high - low))
     q = np.tile(starts, (len(o), 1))
     q, e = _descend(robot, q, np.repeat(R, _STARTS, axis=0), np.repeat(o, _STARTS, axis=0))
     q, e = q.reshape(len(o), _STARTS, -1), e.reshape(len(o), _STARTS, 6)
@@ -51,11 +51,13 @@ def solutions(robot: Robot, R: Array, o: Array) -> list[Solutions]:
 def _found(robot: Robot, q: Array, e: Array) -> Solutions:
     sizes = np.linalg.norm(e, axis=1)
     best = e[int(sizes.argmin())]
+    whole = ~robot.prismatic & ~robot.coupled  # a whole turn of these changes nothing
     distinct: list[Array] = []
     for one in q[sizes < _THERE]:
-        turned = np.where(robot.prismatic, one / robot.reach, np.angle(np.exp(1j * one)))
+        turned = one / np.where(robot.prismatic, robot.reach, 1.0)
+        turned = np.where(whole, np.angle(np.exp(1j * one)), turned)
         off = [turned - other for other in distinct]
-        off = [np.where(robot.prismatic, d, np.angle(np.exp(1j * d))) for d in off]
+        off = [np.where(whole, np.angle(np.exp(1j * d)), d) for d in off]
         if all(np.abs(d).max() > _SAME for d in off):
             distinct.append(turned)
     kept = np.array(distinct).reshape(-1, robot.dof) * np.where(robot.prismatic, robot.reach, 1.0)
@@ -70,12 +72,13 @@ def nearest(robot: Robot, q: Array, reference: Array) -> tuple[Array | None, Arr
     Returns None where all are outside; and the excess (k, n), rad or m.
     """
     low, high = robot.limits.T
-    turns = np.where(robot.prismatic, 0.0, np.round((reference - q) / _TURN))
+    whole = ~robot.prismatic & ~robot.coupled
+    turns = np.where(whole, np.round((reference - q) / _TURN), 0.0)
     near = q + turns * _TURN
-    near = near + np.where((near > high) & ~robot.prismatic, -_TURN, 0.0) * np.ceil(
+    near = near + np.where((near > high) & whole, -_TURN, 0.0) * np.ceil(
         np.where(np.isfinite(high), np.maximum(near - high, 0.0), 0.0) / _TURN
     )
-    near = near + np.where((near < low) & ~robot.prismatic, _TURN, 0.0) * np.ceil(
+    near = near + np.where((near < low) & whole, _TURN, 0.0) * np.ceil(
         np.where(np.isfinite(low), np.maximum(low - near, 0.0), 0.0) / _TURN
     )
     excess = np.maximum(np.maximum(low - near, near - high), 0.0)
@@ -84,7 +87,7 @@ def nearest(robot: Robot, q: Array, reference: Array) -> tuple[Array | None, Arr
         return None, excess
     scale = np.where(robot.prismatic, robot.reach, 1.0)
     way = np.linalg.norm((near[inside] - reference) / scale, axis=1)
-    return np.clip(near[inside[int(way.argmin())]], low, high), excess
+    return robot.tied(np.clip(near[inside[int(way.argmin())]], low, high)), excess
 
 
 def _descend(robot: Robot, q: Array, R: Array, o: Array) -> tuple[Array, Array]:
@@ -101,7 +104,7 @@ def _descend(robot: Robot, q: Array, R: Array, o: Array) -> tuple[Array, Array]:
         Jt = np.swapaxes(J, -1, -2)
         A = Jt @ J + damping[now, None, None] * np.eye(robot.dof)
         step = np.linalg.solve(A, Jt @ e[now][..., None])[..., 0] * units
-        tried = q[now] + step
+        tried = robot.tied(q[now] + step)
         left = _missing(robot, forward(robot, tried), R[now], o[now])
         better: Mask = np.linalg.norm(left, axis=1) < np.linalg.norm(e[now], axis=1)
         q[now[better]], e[now[better]] = tried[better], left[better]
@@ -116,9 +119,9 @@ def _missing(robot: Robot, arm: Frames, R: Array, o: Array) -> Array:
 
 
 def _slopes(robot: Robot, arm: Frames) -> Array:
-    """How the tip's place [reach] and orientation move with the joints, (N, 6, n)."""
+    """How the tip's place [reach] and orientation move with the joints that are free, (N, 6, n)."""
     axes = rotate(arm.R[:, 1:-1], robot.axes)
     turning = cross(axes, arm.o[:, -1:] - arm.o[:, 1:-1])
     slides = robot.prismatic[:, None]
     parts = np.where(slides, axes, turning) / robot.reach, np.where(slides, 0.0, axes)
-    return np.swapaxes(np.concatenate(parts, axis=-1), -1, -2)
+    return np.swapaxes(np.concatenate(parts, axis=-1), -1, -2) @ robot.ties.matrix

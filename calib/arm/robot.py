@@ -7,7 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array
+from calib.arm.mimic import Mimic, Ties, reachable, ties_of
+from calib.arrays import Array, Mask
+
+_FOLLOWS = 1e-7  # rad or m
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +30,7 @@ class Robot:
     efforts : ndarray, shape (n,), N m or N; NaN where no limit is given
     masses : ndarray, shape (n,), kg of the link that moves with each joint
     coms : ndarray, shape (n, 3), m, centres of mass in the frames that move with the joints
+    mimics : tuple of Mimic, joints that follow another
     """
 
     name: str
@@ -40,6 +44,7 @@ class Robot:
     efforts: Array
     masses: Array
     coms: Array
+    mimics: tuple[Mimic, ...] = ()
 
     @property
     def dof(self) -> int:
@@ -56,7 +61,48 @@ class Robot:
         """Sum of the constant translations [m]: the size of the arm, used to scale columns."""
         return float(np.linalg.norm(self.origins[1:, :3, 3], axis=1).sum()) or 1.0
 
+    @cached_property
+    def ties(self) -> Ties:
+        """What the joints are by those that may be chosen freely."""
+        return ties_of(self.joints, self.mimics)
+
+    @property
+    def free(self) -> Mask:
+        """Joints that may be chosen freely, shape (n,)."""
+        return np.asarray(self.ties.matrix.any(axis=0))
+
+    @property
+    def coupled(self) -> Mask:
+        """Joints that follow another, or lead one, shape (n,)."""
+        return np.asarray((self.ties.matrix != 0.0).sum(axis=0) != 1)
+
+    def tied(self, q: Array) -> Array:
+        """Joint values (..., n) with those that follow put where they belong."""
+        return q @ self.ties.matrix.T + self.ties.shift if self.mimics else q
+
+    def follows(self, q: Array) -> bool:
+        """Whether joints that mimic others stand in joint values (..., n) where these put them."""
+        return bool((np.abs(self.tied(q) - q) < _FOLLOWS).all())
+
+    @property
+    def sources(self) -> tuple[tuple[Mimic, ...], ...]:
+        """What tells each joint: itself, and its master where it follows one."""
+        masters = {mimic.joint: (mimic,) for mimic in self.mimics}
+        return tuple(
+            (Mimic(name, name, slides, 1.0, 0.0), *masters.get(name, ()))
+            for name, slides in zip(self.joints, self.prismatic.tolist(), strict=True)
+        )
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Joints that tell where all are: those that move by themselves, and masters."""
+        return tuple(dict.fromkeys(own[-1].master for own in self.sources))
+
     def sample_limits(self) -> Array:
-        """Finite joint ranges, shape (n, 2): the limits, else +-pi or +-1 m."""
+        """Finite joint ranges, shape (n, 2): the limits, else +-pi or +-1 m.
+
+        Within them, joints that lead keep those that follow inside theirs.
+        """
         fallback = np.where(self.prismatic, 1.0, np.pi)[:, None] * np.array([-1.0, 1.0])
-        return np.where(np.isfinite(self.limits), self.limits, fallback)
+        limits = reachable(self.ties, self.limits)
+        return np.where(np.isfinite(limits), limits, fallback)

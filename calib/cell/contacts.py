@@ -121,14 +121,15 @@ def _met(cell: Cell, contact: Contact, q: Array, free: Mask) -> tuple[Array, Mas
         now, off, points = now[left], off[left], points[left]
         if not len(now):
             break
-        J = contact.slopes(points) @ _levers(robot, frames, left, points) * (units * free)
+        levers = _levers(robot, frames, left, points) @ robot.ties.matrix
+        J = contact.slopes(points) @ levers * (units * free)
         step = _least(J, -off) * units
         # A joint at its limit that is pushed beyond it stays, and the others go the way.
         stuck = ((q[now] <= low) & (step < 0.0)) | ((q[now] >= high) & (step > 0.0))
         step = _least(J * ~stuck[:, None, :], -off) * units
         size = np.linalg.norm(step / units, axis=1, keepdims=True)
         step *= np.minimum(1.0, _LONGEST / np.maximum(size, 1e-300))
-        q[now] = np.clip(q[now] + step, low, high)
+        q[now] = robot.tied(np.clip(q[now] + step, low, high))
     points = _points(cell, contact, forward(robot, q))
     return q, np.linalg.norm(contact.missed(points), axis=1) < _MET
 

@@ -31,7 +31,7 @@ def sobol_poses(cell: Cell, count: int, seed: int) -> Poses:
     sampler = qmc.Sobol(cell.robot.dof, scramble=True, rng=np.random.default_rng(seed))
     unit = sampler.random(2 ** int(np.ceil(np.log2(count))))[:count]
     low, high = cell.robot.sample_limits().T
-    return poses_at(low + unit * (high - low))
+    return poses_at(cell.robot.tied(low + unit * (high - low)))
 
 
 def check_targets(cell: Cell, targets: Poses) -> None:

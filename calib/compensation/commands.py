@@ -240,7 +240,7 @@ def _reasons(
         causes = [f"limit of {', '.join(stopped)}"] if stopped else []
         if found.lost[i]:
             causes.append("singular")
-        if robot.dof < 6:
+        if robot.free.sum() < 6:
             causes.append("fewer than six joints")
         if not found.settled[i]:
             causes.append("not settled")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.arm.kinematics import Frames
+from calib.arm.mimic import reachable
 from calib.arm.robot import Robot
 from calib.arm.se3 import cross, rotate, so3_log
 from calib.arrays import Array, IntArray, Mask
@@ -72,7 +73,7 @@ class Goal:
         """What a radian weighs beside a metre: how far the points lie from their mean, RMS, m."""
         spread = float(np.sqrt(((self.points - self.centre) ** 2).sum(axis=1).mean()))
         tool = spread if spread > 0.0 else _TOOL * robot.reach
-        return tool if robot.dof >= 6 else _POSITION_FIRST * tool
+        return tool if robot.free.sum() >= 6 else _POSITION_FIRST * tool
 
     def take(self, index: IntArray) -> Goal:
         """The goals of some targets."""
@@ -135,7 +136,8 @@ def _units(robot: Robot) -> Array:
 def _descend(model: Model, values: Array, poses: Poses, goal: Goal, swing: float) -> Reached:
     """From the commands as given; ``swing`` is the most that a direction may ask of the joints."""
     robot, m, units = model.robot, len(poses), _units(model.robot)
-    limits = np.minimum(robot.limits[:, 0], poses.q), np.maximum(robot.limits[:, 1], poses.q)
+    low, high = reachable(robot.ties, robot.limits).T
+    limits = np.minimum(low, poses.q), np.maximum(high, poses.q)
     q, held = poses.q.copy(), np.zeros(poses.q.shape, dtype=bool)
     rank, size = np.full(m, -1), np.full(m, np.inf)
     for _ in range(_ROUNDS):
@@ -150,16 +152,19 @@ def _descend(model: Model, values: Array, poses: Poses, goal: Goal, swing: float
         moved = np.clip(asked, limits[0][now], limits[1][now])
         size[now] = np.abs(moved - q[now]).max(axis=1)
         stopped = (moved != asked) & ~held[now]
-        q[now], held[now] = moved, held[now] | stopped
+        # Joints that follow go with those that lead them, from where they are.
+        followed = q[now] + (moved - q[now]) @ robot.ties.matrix.T
+        q[now] = np.where(robot.free, moved, followed)
+        held[now] |= stopped
         renewed = now[stopped.any(axis=1)]
         rank[renewed], size[renewed] = -1, np.inf
     arm = tip_of(model, values, replace(poses, q=q))
-    lost = np.minimum(6, robot.dof - held.sum(axis=1)) - rank
+    lost = np.minimum(6, robot.free.sum() - held.sum(axis=1)) - rank
     return Reached(q, arm.R[:, -1].copy(), arm.o[:, -1].copy(), held, lost, size < _STILL)
 
 
 def _equations(robot: Robot, arm: Frames, goal: Goal) -> tuple[Array, Array]:
-    """How place and, times the tool's length, orientation move with the joints, and what they lack.
+    """How place and, times the tool's length, orientation move with free joints, and what they lack.
 
     Returns J (m, 6, n) and the error (m, 6), both of the mean of the points, base axes, m.
     """
@@ -171,7 +176,7 @@ def _equations(robot: Robot, arm: Frames, goal: Goal) -> tuple[Array, Array]:
     turning = cross(axes, there[:, None] - arm.o[:, 1:-1])
     slides = robot.prismatic[:, None]
     parts = np.where(slides, axes, turning), np.where(slides, 0.0, length * axes)
-    J = np.swapaxes(np.concatenate(parts, axis=-1), -1, -2)
+    J = np.swapaxes(np.concatenate(parts, axis=-1), -1, -2) @ robot.ties.matrix
     return J, np.concatenate([wanted - there, length * turn], axis=1)
 
 

@@ -25,7 +25,7 @@ from calib.effects.protocol import (
 from calib.effects.tuned import Tuned
 from calib.errors import CalibError
 from calib.model import Model
-from calib.model.build import context_of, place_effect
+from calib.model.build import context_of, place_effect, placed_effects
 from calib.poses import Measurements, Poses
 
 _MANY = 6  # parameters: more are a family
@@ -132,13 +132,15 @@ def candidates(
     Those with a tuning stand there once, wherever their search begins.
     """
     context = context_of(cell, data.poses)
+    # What was left out of the model is in it by what absorbs it.
+    wholes = [*model.effects, *(e for e in placed_effects(cell, context) if e.kind in PARTS)]
     found, missing = [], []
     second: dict[str, tuple[Candidate, ...]] = {}
     for kind, effect_type in catalogue().items():
         if kind in GROUPS:
             continue
         for where in effect_type.places(context):
-            if _contained(model.effects, kind, where):
+            if _contained(wholes, kind, where):
                 continue
             if kind in cell.excluded or f"{kind}:{where}" in cell.excluded:
                 missing.append(NotAsked(f"{kind}:{where}", EXCLUDED))
@@ -169,9 +171,7 @@ def _contained(active: Sequence[Effect], kind: str, where: str) -> bool:
     for effect in active:
         if effect.kind == kind and effect.where == where:
             return True
-        if kind in PARTS.get(effect.kind, ()) and (
-            effect.kind == "geometry" or effect.where == where
-        ):
+        if kind in PARTS.get(effect.kind, ()) and effect.where == where:
             return True
     return False
 

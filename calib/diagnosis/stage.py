@@ -195,7 +195,10 @@ class Stage:
         full = self._fitted(model, fit.values, span, fit.weight, fit.amplitudes, fit.pull)
         if not (np.isfinite(full.r).all() and np.isfinite(full.J).all()):
             raise Unsolvable
-        return self._under_levels(replace(full, levels=fit.levels))
+        # A payload moves nothing where nothing that was found is elastic.
+        moving = (full.J @ span).any(axis=tuple(range(full.J.ndim - 1)))
+        full = replace(full, span=span[:, moving], levels=fit.levels)
+        return self._under_levels(full)
 
     def _with_tunings(self, model: Model, fit: Fit) -> Array:
         """Directions (p, k) of a fit, and of the tunings that its amplitudes make visible."""

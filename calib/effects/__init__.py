@@ -84,8 +84,10 @@ EFFECTS: dict[str, type[Effect]] = {
     "wire_scale": WireScale,
 }
 
-GROUPS = ("base", "tool", "geometry")
-"""Effects that a user's model may contain as a whole, and that have no places of their own."""
+ENDS = ("base", "tool")
+"""Outer factors of the product: groups without places."""
+GROUPS = (*ENDS, "geometry")
+"""Effects of a user's model that are reduced together, and that are no causes."""
 
 
 @lru_cache(maxsize=1)
@@ -97,4 +99,4 @@ def catalogue() -> dict[str, type[Effect]]:
     return with_announced("effects", EFFECTS, Effect, lambda kind: kind.kind)
 
 
-__all__ = ["EFFECTS", "GROUPS", "Context", "Effect", "Parameter", "State", "catalogue"]
+__all__ = ["EFFECTS", "ENDS", "GROUPS", "Context", "Effect", "Parameter", "State", "catalogue"]

@@ -21,7 +21,8 @@ _LEAP = np.pi / 2.0  # of a joint that turns, between two targets
 def is_cartesian(robot: Robot, columns: tuple[str, ...]) -> bool:
     """Whether a table of targets has places of the tip, and no joints."""
     units = (*ANGLES, *LENGTHS)
-    joints = set(robot.joints) | {f"{j}_{u}" for j in robot.joints for u in units}
+    names = {*robot.joints, *robot.told}
+    joints = names | {f"{j}_{u}" for j in names for u in units}
     return not joints & set(columns) and any(f"x_{unit}" in columns for unit in LENGTHS)
 
 

@@ -41,6 +41,7 @@ _LARGEST_FILE = 2_000_000  # bytes; the parser of the standard library is slow
 _DEEPEST = 50  # parts of a key
 _MM = 1e-3
 _URAD = 1e-6
+_ROUNDED = 1e-9  # rad or m
 
 
 def load_cell(path: str | Path) -> Cell:
@@ -290,7 +291,14 @@ def _narrowed(path: Path, robot: Robot, table: RobotTable) -> Robot:
                     f"leaves nothing of the {table.form.upper()}'s limits",
                     f"those are {known}",
                 )
-    return replace(robot, limits=limits)
+    narrowed = replace(robot, limits=limits)
+    for joint, (low, high) in zip(robot.joints, narrowed.sample_limits(), strict=True):
+        if low > high + _ROUNDED:
+            what = f"leave nothing to {joint}, which moves with others"
+            raise InputError(
+                path, "robot", f"limits {what}", "widen those in the cell or robot's file"
+            )
+    return narrowed
 
 
 def _capsules(table: RobotTable) -> dict[str, tuple[Capsule, ...]]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import difflib
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from calib.arm.mimic import Mimic
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
 from calib.errors import InputError
@@ -34,27 +36,69 @@ OTHERS = (
 )
 
 _MOST_TURNS = 100.0
+_SLACK = (1e-3, math.radians(0.05))
+"""By how much a reading may pass a limit, m and rad: controllers stop there, and encoders scatter."""
 _RADIANS_LOOK = 2 * math.pi + 0.1  # a whole table of degrees below this is probably radians
 
 
-def joint_columns(path: Path, robot: Robot, columns: tuple[str, ...]) -> list[tuple[str, float]]:
-    """Column and SI factor of each joint. Raises InputError where one is missing or has no unit."""
+@dataclass(frozen=True)
+class JointColumn:
+    """Where a table tells a joint: ``q = factor * scale * number + offset``.
+
+    name : str, of the column: the joint's own, or its master's; scale : float, SI per unit
+    """
+
+    name: str
+    scale: float
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def joint(self, numbers: Array) -> Array:
+        """Values of the joint, rad or m, where the column holds these numbers."""
+        return self.factor * (numbers * self.scale) + self.offset
+
+    def numbers(self, q: Array) -> Array:
+        """What the column holds where the joint is at q, rad or m."""
+        return (q - self.offset) / self.factor / self.scale
+
+
+def joint_columns(path: Path, robot: Robot, columns: tuple[str, ...]) -> list[JointColumn]:
+    """Where each joint is told. Raises InputError where a column is missing or has no unit.
+
+    A joint that mimics another may have a column of its own, else its master's tells it.
+    """
     found = []
-    for joint, slides in zip(robot.joints, robot.prismatic, strict=True):
-        units = LENGTHS if slides else ANGLES
-        named = [(f"{joint}_{unit}", scale) for unit, scale in units.items()]
-        present = [pair for pair in named if pair[0] in columns]
-        if len(present) > 1:
-            raise InputError(path, "line 1", f"joint {joint} stands in two units", "keep one")
-        if not present:
-            wanted = " or ".join(name for name, _ in named)
-            if joint in columns:
-                raise InputError(
-                    path, "line 1", f"column {joint!r} has no unit", f"name it {wanted}"
-                )
-            raise InputError(path, "line 1", f"no column for joint {joint}", f"add {wanted}")
-        found.append(present[0])
+    for sources in robot.sources:
+        named = [_column_of(path, source, columns) for source in sources]
+        own = next((column for column in named if column is not None), None)
+        if own is None:
+            joint, *masters = sources
+            missing = f"no column for joint {joint.joint}"
+            missing += "".join(f", nor for {m.master}, which it mimics" for m in masters)
+            wanted = " or ".join(name for source in sources[::-1] for name in _named(source))
+            raise InputError(path, "line 1", missing, f"add {wanted}")
+        found.append(own)
     return found
+
+
+def _named(source: Mimic) -> dict[str, float]:
+    """Columns that tell a joint, and SI per unit."""
+    units = LENGTHS if source.slides else ANGLES
+    return {f"{source.master}_{unit}": scale for unit, scale in units.items()}
+
+
+def _column_of(path: Path, source: Mimic, columns: tuple[str, ...]) -> JointColumn | None:
+    """The column that tells a joint; None where there is none. Raises InputError."""
+    named, joint = _named(source), source.master
+    present = [name for name in named if name in columns]
+    if len(present) > 1:
+        raise InputError(path, "line 1", f"joint {joint} stands in two units", "keep one")
+    if not present and joint in columns:
+        what = f"column {joint!r} has no unit"
+        raise InputError(path, "line 1", what, f"name it {' or '.join(named)}")
+    if not present:
+        return None
+    return JointColumn(present[0], named[present[0]], source.factor, source.offset)
 
 
 def check_known(
@@ -66,8 +110,9 @@ def check_known(
     """
     units = ("deg", "rad", "mm", "m")
     known = {*OTHERS, *WRENCH, *readings}
-    known |= {f"{j}_{u}" for j in robot.joints for u in units}
-    known |= {f"approach_{j}" for j in robot.joints} | set(torque_columns(robot))
+    joints = dict.fromkeys((*robot.joints, *robot.told))
+    known |= {f"{j}_{u}" for j in joints for u in units}
+    known |= {f"approach_{j}" for j in joints} | set(torque_columns(robot))
     ignored = []
     for name in columns:
         unit = name.rpartition("_")[2]
@@ -78,7 +123,7 @@ def check_known(
                 path,
                 "line 1",
                 f"column {name!r} names no joint of the robot",
-                f"joints are {', '.join(robot.joints)}",
+                f"joints are {', '.join(joints)}",
             )
         if name.partition("_")[0] in {c.partition("_")[0] for c in (*WRENCH, *OTHERS)}:
             close = difflib.get_close_matches(name, [*WRENCH, *OTHERS], n=1)
@@ -107,13 +152,13 @@ def torque_columns(robot: Robot) -> tuple[str, ...]:
 
 def joint_values(table: Table, robot: Robot) -> Array:
     """Joint values of every row, shape (rows, n), rad and m."""
-    pairs = joint_columns(table.path, robot, table.columns)
-    q = np.column_stack([table.numbers(name) * scale for name, scale in pairs])
+    told = joint_columns(table.path, robot, table.columns)
+    q = np.column_stack([column.joint(table.numbers(column.name)) for column in told])
     turns = np.abs(q) / (2.0 * math.pi)
     for row, j in np.argwhere((turns > _MOST_TURNS) & ~robot.prismatic)[:1]:
         raise table.fault(
             row,
-            pairs[j][0],
+            told[j].name,
             f"is an angle of {turns[row, j]:.0f} turns",
             "check its unit: counts of an encoder and angles of the motor are none of the joint",
         )
@@ -132,7 +177,7 @@ def joint_warnings(table: Table, robot: Robot, q: Array) -> tuple[str, ...]:
                 f"{table.path}: joint angles reach only {largest:.3g} degrees: the range looks like "
                 "radians; if so, name the columns <joint>_rad"
             )
-    margin = 1e-4  # rad or m: rounding of the URDF's limits
+    margin = np.where(robot.prismatic, *_SLACK)
     outside = (q < robot.limits[:, 0] - margin) | (q > robot.limits[:, 1] + margin)
     for j in np.flatnonzero(outside.any(axis=0)):
         row = int(np.flatnonzero(outside[:, j])[0])
@@ -159,19 +204,25 @@ def covariates(table: Table, robot: Robot, rows: IntArray) -> dict[str, Any]:
     torques = torque_columns(robot)
     if _every_joint(table, torques):
         found["torque"] = np.column_stack([table.numbers(name)[rows] for name in torques])
-    signs = tuple(f"approach_{joint}" for joint in robot.joints)
+    sided = [_sided(own, table.columns) for own in robot.sources]
+    signs = tuple(f"approach_{source.master}" for source in sided)
     if _every_joint(table, signs):
         approach = np.column_stack([table.numbers(name) for name in signs])
         bad = np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))
         if len(bad):
             raise table.fault(int(bad[0, 0]), signs[int(bad[0, 1])], "is not -1, 0 or +1")
-        found["approach"] = approach[rows]
+        found["approach"] = approach[rows] * np.sign([source.factor for source in sided])
     if "station" in table.columns:
         names = table.names("station")
         stations = tuple(sorted(set(names)))
         found["stations"] = stations
         found["station"] = np.array([stations.index(names[row]) for row in rows])
     return found
+
+
+def _sided(sources: tuple[Mimic, ...], columns: tuple[str, ...]) -> Mimic:
+    """What tells from which side a joint came: itself, else its master."""
+    return next((s for s in sources if f"approach_{s.master}" in columns), sources[-1])
 
 
 def _every_joint(table: Table, names: tuple[str, ...]) -> bool:

@@ -11,7 +11,7 @@ from calib.errors import InputError
 from calib.files.cartesian import is_cartesian
 from calib.files.columns import joint_columns
 from calib.files.csv_table import Table, read_table
-from calib.files.write_tables import csv_text
+from calib.files.write_tables import csv_text, joint_header
 
 _MM = 1e3
 _CHANGE = "change"
@@ -39,15 +39,13 @@ def compensated_csv(cell: Cell, table: Table, found: Compensation) -> str:
     table : Table, the targets that were compensated
     """
     if is_cartesian(cell.robot, table.columns):
-        named = [
-            (f"{joint}_mm", 1e-3) if slides else (f"{joint}_deg", math.pi / 180.0)
-            for joint, slides in zip(cell.robot.joints, cell.robot.prismatic, strict=True)
-        ]
+        header = joint_header(cell.robot)
+        named = joint_columns(table.path, cell.robot, tuple(header))
     else:
         named = joint_columns(table.path, cell.robot, table.columns)
     joints = {
-        name: [f"{value / scale:.9g}" for value in q]
-        for (name, scale), q in zip(named, found.q.T, strict=True)
+        column.name: [f"{value:.9g}" for value in column.numbers(q)]
+        for column, q in zip(named, found.q.T, strict=True)
     }
     columns = {"pose": list(found.targets.names), **joints}
     columns |= {name: joints.get(name) or table.text(name) for name in table.columns}

@@ -65,7 +65,7 @@ def _without_beta(fit: DhFit, robot: Robot, markers: dict[str, Array]) -> str:
     from scipy.stats import qmc
 
     low, high = robot.sample_limits().T
-    q = low + (high - low) * qmc.Sobol(robot.dof, rng=0).random(_POSES)
+    q = robot.tied(low + (high - low) * qmc.Sobol(robot.dof, rng=0).random(_POSES))
     plain = replace(fit.table, beta=np.zeros(robot.dof))
     tool = np.array(list(markers.values()) or [np.zeros(3)])
     tool = rotate(fit.T_tip[:3, :3], tool) + fit.T_tip[:3, 3]

@@ -17,26 +17,27 @@ _GROUND = ("world", "map", "odom", "ground", "footprint")
 
 @dataclass(eq=False)
 class Node:
-    """A link, body or site, and how many joints move it against what it hangs on."""
+    """A link, body or site, and the joints that move it against what it hangs on."""
 
     name: str
-    moves: int
+    joints: tuple[str, ...]
     children: list[Node] = field(default_factory=list)
-    below: int = 0  # joints of this and all that hangs on it
+    longest: int = 0  # most joints in a row, of this and what hangs on it
 
 
 @dataclass(frozen=True)
 class Ends:
-    """Names of base and tip, and what a reader should know of the choice."""
+    """Names of base and tip, of every joint that moves, and what a reader should know of the choice."""
 
     base: str
     tip: str
+    moving: tuple[str, ...]
     notes: tuple[str, ...]
 
 
 def urdf_ends(path: Path, root: Element) -> Ends:
     """Raises InputError where no joint moves, or links hang in a circle."""
-    nodes = {e.get("name", ""): Node(e.get("name", ""), 0) for e in root.findall("link")}
+    nodes = {e.get("name", ""): Node(e.get("name", ""), ()) for e in root.findall("link")}
     hung = set()
     for joint in root.findall("joint"):
         ends = [joint.find(end) for end in ("parent", "child")]
@@ -44,28 +45,30 @@ def urdf_ends(path: Path, root: Element) -> Ends:
         if all(name in nodes for name in names) and names[1] not in hung:
             hung.add(names[1])
             nodes[names[0]].children.append(nodes[names[1]])
-            nodes[names[1]].moves = int(joint.get("type") in MOVING)
+            if joint.get("type") in MOVING:
+                nodes[names[1]].joints = (joint.get("name", ""),)
     roots = [node for name, node in nodes.items() if name not in hung]
     for node in roots:
-        _count(node)
+        _measure(node)
     if not roots:
         raise InputError(path, "", "has no first link", "links must hang on one that hangs on none")
-    return _ends(path, max(roots, key=lambda node: node.below), beyond=False)
+    return _ends(path, max(roots, key=lambda node: node.longest))
 
 
 def mjcf_ends(path: Path, root: Element) -> Ends:
     """Raises InputError where no joint moves."""
-    world = Node(WORLD, 0)
+    world = Node(WORLD, ())
     for element in root.findall("worldbody"):
         pending = [(world, element)]
         for node, body in pending:  # grows as bodies are found
             for child in inside(body):
                 if child.tag in ("body", "site"):
-                    moves = len(joints_of(child)) if child.tag == "body" else 0
-                    node.children.append(Node(child.get("name", ""), moves))
+                    joints = joints_of(child) if child.tag == "body" else []
+                    names = tuple(joint.get("name", "") for joint in joints)
+                    node.children.append(Node(child.get("name", ""), names))
                     pending.append((node.children[-1], child))
-    _count(world)
-    return _ends(path, world, beyond=True)
+    _measure(world)
+    return _ends(path, world)
 
 
 def _all(root: Node) -> list[Node]:
@@ -76,38 +79,43 @@ def _all(root: Node) -> list[Node]:
     return found
 
 
-def _count(root: Node) -> None:
+def _measure(root: Node) -> None:
     for node in reversed(_all(root)):
-        node.below = node.moves + sum(child.below for child in node.children)
+        node.longest = len(node.joints) + max((c.longest for c in node.children), default=0)
 
 
-def _ends(path: Path, root: Node, beyond: bool) -> Ends:
-    """Follow the one branch that moves; where several do, the arm ends, if it has begun."""
-    before, last, notes, node = [root], None, [], root
-    while moving := [child for child in node.children if child.below]:
-        if len(moving) > 1 and last is not None:
-            names = ", ".join(_first_moving(child) or "?" for child in moving)
-            notes.append(f"the arm ends at {last.name!r}, behind which {names} move (a gripper?)")
+def _ends(path: Path, root: Node) -> Ends:
+    """Follow the longest row of joints, past a head or wheels, up to a hand.
+
+    Where several rows part, those with no more joints than the way to them are fingers.
+    """
+    before, last, notes, node, taken = [root], None, [], root, 0
+    while moving := [child for child in node.children if child.longest]:
+        chosen = max(moving, key=lambda child: child.longest)
+        if len(moving) > 1 and chosen.longest <= taken:
             break
-        chosen = max(moving, key=lambda child: child.below)
-        if len(moving) > 1:
-            others = ", ".join(_first_moving(c) or "?" for c in moving if c is not chosen)
+        rivals = [c for c in moving if c.longest == chosen.longest and c is not chosen]
+        if rivals:
+            others = ", ".join(_first_moving(c) or "?" for c in rivals)
             notes.append(
-                f"several chains leave {node.name!r}: took the longest, not that of {others}"
+                f"arms of one length part at {node.name!r}: took that of {_first_moving(chosen)}, "
+                f"not of {others}; --tip takes another"
             )
+        if len(moving) > 1 and last is None:
             before = [node]
-        node = chosen
-        if node.moves:
+        node, taken = chosen, taken + len(chosen.joints)
+        if node.joints:
             last = node
         elif last is None:
             before.append(node)
     if last is None:
         raise InputError(path, "", "has no moving joint", "is it the file of an arm?")
-    return Ends(_base(before), _tip(path, last, beyond), tuple(notes))
+    every = tuple(joint for own in _all(root) for joint in own.joints)
+    return Ends(_base(before), _tip(path, last), every, tuple(notes))
 
 
 def _first_moving(node: Node) -> str:
-    return next((n.name for n in _all(node) if n.moves), "")
+    return next((n.joints[0] for n in _all(node) if n.joints), "")
 
 
 def _base(before: list[Node]) -> str:
@@ -119,15 +127,11 @@ def _base(before: list[Node]) -> str:
     return (solid or names[-1:])[0]
 
 
-def _tip(path: Path, last: Node, beyond: bool) -> str:
-    """What is named like a tool, else the end of the one rigid line.
-
-    beyond : whether a tip may stand behind what fingers hang on; a URDF's chain may not pass it
-    """
+def _tip(path: Path, last: Node) -> str:
+    """What is named like a tool, else the end of the one rigid line."""
     rigid = [last]
     for node in rigid:  # grows, the nearest first
-        if beyond or not any(child.moves for child in node.children):
-            rigid += [child for child in node.children if not child.moves]
+        rigid += [child for child in node.children if not child.joints]
     for word in _TIPS:
         for node in rigid:
             if re.search(rf"(^|[_-]){word}($|[_-])", node.name.lower()):

@@ -79,8 +79,8 @@ class MjcfChain:
 def load_mjcf(path: str | Path, base: str, tip: str) -> Robot:
     """Read the serial chain from body ``base``, or ``world``, to the body or site ``tip``.
 
-    Joint readings are MuJoCo's ``qpos``. Joint frames have the axes of their body. Bodies fixed to
-    a moving one give it their masses; jointed ones beyond the tip are left out.
+    Joint readings are MuJoCo's ``qpos``. Joint frames have the axes of their body. Bodies that hang on
+    a moving one give it their masses, as they are drawn where joints beside the chain move them.
 
     Raises InputError for what is not well-formed, not a serial chain of hinge and slide joints, or
     refused by MuJoCo, and where MuJoCo is not installed.

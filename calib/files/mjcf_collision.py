@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from calib.arm.se3 import rotate
-from calib.arrays import Array, IntArray
+from calib.arrays import Array
 from calib.cell import Capsule, Shapes
 from calib.errors import InputError
 from calib.files.collision import capsule_about, corners, rims
@@ -22,8 +22,8 @@ def mjcf_shapes(path: Path, base: str, tip: str) -> Shapes:
     """Capsules by the joint that carries them, or ``base``, in the frame that turns with the joint.
 
     Each holds its geom; one that touches nothing (``contype`` and ``conaffinity`` zero) is a picture
-    and left out, as are bodies with joints of their own beside the chain. A geom that no capsule
-    holds, such as a plane, is named with its reason.
+    and left out. Bodies beside the chain are held as they are drawn. A geom that no capsule holds,
+    such as a plane, is named with its reason.
     """
     try:
         with mujoco_for(path) as mujoco:
@@ -54,26 +54,21 @@ def mjcf_shapes(path: Path, base: str, tip: str) -> Shapes:
 def _frames(model: Any, base: str, tip: str) -> dict[int, tuple[str, Array]]:
     """Of every body of the arm its carrier, and its frame in the carrier's, shape (4, 4).
 
-    Of the world itself nothing belongs to the arm: its geoms are the floor and the tables.
+    Of the world itself nothing belongs to the arm, and what stands there neither: the floor, tables.
     """
     first = 0 if base == WORLD else model.body(base).id
     chain = [*_up_to(model, _body_of(model, tip), first)][::-1]
     frames: dict[int, tuple[str, Array]] = {first: ("base", np.eye(4))}
     for i in range(1, model.nbody):  # parents come first
         parent, joints = int(model.body_parentid[i]), np.flatnonzero(model.jnt_bodyid == i)
-        if i == first or parent not in frames or (i not in chain and _apart(parent, joints)):
+        if i == first or parent not in frames or (i not in chain and parent == 0):
             continue
         carrier, T = frames[parent]
         T = T @ placed(model.body_pos[i], model.body_quat[i])
-        if len(joints):
+        if len(joints) and i in chain:
             carrier, T = model.joint(joints[-1]).name, shifted(-model.jnt_pos[joints[-1]])
         frames[i] = carrier, T
     return {body: own for body, own in frames.items() if body}
-
-
-def _apart(parent: int, joints: IntArray) -> bool:
-    """Whether a body beside the chain is none of the arm's: it moves by itself, or stands about."""
-    return bool(len(joints)) or parent == 0
 
 
 def _body_of(model: Any, tip: str) -> int:

@@ -1,4 +1,4 @@
-"""Leave of an MJCF what places and loads the chain: no branch, no shape without need, no scene."""
+"""Leave of an MJCF what places and loads the chain: no joint beside it, no shape without need."""
 
 from __future__ import annotations
 
@@ -20,14 +20,18 @@ _NOT_USED = ("settotalmass", "discardvisual", "strippath", "meshdir", "texturedi
 def strip(path: Path, chain: Chain) -> dict[Element, str]:
     """Take everything else out, in place, and name what has to be found again.
 
+    What hangs on the chain by joints of its own loses them: it is carried as it is drawn.
+
     The chain's bodies get a name where they have none, and every frame of the chain a site in its
     origin: (frame -> name of that site) is returned.
 
     Raises InputError for what makes no serial chain of independent joints.
     """
     carried, branches = _attached(path, chain)
-    links = [*chain.bodies, *carried]
-    _refuse_coupled(path, chain.root, links, branches)
+    _refuse_coupled(path, chain.root, [*chain.bodies, *carried], branches)
+    links = [*chain.bodies, *carried, *branches]
+    for body in branches:
+        _drop(body, JOINTS)
     settings = compiler_settings(chain.root)
     if not settings.get("settotalmass", "-1").strip().startswith("-"):
         raise InputError(
@@ -47,7 +51,7 @@ def strip(path: Path, chain: Chain) -> dict[Element, str]:
     for body in links:
         weighed = body.find("inertial") is not None
         if from_geoms == "false" or (weighed and from_geoms == "auto"):
-            _drop_geoms(body)
+            _drop(body, ("geom",))
     for element in chain.root.iter():
         element.attrib.pop("material", None)
     used = {key: value for key, value in settings.items() if key not in _NOT_USED}
@@ -62,7 +66,7 @@ def strip(path: Path, chain: Chain) -> dict[Element, str]:
 
 
 def _attached(path: Path, chain: Chain) -> tuple[list[Element], list[Element]]:
-    """Bodies that hang on the chain without joints, and those with joints beyond its end."""
+    """Bodies that hang on the chain without joints, and those that hang on joints of their own."""
     carried: list[Element] = []
     branches: list[Element] = []
     pending = list(chain.bodies)
@@ -76,27 +80,17 @@ def _attached(path: Path, chain: Chain) -> tuple[list[Element], list[Element]]:
                     f"holds <{child.tag}>, which is not supported",
                     "write its bodies down, as MuJoCo does when it saves the model",
                 )
-            if child.tag != "body" or child in chain.path:
-                continue
-            if not joints_of(child):
-                carried.append(child)
+            if child.tag == "body" and child not in chain.path:
+                beside = bool(joints_of(child)) or body in branches
+                (branches if beside else carried).append(child)
                 pending.append(child)
-            elif body in chain.bodies[:-1]:
-                raise InputError(
-                    path,
-                    label(child),
-                    f"branches off {label(body)} of the chain with joints of its own",
-                    "only serial chains are supported; remove the branch or its joints",
-                )
-            else:
-                branches.append(child)
     return carried, branches
 
 
 def _refuse_coupled(
     path: Path, root: Element, links: list[Element], branches: list[Element]
 ) -> None:
-    """Refuse constraints on the chain's joints and links, but for those with a branch beyond it."""
+    """Refuse constraints on the chain's joints and links, but for those with a branch."""
     ours = {(e.tag, e.get("name")) for body in links for e in [body, *inside(body)]}
     theirs = {(e.tag, e.get("name")) for branch in branches for e in branch.iter()}
     tendons = {
@@ -141,9 +135,10 @@ def _prune(element: Element, kept: set[Element], chain: Chain, moves: bool) -> N
             _keep(child, ())
 
 
-def _drop_geoms(element: Element) -> None:
+def _drop(element: Element, tags: tuple[str, ...]) -> None:
+    """Take out of a body, frames opened, what has one of these tags."""
     for child in list(element):
-        if child.tag == "geom":
+        if child.tag in tags:
             element.remove(child)
         elif child.tag == "frame":
-            _drop_geoms(child)
+            _drop(child, tags)

@@ -28,6 +28,7 @@ class Proposal:
     """A robot as found.
 
     files : tuple of Path, the robot's file and what it includes
+    held : tuple of str, joints of the file beside and beyond the chain, at zero
     dh_text : str, a DH table to be written and named by the cell, where the file itself cannot be
     notes : tuple of str, what was chosen; lacks : tuple of str, what the file does not tell
     """
@@ -36,6 +37,7 @@ class Proposal:
     convention: Convention | None
     files: tuple[Path, ...]
     robot: Robot
+    held: tuple[str, ...]
     dh_text: str
     notes: tuple[str, ...]
     lacks: tuple[str, ...]
@@ -63,18 +65,20 @@ def propose(
     if kind == ".conf" and head != b"<":
         return _of_calibration(path, base, tip, model)
     notes: tuple[str, ...] = ()
+    moving: tuple[str, ...] = ()
     form: Form = "dh" if tabular else "kinematics"
     if tabular and convention is None:
         what = "does not tell the convention of its DH table, which makes another arm of it"
         raise InputError(path, "", what, "add --dh classic or --dh modified")
     if head == b"<":
         form, ends = _of_xml(path)
-        notes = ends.notes
+        notes, moving = () if tip else ends.notes, ends.moving
         base, tip = base or ends.base, tip or ends.tip
     robot = load_robot(form, path, base, tip, convention)
-    return Proposal(
-        form, convention, robot_files(form, path), robot, "", notes, _lacks(form, robot)
-    )
+    held = tuple(joint for joint in moving if joint not in (*robot.joints, *robot.told))
+    notes += tuple(f"{m.joint} follows {m.master}, which the table tells" for m in robot.mimics)
+    lacks = _lacks(form, robot)
+    return Proposal(form, convention, robot_files(form, path), robot, held, "", notes, lacks)
 
 
 def _of_xml(path: Path) -> tuple[Form, Ends]:
@@ -106,7 +110,7 @@ def _of_calibration(path: Path, base: str, tip: str, model: str) -> Proposal:
         "table has it, and beta (Hayati) holds the tilt of axes 2, 3 and 4"
     )
     lacks = _lacks("dh", robot)
-    return Proposal("dh", "classic", (path,), robot, dh_text(table), (note,), lacks)
+    return Proposal("dh", "classic", (path,), robot, (), dh_text(table), (note,), lacks)
 
 
 def _lacks(form: Form, robot: Robot) -> tuple[str, ...]:

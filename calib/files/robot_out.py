@@ -28,6 +28,12 @@ LACKS: dict[Form, str] = {
 }
 """What a robot has not in this form that it may have in the one that it is made from."""
 
+_MIMICS: dict[Form, str] = {
+    "mjcf": "couples joints by an equality, which posecal reads from a URDF only",
+    "dh": "does not say which joints mimic others",
+    "kinematics": "does not say which joints mimic others",
+}
+
 
 @dataclass(frozen=True)
 class Written:
@@ -59,6 +65,7 @@ def corrected_robot(
     lacks = []
     if form != cell.robot_form:
         lacks.append(f"is made anew from the {cell.robot_source}: {LACKS[form]}")
+        lacks += [f"{_MIMICS[form]}: {m.joint} by {m.master}" for m in cell.robot.mimics]
     if form == "dh":
         convention = convention or cell.dh_convention or "classic"
         fit, text = corrected_dh(cell, corrections, convention)

@@ -96,8 +96,9 @@ def _check_poses_agree(
     """Rows of one pose must share joints, wrench, time and heat."""
     robot, own = cell.robot, {"marker", "instrument", *SIGMAS, *reading_names(cell.instruments)}
     units = ("deg", "rad", "mm", "m")
-    shared = {*OTHERS, *WRENCH, *(f"{j}_{u}" for j in robot.joints for u in units)}
-    shared |= {f"approach_{j}" for j in robot.joints} | set(torque_columns(robot))
+    joints = (*robot.joints, *robot.told)
+    shared = {*OTHERS, *WRENCH, *(f"{j}_{u}" for j in joints for u in units)}
+    shared |= {f"approach_{j}" for j in joints} | set(torque_columns(robot))
     for name in table.columns:
         if name in shared - own - {"pose"}:
             text = name in ("station", "pose")

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from calib.arm.mimic import Mimic
 from calib.arm.robot import Robot
 from calib.arm.se3 import from_xyz_rpy, rotate
 from calib.arrays import Array
@@ -18,6 +19,7 @@ from calib.files.read import fault_of_name
 from calib.files.xml import read_xml
 
 _LARGEST_NUMBER = 1e9  # in SI units
+_ROUNDED = 1e-9  # rad or m: limits that are as wide but for rounding
 _MOST_JOINTS = 100  # that move
 MOVING = ("revolute", "continuous", "prismatic")
 
@@ -128,13 +130,11 @@ def chain_of(path: Path, root: ElementTree.Element, base: str, tip: str) -> list
         chain.append(by_child[link])
         link = by_child[link].parent
     chain.reverse()
-    _refuse_unsupported(path, root, chain)
+    _refuse_unsupported(path, chain)
     return chain
 
 
-def _refuse_unsupported(path: Path, root: ElementTree.Element, chain: list[UrdfJoint]) -> None:
-    inside = {joint.child for joint in chain[:-1]}
-    names = {joint.name for joint in chain}
+def _refuse_unsupported(path: Path, chain: list[UrdfJoint]) -> None:
     for joint in chain:
         if joint.kind not in (*MOVING, "fixed"):
             raise InputError(
@@ -143,44 +143,27 @@ def _refuse_unsupported(path: Path, root: ElementTree.Element, chain: list[UrdfJ
                 f"type {joint.kind!r} is not supported",
                 "use revolute, continuous, prismatic or fixed joints",
             )
-        if joint.element.find("mimic") is not None:
-            raise InputError(
-                path,
-                f"joint {joint.name}",
-                "mimics another joint",
-                "coupled joints are not supported; give the chain independent joints",
-            )
     if not any(joint.kind in MOVING for joint in chain):
         raise InputError(path, "", "the chain has no moving joint", "check [robot] base and tip")
-    for element in root.findall("joint"):
-        parent = element.find("parent")
-        link = "" if parent is None else parent.get("link", "")
-        moving = element.get("type") in MOVING
-        if element.get("name") not in names and moving and link in inside:
-            raise InputError(
-                path,
-                f"joint {element.get('name')}",
-                f"branches off link {link!r} of the chain",
-                "only serial chains are supported; remove the branch or fix its joint",
-            )
 
 
 def carried(
     path: Path, root: ElementTree.Element, chain: list[UrdfJoint], first: tuple[str, ...] = ()
 ) -> list[tuple[str, str, Array]]:
-    """(link on the chain, link, transform) of links that hang on the chain by fixed joints.
+    """(link on the chain, link, transform) of links that hang on the chain, rigidly.
+
+    Joints beside the chain, of whatever type, and beyond its tip are held at zero.
 
     first : links beside those that joints of the chain move
     """
     on_chain = (*first, *(joint.child for joint in chain))
     placed = {link: (link, np.eye(4)) for link in on_chain}
-    fixed: dict[str, list[UrdfJoint]] = {}
+    beside: dict[str, list[UrdfJoint]] = {}
     for joint in _joints(path, root).values():
-        if joint.kind == "fixed":
-            fixed.setdefault(joint.parent, []).append(joint)
+        beside.setdefault(joint.parent, []).append(joint)
     pending = list(placed)
     for link in pending:  # grows as links are placed
-        for joint in fixed.get(link, ()):
+        for joint in beside.get(link, ()):
             if joint.child not in placed:
                 carrier, T = placed[link]
                 own = origin_of(path, f"joint {joint.name}", joint.element)
@@ -207,8 +190,9 @@ def _inertials(path: Path, root: ElementTree.Element) -> dict[str, tuple[float, 
 def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
     """Read the serial chain from link ``base`` to link ``tip``.
 
-    Fixed joints are folded into the next origin; masses that hang on a moving link by fixed joints
-    are gathered into it. The effort limit 0 means: not given.
+    Fixed joints are folded into the next origin; masses that hang on a moving link by other joints
+    than the chain's, which are held at zero, are gathered into it. The effort limit 0 means: not given.
+    A joint that mimics another stays a joint of the chain and follows its master.
 
     Raises InputError for what is not well-formed, not a serial chain of revolute, continuous or
     prismatic joints, or not made of finite numbers.
@@ -239,6 +223,8 @@ def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
             masses[k] += mass
             moments[k] += moment
     origins[n] = C
+    mimics = tuple(m for joint in moving if (m := _mimic(path, root, joint)) is not None)
+    _keep_within_masters(path, root, mimics, [joint.name for joint in moving], limits)
     coms = moments / np.where(masses == 0, 1.0, masses)[:, None]
     return Robot(
         name=root.get("name", ""),
@@ -252,6 +238,7 @@ def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
         efforts=efforts,
         masses=masses,
         coms=coms,
+        mimics=mimics,
     )
 
 
@@ -267,6 +254,51 @@ def _hung(
             mass, com = weights[link]
             at = placed @ T
             yield mass, mass * (rotate(at[:3, :3], com) + at[:3, 3])
+
+
+def _mimic(path: Path, root: ElementTree.Element, joint: UrdfJoint) -> Mimic | None:
+    """What a joint follows, through masters that mimic others; None where it moves by itself."""
+    elements = {element.get("name", ""): element for element in root.findall("joint")}
+    where, name, factor, offset = f"joint {joint.name}", joint.name, 1.0, 0.0
+    passed: list[str] = []
+    while (mimic := elements[name].find("mimic")) is not None:
+        passed.append(name)
+        name = mimic.get("joint", "")
+        offset += factor * float(numbers(path, where, mimic.get("offset", "0"), 1)[0])
+        factor *= float(numbers(path, where, mimic.get("multiplier", "1"), 1)[0])
+        if name not in elements or elements[name].get("type") not in MOVING or not factor:
+            what = f"mimics {name!r}, which is no joint that moves it"
+            raise InputError(path, where, what, "correct its <mimic>, or write it as a fixed joint")
+        if name in passed:
+            raise InputError(path, where, "mimics itself", "let one of its masters move freely")
+    if not passed:
+        return None
+    return Mimic(joint.name, name, elements[name].get("type") == "prismatic", factor, offset)
+
+
+def _keep_within_masters(
+    path: Path,
+    root: ElementTree.Element,
+    mimics: tuple[Mimic, ...],
+    names: list[str],
+    limits: Array,
+) -> None:
+    """Narrow limits (n, 2), in place, of joints whose master stands outside the chain, to its own.
+
+    Raises InputError where the limits of a joint and of its master leave nothing.
+    """
+    masters = {joint.name: joint for joint in _joints(path, root).values()}
+    for mimic in mimics:
+        k, own = names.index(mimic.joint), np.array(_limits(path, masters[mimic.master])[0])
+        given = np.sort(mimic.factor * own + mimic.offset)
+        low, high = max(limits[k, 0], given[0]), min(limits[k, 1], given[1])
+        if low > high + _ROUNDED:
+            what = (
+                f"its limits, {limits[k, 0]:g} .. {limits[k, 1]:g}, are beyond those of its master"
+            )
+            raise InputError(path, f"joint {mimic.joint}", what, "correct its <limit> or <mimic>")
+        if mimic.master not in names:
+            limits[k] = low, max(low, high)
 
 
 def _axis(path: Path, joint: UrdfJoint) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -12,29 +13,41 @@ from calib.arm.robot import Robot
 from calib.arm.statics import wrench_with_load
 from calib.arrays import Array
 from calib.cell import Cell
-from calib.files.columns import WRENCH, torque_columns
+from calib.files.columns import WRENCH, joint_columns, torque_columns
 from calib.files.readings import written_columns
 from calib.instruments import Instrument
 from calib.poses import Measurements, Poses
 
 
-def _joint_header(robot: Robot) -> list[str]:
-    return [
-        f"{joint}_{'mm' if slides else 'deg'}"
-        for joint, slides in zip(robot.joints, robot.prismatic, strict=True)
-    ]
+def joint_header(robot: Robot, q: Array | None = None) -> list[str]:
+    """Columns that tell the joints: masters in place of joints that follow them.
+
+    q : ndarray, shape (m, n), values to be told; where some do not follow, every joint has its own
+    """
+    follows = q is None or robot.follows(q)
+    told = [own[-1] if follows else own[0] for own in robot.sources]
+    return list(dict.fromkeys(f"{s.master}_{'mm' if s.slides else 'deg'}" for s in told))
 
 
-def _joint_text(robot: Robot, q: Array) -> list[str]:
-    shown = np.where(robot.prismatic, q * 1e3, np.degrees(q))
-    return [f"{value + 0.0:.9g}" for value in shown]  # no "-0" of a joint at its end
+def _joint_texts(robot: Robot, q: Array) -> dict[str, list[str]]:
+    """Numbers of each of these columns, of joint values (m, n)."""
+    header = joint_header(robot, q)
+    columns = joint_columns(Path(), robot, tuple(header))
+    texts = {c.name: c.numbers(own) for c, own in zip(columns, q.T, strict=True)}
+    # No "-0" of a joint at its end.
+    return {name: [f"{value + 0.0:.9g}" for value in texts[name]] for name in header}
 
 
-def measurement_columns(robot: Robot, instruments: Sequence[Instrument]) -> list[str]:
-    """Columns that every table of these instruments' readings has."""
+def measurement_columns(
+    robot: Robot, instruments: Sequence[Instrument], q: Array | None = None
+) -> list[str]:
+    """Columns that every table of these instruments' readings has.
+
+    q : ndarray, shape (m, n), as for :func:`joint_header`
+    """
     several = ["instrument"] if len([n for i in instruments for n in i.names]) > 1 else []
     columns = dict(c for instrument in instruments for c in written_columns(instrument))
-    return ["pose", "marker", *several, *_joint_header(robot), *columns]
+    return ["pose", "marker", *several, *joint_header(robot, q), *columns]
 
 
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -56,7 +69,8 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
     read_by = [i for i, part in cell.channels.blocks for _ in range(part.start, part.stop)]
     channels = list(zip(read_by, cell.channel_names, strict=True))
     columns = dict(c for instrument in cell.instruments for c in written_columns(instrument))
-    header = measurement_columns(cell.robot, cell.instruments)
+    header = measurement_columns(cell.robot, cell.instruments, poses.q)
+    joints = _joint_texts(cell.robot, poses.q)
     several = "instrument" in header
     loaded = bool(wrench.any())
     header += WRENCH if loaded else ()
@@ -67,7 +81,7 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
     for i, c in np.argwhere(data.seen):
         instrument, marker = channels[c]
         row = [poses.names[i], marker, *([instrument.name_at(sites[i])] if several else [])]
-        row += _joint_text(cell.robot, poses.q[i])
+        row += [texts[i] for texts in joints.values()]
         row += _reading_text(instrument, data.readings[i, c], columns)
         row += [f"{value:.6f}" for value in wrench[i]] if loaded else []
         row += [texts[i] for texts in session.values()]
@@ -111,9 +125,10 @@ def plan_csv(cell: Cell, poses: Poses, level: Array) -> str:
     level : ndarray, shape (m,), as shown; NaN for none
     """
     with_level = bool(np.isfinite(level).any())
-    header = ["pose", *_joint_header(cell.robot), *(["level"] if with_level else [])]
+    joints = _joint_texts(cell.robot, poses.q)
+    header = ["pose", *joints, *(["level"] if with_level else [])]
     rows = []
-    for name, q, own in zip(poses.names, poses.q, level, strict=True):
-        row = [name, *_joint_text(cell.robot, q)]
+    for i, (name, own) in enumerate(zip(poses.names, level, strict=True)):
+        row = [name, *(texts[i] for texts in joints.values())]
         rows.append([*row, f"{own:.9g}"] if with_level else row)
     return csv_text(header, rows)

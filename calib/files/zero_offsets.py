@@ -42,7 +42,7 @@ def zero_offsets(robot: Robot, corrections: Array, markers: Array) -> ZeroOffset
     along = np.where(robot.prismatic[:, None], own[:, :3], own[:, 3:])
     offsets = np.einsum("ki,ki->k", along, robot.axes)
     low, high = robot.sample_limits().T
-    q = low + (high - low) * qmc.Sobol(robot.dof, rng=0).random(_POSES)
+    q = robot.tied(low + (high - low) * qmc.Sobol(robot.dof, rng=0).random(_POSES))
     true = _points(robot, q, markers, corrections)
     before, after = (_missed(true, _points(robot, p, markers)) for p in (q, q + offsets))
     return ZeroOffsets(offsets, before, after)

@@ -11,7 +11,7 @@ import numpy as np
 from calib.arm.statics import loads_of
 from calib.arrays import Array
 from calib.cell import Cell
-from calib.effects import GROUPS, Context, Effect, catalogue
+from calib.effects import ENDS, GROUPS, Context, Effect, catalogue
 from calib.effects.base import sought
 from calib.effects.protocol import (
     ARM,
@@ -192,17 +192,7 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
     Raises UnknownEffect, EffectCannotAct where an effect lacks what it needs.
     """
     context = context_of(cell, poses)
-    effects: list[Effect] = []
-    for text in cell.effects:
-        name, places = parse_effect(text)
-        if name in GROUPS and places is not None:
-            raise UnknownEffect(f"{name!r} is a group and takes no places, found {text!r}")
-        # The arm as a whole is what its links are one by one.
-        taken = {ARM} | {e.where for e in effects if _same_unknown(e.kind, name)}
-        for where in places or [w for w in catalogue()[name].places(context) if w not in taken]:
-            if any(e.kind == name and e.where == where for e in effects):
-                raise UnknownEffect(f"{name}:{where} stands twice in [model] effects")
-            effects.append(place_effect(name, where, context))
+    effects = placed_effects(cell, context)
     standing = {e.where for e in effects if e.kind == "base"}
     effects = [*(base for base in sought(context) if base.where not in standing), *effects]
     full = model_of(cell, effects)
@@ -211,6 +201,25 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
     if cell.prior is not None:
         built = replace(built, model=_of_type(built, cell.prior))
     return built if isinstance(cell.size_prior, str) else _of_sizes(built, cell.size_prior)
+
+
+def placed_effects(cell: Cell, context: Context) -> list[Effect]:
+    """What ``[model] effects`` says, before any constant is left out for others that absorb it.
+
+    Raises UnknownEffect, EffectCannotAct where an effect lacks what it needs.
+    """
+    effects: list[Effect] = []
+    for text in cell.effects:
+        name, places = parse_effect(text)
+        if name in ENDS and places is not None:
+            raise UnknownEffect(f"{name!r} takes no places, found {text!r}; write {name!r}")
+        # The arm as a whole is what its links are one by one.
+        taken = {ARM} | {e.where for e in effects if _same_unknown(e.kind, name)}
+        for where in places or [w for w in catalogue()[name].places(context) if w not in taken]:
+            if any(e.kind == name and e.where == where for e in effects):
+                raise UnknownEffect(f"{name}:{where} stands twice in [model] effects")
+            effects.append(place_effect(name, where, context))
+    return effects
 
 
 def _of_type(built: Built, prior: Prior) -> Model:
@@ -266,16 +275,23 @@ def model_of(cell: Cell, effects: Sequence[Effect]) -> Model:
 
 
 def _refuse_absorbed(placed: set[tuple[str, str]], full: Model, built: Built) -> None:
-    """An effect that the user placed and that others stand for whole must not vanish in silence."""
+    """An effect that the user placed and that others stand for whole must not vanish in silence.
+
+    Of a group's places some may: the reduction is to choose among them.
+    """
     absorbed = {d.id: d.absorbed_by for d in built.dropped}
+    ids_of: dict[tuple[str, str], list[str]] = {}
     for effect in full.effects:
-        ids = [p.id for p in effect.parameters]
-        if (effect.kind, effect.where) in placed and all(i in absorbed for i in ids):
+        ids_of.setdefault(_cause(effect.kind, effect.where), []).extend(
+            p.id for p in effect.parameters
+        )
+    for (kind, where), ids in ids_of.items():
+        if (kind, where) in placed and all(i in absorbed for i in ids):
             others = list(dict.fromkeys(name for i in ids for name, _ in absorbed[i]))
             more = len(others) - _MOST_NAMED
             named = ", ".join(others[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
             raise EffectCannotAct(
-                f"{effect.kind}:{effect.where}",
+                f"{kind}:{where}" if where else kind,
                 f"{named} {'move' if len(others) > 1 else 'moves'} the markers in the same way",
                 "take it out of [model] effects, or take out the other",
             )
@@ -287,8 +303,13 @@ def _placed(cell: Cell, context: Context) -> set[tuple[str, str]]:
     for name, places in map(parse_effect, cell.effects):
         own = catalogue()[name].places(context)
         single = own if len(own) == 1 and name not in GROUPS else ()
-        found |= {(name, where) for where in places or single}
+        found |= {_cause(name, where) for where in places or single}
     return found
+
+
+def _cause(kind: str, where: str) -> tuple[str, str]:
+    """(effect, where), of a group as a whole without where."""
+    return kind, "" if kind in GROUPS else where
 
 
 def _same_unknown(kind: str, other: str) -> bool:

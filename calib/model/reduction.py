@@ -60,7 +60,7 @@ def generic_configurations(robot: Robot, count: int) -> Array:
     """Joint values at which nothing is special, shape (count, n): fixed seed, limits ignored."""
     span = np.where(robot.prismatic, robot.reach, np.pi)
     draws = np.random.default_rng(0).uniform(-1.0, 1.0, (count, robot.dof))
-    return np.asarray(draws * span)
+    return robot.tied(np.asarray(draws * span))
 
 
 def _generic_values(model: Model) -> Array:

@@ -124,7 +124,8 @@ def moving_capsules(cell: Cell) -> bool:
 def probe_scene(cell: Cell) -> Scene:
     """The cell at configurations that stand for all within its limits; the same ones every time."""
     low, high = cell.robot.sample_limits().T
-    return scene_of(cell, np.random.default_rng(0).uniform(low, high, (_PROBE, len(low))))
+    q = np.random.default_rng(0).uniform(low, high, (_PROBE, len(low)))
+    return scene_of(cell, cell.robot.tied(q))
 
 
 def turned(R: Array, vector: Array) -> Array:

@@ -48,7 +48,8 @@ def clear_of_itself(cell: Cell) -> SelfCollision | None:
         return None
     probe = probe_scene(cell)
     everywhere = np.ones(len(probe), dtype=bool)
-    zero = scene_of(cell, np.clip(np.zeros((1, cell.robot.dof)), *cell.robot.limits.T))
+    robot = cell.robot
+    zero = scene_of(cell, robot.tied(np.clip(np.zeros((1, robot.dof)), *robot.sample_limits().T)))
     checked, exempt = [], []
     for i, j in pairs:
         a, b = probe.capsules[i], probe.capsules[j]

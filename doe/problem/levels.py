@@ -126,7 +126,11 @@ def _index(cell: Cell, joint: str) -> int:
         raise CalibError(
             f"levels of {joint}: no such joint; joints are {', '.join(cell.robot.joints)}"
         )
-    return cell.robot.joints.index(joint)
+    robot, k = cell.robot, cell.robot.joints.index(joint)
+    if not robot.free[k]:
+        lead = robot.joints[int(np.abs(robot.ties.matrix[k]).argmax())]
+        raise CalibError(f"levels of {joint}: it moves with {lead}; give levels of {lead}")
+    return k
 
 
 def _levels(cell: Cell, joint: int, asked: AskedLevels) -> Levels:

@@ -45,8 +45,9 @@ def drawn(cell: Cell, count: int, levels: Levels | None, seed: int) -> Iterator[
     from scipy.stats import qmc
 
     low, high = cell.robot.sample_limits().T
-    free = [k for k in range(cell.robot.dof) if levels is None or k != levels.joint]
-    sampler = qmc.Sobol(len(free), scramble=True, rng=np.random.default_rng(seed)) if free else None
+    free = np.flatnonzero(movable(cell, levels))
+    rng = np.random.default_rng(seed)
+    sampler = qmc.Sobol(len(free), scramble=True, rng=rng) if len(free) else None
     for start in range(0, count, CHUNK):
         m = min(CHUNK, count - start)
         q = np.tile(low, (m, 1))
@@ -56,7 +57,7 @@ def drawn(cell: Cell, count: int, levels: Levels | None, seed: int) -> Iterator[
         if levels is not None:
             turn = np.arange(start, start + m) % len(levels.values)
             q[:, levels.joint] = levels.values[turn]
-        yield in_turn_brought(cell, q, levels, start)
+        yield in_turn_brought(cell, cell.robot.tied(q), levels, start)
 
 
 def in_turn_brought(cell: Cell, q: Array, levels: Levels | None, start: int = 0) -> Array:
@@ -74,8 +75,9 @@ def in_turn_brought(cell: Cell, q: Array, levels: Levels | None, start: int = 0)
 
 
 def movable(cell: Cell, levels: Levels | None) -> Mask:
-    """Joints that stand at no level, shape (dof,)."""
-    return np.array([levels is None or k != levels.joint for k in range(cell.robot.dof)])
+    """Joints that stand at no level and follow no other, shape (dof,)."""
+    at_no_level = [levels is None or k != levels.joint for k in range(cell.robot.dof)]
+    return np.asarray(cell.robot.free & at_no_level)
 
 
 def chunked(q: Array) -> Iterator[Array]:

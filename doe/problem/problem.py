@@ -185,4 +185,4 @@ def _angles(cell: Cell, request: Request, seed: int) -> Poses:
     ends = rounded(cell, cell.robot.sample_limits().T)
     if request.levels is not None:
         ends[:, request.levels.joint] = request.levels.values[[0, -1]]
-    return poses_at(np.concatenate([probe, ends]))
+    return poses_at(np.concatenate([probe, cell.robot.tied(ends)]))

@@ -65,7 +65,7 @@ class Situation(Linearisation):
         q = rounded(self.cell, rng.uniform(low, high, (_CHUNK, len(low))))
         if self.levels is not None:
             q[:, self.levels.joint] = rng.choice(self.levels.values, _CHUNK)
-        return in_turn_brought(self.cell, q, self.levels)
+        return in_turn_brought(self.cell, self.cell.robot.tied(q), self.levels)
 
     def allowed(self, q: Array) -> Array:
         """The configurations of (m, dof) that the cell allows under every load."""

@@ -27,6 +27,7 @@ class InitRecord(Record):
     """A first cell for a robot.
 
     cell, table : the files that were written; name : of the arm, empty in results of earlier versions
+    held : joints of the file that are not of the chain, at zero
     """
 
     of_one_cell: ClassVar[bool] = False
@@ -35,6 +36,7 @@ class InitRecord(Record):
     name: str = ""
     robot: Proposed
     joints: tuple[str, ...] = Field(min_length=1)
+    held: tuple[str, ...] = ()
     notes: tuple[str, ...]
 
 
@@ -48,5 +50,6 @@ def init_record(found: Proposal, name: str, table: Path, made_from: Envelope) ->
         name=name,
         robot=Proposed(form=found.form, base=robot.base, tip=robot.tip),
         joints=robot.joints,
+        held=found.held,
         notes=found.notes,
     )

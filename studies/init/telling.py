@@ -16,9 +16,10 @@ def told(record: InitRecord) -> Document:
 
 def _parts(record: InitRecord) -> Iterator[Part]:
     robot, joints = record.robot, record.joints
+    held = f"; held at zero: {', '.join(record.held)}" if record.held else ""
     yield Sentence(
         f"{record.name or robot.form}: {len(joints)} joints from {robot.base} to {robot.tip}: "
-        f"{', '.join(joints)}"
+        f"{', '.join(joints)}{held}"
     )
     yield Sentence("guesses are marked EDIT: markers and the instrument's noise first of all")
     yield from labelled("note", record.notes)

@@ -50,8 +50,16 @@ def plan_stops(cell: Cell, plan: Poses, source: str) -> list[Stop]:
 
     source : the plan's file, for messages
 
-    Raises InputError for a pose beyond the joint limits.
+    Raises InputError for a pose beyond the joint limits, and for joints that mimic others: what a
+    controller drives in their place is its own.
     """
+    for mimic in cell.robot.mimics:
+        raise InputError(
+            cell.path,
+            f"joint {mimic.joint}",
+            f"mimics {mimic.master}, and no language here has an axis for both",
+            f"drive {mimic.master} by hand to the values of the plan, and begin the chain after it",
+        )
     stops = []
     for name, q in zip(plan.names, plan.q, strict=True):
         shown = plain_text(name)

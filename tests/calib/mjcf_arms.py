@@ -53,6 +53,10 @@ def random_mjcf(rng: np.random.Generator, dof: int, tip: str = "site") -> str:
             if rng.integers(2)
             else f"<geom {pose(rng, unit)}/><frame {pose(rng, unit)}><geom/></frame>"
         )
+        lines.append(
+            f"<body {pose(rng, unit)}><joint/><geom/><body {pose(rng, unit)}>"
+            f'<frame {pose(rng, unit)}><joint type="slide"/></frame><geom/></body></body>'
+        )
         if rng.integers(2):
             lines.append(
                 f"<frame {pose(rng, unit)}><body {pose(rng, unit)}><geom/><body {pose(rng, unit)}>"

@@ -97,6 +97,16 @@ def test_warnings(folder: Path, case: str) -> None:
     assert re.search(message, "\n".join(data.warnings)), data.warnings
 
 
+@pytest.mark.parametrize(("beyond", "warns"), [(0.04, False), (0.06, True)])
+def test_a_reading_hardly_beyond_a_limit_is_no_fault(
+    folder: Path, beyond: float, warns: bool
+) -> None:
+    path = folder / "measurements.csv"
+    path.write_text(path.read_text().replace(",-140,", f",{-140 - beyond},"))
+    data = calib.load_measurements(calib.load_cell(folder / "cell.toml"), path)
+    assert any("outside its limits" in w for w in data.warnings) is warns
+
+
 def test_angles_that_look_like_radians_are_pointed_out(folder: Path) -> None:
     rows = ["pose,A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg,marker,x_mm,y_mm,z_mm"]
     rows += [

@@ -75,7 +75,7 @@ def read_joints(
     pose = next((titles.index(t) for n in _POSE for t in titles if t.lower() == n), None)
     carried = [i for i, t in enumerate(titles) if t in _CARRIED or _of_a_joint(t, titles)]
     rest = [i for i in range(len(titles)) if i != pose and i not in carried]
-    wanted = None if robot is None or rename is not None else robot.joints
+    wanted = None if robot is None or rename is not None else (*robot.joints, *robot.told)
     joints = [i for i in rest if _is_joint(sheet, i, titles[i], wanted)]
     names = _joint_names(path, [titles[i] for i in joints], unit, rename, robot)
     rows = [_row(sheet, row, pose, joints, carried, titles) for row in range(len(sheet.rows))]
@@ -140,7 +140,7 @@ def _joint_names(
 ) -> tuple[str, ...]:
     """Names with units, renamed and checked against the robot. Raises InputError."""
     if not titles:
-        found = "" if robot is None else f" of {', '.join(robot.joints)}"
+        found = "" if robot is None else f" of {', '.join(robot.told)}"
         remedy = "name columns as A1_deg" if robot is None else _renaming(robot)
         raise InputError(path, "header", f"holds no joint{found}", remedy)
     parted = [_parted(title) for title in titles]
@@ -149,7 +149,8 @@ def _joint_names(
             what = f"has {len(parted)} joints ({', '.join(titles)})"
             raise InputError(path, "header", what, f"--joint-names names {len(rename)}")
         parted = [(name, own) for name, (_, own) in zip(rename, parted, strict=True)]
-    slides = {} if robot is None else dict(zip(robot.joints, robot.prismatic, strict=True))
+    every = () if robot is None else (own for sources in robot.sources for own in sources)
+    slides = {own.master: own.slides for own in every}
     named = []
     for joint, own in parted:
         chosen = own or unit
@@ -169,17 +170,18 @@ def _joint_names(
 
 
 def _check_joints(path: Path, joints: Sequence[str], robot: Robot) -> None:
-    for joint in robot.joints:
-        if joints.count(joint) != 1:
-            what = f"has {'no' if joint not in joints else 'two'} columns of joint {joint}"
+    for sources in robot.sources:
+        counts = [joints.count(source.master) for source in sources]
+        if not any(counts) or max(counts) > 1:
+            what = f"has {'two' if any(counts) else 'no'} columns of joint {sources[0].joint}"
             raise InputError(path, "header", what, _renaming(robot))
     for joint in joints:
-        if joint not in robot.joints:
+        if joint not in (*robot.joints, *robot.told):
             raise InputError(path, "header", f"the robot has no joint {joint}", _renaming(robot))
 
 
 def _renaming(robot: Robot) -> str:
-    return f"rename the columns, or name them in order: --joint-names {','.join(robot.joints)}"
+    return f"rename the columns, or name them in order: --joint-names {','.join(robot.told)}"
 
 
 def _row(

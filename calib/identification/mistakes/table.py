@@ -95,7 +95,7 @@ def _lengths(robot: Robot) -> Iterator[Slip]:
             _points(np.full(3, factor)),
         )
         if robot.prismatic.any():
-            slides = _scaled(np.where(robot.prismatic, factor, 1.0))
+            slides = _scaled(robot, np.where(robot.prismatic, factor, 1.0))
             joints = " and ".join(
                 n for n, s in zip(robot.joints, robot.prismatic, strict=True) if s
             )
@@ -124,22 +124,23 @@ def _angles(robot: Robot) -> Iterator[Slip]:
             f"joints in {holds}",
             f"the joint angles are {holds} in columns of {unit}",
             f"name the columns {joint}_{holds[:3]} and so on",
-            _scaled(np.where(robot.prismatic, 1.0, factor)),
+            _scaled(robot, np.where(robot.prismatic, 1.0, factor)),
         )
 
 
 def _reversed(robot: Robot) -> Iterator[Slip]:
-    for k, joint in enumerate(robot.joints):
+    for k in np.flatnonzero(robot.free):
+        joint = robot.joints[k]
         yield Slip(
             f"{joint} reversed",
             f"joint {joint} runs the other way",
             f"turn the sign of {joint} in the table, or its axis in the robot's file",
-            _scaled(np.where(np.arange(robot.dof) == k, -1.0, 1.0)),
+            _scaled(robot, np.where(np.arange(robot.dof) == k, -1.0, 1.0)),
         )
 
 
 def _swapped(robot: Robot) -> Iterator[Slip]:
-    for a, b in itertools.combinations(range(robot.dof), 2):
+    for a, b in itertools.combinations(np.flatnonzero(robot.free), 2):
         if robot.prismatic[a] != robot.prismatic[b]:
             continue
         one, other = robot.joints[a], robot.joints[b]
@@ -149,7 +150,7 @@ def _swapped(robot: Robot) -> Iterator[Slip]:
             f"{one} and {other} swapped",
             f"joints {one} and {other} are swapped",
             f"exchange the columns of {one} and {other}",
-            _mixed(mixed),
+            _mixed(robot, mixed),
         )
 
 
@@ -167,7 +168,7 @@ def _counted_from_the_base(robot: Robot) -> Iterator[Slip]:
                 f"{joint} {word} {before}",
                 f"joint {joint} is given relative to the base and not to the link before it",
                 f"put {joint} {word} {before} in its place",
-                _mixed(mixed),
+                _mixed(robot, mixed),
             )
 
 
@@ -223,12 +224,19 @@ def _points(factors: Array) -> Callable[[Measurements], Measurements]:
     return lambda data: replace(data, readings=data.points * factors)
 
 
-def _scaled(factors: Array) -> Callable[[Measurements], Measurements]:
-    return _mixed(np.diag(factors))
+def _scaled(robot: Robot, factors: Array) -> Callable[[Measurements], Measurements]:
+    return _mixed(robot, np.diag(factors))
 
 
-def _mixed(matrix: Array) -> Callable[[Measurements], Measurements]:
-    return lambda data: replace(data, poses=replace(data.poses, q=data.poses.q @ matrix.T))
+def _mixed(robot: Robot, matrix: Array) -> Callable[[Measurements], Measurements]:
+    """Other joint values; those that follow others go with them."""
+
+    def undone(data: Measurements) -> Measurements:
+        q = data.poses.q @ matrix.T
+        q = robot.tied(q) if robot.follows(data.poses.q) else q
+        return replace(data, poses=replace(data.poses, q=q))
+
+    return undone
 
 
 def _reordered(order: IntArray) -> Callable[[Measurements], Measurements]:

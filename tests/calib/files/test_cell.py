@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -110,3 +111,13 @@ def test_excluded_causes_are_not_asked(tmp_path: Path, table_two: Poses) -> None
     gone = everything - left
     assert gone == {f"gravity_compensator:A{k}" for k in range(1, 7)} | {"joint_coupling:A3"}
     assert {reasons[cause] for cause in gone} == {"excluded by the cell"}
+
+
+def test_geometry_at_places_leaves_its_parts_elsewhere_in_the_contest(
+    tmp_path: Path, table_two: Poses
+) -> None:
+    cell = replace(cell_with(tmp_path), effects=("base", "tool", "geometry:A2,A4,tool0"))
+    here, _ = asked(cell, table_two)
+    for kind, ends in (("joint_offset", ()), ("link_geometry", ("tool0",))):
+        places = {key.partition(":")[2] for key in here if key.startswith(f"{kind}:")}
+        assert places == {*cell.robot.joints, *ends} - {"A2", "A4", "tool0"}

@@ -61,7 +61,7 @@ sigma_mm = 0.01
 [model]
 effects = ["base", "tool", "geometry"]
 """
-OURS = ("base", "b1", "b2", "held", "b3", "b4", "tool")
+OURS = ("base", "b1", "b2", "held", "b3", "b4", "tool", "finger")
 
 
 def load(folder: Path, base: str, arm: str = ARM) -> Cell:
@@ -84,7 +84,7 @@ def test_what_touches_a_geom_is_in_a_capsule(tmp_path: Path, base: str) -> None:
     cell = load(tmp_path, base)
     assert not cell.unread
     sizes = {name: len(own) for name, own in cell.capsules.items()}
-    assert sizes == {"base": 1, "j1": 1, "j2": 2, "j3": 1, "j4": 2}
+    assert sizes == {"base": 1, "j1": 1, "j2": 2, "j3": 1, "j4": 3}
     rng, count = np.random.default_rng(0), 40
     model = with_probes(ARM, count)
     data = mujoco.MjData(model)

@@ -10,7 +10,7 @@ import pytest
 import calib
 from calib import Cell
 from calib.effects.link_geometry import LinkGeometry
-from calib.errors import EffectCannotAct
+from calib.errors import EffectCannotAct, UnknownEffect
 from calib.model import Model
 from calib.model.build import build, context_of
 from calib.model.reduction import generic_configurations
@@ -135,3 +135,41 @@ def test_markers_and_base_of_an_arm_in_a_plane_are_reduced_too(effects: tuple[st
     model = build(cell_of(flat, rng.uniform(-0.2, 0.2, (3, 3)), effects)).model
     X = scaled_matrix(model)
     assert np.linalg.matrix_rank(X, tol=1e-7) == X.shape[1]
+
+
+PLACES = ("A2", "A4", "tool0")
+
+
+@pytest.mark.parametrize("ends", [("base", "tool"), ("tool",), ()])
+def test_geometry_at_places_is_what_can_be_told_apart_there(
+    kr270: Cell, ends: tuple[str, ...]
+) -> None:
+    """As many as the rank of six constants at each of these frames beside base and markers."""
+    cell = cell_of(kr270.robot, MARKERS, [*ends, f"geometry:{','.join(PLACES)}"])
+    built = build(cell)
+    assert {p.where for p in built.model.parameters if p.effect == "geometry"} <= {*PLACES}
+    assert {e.where for e in built.full.effects if e.kind == "geometry"} == {*PLACES}
+    X = scaled_matrix(built.full)
+    rank = np.linalg.matrix_rank(X, tol=1e-6)
+    kept = scaled_matrix(built.model)
+    assert len(built.model.parameters) == rank == np.linalg.matrix_rank(kept, tol=1e-6)
+
+
+def test_geometry_everywhere_is_geometry_at_every_place(kr270: Cell) -> None:
+    whole = cell_of(kr270.robot, MARKERS, ["base", "tool", "geometry"])
+    every = f"geometry:{','.join((*kr270.robot.joints, kr270.robot.tip))}"
+    named = calib.parameters(with_effects(whole, "base", "tool", every))
+    assert named == calib.parameters(whole)
+
+
+def test_geometry_that_others_absorb_at_every_place_is_refused(kr270: Cell) -> None:
+    cell = cell_of(kr270.robot, MARKERS, ["base", "tool", "geometry:A1"])
+    with pytest.raises(EffectCannotAct, match=r"geometry cannot act: base:base.* move the markers"):
+        build(cell)
+    build(with_effects(cell, "base", "tool", "geometry:A1,A2"))
+
+
+@pytest.mark.parametrize("name", ["base", "tool"])
+def test_base_and_tool_take_no_places(kr270: Cell, name: str) -> None:
+    with pytest.raises(UnknownEffect, match=f"'{name}' takes no places, found '{name}:A2'"):
+        build(cell_of(kr270.robot, MARKERS, [f"{name}:A2"]))

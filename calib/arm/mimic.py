@@ -1,0 +1,64 @@
+"""Joints that mimic another, ``q = factor * q_master + offset``, and which are left to choose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arrays import Array
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint of the chain that follows a master, which is another of the chain or stands outside.
+
+    joint, master : str, names
+    slides : whether the master does
+    factor : float, not zero, rad or m by rad or m; offset : float, rad or m
+    """
+
+    joint: str
+    master: str
+    slides: bool
+    factor: float
+    offset: float
+
+
+@dataclass(frozen=True, eq=False)
+class Ties:
+    """What n joints are by those among them that may be chosen freely, ``q = matrix @ q + shift``.
+
+    matrix : ndarray, shape (n, n), with columns of zeros for joints that follow
+    shift : ndarray, shape (n,), rad or m
+    """
+
+    matrix: Array
+    shift: Array
+
+
+def ties_of(joints: Sequence[str], mimics: Sequence[Mimic]) -> Ties:
+    """Ties of a chain; of joints that follow one outside it the first leads the others."""
+    matrix, shift = np.eye(len(joints)), np.zeros(len(joints))
+    place = {name: k for k, name in enumerate(joints)}
+    leads = {name: Mimic(name, name, False, 1.0, 0.0) for name in joints}
+    for mimic in sorted(mimics, key=lambda own: place[own.joint]):
+        lead = leads.setdefault(mimic.master, mimic)
+        k = place[mimic.joint]
+        ratio = mimic.factor / lead.factor
+        matrix[k] = 0.0
+        matrix[k, place[lead.joint]] = ratio
+        shift[k] = mimic.offset - ratio * lead.offset
+    return Ties(matrix, shift)
+
+
+def reachable(ties: Ties, limits: Array) -> Array:
+    """Limits (n, 2) in which a joint that leads keeps those that follow within theirs, too."""
+    found = limits.copy()
+    for k, row in enumerate(ties.matrix):
+        lead = int(np.abs(row).argmax())
+        if lead != k:
+            own = np.sort((limits[k] - ties.shift[k]) / row[lead])
+            found[lead] = max(found[lead, 0], own[0]), min(found[lead, 1], own[1])
+    return found

@@ -39,6 +39,7 @@ class Kept:
     targets : poses whose RMS error is within the product's 95 % bound for them; whole : whether the RMS
         over the targets is within the RMS of these bounds
     promised, came : m, RMS error expected at the targets, and what it is
+    outliers : poses that were left out; none of a day deserves it
     std : m, RMS over the points of what the covariance has a point err by; off : what it errs by
     """
 
@@ -47,6 +48,7 @@ class Kept:
     normal: Held
     targets: Held
     whole: Held
+    outliers: int
     promised: float
     came: float
     std: float
@@ -83,6 +85,7 @@ def kept(cell: calib.Cell, found: calib.Identification, truth: Array, day: Day) 
         normal=_held(np.abs(off) <= _NORMAL * std),
         targets=_held(errors <= expected.expanded),
         whole=_held(np.array([came <= expected.rms(expected.expanded)])),
+        outliers=int(np.count_nonzero(found.fit.outlier)),
         promised=claim.rms,
         came=came,
         std=float(np.sqrt((std**2).sum(axis=-1).mean())),

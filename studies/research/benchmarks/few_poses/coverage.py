@@ -9,7 +9,7 @@ import numpy as np
 
 import calib
 from calib.accuracy.at_targets import accuracy_at_targets
-from calib.arrays import Array
+from calib.arrays import Array, Mask
 from calib.model.build import build
 from calib.poses import Poses, poses_at
 from calib.uncertainty.expanded import coverage_factor, effective_freedom
@@ -130,5 +130,5 @@ def _lengths(off: Array) -> Array:
     return np.asarray(np.sqrt((off**2).sum(axis=-1).mean(axis=-1)))
 
 
-def _held(holds: Array) -> Held:
+def _held(holds: Mask) -> Held:
     return Held(int(np.count_nonzero(holds)), int(holds.size))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.arrays import Array
+from calib.arrays import Array, IntArray
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.identification.initial import initial_values
@@ -35,7 +35,7 @@ def exact_values(model: Model, data: Measurements) -> tuple[Array, float]:
     return values, float(np.sqrt(np.mean(np.sum(off**2, axis=-1))))
 
 
-def _solved(model: Model, data: Measurements, sigma: float, folds: list[Array] | None) -> Array:
+def _solved(model: Model, data: Measurements, sigma: float, folds: list[IntArray] | None) -> Array:
     """From the readings' own first values on, until a step moves nothing."""
     values = initial_values(model, data)
     placed = np.zeros(len(values), dtype=bool)
@@ -59,7 +59,7 @@ def _solved(model: Model, data: Measurements, sigma: float, folds: list[Array] |
     return values
 
 
-def _unseen(A: Array, B: Array, y: Array, folds: list[Array]) -> Array:
+def _unseen(A: Array, B: Array, y: Array, folds: list[IntArray]) -> Array:
     """Squares that folds which took no part leave under each penalty, shape (k,)."""
     total = np.zeros(len(_PENALTIES))
     for fold in folds:

@@ -1,0 +1,143 @@
+"""The command: days, tables, and what they say together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from itertools import product
+from pathlib import Path
+
+import click
+import numpy as np
+
+import calib
+from calib.arrays import Array
+from calib.files.write import json_text, write_files
+from calib.model.build import build
+from calib.poses import poses_at
+from calib.threads import one_blas_thread
+from studies.command.deliver import console_for
+from studies.command.options import one_line_faults
+from studies.research.benchmarks.day import SEVEN
+from studies.research.benchmarks.few_poses.coverage import kept, true_values
+from studies.research.benchmarks.few_poses.files import cells_of, table_of
+from studies.research.benchmarks.few_poses.peer import interpreter, solved_by_figaroh
+from studies.research.benchmarks.few_poses.ridge import ridge
+from studies.research.benchmarks.few_poses.tables import (
+    Row,
+    coverage_of,
+    coverage_table,
+    errors_of,
+    errors_table,
+)
+from studies.research.benchmarks.few_poses.truth import SIGMA, Day, Setting, draw_day
+from studies.research.benchmarks.peers.judge import Left
+from studies.research.withheld.robots import LIGHT
+
+ARMS = {"6R": LIGHT, "7R": SEVEN}
+SIZES = (1.0, 10.0)
+POSES = (8, 10, 12, 15, 20, 40)
+RIDGE = "ridge by CV"
+_TURNS = tuple(product((1, 3), (False, True)))  # markers, whether the arm scatters: day by day
+
+
+@one_blas_thread
+def rows_of_day(
+    arm: str, times: float, index: int, seed: int, poses: Sequence[int], python: Path | None
+) -> list[Row]:
+    """What came of the tables of one day; python : that has FIGAROH, None to do without."""
+    setting = Setting(times, *_TURNS[index % len(_TURNS)])
+    day = draw_day(ARMS[arm], setting, index, seed)
+    cells = cells_of(day)
+    truth = {way: true_values(cell, day) for way, cell in cells.items()}
+    return [
+        {"arm": arm, **asdict(setting), "day": index, "poses": n}
+        | _one_table(day, n, cells, truth, python)
+        for n in poses
+    ]
+
+
+def _one_table(
+    day: Day, n: int, cells: dict[str, calib.Cell], truth: dict[str, Array], python: Path | None
+) -> Row:
+    """Errors, claims that hold, and why there is no answer, by estimator."""
+    exact, there = day.points(day.held), poses_at(day.held)
+    data = table_of(day.q[:n], day.read[:n])
+    answers: dict[str, Array | str] = {}
+    claims: Row = {}
+    for way, cell in cells.items():
+        try:
+            found = calib.identify(cell, data)
+        except calib.CalibError as refused:
+            answers[way] = str(refused)
+            continue
+        answers[way] = found.predict(there)
+        claims[way] = asdict(kept(cell, found, truth[way], day))
+    model = build(next(iter(cells.values())), data.poses).model
+    answers[RIDGE] = model.predict(ridge(model, data, SIGMA, np.random.default_rng(n)), there)
+    if python is not None:
+        answers |= solved_by_figaroh(python, day, n)
+    return {
+        "errors_m": {
+            way: None if isinstance(own, str) else float(np.sqrt(((own - exact) ** 2).sum(-1).mean()))
+            for way, own in answers.items()
+        },
+        "why": {way: own for way, own in answers.items() if isinstance(own, str)},
+        "kept": claims,
+    }  # fmt: skip
+
+
+def summaries(rows: Sequence[Row]) -> Iterator[Row]:
+    """Of every setting, errors and claims."""
+    names = ("arm", "times", "markers", "scatters", "poses")
+    for key in dict.fromkeys(tuple(r[n] for n in names) for r in rows):
+        own = [r for r in rows if tuple(r[n] for n in names) == key]
+        yield dict(zip(names, key, strict=True)) | {
+            "errors": errors_of(own), "claims": coverage_of(own),
+        }  # fmt: skip
+
+
+@click.command()
+@click.option("--days", type=click.IntRange(min=1), default=40, show_default=True,
+              help="Of each arm and size of errors; four take turns with all conditions.")  # fmt: skip
+@click.option("--arm", multiple=True, type=click.Choice(list(ARMS)), default=tuple(ARMS),
+              show_default=True)  # fmt: skip
+@click.option("--poses", multiple=True, type=click.IntRange(4, 40), default=POSES,
+              show_default=True)  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option("--peers", type=click.Path(path_type=Path), help="Folder of FIGAROH's environment.")
+@click.option("--peer-days", type=click.IntRange(min=1), default=4, show_default=True,
+              help="Of each arm and size, that FIGAROH gets too.")  # fmt: skip
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Every table.")
+@one_line_faults
+def main(
+    days: int,
+    arm: tuple[str, ...],
+    poses: tuple[int, ...],
+    seed: int,
+    peers: Path | None,
+    peer_days: int,
+    json_path: Path | None,
+) -> None:
+    """Identify from few poses, and hold errors and claims against the truth."""
+    console = console_for(None)
+    python = interpreter(peers) if peers is not None else None
+    if isinstance(python, Left):
+        console.print(str(python))
+        python = None
+    rows = [
+        row
+        for one, times, index in product(arm, SIZES, range(days))
+        for row in rows_of_day(
+            one, times, index, seed, poses, python if index < peer_days else None
+        )
+    ]
+    console.print("Held-out error, 3-D RMS", errors_table(rows), sep="\n")
+    console.print("\nWhat holds of what was said", coverage_table(rows), sep="\n")
+    if json_path is not None:
+        found = {"seed": seed, "summaries": list(summaries(rows)), "tables": rows}
+        write_files({json_path: json_text(found)})
+
+
+if __name__ == "__main__":
+    main()

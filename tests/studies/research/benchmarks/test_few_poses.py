@@ -1,0 +1,122 @@
+"""Few poses: the plain truth is posecal's arm, and the benchmark runs and counts."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
+
+import calib
+from calib.arrays import Array
+from calib.effects.base import Base
+from calib.effects.tool import Tool
+from calib.model import Model
+from calib.model.build import build
+from calib.model.reduction import carried_over
+from calib.poses import poses_at
+from studies.research.benchmarks.few_poses.__main__ import ARMS, main
+from studies.research.benchmarks.few_poses.coverage import true_values
+from studies.research.benchmarks.few_poses.files import read_cell, table_of
+from studies.research.benchmarks.few_poses.ridge import ridge
+from studies.research.benchmarks.few_poses.tables import errors_of
+from studies.research.benchmarks.few_poses.truth import SIGMA, Day, Setting, draw_day
+
+PLACES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+def a_day(arm: str, times: float = 1.0) -> Day:
+    """Three markers where the cell has them."""
+    day = draw_day(ARMS[arm], Setting(times, 3, False), 0, 0)
+    return replace(day, markers=day.guesses)
+
+
+def placed(model: Model, day: Day) -> Array:
+    """Values of an arm without errors where the day's stands."""
+    values = model.initial
+    values[model.where(Base)] = [*day.p, *Rotation.from_matrix(day.R).as_rotvec()]
+    return values
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_truth_without_errors(arm: str) -> None:
+    day = a_day(arm)
+    day = replace(day, constants=np.zeros_like(day.constants))
+    cell = read_cell(day)
+    values = placed(build(cell, poses_at(day.q)).model, day)
+    predicted = calib.predict(cell, poses_at(day.q), values)
+    np.testing.assert_allclose(predicted, day.points(day.q), atol=1e-9)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_truth_with_the_constants_that_posecal_keeps(arm: str) -> None:
+    day = a_day(arm)
+    cell = read_cell(day)
+    model = build(cell, poses_at(day.q)).model
+    values, constants = placed(model, day), np.zeros_like(day.constants)
+    segments = [*day.arm.names, day.arm.tip]
+    for i, p in enumerate(model.parameters):
+        if p.effect == "geometry":
+            at = segments.index(p.where), PLACES.index(p.name)
+            values[i] = constants[at] = day.constants[at]
+    points = replace(day, constants=constants).points(day.q)
+    np.testing.assert_allclose(calib.predict(cell, poses_at(day.q), values), points, atol=1e-9)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_truth_with_all_constants_to_second_order(arm: str) -> None:
+    """What is left falls by a hundred where the constants, carried over, fall by ten."""
+    left = []
+    for times in (1.0, 0.1):
+        day = a_day(arm, times)
+        cell, poses = read_cell(day), poses_at(day.q)
+        built = build(cell, poses)
+        model, points = built.model, day.points(day.q)
+        keys = [("geometry", s, c) for s in (*day.arm.names, day.arm.tip) for c in PLACES]
+        values, free = placed(model, day), model.where(Base, Tool)
+        own = np.setdiff1d(np.arange(len(values)), free)
+        values[own] = carried_over(built.full, model, keys) @ day.constants.ravel()
+        for _ in range(4):  # base and markers take up the rest
+            predicted, J = model.jacobian(values, poses)
+            rows = J.reshape(-1, J.shape[-1])[:, free]
+            values[free] += np.linalg.lstsq(rows, (points - predicted).ravel(), rcond=None)[0]
+        left.append(np.abs(points - calib.predict(cell, poses, values)).max())
+    assert left[0] < 1e-4
+    assert left[1] == pytest.approx(left[0] / 100, rel=0.3)
+
+
+def test_ridge_finds_the_parameters() -> None:
+    """Many readings leave the penalty little to do: within a few standard deviations of the truth."""
+    day = draw_day(ARMS["6R"], Setting(10.0, 3, False), 0, 0)
+    cell, data = read_cell(day), table_of(day.q, day.read)
+    found = calib.identify(cell, data)
+    values = ridge(found.model, data, SIGMA, np.random.default_rng(0))
+    assert np.abs((values - true_values(cell, day)) / found.std).max() < 5.0
+
+
+def test_errors_by_hand() -> None:
+    own = [(1.0, 2.0), (2.0, 1.0), (None, 1.0), (1.0, 1.01)]
+    rows = [{"errors_m": {"posecal": a, "other": b}} for a, b in own]
+    found = errors_of(rows)
+    assert (found["posecal"]["silent"], found["posecal"]["median_mm"]) == (1, 1e3)
+    other = found["other"]
+    assert (other["both"], other["worse"], other["silent"]) == (3, 1, 0)
+    assert other["median_ratio"] == 1.01
+    assert other["mean_ratio"] == pytest.approx(4.01 / 4)
+
+
+def test_command(tmp_path: Path) -> None:
+    path = tmp_path / "few.json"
+    done = CliRunner().invoke(
+        main, ["--days", "2", "--arm", "6R", "--poses", "8", "--poses", "15", "--json", str(path)]
+    )
+    assert done.exit_code == 0, done.output
+    tables = json.loads(path.read_text())["tables"]
+    assert [t["poses"] for t in tables] == [8, 15] * 4
+    assert all(t["errors_m"]["ridge by CV"] > 0.0 for t in tables)
+    assert all(t["errors_m"]["posecal"] < 1e-4 for t in tables if t["poses"] == 15)
+    assert all(t["kept"]["posecal"]["points"]["of"] == 150 for t in tables if t["poses"] == 15)

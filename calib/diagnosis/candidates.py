@@ -90,6 +90,11 @@ class Candidate:
         kinds = self.effect.kind, other.effect.kind
         return self.named and kinds[0] == kinds[1] and self.where == other.where
 
+    def covers(self, other: Candidate) -> bool:
+        """Whether it is a curve at the place of a cause by name, over what that depends on."""
+        alike = self.where == other.where and self.depends_on == other.depends_on
+        return alike and other.named and not self.named
+
     @property
     def sparing(self) -> bool:
         """Whether it is a family of parameters of which those count that pay."""

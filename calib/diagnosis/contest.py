@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.rounds import Round, better, linear_scores
+from calib.diagnosis.rounds import Round, apart, better, linear_scores
 from calib.diagnosis.screen import Field, Score
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.view import Lineup, View
@@ -138,12 +138,13 @@ def _entry(view: View, member: Candidate, active: Sequence[Candidate]) -> Entry:
         for c in view.suspects
         if c is member or (not c.is_like(member) and c.echo in ("", member.key))
     ]
-    scores = linear_scores(view.without(member), view, suspects)
+    taken = apart(member, active)
+    scores = linear_scores(view.without(*taken), view, suspects)
     gains = [(c, scores[c.key].gain) for c in suspects if c not in rest]
     gains.sort(key=lambda pair: -pair[1])
     own = scores[member.key]
     alone = own
     if view.fit.mixing is not None:
         bare = view.by_instrument
-        alone = linear_scores(bare.without(member), bare, [member])[member.key]
+        alone = linear_scores(bare.without(*taken), bare, [member])[member.key]
     return Entry(member, own, alone.fall, tuple(gains))

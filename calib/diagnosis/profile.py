@@ -166,18 +166,18 @@ def _freedom(told: Array, half: Array, amplitude: float) -> float:
 
 
 def ground(
-    stage: Stage, view: View, suspects: Iterable[Candidate], without: Candidate | None = None
+    stage: Stage, view: View, suspects: Iterable[Candidate], without: Sequence[Candidate] = ()
 ) -> Ground:
     """The problem in which suspects are judged.
 
-    without : a candidate that is in the fit and is judged like the others
+    without : candidates that are in the fit and are taken out of it
     """
     fit = view.fit
     span, r = fit.span, fit.r
     off, prior = held_rows(fit.model, fit.amplitudes, fit.values)
     of_prior = np.column_stack([prior @ span, off])
-    if without is not None:
-        own = fit.positions(without.effect)
+    if without:
+        own = np.concatenate([fit.positions(c.effect) for c in without])
         span = span[:, np.abs(span[own]).sum(axis=0) == 0.0]
         r = r + fit.J[..., own] @ fit.moving[own]
         kept = np.abs(prior[:, own]).sum(axis=1) == 0.0
@@ -193,7 +193,7 @@ def ground(
     free, theta = (levels.free, levels.theta) if levels is not None else (may[:0], start)
 
     def search() -> Levels:
-        if without is None and levels is not None:
+        if not without and levels is not None:
             return levels
         alone = problem.with_columns(np.append(np.arange(known), wide.shape[-1]), known)
         return searched(alone, start, may, stage.scatter, levels)

@@ -10,6 +10,7 @@ import numpy as np
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contest import Outcome, contest, left_with
 from calib.diagnosis.earned import BY_TIME, CrossValidation
+from calib.diagnosis.rounds import apart
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, classes
 
@@ -65,7 +66,10 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
     if not active:
         return []
     crossed = CrossValidation(stage, fit)
-    accounts = [(c, crossed.ledger([c.effect], c.depends_on in BY_TIME)) for c in active]
+    accounts = [
+        (c, crossed.ledger([o.effect for o in apart(c, active)], c.depends_on in BY_TIME))
+        for c in active
+    ]
     idle = [(c, a) for c, a in accounts if not a.earns]
     idle.sort(key=lambda pair: pair[1].without - pair[1].with_it)
     if idle:

@@ -100,7 +100,7 @@ def better(state: Round) -> tuple[Candidate, ...]:
     if len(acting) < len(active) and not yields(acting, view):
         return acting
     for member in active:
-        beside = view.without(member)
+        beside = view.without(*apart(member, active))
         own = linear_scores(beside, view, [member])[member.key]
         stands = own.gain > _STANDS * state.proved.get(member.key, np.inf)
         if stands and member.key not in state.new and state.stays(own):
@@ -122,6 +122,11 @@ def better(state: Round) -> tuple[Candidate, ...]:
         if names:
             return (*(c for c in active if c is not curve and c not in names), *names)
     return active
+
+
+def apart(member: Candidate, active: Sequence[Candidate]) -> list[Candidate]:
+    """A member, and with it what can do the same without a name: that never takes a name's place."""
+    return [member, *(c for c in active if c.covers(member))]
 
 
 def _challenger(state: Round, member: Candidate, own: Score, beside: Field) -> Candidate | None:
@@ -212,7 +217,7 @@ def _kept(beside: Field, own: IntArray, other: IntArray) -> float:
 
 
 def _eligible(active: Sequence[Candidate], view: View) -> list[Candidate]:
-    """Who may come in beside those that are: of curves no more than a few, loads where something yields."""
+    """Who may come in beside those that are: of curves a few, loads where something yields."""
     full = sum(not c.named for c in active) >= _MOST_CURVES
     stiff = not yields(active, view)
     return [
@@ -279,7 +284,7 @@ def _defence(state: Round, member: Candidate, linear: Score) -> Score:
     """
     if state.view.fit.mixing is None or linear.gain > _BEYOND_DOUBT:
         return linear
-    here = ground(state.stage, state.view, [member], member)
+    here = ground(state.stage, state.view, [member], apart(member, state.active))
     approximate = here.approximate_score(member)
     return approximate if state.stays(approximate) else here.score(member)
 

@@ -148,22 +148,22 @@ class View:
         """The same as if nothing but the instrument erred."""
         return replace(self, fit=self.fit.by_instrument(self.fit.r, self.fit.J))
 
-    def without(self, member: Candidate) -> Field:
-        """The same with one of the fitted effects out again, a candidate like the others.
+    def without(self, *members: Candidate) -> Field:
+        """The same with some of the fitted effects out again, candidates like the others.
 
         What it alone explains comes back, as rows of their own: lengths and products are those of
         ``X + U U^T X``, U the directions that it has beside the rest. Parameters of the rest that are
         not determined beside it may be so without it: what they can stand for, it does not alone.
         """
         fit, whole = self.fit, self.beside
-        own = fit.positions(member.effect)
+        own = np.concatenate([fit.positions(member.effect) for member in members])
         lost = np.abs(fit.span[own]).sum(axis=0) > 0.0
         U = _free(self._determined, self._duals, lost)
         U = _unseen(U, np.delete(U.T @ self._shown, own, axis=1))
         # The residual as it would be without the effect, to first order.
         parameters, r = self._turned
         r = r + parameters[:, own] @ fit.moving[own]
-        held = 0 if member.named else len(own)  # rows of its prior, which go with it
+        held = sum(len(member.amounts) for member in members)  # rows of priors, which go with them
         return Field(
             U.T @ whole.hidden,
             U.T @ r,

@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.rounds import Round, apart, better, linear_scores
+from calib.diagnosis.rounds import Round, apart, better, linear_scores, yields
 from calib.diagnosis.screen import Field, Score
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.view import Lineup, View
+from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tuned import Tuned
 
 _MOST_ROUNDS = 40  # of a contest from nothing
@@ -133,10 +134,16 @@ def left_with(stage: Stage, outcome: Outcome, rest: Sequence[Candidate]) -> Outc
 
 def _entry(view: View, member: Candidate, active: Sequence[Candidate]) -> Entry:
     rest = [c for c in active if c is not member]
+    stiff = isinstance(member.effect, ElasticEffect) and not yields((), view)
     suspects = [
         c
         for c in view.suspects
-        if c is member or (not c.is_like(member) and c.echo in ("", member.key))
+        if c is member
+        or (
+            not c.is_like(member)
+            and c.echo in ("", member.key)
+            and not (stiff and isinstance(c.effect, LoadEffect))
+        )
     ]
     taken = apart(member, active)
     scores = linear_scores(view.without(*taken), view, suspects)

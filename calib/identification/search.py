@@ -107,14 +107,13 @@ def _judged(
     """Poses to keep, the statistic of every pose, and its limit, under the fit to those kept."""
     judged = estimator.judged(observation, values, span, kept)
     known = observation.beside(values)
-    plain, rows = pose_statistics(judged.r, judged.J, kept, judged.span, known[1])
-    typical = float(np.median(plain[kept & (rows > 0)]))
+    statistics, rows = pose_statistics(judged.r, judged.J, kept, judged.span, known[1])
+    typical = float(np.median(statistics[kept & (rows > 0)]))
     poses = observation.data.poses
     lack = lack_alone(poses, judged.r, judged.J, kept, judged.span, known, typical)
-    statistics = plain / lack
+    statistics = statistics / lack
     if small_set(len(kept)):
-        explained = ((plain - statistics) * rows)[kept].sum()
-        cost = float((judged.r[kept] ** 2).sum() - explained)
+        cost = float((judged.r[kept] ** 2).sum())
         dof = estimator.dof(observation.only(kept), span)
         dof -= round(unspent(observation.only(kept), values, span))
         fresh = kept.copy()

@@ -17,6 +17,9 @@ IntArray: TypeAlias = NDArray[np.int_]
 Mask: TypeAlias = NDArray[np.bool_]
 """Which of something: poses, markers, candidates, parameters."""
 
+TextArray: TypeAlias = NDArray[np.str_]
+"""Names that stand for each of something, and differ from one to another."""
+
 # glibc gives freed arrays above a threshold back to the system and asks for them again a moment later,
 # up to a quarter of the time of a design. The threshold grows to the largest block that was freed, to
 # 32 MB at most, so such a block is freed here; it is never touched, and takes no memory.

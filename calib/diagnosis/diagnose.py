@@ -15,7 +15,6 @@ from calib.diagnosis.contest import Outcome
 from calib.diagnosis.diagnosis import Cause, Diagnosis
 from calib.diagnosis.earned import BY_TIME, CrossValidation
 from calib.diagnosis.finding import Finding, finding_of
-from calib.diagnosis.gap import Gap
 from calib.diagnosis.hidden import hidden
 from calib.diagnosis.located import located, share_of
 from calib.diagnosis.searched import searched
@@ -24,6 +23,7 @@ from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.stated import stated
 from calib.diagnosis.verdict import VerdictName, verdict
 from calib.identification.checks import check_counts
+from calib.identification.heldout import with_stations_of
 from calib.identification.identify import identify
 from calib.identification.initial import initial_values
 from calib.identification.mistakes import refuse_mistakes
@@ -44,32 +44,28 @@ _LEFT_OVER = 0.001  # the scatter of a few repeats is a weak witness
 def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = None) -> Diagnosis:
     """Find the unmodelled effects that the measurements show.
 
-    heldout : measurements that take no part and on which the shrinkage of the error is proved
+    heldout : measurements that take no part: what is found does not depend on them, and is told by
+        how far it shrinks their error
 
     Raises UnknownEffect, EffectCannotAct, TooFewPoses, ImplausibleData, CalibError.
     """
     if heldout is not None:
-        data, heldout = in_one_session(data, heldout)
+        data, heldout = in_one_session(data, with_stations_of(data, heldout))
     stage = _stage(cell, data)
     waiting = stage.dropped
     suspects, missing = candidates(cell, stage.model, data)
     search = searched(stage, suspects)
     finding = finding_of(search)
-    floor = finding.floor
-    if heldout is not None and finding.outcome.active:
-        gap = finding.gap(heldout, floor)
-        if gap.heldout_after is not None and gap.heldout_after >= (gap.heldout_before or 0.0):
-            finding = finding.refusing("the poses held out are predicted no better")
     causes = _causes(finding, len(suspects))
     outcome, after, refused = finding.outcome, finding.after, finding.refused
     stage = search.stage
     places = located(stage, outcome, after, causes, finding.scale, bool(refused))
     by_time = any(place.depends_on in BY_TIME for place in places)
-    gap = finding.gap(heldout, floor, by_time)
+    gap = finding.gap(heldout, by_time)
     gap = replace(gap, over_time=_over_time(stage, after)) if by_time else gap
     entered = {c.named.candidate.key for c in causes}
     return Diagnosis(
-        verdict=_verdict(finding, causes, gap),
+        verdict=_verdict(finding, causes),
         noise=finding.noise,
         causes=tuple(c for c in causes if not c.displaced),
         located=places,
@@ -112,11 +108,11 @@ def _over_time(stage: Stage, after: Fit) -> tuple[float, float]:
     return account.rms_without, account.rms_with
 
 
-def _verdict(finding: Finding, causes: Sequence[Cause], gap: Gap) -> VerdictName:
+def _verdict(finding: Finding, causes: Sequence[Cause]) -> VerdictName:
     """In doubt where something is left, a cause has another form, or the residual tells the noise."""
     left = _something_left(finding.search.stage, finding.outcome, finding.after)
     left |= bool(finding.refused and not finding.outcome.active)
-    doubted = left or gap.open or any(c.misshapen for c in causes)
+    doubted = left or any(c.misshapen for c in causes)
     doubted |= bool(causes) and finding.noise.source == "residual"
     tested = all(c.doubt.tested for c in causes)
     return verdict(finding.named, finding.outcome, doubted, tested)

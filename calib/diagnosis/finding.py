@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from calib.diagnosis.contest import Outcome
-from calib.diagnosis.gap import Gap, gap_of, reach
-from calib.diagnosis.refused import Refused, believed, nothing
+from calib.diagnosis.gap import Gap, gap_of
+from calib.diagnosis.refused import Refused, believed
 from calib.diagnosis.searched import Searched
 from calib.diagnosis.sparing import sparing
 from calib.diagnosis.stage import Fit, Stage
@@ -56,21 +56,9 @@ class Finding:
             return 1.0
         return self.noise.factor / self.search.factor
 
-    def gap(self, heldout: Measurements | None, floor: float, by_time: bool = False) -> Gap:
+    def gap(self, heldout: Measurements | None, by_time: bool = False) -> Gap:
         """How far the error shrinks."""
-        perfect = reach(self.search.stage, self.after, heldout)
-        return gap_of(self.before, self.after, self.counted, heldout, floor, perfect, by_time)
-
-    def refusing(self, reason: str) -> Finding:
-        """The same with all that was found refused."""
-        refused = tuple(Refused.of(c, reason) for c in self.outcome.active)
-        return replace(
-            self,
-            outcome=nothing(self.outcome),
-            named=(),
-            after=self.before,
-            refused=self.refused + refused,
-        )
+        return gap_of(self.before, self.after, self.counted, heldout, self.floor, by_time)
 
 
 def finding_of(search: Searched) -> Finding:

@@ -7,14 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.diagnosis.stage import Fit, Stage
-from calib.identification.noise_level import believed_sigma
+from calib.diagnosis.stage import Fit
 from calib.poses import Measurements, Poses
-from calib.scatter import Variances, scatter_of
 
 _DRAWS = 2000
 _FEWEST = 3  # groups to draw from
-_CLOSED = 1.25  # times the floor: parameters estimated from few poses add to the noise
 
 
 @dataclass(frozen=True)
@@ -23,7 +20,7 @@ class Gap:
 
     closed : share of the gap that is gone on held-out poses, None where there was none
     closed_ci95 : bootstrap over configurations, or over blocks of time where effects of time were found
-    open : whether the held-out error after stays above the floor beyond chance, by a quarter and more
+    heldout_rose : whether the held-out error is not smaller with what was found, None where nothing was
     over_time : (before, after) at blocks of time that the parameters never saw, where such were found
     """
 
@@ -34,7 +31,7 @@ class Gap:
     heldout_after: float | None
     closed: float | None
     closed_ci95: tuple[float, float] | None
-    open: bool = False
+    heldout_rose: bool | None = None
     over_time: tuple[float, float] | None = None
 
 
@@ -59,12 +56,10 @@ def gap_of(
     data: Measurements,
     heldout: Measurements | None,
     floor: float,
-    reach: float,
     by_time: bool = False,
 ) -> Gap:
     """Both models on both sets; the choice of effects never saw the held-out points.
 
-    reach : float, m, the error of a perfect model: that of the instrument, and of an arm that scatters
     by_time : whether readings close in time err together, so that the interval rests on blocks of time
     """
     fitted = rms(squared_errors(before, data)), rms(squared_errors(after, data))
@@ -77,25 +72,10 @@ def gap_of(
         blocks_of_time(poses, max(2, round(len(poses) ** 0.5))) if by_time else poses.configuration
     )
     interval = None if closed is None else _interval(first, second, floor, group)
-    still_open = _lower(second, group) > (_CLOSED * reach) ** 2
-    return Gap(floor, *fitted, rms(first), rms(second), closed, interval, still_open)
-
-
-def reach(stage: Stage, fit: Fit, heldout: Measurements | None) -> float:
-    """Error of a perfect model at poses held out, 3-D RMS per point, m; zero where there are none.
-
-    The instrument's noise, and the repeatability of the arm.
-    """
-    if heldout is None or not heldout.seen.any():
-        return 0.0
-    kept = ~stage.dropped
-    channels = stage.model.readout.channels
-    believed = believed_sigma(stage.data.take(kept), stage.weights[kept], channels.lengths)
-    sigma = believed * fit.variances.scale
-    none = Variances.none(fit.model.robot.dof)
-    arm = scatter_of(fit.model, fit.values, heldout.poses, none)
-    squares = arm.point_variance(fit.variances.approach)[heldout.seen]
-    return float(np.sqrt(channels.numbers_each(heldout.seen) * sigma**2 + squares.mean()))
+    errors = rms(first), rms(second)
+    found = len(after.model.effects) > len(before.model.effects)
+    rose = errors[1] >= errors[0] if found else None
+    return Gap(floor, *fitted, *errors, closed, interval, rose)
 
 
 def share_closed(before: Array, after: Array, floor: float) -> float | None:
@@ -110,17 +90,6 @@ def blocks_of_time(poses: Poses, count: int) -> IntArray:
     block = np.empty(len(poses), dtype=int)
     block[order] = np.arange(len(poses)) * count // len(poses)
     return block
-
-
-def _lower(squared: Array, group: IntArray) -> float:
-    """Below which the mean square lies once in forty, groups drawn whole; zero for too few of them."""
-    count = int(group.max()) + 1
-    if count < _FEWEST:
-        return 0.0
-    points = np.bincount(group, np.isfinite(squared).sum(axis=1), count)
-    sums = np.bincount(group, np.nansum(squared, axis=1), count)
-    drawn = np.random.default_rng(0).integers(0, count, (_DRAWS, count))
-    return float(np.quantile(sums[drawn].sum(axis=1) / points[drawn].sum(axis=1), 0.025))
 
 
 def _interval(

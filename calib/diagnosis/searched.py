@@ -119,6 +119,7 @@ def _tuned_as(candidate: Candidate, fit: Fit) -> Candidate:
 
 def _outliers(stage: Stage, fit: Fit) -> tuple[Mask, Array, float]:
     """Poses that the model with all its effects does not explain."""
-    statistic = stage.statistics(fit)
+    plain = stage.statistics(fit)
+    statistic = plain / stage.lack_alone(fit, plain)
     limit = threshold(statistic, fit.r.shape[-1])
     return judge(statistic, limit), statistic, limit

@@ -15,6 +15,7 @@ from calib.diagnosis.prior import curves_in, fitted_amplitudes, held_rows, weak
 from calib.diagnosis.screen import orthonormal
 from calib.effects.protocol import Effect
 from calib.errors import Unsolvable
+from calib.identification.alone import lack_alone
 from calib.identification.estimators import choose_directions
 from calib.identification.outliers import fit_statistics
 from calib.model import Model
@@ -281,10 +282,23 @@ class Stage:
 
     def statistics(self, fit: Fit) -> Array:
         """Mean square of every pose's residual over its predicted variance, in full weight, (m,)."""
-        everything = replace(self, dropped=np.zeros(len(self.data), dtype=bool))
-        r, J = everything.observation(fit.model, np.ones(len(self.data))).linearise(fit.values)
-        full = fit.by_instrument(r[~self.dropped], J[~self.dropped])
-        return fit_statistics(r, J, ~self.dropped, full.covariance)[0]
+        r, J = self._in_full(fit)
+        cov = fit.by_instrument(fit.r, fit.J).covariance
+        return fit_statistics(r, J, fit.weight * ~self.dropped, cov)[0]
+
+    def lack_alone(self, fit: Fit, statistics: Array) -> Array:
+        """How many times larger these statistics may be of poses that stand alone, shape (m,)."""
+        r, J = self._in_full(fit)
+        kept = ~self.dropped
+        pull = fit.by_instrument(r[kept], J[kept]).pull
+        known = held_rows(fit.model, fit.amplitudes, fit.values, pull)
+        typical = float(np.median(statistics[kept]))
+        return lack_alone(self.data.poses, r, J, kept, fit.span, known, typical)
+
+    def _in_full(self, fit: Fit) -> tuple[Array, Array]:
+        """Whitened residuals (m, rows) and derivatives of every pose, none dropped or weighed down."""
+        every = replace(self, dropped=np.zeros(len(self.data), dtype=bool))
+        return every.observation(fit.model, np.ones(len(self.data))).linearise(fit.values)
 
     def _robust_weight(self, fit: Fit) -> Array:
         full = np.ones(len(self.data))

@@ -28,6 +28,7 @@ OTHERS = (
     "marker",
     "instrument",
     "station",
+    "session",
     "temperature_degC",
     "time_s",
     *SIGMAS,
@@ -212,6 +213,8 @@ def covariates(table: Table, robot: Robot, rows: IntArray) -> dict[str, Any]:
         if len(bad):
             raise table.fault(int(bad[0, 0]), signs[int(bad[0, 1])], "is not -1, 0 or +1")
         found["approach"] = approach[rows] * np.sign([source.factor for source in sided])
+    if "session" in table.columns:
+        found["session"] = np.array(table.names("session"))[rows]
     if "station" in table.columns:
         names = table.names("station")
         stations = tuple(sorted(set(names)))

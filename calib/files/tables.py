@@ -101,7 +101,7 @@ def _check_poses_agree(
     shared |= {f"approach_{j}" for j in joints} | set(torque_columns(robot))
     for name in table.columns:
         if name in shared - own - {"pose"}:
-            text = name in ("station", "pose")
+            text = name in ("station", "session", "pose")
             values = np.array(table.text(name)) if text else table.numbers(name)
             bad = np.flatnonzero(values != values[first][pose_of_row])
             if len(bad):

@@ -102,7 +102,7 @@ def _reading_text(instrument: Instrument, numbers: Array, columns: Iterable[str]
 
 
 def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:
-    """Columns of temperature, time, torques, approach and station, as the poses have their own."""
+    """Columns of temperature, time, torques, approach, station and session, where poses have them."""
     found: dict[str, list[str]] = {}
     if poses.temperature is not None:
         found["temperature_degC"] = [f"{value:.6g}" for value in poses.temperature]
@@ -116,6 +116,8 @@ def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:
             found[f"approach_{joint}"] = [f"{sign:.0f}" for sign in signs]
     if len(poses.stations) > 1:
         found["station"] = [poses.stations[i] for i in poses.station]
+    if poses.session is not None:
+        found["session"] = poses.session.tolist()
     return found
 
 

@@ -164,11 +164,11 @@ def _extrapolated(variables: tuple[Variable, ...], outlier: Mask) -> Shared | No
     """
     from scipy.special import gammaln
 
-    beyond = [_beyond(v.values) if v.name.startswith("q:") else {} for v in variables]
-    reached = {i for own in beyond for i in own}
+    ends = [beyond(v.values) if v.name.startswith("q:") else {} for v in variables]
+    reached = {i for own in ends for i in own}
     hits = [
         (gap / np.ptp(v.values), v, i, gap)
-        for v, own in zip(variables, beyond, strict=True)
+        for v, own in zip(variables, ends, strict=True)
         for i, gap in own.items()
         if outlier[i]
     ]
@@ -183,7 +183,7 @@ def _extrapolated(variables: tuple[Variable, ...], outlier: Mask) -> Shared | No
     return Shared(v.name, at, at, 1, n, 1, k, p, v.unit, v.scale, gap)
 
 
-def _beyond(values: Array) -> dict[int, float]:
+def beyond(values: Array) -> dict[int, float]:
     """Positions of the one or two values that lie far beyond all others, and by how much."""
     order = np.argsort(values, kind="stable")
     if len(order) < 4:

@@ -30,7 +30,7 @@ def predicted(cell: Cell, fit: Fitted, heldout: Measurements) -> Residuals:
     r, J = points_of(observation).linearise(values)
     held = observation.beside(values)[1]
     limit = threshold(pose_statistics(r, J, fit.found.kept, fit.span, held)[0], r.shape[-1])
-    heldout = _with_stations_of(observation.data, heldout)
+    heldout = with_stations_of(observation.data, heldout)
     _check_covariates(model, observation.data, heldout)
     points = Points(model, heldout, whitening(cell, model, values, heldout))
     cov = fit.estimator.covariance(replace(fit.counted, scatter=None), values, fit.span)
@@ -53,8 +53,11 @@ def _check_covariates(model: Model, data: Measurements, heldout: Measurements) -
                 )
 
 
-def _with_stations_of(data: Measurements, heldout: Measurements) -> Measurements:
-    """The same poses with their stations numbered as in the data that were fitted."""
+def with_stations_of(data: Measurements, heldout: Measurements) -> Measurements:
+    """Held-out poses with their stations numbered as in the data that are fitted.
+
+    Raises CalibError for a station that no fitted pose uses.
+    """
     known, own = data.poses.stations, heldout.poses.stations
     for name in own:
         if name not in known:

@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.errors import CalibError
+from calib.identification.alone import lack_alone
 from calib.identification.estimators import (
     Estimator,
     choose_directions,
@@ -105,8 +106,12 @@ def _judged(
 ) -> tuple[Mask, Array, float]:
     """Poses to keep, the statistic of every pose, and its limit, under the fit to those kept."""
     judged = estimator.judged(observation, values, span, kept)
-    held = observation.beside(values)[1]
-    statistics, rows = pose_statistics(judged.r, judged.J, kept, judged.span, held)
+    known = observation.beside(values)
+    statistics, rows = pose_statistics(judged.r, judged.J, kept, judged.span, known[1])
+    typical = float(np.median(statistics[kept & (rows > 0)]))
+    poses = observation.data.poses
+    lack = lack_alone(poses, judged.r, judged.J, kept, judged.span, known, typical)
+    statistics = statistics / lack
     if small_set(len(kept)):
         cost = float((judged.r[kept] ** 2).sum())
         dof = estimator.dof(observation.only(kept), span)

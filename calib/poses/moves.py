@@ -1,7 +1,9 @@
 """From which side, and how far, each joint came: what the order of measurement tells.
 
-The order is that of time where the poses have it, else that of the file. A table of held-out poses is
-part of the same session, so both are ordered together before anything is fitted.
+The order is that of time where the poses have it, else that of the file. Where the arm went from one
+session to the next, or while no reading was taken for an hour, nobody knows: moves begin anew there.
+What is fitted is ordered by itself; held-out poses are told, where a clock says it, what came before
+them in either table.
 """
 
 from __future__ import annotations
@@ -10,36 +12,42 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray, Mask, TextArray
 from calib.poses import Measurements, Poses, poses_at
 
 _MOVED = 1e-5  # rad or m: less is the trembling of a servo, and turns no gear round
+_LONGEST = 3600.0  # s without a reading, in which the arm may have gone anywhere
 
 
-def moves(q: Array) -> tuple[Array, Array]:
+def moves(q: Array, begins: Mask | None = None) -> tuple[Array, Array]:
     """Approach and size of move at joint values in the order in which they were reached.
 
     q : ndarray, shape (m, n), rad or m
+    begins : ndarray of bool, shape (m,), where nothing is known of the way from the reading before; by
+        default at the first alone
     Returns the sign of the last motion of each joint, and how far each went in the move that led to
     the configuration, both (m, n). A reading that follows without a move keeps those of the reading
-    before; at the first configuration nothing is known, and both are zero.
+    before; where a way begins nothing is known, and both are zero.
     """
     step = np.diff(q, axis=0, prepend=q[:1])
     step[np.abs(step) < _MOVED] = 0.0
+    fresh = np.zeros((len(q), 1), dtype=bool) if begins is None else begins[:, None]
+    step[fresh[:, 0]] = 0.0
     row = np.arange(len(q))[:, None]
-    last = np.maximum.accumulate(np.where(step != 0.0, row, 0), axis=0)
-    arrival = np.maximum.accumulate(np.where(step.any(axis=1, keepdims=True), row, 0), axis=0)
+    last = np.maximum.accumulate(np.where((step != 0.0) | fresh, row, 0), axis=0)
+    arrived = step.any(axis=1, keepdims=True) | fresh
+    arrival = np.maximum.accumulate(np.where(arrived, row, 0), axis=0)
     return np.take_along_axis(np.sign(step), last, axis=0), np.abs(step)[arrival[:, 0]]
 
 
 def with_moves(poses: Poses) -> Poses:
-    """The poses of one session with their order, approach, size of move, and when it began.
+    """The poses of one table with their order, approach, size of move, and when it began.
 
     An approach that the poses already have is kept.
     """
     order = in_order(poses)
     approach, motion = np.empty_like(poses.q), np.empty_like(poses.q)
-    approach[order], motion[order] = moves(poses.q[order])
+    approach[order], motion[order] = moves(poses.q[order], begins(poses)[order])
     number = np.empty(len(poses))
     number[order] = np.arange(len(poses))
     derived = poses.approach is None or poses.approach_derived
@@ -53,10 +61,27 @@ def with_moves(poses: Poses) -> Poses:
     )
 
 
+def begins(poses: Poses) -> Mask:
+    """Readings before which nobody knows where the arm was, shape (m,).
+
+    The first of all, of a session, and after more than an hour without a reading.
+    """
+    order = in_order(poses)
+    fresh = np.arange(len(poses)) == 0
+    if poses.time is not None:
+        fresh[1:] |= np.diff(poses.time[order]) > _LONGEST
+    if poses.session is not None:
+        fresh[1:] |= poses.session[order][1:] != poses.session[order][:-1]
+    found = np.empty(len(poses), dtype=bool)
+    found[order] = fresh
+    return found
+
+
 def before_the_first_move(poses: Poses) -> Mask:
     """Readings whose approach should follow from the order and does not, shape (m,).
 
-    None where no joint ever moves: nothing comes first there, and what asks for moves cannot act.
+    They come first of all, or after what no move reaches across. None where no joint ever moves: what
+    asks for moves cannot act there.
     """
     if poses.approach is None or not poses.approach_derived or not poses.approach.any():
         return np.zeros(len(poses), dtype=bool)
@@ -64,26 +89,41 @@ def before_the_first_move(poses: Poses) -> Mask:
 
 
 def in_one_session(data: Measurements, heldout: Measurements) -> tuple[Measurements, Measurements]:
-    """Two tables of one session, with moves and time counted over both.
+    """Two tables of one robot: what is fitted as it is, what is held out as it follows on both.
 
-    Without a time in both nothing says how they interleave: each keeps its own moves, and when in the
-    session the held-out poses were read is unknown, unless both are parts of one table.
+    What is fitted must not depend on what is held out. A held-out pose has the moves that lead to it
+    from the reading before, of either table, and its time counts from the start of what is fitted.
+    Without a time in both nothing says how they interleave: held-out poses keep their own moves, and
+    when they were read is unknown, unless both are parts of one table.
     """
     first, second = data.poses, heldout.poses
+    if parts_of_one_table(first, second):
+        return data, heldout
     if first.time is None or second.time is None:
-        if parts_of_one_table(first, second):
-            return data, heldout
         return data, replace(heldout, poses=replace(second, time=None, order=None))
     q, time = np.concatenate([first.q, second.q]), np.concatenate([first.time, second.time])
-    session = with_moves(poses_at(q, time=time))
-    ours, theirs = session.take(slice(len(first))), session.take(slice(len(first), None))
-    return _within(data, ours), _within(heldout, theirs)
+    both = with_moves(poses_at(q, time=time, session=_sessions(first, second)))
+    own = both.take(slice(len(first), None))
+    poses = replace(
+        second,
+        start=first.start,
+        order=None,  # it is a number among the fitted readings
+        approach=own.approach if second.approach_derived else second.approach,
+        motion=own.motion,
+    )
+    return data, replace(heldout, poses=poses)
+
+
+def _sessions(first: Poses, second: Poses) -> TextArray | None:
+    """The session of each pose of two tables; one table's without a name is none of the other's."""
+    if first.session is None and second.session is None:
+        return None
+    each = (np.full(len(p), "") if p.session is None else p.session for p in (first, second))
+    return np.concatenate(list(each))
 
 
 def parts_of_one_table(first: Poses, second: Poses) -> bool:
-    """Whether two sets of poses, without time, were read one after the other as their order says."""
-    if first.time is not None or second.time is not None:
-        return False
+    """Whether two sets of poses were read one after the other as their order says."""
     if first.order is None or second.order is None:
         return False
     return not np.isin(second.order, first.order).any()
@@ -95,22 +135,16 @@ def of_one_clock(first: Poses, second: Poses) -> bool:
     return timed or parts_of_one_table(first, second)
 
 
-def _within(own: Measurements, session: Poses) -> Measurements:
-    """A table with what the whole session tells of its poses."""
-    poses = own.poses
-    approach = session.approach if poses.approach_derived else poses.approach
-    poses = replace(
-        poses,
-        start=session.start,
-        order=session.order,
-        approach=approach,
-        motion=session.motion,
-    )
-    return replace(own, poses=poses)
-
-
 def in_order(poses: Poses) -> IntArray:
-    """Positions of the poses in the order of measurement."""
-    if poses.time is None:
-        return np.arange(len(poses))
-    return np.argsort(poses.time, kind="stable")
+    """Positions of the poses in the order of measurement.
+
+    Readings of one session belong together, and a clock may begin anew with each.
+    """
+    clock = np.arange(float(len(poses))) if poses.time is None else poses.time
+    if poses.session is None:
+        return np.argsort(clock, kind="stable")
+    _, first, number = np.unique(poses.session, return_index=True, return_inverse=True)
+    number = number.reshape(-1)
+    earliest = np.full(len(first), np.inf)
+    np.minimum.at(earliest, number, clock)
+    return np.lexsort((clock, first[number], earliest[number]))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray, Mask, TextArray
 from calib.errors import CalibError
 
 _SAME_JOINTS = 1e-7  # rad or m; finer than any controller prints
@@ -35,6 +35,7 @@ class Poses:
     stations : tuple of str, names of the instrument's frames
     site : ndarray of str, shape (m,), which of the places of an instrument that has sites is touched,
         or None where nothing says it
+    session : ndarray of str, shape (m,), the day of each reading, or None where all are of one
     load_mass : ndarray, shape (m,), kg hung at ``load_com`` (tip frame, m)
     """
 
@@ -53,7 +54,8 @@ class Poses:
     stations: tuple[str, ...]
     load_mass: Array
     load_com: Array
-    site: np.ndarray[tuple[int], np.dtype[np.str_]] | None = None
+    site: TextArray | None = None
+    session: TextArray | None = None
 
     def __len__(self) -> int:
         return len(self.names)

@@ -6,22 +6,22 @@ import numpy as np
 
 from calib.arrays import IntArray
 from calib.poses import Poses
-from calib.poses.moves import in_order
+from calib.poses.moves import begins, in_order
 
 
 def visits(poses: Poses) -> IntArray:
     """Number of the stay to which each reading belongs, shape (m,), in the order of measurement.
 
-    A stay lasts until the arm goes to other joints, or the instrument to another station. Where
-    poses in between were left out, the size of the last move still tells that the arm was
-    elsewhere.
+    A stay lasts until the arm goes to other joints, or the instrument to another station, or nobody
+    knows whether it did. Where poses in between were left out, the size of the last move still tells
+    that the arm was elsewhere.
     """
     order = in_order(poses)
     keys = [poses.configuration, poses.station]
     if poses.motion is not None:
         keys += list(poses.motion.T)
     where = np.column_stack(keys)[order]
-    left = np.diff(where, axis=0, prepend=where[:1]).any(axis=1)
+    left = np.diff(where, axis=0, prepend=where[:1]).any(axis=1) | begins(poses)[order]
     found = np.empty(len(poses), dtype=int)
     found[order] = np.cumsum(left)
     return found

@@ -107,6 +107,8 @@ class Gap(Entry):
     """RMS errors before and after; over time: each quarter of the session by the other three.
 
     unit : of all of them, mm but where no reading is a length
+    heldout_rose : whether held-out poses are predicted no better with what was found, None where
+        nothing was found or held out
     """
 
     unit: Literal["mm", "mrad", "px"] = "mm"
@@ -115,6 +117,7 @@ class Gap(Entry):
     fit_after_mm: NotNegative
     heldout_before_mm: NotNegative | None
     heldout_after_mm: NotNegative | None
+    heldout_rose: bool | None = None
     over_time_before_mm: NotNegative | None = None
     over_time_after_mm: NotNegative | None = None
     closed: Maybe
@@ -329,6 +332,7 @@ def _gap(gap: Shrinkage, channels: Channels) -> Gap:
         fit_after_mm=gap.fit_after * scale,
         heldout_before_mm=shown(gap.heldout_before),
         heldout_after_mm=shown(gap.heldout_after),
+        heldout_rose=gap.heldout_rose,
         over_time_before_mm=shown(before),
         over_time_after_mm=shown(after),
         closed=gap.closed,

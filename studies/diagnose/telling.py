@@ -67,6 +67,11 @@ _NEXT = {
     "unknown": "look at the arm where the gap sits; what is there is in no catalogue",
 }
 
+_ROSE = (
+    "look at what tells the held-out poses from the fitted ones (day, load, range of the joints) "
+    "before what was found is used"
+)
+
 
 def told(record: DiagnoseRecord) -> Document:
     """The verdict, causes and places, the fall of the error, what stayed unseen, and what next."""
@@ -80,7 +85,11 @@ def told(record: DiagnoseRecord) -> Document:
 
 def to_do(record: DiagnoseRecord) -> str:
     """What a reader should do with this; nothing where the noise is to be looked at first."""
-    return "" if record.noise.loud else UNFOLLOWED if _fine(record) else _NEXT[record.verdict]
+    if record.noise.loud:
+        return ""
+    if record.gap.heldout_rose:
+        return _ROSE
+    return UNFOLLOWED if _fine(record) else _NEXT[record.verdict]
 
 
 def _fine(record: DiagnoseRecord) -> bool:
@@ -94,8 +103,9 @@ def _fine(record: DiagnoseRecord) -> bool:
 def _headline(record: DiagnoseRecord) -> Sentence:
     sentence, closed = verdict_sentence(record), record.gap.closed
     good = record.verdict in ("no_gap", "explained") and not record.noise.loud
+    good = good and not record.gap.heldout_rose
     proof = ""
-    if closed is not None and record.effects:
+    if closed is not None and record.effects and not record.gap.heldout_rose:
         proof = (
             f" At poses that the choice never saw, {SHARE(closed)} of the gap is gone."
             if closed > 0.0
@@ -105,7 +115,12 @@ def _headline(record: DiagnoseRecord) -> Sentence:
 
 
 def verdict_sentence(record: DiagnoseRecord) -> str:
-    """The verdict in words: what it is, or where it sits."""
+    """The verdict in words: what it is, or where it sits; and what held-out poses say against it."""
+    rose = "; poses held out are predicted no better with what was found"
+    return _verdict_alone(record) + rose * bool(record.gap.heldout_rose)
+
+
+def _verdict_alone(record: DiagnoseRecord) -> str:
     causes = _and([effect.names for effect in record.effects])
     match record.verdict:
         case "no_gap":

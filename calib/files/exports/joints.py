@@ -18,7 +18,7 @@ from calib.instruments import TRACKER
 
 UNITS = (*ANGLES, *LENGTHS)
 _POSE = ("pose", "name", "id")
-_CARRIED = (*WRENCH, "temperature_degC", "time_s", "station")
+_CARRIED = (*WRENCH, "temperature_degC", "time_s", "station", "session")
 _NOT_JOINTS = {*OTHERS, *reading_names([TRACKER])}
 _BRACKETS = re.compile(r"(.*?)\s*[\[(]\s*([A-Za-z]+|°)\s*[\])]")
 
@@ -197,7 +197,7 @@ def _row(
         raise sheet.fault(row, "the pose has no name")
     values = [sheet.number(row, i) for i in joints]
     for i in carried:
-        text = titles[i] == "station"
+        text = titles[i] in ("station", "session")
         values.append(sheet.rows[row][i] if text else sheet.number(row, i))
     return JointRow(sheet.lines[row], name, tuple(values))
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from calib.arm.statics import wrench_with_load
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, TextArray
 from calib.cell import Cell
 from calib.poses import Measurements, Poses
-from calib.poses.moves import in_order, moves
+from calib.poses.moves import begins, in_order, moves
 from doe.prospect.view import readings_of
 
 
@@ -36,7 +36,8 @@ def _followed(cell: Cell, now: Poses, coming: Poses) -> Poses:
     order, k = in_order(now), len(coming)
     last = int(order[-1])
     way = np.concatenate([now.q[order], coming.q])
-    approach, motion = (part[len(now) :] for part in moves(way))
+    fresh = np.concatenate([begins(now)[order], np.zeros(k, dtype=bool)])
+    approach, motion = (part[len(now) :] for part in moves(way, fresh))
     ahead = np.arange(1.0, k + 1.0)
     return replace(
         now,
@@ -54,10 +55,13 @@ def _followed(cell: Cell, now: Poses, coming: Poses) -> Poses:
         station=np.concatenate([now.station, np.full(k, now.station[last])]),
         load_mass=np.zeros(len(way)),
         site=None if now.site is None else np.concatenate([now.site, _sites(coming)]),
+        session=None
+        if now.session is None
+        else np.concatenate([now.session, np.full(k, now.session[last])]),
     )
 
 
-def _sites(coming: Poses) -> np.ndarray[tuple[int], np.dtype[np.str_]]:
+def _sites(coming: Poses) -> TextArray:
     return np.full(len(coming), "") if coming.site is None else coming.site
 
 

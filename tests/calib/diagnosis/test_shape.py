@@ -19,8 +19,8 @@ from calib.effects.protocol import Effect
 from calib.identification.initial import initial_values
 from calib.identification.whitening import whitening
 from calib.model.build import build, context_of, place_effect
-from calib.poses import Poses
-from calib.poses.moves import in_one_session
+from calib.poses import Poses, poses_at
+from calib.poses.moves import with_moves
 from tests.calib.diagnosis.days import Day, measured_day, settling
 from tests.calib.diagnosis.test_diagnose import measured
 
@@ -150,11 +150,27 @@ def test_a_wrong_shape_is_doubted_with_what_it_varies_with(
     assert all(doubt.also_there for doubt in doubts)
 
 
+def interleaved(*tables: Measurements) -> list[Measurements]:
+    """Two tables that were read in turn, as parts of the one that they would have been."""
+    q, time = (np.concatenate([getattr(t.poses, own) for t in tables]) for own in ("q", "time"))
+    whole, count = with_moves(poses_at(q, time=time)), len(tables[0])
+    parts = whole.take(slice(count)), whole.take(slice(count, None))
+    return [
+        replace(
+            t,
+            poses=replace(
+                t.poses, approach=p.approach, motion=p.motion, start=p.start, order=p.order
+            ),
+        )
+        for t, p in zip(tables, parts, strict=True)
+    ]
+
+
 def test_backlash_is_not_there_beside_a_servo_that_has_not_settled(
     settling_day: Day, tmp_path: Path
 ) -> None:
     for cell, *tables in (settling_day, measured_day(tmp_path, settling("elbow"), 2000.0, 2)):
-        data, _ = in_one_session(*tables)
+        data, _ = interleaved(*tables)
         stage, fit, effect = fit_of(cell, data, "backlash:elbow")
         doubt = shape_doubt(stage, fit, effect)
         assert doubt.stands

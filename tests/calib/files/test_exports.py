@@ -226,13 +226,20 @@ def test_kuka_axis_list(tmp_path: Path) -> None:
 
 def test_joints_carry_the_rest_of_the_contract(tmp_path: Path) -> None:
     text = (
-        "Name;J1;J2;fz_N;temperature_degC;station;approach_J1;J2_Nm\n"
-        "P1;1,5;2,5;-10,5;21,25;S 1;-1;7,5\n"
+        "Name;J1;J2;fz_N;temperature_degC;station;session;approach_J1;J2_Nm\n"
+        "P1;1,5;2,5;-10,5;21,25;S 1;Mon;-1;7,5\n"
     )
     found = read_joints(written(tmp_path, "j.csv", text), unit="rad", rename=["q1", "q2"])
     assert found.joints == ("q1_rad", "q2_rad")
-    assert found.carried == ("fz_N", "temperature_degC", "station", "approach_q1", "q2_Nm")
-    assert found.rows[0].values == ("1.5", "2.5", "-10.5", "21.25", "S 1", "-1", "7.5")
+    assert found.carried == (
+        "fz_N",
+        "temperature_degC",
+        "station",
+        "session",
+        "approach_q1",
+        "q2_Nm",
+    )
+    assert found.rows[0].values == ("1.5", "2.5", "-10.5", "21.25", "S 1", "Mon", "-1", "7.5")
 
 
 POINT_FAULTS = {

@@ -15,7 +15,8 @@ from calib.files.write_tables import measurements_csv
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Measurements, poses_at
-from calib.poses.moves import in_one_session, moves, with_moves
+from calib.poses.moves import before_the_first_move, in_one_session, moves, with_moves
+from calib.poses.visits import visits
 from tests.helpers import cell_of, random_robot, with_effects
 
 Q = np.array([[0.0, 0.0], [0.5, 0.0], [0.5, 0.0], [0.2, 1.0], [0.2, 1.0], [0.2, 0.7]])
@@ -63,16 +64,45 @@ def as_data(poses: Poses) -> Measurements:
     return Measurements(poses, blank, np.ones(shape, dtype=bool), np.full(shape, np.nan))
 
 
-def test_a_held_out_file_belongs_to_the_same_session() -> None:
+def test_a_held_out_pose_follows_on_the_one_before_it_in_either_table() -> None:
     time = 100.0 + 10.0 * np.arange(len(Q))
     whole = with_moves(poses_at(Q, time=time))
     held = np.array([0, 3])
     kept = np.setdiff1d(np.arange(len(Q)), held)
-    apart = [as_data(with_moves(poses_at(Q[i], time=time[i]))) for i in (kept, held)]
-    for own, i in zip(in_one_session(*apart), (kept, held), strict=True):
-        np.testing.assert_array_equal(own.poses.approach, whole.approach[i])
-        np.testing.assert_allclose(own.poses.motion, whole.motion[i])
-        np.testing.assert_allclose(own.poses.elapsed, whole.elapsed[i])
+    fitted, out = (as_data(with_moves(poses_at(Q[i], time=time[i]))) for i in (kept, held))
+    data, told = in_one_session(fitted, out)
+    assert data is fitted
+    np.testing.assert_array_equal(told.poses.approach, whole.approach[held])
+    np.testing.assert_allclose(told.poses.motion, whole.motion[held])
+    np.testing.assert_allclose(told.poses.elapsed, [-10.0, 20.0])
+
+
+def test_moves_begin_anew_after_an_hour() -> None:
+    time = np.array([0.0, 10.0, 20.0, 3620.5, 3630.0, 3640.0])
+    poses = with_moves(poses_at(Q, time=time))
+    np.testing.assert_array_equal(poses.approach, [*APPROACH[:3], [0, 0], [0, 0], [0, -1]])
+    np.testing.assert_allclose(poses.motion, [*MOTION[:3], [0, 0], [0, 0], [0, 0.3]], atol=1e-15)
+    np.testing.assert_array_equal(before_the_first_move(poses), [1, 0, 0, 1, 1, 0])
+    assert len(set(visits(poses)[2:4])) == 2
+    within = with_moves(poses_at(Q, time=time - 0.5 * (time > 3000.0)))
+    np.testing.assert_array_equal(within.approach, APPROACH)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_moves_do_not_reach_across_sessions(seed: int) -> None:
+    """Each day has the moves that it has alone, wherever its rows stand and its clock begins."""
+    rng = np.random.default_rng(seed)
+    q, day = rng.integers(-2, 3, (20, 3)) * 0.3, np.array(["x", "y"])[rng.integers(0, 2, 20)]
+    time = rng.permutation(20) * 60.0 if seed % 2 else None
+    whole = with_moves(poses_at(q, time=time, session=day))
+    waiting = before_the_first_move(whole)
+    for name in ("x", "y"):
+        own = day == name
+        alone = with_moves(poses_at(q[own], time=None if time is None else time[own]))
+        np.testing.assert_array_equal(whole.approach[own], alone.approach)
+        np.testing.assert_array_equal(whole.motion[own], alone.motion)
+        np.testing.assert_array_equal(waiting[own], before_the_first_move(alone))
+        assert (np.diff(np.sort(whole.order[own])) == 1).all(), "a session is read in one go"
 
 
 def test_without_times_tables_stay_in_their_own_order() -> None:
@@ -84,7 +114,8 @@ def test_without_times_tables_stay_in_their_own_order() -> None:
 def test_a_share_is_held_out_after_the_moves_are_known(kr270: Cell, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     cell = with_effects(kr270, "base", "tool")
-    poses = poses_at(rng.uniform(*kr270.robot.limits.T, (12, 6)), time=rng.permutation(12) * 60.0)
+    q, day = rng.uniform(*kr270.robot.limits.T, (12, 6)), np.array(["Mon 1", "Tue"])
+    poses = poses_at(q, time=rng.permutation(12) * 60.0, session=day[rng.integers(0, 2, 12)])
     model = build(cell, poses).model
     data = calib.simulate(model, np.zeros(len(model.parameters)), poses, cell.noise, rng)
     path = tmp_path / "measurements.csv"
@@ -92,6 +123,7 @@ def test_a_share_is_held_out_after_the_moves_are_known(kr270: Cell, tmp_path: Pa
     loaded = calib.load_measurements(cell, path)
     expected = with_moves(poses)
     np.testing.assert_array_equal(loaded.poses.approach, expected.approach)
+    np.testing.assert_array_equal(loaded.poses.session, poses.session)
     for part in loaded.split(0.4, rng):
         i = [poses.names.index(name) for name in part.poses.names]
         np.testing.assert_array_equal(part.poses.approach, expected.approach[i])

@@ -30,6 +30,13 @@ def parameter(name: str, value: float, std: float | None) -> dict[str, Any]:
     return {"name": name, "value": value, "std": std, "unit": "urad/h"}
 
 
+GAP = {
+    "floor_mm": 0.02, "fit_before_mm": 0.05, "fit_after_mm": 0.021, "heldout_before_mm": 0.052,
+    "heldout_after_mm": 0.022, "closed": 0.97, "closed_ci95": [0.94, 0.99],
+}  # fmt: skip
+ROSE = {**GAP, "heldout_after_mm": 0.06, "closed": -0.4, "closed_ci95": None, "heldout_rose": True}
+
+
 def diagnosed(**changed: Any) -> DiagnoseRecord:
     entries = {
         **old_fields("diagnose"),
@@ -37,11 +44,7 @@ def diagnosed(**changed: Any) -> DiagnoseRecord:
         "noise": {"sigma_mm": 0.01, "believed_sigma_mm": 0.005, "source": "residual"},
         "effects": [effect("backlash", "A3", [parameter("half_width", 41.0, 1.2)])],
         "located": [{"where": "A3", "depends_on": "approach:A3", "share_of_gap": 0.5}],
-        "gap": {
-            "floor_mm": 0.02, "fit_before_mm": 0.05, "fit_after_mm": 0.021,
-            "heldout_before_mm": 0.052, "heldout_after_mm": 0.022, "closed": 0.97,
-            "closed_ci95": [0.94, 0.99],
-        },
+        "gap": GAP,
         "could_not_see": [],
         "outliers": [],
         "not_asked": [],
@@ -82,6 +85,7 @@ def test_the_verdict_comes_first_and_the_error_next() -> None:
         ({"verdict": "no_gap", "effects": []}, "no gap beyond noise"),
         ({"verdict": "unknown", "effects": []}, "a gap at A3 that depends on approach:A3"),
         ({"verdict": "unknown", "effects": [], "located": []}, "neither its place nor its cause"),
+        ({"gap": ROSE}, "backlash:A3; poses held out are predicted no better with what"),
         ({"verdict": "unknown"}, "more than backlash:A3; the rest has no cause"),
         (
             {
@@ -101,6 +105,15 @@ def test_the_verdict_comes_first_and_the_error_next() -> None:
 )  # fmt: skip
 def test_every_verdict_is_a_sentence(changed: dict[str, Any], words: str) -> None:
     assert words in verdict_sentence(diagnosed(**changed))
+
+
+def test_held_out_poses_that_speak_against_it_are_in_the_first_sentence() -> None:
+    said = " ".join(" ".join(shown(diagnosed(gap=ROSE))).split())
+    assert said.startswith(
+        "cell: The gap is explained by backlash:A3; poses held out are predicted no better with what "
+        "was found. Each cause"
+    )
+    assert "look at what tells the held-out poses from the fitted ones" in said
 
 
 def test_what_is_undefined_is_said_and_null_in_the_json() -> None:

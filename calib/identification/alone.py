@@ -94,7 +94,9 @@ def _alone(poses: Poses) -> Iterator[tuple[Mask, float]]:
         for i, gap in beyond(values).items():
             others = np.sort(np.delete(values, i))
             if gap > _WIDER * np.diff(others).max():
-                far[i] = max(far.get(i, 0.0), gap / float(others[-1] - others[0]))
+                # Where the others hold the joint still, as far as their range could be wide.
+                reached = float(others[-1] - others[0]) or gap
+                far[i] = max(far.get(i, 0.0), gap / reached)
     for i, share in far.items():
         yield poses.configuration == i, share
 

@@ -292,8 +292,7 @@ class Stage:
         kept = ~self.dropped
         pull = fit.by_instrument(r[kept], J[kept]).pull
         known = held_rows(fit.model, fit.amplitudes, fit.values, pull)
-        typical = float(np.median(statistics[kept]))
-        return lack_alone(self.data.poses, r, J, kept, fit.span, known, typical)
+        return lack_alone(self.data.poses, r, J, kept, fit.span, known, statistics)
 
     def _in_full(self, fit: Fit) -> tuple[Array, Array]:
         """Whitened residuals (m, rows) and derivatives of every pose, none dropped or weighed down."""

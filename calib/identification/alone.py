@@ -22,6 +22,7 @@ _MOST = 1.0 / 3.0  # of the configurations, that are left out at an end
 _WIDER = 1.5  # times the widest gap among the others
 _FREE = 1e-3  # of a direction that the others must still tell
 _RANK = 1e-9
+_STANDS_OUT = 3.0  # times the mean square of a usual pose, below which none is an outlier
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +57,7 @@ def lack_alone(
     kept: Mask,
     span: Array,
     known: tuple[Array, Array],
-    typical: float,
+    statistics: Array,
 ) -> Array:
     """How many times larger the mean square of a pose may be because it stands alone, shape (m,).
 
@@ -66,12 +67,14 @@ def lack_alone(
     kept : ndarray of bool, shape (m,), poses that were fitted
     span : ndarray, shape (p, k), directions that were estimated
     known : residuals (h,) and derivatives (h, p) of what is known beside the poses
-    typical : float, mean square of a usual pose, as of ``pose_statistics``
+    statistics : ndarray, shape (m,), as of ``pose_statistics``; only who stands out is asked
     """
     found = np.ones(len(poses))
+    counted = J.any(axis=(1, 2))
+    typical = float(np.median(statistics[kept & counted]))
     for one, far in _alone(poses):
-        others = kept & ~one & J.any(axis=(1, 2))
-        if others.sum() < 2 or typical <= 0.0:
+        others = kept & ~one & counted
+        if others.sum() < 2 or statistics[one].max() <= _STANDS_OUT * typical or typical <= 0.0:
             continue
         fit = _fitted(r, J, others, span, known)
         more = [

@@ -160,7 +160,7 @@ def _beside_sizes(cell: Cell, alone: Fitted, errors: Elementary) -> Fitted:
         observation = replace(
             alone.observation, model=held, scatter=None, pull=fit.loudness, lost=lost
         )
-        found = search(fit.estimator, observation, fit.values)
+        found = search(fit.estimator, observation, fit.values, fit.found.kept)
         fit = _judged(cell, replace(alone, observation=observation, found=found, told=told))
         fit = replace(fit, sizes=sizes)
     return fit

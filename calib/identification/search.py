@@ -55,15 +55,18 @@ class Found:
     regular: bool
 
 
-def search(estimator: Estimator, observation: Observation, start: Array) -> Found:
+def search(
+    estimator: Estimator, observation: Observation, start: Array, kept: Mask | None = None
+) -> Found:
     """Fit without the outliers, each round judged by the fit before.
+
+    kept : ndarray of bool, shape (m,), poses that an earlier search kept: this one goes on from there
 
     With something elastic in the model, gross outliers are first looked for under the rigid part
     alone: a bent arm can follow a wrong point a long way. What only bent is taken back after.
 
     Raises CalibError where the estimator lacks the readings that it needs.
     """
-    every = np.ones(len(observation.data), dtype=bool)
     choice = choose_directions(observation, start)
     span = observation.span()[:, choice.kept]
     if estimator.dof(observation, span) < 0:
@@ -71,11 +74,8 @@ def search(estimator: Estimator, observation: Observation, start: Array) -> Foun
             "too few readings at equal joints for differences: each configuration must be measured "
             "free and loaded, and the model must hold something elastic"
         )
-    rigid = rigid_directions(observation.model, span)
-    kept = every
-    if 0 < rigid.shape[1] < span.shape[1]:
-        stiff = estimator.fit(observation, start, rigid)
-        kept, _, _ = _judged(estimator, observation, stiff.values, every, rigid)
+    if kept is None:
+        kept = _stiffly_kept(estimator, observation, start, span)
     best = estimator.fit(observation.only(kept), start, span)
     first = best if kept.all() else None
     fresh, statistics, limit = _judged(estimator, observation, best.values, kept, span)
@@ -101,6 +101,18 @@ def search(estimator: Estimator, observation: Observation, start: Array) -> Foun
     return Found(first, best, kept, statistics, limit, fresh != kept, choice, span, regular)
 
 
+def _stiffly_kept(
+    estimator: Estimator, observation: Observation, start: Array, span: Array
+) -> Mask:
+    """Poses to keep by a fit in which nothing yields, all where nothing can."""
+    every = np.ones(len(observation.data), dtype=bool)
+    rigid = rigid_directions(observation.model, span)
+    if not 0 < rigid.shape[1] < span.shape[1]:
+        return every
+    stiff = estimator.fit(observation, start, rigid)
+    return _judged(estimator, observation, stiff.values, every, rigid)[0]
+
+
 def _judged(
     estimator: Estimator, observation: Observation, values: Array, kept: Mask, span: Array
 ) -> tuple[Mask, Array, float]:
@@ -108,9 +120,8 @@ def _judged(
     judged = estimator.judged(observation, values, span, kept)
     known = observation.beside(values)
     statistics, rows = pose_statistics(judged.r, judged.J, kept, judged.span, known[1])
-    typical = float(np.median(statistics[kept & (rows > 0)]))
     poses = observation.data.poses
-    lack = lack_alone(poses, judged.r, judged.J, kept, judged.span, known, typical)
+    lack = lack_alone(poses, judged.r, judged.J, kept, judged.span, known, statistics)
     statistics = statistics / lack
     if small_set(len(kept)):
         cost = float((judged.r[kept] ** 2).sum())

@@ -80,7 +80,8 @@ def lack(data: Measurements, seed: int) -> np.ndarray[tuple[int], np.dtype[np.fl
     kept = np.ones(m, dtype=bool)
     r = rng.normal(size=(m, 9))
     known = np.zeros(0), np.zeros((0, 3))
-    return lack_alone(data.poses, r, J, kept, np.eye(3), known, 1.0)
+    statistics = np.where(data.poses.q[:, 0] == data.poses.q[ALONE, 0], 10.0, 1.0)
+    return lack_alone(data.poses, r, J, kept, np.eye(3), known, statistics)
 
 
 def test_only_what_stands_alone_is_forgiven_and_noise_alone_little() -> None:

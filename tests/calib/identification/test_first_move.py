@@ -40,6 +40,7 @@ tip = "tip"
 sigma_mm = 0.02
 [model]
 effects = ["base", "tool", "joint_compliance:A2", "backlash"]
+size_prior = "off"  # what the readings say by themselves
 """
 
 

@@ -64,9 +64,12 @@ class Finding:
 def finding_of(search: Searched) -> Finding:
     """What of it deserves its name, fitted in full."""
     stage, linear = search.stage, search.linear
-    outcome, named, after, refused = believed(linear, search.outcome)
-    before, after = stage.exact(outcome.before), stage.exact(sparing(linear, after))
-    return Finding(search, outcome, named, before, after, refused)
+
+    def exact(fit: Fit) -> Fit:
+        return stage.exact(sparing(linear, fit))
+
+    outcome, named, after, refused = believed(linear, search.outcome, exact)
+    return Finding(search, outcome, named, stage.exact(outcome.before), after, refused)
 
 
 def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:

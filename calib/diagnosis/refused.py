@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, classes
 
 _MOST_ROUNDS = 30
+_NOTHING = "in the fit in full it is smaller than its own standard deviation"
 _ASKED_AGAIN = 2  # times that all others may take the place of what went
 
 
@@ -37,17 +38,22 @@ class Refused:
 
 
 def believed(
-    stage: Stage, outcome: Outcome
+    stage: Stage, outcome: Outcome, exact: Callable[[Fit], Fit]
 ) -> tuple[Outcome, tuple[Named, ...], Fit, tuple[Refused, ...]]:
     """The contest without what does not deserve its name: its outcome, names, fit, and what went.
 
+    exact : goes on in full with a fit to first order
     What something stood for that goes may have another cause: the others are asked again, a few times.
     """
     refused: dict[str, Refused] = {}
     for again in range(_MOST_ROUNDS):
         fresh = _unworthy(stage, outcome.fit, outcome.active)
         if not fresh:
-            return outcome, *classes(stage, outcome), tuple(refused.values())
+            named, after = classes(stage, outcome)
+            after = exact(after)
+            fresh = [(n.candidate, _NOTHING) for n in named if _is_nothing(after, n.candidate)]
+            if not fresh:
+                return outcome, named, after, tuple(refused.values())
         refused |= {c.key: Refused.of(c, why) for c, why in fresh}
         rest = [c for c in outcome.active if c.key not in refused]
         lineup = outcome.lineup.without(refused)
@@ -55,7 +61,7 @@ def believed(
             outcome = contest(stage, lineup, rest, outcome.proved, outcome.before)
         else:
             outcome = left_with(stage, replace(outcome, lineup=lineup), rest)
-    return nothing(outcome), (), outcome.before, tuple(refused.values())
+    return nothing(outcome), (), exact(outcome.before), tuple(refused.values())
 
 
 def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple[Candidate, str]]:
@@ -85,6 +91,13 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
     if len(active) > 1 and not together.earns:
         return [(c, "all found together predict left-out configurations no better") for c in active]
     return []
+
+
+def _is_nothing(fit: Fit, candidate: Candidate) -> bool:
+    """Whether nothing of a cause exceeds its own deviation: to first order it seemed to act."""
+    own = fit.positions(candidate.effect)[-len(candidate.amounts) :]
+    std = np.sqrt(np.diag(fit.covariance))[own]
+    return not (np.abs(fit.values[own]) > std).any()
 
 
 def plausible(stage: Stage, outcome: Outcome) -> Outcome:

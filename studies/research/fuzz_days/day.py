@@ -40,7 +40,7 @@ def draw_day(rng: np.random.Generator, folder: Path) -> Day:
     """Write cell.toml, robot.urdf, measurements.csv and targets.csv into a folder."""
     arm = draw_arm(rng)
     kind, motion = str(rng.choice(_KINDS)), str(rng.choice(MOTIONS))
-    count = int(rng.integers(3, 61))
+    count = int(rng.integers(3, 61)) if rng.random() < 0.3 else int(rng.integers(12, 61))
     q = draw_joints(rng, arm, motion, count)
     if rng.random() < 0.2:
         q[-1] = q[0]
@@ -92,15 +92,16 @@ def _on_tip(rng: np.random.Generator, arm: Arm) -> tuple[Array, Array]:
 
 def _spoilt(rng: np.random.Generator, rows: list[Row]) -> list[Row]:
     """Rows with some of them hidden, some wrong, and some there twice."""
+    first = {row[1]["marker"]: row for row in reversed(rows)}.values()  # each is seen once
     if rng.random() < 0.3:
-        rows = [row for row in rows if rng.random() < 0.7]
+        rows = [row for row in rows if rng.random() < 0.7 or any(row is f for f in first)]
     if rng.random() < 0.2:
         size = float(10.0 ** rng.uniform(-1.0, 4.0))
         for _, row in (rows[k] for k in rng.integers(0, max(len(rows), 1), 2) if rows):
             name = next((c for c in ("x_mm", "d_mm", "u_px") if c in row), None)
             if name:
                 row[name] = f"{float(row[name]) + size:.9g}"
-    if rng.random() < 0.05 and rows:
+    if rng.random() < 0.02 and rows:
         rows = [*rows, rows[-1]]
     return rows
 

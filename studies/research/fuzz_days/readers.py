@@ -100,7 +100,8 @@ def pose(rng: np.random.Generator, scene: Scene) -> tuple[str, list[Row]]:
         quat = np.roll(Rotation.from_matrix(frame).as_quat(), 1)
         names = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
         rows.append((i, {"marker": f"b{k + 1}"} | _told(np.r_[_MM * at, quat], *names)))
-    bodies = "".join(f"[bodies.b{k + 1}]\n" for k in range(count))
+    there = dict.fromkeys(row["marker"] for _, row in rows)
+    bodies = "".join(f"[bodies.{body}]\n" for body in there)
     sizes = f"sigma_mm = {_MM * scene.sigma:.9g}\nsigma_urad = {2e6 * scene.sigma:.9g}\n"
     return f'{bodies}[instruments.mocap]\nkind = "pose"\n{sizes}', rows
 

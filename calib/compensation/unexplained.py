@@ -85,7 +85,7 @@ def scatter_at(model: Model, values: Array, poses: Poses, variances: Variances |
     """Squared error (m, M) [m^2] that the arm's scatter adds where it is approached anew."""
     model = working_points(model)
     if variances is None or not variances.any:
-        return np.zeros((len(poses), len(model.markers)))
+        return np.zeros((len(poses), len(model.readout.channels.lengths)))
     total = variances.approach + variances.configuration
     return scatter_of(model, values, poses, variances).point_variance(total)
 

@@ -9,10 +9,12 @@ from calib.arrays import Array, Mask
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.instruments import Instrument
-from calib.instruments.protocol import Nominal
+from calib.instruments.protocol import Nominal, Start
 from calib.model import Model
 from calib.observations.shape import free_components
 from calib.poses import Measurements
+
+_ROOM = 10.0  # reaches of the arm
 
 
 def initial_values(model: Model, data: Measurements) -> Array:
@@ -41,6 +43,9 @@ def initial_values(model: Model, data: Measurements) -> Array:
                 own.seen[:, part],
                 Nominal(R_tip[here], p_tip[here], markers[read], free[read], not bases),
             )
+            place = values[bases[station]] if station in bases else np.zeros(0)
+            if _room(model, data) < _farthest(start, place, markers[read]):
+                continue  # readings that tell nothing leave the guess
             markers[read] = start.markers
             free[read] &= ~start.told
             if station in bases:
@@ -49,6 +54,26 @@ def initial_values(model: Model, data: Measurements) -> Array:
         if isinstance(effect, Tool):
             values[part] = effect.values_at((markers - model.markers)[effect.markers])
     return values
+
+
+def in_room(model: Model, data: Measurements, start: Array, values: Array) -> bool:
+    """Whether places and markers (p,) stayed where arm and readings can be, as they were at ``start``."""
+    moved = np.abs(values - start)[model.where(Base, Tool)]
+    return bool(moved.max(initial=0.0) <= _room(model, data))
+
+
+def _room(model: Model, data: Measurements) -> float:
+    """How far from its guess anything may be, m."""
+    channels = model.readout.channels
+    read = np.abs(data.readings[data.seen[..., None] & channels.lengths])
+    return _ROOM * model.robot.reach + (float(read.max(initial=0.0)) if channels.metric else 0.0)
+
+
+def _farthest(start: Start, place: Array, markers: Array) -> float:
+    """By how much the place, where there is one, or a marker left its guess; infinite for NaN."""
+    moved = [np.abs(start.place - place)] if len(place) else []
+    moved = np.concatenate([*moved, np.abs(start.markers - markers).ravel()])
+    return float(np.nan_to_num(moved, nan=np.inf).max(initial=0.0))
 
 
 def _sessions(

@@ -14,6 +14,7 @@ from calib.identification.estimators import (
     rigid_directions,
     unspent,
 )
+from calib.identification.initial import in_room
 from calib.identification.outliers import (
     judge,
     next_outlier,
@@ -29,6 +30,7 @@ from calib.solver import Minimum
 # Of a fit that gross errors bend only the size of what it leaves is told: five digits of it.
 _TOLD = 30
 _ROUNDS = 12  # times that outliers are judged anew
+_LOUDER = 10.0  # that the noise is taken, where a place has left the room
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,15 +90,21 @@ def search(estimator: Estimator, observation: Observation, start: Array) -> Foun
         fresh, statistics, limit = _judged(estimator, observation, best.values, kept, span)
     if first is None:
         first = estimator.fit(observation, best.values, span, _TOLD)
-    at_end = choose_directions(observation.only(kept), best.values)
-    if best.converged and at_end.rank < choice.rank:
-        # The start was where more is told: a marker on an axis tells less than one beside it.
-        choice = at_end
+    counted, loud, regular = observation.only(kept), 1.0, False
+    for _ in range(_ROUNDS):
+        at_end = choose_directions(counted, best.values)
+        stays = in_room(observation.model, observation.data, start, best.values)
+        regular = stays and at_end.rank >= choice.rank
+        if regular:
+            break
+        if stays:  # the start was where more is told: a marker on an axis tells less than beside it
+            choice = at_end
+        else:  # by the noise as it is the data do not tell what they seem to
+            loud *= _LOUDER
+            choice = choose_directions(counted, start, loud=loud)
         span = observation.span()[:, choice.kept]
-        best = estimator.fit(observation.only(kept), start, span)
+        best = estimator.fit(counted, start, span)
         fresh, statistics, limit = _judged(estimator, observation, best.values, kept, span)
-        at_end = choose_directions(observation.only(kept), best.values)
-    regular = at_end.rank >= choice.rank
     return Found(first, best, kept, statistics, limit, fresh != kept, choice, span, regular)
 
 

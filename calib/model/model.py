@@ -282,7 +282,7 @@ class Model:
             markers = np.repeat(markers, len(poses), axis=-3)
         for effect, part in moved:
             offset = effect.displacements(poses, values[..., part])
-            markers[..., effect.marker(self.marker_names), :] += offset
+            markers[..., effect.marker(self.marker_names), :] += offset[..., None, :]
         return markers
 
     @property
@@ -449,7 +449,8 @@ class Model:
                 J[..., effect.markers, :, part] = R_tip[..., None, :, :] @ by_values
             elif isinstance(effect, MarkerEffect):
                 R_tip, marker = state.frames.R[..., -1, :, :], effect.marker(self.marker_names)
-                J[..., marker, :, part] = R_tip @ effect.columns(poses, values[..., part])
+                by_values = effect.columns(poses, values[..., part])
+                J[..., marker, :, part] = (R_tip @ by_values)[..., None, :, :]
         if self._bodies:
             self._follow_bodies(values, poses, state.frames.R[..., -1, :, :], J)
         return self.readout.linearise(values, poses, points, J)

@@ -166,7 +166,8 @@ class Forecast:
         spreads = np.zeros((p + b, p + b))
         spreads[:p, :p], spreads[p:, p:] = cov, np.eye(b)
         spread = np.linalg.eigvals(spreads @ inner).real
-        drawn = float(rms**4 / (spread**2).sum())
+        squares = float((spread**2).sum())
+        drawn = rms**4 / squares if squares > 0.0 else _MANY  # nothing is open: nothing exceeds it
         return float(np.sqrt(fdtri(min(drawn, _MANY), min(self.dof, _MANY), _SURE)))
 
 

@@ -209,12 +209,11 @@ def _soft(model: Model, span: Array) -> Mask:
 
 
 def choose_directions(
-    observation: Observation, values: Array, span: Array | None = None, *, loud: float = 1.0
+    observation: Observation, values: Array, span: Array | None = None
 ) -> Identifiable:
     """What the data determine at some values.
 
     span : ndarray, shape (p, k), directions to choose from; the observation's by default
-    loud : noise so many times that of the observation
     Elastic elements are taken as a little soft at least: a load effect shows through them only.
     """
     model = observation.model
@@ -230,4 +229,4 @@ def choose_directions(
         alone = len(members) == 1
         sizes.append(model.sizes[members].max())
         names.append(ids[members[0]] if alone else "tool (as one body)")
-    return identifiable(J @ span / loud, np.array(sizes), tuple(names))
+    return identifiable(J @ span, np.array(sizes), tuple(names))

@@ -15,6 +15,7 @@ from calib.observations.shape import free_components
 from calib.poses import Measurements
 
 _ROOM = 10.0  # reaches of the arm
+_ABSURD = 1e3  # plausible sizes
 
 
 def initial_values(model: Model, data: Measurements) -> Array:
@@ -56,10 +57,11 @@ def initial_values(model: Model, data: Measurements) -> Array:
     return values
 
 
-def in_room(model: Model, data: Measurements, start: Array, values: Array) -> bool:
-    """Whether places and markers (p,) stayed where arm and readings can be, as they were at ``start``."""
-    moved = np.abs(values - start)[model.where(Base, Tool)]
-    return bool(moved.max(initial=0.0) <= _room(model, data))
+def strayed(model: Model, data: Measurements, start: Array, values: Array) -> Mask:
+    """Which values (p,) ran away from ``start``: places out of the room, others to absurd sizes."""
+    limits = _ABSURD * model.sizes
+    limits[model.where(Base, Tool)] = _room(model, data)
+    return np.asarray(~(np.abs(values - start) <= limits))
 
 
 def _room(model: Model, data: Measurements) -> float:

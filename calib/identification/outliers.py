@@ -121,7 +121,8 @@ def next_outlier(statistics: Array, rows: Array, kept: Mask, cost: float, dof: i
     k, left = int(rows[worst]), dof - int(rows[worst])
     if left < k:
         return None
-    F = drop[worst] / k / max((cost - drop[worst]) / left, 1e-300)
+    rest = max(cost - drop[worst], np.finfo(float).eps * cost)
+    F = drop[worst] / k * left / rest if rest > 0.0 else 0.0
     return worst if float(fdtrc(k, left, F)) < _ALPHA / m else None
 
 
@@ -137,5 +138,5 @@ def wrongly_out(statistics: Array, rows: Array, kept: Mask, cost: float, dof: in
     if not out.any() or dof <= 0:
         return None
     best = int(np.where(out, statistics, np.inf).argmin())
-    F = statistics[best] / max(cost / dof, 1e-300)
+    F = statistics[best] * dof / cost if cost > 1e-300 else np.inf
     return best if float(fdtrc(int(rows[best]), dof, F)) >= _ALPHA / len(kept) else None

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray, Mask, stacked
 from calib.diagnosis.screen import refuted
 from calib.model import Model
 from calib.model.covariance import working_points
@@ -96,6 +96,8 @@ def left_in_fit(fit: Fitted) -> Unexplained:
     A fit bends towards its own poses, and hides what a pose beside them will show. None where the
     residual agrees with the noise, or, where the arm scatters, the left-out ones agree with that.
     """
+    if not fit.sigma:  # without noise nothing is beyond it
+        return Unexplained(0.0, "left-out configurations")
     error, share = _shares(fit, fit.data)
     vectors, growth, known = left_out(fit)
     seen = fit.told(fit.data) & known[:, None]
@@ -142,7 +144,7 @@ def at_ends(fit: Fitted) -> Unseen | None:
     for own in (order, order[::-1]):
         for part in _ENDS:
             end = np.sort(own[: round(part * len(own))])
-            F = Q[end].reshape(-1, Q.shape[-1])
+            F = stacked(Q[end])
             rest = np.eye(F.shape[-1]) - F.T @ F
             if not len(end) or np.linalg.eigvalsh(rest)[0] < _FREE:
                 continue
@@ -168,7 +170,8 @@ def left_out(fit: Fitted) -> tuple[Array, Array, Mask]:
     m, R = r.shape
     errors, growth, known = np.zeros((m, R)), np.ones(m), np.zeros(m, dtype=bool)
     for index in by_size(fit.data.poses.configuration):
-        B, own = len(index), Q[index].reshape(len(index), -1, Q.shape[-1])
+        B, c = index.shape
+        own = Q[index].reshape(B, c * R, Q.shape[-1])
         held = own @ np.swapaxes(own, -1, -2)
         freedom, axes = np.linalg.eigh(np.eye(held.shape[-1]) - held)
         known[index] = (freedom[:, 0] > _FREE)[:, None]
@@ -185,10 +188,10 @@ def _projected(fit: Fitted) -> tuple[Array, Array]:
     points, J = fit.model.jacobian(fit.values, fit.data.poses)
     off = fit.model.readout.difference(fit.data.readings, points) * fit.data.seen[..., None]
     r = (fit.weights @ off[..., None])[..., 0]
-    A = (fit.weights @ (J @ fit.span)).reshape(-1, fit.span.shape[1])
+    m, R, k = len(r), r[0].size, fit.span.shape[1]
+    A = (fit.weights @ (J @ fit.span)).reshape(m * R, k)
     Q, _ = np.linalg.qr(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300))
-    m, R = len(r), r[0].size
-    return (r.ravel() - Q @ (Q.T @ r.ravel())).reshape(m, R), Q.reshape(m, R, -1)
+    return (r.ravel() - Q @ (Q.T @ r.ravel())).reshape(m, R), Q.reshape(m, R, Q.shape[1])
 
 
 def _unseen(fit: Fitted, data: Measurements, error: Array, share: Array, source: str) -> Unseen:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.arrays import Array, Mask
+from calib.arrays import Array, Mask, stacked
 from calib.model.covariance import covariance
 
 _ALPHA = 1e-3
@@ -34,7 +34,7 @@ def pose_statistics(
     span : ndarray, shape (p, k), the directions that were estimated
     held : ndarray, shape (h, p), derivatives of what is known beside the poses
     """
-    rows = np.concatenate([J[kept].reshape(-1, J.shape[-1]), held])
+    rows = np.concatenate([stacked(J[kept]), held])
     return fit_statistics(r, J, kept, covariance(rows, span))
 
 

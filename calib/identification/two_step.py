@@ -35,7 +35,7 @@ def alternate(linearise: Linearise, start: Array, placement: Array, rest: Array)
         step, used, settled = _turns(A, g, blocks, _MOST_TURNS - turns)
         turns += used
         values = values + span @ step
-        if settled and step @ A @ step <= _SETTLED**2 * max(1.0, float(cost) / len(step)):
+        if settled and step @ A @ step <= _SETTLED**2 * max(1.0, float(cost) / max(len(step), 1)):
             converged = True
             break
     r, _ = linearise(values)

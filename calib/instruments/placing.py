@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.arm.se3 import nearest_rotation, rotate, skew, so3_exp, so3_log, so3_right_jacobian
-from calib.arrays import Array, Mask
+from calib.arrays import Array, Mask, stacked
 from calib.instruments.protocol import Nominal
 from calib.solver import levenberg_marquardt
 
@@ -65,7 +65,7 @@ class Apart:
     def _flat(self, rows: Array) -> Array:
         if not self.placed:
             rows = rows - rows.mean(axis=0)
-        return rows.reshape(-1, rows.shape[-1]) if rows.size else np.zeros((3 * len(rows), 0))
+        return stacked(rows)
 
     def solved(self, rest: Array) -> tuple[Array, Array]:
         """The shift (3,) and u (f,) of rest (n, 3), m; u of least length."""

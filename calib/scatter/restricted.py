@@ -21,7 +21,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, stacked
 from calib.scatter.poses import Scatter, by_size
 from calib.solver import inverse_factor, triangle
 
@@ -333,7 +333,7 @@ def _by_approach(scatter: Scatter, H: Array, F: Array) -> tuple[Array, Array, Ar
 
 
 def _flat(rows: Array) -> Array:
-    return rows.reshape(-1, rows.shape[-1])
+    return stacked(rows)
 
 
 def _six(rows: Array) -> Array:

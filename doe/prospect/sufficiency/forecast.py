@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray, Mask, stacked
 from calib.model import Model
 from calib.model.covariance import (
     covariance,
@@ -190,7 +190,7 @@ def told(
         own = weighing.back(counted)
     crossed = np.einsum("mrp,mrb->pb", own, moved.whitened)
     core = None if rows.mixing is None else rows.mixing.covariance(own)
-    flat = counted.reshape(-1, counted.shape[-1])
+    flat = stacked(counted)
     if held is None:
         return Told(root(flat), core, crossed)
     held = pull * held  # and so is the error of these rows, of which core is made

@@ -16,7 +16,7 @@ from calib.arm.se3 import skew
 from calib.arrays import Array, stacked
 from calib.compensation.estimate import Estimate
 from calib.compensation.unexplained import scatter_at
-from calib.errors import CalibError
+from calib.errors import NoEquilibrium
 from calib.identification import Identification
 from calib.model.covariance import working_points
 from calib.poses import Poses
@@ -149,10 +149,7 @@ def of_calibration(found: Identification, targets: Poses, weights: Array) -> Ite
     model, values = working_points(found.model), found.values
     points, J = model.jacobian(values, targets)
     if not np.isfinite(points).all():
-        raise CalibError(
-            "the arm finds no equilibrium at the targets: its compliances are far too large; load it "
-            "more, or take them out of [model] effects"
-        )
+        raise NoEquilibrium(" at the targets")
     anew = _Anew.at(points, weights)
     noise = found.noise
     sigma = noise.sigma * found.footprint

@@ -25,6 +25,7 @@ from doe.prospect.sufficiency.unnoticed import Unnoticed
 
 _SURE = 0.95
 _MANY = 1e6  # degrees of freedom: known
+_ROUNDING = 1e-12  # of the largest information, below which a smaller one is lost
 _OPEN = 0.05**2  # information of a direction that is as uncertain as twenty plausible sizes
 
 
@@ -206,8 +207,9 @@ def root(rows: Array) -> Array:
 
 def open_beside(blocks: Blocks) -> Blocks:
     """Candidates beside what is known, of which what nothing tells counts as twenty plausible sizes."""
-    p = len(blocks.fixed)
-    return Blocks(blocks.packed, blocks.fixed + _OPEN * np.eye(p), blocks.rank)
+    largest = max(np.abs(blocks.fixed).max(initial=0.0), np.abs(blocks.packed).max(initial=0.0))
+    least = max(_OPEN, _ROUNDING * float(largest)) * np.eye(len(blocks.fixed))
+    return Blocks(blocks.packed, blocks.fixed + least, blocks.rank)
 
 
 def best_next(criterion: Criterion, blocks: Blocks, count: int) -> IntArray:

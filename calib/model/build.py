@@ -338,10 +338,9 @@ def _refuse_idle(effect: Effect, model: Model, poses: Poses) -> None:
             "nothing loads the arm",
             "give wrench columns (fz_N ..), [payload], or link masses in the robot's file",
         )
-    if effect.where in model.robot.joints:
-        return
+    remedy = "load the arm so that it is stressed" if bends else "move more joints"
     if effect.uses:
         remedy = f"measure where {' and '.join(effect.uses)} differs"
-    else:
-        remedy = "load the arm so that it is stressed" if bends else "move more joints"
+    elif effect.where in model.robot.joints:
+        return
     raise EffectCannotAct(name, reason, f"take it out of [model] effects, or {remedy}")

@@ -38,5 +38,5 @@ def batch_first(a: Array, n: int) -> Array:
 
 
 def stacked(a: Array) -> Array:
-    """All axes but the last as one, shape (.., k): of no columns as well, where ``reshape`` cannot tell."""
+    """All axes but the last as one, shape (.., k), even of no columns: ``reshape`` cannot tell."""
     return a.reshape(math.prod(a.shape[:-1]), a.shape[-1])

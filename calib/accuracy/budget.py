@@ -16,7 +16,6 @@ from calib.arm.se3 import skew
 from calib.arrays import Array, stacked
 from calib.compensation.estimate import Estimate
 from calib.compensation.unexplained import scatter_at
-from calib.errors import NoEquilibrium
 from calib.identification import Identification
 from calib.model.covariance import working_points
 from calib.poses import Poses
@@ -147,9 +146,7 @@ def combined(parts: Sequence[Part], weights: Array) -> Expected:
 def of_calibration(found: Identification, targets: Poses, weights: Array) -> Iterator[Part]:
     """What the uncertainty of the parameters does at the targets, source by source."""
     model, values = working_points(found.model), found.values
-    points, J = model.jacobian(values, targets)
-    if not np.isfinite(points).all():
-        raise NoEquilibrium(" at the targets")
+    points, J = model.jacobian_at_rest(values, targets)
     anew = _Anew.at(points, weights)
     noise = found.noise
     sigma = noise.sigma * found.footprint

@@ -17,6 +17,7 @@ from calib.scatter import Variances, scatter_of
 from calib.scatter.poses import by_size
 
 _ENDS = (1 / 3, 1 / 5, 1 / 10)  # of the readings; the largest that the others can do without
+_NOTHING = 1e-30  # m^2: an error that rounding makes
 _FREE = 1e-4  # of a row's freedom: less, and nothing but its own configuration tells of it
 
 
@@ -196,7 +197,8 @@ def _projected(fit: Fitted) -> tuple[Array, Array]:
 
 def _unseen(fit: Fitted, data: Measurements, error: Array, share: Array, source: str) -> Unseen:
     """From squared errors where the fit was without, and what the parameters add, both (m, C)."""
-    seen, expected = fit.told(data), _noise(fit) + share + _scatter(fit, data)
+    seen = fit.told(data)
+    expected = np.maximum(_noise(fit) + share + _scatter(fit, data), _NOTHING)
     if not seen.any():
         return Unseen(0.0, 0.0, 0.0, source)
     noise = np.broadcast_to(_noise(fit), seen.shape)

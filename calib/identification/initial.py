@@ -73,8 +73,8 @@ def _room(model: Model, data: Measurements) -> float:
 
 def _farthest(start: Start, place: Array, markers: Array) -> float:
     """By how much the place, where there is one, or a marker left its guess; infinite for NaN."""
-    moved = [np.abs(start.place - place)] if len(place) else []
-    moved = np.concatenate([*moved, np.abs(start.markers - markers).ravel()])
+    placed = start.place - place if len(place) else place
+    moved = np.abs(np.concatenate([placed, (start.markers - markers).ravel()]))
     return float(np.nan_to_num(moved, nan=np.inf).max(initial=0.0))
 
 

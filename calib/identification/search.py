@@ -99,9 +99,7 @@ def search(estimator: Estimator, observation: Observation, start: Array) -> Foun
         best, choice = _fit(estimator, counted, start, start, at_end)
         fresh, statistics, limit = _judged(estimator, observation, best.values, kept, choice.span)
     undecided = fresh != kept
-    return Found(
-        first, best, kept, statistics, limit, undecided, choice.told, choice.span, regular
-    )
+    return Found(first, best, kept, statistics, limit, undecided, choice.told, choice.span, regular)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,6 +144,7 @@ def _fit(
     estimator: Estimator, observation: Observation, start: Array, begun: Array, choice: _Choice
 ) -> tuple[Minimum, _Choice]:
     """The fit from ``begun`` (p,), and what it estimates: what strays from ``start`` stays there."""
+
     def lost(values: Array) -> Mask:
         return strayed(observation.model, observation.data, start, values)
 

@@ -24,7 +24,9 @@ Quadratic: TypeAlias = tuple[Array, Array]
 """Factor (k, 9) and target (k,) of what points leave, ``target - factor S``."""
 
 _APART = 5.0  # times the smallest singular value: above, the next one is none of the null space
-_TURNED = 0.1  # relative to the largest: of a flange that turns less, errors of the arm tell as much
+_TURNED = (
+    0.1  # relative to the largest: of a flange that turns less, errors of the arm tell as much
+)
 _STARTS = 64
 _FOLLOWED = 6  # the best of them
 _SEARCHED = 40  # readings that a search looks at: more tell it nothing new
@@ -92,9 +94,7 @@ def _averaged(back: Array, body: IntArray, R_X: Array, known: Mask) -> Array:
     return found
 
 
-def _place(
-    R_read: Array, R_tip: Array, body: IntArray, count: int, points: Quadratic
-) -> Array:
+def _place(R_read: Array, R_tip: Array, body: IntArray, count: int, points: Quadratic) -> Array:
     """R_Y with every body unknown: the null space, and a search from there and from anywhere."""
     n, eye = len(body), np.eye(3)
     rows = np.zeros((n, 9, 1 + count, 9))

@@ -21,7 +21,9 @@ from calib.solver import levenberg_marquardt
 _STARTS = 256
 _FOLLOWED = 12  # the best of them
 _RESOLUTION = 1e-6  # m: what the search takes for one standard deviation
-_TOLD = 0.05  # of a lever's length that turns: below, a nominal arm's error would look like a marker's
+_TOLD = (
+    0.05  # of a lever's length that turns: below, a nominal arm's error would look like a marker's
+)
 
 
 def placed(points: Array, seen: Mask, arm: Nominal) -> tuple[Array, Array, Array]:

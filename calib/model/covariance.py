@@ -135,8 +135,8 @@ def _inverse(columns: Array) -> tuple[Array, Array]:
     What a search left undetermined after all has no inverse and stays as it is, at no deviation.
     """
     scale = np.linalg.norm(columns, axis=0)
-    scale = np.where(scale > 0.0, scale, 1.0)
-    return np.linalg.pinv(triangle(columns / scale), rcond=_NUMERICAL), scale
+    scale = np.asarray(np.where(scale > 0.0, scale, 1.0), dtype=float)
+    return np.asarray(np.linalg.pinv(triangle(columns / scale), rcond=_NUMERICAL)), scale
 
 
 def clustered(r: Array, J: Array, span: Array, held: Array) -> Array:
@@ -215,7 +215,7 @@ def errors_at(model: Model, values: Array, cov: Array, targets: Poses) -> Array:
     3-D per point, in the instrument's frame, at the points of :func:`working_points`.
     """
     model = working_points(model)
-    _, J = model.jacobian(values, targets)
+    _, J = model.jacobian_at_rest(values, targets)
     squared = np.einsum("mjip,pq,mjiq->m", J, cov, J, optimize=True) / J.shape[1]
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
 

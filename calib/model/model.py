@@ -42,6 +42,7 @@ from calib.effects.protocol import (
 )
 from calib.effects.tool import Tool
 from calib.effects.tuned import Tuned
+from calib.errors import NoEquilibrium
 from calib.instruments import Channels, Instrument, KnownDistance, Tracker
 from calib.model.arm_jacobian import arm_jacobian
 from calib.model.readout import Readout
@@ -434,6 +435,13 @@ class Model:
             readings.flags.writeable = J.flags.writeable = False
             last = self._last["found"] = (poses, values.copy(), readings, J)
         return last[2], last[3]
+
+    def jacobian_at_rest(self, values: Array, targets: Poses) -> tuple[Array, Array]:
+        """The same at targets. Raises NoEquilibrium where the arm is too soft to stand there."""
+        readings, J = self.jacobian(values, targets)
+        if not np.isfinite(readings).all():
+            raise NoEquilibrium(" at the targets")
+        return readings, J
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_last": {}}  # the memo does not travel

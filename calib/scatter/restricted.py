@@ -29,7 +29,9 @@ _RIGID = 6
 _DEPENDENT = 1e-12
 _LOST = 1e-6  # share of a column's length: the root of what is left of twelve digits
 _MOVED = 1e-9  # of a lever's usual length
-_FAINT = 1e-9  # of a column's length: known of each beforehand, so that none is nothing beside others
+_FAINT = (
+    1e-9  # of a column's length: known of each beforehand, so that none is nothing beside others
+)
 _MOST_STEPS = 40
 SETTLED = 0.05
 """Fall of -2 log likelihood that is not worth another step."""
@@ -292,6 +294,7 @@ def step(found: Likelihood, theta: Array, free: IntArray) -> tuple[Array, float]
 
     above = theta - _lowest(theta)
     A, g = found.information[np.ix_(free, free)], found.gradient[free]
+    np.fill_diagonal(A, np.maximum(np.diag(A), 0.0))  # below nothing is rounding
     size = np.sqrt(np.diag(A))
     size = np.where(size > 0.0, size, 1.0)  # what moves no row has no information
     C = np.linalg.cholesky(A / np.outer(size, size) + 1e-9 * np.eye(len(free)))

@@ -53,7 +53,9 @@ class Task(Trace):
         """
         p = rows.shape[1]
         least = np.sqrt(_UNNEEDED * (rows**2).sum() / p) or 1.0
-        return cls(_root(np.vstack([rows, least * np.eye(p)])), cls(_root(rows)) if rows.any() else None)
+        return cls(
+            _root(np.vstack([rows, least * np.eye(p)])), cls(_root(rows)) if rows.any() else None
+        )
 
     @property
     def plain(self) -> Criterion:

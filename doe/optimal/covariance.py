@@ -6,7 +6,6 @@ import numpy as np
 
 from calib.arrays import Array
 
-
 _ROUNDING = 1e-14
 
 

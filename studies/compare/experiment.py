@@ -115,7 +115,8 @@ class Experiment:
             own = np.sqrt(self.scatter.variances.approach)[self.scatter.kinds]
             _, group = np.unique(self.scatter.approach, return_inverse=True)
             moved = own * rng.standard_normal((trials, int(group.max()) + 1, len(own)))[:, group]
-            return exact + np.einsum("mcrk,tmk->tmcr", self.scatter.levers, moved) + noise
+            shaken = np.einsum("mcrk,tmk->tmcr", self.scatter.levers, moved)
+            return np.asarray(exact + shaken + noise)
         origins = tip_origins(self.model, self.truth, self.poses)
         still = np.broadcast_to(exact, noise.shape)
         return approached(still, origins, self.scatter.approach, self.arm, rng) + noise

@@ -61,7 +61,9 @@ def identified(
     record = identify_record(
         found,
         accuracy_at_targets(cell, found, estimate),
-        None if tracked is None else drift_of(tracked[1], whitening(cell, tracked[0], found.values, tracked[1])),
+        None
+        if tracked is None
+        else drift_of(tracked[1], whitening(cell, tracked[0], found.values, tracked[1])),
         estimate,
         asked,
         envelope(cell.name, inputs_of(session), session.seed, cell.about),

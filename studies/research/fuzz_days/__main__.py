@@ -1,7 +1,7 @@
 """Days at the edge of sense: ``python -m studies.research.fuzz_days --days 2000 --seed 0``.
 
-Each day draws a robot, an instrument, errors, a model and motions, many of which tell next to nothing,
-and runs the commands on it. Each must end with status 0, or 2 and one line; no place may leave the room,
+Each day draws a robot, an instrument, errors, a model and motions, many of which tell next to nothing.
+The commands run on it. Each must end with status 0, or 2 and one line; no place may leave the room,
 and every number is one. ``--only SEED`` runs one day and says all that its commands said.
 """
 
@@ -30,7 +30,9 @@ def one_day(seed: int, folder: Path) -> tuple[Day, list[Played]]:
 
 @click.command()
 @click.option("--days", type=click.IntRange(min=1), default=2000, show_default=True)
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the first.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the first."
+)
 @click.option("--only", type=click.IntRange(min=0), help="This one, and all that it says.")
 @click.option("--keep", type=click.Path(path_type=Path), help="A folder for the files of --only.")
 def main(days: int, seed: int, only: int | None, keep: Path | None) -> None:
@@ -51,7 +53,9 @@ def main(days: int, seed: int, only: int | None, keep: Path | None) -> None:
                 faults.setdefault(fault.kind, []).append(number)
                 if new:
                     click.echo(f"{number}: {day.name}: {fault.kind}")
-    click.echo(f"{days} days in {time.perf_counter() - began:.0f} s: {dict(verbs)}, {refused} refused")
+    click.echo(
+        f"{days} days in {time.perf_counter() - began:.0f} s: {dict(verbs)}, {refused} refused"
+    )
     click.echo(f"{sum(map(len, faults.values()))} faults of {len(faults)} kinds")
     for kind, seeds in sorted(faults.items(), key=lambda item: -len(item[1])):
         click.echo(f"{len(seeds):5d}  {kind}  seeds {', '.join(map(str, seeds[:6]))}")

@@ -23,6 +23,7 @@ def draw_arm(rng: np.random.Generator) -> Arm:
     known = {"light": LIGHT, "heavy": HEAVY, "rail": RAIL}
     if kind in known:
         return known[kind]
+    slides: tuple[bool, ...]
     if kind == "scara":
         slides, axes = (False, False, True, False), np.tile([0.0, 0.0, 1.0], (4, 1))
     elif kind == "gantry":
@@ -45,7 +46,9 @@ def _joint(rng: np.random.Generator, name: str, axis: Array, slides: bool, strai
     high = 0.6 if slides else 2.5
     ax, ay, az = axis.tolist()
     mass = float(rng.uniform(0.5, 20.0))
-    return Joint(name, (x, y, z), (ax, ay, az), -high, high, mass, (0.1, 0.0, 0.0), 1e-5, rpy, slides)
+    return Joint(
+        name, (x, y, z), (ax, ay, az), -high, high, mass, (0.1, 0.0, 0.0), 1e-5, rpy, slides
+    )
 
 
 def reach(arm: Arm) -> float:
@@ -63,13 +66,15 @@ def draw_joints(rng: np.random.Generator, arm: Arm, motion: str, count: int) -> 
         return np.asarray(middle + (free - middle) * 10.0 ** rng.uniform(-4.0, -1.0))
     if motion == "one":
         own = int(rng.integers(arm.dof))
-        return np.where(np.arange(arm.dof) == own, free, middle)
+        return np.asarray(np.where(np.arange(arm.dof) == own, free, middle))
     if motion == "two":
         return np.asarray(free[rng.integers(0, min(2, count), count)])
     if motion == "line":
-        return np.asarray(middle + np.linspace(-0.3, 0.3, count)[:, None] * rng.normal(size=arm.dof))
+        return np.asarray(
+            middle + np.linspace(-0.3, 0.3, count)[:, None] * rng.normal(size=arm.dof)
+        )
     if motion == "still":
-        return np.tile(middle, (count, 1))
+        return np.asarray(np.tile(middle, (count, 1)))
     if motion == "level":
         return _level(arm, free, middle)
     return free

@@ -62,7 +62,9 @@ def draw_day(rng: np.random.Generator, folder: Path) -> Day:
         "robot.urdf": urdf(arm, bool(rng.random() < 0.6)),
         "cell.toml": _cell(rng, arm, text),
         "measurements.csv": _table(arm, q, rows, known),
-        "targets.csv": _table(arm, draw_joints(rng, arm, "free", 4), [(i, {}) for i in range(4)], {}),
+        "targets.csv": _table(
+            arm, draw_joints(rng, arm, "free", 4), [(i, {}) for i in range(4)], {}
+        ),
         "plan.csv": _table(arm, q, [(i, {}) for i in range(count)], {}),
     }
     for name, content in files.items():
@@ -86,7 +88,11 @@ def _on_tip(rng: np.random.Generator, arm: Arm) -> tuple[Array, Array]:
     if rng.random() < 0.2:
         places = np.outer(rng.normal(size=count), rng.choice([0.0, 1.0], 3)) * arm.tool  # in line
     off = rng.choice([0.0, 1e-3, 0.3, np.inf])
-    guess = np.zeros_like(places) if off == np.inf else places + rng.normal(scale=off, size=places.shape)
+    guess = (
+        np.zeros_like(places)
+        if off == np.inf
+        else places + rng.normal(scale=off, size=places.shape)
+    )
     return places, guess
 
 
@@ -120,7 +126,11 @@ def _covariates(rng: np.random.Generator, count: int) -> dict[str, list[str]]:
 
 
 def _cell(rng: np.random.Generator, arm: Arm, text: str) -> str:
-    effects = [e for e, share in (("base", 0.93), ("tool", 0.85), ("geometry", 0.5)) if rng.random() < share]
+    effects = [
+        e
+        for e, share in (("base", 0.93), ("tool", 0.85), ("geometry", 0.5))
+        if rng.random() < share
+    ]
     if "geometry" not in effects and rng.random() < 0.5:
         effects.append("joint_offset")
     if rng.random() < 0.3:
@@ -145,5 +155,7 @@ def _table(arm: Arm, q: Array, rows: list[Row], known: dict[str, list[str]]) -> 
     writer.writerow(["pose", *joints, *known, *own])
     for i, row in rows:
         given = [f"{x:.10g}" for x in shown[i]]
-        writer.writerow([f"p{i}", *given, *(v[i] for v in known.values()), *(row.get(c, "") for c in own)])
+        writer.writerow(
+            [f"p{i}", *given, *(v[i] for v in known.values()), *(row.get(c, "") for c in own)]
+        )
     return stream.getvalue()

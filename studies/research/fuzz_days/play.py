@@ -11,7 +11,6 @@ import traceback
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from types import FrameType
 from typing import Any, NamedTuple
 
 import click
@@ -60,7 +59,14 @@ def _calls(rng: np.random.Generator, plain: bool) -> Iterator[list[str]]:
         "diagnose": [*data, "--json", "diagnosed.json"],
         "enough": [*data, "--json", "enough.json"],
         "next": [*data, "--json", "next.json"],
-        "design": ["cell.toml", "--poses", str(rng.integers(3, 16)), *small, "--json", "design.json"],
+        "design": [
+            "cell.toml",
+            "--poses",
+            str(rng.integers(3, 16)),
+            *small,
+            "--json",
+            "design.json",
+        ],
         "compare": ["cell.toml", "plan.csv", "--monte-carlo", "20", "--json", "compare.json"],
         "compensate": ["cell.toml", "identified.json", "targets.csv", "--json", "compensate.json"],
         "changes": ["identified.json", "identified.json", "--json", "changes.json"],
@@ -73,10 +79,16 @@ def _calls(rng: np.random.Generator, plain: bool) -> Iterator[list[str]]:
             yield [verb, *rest]
 
 
-def played(rng: np.random.Generator, day: Day, folder: Path) -> Iterator[tuple[str, Ended, Fault | None]]:
+def played(
+    rng: np.random.Generator, day: Day, folder: Path
+) -> Iterator[tuple[str, Ended, Fault | None]]:
     """Each command that ran, how it ended, and its fault."""
     for call in _calls(rng, " points " in day.name):
-        if "identified.json" in call[1:] and call[0] != "identify" and not (folder / "identified.json").exists():
+        if (
+            "identified.json" in call[1:]
+            and call[0] != "identify"
+            and not (folder / "identified.json").exists()
+        ):
             continue
         ended = _run(call, folder)
         yield " ".join(call), ended, ended.fault or _judged(call, ended, day, folder)
@@ -85,7 +97,7 @@ def played(rng: np.random.Generator, day: Day, folder: Path) -> Iterator[tuple[s
 def _run(call: list[str], folder: Path) -> Ended:
     output, errors = io.StringIO(), io.StringIO()
     fault, status = None, None
-    before = signal.signal(signal.SIGALRM, _stopped)
+    before = signal.signal(signal.SIGALRM, lambda *_: _stop())
     signal.alarm(_SECONDS)
     try:
         with (
@@ -106,10 +118,12 @@ def _run(call: list[str], folder: Path) -> Ended:
     finally:
         signal.alarm(0)
         signal.signal(signal.SIGALRM, before)
-    return Ended(status or 0 if fault is None else None, output.getvalue(), errors.getvalue(), fault)
+    return Ended(
+        status or 0 if fault is None else None, output.getvalue(), errors.getvalue(), fault
+    )
 
 
-def _stopped(number: int, frame: FrameType | None) -> None:
+def _stop() -> None:
     raise _TooLong
 
 
@@ -118,7 +132,9 @@ def _place(error: Exception) -> str:
     own = [f for f in traceback.extract_tb(error.__traceback__) if "/calib/" in f.filename
            or "/doe/" in f.filename or "/studies/" in f.filename]  # fmt: skip
     at = f"{Path(own[-1].filename).name}:{own[-1].name}" if own else "?"
-    return f"{type(error).__name__} at {at}: {str(error).splitlines()[0][:60] if str(error) else ''}"
+    return (
+        f"{type(error).__name__} at {at}: {str(error).splitlines()[0][:60] if str(error) else ''}"
+    )
 
 
 def _judged(call: list[str], ended: Ended, day: Day, folder: Path) -> Fault | None:
@@ -127,7 +143,9 @@ def _judged(call: list[str], ended: Ended, day: Day, folder: Path) -> Fault | No
     if ended.status not in (0, 2):
         return Fault(f"{verb}: status {ended.status}", ended.errors)
     said = [line for line in ended.errors.splitlines() if line.startswith("posecal:")]
-    if ended.status == 2 and (len(said) > 1 or max(map(len, ended.errors.splitlines()), default=0) > _LONGEST):
+    if ended.status == 2 and (
+        len(said) > 1 or max(map(len, ended.errors.splitlines()), default=0) > _LONGEST
+    ):
         return Fault(f"{verb}: not one line", ended.errors)
     if ended.status == 2:
         return None
@@ -145,10 +163,9 @@ def _judged(call: list[str], ended: Ended, day: Day, folder: Path) -> Fault | No
 def _strayed(record: dict[str, Any], day: Day) -> Fault | None:
     """A place that left the room."""
     for p in record["parameters"]:
-        if p["effect"] in ("base", "tool") and p["unit"] == "mm" and p["value"] is not None:
-            if abs(p["value"]) > 1e3 * day.room:
-                return Fault(
-                    f"identify: {p['effect']} left the room",
-                    f"{p['effect']}:{p['where']}.{p['name']} = {p['value']:.4g} mm of {1e3 * day.room:.4g}",
-                )
+        placed = p["effect"] in ("base", "tool") and p["unit"] == "mm"
+        if placed and p["value"] is not None and abs(p["value"]) > 1e3 * day.room:
+            name = f"{p['effect']}:{p['where']}.{p['name']}"
+            text = f"{name} = {p['value']:.4g} mm of {1e3 * day.room:.4g}"
+            return Fault(f"identify: {p['effect']} left the room", text)
     return None

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from studies.research.withheld.robots import Array
@@ -26,7 +27,7 @@ class Scene(NamedTuple):
 
     R: Array
     p: Array
-    station: Array
+    station: NDArray[np.int_]
     on_tip: Array
     guess: Array
     sigma: float
@@ -96,7 +97,12 @@ def pose(rng: np.random.Generator, scene: Scene) -> tuple[str, list[Row]]:
             continue
         at = R[i] @ scene.points[i, k % len(scene.on_tip)] + t[i]
         at = at + rng.normal(scale=scene.noise, size=3)
-        frame = R[i] @ scene.R[i] @ own[k] @ Rotation.from_rotvec(rng.normal(scale=turn, size=3)).as_matrix()
+        frame = (
+            R[i]
+            @ scene.R[i]
+            @ own[k]
+            @ Rotation.from_rotvec(rng.normal(scale=turn, size=3)).as_matrix()
+        )
         quat = np.roll(Rotation.from_matrix(frame).as_quat(), 1)
         names = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
         rows.append((i, {"marker": f"b{k + 1}"} | _told(np.r_[_MM * at, quat], *names)))
@@ -115,7 +121,9 @@ def camera(rng: np.random.Generator, scene: Scene) -> tuple[str, list[Row]]:
     other = middle + 2.0 * away / np.linalg.norm(away)  # where the far one of the two stands
     near = scene.R @ scene.on_tip[0] + scene.p
     frame = scene.R @ Rotation.random(rng=rng).as_matrix()
-    if rides:  # it looks at the board from each pose, as well as that goes: turned to it from the first
+    if (
+        rides
+    ):  # it looks at the board from each pose, as well as that goes: turned to it from the first
         first = scene.R[0].T @ _towards(other - near[0])
         look, eye, seen = scene.R @ first, near, np.broadcast_to(shape + other, (len(near), 5, 3))
     else:
@@ -177,7 +185,10 @@ def sphere(rng: np.random.Generator, scene: Scene) -> tuple[str, list[Row]]:
 
 
 def _gauged(
-    rng: np.random.Generator, scene: Scene, kind: str, height: Callable[[Array, Array, Array], Array]
+    rng: np.random.Generator,
+    scene: Scene,
+    kind: str,
+    height: Callable[[Array, Array, Array], Array],
 ) -> tuple[str, list[Row]]:
     cell, rows = _markers(scene), []
     for k in range(int(rng.integers(1, 4))):

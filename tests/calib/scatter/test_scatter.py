@@ -13,7 +13,7 @@ from calib.instruments import TRACKER
 from calib.model import Model
 from calib.poses import Poses
 from calib.scatter import Scatter, Variances, levels_of, scatter_of
-from calib.scatter.restricted import likelihood, maximised, turned
+from calib.scatter.restricted import Turned, likelihood, maximised, turned
 from tests.calib.scatter.arms import Day, visits_of
 from tests.helpers import random_robot
 
@@ -216,3 +216,25 @@ def test_one_marker_read_once_tells_nothing_apart() -> None:
     scatter, weighted, _ = scattering(visits_of(30, 1, 2), markers=1)
     r = np.random.default_rng(0).normal(size=weighted.shape[:2])
     assert levels_of(scatter, weighted, r, weighted[..., :2]).instrument_seen
+
+
+def test_a_column_twice_leaves_a_likelihood() -> None:
+    """A column that others imitate, and one of nothing, take nothing from the rest."""
+    rng = np.random.default_rng(7)
+    F = rng.normal(size=(20, 3, 3))
+    alone = turned_of(F)
+    doubled = turned_of(np.concatenate([F[..., :1], 0.0 * F[..., :1], F], axis=-1))
+    theta = np.ones(len(alone.units))
+    one, other = likelihood(alone, theta), likelihood(doubled, theta)
+    assert np.isfinite(other.value)
+    np.testing.assert_allclose(other.gradient[1:], one.gradient[1:], rtol=1e-5, atol=1e-8)
+
+
+def turned_of(F: Array) -> Turned:
+    """Twenty readings of a three-jointed arm, each at a configuration of its own."""
+    count, levers = len(F), np.random.default_rng(8).normal(size=(20, 3, 9))
+    scatter = Scatter(
+        levers[:, None], np.ones((1, 3), dtype=bool), np.zeros((count, 6, 9)), np.arange(count),
+        np.arange(count), Variances.none(3),
+    )  # fmt: skip
+    return turned(scatter, levers, F, np.zeros((0, F.shape[-1])), F.shape[-1] - 1, False)

@@ -297,7 +297,9 @@ def step(found: Likelihood, theta: Array, free: IntArray) -> tuple[Array, float]
     np.fill_diagonal(A, np.maximum(np.diag(A), 0.0))  # below nothing is rounding
     size = np.sqrt(np.diag(A))
     size = np.where(size > 0.0, size, 1.0)  # what moves no row has no information
-    C = np.linalg.cholesky(A / np.outer(size, size) + 1e-9 * np.eye(len(free)))
+    A_one = A / np.outer(size, size)
+    low = max(0.0, -float(np.linalg.eigvalsh(A_one)[0]))  # what rounding took
+    C = np.linalg.cholesky(A_one + (1e-9 + 2.0 * low) * np.eye(len(free)))
     x0 = above[free] * size
     target = C.T @ x0 - np.linalg.solve(C, g / size)
     x, _ = nnls(C.T, target)

@@ -77,7 +77,7 @@ def draw_joints(rng: np.random.Generator, arm: Arm, motion: str, count: int) -> 
         return np.asarray(np.tile(middle, (count, 1)))
     if motion == "level":
         return _level(arm, free, middle)
-    return free
+    return np.asarray(free)
 
 
 def _level(arm: Arm, free: Array, middle: Array) -> Array:

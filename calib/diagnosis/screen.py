@@ -289,7 +289,7 @@ def _named(field: Field, columns: IntArray, limits: Array | None) -> list[Score]
         evidence = np.where(shown, field.dof * np.log(field.cost / rest), fall)
         F = fall / np.maximum(k, 1) / (rest / np.maximum(left, 1))
         p = np.where(shown, fdtrc(np.maximum(k, 1), np.maximum(left, 1), F), p)
-    table = np.column_stack([fall, evidence, k * np.log(field.rows), p]).tolist()
+    table = np.column_stack([fall, evidence, k * np.log(max(field.rows, 1)), p]).tolist()
     return [Score(*row) if some else NOTHING for row, some in zip(table, k.tolist(), strict=True)]
 
 
@@ -305,13 +305,13 @@ def _spared(field: Field, columns: IntArray, limits: Array) -> Score:
     cov = np.asarray(np.linalg.inv(S + np.diag(1.0 / limits**2)), dtype=np.float64)
     values, K = cov @ Xr, len(columns)
     spread = field.cost / field.dof if field.noise_refuted else 1.0
-    each = float(np.log(field.rows)) + 2.0 * float(np.log(2.0))
+    each = float(np.log(max(field.rows, 1))) + 2.0 * float(np.log(2.0))
     gone, rise = idle(values, cov, each * spread)
     fall, k = float(Xr @ values) - rise, int(np.count_nonzero(~gone))
     if k == 0:
         return NOTHING
     choices = float(gammaln(K + 1) - gammaln(k + 1) - gammaln(K - k + 1))
-    price = k * float(np.log(field.rows)) + 2.0 * choices
+    price = k * float(np.log(max(field.rows, 1))) + 2.0 * choices
     evidence = fall
     if field.noise_refuted:
         evidence = field.dof * float(np.log(field.cost / max(field.cost - fall, 1e-300)))

@@ -13,7 +13,8 @@ from calib.instruments import TRACKER
 from calib.model import Model
 from calib.poses import Poses
 from calib.scatter import Scatter, Variances, levels_of, scatter_of
-from calib.scatter.restricted import Likelihood, Turned, likelihood, maximised, step, turned
+from calib.scatter.restricted import Likelihood, Turned, likelihood, maximised, turned
+from calib.scatter.restricted import step as scoring_step
 from tests.calib.scatter.arms import Day, visits_of
 from tests.helpers import random_robot
 
@@ -245,6 +246,6 @@ def test_information_that_is_rounding_makes_no_step() -> None:
     A = np.diag([-1e-11, 3e-18, 0.0])
     A[0, 1] = A[1, 0] = 1e-9
     found = Likelihood(0.0, np.array([-1e-9, 1e-9, 0.0]), A, np.ones(3))
-    move, promised = step(found, np.array([1.0, 4e10, 0.0]), np.arange(3))
+    move, promised = scoring_step(found, np.array([1.0, 4e10, 0.0]), np.arange(3))
     assert np.isfinite(move).all()
     assert np.isfinite(promised)

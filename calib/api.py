@@ -12,7 +12,7 @@ import numpy as np
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.cell.contacts import with_sites
-from calib.errors import CalibError
+from calib.errors import CalibError, NoEquilibrium
 from calib.model import Model
 from calib.model.build import build
 from calib.observations import Approach, orientable, pose_from_points
@@ -85,7 +85,7 @@ def predict(cell: Cell, measurements: Plan, values: Sequence[float] | Mapping[st
     model = build(cell, poses).model
     points = model.predict(as_vector(model, values), poses)
     if not np.isfinite(points).all():
-        raise CalibError("the arm finds no equilibrium: its compliances are far too large")
+        raise NoEquilibrium
     return points
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TypeAlias
 
@@ -37,3 +38,8 @@ def room(batch: Sequence[int], *shape: int) -> Array:
 def batch_first(a: Array, n: int) -> Array:
     """The first n axes of an array after all others, a view."""
     return a.transpose(*range(n, a.ndim), *range(n))
+
+
+def stacked(a: Array) -> Array:
+    """All axes but the last as one, shape (.., k), even of no columns: ``reshape`` cannot tell."""
+    return a.reshape(math.prod(a.shape[:-1]), a.shape[-1])

@@ -100,3 +100,10 @@ class Unsolvable(CalibError):
             "the equations cannot be solved: the numbers are far from those of a robot; check the "
             "units of joints, points, loads and the URDF"
         )
+
+
+class NoEquilibrium(CalibError):
+    """The arm is too soft to stand."""
+
+    def __init__(self, where: str = "") -> None:
+        super().__init__(f"the arm finds no equilibrium{where}: its compliances are far too large")

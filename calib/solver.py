@@ -28,6 +28,7 @@ _WALL = 1e3  # damping from which a step to where nothing can be computed means 
 _ROUNDING = 2.0**-52  # share of the cost below which no gain shows
 _MAX_ITERATIONS = 60
 _STACK = 256  # rows
+_ROUNDED = 1e-13  # share of a variance that rounding takes or gives
 _SMALL, _MANY = 12, 60  # matrices whose factors are found all at once
 
 
@@ -83,8 +84,9 @@ def inverse_factor(V: Array) -> Array:
     """Lower L with ``L V L^T = I`` of positive definite matrices (..., d, d).
 
     Many small ones column by column, all at once: twice as fast as a call for each.
-    Raises LinAlgError where one is not positive definite.
+    Raises LinAlgError where one is not positive definite, rounding aside.
     """
+    V = V + _ROUNDED * np.einsum("...ii->...i", V)[..., None] * np.eye(V.shape[-1])
     if V.shape[-1] > _SMALL or V[..., 0, 0].size < _MANY:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(V)))
     A = np.moveaxis(V, (-2, -1), (0, 1)).copy()
@@ -147,7 +149,8 @@ def levenberg_marquardt(
         iterations += 1
         step = damped_step(A, g, damping)
         trial = values + step @ span.T
-        trial_cost, trial_g, trial_A = equations(trial)
+        with np.errstate(all="ignore"):  # where nothing can be computed no step is taken
+            trial_cost, trial_g, trial_A = equations(trial)
         expected = np.einsum("...i,...i->...", step, g)  # squared length of the step in sigmas
         better = trial_cost <= cost
         small = (damping <= _LIGHT) & (

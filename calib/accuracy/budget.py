@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from calib.arm.se3 import skew
-from calib.arrays import Array
+from calib.arrays import Array, stacked
 from calib.compensation.estimate import Estimate
 from calib.compensation.unexplained import scatter_at
 from calib.identification import Identification
@@ -146,7 +146,7 @@ def combined(parts: Sequence[Part], weights: Array) -> Expected:
 def of_calibration(found: Identification, targets: Poses, weights: Array) -> Iterator[Part]:
     """What the uncertainty of the parameters does at the targets, source by source."""
     model, values = working_points(found.model), found.values
-    points, J = model.jacobian(values, targets)
+    points, J = model.jacobian_at_rest(values, targets)
     anew = _Anew.at(points, weights)
     noise = found.noise
     sigma = noise.sigma * found.footprint
@@ -197,7 +197,7 @@ def _behind(found: Identification) -> float:
 def _spread(moved: Array) -> Array:
     """RMS over the points of a target, shape (m, 3 M, k), of displacements (m, M, 3, k)."""
     m, M = moved.shape[:2]
-    return np.asarray(moved.reshape(m, 3 * M, -1) / np.sqrt(M))
+    return np.asarray(moved.reshape(m, 3 * M, moved.shape[-1]) / np.sqrt(M))
 
 
 def _alike(variances: Array, M: int) -> Array:
@@ -242,7 +242,7 @@ class _Anew:
         return cls(U[:, s > 1e-9 * s[0]], root)
 
     def __call__(self, spread: Array) -> Array:
-        flat = self.root[:, None] * spread.reshape(-1, spread.shape[-1])
+        flat = self.root[:, None] * stacked(spread)
         rest = flat - self.basis @ (self.basis.T @ flat)
         safe = np.where(self.root > 0.0, self.root, 1.0)
         return np.asarray((rest / safe[:, None]).reshape(spread.shape))

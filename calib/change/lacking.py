@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from calib.arrays import Array
+from calib.arrays import Array, stacked
 from calib.effects import Context, Effect, catalogue
 from calib.effects.protocol import ARM
 from calib.model import Model
@@ -30,7 +30,7 @@ def taken_up(
     whole, everything = model.extended(values, effects)
     _, J = whole.jacobian(everything, poses)
     readings, own = J.shape[0] * J.shape[1], len(model.parameters)
-    J = J.reshape(-1, J.shape[-1])
+    J = stacked(J)
     scale = np.linalg.norm(J[:, :own], axis=0)
     moving = scale > 0.0
     kept = J[:, :own][:, moving] / scale[moving]

@@ -13,7 +13,7 @@ from calib.arm.mimic import reachable
 from calib.arm.robot import Robot
 from calib.arm.se3 import cross, rotate, so3_log
 from calib.arrays import Array, IntArray, Mask
-from calib.errors import CalibError
+from calib.errors import NoEquilibrium
 from calib.model import Model
 from calib.poses import Poses
 
@@ -84,7 +84,7 @@ def tip_of(model: Model, values: Array, poses: Poses) -> Frames:
     """Frames of the arm at rest under its loads. Raises CalibError where it finds no rest."""
     frames = model.state(values, poses).frames
     if not np.isfinite(frames.o).all():
-        raise CalibError("the arm finds no equilibrium: its compliances are far too large")
+        raise NoEquilibrium
     return frames
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray, Mask, stacked
 from calib.diagnosis.screen import refuted
 from calib.model import Model
 from calib.model.covariance import working_points
@@ -17,6 +17,7 @@ from calib.scatter import Variances, scatter_of
 from calib.scatter.poses import by_size
 
 _ENDS = (1 / 3, 1 / 5, 1 / 10)  # of the readings; the largest that the others can do without
+_NOTHING = 1e-30  # m^2: an error that rounding makes
 _FREE = 1e-4  # of a row's freedom: less, and nothing but its own configuration tells of it
 
 
@@ -85,7 +86,7 @@ def scatter_at(model: Model, values: Array, poses: Poses, variances: Variances |
     """Squared error (m, M) [m^2] that the arm's scatter adds where it is approached anew."""
     model = working_points(model)
     if variances is None or not variances.any:
-        return np.zeros((len(poses), len(model.markers)))
+        return np.zeros((len(poses), len(model.readout.channels.lengths)))
     total = variances.approach + variances.configuration
     return scatter_of(model, values, poses, variances).point_variance(total)
 
@@ -96,6 +97,8 @@ def left_in_fit(fit: Fitted) -> Unexplained:
     A fit bends towards its own poses, and hides what a pose beside them will show. None where the
     residual agrees with the noise, or, where the arm scatters, the left-out ones agree with that.
     """
+    if not fit.sigma:  # without noise nothing is beyond it
+        return Unexplained(0.0, "left-out configurations")
     error, share = _shares(fit, fit.data)
     vectors, growth, known = left_out(fit)
     seen = fit.told(fit.data) & known[:, None]
@@ -142,7 +145,7 @@ def at_ends(fit: Fitted) -> Unseen | None:
     for own in (order, order[::-1]):
         for part in _ENDS:
             end = np.sort(own[: round(part * len(own))])
-            F = Q[end].reshape(-1, Q.shape[-1])
+            F = stacked(Q[end])
             rest = np.eye(F.shape[-1]) - F.T @ F
             if not len(end) or np.linalg.eigvalsh(rest)[0] < _FREE:
                 continue
@@ -168,7 +171,8 @@ def left_out(fit: Fitted) -> tuple[Array, Array, Mask]:
     m, R = r.shape
     errors, growth, known = np.zeros((m, R)), np.ones(m), np.zeros(m, dtype=bool)
     for index in by_size(fit.data.poses.configuration):
-        B, own = len(index), Q[index].reshape(len(index), -1, Q.shape[-1])
+        B, c = index.shape
+        own = Q[index].reshape(B, c * R, Q.shape[-1])
         held = own @ np.swapaxes(own, -1, -2)
         freedom, axes = np.linalg.eigh(np.eye(held.shape[-1]) - held)
         known[index] = (freedom[:, 0] > _FREE)[:, None]
@@ -185,15 +189,16 @@ def _projected(fit: Fitted) -> tuple[Array, Array]:
     points, J = fit.model.jacobian(fit.values, fit.data.poses)
     off = fit.model.readout.difference(fit.data.readings, points) * fit.data.seen[..., None]
     r = (fit.weights @ off[..., None])[..., 0]
-    A = (fit.weights @ (J @ fit.span)).reshape(-1, fit.span.shape[1])
+    m, R, k = len(r), r[0].size, fit.span.shape[1]
+    A = (fit.weights @ (J @ fit.span)).reshape(m * R, k)
     Q, _ = np.linalg.qr(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300))
-    m, R = len(r), r[0].size
-    return (r.ravel() - Q @ (Q.T @ r.ravel())).reshape(m, R), Q.reshape(m, R, -1)
+    return (r.ravel() - Q @ (Q.T @ r.ravel())).reshape(m, R), Q.reshape(m, R, Q.shape[1])
 
 
 def _unseen(fit: Fitted, data: Measurements, error: Array, share: Array, source: str) -> Unseen:
     """From squared errors where the fit was without, and what the parameters add, both (m, C)."""
-    seen, expected = fit.told(data), _noise(fit) + share + _scatter(fit, data)
+    seen = fit.told(data)
+    expected = np.maximum(_noise(fit) + share + _scatter(fit, data), _NOTHING)
     if not seen.any():
         return Unseen(0.0, 0.0, 0.0, source)
     noise = np.broadcast_to(_noise(fit), seen.shape)

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray, Mask, stacked
 from calib.diagnosis.gap import blocks_of_time
 from calib.diagnosis.prior import held_rows
 from calib.diagnosis.stage import Fit, Stage
@@ -81,7 +81,7 @@ class CrossValidation:
     def _kept(self) -> Kept:
         fit = self.fit
         off, held = held_rows(fit.model, fit.amplitudes, fit.values, fit.pull)
-        J = np.concatenate([fit.J.reshape(-1, fit.J.shape[-1]), held])
+        J = np.concatenate([stacked(fit.J), held])
         r = np.concatenate([fit.r.ravel(), off])
         A = J @ fit.span
         scale = np.linalg.norm(A, axis=0)
@@ -170,7 +170,7 @@ def _folds(poses: Poses, by_time: bool) -> IntArray:
 
 
 def _fold(Q: Array, here: Mask) -> Fold:
-    own = Q[here].reshape(-1, Q.shape[-1])
+    own = stacked(Q[here])
     values, vectors = np.linalg.eigh(np.eye(own.shape[1]) - own.T @ own)
     return Fold(here, own, (vectors / np.maximum(values, _FREE)) @ vectors.T)
 

@@ -102,7 +102,7 @@ class Ground:
         from scipy.special import chdtrc
 
         k = max(int(np.count_nonzero(told > 1.0 + VISIBLE)), 1)
-        return Score(fall, fall, k * float(np.log(self.rows)), float(chdtrc(k, fall)))
+        return Score(fall, fall, k * float(np.log(max(self.rows, 1))), float(chdtrc(k, fall)))
 
     def _curve(self, own: IntArray, spread: Array) -> Score:
         half = _half(spread)

@@ -25,6 +25,7 @@ CURVE_PRICE = float(2.0 * np.log(10.0))
 DEPENDENT = 1e-8
 """Share of a column's length below which nothing but rounding is left of it."""
 _AMPLITUDES = 24
+_NOTHING = 1e-100  # sum of squares that is none
 _AGREES = 0.01  # probability below which the residual refutes the stated noise
 
 
@@ -284,12 +285,14 @@ def _named(field: Field, columns: IntArray, limits: Array | None) -> list[Score]
     left = field.dof - k
     evidence, p = fall, np.asarray(chdtrc(np.maximum(k, 1), fall))
     if field.noise_refuted:
-        rest = np.maximum(field.cost - fall, 1e-300)
+        rest = np.maximum(field.cost - fall, _NOTHING)
         shown = left > 0
-        evidence = np.where(shown, field.dof * np.log(field.cost / rest), fall)
+        evidence = np.where(
+            shown, field.dof * (np.log(max(field.cost, _NOTHING)) - np.log(rest)), fall
+        )
         F = fall / np.maximum(k, 1) / (rest / np.maximum(left, 1))
         p = np.where(shown, fdtrc(np.maximum(k, 1), np.maximum(left, 1), F), p)
-    table = np.column_stack([fall, evidence, k * np.log(field.rows), p]).tolist()
+    table = np.column_stack([fall, evidence, k * np.log(max(field.rows, 1)), p]).tolist()
     return [Score(*row) if some else NOTHING for row, some in zip(table, k.tolist(), strict=True)]
 
 
@@ -304,17 +307,19 @@ def _spared(field: Field, columns: IntArray, limits: Array) -> Score:
     S, Xr = field.products(columns)
     cov = np.asarray(np.linalg.inv(S + np.diag(1.0 / limits**2)), dtype=np.float64)
     values, K = cov @ Xr, len(columns)
-    spread = field.cost / field.dof if field.noise_refuted else 1.0
-    each = float(np.log(field.rows)) + 2.0 * float(np.log(2.0))
+    spread = max(field.cost, _NOTHING) / field.dof if field.noise_refuted else 1.0
+    each = float(np.log(max(field.rows, 1))) + 2.0 * float(np.log(2.0))
     gone, rise = idle(values, cov, each * spread)
     fall, k = float(Xr @ values) - rise, int(np.count_nonzero(~gone))
     if k == 0:
         return NOTHING
     choices = float(gammaln(K + 1) - gammaln(k + 1) - gammaln(K - k + 1))
-    price = k * float(np.log(field.rows)) + 2.0 * choices
+    price = k * float(np.log(max(field.rows, 1))) + 2.0 * choices
     evidence = fall
     if field.noise_refuted:
-        evidence = field.dof * float(np.log(field.cost / max(field.cost - fall, 1e-300)))
+        evidence = field.dof * float(
+            np.log(max(field.cost, _NOTHING)) - np.log(max(field.cost - fall, _NOTHING))
+        )
     p = float(chdtrc(k, fall / spread)) * float(np.exp(min(choices, 700.0)))
     return Score(fall, evidence, price, min(1.0, p))
 
@@ -342,7 +347,11 @@ def _curves(field: Field, columns: IntArray, spread: Array) -> list[Score]:
     price = np.log1p(td).sum(axis=-1)
     evidence = falls - price
     if field.noise_refuted:
-        evidence = field.dof * np.log(field.cost / np.maximum(field.cost - falls, 1e-300)) - price
+        evidence = (
+            field.dof
+            * (np.log(max(field.cost, _NOTHING)) - np.log(np.maximum(field.cost - falls, _NOTHING)))
+            - price
+        )
     best = np.argmax(evidence, axis=-1)[:, None]
     e = np.take_along_axis(evidence, best, axis=-1)[:, 0]
     fall = np.take_along_axis(falls, best, axis=-1)[:, 0]

@@ -325,7 +325,7 @@ class _View:
         fine = np.exp(1j * np.outer(np.arange(count) * step, self.q))
         coarse = np.exp(1j * np.outer(np.arange(count) * (count * step), self.q))
         cycles = np.linspace(0.0, (count**2 - 1) * step, count**2)
-        worth: Array = np.abs((coarse * energy) @ fine.T).ravel() / float(energy.sum())
+        worth: Array = np.abs((coarse * energy) @ fine.T).ravel() / (float(energy.sum()) or 1.0)
         return cycles, worth
 
     def repeats(self) -> float | None:

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray, Mask, stacked
 from calib.cell import Repeatability
 from calib.diagnosis.linear import LinearModel, linearised
 from calib.diagnosis.prior import curves_in, fitted_amplitudes, held_rows, weak
@@ -76,7 +76,7 @@ class Fit:
         if self.mixing is not None:
             r, J, pull = self.mixing(r[..., None])[..., 0], self.mixing(J), 1.0
         held = held_rows(self.model, self.amplitudes, self.values, pull)
-        flat = np.concatenate([J.reshape(-1, J.shape[-1]), held[1]])
+        flat = np.concatenate([stacked(J), held[1]])
         return np.concatenate([r.ravel(), held[0]]), flat
 
     @cached_property
@@ -93,7 +93,7 @@ class Fit:
         if self.mixing is None:
             return covariance(self.equations[1], self.span)
         _, prior = held_rows(self.model, self.amplitudes, self.values, self.pull)
-        flat = np.concatenate([self.J.reshape(-1, self.J.shape[-1]), prior])
+        flat = np.concatenate([stacked(self.J), prior])
         gains = gain(flat, self.span).T
         N = self.r.size
         of_prior = self.pull * gains[N:]
@@ -244,7 +244,7 @@ class Stage:
             off, held = held_rows(model, amplitudes, start, pull)
             step = span @ least_squares(
                 np.concatenate([r.ravel(), off]),
-                np.concatenate([J.reshape(-1, J.shape[-1]), held]) @ span,
+                np.concatenate([stacked(J), held]) @ span,
             )
             r = r - J @ step
             return Fit(model, start + step, span, weight, amplitudes, r, J, True, pull=pull)
@@ -252,7 +252,7 @@ class Stage:
         def linearise(values: Array) -> tuple[Array, Array]:
             r, J = observation.linearise(values)
             off, held = held_rows(model, amplitudes, values, pull)
-            flat = np.concatenate([J.reshape(-1, J.shape[-1]), held])
+            flat = np.concatenate([stacked(J), held])
             return np.concatenate([r.ravel(), off]), flat
 
         found = levenberg_marquardt(linearise, start, span, _MOST_ITERATIONS)
@@ -329,7 +329,7 @@ def determined_by(observation: Points, start: Array) -> Array:
 
 
 def _amplitudes_of(fit: Fit) -> tuple[float, ...]:
-    J = fit.J.reshape(-1, fit.J.shape[-1]) / fit.pull
+    J = stacked(fit.J) / fit.pull
     r = fit.r.ravel() / fit.pull + J @ fit.moving
     return fitted_amplitudes(fit.model, fit.amplitudes, J, r, fit.span)
 

@@ -72,7 +72,7 @@ class Bank:
         for form in self.forms:
             falls = _falls(form, carried)
             first = int(np.argmax(falls))
-            gain = float(falls[first]) - len(form.limits) * float(np.log(rows))
+            gain = float(falls[first]) - len(form.limits) * float(np.log(max(rows, 1)))
             if gain > worth:
                 worth, found = gain, form.only(np.array([first]))
         effect = found.effect.tuned(float(found.tunings[0]))

@@ -41,7 +41,7 @@ def twins(outcome: Outcome, entry: Entry) -> list[Twin]:
     U, (_, Xr) = beside.directions(own), beside.products(own)
     signal = U.T @ Xr
     spread = max(beside.cost - float(signal @ signal), 0.0) / max(beside.dof - len(signal), 1)
-    noise = spread if beside.noise_refuted else 1.0
+    noise = spread if beside.noise_refuted and spread > 0.0 else 1.0
     active = {c.key for c in outcome.active}
     found = []
     for suspect in outcome.suspects:

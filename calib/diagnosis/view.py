@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray, Mask, stacked
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.linear import LinearModel, times
 from calib.diagnosis.scan import beside as beside_scan
@@ -105,7 +105,7 @@ class View:
     def columns(self) -> Array:
         """The same of independent rows, shape (m R, K)."""
         rows = self.rows if self.fit.mixing is None else self.fit.mixing(self.rows)
-        return rows.reshape(-1, rows.shape[-1])
+        return stacked(rows)
 
     @cached_property
     def beside(self) -> Field:

@@ -121,4 +121,4 @@ class GearRipple(TunedTwist):
 
 def _paired(cosine: Array, sine: Array) -> Array:
     """``cos_1 sin_1 cos_2 sin_2`` of two arrays (..., m, harmonics)."""
-    return np.stack([cosine, sine], axis=-1).reshape(*cosine.shape[:-1], -1)
+    return np.stack([cosine, sine], axis=-1).reshape(*cosine.shape[:-1], 2 * cosine.shape[-1])

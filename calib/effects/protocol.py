@@ -350,9 +350,11 @@ class MarkerEffect(Effect):
         moved: Array = self.offsets(poses) @ values[..., None, :, None]
         return moved[..., 0]
 
-    def marker(self, names: Sequence[str]) -> int:
-        """Position of the marker among those of the cell."""
-        return list(names).index(self.where.removeprefix("marker:"))
+    def marker(self, names: Sequence[str]) -> slice:
+        """The marker among those of a model; none where that looks at other points."""
+        own = self.where.removeprefix("marker:")
+        at = list(names).index(own) if own in names else 0
+        return slice(at, at + (own in names))
 
 
 @dataclass(frozen=True, eq=False)

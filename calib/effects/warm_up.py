@@ -61,7 +61,7 @@ class WarmUp(Timed):
             return rest, rest
         tau = np.maximum(np.abs(tuning), _AT_ONCE)[..., None, None]
         left = np.exp(-t[:, None] / tau)
-        return left, np.sign(tuning)[..., None, None] * left * t[:, None] / tau**2
+        return left, np.sign(tuning)[..., None, None] * left * (t[:, None] / tau) / tau
 
     def grid(self, poses: Poses) -> Array:
         t = poses.clock_in(self.clock)

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from calib.arrays import Array, Mask
+from calib.arrays import Array, Mask, stacked
 from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
@@ -149,7 +149,7 @@ class Differences:
 
     def followed(self, observation: Observation, values: Array, span: Array, moved: Array) -> Array:
         read, centred = (o.rows(moved) for o in (observation, points_of(observation, centred=True)))
-        read, centred = (rows.reshape(-1, rows.shape[-1]) for rows in (read, centred))
+        read, centred = (stacked(rows) for rows in (read, centred))
         gains = self._gains(observation, values, span)
         # What is known beside the readings comes last, and stays as it is.
         from_readings, from_differences = (gain[:, : len(read)] for gain in gains)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from calib.cell import Cell
-from calib.errors import CalibError
+from calib.errors import CalibError, NoEquilibrium
 from calib.identification.fitted import Fitted
 from calib.identification.identification import Residuals
 from calib.identification.outliers import pose_statistics, prediction_statistics, threshold
@@ -34,7 +34,10 @@ def predicted(cell: Cell, fit: Fitted, heldout: Measurements) -> Residuals:
     _check_covariates(model, observation.data, heldout)
     points = Points(model, heldout, whitening(cell, model, values, heldout))
     cov = fit.estimator.covariance(replace(fit.counted, scatter=None), values, fit.span)
-    statistics, _ = prediction_statistics(*points.linearise(values), cov)
+    r, J = points.linearise(values)
+    if not np.isfinite(r).all():
+        raise NoEquilibrium(" at the held-out poses")
+    statistics, _ = prediction_statistics(r, J, cov)
     return Residuals.of(model, heldout, values, statistics > limit, statistics, limit)
 
 

@@ -17,7 +17,7 @@ from calib.identification.estimators import Differences, Estimator, Readings, st
 from calib.identification.fitted import Fitted, fitted
 from calib.identification.heldout import predicted
 from calib.identification.identification import Identification, Method, Residuals, Status
-from calib.identification.initial import initial_values
+from calib.identification.initial import initial_values, strayed
 from calib.identification.mistakes import refuse_mistakes
 from calib.identification.tuning import profiled, with_tunings
 from calib.identification.whitening import whitening
@@ -174,7 +174,8 @@ def _points(
     start = initial_values(model, data)
     refuse_mistakes(model, data, start)
     weights = whitening(cell, model, start, data)
-    model, start = with_tunings(Points(model, data, weights), start)
+    model, tuned = with_tunings(Points(model, data, weights), start)
+    start = np.where(strayed(model, data, start, tuned), start, tuned)
     if approach == "pose":
         check_orientable(model, data, start)
         if len(model.where(Tool)):
@@ -238,7 +239,7 @@ def _std_by_pose(fit: Fitted) -> Array | None:
     kept, counted, span = fit.found.kept, fit.counted, fit.span
     if isinstance(fit.estimator, Differences) or not counted.efficient:
         return None
-    if int(kept.sum()) < _POSES_PER_DIRECTION * span.shape[1]:
+    if not 0 < _POSES_PER_DIRECTION * span.shape[1] <= int(kept.sum()):
         return None
     r, J = replace(points_of(counted), known=counted.known).linearise(fit.values)
     held = counted.beside(fit.values)[1]

@@ -9,10 +9,13 @@ from calib.arrays import Array, Mask
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.instruments import Instrument
-from calib.instruments.protocol import Nominal
+from calib.instruments.protocol import Nominal, Start
 from calib.model import Model
 from calib.observations.shape import free_components
 from calib.poses import Measurements
+
+_ROOM = 10.0  # reaches of the arm
+_ABSURD = 1e3  # plausible sizes
 
 
 def initial_values(model: Model, data: Measurements) -> Array:
@@ -41,6 +44,9 @@ def initial_values(model: Model, data: Measurements) -> Array:
                 own.seen[:, part],
                 Nominal(R_tip[here], p_tip[here], markers[read], free[read], not bases),
             )
+            place = values[bases[station]] if station in bases else np.zeros(0)
+            if _room(model, data) < _farthest(start, place, markers[read]):
+                continue  # readings that tell nothing leave the guess
             markers[read] = start.markers
             free[read] &= ~start.told
             if station in bases:
@@ -49,6 +55,27 @@ def initial_values(model: Model, data: Measurements) -> Array:
         if isinstance(effect, Tool):
             values[part] = effect.values_at((markers - model.markers)[effect.markers])
     return values
+
+
+def strayed(model: Model, data: Measurements, start: Array, values: Array) -> Mask:
+    """Which values (p,) ran away from ``start``: places out of the room, others to absurd sizes."""
+    limits = _ABSURD * model.sizes
+    limits[model.where(Base, Tool)] = _room(model, data)
+    return np.asarray(~(np.abs(values - start) <= limits))
+
+
+def _room(model: Model, data: Measurements) -> float:
+    """How far from its guess anything may be, m."""
+    channels = model.readout.channels
+    read = np.abs(data.readings[data.seen[..., None] & channels.lengths])
+    return _ROOM * model.robot.reach + (float(read.max(initial=0.0)) if channels.metric else 0.0)
+
+
+def _farthest(start: Start, place: Array, markers: Array) -> float:
+    """By how much the place, where there is one, or a marker left its guess; infinite for NaN."""
+    placed = start.place - place if len(place) else place
+    moved = np.abs(np.concatenate([placed, (start.markers - markers).ravel()]))
+    return float(np.nan_to_num(moved, nan=np.inf).max(initial=0.0))
 
 
 def _sessions(

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.arrays import Array, Mask
+from calib.arrays import Array, Mask, stacked
 from calib.model.covariance import covariance
 
 _ALPHA = 1e-3
@@ -34,7 +34,7 @@ def pose_statistics(
     span : ndarray, shape (p, k), the directions that were estimated
     held : ndarray, shape (h, p), derivatives of what is known beside the poses
     """
-    rows = np.concatenate([J[kept].reshape(-1, J.shape[-1]), held])
+    rows = np.concatenate([stacked(J[kept]), held])
     return fit_statistics(r, J, kept, covariance(rows, span))
 
 
@@ -127,7 +127,8 @@ def next_outlier(statistics: Array, rows: Array, kept: Mask, cost: float, dof: i
     k, left = int(rows[worst]), dof - int(rows[worst])
     if left < k:
         return None
-    F = drop[worst] / k / max((cost - drop[worst]) / left, 1e-300)
+    rest = max(cost - drop[worst], np.finfo(float).eps * cost)
+    F = drop[worst] / k * left / rest if rest > 0.0 else 0.0
     return worst if float(fdtrc(k, left, F)) < _ALPHA / m else None
 
 
@@ -143,5 +144,5 @@ def wrongly_out(statistics: Array, rows: Array, kept: Mask, cost: float, dof: in
     if not out.any() or dof <= 0:
         return None
     best = int(np.where(out, statistics, np.inf).argmin())
-    F = statistics[best] / max(cost / dof, 1e-300)
+    F = statistics[best] * dof / cost if cost > 1e-300 else np.inf
     return best if float(fdtrc(int(rows[best]), dof, F)) >= _ALPHA / len(kept) else None

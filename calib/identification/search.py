@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from calib.identification.estimators import (
     rigid_directions,
     unspent,
 )
+from calib.identification.initial import strayed
 from calib.identification.outliers import (
     judge,
     next_outlier,
@@ -23,13 +24,14 @@ from calib.identification.outliers import (
     threshold,
     wrongly_out,
 )
-from calib.model.covariance import Identifiable
+from calib.model.covariance import Identifiable, Unidentifiable
 from calib.observations import Observation
 from calib.solver import Minimum
 
 # Of a fit that gross errors bend only the size of what it leaves is told: five digits of it.
 _TOLD = 30
 _ROUNDS = 12  # times that outliers are judged anew
+_STRAYED = "these poses tell so little of it that its estimate ran away"
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,38 +69,93 @@ def search(
 
     Raises CalibError where the estimator lacks the readings that it needs.
     """
-    choice = choose_directions(observation, start)
-    span = observation.span()[:, choice.kept]
-    if estimator.dof(observation, span) < 0:
+    choice = _Choice.at(observation, start)
+    if estimator.dof(observation, choice.span) < 0:
         raise CalibError(
             "too few readings at equal joints for differences: each configuration must be measured "
             "free and loaded, and the model must hold something elastic"
         )
     if kept is None:
-        kept = _stiffly_kept(estimator, observation, start, span)
-    best = estimator.fit(observation.only(kept), start, span)
+        kept = _stiffly_kept(estimator, observation, start, choice.span)
+    best, choice = _fit(estimator, observation.only(kept), start, start, choice)
     first = best if kept.all() else None
-    fresh, statistics, limit = _judged(estimator, observation, best.values, kept, span)
+    fresh, statistics, limit = _judged(estimator, observation, best.values, kept, choice.span)
     for _ in range(_ROUNDS):
         if np.array_equal(fresh, kept):
             break
         kept = fresh
-        choice = choose_directions(observation.only(kept), start)
-        span = observation.span()[:, choice.kept]
-        best = estimator.fit(observation.only(kept), best.values, span)
-        fresh, statistics, limit = _judged(estimator, observation, best.values, kept, span)
+        counted = observation.only(kept)
+        choice = _Choice.at(counted, start)
+        best, choice = _fit(estimator, counted, start, best.values, choice)
+        fresh, statistics, limit = _judged(estimator, observation, best.values, kept, choice.span)
     if first is None:
-        first = estimator.fit(observation, best.values, span, _TOLD)
-    at_end = choose_directions(observation.only(kept), best.values)
-    if best.converged and at_end.rank < choice.rank:
+        first = estimator.fit(observation, best.values, choice.span, _TOLD)
+    counted, regular = observation.only(kept), False
+    for _ in range(_ROUNDS):
+        at_end = choice.anew(counted, best.values)
+        regular = at_end.span.shape[1] >= choice.span.shape[1]
+        if regular:
+            break
         # The start was where more is told: a marker on an axis tells less than one beside it.
-        choice = at_end
-        span = observation.span()[:, choice.kept]
-        best = estimator.fit(observation.only(kept), start, span)
-        fresh, statistics, limit = _judged(estimator, observation, best.values, kept, span)
-        at_end = choose_directions(observation.only(kept), best.values)
-    regular = at_end.rank >= choice.rank
-    return Found(first, best, kept, statistics, limit, fresh != kept, choice, span, regular)
+        best, choice = _fit(estimator, counted, start, start, at_end)
+        fresh, statistics, limit = _judged(estimator, observation, best.values, kept, choice.span)
+    undecided = fresh != kept
+    return Found(first, best, kept, statistics, limit, undecided, choice.told, choice.span, regular)
+
+
+@dataclass(frozen=True, eq=False)
+class _Choice:
+    """What is estimated.
+
+    among : ndarray, shape (p, n), directions to choose from; told : Identifiable, what was chosen
+    strayed : tuple of Unidentifiable, that are not among them, for a fit lost them
+    """
+
+    among: Array
+    chosen: Identifiable
+    strayed: tuple[Unidentifiable, ...] = ()
+
+    @classmethod
+    def at(cls, observation: Observation, values: Array) -> _Choice:
+        """What the data determine at some values."""
+        among = observation.span()
+        return cls(among, choose_directions(observation, values, among))
+
+    def anew(self, observation: Observation, values: Array) -> _Choice:
+        """The same at other values."""
+        return replace(self, chosen=choose_directions(observation, values, self.among))
+
+    def without(self, observation: Observation, values: Array, strayed: Mask) -> _Choice:
+        """The same without the values (p,) that a fit lost."""
+        names = tuple(observation.model.parameters[i].id for i in np.flatnonzero(strayed))
+        among = self.among[:, np.abs(self.among[strayed]).sum(axis=0) == 0.0]
+        lost = Unidentifiable(names, _STRAYED)
+        return replace(self, among=among, strayed=(*self.strayed, lost)).anew(observation, values)
+
+    @property
+    def span(self) -> Array:
+        return self.among[:, self.chosen.kept]
+
+    @property
+    def told(self) -> Identifiable:
+        return replace(self.chosen, unidentifiable=(*self.chosen.unidentifiable, *self.strayed))
+
+
+def _fit(
+    estimator: Estimator, observation: Observation, start: Array, begun: Array, choice: _Choice
+) -> tuple[Minimum, _Choice]:
+    """The fit from ``begun`` (p,), and what it estimates: what strays from ``start`` stays there."""
+
+    def lost(values: Array) -> Mask:
+        return strayed(observation.model, observation.data, start, values)
+
+    best = estimator.fit(observation, begun, choice.span)
+    while (out := lost(best.values)).any():
+        choice = choice.without(observation, start, out)
+        best = estimator.fit(observation, start, choice.span, _TOLD)
+        if not lost(best.values).any():
+            best = estimator.fit(observation, best.values, choice.span)
+    return best, choice
 
 
 def _stiffly_kept(

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.arrays import Array
+from calib.arrays import Array, stacked
 from calib.effects.tuned import Tuned
 from calib.identification.estimators import choose_directions
 from calib.model import Model
@@ -164,7 +164,7 @@ def _columns(effect: Tuned, poses: Poses, carried: Array, tuning: float) -> Arra
 
 
 def _flat(blocks: Sequence[Array]) -> Array:
-    return np.concatenate([b.reshape(-1, b.shape[-1]) for b in blocks], axis=1)
+    return np.concatenate([stacked(b) for b in blocks], axis=1)
 
 
 def _basis(blocks: Sequence[Array]) -> Array:

@@ -12,9 +12,10 @@ from __future__ import annotations
 import numpy as np
 
 from calib.arrays import Array
-from calib.solver import Linearise, Minimum, damped_step, normal_equations
+from calib.solver import Linearise, Minimum, normal_equations
 
 _SETTLED = 1e-6  # length of a turn in standard deviations of the estimate
+_SINGULAR = 1e-13  # of the largest eigenvalue
 _MOST_TURNS = 200_000
 _MOST_LINEARISATIONS = 60
 
@@ -35,7 +36,7 @@ def alternate(linearise: Linearise, start: Array, placement: Array, rest: Array)
         step, used, settled = _turns(A, g, blocks, _MOST_TURNS - turns)
         turns += used
         values = values + span @ step
-        if settled and step @ A @ step <= _SETTLED**2 * max(1.0, float(cost) / len(step)):
+        if settled and step @ A @ step <= _SETTLED**2 * max(1.0, float(cost) / max(len(step), 1)):
             converged = True
             break
     r, _ = linearise(values)
@@ -60,6 +61,8 @@ def _turns(A: Array, g: Array, blocks: list[slice], most: int) -> tuple[Array, i
 
 
 def _inverse(A: Array) -> Array:
-    """Inverse of a symmetric positive matrix, columns scaled to one."""
-    zero = np.zeros(len(A))
-    return damped_step(np.broadcast_to(A, (len(A), *A.shape)), np.eye(len(A)), zero).T
+    """Inverse of a symmetric matrix, columns scaled to one; what rounding alone tells stays put."""
+    scale = np.sqrt(np.diag(A))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    inner = np.linalg.pinv(A / np.outer(scale, scale), rcond=_SINGULAR, hermitian=True)
+    return np.asarray(inner / np.outer(scale, scale))

@@ -16,6 +16,7 @@ from calib.solver import levenberg_marquardt
 _MISSES = 5e-3  # m: what a nominal arm may miss, one standard deviation
 _STRAYS = 5e-2  # m: and a first guess of a marker
 _DIRECTIONS = 24
+_ROOM = 10.0  # times as far as arm and readings go together: no place is farther
 
 POINT = tuple(Unknown(c, "mm", 1e-3, 1e-2) for c in "xyz")
 """A point in base axes."""
@@ -96,7 +97,7 @@ def best(instrument: Instrument, rows: Array, seen: Mask, arm: Nominal, starts: 
 
     Markers of which nothing is known stay near their first guess where the rows do not tell them.
     """
-    pose, channel, _ = contacts(seen, arm)
+    pose, channel, nominal = contacts(seen, arm)
     measured, R = rows[seen][:, None], arm.R_tip[pose]
     told = arm.free & np.any(seen, axis=0)[:, None]
     free, u = np.argwhere(told), len(instrument.unknowns)
@@ -112,15 +113,23 @@ def best(instrument: Instrument, rows: Array, seen: Mask, arm: Nominal, starts: 
         by_points = np.eye(3) if found.by_points is None else found.by_points
         J = np.concatenate([found.by_place, by_points @ lever[:, None]], axis=-1)
         off = instrument.difference(measured, found.rows)
-        r = np.concatenate([off.reshape((*off.shape[:-3], -1)) / _MISSES, -offsets / _STRAYS], -1)
+        off = off.reshape((*off.shape[:-3], -1)) / _MISSES
+        r = np.concatenate([off, -offsets / _STRAYS], -1)
         held = np.pad(np.eye(len(free)) / _STRAYS, ((0, 0), (u, 0)))
-        J = J.reshape((*J.shape[:-4], -1, J.shape[-1])) / _MISSES
+        J = J.reshape((*off.shape, J.shape[-1])) / _MISSES
         return r, np.concatenate([J, np.broadcast_to(held, (*J.shape[:-2], *held.shape))], axis=-2)
 
+    room = _ROOM * (np.linalg.norm(nominal, axis=-1).max() + np.abs(measured).max())
     values = np.pad(starts, ((0, 0), (0, len(free))))
+    near = np.abs(values).max(axis=-1, initial=0.0) < room
+    values = values[near] if near.any() else values
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = levenberg_marquardt(linearise, values, np.eye(values.shape[-1]))
-    chosen = found.values[int(np.nanargmin(found.cost))]
+        moved = levenberg_marquardt(linearise, values, np.eye(values.shape[-1])).values
+        # What readings tell of so little that it runs away stays where it began.
+        inside = np.abs(moved).max(axis=-1, initial=0.0, keepdims=True) < room
+        values = np.where(inside, moved, values)
+        cost = np.sum(linearise(values)[0] ** 2, axis=-1)
+    chosen = values[int(np.nanargmin(cost))]
     markers = arm.markers.copy()
     markers[told] += chosen[u:]
     return Start(chosen[:u], markers, told)

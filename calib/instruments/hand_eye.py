@@ -14,13 +14,19 @@ import numpy as np
 
 from calib.arm.se3 import nearest_rotation, rotate, skew, so3_exp, so3_log, so3_right_jacobian
 from calib.arrays import Array, IntArray, Mask
+from calib.instruments.placing import Apart
 from calib.solver import levenberg_marquardt
 
 Motions: TypeAlias = tuple[Array, Array]
 """Rotations (..., 3, 3) and translations (..., 3), m."""
 
+Quadratic: TypeAlias = tuple[Array, Array]
+"""Factor (k, 9) and target (k,) of what points leave, ``target - factor S``."""
+
 _APART = 5.0  # times the smallest singular value: above, the next one is none of the null space
-_NOTHING = 1e-6  # relative to the largest
+_TURNED = (
+    0.1  # relative to the largest: of a flange that turns less, errors of the arm tell as much
+)
 _STARTS = 64
 _FOLLOWED = 6  # the best of them
 _SEARCHED = 40  # readings that a search looks at: more tell it nothing new
@@ -41,16 +47,31 @@ def hand_eye(
     R_tip, p_tip = (part[pose] for part in arm)
     R_X = np.stack([bodies[:, 1], bodies[:, 2], np.cross(bodies[:, 1], bodies[:, 2])], axis=-1)
     p_X = bodies[:, 0]
-    R_Y, R_X = _rotations(R_read, R_tip, body, R_X, known, placed)
-    t, p_X = _translations(rotate(R_Y.T, p_read) - p_tip, R_tip, body, p_X, known, placed)
+    own = np.flatnonzero(~known)
+    there = p_tip + rotate(R_tip, p_X[body])
+    lever = np.where(body[:, None, None, None] == own[:, None], R_tip[:, :, None], 0.0)
+    apart = Apart(lever.reshape(len(body), 3, -1), placed)
+    R_Y, R_X = _rotations(R_read, R_tip, body, R_X, known, placed, apart.quadratic(p_read, there))
+    t, moved = apart.solved(rotate(R_Y.T, p_read) - there)
+    p_X = p_X.copy()
+    p_X[own] += moved.reshape(-1, 3)
     axes = np.swapaxes(R_X[:, :, :2], -1, -2)
     return R_Y, R_Y @ t, np.concatenate([p_X[:, None], axes], axis=1)
 
 
 def _rotations(
-    R_read: Array, R_tip: Array, body: IntArray, R_X: Array, known: Mask, placed: bool
+    R_read: Array,
+    R_tip: Array,
+    body: IntArray,
+    R_X: Array,
+    known: Mask,
+    placed: bool,
+    points: Quadratic,
 ) -> tuple[Array, Array]:
-    """Rotations of the place and of every body, by the readings n."""
+    """Rotations of the place and of every body, by the readings n.
+
+    points : what the bodies' origins say of the place's
+    """
     if placed:
         back = np.swapaxes(R_tip, -1, -2) @ R_read
         return np.eye(3), _averaged(back, body, R_X, known)
@@ -59,7 +80,7 @@ def _rotations(
         there = R_tip[own] @ R_X[body[own]]
         R_Y = nearest_rotation((R_read[own] @ np.swapaxes(there, -1, -2)).sum(axis=0))
     else:
-        R_Y = _place(R_read, R_tip, body, len(R_X))
+        R_Y = _place(R_read, R_tip, body, len(R_X), points)
     back = np.swapaxes(R_tip, -1, -2) @ R_Y.T @ R_read
     return R_Y, _averaged(back, body, R_X, known)
 
@@ -73,7 +94,7 @@ def _averaged(back: Array, body: IntArray, R_X: Array, known: Mask) -> Array:
     return found
 
 
-def _place(R_read: Array, R_tip: Array, body: IntArray, count: int) -> Array:
+def _place(R_read: Array, R_tip: Array, body: IntArray, count: int, points: Quadratic) -> Array:
     """R_Y with every body unknown: the null space, and a search from there and from anywhere."""
     n, eye = len(body), np.eye(3)
     rows = np.zeros((n, 9, 1 + count, 9))
@@ -82,14 +103,17 @@ def _place(R_read: Array, R_tip: Array, body: IntArray, count: int) -> Array:
     _, s, Vt = np.linalg.svd(np.linalg.qr(rows.reshape(9 * n, -1), mode="r"))
     S = Vt[-1, :9].reshape(3, 3)
     first = nearest_rotation(S * np.sign(np.linalg.det(S)))
-    if s[-2] > max(_APART * s[-1], _NOTHING * s[0]):
+    if s[-2] > max(_APART * s[-1], _TURNED * s[0]):
         return first.T
     chosen = np.unique(np.linspace(0, n - 1, _SEARCHED).astype(int))
-    return _searched(first, R_read[chosen], R_tip[chosen], body[chosen], count).T
+    return _searched(first, R_read[chosen], R_tip[chosen], body[chosen], count, points).T
 
 
-def _searched(first: Array, R_read: Array, R_tip: Array, body: IntArray, count: int) -> Array:
-    """The S = R_Y^T from which the bodies' rotations scatter least."""
+def _searched(
+    first: Array, R_read: Array, R_tip: Array, body: IntArray, count: int, points: Quadratic
+) -> Array:
+    """The S = R_Y^T from which the bodies' rotations and origins scatter least."""
+    factor, target = points
     wide = np.zeros((len(body), 1 + count))
     wide[np.arange(len(body)), 1 + body] = 1.0
     columns = skew(np.eye(3))  # of a derivative, d exp(r) = exp(r) skew(J dr)
@@ -105,8 +129,15 @@ def _searched(first: Array, R_read: Array, R_tip: Array, body: IntArray, count: 
         dX = np.einsum("...nkab,...nkj->...nabj", dX, turn[..., 1:, :, :][..., body, :, :])
         J = -np.einsum("...nabj,nc->...nabcj", dX, wide)
         J[..., 0, :] = dS
-        J = J.reshape((*r.shape[:-2], 9 * len(body), -1))
-        return off.reshape(J.shape[:-1]) / _RESOLUTION, -J / _RESOLUTION
+        J = J.reshape((*r.shape[:-2], 9 * len(body), -1)) / _RESOLUTION
+        turned = S[..., 0, None, :, :] @ columns
+        turned = np.einsum("...kab,...kj->...jab", turned, turn[..., 0, :, :])
+        by_place = factor @ np.swapaxes(turned.reshape((*r.shape[:-2], 3, 9)), -1, -2)
+        by_points = np.zeros((*by_place.shape[:-1], J.shape[-1]))
+        by_points[..., :3] = by_place
+        apart = target - S.reshape((*r.shape[:-2], 9)) @ factor.T
+        rows = np.concatenate([off.reshape(J.shape[:-1]) / _RESOLUTION, apart], axis=-1)
+        return rows, np.concatenate([-J, by_points], axis=-2)
 
     drawn = np.random.default_rng(0).normal(size=(_STARTS - 1, 3, 3))
     starts = np.concatenate([first[None], nearest_rotation(drawn)])
@@ -116,22 +147,3 @@ def _searched(first: Array, R_read: Array, R_tip: Array, body: IntArray, count: 
     r = r[np.argsort(np.sum(linearise(r)[0] ** 2, axis=-1))[:_FOLLOWED]]
     found = levenberg_marquardt(linearise, r, np.eye(r.shape[-1]))
     return so3_exp(found.values[int(np.argmin(found.cost)), :3])
-
-
-def _translations(
-    there: Array, R_tip: Array, body: IntArray, p_X: Array, known: Mask, placed: bool
-) -> tuple[Array, Array]:
-    """``there = t + R_tip p_X``: where the base is from the place, base axes, and the bodies."""
-    free = np.flatnonzero(~known)
-    first = 0 if placed else 3
-    A = np.zeros((len(body), 3, first + 3 * len(free)))
-    A[:, :, :first] = np.eye(3)[:, :first]
-    for column, c in enumerate(free):
-        own, at = body == c, first + 3 * column
-        A[own, :, at : at + 3] = R_tip[own]
-    rest = there - np.where(known[body][:, None], rotate(R_tip, p_X[body]), 0.0)
-    solution = np.linalg.lstsq(A.reshape(-1, A.shape[-1]), rest.reshape(-1), rcond=1e-9)[0]
-    found = p_X.copy()
-    found[free] = solution[first:].reshape(-1, 3)
-    t = np.zeros(3) if placed else np.asarray(solution[:3])
-    return t, found

@@ -8,16 +8,22 @@ anywhere, turned anyhow, and one marker is enough.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 
 from calib.arm.se3 import nearest_rotation, rotate, skew, so3_exp, so3_log, so3_right_jacobian
-from calib.arrays import Array, Mask
+from calib.arrays import Array, Mask, stacked
 from calib.instruments.protocol import Nominal
 from calib.solver import levenberg_marquardt
 
 _STARTS = 256
 _FOLLOWED = 12  # the best of them
 _RESOLUTION = 1e-6  # m: what the search takes for one standard deviation
+_TOLD = (
+    0.05  # of a lever's length that turns: below, a nominal arm's error would look like a marker's
+)
 
 
 def placed(points: Array, seen: Mask, arm: Nominal) -> tuple[Array, Array, Array]:
@@ -26,34 +32,66 @@ def placed(points: Array, seen: Mask, arm: Nominal) -> tuple[Array, Array, Array
     points : ndarray, shape (m, M, 3), m; seen : ndarray of bool, shape (m, M)
     """
     pose, marker = np.nonzero(seen)
+    R_tip = arm.R_tip[pose]
+    y, there = points[pose, marker], arm.p_tip[pose] + rotate(R_tip, arm.markers[marker])
     free = arm.free & (seen.sum(axis=0) > 0)[:, None]
-    known, R_tip = np.where(free, 0.0, arm.markers), arm.R_tip[pose]
-    y, there = points[pose, marker], arm.p_tip[pose] + rotate(R_tip, known[marker])
-    first = 0 if arm.placed else 3
-    design = np.zeros((len(pose), 3, first + int(free.sum())))
-    design[:, :, :first] = np.eye(3)[:, :first]
-    for column, (j, component) in enumerate(np.argwhere(free), start=first):
-        design[marker == j, :, column] = R_tip[marker == j, :, component]
-    D = design.reshape(-1, design.shape[-1])
-    S: Array = np.eye(3) if arm.placed else _rotation(D, y, there)
-    solution = np.asarray(np.linalg.lstsq(D, (y @ S.T - there).reshape(-1), rcond=None)[0])
-    t = np.zeros(3) if arm.placed else S.T @ solution[:3]
+    own = np.argwhere(free)
+    lever = np.where(marker[:, None, None] == own[:, 0], R_tip[:, :, own[:, 1]], 0.0)
+    apart = Apart(lever, arm.placed)
+    S: Array = np.eye(3) if arm.placed else rotation(*apart.quadratic(y, there))
+    t, offsets = apart.solved(y @ S.T - there)
     markers = arm.markers.copy()
-    markers[free] = solution[first:]
-    return S.T, t, markers
+    markers[free] += offsets
+    return S.T, S.T @ t, markers
 
 
-def _rotation(D: Array, y: Array, arm: Array) -> Array:
-    """The S in SO(3) that minimises the part of ``S y - arm`` outside the span of D."""
-    U, s, _ = np.linalg.svd(D, full_matrices=False)
-    basis = np.asarray(U[:, s > 1e-9 * s[0]])
-    # Row c of S y is S[c] . y: columns of Z belong to the nine entries of S, then to arm.
-    Z = np.concatenate(
-        [np.einsum("nk,cd->ncdk", y, np.eye(3)).reshape(-1, 9), arm.reshape(-1, 1)], 1
-    )
-    Z = Z - basis @ (basis.T @ Z)
-    R = np.asarray(np.linalg.qr(Z, mode="r"))
-    factor, target = R[:, :9] / _RESOLUTION, R[:, 9] / _RESOLUTION
+@dataclass(frozen=True, eq=False)
+class Apart:
+    """``rest = t + lever u`` for rows n of three: a shift common to all, and what turns with the tip.
+
+    lever : ndarray, shape (n, 3, f); placed : whether there is no shift
+    Without their means rows speak of u alone. What the tip hardly turns stays as it was guessed: of u
+    the directions that are seen are solved for, so u is shorter than twenty times the rest.
+    """
+
+    lever: Array
+    placed: bool
+
+    @cached_property
+    def _directions(self) -> tuple[Array, Array, Array]:
+        """Basis (3 n, k) of what u does to the rows, singular values (k,), and directions (k, f)."""
+        U, s, Vt = np.linalg.svd(self._flat(self.lever), full_matrices=False)
+        told = s > _TOLD * np.linalg.norm(self.lever, axis=(0, 1)).max(initial=0.0)
+        return U[:, told], s[told], Vt[told]
+
+    def _flat(self, rows: Array) -> Array:
+        if not self.placed:
+            rows = rows - rows.mean(axis=0)
+        return stacked(rows)
+
+    def solved(self, rest: Array) -> tuple[Array, Array]:
+        """The shift (3,) and u (f,) of rest (n, 3), m; u of least length."""
+        U, s, Vt = self._directions
+        u = Vt.T @ ((U.T @ self._flat(rest[..., None])[:, 0]) / s)
+        if self.placed:
+            return np.zeros(3), u
+        return (rest - self.lever @ u).mean(axis=0), u
+
+    def quadratic(self, y: Array, there: Array) -> tuple[Array, Array]:
+        """Factor (k, 9) and target (k,) of ``target - factor S``: what neither t nor u explains.
+
+        y, there : ndarray, shape (n, 3), m, of ``S y - there``
+        """
+        basis = self._directions[0]
+        # Row c of S y is S[c] . y: columns of Z belong to the nine entries of S, then to the arm.
+        of_S = np.einsum("nk,cd->ncdk", y, np.eye(3)).reshape(len(y), 3, 9)
+        Z = self._flat(np.concatenate([of_S, there[..., None]], axis=-1))
+        R = np.asarray(np.linalg.qr(Z - basis @ (basis.T @ Z), mode="r"))
+        return R[:, :9] / _RESOLUTION, R[:, 9] / _RESOLUTION
+
+
+def rotation(factor: Array, target: Array) -> Array:
+    """The S in SO(3) that minimises ``|target - factor S|``."""
 
     def linearise(r: Array) -> tuple[Array, Array]:
         S = so3_exp(r)

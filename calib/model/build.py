@@ -318,10 +318,10 @@ def _same_unknown(kind: str, other: str) -> bool:
 
 
 def refuse_idle_effects(cell: Cell, model: Model, poses: Poses) -> None:
-    """Refuse effects that the user placed and that move no marker at the poses.
+    """Refuse effects that the user placed and that no poses of this kind would show.
 
-    Effects named for everywhere may stand idle at some places; what they lack is reported with the
-    parameters that cannot be identified.
+    Effects named for everywhere may stand idle at some places, and so may those of single joints; what
+    they lack is reported with the parameters that cannot be identified.
 
     Raises EffectCannotAct.
     """
@@ -339,7 +339,7 @@ def refuse_idle_effects(cell: Cell, model: Model, poses: Poses) -> None:
     moved = np.abs(J).max(axis=(0, 1, 2)) * part.sizes
     for effect, columns in zip(part.effects, part.slices, strict=True):
         if (effect.kind, effect.where) in placed and moved[columns].max() < _MOVES_NOTHING:
-            raise _idle(effect, part, poses)
+            _refuse_idle(effect, part, poses)
 
 
 def _amid(effect: Effect, poses: Poses) -> Effect:
@@ -350,29 +350,29 @@ def _amid(effect: Effect, poses: Poses) -> Effect:
     return effect.tuned(grid[len(grid) // 2])
 
 
-def _idle(effect: Effect, model: Model, poses: Poses) -> EffectCannotAct:
-    """Why an effect moves nothing; ``model`` holds what is not constant in the user's model."""
+def _refuse_idle(effect: Effect, model: Model, poses: Poses) -> None:
+    """Why an effect moves nothing; ``model`` holds what is not constant in the user's model.
+
+    Raises EffectCannotAct, but for a joint that these poses happen not to move or to stress.
+    """
     name = f"{effect.kind}:{effect.where}"
     reason = "it moves no marker at any of these poses"
     if isinstance(effect, LoadEffect) and not len(model.where(ElasticEffect)):
-        return EffectCannotAct(
+        raise EffectCannotAct(
             name,
             "nothing in the model is elastic",
             "add joint_compliance, or take it out of [model] effects",
         )
-    if effect.uses:
-        known = " and ".join(effect.uses)
-        return EffectCannotAct(
-            name, reason, f"take it out of [model] effects, or measure where {known} differs"
-        )
-    if not isinstance(effect, ElasticEffect | LoadEffect):
-        return EffectCannotAct(name, reason, "take it out of [model] effects, or move more joints")
-    if loads_of(model.robot, poses, model.payload, model.gravity).absent:
-        return EffectCannotAct(
+    bends = isinstance(effect, ElasticEffect | LoadEffect)
+    if bends and loads_of(model.robot, poses, model.payload, model.gravity).absent:
+        raise EffectCannotAct(
             name,
             "nothing loads the arm",
             "give wrench columns (fz_N ..), [payload], or link masses in the robot's file",
         )
-    return EffectCannotAct(
-        name, reason, "take it out of [model] effects, or load the arm so that it is stressed"
-    )
+    remedy = "load the arm so that it is stressed" if bends else "move more joints"
+    if effect.uses:
+        remedy = f"measure where {' and '.join(effect.uses)} differs"
+    elif effect.where in model.robot.joints:
+        return
+    raise EffectCannotAct(name, reason, f"take it out of [model] effects, or {remedy}")

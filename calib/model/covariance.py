@@ -117,17 +117,26 @@ def ignorance(J: Array, span: Array, sizes: Array, lost: Mask) -> Array:
     only lower it.
     """
     own = np.diag(sizes)[:, lost]
-    scale = np.linalg.norm(J @ span, axis=0)
-    absorbed = np.linalg.lstsq(J @ span / scale, J @ own, rcond=None)[0]
+    back, scale = _inverse(J @ span)
+    absorbed = back @ back.T @ ((J @ span / scale).T @ (J @ own))
     V = own - (span / scale) @ absorbed
     return np.asarray(V @ V.T)
 
 
 def _half(J: Array, span: Array) -> Array:
     """H (p, k) with ``H H^T = span (span^T J^T J span)^-1 span^T``."""
-    scale = np.linalg.norm(J @ span, axis=0)
-    R = triangle(J @ span / scale)
-    return np.asarray(span @ (np.linalg.inv(R) / scale[:, None]))
+    back, scale = _inverse(J @ span)
+    return np.asarray(span @ (back / scale[:, None]))
+
+
+def _inverse(columns: Array) -> tuple[Array, Array]:
+    """Inverse of the triangle of columns (N, k) made one long, (k, k), and their lengths (k,).
+
+    What a search left undetermined after all has no inverse and stays as it is, at no deviation.
+    """
+    scale = np.linalg.norm(columns, axis=0)
+    scale = np.asarray(np.where(scale > 0.0, scale, 1.0), dtype=float)
+    return np.asarray(np.linalg.pinv(triangle(columns / scale), rcond=_NUMERICAL)), scale
 
 
 def clustered(r: Array, J: Array, span: Array, held: Array) -> Array:
@@ -143,8 +152,8 @@ def clustered(r: Array, J: Array, span: Array, held: Array) -> Array:
     projected = J @ span
     flat = projected.reshape(-1, k)
     flat = np.concatenate([flat, held @ span])
-    scale = np.linalg.norm(flat, axis=0)
-    inverse = np.linalg.inv(triangle(flat / scale)) / scale[:, None]
+    back, scale = _inverse(flat)
+    inverse = back / scale[:, None]
     scores = np.einsum("mrk,mr->mk", projected, r) @ inverse @ inverse.T
     half = scores @ span.T
     N = int(np.count_nonzero(np.abs(flat).sum(axis=1)))
@@ -206,7 +215,7 @@ def errors_at(model: Model, values: Array, cov: Array, targets: Poses) -> Array:
     3-D per point, in the instrument's frame, at the points of :func:`working_points`.
     """
     model = working_points(model)
-    _, J = model.jacobian(values, targets)
+    _, J = model.jacobian_at_rest(values, targets)
     squared = np.einsum("mjip,pq,mjiq->m", J, cov, J, optimize=True) / J.shape[1]
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
 

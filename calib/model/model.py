@@ -42,6 +42,7 @@ from calib.effects.protocol import (
 )
 from calib.effects.tool import Tool
 from calib.effects.tuned import Tuned
+from calib.errors import NoEquilibrium
 from calib.instruments import Channels, Instrument, KnownDistance, Tracker
 from calib.model.arm_jacobian import arm_jacobian
 from calib.model.readout import Readout
@@ -283,7 +284,7 @@ class Model:
             markers = np.repeat(markers, len(poses), axis=-3)
         for effect, part in moved:
             offset = effect.displacements(poses, values[..., part])
-            markers[..., effect.marker(self.marker_names), :] += offset
+            markers[..., effect.marker(self.marker_names), :] += offset[..., None, :]
         return markers
 
     @property
@@ -435,6 +436,13 @@ class Model:
             last = self._last["found"] = (poses, values.copy(), readings, J)
         return last[2], last[3]
 
+    def jacobian_at_rest(self, values: Array, targets: Poses) -> tuple[Array, Array]:
+        """The same at targets. Raises NoEquilibrium where the arm is too soft to stand there."""
+        readings, J = self.jacobian(values, targets)
+        if not np.isfinite(readings).all():
+            raise NoEquilibrium(" at the targets")
+        return readings, J
+
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_last": {}}  # the memo does not travel
 
@@ -449,7 +457,8 @@ class Model:
                 J[..., effect.markers, :, part] = R_tip[..., None, :, :] @ by_values
             elif isinstance(effect, MarkerEffect):
                 R_tip, marker = state.frames.R[..., -1, :, :], effect.marker(self.marker_names)
-                J[..., marker, :, part] = R_tip @ effect.columns(poses, values[..., part])
+                by_values = effect.columns(poses, values[..., part])
+                J[..., marker, :, part] = (R_tip @ by_values)[..., None, :, :]
         if self._bodies:
             self._follow_bodies(values, poses, state.frames.R[..., -1, :, :], J)
         return self.readout.linearise(values, poses, points, J)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.arm.robot import Robot
-from calib.arrays import Array
+from calib.arrays import Array, stacked
 from calib.effects.base import Base
 from calib.effects.protocol import Constant, ConstantTwist, Effect
 from calib.effects.tool import Tool
@@ -148,7 +148,7 @@ def _rows(model: Model, values: Array, poses: Poses) -> Array:
     if len({n.unit for i in model.instruments for n in i.numbers}) > 1:
         unstated = np.full(readings.shape[:-1], np.nan)
         J = model.readout.whitening(values, poses, readings, unstated) @ J
-    return J.reshape(-1, J.shape[-1])
+    return stacked(J)
 
 
 def _is_constant(effect: Effect) -> bool:

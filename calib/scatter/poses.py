@@ -18,7 +18,7 @@ import numpy as np
 
 from calib.arm.kinematics import Frames, forward
 from calib.arm.se3 import cross, rotate
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray, Mask, stacked
 from calib.cell import Repeatability
 from calib.model import Model
 from calib.poses import Poses
@@ -50,7 +50,7 @@ class Mixing:
     def covariance(self, gains: Array) -> Array:
         """Covariance (p, p) of what follows whitened rows by ``gains`` (m, R, p)."""
         half = self._applied([np.swapaxes(np.linalg.inv(i), -1, -2) for _, i in self.blocks], gains)
-        flat = half.reshape(-1, half.shape[-1])
+        flat = stacked(half)
         return np.asarray(flat.T @ flat)
 
     def _applied(self, factors: list[Array], rows: Array) -> Array:

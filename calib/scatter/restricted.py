@@ -21,7 +21,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, stacked
 from calib.scatter.poses import Scatter, by_size
 from calib.solver import inverse_factor, triangle
 
@@ -29,6 +29,9 @@ _RIGID = 6
 _DEPENDENT = 1e-12
 _LOST = 1e-6  # share of a column's length: the root of what is left of twelve digits
 _MOVED = 1e-9  # of a lever's usual length
+_FAINT = (
+    1e-9  # of a column's length: known of each beforehand, so that none is nothing beside others
+)
 _MOST_STEPS = 40
 SETTLED = 0.05
 """Fall of -2 log likelihood that is not worth another step."""
@@ -128,6 +131,9 @@ def turned(
             Z = np.concatenate([_apart(H_in[index]), Z], axis=-1)
             owner = np.concatenate([np.tile(1 + kinds, A), owner])
         blocks.append(Block(Z, owner, own))
+    lengths = np.sqrt((F[..., :-1] ** 2).sum(axis=(0, 1)) + (held[:, :-1] ** 2).sum(axis=0))
+    faint = _FAINT * np.diag(np.where(lengths > 0.0, lengths, 1.0))
+    held = np.concatenate([held, np.pad(faint, ((0, 0), (0, 1)))])
     inside = sum(b.F.shape[0] * b.F.shape[1] for b in blocks)
     rows = int(np.count_nonzero(np.abs(F).sum(axis=-1)))
     rigid = sum(int(np.count_nonzero(np.abs(b.Z).sum(axis=-1) > _MOVED)) for b in blocks)
@@ -288,8 +294,12 @@ def step(found: Likelihood, theta: Array, free: IntArray) -> tuple[Array, float]
 
     above = theta - _lowest(theta)
     A, g = found.information[np.ix_(free, free)], found.gradient[free]
+    np.fill_diagonal(A, np.maximum(np.diag(A), 0.0))  # below nothing is rounding
     size = np.sqrt(np.diag(A))
-    C = np.linalg.cholesky(A / np.outer(size, size) + 1e-9 * np.eye(len(free)))
+    size = np.where(size > 0.0, size, 1.0)  # what moves no row has no information
+    A_one = A / np.outer(size, size)
+    low = max(0.0, -float(np.linalg.eigvalsh(A_one)[0]))  # what rounding took
+    C = np.linalg.cholesky(A_one + (1e-9 + 2.0 * low) * np.eye(len(free)))
     x0 = above[free] * size
     target = C.T @ x0 - np.linalg.solve(C, g / size)
     x, _ = nnls(C.T, target)
@@ -328,7 +338,7 @@ def _by_approach(scatter: Scatter, H: Array, F: Array) -> tuple[Array, Array, Ar
 
 
 def _flat(rows: Array) -> Array:
-    return rows.reshape(-1, rows.shape[-1])
+    return stacked(rows)
 
 
 def _six(rows: Array) -> Array:

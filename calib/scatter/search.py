@@ -164,7 +164,7 @@ def _promises(found: Likelihood, free: IntArray) -> Array:
         inner = np.linalg.solve(A[np.ix_(free, free)], A[free])
         left = left - np.einsum("fv,fv->v", A[free], inner)
     falls = 0.5 * g**2 / np.maximum(left, 1e-9 * np.maximum(np.diag(A), 1e-300))
-    falls[1:] = np.where(g[1:] < 0.0, falls[1:], 0.0)
+    falls[1:] = np.where((g[1:] < 0.0) & (np.diag(A)[1:] > 0.0), falls[1:], 0.0)
     falls[free] = 0.0
     return np.asarray(falls)
 
@@ -176,7 +176,7 @@ def _leaving(
     if not len(free):
         return None
     A = found.information[np.ix_(free, free)]
-    size = np.sqrt(np.diag(A))
+    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
     inverse = np.linalg.pinv(A / np.outer(size, size), hermitian=True)
     worth = ((theta - start)[free] * size) ** 2 / np.maximum(np.diag(inverse), 1e-12)
     for j in free[np.argsort(worth)[:_TRIED]]:

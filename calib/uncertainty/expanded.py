@@ -23,7 +23,7 @@ _KNOWN = 1e9  # degrees of freedom of what counts as known
 
 
 def effective_freedom(parts: Iterable[tuple[ArrayLike, float]]) -> Array:
-    """Degrees of freedom of a sum of variances, infinite where all are known or zero.
+    """Degrees of freedom of a sum of variances, infinite where all are as good as known, or zero.
 
     parts : variances, of any one shape, each with its degrees of freedom
 
@@ -35,7 +35,7 @@ def effective_freedom(parts: Iterable[tuple[ArrayLike, float]]) -> Array:
         total = total + np.asarray(variance)
         lost = lost + np.asarray(variance) ** 2 / freedom
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(lost > 0.0, total**2 / lost, np.inf)
+        return np.where(lost > total**2 / _KNOWN, total**2 / lost, np.inf)
 
 
 def coverage_factor(freedom: ArrayLike, spread: ArrayLike = 1.0, level: float = LEVEL) -> Array:

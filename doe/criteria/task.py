@@ -7,7 +7,8 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from calib.arrays import Array
+from calib.arrays import Array, stacked
+from calib.errors import CalibError
 from doe.criteria.protocol import Criterion, Question
 from doe.criteria.trace import Trace
 
@@ -37,14 +38,24 @@ class Task(Trace):
     @classmethod
     def of(cls, question: Question) -> Self:
         rows = question.targets() * np.sqrt(question.target_weights)[:, None, None]
-        return cls.of_rows(rows.reshape(-1, rows.shape[-1]))
+        if not rows.any():
+            raise CalibError(
+                "nothing in the model moves the targets, so that every plan is as good there; add "
+                "effects to [model] effects, or take another criterion"
+            )
+        return cls.of_rows(stacked(rows))
 
     @classmethod
     def of_rows(cls, rows: Array) -> Self:
-        """The criterion ``tr(rows cov rows^T)``, rows : ndarray, shape (k, p), m per y."""
+        """The criterion ``tr(rows cov rows^T)``, rows : ndarray, shape (k, p), m per y.
+
+        Where they are nothing all directions count alike.
+        """
         p = rows.shape[1]
-        least = np.sqrt(_UNNEEDED * (rows**2).sum() / p)
-        return cls(_root(np.vstack([rows, least * np.eye(p)])), cls(_root(rows)))
+        least = np.sqrt(_UNNEEDED * (rows**2).sum() / p) or 1.0
+        return cls(
+            _root(np.vstack([rows, least * np.eye(p)])), cls(_root(rows)) if rows.any() else None
+        )
 
     @property
     def plain(self) -> Criterion:

@@ -6,6 +6,8 @@ import numpy as np
 
 from calib.arrays import Array
 
+_ROUNDING = 1e-14
+
 
 def lessened(cov: Array, out: Array, share: float) -> Array:
     """Covariance with a share of what a pose tells taken away.
@@ -61,8 +63,8 @@ def _turned(G: Array, into: Array) -> Array:
 def _trace(S: Array, N: Array) -> Array:
     """``tr(S^-1 N)`` of many small symmetric matrices (r, r, n), unknowns put out in turn."""
     total = np.zeros(S.shape[2])
-    while len(S):
-        pivot = np.maximum(S[0, 0], 1.0)  # S is no less than the identity but for rounding
+    for least in np.maximum(_ROUNDING * np.abs(np.einsum("rrn->rn", S)), 1.0):
+        pivot = np.maximum(np.abs(S[0, 0]), least)  # no less but for rounding
         total += N[0, 0] / pivot
         out = S[1:, 0] / pivot
         half = N[1:, 0] - 0.5 * N[0, 0] * out

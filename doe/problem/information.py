@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.api import readings
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray, Mask, stacked
 from calib.cell import Cell
 from calib.model import Model
 from calib.poses import Measurements, Poses, poses_at
@@ -66,7 +66,7 @@ class Regressor:
             poses, visit, first = poses.take(slice(first, None)), visit[first:], 0
         seen = None if visible is None else visible[visit]
         rows = self.linearisation.candidates(poses, seen, (visit, visit), np.nan).independent
-        turned = rows[first:].reshape(-1, rows.shape[-1]) @ self.T
+        turned = stacked(rows[first:]) @ self.T
         return _by_visit(turned.reshape(-1, *rows.shape[1:]), len(q))
 
     def levers(self, q: Array, visible: Mask) -> Array:

@@ -130,7 +130,7 @@ def target_rows(regressor: Regressor, targets: Poses, at_markers: bool) -> Array
     model = (at_points_read if at_markers else at_tip)(regressor.model)
     # A model of its own: the last linearisation that a model remembers is no use to others.
     model = replace(model)
-    _, J = model.jacobian(regressor.values, targets)
+    _, J = model.jacobian_at_rest(regressor.values, targets)
     rows = J.reshape(len(targets), -1, J.shape[-1]) @ regressor.T
     return np.asarray(rows / np.sqrt(J.shape[1]))
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, stacked
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.power import detectable
 from calib.diagnosis.rounds import ALPHA
@@ -51,7 +51,7 @@ def remedies_of(found: PowerAnalysis) -> tuple[tuple[Change, ...], ...]:
         further = change.situation.in_order(allowed)
         # What only the further readings have is nothing to the plan.
         more = np.pad(rows, ((0, 0), (0, further.shape[-1] - rows.shape[1])))
-        both = np.concatenate([more, further.reshape(-1, further.shape[-1])])
+        both = np.concatenate([more, stacked(further)])
         modelled = np.delete(np.arange(both.shape[1]), np.s_[len(view.values) : rows.shape[1]])
         for group, own in zip(groups, named, strict=True):
             members = [found.seen[i].candidate for i in group]

@@ -111,6 +111,12 @@ class Experiment:
         noise = (np.linalg.pinv(self.weights) @ white)[..., 0]
         if self.arm is None or self.scatter is None:
             return exact + noise
+        if any(i.markers is not None for i in self.model.instruments):  # no points of their own
+            own = np.sqrt(self.scatter.variances.approach)[self.scatter.kinds]
+            _, group = np.unique(self.scatter.approach, return_inverse=True)
+            moved = own * rng.standard_normal((trials, int(group.max()) + 1, len(own)))[:, group]
+            shaken = np.einsum("mcrk,tmk->tmcr", self.scatter.levers, moved)
+            return np.asarray(exact + shaken + noise)
         origins = tip_origins(self.model, self.truth, self.poses)
         still = np.broadcast_to(exact, noise.shape)
         return approached(still, origins, self.scatter.approach, self.arm, rng) + noise

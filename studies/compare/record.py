@@ -302,6 +302,7 @@ def _plan(cell: Cell, study: PlanStudy, curves: bool) -> Plan:
 
     experiment, count = study.experiment, len(study.plan)
     markers = experiment.model.marker_positions(experiment.nominal)
+    points = experiment.seen if experiment.seen.shape[1] == len(markers) else None
     covariance = study.points.prediction.covariance
     R = correlation(covariance)
     nothing = ByNumber()
@@ -313,7 +314,7 @@ def _plan(cell: Cell, study: PlanStudy, curves: bool) -> Plan:
         trials=study.refits.trials,
         derivatives=Derivatives(worst_relative_error=study.slopes.off, id=study.slopes.parameter),
         hidden_markers=int((~experiment.seen).sum()),
-        readings_without_pose=int((~orientable(markers, experiment.seen)).sum()),
+        readings_without_pose=0 if points is None else int((~orientable(markers, points)).sum()),
         approaches=tuple(_approach(study, verdict) for verdict in study.verdicts),
         improvement=_improvement(study),
         by_pose=tuple(

@@ -57,11 +57,13 @@ def identified(
         differences=differences,
         holdout=session.holdout,
     )
-    estimate = estimate_of(found)
+    estimate, tracked = estimate_of(found), found.model.tracked(session.whole)
     record = identify_record(
         found,
         accuracy_at_targets(cell, found, estimate),
-        drift_of(session.whole, whitening(cell, found.model, found.values, session.whole)),
+        None
+        if tracked is None
+        else drift_of(tracked[1], whitening(cell, tracked[0], found.values, tracked[1])),
         estimate,
         asked,
         envelope(cell.name, inputs_of(session), session.seed, cell.about),

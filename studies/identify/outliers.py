@@ -43,11 +43,12 @@ def outlier_entries(part: Residuals, footprint: float) -> Iterator[Outlier]:
     for i in np.flatnonzero(part.outlier):
         errors = np.where(part.channels.lengths, part.vectors[i], 0.0)
         largest = float(np.linalg.norm(errors, axis=-1).max()) * footprint * _MM
-        ratio = float(np.sqrt(part.statistic[i] / part.limit))
-        yield Outlier(
-            pose=part.data.poses.names[i],
-            reason=f"residual up to {largest:.3f} mm, {ratio:.1f} times what the other poses allow",
-        )
+        allowed = ", and the other poses leave nothing"
+        if part.limit > 0.0:
+            ratio = float(np.sqrt(part.statistic[i] / part.limit))
+            allowed = f", {ratio:.1f} times what the other poses allow"
+        name = part.data.poses.names[i]
+        yield Outlier(pose=name, reason=f"residual up to {largest:.3f} mm{allowed}")
 
 
 def share_entry(common: Shared | None) -> Share | None:

@@ -212,7 +212,6 @@ CELL = _in(
         "an effect at no place": effects("joint_compliance:B7"),
         "an effect twice": effects("joint_compliance:A2,A2"),
         "a group with a place": effects("base:A2", "tool"),
-        "an effect that cannot act": effects("base", "tool", "joint_compliance:A1"),
         "an effect of the base at a joint": effects("base", "base_compliance:A2"),
         "a link that the tip alone ends": effects("base", "thermal_expansion:A4"),
         "temperature not measured": effects("base", "thermal_expansion:arm"),

@@ -26,3 +26,11 @@ def test_one_matrix_that_is_not_positive_definite_is_refused(count: int, wrong: 
     V[3, 2, 2] = wrong
     with pytest.raises(np.linalg.LinAlgError):
         inverse_factor(V)
+
+
+def test_a_covariance_singular_by_rounding_has_a_factor() -> None:
+    """A level of noise beyond all others leaves the small ones below rounding."""
+    H = np.random.default_rng(0).normal(size=(3, 20, 4))
+    V = 1e17 * H @ np.swapaxes(H, -1, -2) + np.eye(20)
+    for some in (V, V[:, :6, :6].repeat(30, axis=0)):
+        assert np.isfinite(inverse_factor(some)).all()

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, stacked
 from doe.prospect.likeness import Likeness, directions, likeness, margins
 
 FREE = 10.0
@@ -66,7 +66,7 @@ class Known:
     def merged(self, blocks: Array) -> Known:
         """With all of m further blocks (m, r, n + K) at once, by the normal equations."""
         n = len(self.P)
-        flat = blocks.reshape(-1, blocks.shape[-1])
+        flat = stacked(blocks)
         A, Y = flat[:, :n], flat[:, n:]
         D = Y - A @ self.B
         P = np.asarray(np.linalg.inv(np.linalg.inv(self.P) + A.T @ A), dtype=float)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from calib.api import readings
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray, Mask, stacked
 from calib.cell import Cell
 from calib.cell.targets import targets_of
 from calib.compensation.estimate import estimate_of, fitted_of
@@ -257,8 +257,8 @@ def _in_best_order(
     number = np.full(len(so_far), -1)
     number[~so_far] = of
     rows = day.independent
-    own = [rows[number == k].reshape(-1, rows.shape[-1]) for k in range(len(poses))]
-    known = rows[so_far].reshape(-1, rows.shape[-1])
+    own = [stacked(rows[number == k]) for k in range(len(poses))]
+    known = stacked(rows[so_far])
     packed = pack(np.stack([rows.T @ rows for rows in own]))
     blocks = Blocks(packed, known.T @ known + held.T @ held, max(map(len, own)))
     done = so_far.copy()

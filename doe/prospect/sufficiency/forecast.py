@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray, Mask, stacked
 from calib.model import Model
 from calib.model.covariance import (
     covariance,
@@ -25,6 +25,7 @@ from doe.prospect.sufficiency.unnoticed import Unnoticed
 
 _SURE = 0.95
 _MANY = 1e6  # degrees of freedom: known
+_ROUNDING = 1e-12  # of the largest information, below which a smaller one is lost
 _OPEN = 0.05**2  # information of a direction that is as uncertain as twenty plausible sizes
 
 
@@ -166,7 +167,8 @@ class Forecast:
         spreads = np.zeros((p + b, p + b))
         spreads[:p, :p], spreads[p:, p:] = cov, np.eye(b)
         spread = np.linalg.eigvals(spreads @ inner).real
-        drawn = float(rms**4 / (spread**2).sum())
+        squares = float((spread**2).sum())
+        drawn = rms**4 / squares if squares > 0.0 else _MANY  # nothing is open: nothing exceeds it
         return float(np.sqrt(fdtri(min(drawn, _MANY), min(self.dof, _MANY), _SURE)))
 
 
@@ -189,7 +191,7 @@ def told(
         own = weighing.back(counted)
     crossed = np.einsum("mrp,mrb->pb", own, moved.whitened)
     core = None if rows.mixing is None else rows.mixing.covariance(own)
-    flat = counted.reshape(-1, counted.shape[-1])
+    flat = stacked(counted)
     if held is None:
         return Told(root(flat), core, crossed)
     held = pull * held  # and so is the error of these rows, of which core is made
@@ -205,8 +207,9 @@ def root(rows: Array) -> Array:
 
 def open_beside(blocks: Blocks) -> Blocks:
     """Candidates beside what is known, of which what nothing tells counts as twenty plausible sizes."""
-    p = len(blocks.fixed)
-    return Blocks(blocks.packed, blocks.fixed + _OPEN * np.eye(p), blocks.rank)
+    largest = max(np.abs(blocks.fixed).max(initial=0.0), np.abs(blocks.packed).max(initial=0.0))
+    least = max(_OPEN, _ROUNDING * float(largest)) * np.eye(len(blocks.fixed))
+    return Blocks(blocks.packed, blocks.fixed + least, blocks.rank)
 
 
 def best_next(criterion: Criterion, blocks: Blocks, count: int) -> IntArray:

@@ -10,7 +10,7 @@ import pytest
 import calib
 from calib import Cell, Poses
 from calib.identification import search
-from calib.identification.outliers import wrongly_out
+from calib.identification.outliers import next_outlier, wrongly_out
 from tests.doe.prospect.sufficiency.day import RIGID, cell_of_day, of_poses, whole_day
 from tests.helpers import with_effects
 
@@ -76,3 +76,12 @@ def test_what_agrees_comes_back_and_what_says_nothing_does_not() -> None:
     assert wrongly_out(statistics, rows, kept, 60.0, 60) == 1
     kept[1] = True
     assert wrongly_out(statistics, rows, kept, 60.0, 60) is None
+
+
+def test_beside_residuals_of_nothing_a_wrong_pose_stands_out() -> None:
+    """Where the rest fits exactly, what one pose adds is all, and no number overflows."""
+    statistics, rows = np.array([1e10, 0.0, 0.0, 0.0, 0.0]), np.full(5, 3)
+    every = np.ones(5, dtype=bool)
+    assert next_outlier(statistics, rows, every, 3e10, 6) == 0
+    assert next_outlier(0.0 * statistics, rows, every, 0.0, 6) is None
+    assert wrongly_out(statistics, rows, statistics == 0.0, 0.0, 6) is None

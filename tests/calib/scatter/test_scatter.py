@@ -13,7 +13,8 @@ from calib.instruments import TRACKER
 from calib.model import Model
 from calib.poses import Poses
 from calib.scatter import Scatter, Variances, levels_of, scatter_of
-from calib.scatter.restricted import likelihood, maximised, turned
+from calib.scatter.restricted import Likelihood, Turned, likelihood, maximised, turned
+from calib.scatter.restricted import step as scoring_step
 from tests.calib.scatter.arms import Day, visits_of
 from tests.helpers import random_robot
 
@@ -216,3 +217,35 @@ def test_one_marker_read_once_tells_nothing_apart() -> None:
     scatter, weighted, _ = scattering(visits_of(30, 1, 2), markers=1)
     r = np.random.default_rng(0).normal(size=weighted.shape[:2])
     assert levels_of(scatter, weighted, r, weighted[..., :2]).instrument_seen
+
+
+def test_a_column_twice_leaves_a_likelihood() -> None:
+    """A column that others imitate, and one of nothing, take nothing from the rest."""
+    rng = np.random.default_rng(7)
+    F = rng.normal(size=(20, 3, 3))
+    alone = turned_of(F)
+    doubled = turned_of(np.concatenate([F[..., :1], 0.0 * F[..., :1], F], axis=-1))
+    theta = np.ones(len(alone.units))
+    one, other = likelihood(alone, theta), likelihood(doubled, theta)
+    assert np.isfinite(other.value)
+    np.testing.assert_allclose(other.gradient[1:], one.gradient[1:], rtol=1e-5, atol=1e-8)
+
+
+def turned_of(F: Array) -> Turned:
+    """Twenty readings of a three-jointed arm, each at a configuration of its own."""
+    count, levers = len(F), np.random.default_rng(8).normal(size=(20, 3, 9))
+    scatter = Scatter(
+        levers[:, None], np.ones((1, 3), dtype=bool), np.zeros((count, 6, 9)), np.arange(count),
+        np.arange(count), Variances.none(3),
+    )  # fmt: skip
+    return turned(scatter, levers, F, np.zeros((0, F.shape[-1])), F.shape[-1] - 1, False)
+
+
+def test_information_that_is_rounding_makes_no_step() -> None:
+    """Far from where the rows are, sums of squares come out a little below nothing."""
+    A = np.diag([-1e-11, 3e-18, 0.0])
+    A[0, 1] = A[1, 0] = 1e-9
+    found = Likelihood(0.0, np.array([-1e-9, 1e-9, 0.0]), A, np.ones(3))
+    move, promised = scoring_step(found, np.array([1.0, 4e10, 0.0]), np.arange(3))
+    assert np.isfinite(move).all()
+    assert np.isfinite(promised)

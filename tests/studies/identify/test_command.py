@@ -134,10 +134,10 @@ def test_effects_are_blamed_on_the_cell(demo: Path, tmp_path: Path) -> None:
     for name in ("kr270.urdf", "cell.toml"):
         (tmp_path / name).write_text((demo / name).read_text())
     cell = tmp_path / "cell.toml"
-    cell.write_text(cell.read_text().replace("joint_compliance:A3", "joint_compliance:A1"))
+    cell.write_text(cell.read_text().replace("joint_compliance:A3", "thermal_expansion:A4"))
     done = run("identify", cell, demo / "measurements.csv")
     assert done.exit_code == 2
-    assert f"{cell}: model.effects: joint_compliance:A1 cannot act" in done.stderr
+    assert f"{cell}: model.effects: thermal_expansion:A4 cannot act" in done.stderr
 
 
 def test_nothing_is_half_written(demo: Path, tmp_path: Path) -> None:

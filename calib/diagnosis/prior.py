@@ -1,4 +1,7 @@
-"""What keeps the coefficients of curves near zero: a normal prior whose size follows the data."""
+"""What keeps suspects near zero: normal priors, of curves of a size that follows the data.
+
+Those of causes by name are as wide as such errors are seldom larger on this arm.
+"""
 
 from __future__ import annotations
 
@@ -29,13 +32,27 @@ def weak(model: Model) -> tuple[float, ...]:
 
 
 def prior_rows(model: Model, amplitudes: Sequence[float]) -> Array:
-    """Rows ``L^-1 / amplitude`` of unit variance, shape (h, p), ``L L^T`` the curve's ``spread``."""
-    rows = [np.zeros((0, len(model.parameters)))]
+    """Rows of unit variance, shape (h, p): of causes one over their limits, of curves L^-1 / amplitude.
+
+    ``L L^T`` is the curve's ``spread``.
+    """
+    limits = _limits(model)
+    rows = [np.diag(1.0 / limits)[np.isfinite(limits)]]
     for (effect, part), amplitude in zip(curves_in(model), amplitudes, strict=True):
         own = np.zeros((part.stop - part.start, len(model.parameters)))
         own[:, part] = np.linalg.inv(np.linalg.cholesky(effect.spread)) / amplitude
         rows.append(own)
     return np.concatenate(rows)
+
+
+def _limits(model: Model) -> Array:
+    """Standard deviations a priori of what is suspected by name, shape (p,), infinite of all else."""
+    found = np.full(len(model.parameters), np.inf)
+    for effect, part in zip(model.effects, model.slices, strict=True):
+        if effect.allowance is not None:
+            found[part] = effect.allowance * np.array([p.limit for p in effect.parameters])
+    found[model.tunings] = np.inf
+    return found
 
 
 def held_rows(

@@ -203,9 +203,7 @@ class Effect(ABC):
     @property
     def believed(self) -> Array:
         """Standard deviations, SI, of values that are known about zero beforehand; NaN where not."""
-        if self.allowance is None:
-            return np.full(len(self.parameters), np.nan)
-        return np.array([self.allowance * p.limit for p in self.parameters])
+        return np.full(len(self.parameters), np.nan)
 
     def rests(self, values: Array) -> bool:
         """Whether it does nothing at values (..., p)."""

@@ -376,7 +376,7 @@ class Model:
             (part.start + k, float(std))
             for effect, part in self._parts
             for k, std in enumerate(effect.believed)
-            if np.isfinite(std) and part.start + k not in self.tunings
+            if np.isfinite(std)
         ]
 
     def beside(self, values: Array) -> tuple[Array, Array]:

@@ -172,7 +172,9 @@ def _arm(cell: Cell, model: Model, found: Identification | None) -> Variances:
 
 def _pull(arm: Variances, found: Identification | None) -> float:
     """By how much more what is believed weighs beside arms that scatter, as it does in the estimate."""
-    return found.pull if found is not None and arm.any else 1.0
+    if found is None:
+        return 1.0
+    return found.pull if arm.any else found.pull / found.noise.factor
 
 
 def _weighing(at: Linearisation, data: Measurements, kept: Mask | None = None) -> Mixing | None:

@@ -234,7 +234,8 @@ def test_the_published_column_and_one_joint_in_its_place_are_identified_alike(
         here = calib.load_cell(tmp_path / "cell.toml")
         readings = calib.load_measurements(here, data / "hilti_column" / "flat.csv")
         assert not readings.warnings
-        result = calib.identify(here, readings)
+        # The chains differ in joints, and so in what is believed of their errors.
+        result = calib.identify(replace(here, size_prior="off"), readings)
         predicted.append(calib.predict(here, readings, result.values))
     np.testing.assert_allclose(*predicted, atol=1e-8)
 

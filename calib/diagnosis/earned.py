@@ -33,17 +33,19 @@ class Ledger:
     """Squared errors of what was left out, with and without some effects.
 
     with_it, without : float, in variances of the readings; rms_with, rms_without : float, m, 3-D
+    margin : float, standard error of what is gained, from configuration to configuration
     """
 
     with_it: float
     without: float
+    margin: float
     rms_with: float
     rms_without: float
 
     @property
     def earns(self) -> bool:
-        """Whether it predicts better than nothing does."""
-        return self.with_it < self.without
+        """Whether it predicts better than nothing does, and not by the luck of a few poses."""
+        return self.without - self.with_it > self.margin
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +74,13 @@ class CrossValidation:
         r = r - kept.Q @ (kept.Q.T @ r) + alone @ (alone.T @ r)
         gone = folds.without(u, r[: m * R].reshape(m, R))
         left = folds.left
+        costs = [_costs(fit, e) for e in (left, gone)]
         return Ledger(
-            *(_cost(fit, e) for e in (left, gone)),
-            *(_rms(self.stage, fit, e) for e in (left, gone)),
+            with_it=float(costs[0].sum()),
+            without=float(costs[1].sum()),
+            margin=_standard_error(costs[1] - costs[0], self.stage.data.poses.configuration),
+            rms_with=_rms(self.stage, fit, left),
+            rms_without=_rms(self.stage, fit, gone),
         )
 
     @cached_property
@@ -175,11 +181,17 @@ def _fold(Q: Array, here: Mask) -> Fold:
     return Fold(here, own, (vectors / np.maximum(values, _FREE)) @ vectors.T)
 
 
-def _cost(fit: Fit, errors: Array) -> float:
-    """Sum of squares of independent rows."""
+def _costs(fit: Fit, errors: Array) -> Array:
+    """Sum of squares of the independent rows of each pose, shape (m,)."""
     if fit.mixing is not None:
         errors = fit.mixing(errors[..., None])[..., 0]
-    return float((errors**2).sum())
+    return np.asarray((errors**2).sum(axis=-1))
+
+
+def _standard_error(gained: Array, configuration: IntArray) -> float:
+    """Of the sum of what poses gained (m,), those of one configuration together."""
+    each = np.bincount(configuration, gained)
+    return float(np.sqrt(len(each)) * each.std())
 
 
 def _rms(stage: Stage, fit: Fit, errors: Array) -> float:

@@ -23,6 +23,7 @@ from studies.document import (
 from studies.identify.parameters import Absorbed, Parameter
 from studies.identify.pictures import correlation
 from studies.identify.record import IdentifyRecord
+from studies.identify.sizes import told_sizes
 from studies.noise import noise_words
 
 _TOGETHER = 0.9  # correlation worth a line
@@ -81,6 +82,8 @@ def _doubts(record: IdentifyRecord) -> Iterator[Sentence]:
     """What a reader of the values should know."""
     for entry in record.unidentifiable:
         yield Sentence(f"{listed(entry.names)}: {entry.reason}", "warn", "not told")
+    if record.sizes is not None:
+        yield told_sizes(record.sizes)
     if record.weak:
         said = f"{listed(record.weak)}: more uncertain than such errors are large"
         yield Sentence(said, "warn", "weak")

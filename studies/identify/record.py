@@ -34,6 +34,7 @@ from studies.identify.parameters import (
     unidentifiable_entries,
 )
 from studies.identify.placement import Base, Placement, base_entry, body_entries, marker_entries
+from studies.identify.sizes import Sizes, sizes_entry
 from studies.noise import Noise, by_level
 from studies.record import Count, Envelope, Maybe, NotNegative, Number, Record, Three
 from studies.targets import AtTarget, at_targets
@@ -112,6 +113,7 @@ class IdentifyRecord(Record):
     acceptance: AcceptanceEntry | None = None
     drift: Drift | None = None
     of_type: OfType | None = None
+    sizes: Sizes | None = None
     estimate: Estimated
 
     @model_validator(mode="after")
@@ -213,6 +215,7 @@ def identify_record(
         acceptance=acceptance_entry(judged),
         drift=None if drift is None else drift_entry(drift),
         of_type=None if found.of_type is None else of_type_entry(found),
+        sizes=None if found.sizes is None else sizes_entry(found.sizes),
         estimate=estimated(estimate),
     )
 

@@ -17,6 +17,7 @@ from calib.diagnosis.earned import BY_TIME, CrossValidation
 from calib.diagnosis.finding import Finding, finding_of
 from calib.diagnosis.hidden import hidden
 from calib.diagnosis.located import located, share_of
+from calib.diagnosis.refused import far_out
 from calib.diagnosis.searched import searched
 from calib.diagnosis.shape import shape_doubt
 from calib.diagnosis.stage import Fit, Stage
@@ -142,7 +143,8 @@ def _causes(finding: Finding, asked: int) -> tuple[Cause, ...]:
         share = share_of(finding.outcome, after, named.entry, finding.scale)
         p = min(1.0, named.entry.score.p * asked)
         doubt = shape_doubt(stage, after, effect, count)
-        found.append(Cause(named, doubt, after.values[own], std[own], p, share))
+        large = far_out(after, named.candidate)
+        found.append(Cause(named, doubt, after.values[own], std[own], p, share, large))
     return tuple(found)
 
 

@@ -25,6 +25,7 @@ class Cause:
     values, std : ndarray, shape (k,), SI, std NaN where the data do not determine the value
     p : float, over all that was asked
     share : float, of the gap, NaN where there is none
+    far_out : str, what of it is larger than such errors usually are, empty where nothing is
     """
 
     named: Named
@@ -33,6 +34,7 @@ class Cause:
     std: Array
     p: float
     share: float
+    far_out: str = ""
 
     @property
     def misshapen(self) -> bool:

@@ -73,6 +73,8 @@ class Value(Entry):
 class Effect(Likely):
     """A cause that was found, what these data cannot tell from it, and the cycles that a ripple may
     have as well.
+
+    far_out : what of it is larger than such errors usually are, None where nothing is
     """
 
     p_value: Number
@@ -83,6 +85,7 @@ class Effect(Likely):
     parameters: tuple[Value, ...]
     share_of_gap: Maybe
     aliases: tuple[Number, ...] = ()
+    far_out: str | None = None
 
     @property
     def names(self) -> str:
@@ -363,6 +366,7 @@ def _effect(cause: Found, spectra: Sequence[FoundSpectrum], tip: str) -> Effect:
         ),
         share_of_gap=cause.share,
         aliases=_aliases(cause, spectra),
+        far_out=cause.far_out or None,
     )
 
 

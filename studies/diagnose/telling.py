@@ -262,6 +262,8 @@ def _effect(effect: Effect) -> Iterator[Part]:
     unknown = [p.name for p in effect.parameters if p.std is None]
     if unknown:
         yield Sentence(f"not identified at these poses: {listed(unknown, 4)}")
+    if effect.far_out:
+        yield Sentence(effect.far_out[:1].upper() + effect.far_out[1:], "warn")
 
 
 @dataclass(frozen=True)

@@ -80,12 +80,15 @@ class Elementary:
 class Widths:
     """How large errors are.
 
-    widths : ndarray, shape (c,), SI, of the classes; prior : Prior, of the parameters
+    widths : ndarray, shape (c,), SI, of the classes; variances : ndarray, shape (e,), SI, of the errors
+    noise : float, actual over assumed noise of the rows; prior : Prior, of the parameters
     saved : float, how many parameters it determines in place of the readings
     """
 
     of: Elementary
     widths: Array
+    variances: Array
+    noise: float
     prior: Prior
     saved: float
 
@@ -111,8 +114,9 @@ def widths_of(of: Elementary, J: Array, y: Array, dof: int) -> Widths:
         last, widths = widths, found.widths(share * squares)
         if np.allclose(widths, last, rtol=_SETTLED):
             break
-    prior = of.prior(widths[of.of_class] ** 2 / share)
-    return Widths(of, widths, prior, found.saved(prior, noise))
+    variances = widths[of.of_class] ** 2 / share
+    prior = of.prior(variances)
+    return Widths(of, widths, variances, noise, prior, found.saved(prior, noise))
 
 
 @dataclass(frozen=True, eq=False)

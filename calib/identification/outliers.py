@@ -109,13 +109,31 @@ def small_set(poses: int) -> bool:
     return _FEWEST <= poses < _FEW
 
 
-def next_outlier(statistics: Array, rows: Array, kept: Mask, cost: float, dof: int) -> int | None:
+def independent_share(r: Array, kept: Mask) -> float:
+    """Share of a pose's numbers that err by themselves, by how they go together over the kept poses.
+
+    r : ndarray, shape (m, rows), residuals
+    A pose that errs as a whole has fewer errors than numbers, and as many degrees of freedom: those of
+    the sum of squares of normal numbers with covariance S, ``(tr S)^2 / tr(S^2)`` (Satterthwaite), S
+    from so few poses that 1 / m of its inverse is chance.
+    """
+    own = r[kept]
+    count = int(np.count_nonzero(own.any(axis=0)))
+    S = own.T @ own
+    together = float((S**2).sum()) / max(float(np.trace(S)) ** 2, 1e-300) - 1.0 / max(len(own), 1)
+    return min(1.0, 1.0 / max(together * max(count, 1), 1e-12))
+
+
+def next_outlier(
+    statistics: Array, rows: Array, kept: Mask, cost: float, dof: int, share: float = 1.0
+) -> int | None:
     """The worst of the kept poses of a small set, if the fit without it says so, else None.
 
     statistics, rows : ndarray, shape (m,), mean squares and numbers of rows of the poses, as of
         :func:`pose_statistics`: their product is what the cost falls by when a pose is left out
     kept : ndarray of bool, shape (m,), the poses that were fitted
     cost, dof : sum of squares of the kept poses and its degrees of freedom
+    share : of the numbers that err by themselves
     """
     from scipy.special import fdtrc
 
@@ -129,10 +147,12 @@ def next_outlier(statistics: Array, rows: Array, kept: Mask, cost: float, dof: i
         return None
     rest = max(cost - drop[worst], np.finfo(float).eps * cost)
     F = drop[worst] / k * left / rest if rest > 0.0 else 0.0
-    return worst if float(fdtrc(k, left, F)) < _ALPHA / m else None
+    return worst if float(fdtrc(share * k, share * left, F)) < _ALPHA / m else None
 
 
-def wrongly_out(statistics: Array, rows: Array, kept: Mask, cost: float, dof: int) -> int | None:
+def wrongly_out(
+    statistics: Array, rows: Array, kept: Mask, cost: float, dof: int, share: float = 1.0
+) -> int | None:
     """The pose of a small set that was left out and agrees best with the fit without it, else None.
 
     The test of :func:`next_outlier`, the other way round; arguments, shapes (m,), as there. A pose
@@ -145,4 +165,5 @@ def wrongly_out(statistics: Array, rows: Array, kept: Mask, cost: float, dof: in
         return None
     best = int(np.where(out, statistics, np.inf).argmin())
     F = statistics[best] * dof / cost if cost > 1e-300 else np.inf
-    return best if float(fdtrc(int(rows[best]), dof, F)) >= _ALPHA / len(kept) else None
+    k = share * int(rows[best])
+    return best if float(fdtrc(k, share * dof, F)) >= _ALPHA / len(kept) else None

@@ -17,6 +17,7 @@ from calib.identification.estimators import (
 )
 from calib.identification.initial import strayed
 from calib.identification.outliers import (
+    independent_share,
     judge,
     next_outlier,
     pose_statistics,
@@ -185,8 +186,9 @@ def _judged(
         dof = estimator.dof(observation.only(kept), span)
         dof -= round(unspent(observation.only(kept), values, span))
         fresh = kept.copy()
-        back = wrongly_out(statistics, rows, kept, cost, dof)
-        worst = next_outlier(statistics, rows, kept, cost, dof) if back is None else None
+        tested = statistics, rows, kept, cost, dof, independent_share(judged.r, kept)
+        back = wrongly_out(*tested)
+        worst = next_outlier(*tested) if back is None else None
         for pose, belongs in ((back, True), (worst, False)):
             if pose is not None:
                 fresh[pose] = belongs

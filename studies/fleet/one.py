@@ -5,7 +5,7 @@ Results go to files where they are made, so that what travels and what stays in 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
@@ -30,11 +30,15 @@ _CLOCK = 1e9  # s: a time beyond it counts from 1970
 
 @dataclass(frozen=True)
 class Asked:
-    """What is wanted of every table; holdout : a share, or the name of a file beside it."""
+    """What is wanted of every table; holdout : a share, or the name of a file beside it.
+
+    learning : whether a type is learnt from the results: then sizes found from one robot hold nothing
+    """
 
     verbs: tuple[Verb, ...]
     holdout: str | None
     seed: int
+    learning: bool = False
 
     def holdout_of(self, table: Path) -> str | None:
         """The share, or the file's path."""
@@ -124,6 +128,8 @@ def _do(job: Job, asked: Asked, done: Done) -> None:
     from studies.command.session import read_session
 
     cell = calib.load_cell(job.cell)
+    if asked.learning and cell.size_prior == "estimated":
+        cell = replace(cell, size_prior="off")
     done.type = cell.robot.name
     done.nominal = tuple(map(sha256, cell.robot_files))
     if job.table is None:
@@ -181,7 +187,8 @@ def _as_asked(record: Record, session: Session) -> bool:
 
     if isinstance(record, IdentifyRecord):
         plain = (record.approach, record.method, record.differences) == ("points", "joint", False)
-        return plain and record.holdout == session.holdout
+        held = record.sizes is None or session.cell.size_prior != "off"
+        return plain and held and record.holdout == session.holdout
     return isinstance(record, DiagnoseRecord) and record.holdout == session.holdout
 
 

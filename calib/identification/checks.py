@@ -39,18 +39,19 @@ def check_counts(model: Model, data: Measurements, share: float = 1.0) -> None:
 
     A reading of M markers fixes at most 3, 5 or 6 rigid coordinates (M = 1, 2, more), that of a body 6;
     the shape of the set of markers and bodies is common to all readings.
-    share : of the parameters that the readings must determine; how large errors are holds the others
+    share : of the errors that the readings must determine, beside all places; their sizes hold the rest
 
     Raises TooFewPoses with the number that is needed, CalibError for points that no arm of this size
     could have reached.
     """
     if (tracked := model.tracked(data)) is not None:
         refuse_unreachable(*tracked, _NO_UNIT)
-    p = len(model.parameters)
+    p, places = len(model.parameters), len(model.where(Base, Tool))
+    needed = places + share * (p - places)
     equations, each, beside = _equations(model, data)
-    if equations < share * p:
+    if equations < needed:
         measured = int(data.seen.any(axis=1).sum())
-        raise TooFewPoses(measured, int(np.ceil((share * p - beside) / each)), p, equations)
+        raise TooFewPoses(measured, int(np.ceil((needed - beside) / each)), p, equations)
 
 
 def outnumbered(model: Model, data: Measurements) -> bool:

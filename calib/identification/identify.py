@@ -42,7 +42,7 @@ from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
 from calib.uncertainty.considered import considered
 
-_SHARE = 0.6  # of the parameters that the readings determine where sizes hold the others
+_SHARE = 0.5  # of the errors that the readings determine where their sizes hold the others
 _POSES_PER_DIRECTION = 3  # fewer do not tell how poses scatter
 
 

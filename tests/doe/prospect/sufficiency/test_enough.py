@@ -154,7 +154,7 @@ def test_what_is_open_now_is_said_to_close(
     assert not free.steps[-1].open
     assert free.needed is not None
     assert free.needed > 0
-    few = enough(replace(cell, size_prior="off"), of_poses(full, [0], 15), table_two)
+    few = enough(cell, of_poses(full, [0], 15), table_two)
     assert "too few poses" in few.why
     assert few.steps[0].open
 

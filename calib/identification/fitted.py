@@ -19,6 +19,7 @@ from calib.model import Model
 from calib.model.covariance import Identifiable
 from calib.observations import Observation, points_of
 from calib.population import Departure
+from calib.population.prior import Prior
 from calib.population.sizes import Elementary, Widths
 from calib.scatter import Levels, Variances, levels_of, scatter_of
 
@@ -125,14 +126,31 @@ def fitted(
 
     errors : whose sizes are found from the readings, and hold what those leave open
     """
-    if observation.model.prior_rows:
+    prior = observation.model.own_prior
+    if prior is not None and prior.robots:
         fit = _beside_type(cell, estimator, observation, start)
     else:
-        found = search(estimator, observation, start)
-        fit = _judged(cell, Fitted(estimator, observation, found))
-    if errors is None:
-        return fit
-    return _beside_sizes(cell, fit, errors)
+        bare = replace(observation, model=replace(observation.model, prior=None))
+        fit = _judged(cell, Fitted(estimator, bare, search(estimator, bare, start)))
+        if prior is not None:
+            return _beside(cell, fit, prior)
+    return fit if errors is None else _beside_sizes(cell, fit, errors)
+
+
+def _beside(cell: Cell, fit: Fitted, prior: Prior, lost: tuple[int, ...] = ()) -> Fitted:
+    """The estimate with a prior of sizes, gone on with from one without, or with others.
+
+    lost : positions of values that stay where they are
+    """
+    observation = replace(
+        fit.observation,
+        model=replace(fit.model, prior=prior),
+        scatter=None,
+        pull=fit.loudness,
+        lost=lost,
+    )
+    found = search(fit.estimator, observation, fit.values, fit.found.kept)
+    return _judged(cell, replace(fit, observation=observation, found=found, told=fit.choice))
 
 
 def _beside_sizes(cell: Cell, alone: Fitted, errors: Elementary) -> Fitted:
@@ -156,13 +174,7 @@ def _beside_sizes(cell: Cell, alone: Fitted, errors: Elementary) -> Fitted:
         if fit.sizes is not None and np.allclose(sizes.widths, fit.sizes.widths, rtol=_SETTLED):
             break
         prior = sizes.prior if known.prior is None else known.prior.beside(sizes.prior)
-        held = replace(known, prior=prior)
-        observation = replace(
-            alone.observation, model=held, scatter=None, pull=fit.loudness, lost=lost
-        )
-        found = search(fit.estimator, observation, fit.values, fit.found.kept)
-        fit = _judged(cell, replace(alone, observation=observation, found=found, told=told))
-        fit = replace(fit, sizes=sizes)
+        fit = replace(_beside(cell, fit, prior, lost), sizes=sizes)
     return fit
 
 

@@ -60,7 +60,9 @@ def initial_values(model: Model, data: Measurements) -> Array:
 def strayed(model: Model, data: Measurements, start: Array, values: Array) -> Mask:
     """Which values (p,) ran away from ``start``: places out of the room, others to absurd sizes."""
     limits = _ABSURD * model.sizes
-    limits[model.where(Base, Tool)] = _room(model, data)
+    for i in model.where(Base, Tool):  # a lens has pixels, which no room holds
+        if model.parameters[i].unit in ("mm", "mrad"):
+            limits[i] = _room(model, data)
     return np.asarray(~(np.abs(values - start) <= limits))
 
 

@@ -60,13 +60,16 @@ class Elementary:
         kept = ~np.isin(self.at, list(lost))
         G = self.G[kept]
         shown = np.abs(G).max(axis=0, initial=0.0) > 0.0
+        left, of_class = np.unique(self.of_class[shown], return_inverse=True)
         return replace(
             self,
             keys=tuple(key for key, some in zip(self.keys, kept, strict=True) if some),
             at=self.at[kept],
             G=G[:, shown],
             sizes=self.sizes[shown],
-            of_class=self.of_class[shown],
+            classes=tuple(self.classes[c] for c in left),
+            scales=self.scales[left],
+            of_class=of_class.reshape(-1),
             of_place=np.unique(self.of_place[shown], return_inverse=True)[1].reshape(-1),
         )
 

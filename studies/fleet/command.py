@@ -91,7 +91,9 @@ def fleet(
     check_outputs(
         [output_file(json_path), prior_path], [path for path in inputs if path.is_file()], folder
     )
-    asked = Asked(tuple(v for v in VERBS if only in (None, v)), holdout, seed, prior_path is not None)
+    asked = Asked(
+        tuple(v for v in VERBS if only in (None, v)), holdout, seed, prior_path is not None
+    )
     with (
         engine(processes(workers, len(jobs) > 1), scheduler) as executor,
         progress_bar(len(jobs), "tables") as progress,

@@ -531,7 +531,7 @@ def test_what_cannot_be_identified_is_named(elastic: Cell) -> None:
     """A load on axis 6 leaves its compliance open; and the text says so."""
     robot = replace(elastic.robot, masses=np.zeros(6))
     cell = replace(elastic, robot=robot, load=Load(250.0, (0.3, 0.0, 0.0)))
-    with pytest.raises(CannotIdentify, match=r"joint_compliance:A6.*load the arm"):
+    with pytest.raises(CannotIdentify, match=r"joint_compliance:A6.*move the load"):
         doe.design(cell, levels=LEVELS, candidates=500)
 
 

@@ -167,7 +167,7 @@ def diagnosed(kinds: tuple[str, ...], effect: str, values: list[float]) -> tuple
 
     def few(*given: Any) -> Any:
         found, missing = every(*given)
-        return [c for c in found if c.effect.kind in kinds], missing
+        return [c for c in found if c.effect.kind in kinds or c.key in kinds], missing
 
     cell, data, _ = measured(effect, values, seed=7)
     with pytest.MonkeyPatch.context() as patch:
@@ -178,7 +178,7 @@ def diagnosed(kinds: tuple[str, ...], effect: str, values: list[float]) -> tuple
 @pytest.fixture(scope="module")
 def alike() -> tuple[Cell, Diagnosis]:
     """A gear ratio, or the weight of the arm: over a short range of A2 both turn it alike."""
-    kinds = ("transmission_scale", "backlash", "link_weight")
+    kinds = ("transmission_scale", "backlash", "link_weight:A3")
     return diagnosed(kinds, "transmission_scale:A2", [SCALE])
 
 
@@ -199,8 +199,9 @@ def test_predictions_are_those_of_stacked_least_squares(
     """Data and next poses in one regression, rows from the model, no candidates and no updates."""
     cell, found = alike
     assert found.verdict == "ambiguous"
-    first, second = (c for c, _ in found.causes[0].named.members[:2])
-    (prediction,) = (p for p in six.predictions if p.rivals == (first.key, second.key))
+    (prediction,) = six.predictions
+    first, second = (c for c, _ in found.causes[0].named.members)
+    assert prediction.rivals == (first.key, second.key)
     situation = situation_after(cell, found, [first.effect, second.effect])
     _, rows = data_rows(situation, found)
     session = situation.conditions.in_order(cell.robot, six.poses.q)
@@ -231,8 +232,8 @@ def test_the_poses_chosen_beat_poses_at_random(
     alike: tuple[Cell, Diagnosis], six: doe.NextPoses
 ) -> None:
     cell, found = alike
-    members = [c for c, _ in found.causes[0].named.members[:2]]
-    (prediction,) = (p for p in six.predictions if p.rivals == tuple(c.key for c in members))
+    (prediction,) = six.predictions
+    members = [c for c, _ in found.causes[0].named.members]
     situation = situation_after(cell, found, [c.effect for c in members])
     r, rows = data_rows(situation, found)
     at = [positions(situation.model, c.effect) for c in members]

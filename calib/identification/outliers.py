@@ -143,7 +143,7 @@ def next_outlier(
     drop = np.where(kept, statistics * rows, 0.0)
     worst = int(drop.argmax())
     k, left = int(rows[worst]), dof - int(rows[worst])
-    if left < k:
+    if not 0 < k <= left:
         return None
     rest = max(cost - drop[worst], np.finfo(float).eps * cost)
     F = drop[worst] / k * left / rest if rest > 0.0 else 0.0

@@ -209,6 +209,10 @@ CELL = _in(
         "no effects": effects(),
         "an unknown effect": effects("base", "backlsh:A2"),
         "a misspelt effect": effects("joint_complience:A2"),
+        "sizes that are no sizes": swap("[model]", '[model]\nsize_prior = "maybe"'),
+        "a size in no unit of the effect": swap(
+            "[model]", "[model]\nsize_prior = { geometry_deg = 3 }"
+        ),
         "an effect at no place": effects("joint_compliance:B7"),
         "an effect twice": effects("joint_compliance:A2,A2"),
         "a group with a place": effects("base:A2", "tool"),

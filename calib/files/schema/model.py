@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from calib.files.schema.values import Number, Positive, Table
 
@@ -22,8 +23,21 @@ class AcceptanceTable(Table):
     rule: Literal["simple", "guarded"] = "guarded"
 
 
+def _widths(value: object) -> object:
+    """What stands for widths, or the one line that says what would."""
+    numbers = value.values() if isinstance(value, dict) else ()
+    right = all(type(n) in (int, float) and 0.0 < n < math.inf for n in numbers)
+    if value in ("estimated", "off") or (isinstance(value, dict) and numbers and right):
+        return value
+    raise ValueError(
+        'must be "estimated", "off", or widths above zero, as { geometry_mrad = 10, geometry_mm = 3 }'
+    )
+
+
 class ModelTable(Table):
     effects: Annotated[list[str], Field(min_length=1)]
     knots_deg: dict[str, list[Number]] = {}
     prior: PriorTable | None = None
-    size_prior: Literal["estimated", "off"] | dict[str, Positive] = "estimated"
+    size_prior: Annotated[
+        Literal["estimated", "off"] | dict[str, Positive], BeforeValidator(_widths)
+    ] = "estimated"

@@ -161,7 +161,7 @@ def test_stated_widths_are_a_prior_of_plans_too() -> None:
     ("widths", "said"),
     [
         ({"geometry_deg": 1.0}, "geometry_deg.*geometry_mm"),
-        ({"backlash_mrad": 1.0}, "backlash_mrad.*may name"),
+        ({"backlash_mrad": 1.0}, "backlash_mrad.*may have"),
     ],
 )
 def test_a_width_of_nothing_is_named(widths: dict[str, float], said: str) -> None:

@@ -109,7 +109,9 @@ def stated(of: Elementary, widths: Mapping[str, float]) -> Prior:
     for key in widths:
         if key not in known:
             there = ", ".join(sorted(known)) or "no errors"
-            raise UnknownEffect(f"[model] size_prior has {key!r}; of this model it may have {there}")
+            raise UnknownEffect(
+                f"[model] size_prior has {key!r}; of this model it may have {there}"
+            )
     wide = by_class[of.of_class]
     anyhow = (np.abs(of.G) * np.isinf(wide)).any(axis=1)
     prior = of.prior(np.where(np.isinf(wide), 0.0, wide) ** 2)

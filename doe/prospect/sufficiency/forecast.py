@@ -139,7 +139,7 @@ class Forecast:
         common = np.sqrt((missed**2).sum(axis=(1, 2)))
         beside = np.hypot(common, self.beside)
         rms, worst = task_error(np.hypot(own, beside), self.weights)
-        variances = np.diag(cov) + (response**2).sum(axis=1)
+        variances = np.maximum(np.diag(cov), 0.0) + (response**2).sum(axis=1)
         std = np.where(known, np.sqrt(variances) * self.model.sizes, np.nan)
         lost = tuple(name for entry in choice.unidentifiable for name in entry.names)
         doubted = np.hypot(rms * self.unnoticed.louder, self.unnoticed.at_targets)

@@ -136,8 +136,12 @@ class Evidence:
         return cls(Z, data, columns, b, tuple(pairs))
 
     def blocks(self, rows: Array) -> Array:
-        """Whitened rows (..., r, p) in the coordinates of ``Known``, (..., r, n + K)."""
-        return np.asarray(rows @ self.Z)
+        """Whitened rows (..., r, p) in the coordinates of ``Known``, (..., r, n + K).
+
+        A pose at which a rival lets the arm stand no more tells nothing.
+        """
+        stands = np.isfinite(rows).all(axis=(-1, -2), keepdims=True)
+        return np.asarray(np.where(stands, rows, 0.0) @ self.Z)
 
     def likeness(self, known: Known, S: Array | None = None) -> Likeness:
         """How alike the rivals are as they were fitted; S : other Gram matrices (..., K, K)."""

@@ -180,7 +180,8 @@ def test_backlash_is_not_there_beside_a_servo_that_has_not_settled(
 
 @pytest.mark.long
 def test_a_servo_that_has_not_settled_is_named(settling_day: Day) -> None:
-    cell, data, heldout = settling_day
+    cell, *tables = settling_day
+    data, heldout = interleaved(*tables)
     found = calib.diagnose(cell, data, heldout=heldout)
     assert found.verdict == "explained"
     assert [c.named.candidate.key for c in found.causes] == ["settling:elbow"]
@@ -189,7 +190,8 @@ def test_a_servo_that_has_not_settled_is_named(settling_day: Day) -> None:
 @pytest.mark.long
 def test_a_lag_that_has_no_name_is_unknown_by_its_motion(settling_day: Day) -> None:
     """The same where the user rules settling out: what follows the move is no backlash either."""
-    cell, data, heldout = settling_day
+    cell, *tables = settling_day
+    data, heldout = interleaved(*tables)
     cell = replace(cell, excluded=("settling",))
     found = calib.diagnose(cell, data, heldout=heldout)
     assert found.verdict == "unknown"

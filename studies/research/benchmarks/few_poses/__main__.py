@@ -18,8 +18,10 @@ from calib.poses import poses_at
 from calib.threads import one_blas_thread
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
+from studies.plots.style import DPI
 from studies.research.benchmarks.day import SEVEN
 from studies.research.benchmarks.few_poses.coverage import kept, true_values
+from studies.research.benchmarks.few_poses.figure import error_by_poses
 from studies.research.benchmarks.few_poses.files import cells_of, table_of
 from studies.research.benchmarks.few_poses.peer import interpreter, solved_by_figaroh
 from studies.research.benchmarks.few_poses.ridge import ridge
@@ -108,6 +110,7 @@ def summaries(rows: Sequence[Row]) -> Iterator[Row]:
 @click.option("--peers", type=click.Path(path_type=Path), help="Folder of FIGAROH's environment.")
 @click.option("--peer-days", type=click.IntRange(min=1), default=4, show_default=True,
               help="Of each arm and size, that FIGAROH gets too.")  # fmt: skip
+@click.option("--figure", "figure_path", type=click.Path(path_type=Path), help="PNG or SVG.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Every table.")
 @one_line_faults
 def main(
@@ -117,6 +120,7 @@ def main(
     seed: int,
     peers: Path | None,
     peer_days: int,
+    figure_path: Path | None,
     json_path: Path | None,
 ) -> None:
     """Identify from few poses, and hold errors and claims against the truth."""
@@ -134,6 +138,8 @@ def main(
     ]
     console.print("Held-out error, 3-D RMS", errors_table(rows), sep="\n")
     console.print("\nWhat holds of what was said", coverage_table(rows), sep="\n")
+    if figure_path is not None:
+        error_by_poses(rows).savefig(figure_path, dpi=DPI)
     if json_path is not None:
         found = {"seed": seed, "summaries": list(summaries(rows)), "tables": rows}
         write_files({json_path: json_text(found)})

@@ -204,7 +204,7 @@ def _unseen(before: Known, after: Known, rows: list[Array]) -> Array:
 def _freedom(noise: list[Array], dof: tuple[float, float]) -> float:
     """Degrees of freedom of a sum of two covariances (Welch and Satterthwaite), by their shares."""
     total = noise[0] + noise[1]
-    std = np.sqrt(np.diag(total))
+    std = np.sqrt(np.maximum(np.diag(total), 0.0))
     scale = np.outer(*2 * [np.where(std > 0.0, std, 1.0)])
     inverse = np.linalg.pinv(total / scale, rcond=_NUMERICAL, hermitian=True)
     shares = np.array([np.trace(inverse @ (own / scale)) for own in noise])

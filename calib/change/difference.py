@@ -208,5 +208,7 @@ def _freedom(noise: list[Array], dof: tuple[float, float]) -> float:
     scale = np.outer(*2 * [np.where(std > 0.0, std, 1.0)])
     inverse = np.linalg.pinv(total / scale, rcond=_NUMERICAL, hermitian=True)
     shares = np.array([np.trace(inverse @ (own / scale)) for own in noise])
+    if not shares.sum() > 0.0:
+        return max(dof)
     shares = shares / shares.sum()
     return float(1.0 / max(float((shares**2 / np.array(dof)).sum()), 1e-12))

@@ -53,6 +53,7 @@ from doe.prospect.sufficiency.match import match
 from doe.prospect.sufficiency.to_come import whole_day
 from doe.prospect.sufficiency.unnoticed import unnoticed
 
+_SILENT = 1e-9  # of the stated noise: copies scatter by nothing
 _CANDIDATES = 1000
 _MOST_FRESH = 30
 
@@ -167,14 +168,16 @@ def _arm(cell: Cell, model: Model, found: Identification | None) -> Variances:
     """How the arm scatters, as the data so far show it, else as the cell says."""
     shown = None if found is None or found.levels is None else found.levels.variances
     arm = Variances.of_arm(model.robot.dof, cell.repeatability) if shown is None else shown
-    return arm if found is None or arm.any else replace(arm, scale=found.noise.factor)
+    if found is None or arm.any:
+        return arm
+    return replace(arm, scale=max(found.noise.factor, _SILENT))
 
 
 def _pull(arm: Variances, found: Identification | None) -> float:
     """By how much more what is believed weighs beside arms that scatter, as it does in the estimate."""
     if found is None:
         return 1.0
-    return found.pull if arm.any else found.pull / found.noise.factor
+    return found.pull if arm.any else found.pull / max(found.noise.factor, _SILENT)
 
 
 def _weighing(at: Linearisation, data: Measurements, kept: Mask | None = None) -> Mixing | None:

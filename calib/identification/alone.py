@@ -43,7 +43,7 @@ class _Others:
         k = self.Q.shape[-1]
         F, own = self.Q[out].reshape(-1, k), self.Q[one].reshape(-1, k)
         rest = np.eye(k) - F.T @ F
-        if np.linalg.eigvalsh(rest)[0] < _FREE:
+        if np.linalg.eigvalsh(rest).min(initial=1.0) < _FREE:
             return None
         off = self.y[one].ravel() + own @ np.linalg.solve(rest, F.T @ self.y[out].ravel())
         spread = np.eye(len(own)) + own @ np.linalg.solve(rest, own.T)

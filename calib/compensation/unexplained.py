@@ -147,7 +147,7 @@ def at_ends(fit: Fitted) -> Unseen | None:
             end = np.sort(own[: round(part * len(own))])
             F = stacked(Q[end])
             rest = np.eye(F.shape[-1]) - F.T @ F
-            if not len(end) or np.linalg.eigvalsh(rest)[0] < _FREE:
+            if not len(end) or np.linalg.eigvalsh(rest).min(initial=1.0) < _FREE:
                 continue
             more = np.linalg.solve(rest, F.T)
             missed = (r[end].ravel() + F @ (more @ r[end].ravel())).reshape(r[end].shape)

@@ -31,6 +31,7 @@ _ROUNDS = 4
 _SETTLED = 0.05
 _TURNS = 2  # with levels of noise that follow from the fit
 _ALIKE = 0.2  # of the noise, that moves no curve
+_ABSURD = 1e9  # times a plausible size, or what it was to first order
 _MOST_ITERATIONS = 20  # a model that needs more does not describe the arm
 
 
@@ -194,7 +195,8 @@ class Stage:
         model = fit.model.exact
         span = self._with_tunings(model, fit)
         full = self._fitted(model, fit.values, span, fit.weight, fit.amplitudes, fit.pull)
-        if not (np.isfinite(full.r).all() and np.isfinite(full.J).all()):
+        small = np.abs(full.values) <= _ABSURD * np.maximum(model.sizes, np.abs(fit.values))
+        if not (small.all() and np.isfinite(full.r).all() and np.isfinite(full.J).all()):
             raise Unsolvable
         # A payload moves nothing where nothing that was found is elastic.
         moving = (full.J @ span).any(axis=tuple(range(full.J.ndim - 1)))

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from calib.arrays import Array
+from studies.research.benchmarks.placement import placement
 from studies.research.withheld.actions import Action, State
 from studies.research.withheld.robots import LIGHT, Arm, Joint
 from studies.research.withheld.scatter import Scatter, scatter_of
@@ -22,7 +22,6 @@ from studies.research.withheld.truth import Mechanism
 
 SIGMA = 10e-6  # m, of one coordinate of the instrument
 TARGETS = 200
-_NEAR_HALF_A_TURN = 3.0  # rad: beyond, one placement has two rotation vectors
 
 
 def _turning(
@@ -142,7 +141,7 @@ def draw_day(
     geometry = rng.normal(size=(arm.dof + 2, 6)) * np.repeat([3e-4, 4e-4], 3)
     guesses = _markers(rng, arm, setting.markers)
     markers = guesses + rng.normal(size=guesses.shape) * 1e-3
-    R, p = _placement(rng)
+    R, p = placement(rng)
     visits = _visits(rng, setting.poses, setting.approaches)
     q = _joints(rng, arm, setting.poses)[visits]
     targets = _joints(rng, arm, TARGETS)
@@ -190,14 +189,6 @@ def _scatter(
     shape = scatter_of(rng, arm, still, in_joints)
     at_tip = replace(still, points=still.o[:, -1:])
     return shape.times(size / float(np.sqrt(np.mean(shape.squares(arm, at_tip)))))
-
-
-def _placement(rng: np.random.Generator) -> tuple[Array, Array]:
-    while True:
-        turn = Rotation.random(rng=rng)
-        if turn.magnitude() < _NEAR_HALF_A_TURN:
-            away = rng.normal(size=3)
-            return turn.as_matrix(), rng.uniform(2.0, 5.0) * away / np.linalg.norm(away)
 
 
 def _markers(rng: np.random.Generator, arm: Arm, count: int) -> Array:

@@ -1,4 +1,4 @@
-"""A day's arm and readings in plain NumPy: forward kinematics of its own, no line of it posecal's."""
+"""A day's arm and readings in plain NumPy: its forward kinematics share nothing with `calib`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from studies.research.benchmarks.placement import placement
 from studies.research.withheld.robots import Arm
 
 SIGMA = 15e-6  # m, of one coordinate of the instrument
@@ -18,7 +19,6 @@ SCATTER = (
 )  # m and rad, of one coordinate of an ordinary arm's tip, anew at each approach
 _LENGTHS, _ANGLES = (0.3e-3, 1e-3), (0.2e-3, 1e-3)  # m, rad: deviations of one arm's usual errors
 _GUESS = 2e-3  # m, by which a coordinate of a marker is guessed wrongly
-_NEAR_HALF_A_TURN = 3.0  # rad: beyond, one placement has two rotation vectors
 
 Array = NDArray[np.float64]
 
@@ -85,7 +85,7 @@ def draw_day(arm: Arm, setting: Setting, index: int, seed: int) -> Day:
     constants = setting.times * rng.normal(size=(arm.dof + 1, 6)) * np.repeat(sizes, 3)
     guesses = _guesses(rng, arm, setting.markers)
     markers = guesses + rng.normal(size=guesses.shape) * _GUESS
-    placed = _placement(rng)
+    placed = placement(rng)
     low, high = arm.limits.T
     q, held = (low + rng.random((count, arm.dof)) * (high - low) for count in (READ, HELD))
     R, p = tips(arm, constants, q)
@@ -109,11 +109,3 @@ def _guesses(rng: np.random.Generator, arm: Arm, count: int) -> Array:
     across = np.stack([np.cos(turn), np.sin(turn)], axis=1) * rng.uniform(0.4, 0.7)
     along = rng.uniform(0.5, 1.1, (count, 1))
     return np.asarray(np.round(np.hstack([across, along]) * arm.tool, 4))
-
-
-def _placement(rng: np.random.Generator) -> tuple[Array, Array]:
-    while True:
-        turn = Rotation.random(rng=rng)
-        if turn.magnitude() < _NEAR_HALF_A_TURN:
-            away = rng.normal(size=3)
-            return turn.as_matrix(), rng.uniform(2.0, 5.0) * away / np.linalg.norm(away)

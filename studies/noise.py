@@ -14,11 +14,6 @@ if TYPE_CHECKING:
 
 _SAME = 1e-3  # of the stated noise
 _MM, _URAD = 1e3, 1e6
-UNFOLLOWED = (
-    "the error differs from configuration to configuration and follows no column: too fine for these "
-    "poses, as gear errors are; measure poses closer together, or give the gear ratios"
-)
-"""What ``arm`` that depends on ``pose`` means, and what to do."""
 
 
 class Noise(Entry):

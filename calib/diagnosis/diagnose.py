@@ -11,18 +11,19 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.cell.targets import targets_of
 from calib.diagnosis.candidates import candidates
-from calib.diagnosis.contest import Outcome
 from calib.diagnosis.diagnosis import Cause, Diagnosis
 from calib.diagnosis.earned import BY_TIME, CrossValidation
 from calib.diagnosis.finding import Finding, finding_of
+from calib.diagnosis.gap import beyond_expected
 from calib.diagnosis.hidden import hidden
 from calib.diagnosis.located import located, share_of
 from calib.diagnosis.refused import far_out
+from calib.diagnosis.rest import Rest, beyond_blunders, rest_of
 from calib.diagnosis.searched import searched
-from calib.diagnosis.shape import shape_doubt
+from calib.diagnosis.shape import form_matters, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
+from calib.diagnosis.standing import certainty_of, standing_of, verdict_of
 from calib.diagnosis.stated import stated
-from calib.diagnosis.verdict import VerdictName, verdict
 from calib.identification.checks import check_counts
 from calib.identification.heldout import with_stations_of
 from calib.identification.identify import identify
@@ -34,7 +35,7 @@ from calib.identification.whitening import whitening
 from calib.model import Model
 from calib.model.build import build
 from calib.model.covariance import determined
-from calib.poses import Measurements
+from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move, in_one_session
 from calib.threads import one_blas_thread
 
@@ -57,23 +58,25 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     suspects, missing = candidates(cell, stage.model, data)
     search = searched(stage, suspects)
     finding = finding_of(search)
-    causes = _causes(finding, len(suspects))
-    outcome, after, refused = finding.outcome, finding.after, finding.refused
-    stage = search.stage
-    places = located(stage, outcome, after, causes, finding.scale, bool(refused))
+    stage, outcome, after = search.stage, finding.outcome, finding.after
+    causes = _causes(finding, len(suspects), targets_of(cell))
+    places = located(stage, outcome, after, causes, finding.scale, bool(finding.refused))
     by_time = any(place.depends_on in BY_TIME for place in places)
     gap = finding.gap(heldout, by_time)
     gap = replace(gap, over_time=_over_time(stage, after)) if by_time else gap
+    rest = _rest(finding, causes, heldout, int(np.count_nonzero(stage.dropped & ~waiting)))
+    concluded = verdict_of([c.standing for c in causes], rest)
     entered = {c.named.candidate.key for c in causes}
     return Diagnosis(
-        verdict=_verdict(finding, causes),
+        verdict=concluded,
         noise=finding.noise,
         causes=tuple(c for c in causes if not c.displaced),
-        located=places,
+        rest=rest,
+        located=places if concluded != "no_gap" else (),
         gap=gap,
         hidden=hidden(stage, outcome, entered, targets_of(cell)),
         not_asked=tuple(missing),
-        refused=refused,
+        refused=finding.refused,
         data=data,
         outlier=stage.dropped & ~waiting,
         waiting=waiting,
@@ -109,14 +112,31 @@ def _over_time(stage: Stage, after: Fit) -> tuple[float, float]:
     return account.rms_without, account.rms_with
 
 
-def _verdict(finding: Finding, causes: Sequence[Cause]) -> VerdictName:
-    """In doubt where something is left, a cause has another form, or the residual tells the noise."""
-    left = _something_left(finding.search.stage, finding.outcome, finding.after)
-    left |= bool(finding.refused and not finding.outcome.active)
-    doubted = left or any(c.misshapen for c in causes)
-    doubted |= bool(causes) and finding.noise.source == "residual"
-    tested = all(c.doubt.tested for c in causes)
-    return verdict(finding.named, finding.outcome, doubted, tested)
+def _rest(
+    finding: Finding, causes: Sequence[Cause], heldout: Measurements | None, left_out: int
+) -> Rest:
+    """What remains: structure where something has a place and no name, else judged by its size.
+
+    left_out : poses that count as blunders
+    """
+    stage, after, noise = finding.search.stage, finding.after, finding.noise
+    curves = any(not c.named for c in finding.outcome.active)
+    structure = curves or any(c.misshapen for c in causes) or _lacks_fit(finding)
+    structure |= beyond_blunders(left_out, len(stage.data)) or _in_vain(finding)
+    rest = rest_of(stage, after, noise, structure)
+    if heldout is None:
+        return rest
+    numbers = stage.model.readout.channels.numbers_each(heldout.seen)
+    expected = float(np.hypot(finding.floor, rest.size * np.sqrt(numbers)))
+    elsewhere = beyond_expected(after, heldout, expected)
+    return rest_of(stage, after, noise, structure, elsewhere)
+
+
+def _in_vain(finding: Finding) -> bool:
+    """Whether something was found that predicts no other pose, and nothing scatters in its place."""
+    if finding.outcome.active or not finding.refused:
+        return False
+    return not finding.after.variances.configuration.any()
 
 
 def _model(cell: Cell, data: Measurements) -> Model:
@@ -127,10 +147,10 @@ def _model(cell: Cell, data: Measurements) -> Model:
     return replace(model, prior=identify(cell, data).model.prior)
 
 
-def _causes(finding: Finding, asked: int) -> tuple[Cause, ...]:
-    """What is named, with its size and share.
+def _causes(finding: Finding, asked: int, targets: tuple[Poses, Array]) -> tuple[Cause, ...]:
+    """What is named, with its size and share, and how sure it is.
 
-    asked : int, over how many its p counts
+    asked : int, over how many its p counts; targets : Poses where accuracy counts, and weights
     """
     if not finding.named:
         return ()
@@ -143,8 +163,15 @@ def _causes(finding: Finding, asked: int) -> tuple[Cause, ...]:
         share = share_of(finding.outcome, after, named.entry, finding.scale)
         p = min(1.0, named.entry.score.p * asked)
         doubt = shape_doubt(stage, after, effect, count)
+        certainty = certainty_of(named, doubt)
+        matters = form_matters(
+            after, effect, stage.data.poses if effect.uses else targets[0], finding.floor
+        )
+        standing = standing_of(named, certainty * named.lead, doubt, matters)
         large = far_out(after, named.candidate)
-        found.append(Cause(named, doubt, after.values[own], std[own], p, share, large))
+        found.append(
+            Cause(named, doubt, after.values[own], std[own], p, share, certainty, standing, large)
+        )
     return tuple(found)
 
 
@@ -160,15 +187,16 @@ def _deviations(stage: Stage, after: Fit, scale: float) -> Array:
     return np.where(np.isfinite(profile), profile, std)
 
 
-def _something_left(stage: Stage, outcome: Outcome, after: Fit) -> bool:
+def _lacks_fit(finding: Finding) -> bool:
     """Whether the residual exceeds the scatter of repeated readings: lack of fit, by an F test.
 
-    Where poses err together, whether they do so beyond the arm's repeatability.
+    Where poses err together, that counts as scatter, and is judged by its size.
     """
     from scipy.special import fdtrc
 
+    stage, outcome, after = finding.search.stage, finding.outcome, finding.after
     if after.mixing is not None:
-        return bool(after.variances.configuration.any())
+        return False
     kept = ~stage.dropped
     spread, repeats = replicate_spread(stage.data.take(kept), stage.weights[kept])
     rest = outcome.last.dof - repeats

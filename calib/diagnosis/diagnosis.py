@@ -11,9 +11,11 @@ from calib.diagnosis.gap import Gap
 from calib.diagnosis.hidden import Hidden
 from calib.diagnosis.range_noise import Growth
 from calib.diagnosis.refused import Refused
+from calib.diagnosis.rest import Rest
 from calib.diagnosis.shape import Doubt
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.verdict import Named, VerdictName
+from calib.diagnosis.standing import Standing, VerdictName
+from calib.diagnosis.verdict import Named
 from calib.identification.noise_level import NoiseLevel
 from calib.poses import Measurements
 
@@ -25,6 +27,8 @@ class Cause:
     values, std : ndarray, shape (k,), SI, std NaN where the data do not determine the value
     p : float, over all that was asked
     share : float, of the gap, NaN where there is none
+    certainty : float, probability that the cause, or one of its class, is there
+    standing : how sure it is
     far_out : str, what of it is larger than such errors usually are, empty where nothing is
     """
 
@@ -34,7 +38,14 @@ class Cause:
     std: Array
     p: float
     share: float
+    certainty: float
+    standing: Standing
     far_out: str = ""
+
+    @property
+    def members(self) -> tuple[tuple[Candidate, float], ...]:
+        """Causes that the data cannot tell apart, with probabilities, best first."""
+        return tuple((c, self.certainty * share) for c, share in self.named.members)
 
     @property
     def misshapen(self) -> bool:
@@ -60,6 +71,7 @@ class Place:
 class Diagnosis:
     """Result of :func:`diagnose`.
 
+    rest : Rest, what remains beside the causes
     outlier : ndarray of bool, shape (m,), poses that were left out; statistic, limit : judged by
     waiting : ndarray of bool, shape (m,), poses from before the first move, left out where approaches
         follow from the order: the arm came there from a side that nothing tells
@@ -75,6 +87,7 @@ class Diagnosis:
     verdict: VerdictName
     noise: NoiseLevel
     causes: tuple[Cause, ...]
+    rest: Rest
     located: tuple[Place, ...]
     gap: Gap
     hidden: tuple[Hidden, ...]

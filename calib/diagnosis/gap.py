@@ -12,6 +12,7 @@ from calib.poses import Measurements, Poses
 
 _DRAWS = 2000
 _FEWEST = 3  # groups to draw from
+_SURELY_MORE = 2.5  # standard errors
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,25 @@ def gap_of(
     found = len(after.model.effects) > len(before.model.effects)
     rose = errors[1] >= errors[0] if found else None
     return Gap(floor, *fitted, *errors, closed, interval, rose)
+
+
+def beyond_expected(after: Fit, heldout: Measurements, expected: float) -> float | None:
+    """What held-out poses err by beyond what is expected, m per coordinate; None where not surely more.
+
+    expected : 3-D RMS, m, of noise and scatter; what the parameters' uncertainty adds is added here
+    """
+    squares = squared_errors(after, heldout)
+    _, J = after.model.jacobian(after.values, heldout.poses)
+    lengths = after.model.readout.channels.lengths
+    by_parameters = np.einsum("mcrp,pq,mcrq->mcr", J, after.covariance, J) * lengths
+    more = squares - by_parameters.sum(axis=-1) - expected**2
+    group = heldout.poses.configuration
+    count = int(group.max()) + 1
+    each = np.bincount(group, np.nansum(more, axis=1), count)
+    if count < _FEWEST or each.mean() < _SURELY_MORE * each.std() / np.sqrt(count):
+        return None
+    each_number = after.model.readout.channels.numbers_each(heldout.seen)
+    return float(np.sqrt(max(np.nanmean(more) + expected**2, 0.0) / each_number))
 
 
 def share_closed(before: Array, after: Array, floor: float) -> float | None:

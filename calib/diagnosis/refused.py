@@ -15,7 +15,8 @@ from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, classes
 
 _MOST_ROUNDS = 30
-_NOTHING = "in the fit in full it is smaller than its own standard deviation"
+_WEAK = "in the fit in full it is smaller than three of its own standard deviations"
+_BY_CHANCE = 0.0027  # beyond three standard deviations, of a normal number
 _ASKED_AGAIN = 2  # times that all others may take the place of what went
 
 
@@ -51,7 +52,7 @@ def believed(
         if not fresh:
             named, after = classes(stage, outcome)
             after = exact(after)
-            fresh = [(n.candidate, _NOTHING) for n in named if _is_nothing(after, n.candidate)]
+            fresh = [(n.candidate, _WEAK) for n in named if _is_weak(after, n.candidate)]
             if not fresh:
                 return outcome, named, after, tuple(refused.values())
         refused |= {c.key: Refused.of(c, why) for c, why in fresh}
@@ -93,11 +94,18 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
     return []
 
 
-def _is_nothing(fit: Fit, candidate: Candidate) -> bool:
-    """Whether nothing of a cause exceeds its own deviation: to first order it seemed to act."""
+def _is_weak(fit: Fit, candidate: Candidate) -> bool:
+    """Whether the amounts of a cause are not beyond three of their own deviations, all taken together.
+
+    Those that the readings do not determine have none.
+    """
+    from scipy.special import chdtrc
+
     own = fit.positions(candidate.effect)[-len(candidate.amounts) :]
-    std = np.sqrt(np.diag(fit.covariance))[own]
-    return not (np.abs(fit.values[own]) > std).any()
+    own = own[np.abs(fit.span[own]).sum(axis=1) > 0.0]
+    cov = fit.covariance[np.ix_(own, own)]
+    distance = float(fit.values[own] @ np.linalg.pinv(cov, hermitian=True) @ fit.values[own])
+    return not len(own) or float(chdtrc(len(own), distance)) > _BY_CHANCE
 
 
 def plausible(stage: Stage, outcome: Outcome) -> Outcome:

@@ -23,6 +23,7 @@ from calib.diagnosis.quadratic import chance_above, ratio_above
 from calib.diagnosis.screen import VISIBLE, Field, beside, field, score
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Effect
+from calib.poses import Poses
 
 SHAPE_ALPHA = 0.03
 """Probability of doubting a right shape."""
@@ -109,6 +110,18 @@ def shape_doubt(stage: Stage, fit: Fit, effect: Effect, causes: int = 1) -> Doub
     p = min(1.0, causes * p)
     also_there = p >= SHAPE_ALPHA or _also_there(stage, fit, effect, first)
     return Doubt(p, first.depends_on, fall, also_there, asked.power(causes))
+
+
+def form_matters(fit: Fit, effect: Effect, poses: Poses, floor: float) -> bool:
+    """Whether a wrong form of an effect would show among the noise at poses.
+
+    floor : 3-D RMS of the noise, m per point
+    """
+    own = fit.positions(effect)
+    _, J = fit.model.jacobian(fit.values, poses)
+    lengths = fit.model.readout.channels.lengths
+    moved = (J[..., own] @ fit.moving[own]) * lengths
+    return bool(_PART * np.sqrt((moved**2).sum(axis=-1).mean()) > floor)
 
 
 def question(stage: Stage, fit: Fit, effect: Effect) -> Question | None:

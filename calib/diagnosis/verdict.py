@@ -1,10 +1,9 @@
-"""From the contest to a verdict: what is named, what only looks alike, what is merely located."""
+"""From the contest to names: what is named, and what only looks alike."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -14,8 +13,6 @@ from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.twins import Twin, twins
 from calib.effects.gear_ripple import GearRipple
 from calib.poses import Poses
-
-VerdictName = Literal["no_gap", "explained", "ambiguous", "unknown"]
 
 _TRIED = 5  # close rivals that are looked at
 _ALIKE = 3  # twins beside them
@@ -28,7 +25,6 @@ _MASS = 0.98  # of the likelihood that a class holds together
 # of studies.research.withheld), and again from 136 classes of 459 others (7201, 7103): 0.25 to 0.3.
 # Likelihoods alone are too sure, for forms differ from the catalogue's.
 _TEMPER = 0.3
-_IN_CLASS = 0.95
 # Of a cause's probability: no reading says which of two names is right. Of 51 lost motions in 459
 # sealed cases 32 were friction's, as the cases were drawn.
 _SECOND_NAME = 0.5
@@ -38,7 +34,8 @@ _SECOND_NAME = 0.5
 class Named:
     """An effect that was found.
 
-    members : tuple of (Candidate, probability), causes that the data cannot tell apart, best first
+    members : tuple of (Candidate, share), causes that the data cannot tell apart, best first; how
+        likely each is, if one of them is the cause
     aliased : whether these poses show the same at another tuning
     """
 
@@ -58,14 +55,10 @@ class Named:
         return tuple(c for c, _ in self.members if c.key not in second)
 
     @property
-    def single(self) -> bool:
-        """Whether there is one cause, by whatever names."""
-        return not self.aliased and len(self.causes) == 1
-
-    @property
-    def probability(self) -> float:
-        """Probability of the most probable cause."""
-        return self.members[0][1]
+    def lead(self) -> float:
+        """How likely the first is, by whatever name, if one of them is the cause."""
+        names = {self.candidate.key, *(c.key for c in self.candidate.also)}
+        return sum(share for c, share in self.members if c.key in names)
 
 
 def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
@@ -104,17 +97,17 @@ def _close(entry: Entry, others: Sequence[Twin]) -> list[Candidate]:
 
 
 def _as_fitted(named: Named, fit: Fit, poses: Poses) -> Named:
-    first, probability = named.members[0]
+    first, share = named.members[0]
     values, effect = fit.values[fit.positions(first.effect)], first.effect
     aliased = isinstance(effect, GearRipple) and len(effect.images(poses, values)) > 0
-    members = ((as_fitted(first, values, poses), probability), *named.members[1:])
+    members = ((as_fitted(first, values, poses), share), *named.members[1:])
     return replace(named, members=members, aliased=aliased)
 
 
 def _members(
     rivals: Sequence[tuple[Candidate, float]], others: Sequence[Twin] = (), direction: float = 0.0
 ) -> tuple[tuple[Candidate, float], ...]:
-    """Rivals (candidate, price) that the data cannot tell from the first; calibrated probabilities.
+    """Rivals (candidate, price) that the data cannot tell from the first; calibrated shares.
 
     Exact twins, and what loses by the price of its further directions alone, belong to them.
     direction : float, that price for one
@@ -135,7 +128,7 @@ def _members(
         if twin.exact or (room and behind[i] - twin.more * direction <= SAME):
             chosen.append(i)
     weights = np.exp(-0.5 * _TEMPER * behind[chosen])
-    shares = _IN_CLASS * weights / weights.sum()
+    shares = weights / weights.sum()
     found = []
     for i, share in zip(chosen, shares.tolist(), strict=True):
         candidate = rivals[i][0]
@@ -143,18 +136,3 @@ def _members(
         found.append((candidate, (1.0 - part) * share))
         found += [(other, part * share / len(candidate.also)) for other in candidate.also]
     return tuple(found)
-
-
-def verdict(
-    named: Sequence[Named], outcome: Outcome, something_left: bool, tested: bool
-) -> VerdictName:
-    """The verdict of a diagnosis.
-
-    tested : whether the readings would have shown causes of another form than the catalogue's
-    """
-    curves = [entry for entry in outcome.entries if not entry.candidate.named]
-    if not named and not curves:
-        return "unknown" if something_left else "no_gap"
-    if something_left or curves:
-        return "unknown"
-    return "explained" if tested and all(n.single for n in named) else "ambiguous"

@@ -24,8 +24,8 @@ from studies.demo.record import DemoRecord, Step
 from studies.design.command import design
 from studies.design.record import DesignRecord
 from studies.diagnose.command import diagnose
+from studies.diagnose.conclusion import verdict_sentence
 from studies.diagnose.record import DiagnoseRecord
-from studies.diagnose.telling import verdict_sentence
 from studies.identify.command import identify
 from studies.identify.record import IdentifyRecord
 from studies.record import InputFile, envelope

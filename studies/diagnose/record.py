@@ -75,6 +75,7 @@ class Effect(Likely):
     have as well.
 
     far_out : what of it is larger than such errors usually are, None where nothing is
+    standing : how sure it is, None in old files
     """
 
     p_value: Number
@@ -86,6 +87,12 @@ class Effect(Likely):
     share_of_gap: Maybe
     aliases: tuple[Number, ...] = ()
     far_out: str | None = None
+    standing: Literal["established", "likely", "one_of"] | None = None
+
+    @property
+    def one_of(self) -> bool:
+        """Whether these data do not tell it from others."""
+        return self.standing == "one_of" or (self.standing is None and len(self.alike) > 1)
 
     @property
     def names(self) -> str:
@@ -125,6 +132,20 @@ class Gap(Entry):
     over_time_after_mm: NotNegative | None = None
     closed: Maybe
     closed_ci95: tuple[Number, Number] | None
+
+
+class Rest(Entry):
+    """What remains beside the causes: a standard deviation of one coordinate, beyond the instrument's.
+
+    repeatability_mm : of the arm, against which it is held; stated, measured by second approaches, or
+        assumed from data sheets of arms of its size
+    """
+
+    mm: NotNegative
+    kind: Literal["none", "scatter", "structure", "too_large"]
+    of: Literal["instrument", "arm", "model", "undecided"]
+    repeatability_mm: NotNegative
+    repeatability_source: Literal["stated", "measured", "assumed"]
 
 
 class Refused(Cause):
@@ -201,6 +222,7 @@ class Findings(Entry):
     verdict: Literal["no_gap", "explained", "ambiguous", "unknown"]
     noise: DiagnoseNoise
     effects: tuple[Effect, ...]
+    rest: Rest | None = None
     located: tuple[Place, ...]
     gap: Gap
     could_not_see: tuple[Sought, ...]
@@ -289,6 +311,13 @@ def findings(found: Diagnosis, spectra: Sequence[FoundSpectrum] = ()) -> Finding
             **by_level(found.after.levels, found.stage.scatter),
         ),
         effects=tuple(_effect(cause, spectra, tip) for cause in found.causes),
+        rest=Rest(
+            mm=found.rest.size * _MM,
+            kind=found.rest.kind,
+            of=found.rest.of,
+            repeatability_mm=found.rest.repeatability * _MM,
+            repeatability_source=found.rest.source,
+        ),
         located=tuple(
             Place(where=_at(p.where, tip), depends_on=p.depends_on, share_of_gap=p.share)
             for p in found.located
@@ -351,14 +380,15 @@ def _effect(cause: Found, spectra: Sequence[FoundSpectrum], tip: str) -> Effect:
     return Effect(
         effect=candidate.effect.kind,
         where=_at(candidate.where, tip),
-        probability=cause.named.probability,
+        probability=cause.members[0][1],
+        standing=cause.standing,
         p_value=cause.p,
         shape_p_value=doubt.p,
         shape_power=doubt.power,
         shape_tested=doubt.tested,
         alike=tuple(
             Likely(effect=own.effect.kind, where=_at(own.where, tip), probability=probability)
-            for own, probability in cause.named.members
+            for own, probability in cause.members
         ),
         parameters=tuple(
             Value(name=p.name, value=value / p.scale, std=std / p.scale, unit=p.unit)

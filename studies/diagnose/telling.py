@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from studies.causes import Sought, not_asked
+from studies.diagnose.conclusion import headline, rest_words, standing_words, to_do
 from studies.diagnose.pictures import pictures
 from studies.diagnose.record import (
     DiagnoseRecord,
@@ -45,32 +46,13 @@ from studies.document import (
     mm,
 )
 from studies.joints import joint_columns
-from studies.noise import UNFOLLOWED, noise_words
+from studies.noise import noise_words
 
 _MOST_PARAMETERS = 8  # of one cause; sag of a whole arm has fifty
 _MOST_OUTLIERS = 3  # that are worth a line each
 _MOST_ALIASES = 4
 _MOST_PAIRS = 6
 _LONG = 12  # letters of a place that is no longer named beside a number
-_MEANS = {
-    "no_gap": "The measurements show nothing beyond the model and the noise.",
-    "explained": "Each cause is named, and nothing is left that these data could show.",
-    "ambiguous": "Nothing is left that these data could show, but other causes or forms would do as "
-    "well.",
-    "unknown": "Something is there that no cause in the catalogue does.",
-}
-_NEXT = {
-    "no_gap": "nothing is missing that these data could show; posecal compensate uses the model",
-    "explained": "put the found effects into the model (posecal diagnose --cell-out) and identify "
-    "again; posecal compensate then uses them",
-    "ambiguous": "posecal diagnose --next chooses poses that tell the causes apart",
-    "unknown": "look at the arm where the gap sits; what is there is in no catalogue",
-}
-
-_ROSE = (
-    "look at what tells the held-out poses from the fitted ones (day, load, range of the joints) "
-    "before what was found is used"
-)
 
 
 def told(record: DiagnoseRecord) -> Document:
@@ -80,93 +62,14 @@ def told(record: DiagnoseRecord) -> Document:
         Section("unseen", "What these data could not have shown", tuple(_unseen(record))),
         Section("next", "What to measure next", tuple(_further(record))),
     )
-    return Document((_headline(record),), tuple(s for s in sections if s.parts))
-
-
-def to_do(record: DiagnoseRecord) -> str:
-    """What a reader should do with this; nothing where the noise is to be looked at first."""
-    if record.noise.loud:
-        return ""
-    if record.gap.heldout_rose:
-        return _ROSE
-    return UNFOLLOWED if _fine(record) else _NEXT[record.verdict]
-
-
-def _fine(record: DiagnoseRecord) -> bool:
-    """Whether nothing is left but what follows no column."""
-    return bool(record.located) and all(place.unfollowed for place in record.located)
-
-
-# -- the verdict -------------------------------------------------------------------------------
-
-
-def _headline(record: DiagnoseRecord) -> Sentence:
-    sentence, closed = verdict_sentence(record), record.gap.closed
-    good = record.verdict in ("no_gap", "explained") and not record.noise.loud
-    good = good and not record.gap.heldout_rose
-    proof = ""
-    if closed is not None and record.effects and not record.gap.heldout_rose:
-        proof = (
-            f" At poses that the choice never saw, {SHARE(closed)} of the gap is gone."
-            if closed > 0.0
-            else " At poses that the choice never saw, the error did not shrink."
-        )
-    return Sentence(f"{sentence[0].upper()}{sentence[1:]}.{proof}", "good" if good else "warn")
-
-
-def verdict_sentence(record: DiagnoseRecord) -> str:
-    """The verdict in words: what it is, or where it sits; and what held-out poses say against it."""
-    rose = "; poses held out are predicted no better with what was found"
-    return _verdict_alone(record) + rose * bool(record.gap.heldout_rose)
-
-
-def _verdict_alone(record: DiagnoseRecord) -> str:
-    causes = _and([effect.names for effect in record.effects])
-    match record.verdict:
-        case "no_gap":
-            loud = record.noise.loud
-            return f"no gap beyond noise, {loud}" if loud else "no gap beyond noise"
-        case "explained":
-            return f"the gap is explained by {causes}"
-        case "ambiguous":
-            return f"the gap is explained by {causes}; these data cannot tell {_untold(record)}"
-    if record.effects:
-        return f"the gap is more than {causes}; the rest has no cause in the catalogue"
-    return _somewhere(record)
-
-
-def _untold(record: DiagnoseRecord) -> str:
-    untested = [effect.key for effect in record.effects if not effect.shape_tested]
-    if not untested:
-        return "which"
-    return f"whether the size of {_and(untested)} varies with the joints' angles"
-
-
-def _somewhere(record: DiagnoseRecord) -> str:
-    """The verdict where no name stands, and perhaps no column either."""
-    for place in record.located:
-        if not place.unfollowed:
-            return (
-                f"a gap at {place.where} that depends on {place.depends_on}; "
-                "no cause in the catalogue does the same"
-            )
-    if record.refused:
-        return "more is left than noise, and nothing that was tried predicts other poses better"
-    for place in record.located:
-        who = "the arm" if place.where == "arm" else place.where
-        return f"{who} errs from pose to pose as no cause in the catalogue and no column does"
-    return "more is left than noise, and neither its place nor its cause was found"
-
-
-def _and(parts: Sequence[str]) -> str:
-    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+    return Document((headline(record),), tuple(s for s in sections if s.parts))
 
 
 # -- causes and places -------------------------------------------------------------------------
 
 
 def _parts(record: DiagnoseRecord) -> Iterator[Part]:
-    yield Sentence(_MEANS[record.verdict])
+    yield from map(Sentence, filter(None, [rest_words(record)]))
     yield from labelled("could hide", _could_hide(record))
     yield from labelled("noise", noise_words(record.noise))
     yield Table(_of_gap(record.gap.unit), list(_gap(record.gap)), "The error before and after")
@@ -175,9 +78,6 @@ def _parts(record: DiagnoseRecord) -> Iterator[Part]:
     for draw in pictures(record):
         yield Figure(draw)
     yield Table(_LOCATED, list(_located(record)), caption="Where the gap sits")
-    for place in record.located:
-        if place.unfollowed:
-            yield Sentence(f"{place.where} by pose: {UNFOLLOWED}.", "note")
     if record.refused:
         yield Sentence("Refused: found, and not named all the same.")
         yield Table(_REFUSED, list(_refused(record.refused)), "Refused")
@@ -249,10 +149,7 @@ _VALUES: tuple[Column[Value], ...] = (
 
 def _effect(effect: Effect) -> Iterator[Part]:
     """A line for the cause, whose name may be long, and its parameters below it."""
-    share = SHARE(effect.share_of_gap)
-    yield Sentence(
-        f"{effect.key}, probability {PROBABILITY(effect.probability)}, {share} of the gap"
-    )
+    yield Sentence(f"{effect.key}: {standing_words(effect)}")
     for other in effect.alike[1:]:
         yield Sentence(f"or {other.key}, probability {PROBABILITY(other.probability)}")
     known = [p for p in effect.parameters if p.std is not None]
@@ -343,8 +240,7 @@ def _notes(record: DiagnoseRecord) -> Iterator[Sentence]:
         yield Sentence(f"derived from the order of the poses{unknown}", label="approach")
     yield from labelled("aliasing", _aliasing(record.spectra))
     yield from not_asked(record.not_asked)
-    if not _fine(record):
-        yield from labelled("next", filter(None, [to_do(record)]))
+    yield from labelled("next", filter(None, [to_do(record)]))
 
 
 # -- what stayed unseen ------------------------------------------------------------------------

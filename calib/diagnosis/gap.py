@@ -12,7 +12,7 @@ from calib.poses import Measurements, Poses
 
 _DRAWS = 2000
 _FEWEST = 3  # groups to draw from
-_SURELY_MORE = 2.5  # standard errors
+_SURELY, _MUCH = 2.5, 1.25  # standard errors, and times what is expected
 
 
 @dataclass(frozen=True)
@@ -79,23 +79,25 @@ def gap_of(
     return Gap(floor, *fitted, *errors, closed, interval, rose)
 
 
-def beyond_expected(after: Fit, heldout: Measurements, expected: float) -> float | None:
-    """What held-out poses err by beyond what is expected, m per coordinate; None where not surely more.
+def beyond_noise(after: Fit, heldout: Measurements, expected: float) -> float | None:
+    """What held-out poses err by beyond the instrument, m per coordinate; None where not surely more.
 
     expected : 3-D RMS, m, of noise and scatter; what the parameters' uncertainty adds is added here
     """
     squares = squared_errors(after, heldout)
     _, J = after.model.jacobian(after.values, heldout.poses)
-    lengths = after.model.readout.channels.lengths
-    by_parameters = np.einsum("mcrp,pq,mcrq->mcr", J, after.covariance, J) * lengths
-    more = squares - by_parameters.sum(axis=-1) - expected**2
+    channels = after.model.readout.channels
+    by_parameters = np.einsum("mcrp,pq,mcrq->mcr", J, after.covariance, J) * channels.lengths
+    promised = by_parameters.sum(axis=-1) + expected**2
     group = heldout.poses.configuration
     count = int(group.max()) + 1
-    each = np.bincount(group, np.nansum(more, axis=1), count)
-    if count < _FEWEST or each.mean() < _SURELY_MORE * each.std() / np.sqrt(count):
+    each = np.bincount(group, np.nansum(squares - promised, axis=1), count)
+    surely = count >= _FEWEST and each.mean() > _SURELY * each.std() / np.sqrt(count)
+    ratio = np.nanmean(squares) / promised[heldout.seen].mean()
+    if not surely or ratio < _MUCH**2:
         return None
-    each_number = after.model.readout.channels.numbers_each(heldout.seen)
-    return float(np.sqrt(max(np.nanmean(more) + expected**2, 0.0) / each_number))
+    more = float(np.nanmean(squares) - promised[heldout.seen].mean())
+    return float(np.sqrt(more / channels.numbers_each(heldout.seen)))
 
 
 def share_closed(before: Array, after: Array, floor: float) -> float | None:

@@ -24,6 +24,7 @@ Whose = Literal["instrument", "arm", "model", "undecided"]
 Source = Literal["stated", "measured", "assumed"]
 
 _NO_LARGER = 1.25  # times the repeatability: both are estimates
+_COORDINATES = 3  # of the tip that an approach shows
 _BLUNDERS = 0.05  # of the poses: more that were left out are none
 
 
@@ -48,21 +49,20 @@ class Rest:
 
 
 def rest_of(
-    stage: Stage, fit: Fit, noise: NoiseLevel, structure: bool, elsewhere: float | None = None
+    stage: Stage, fit: Fit, noise: NoiseLevel, structure: bool, more: float | None = None
 ) -> Rest:
     """What a fit leaves.
 
     noise : of the instrument beside it; structure : whether a part of what remains has a place
-    elsewhere : float, m, what it leaves at held-out poses; None where that is not more
+    more : float, m, what held-out poses err by beyond all that is expected; None where not surely more
     """
     each = (fit.variances.approach, fit.variances.configuration)
     again, fixed = (_size(stage, v) for v in each)
-    if elsewhere is not None:
-        fixed = max(fixed, float(np.sqrt(max(elsewhere**2 - again**2, 0.0))))
+    fixed = hypot(fixed, more or 0.0)
     if stage.arm is not None:
         return _judged(again, fixed, again, "stated", structure)
     if fit.levels is not None and fit.levels.approaches:
-        return _judged(again, fixed, again, "measured", structure)
+        return _judged(again, fixed, _at_most(stage, fit, again, noise), "measured", structure)
     usual = usual_repeatability(stage.model.robot.reach).worst
     left = hypot(again, fixed) or _widened(stage, fit, noise)
     return _judged(0.0, left, usual, "assumed", structure)
@@ -85,6 +85,23 @@ def _size(stage: Stage, variances: Array) -> float:
     seen = stage.data.seen & stage.model.readout.channels.lengths.any(axis=-1)
     each = stage.model.readout.channels.numbers_each(seen)
     return float(np.sqrt(stage.scatter.point_variance(variances)[seen].mean() / each))
+
+
+def _at_most(stage: Stage, fit: Fit, again: float, noise: NoiseLevel) -> float:
+    """The largest repeatability that second approaches do not contradict (95 %), m per coordinate.
+
+    Of markers that move together the mean is read: its noise is that of one over their number.
+    """
+    from scipy.special import chdtri
+
+    kept = ~stage.dropped
+    approaches = np.unique(stage.scatter.approach[kept])
+    configurations = np.unique(stage.data.poses.configuration[kept])
+    dof = _COORDINATES * max(len(approaches) - len(configurations), 1)
+    points = stage.data.seen[kept].sum(axis=1).mean()
+    read = noise.sigma * fit.model.footprint(fit.values, stage.data) / np.sqrt(points)
+    most = (again**2 + read**2) * dof / float(chdtri(dof, 0.95)) - read**2
+    return float(np.sqrt(max(most, again**2)))
 
 
 def _widened(stage: Stage, fit: Fit, noise: NoiseLevel) -> float:

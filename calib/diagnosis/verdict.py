@@ -76,7 +76,10 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
         others = twins(outcome, entry)
         prices = {c.key: -gain for c, gain in entry.rivals}
         rivals = [c for c in _close(entry, others) if c not in rest and c.key in prices]
-        ordered = sorted(((c, prices[c.key]) for c in rivals), key=lambda pair: pair[1])
+        # What stands elsewhere already is another name here, and never the first.
+        again = {c.key for c in rivals if c.echo and any(c.is_like(o) for o in rest)}
+        ordered = [(c, prices[c.key]) for c in rivals]
+        ordered.sort(key=lambda pair: (pair[0].key in again, pair[1]))
         ordered = [(replace(c, echo="", line=1) if c.echo else c, price) for c, price in ordered]
         chosen[id(entry)] = ordered[0][0]
         found.append(Named(entry, _members(ordered, others, direction)))
@@ -112,7 +115,7 @@ def _members(
     Exact twins, and what loses by the price of its further directions alone, belong to them.
     direction : float, that price for one
     """
-    behind = np.array([min(price - rivals[0][1], 700.0) for _, price in rivals])
+    behind = np.clip([price - rivals[0][1] for _, price in rivals], 0.0, 700.0)
     mass = np.cumsum(np.exp(-0.5 * behind)) / np.exp(-0.5 * behind).sum()
     enough = 1 + int(np.argmax(mass >= _MASS))
     count = max(enough, int(np.count_nonzero(behind <= SAME)))

@@ -193,11 +193,10 @@ def lineup(stage: Stage, suspects: Sequence[Candidate], known: Sequence[Bank] = 
 
 
 def _echoes(candidate: Candidate, active: Sequence[Candidate]) -> Iterator[Candidate]:
-    """A cause that is not in, at the tunings of its kind elsewhere: what it would be in their place."""
-    if any(c.is_like(candidate) for c in active):
-        return
+    """A cause at the tunings of its kind elsewhere: what it would be in their place."""
     for c in active:
-        if isinstance(c.effect, Timed) and c.effect.kind == candidate.effect.kind:
+        same = c.effect.kind == candidate.effect.kind and not c.is_like(candidate)
+        if isinstance(c.effect, Timed) and same:
             yield replace(candidate.as_tuned(c.effect.tuning), line=0, echo=c.key)
 
 

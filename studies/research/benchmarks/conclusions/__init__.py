@@ -16,5 +16,6 @@ hard : kinds that are missed or misnamed more often than others, families of joi
 ``in class``: the true one is among the few that the effect says it cannot be told from. ``wrong``: any
 other.
 The noncentrality is the squared length of what a cause displaces, whitened by the noise of instrument
-and arm, after base, markers and geometry have taken up what they can.
+and arm, after base, markers and geometry have taken up what they can. Of an error of
+all joints it is that of all together; at least two members are visible, above 60 beside the others.
 """

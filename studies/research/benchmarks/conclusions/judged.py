@@ -13,6 +13,11 @@ from studies.research.withheld.match import Entry, is_listed, is_named, name_of
 Row = dict[str, Any]
 RIGHT, IN_CLASS, WRONG = "right", "in_class", "wrong"
 FAMILY = 2 / 3
+_TWINS = {
+    "instrument": "base",
+    "tracker_drift": "base_drift",
+    "friction_windup": "backlash",
+}
 _KEPT = (
     "effect", "where", "probability", "standing", "p_value", "shape_p_value", "shape_power",
     "shape_tested", "share_of_gap",
@@ -47,6 +52,7 @@ def judged(day: Day, said: Row) -> Row:
         "found": [how is not None for how in found],
         "by_name": [how == RIGHT for how in found],
         "wrong": sum(e["outcome"] == WRONG for e in effects),
+        "members": day.family,
         "family": _family(day, found),
     }  # fmt: skip
 
@@ -75,12 +81,27 @@ def _family(day: Day, found: Sequence[str | None]) -> Row | None:
     return {"named": named, "visible": len(visible), "found": named >= FAMILY * len(visible)}
 
 
+def _entry(effect: Entry) -> float | None:
+    """Probability of an effect by any of its names: base and instrument move everything alike."""
+    if effect.get("probability") is None:
+        return None
+    alike = [e for e in effect.get("class") or [effect] if _same(e) == _same(effect)]
+    return max(sum(e.get("probability") or 0.0 for e in alike), float(effect["probability"]))
+
+
+def _same(effect: Entry) -> tuple[str, str]:
+    """Effect and place by the first of the names that mean the same."""
+    kind, where = str(effect["effect"]), str(effect["where"])
+    return _TWINS.get(kind, kind), _TWINS.get(where, where)
+
+
 def _effect(effect: Entry, causes: Sequence[TrueCause]) -> Row:
     given = [p for p in effect.get("parameters") or [] if p.get("std")]
     return {
         **{key: effect.get(key) for key in _KEPT},
-        "class": [name_of(e) for e in effect.get("class") or []],
+        "class": [(name_of(e), e.get("probability")) for e in effect.get("class") or []],
         "class_size": len(effect.get("class") or []),
+        "entry": _entry(effect),
         "size_in_std": max((abs(p["value"] / p["std"]) for p in given), default=None),
         "parameters": effect.get("parameters"),
         "outcome": outcome(effect, causes),

@@ -21,10 +21,11 @@ _GUESS = 1e-3  # m, by which a coordinate of a marker is guessed wrongly
 _PACE = (80.0, 140.0)  # s from reading to reading
 
 
-def random_poses(rng: np.random.Generator, arm: Arm, count: int) -> Array:
-    """Joints anywhere within the limits, shape (count, n), rad or m."""
+def random_poses(rng: np.random.Generator, arm: Arm, count: int, share: float = 1.0) -> Array:
+    """Joints anywhere in a share of their ranges, shape (count, n), rad or m."""
     low, high = arm.limits.T
-    return as_shown(arm, low + rng.random((count, arm.dof)) * (high - low))
+    start = low + rng.random(arm.dof) * (1.0 - share) * (high - low)
+    return as_shown(arm, start + rng.random((count, arm.dof)) * share * (high - low))
 
 
 def as_shown(arm: Arm, q: Array) -> Array:
@@ -33,11 +34,11 @@ def as_shown(arm: Arm, q: Array) -> Array:
     return np.asarray(np.round(q / unit, 6) * unit)
 
 
-def reflectors(rng: np.random.Generator, arm: Arm) -> Array:
-    """Three about the tool at uneven heights, m, as the cell shows them, shape (3, 3)."""
-    turn = rng.uniform(0, 2 * np.pi) + np.arange(3) * 2 * np.pi / 3
+def reflectors(rng: np.random.Generator, arm: Arm, count: int = 3) -> Array:
+    """About the tool at uneven heights, m, as the cell shows them, shape (count, 3)."""
+    turn = rng.uniform(0, 2 * np.pi) + np.arange(count) * 2 * np.pi / count
     across = np.stack([np.cos(turn), np.sin(turn)], axis=1) * rng.uniform(0.4, 0.7)
-    along = rng.uniform(0.5, 1.1, (3, 1))
+    along = rng.uniform(0.5, 1.1, (count, 1))
     return np.asarray(np.round(np.hstack([across, along]) * arm.tool, 4))
 
 

@@ -31,39 +31,37 @@ class Visibility:
         seen = np.ones(still.readings.shape[:2], dtype=bool)
         self._projector = Projector(scene, still, seen)
 
-    def moved(self, cause: TrueCause) -> Array:
-        """Displacement of the readings by one cause alone, shape (N, M, 3), m."""
+    def moved(self, causes: Sequence[TrueCause]) -> Array:
+        """Displacement of the readings by some causes, shape (N, M, 3), m."""
         try:
-            state = at_rest(self._scene, self._mechanism, [cause])
+            state = at_rest(self._scene, self._mechanism, causes)
         except RuntimeError as error:
             raise NoSuchDay from error
         return np.asarray(state.readings - self._still.readings)
 
     def alone(self, cause: TrueCause) -> float:
         """Noncentrality of one cause."""
-        rest = self._projector.left(self.moved(cause))
+        rest = self._projector.left(self.moved([cause]))
         return float(rest @ rest)
 
     def beside(self, causes: Sequence[TrueCause]) -> list[float]:
         """Noncentrality of each where the sizes of all others are free."""
-        rests = np.array([self._projector.left(self.moved(cause)) for cause in causes])
+        rests = np.array([self._projector.left(self.moved([cause])) for cause in causes])
         return [_left(rests[i], np.delete(rests, i, axis=0)) for i in range(len(rests))]
 
     def sized(self, cause: TrueCause, wanted: float) -> TrueCause:
         """A cause of a noncentrality. Raises NoSuchDay."""
-        return self.family_sized([cause], wanted)[0]
+        return self.all_sized([cause], wanted)[0]
 
-    def family_sized(self, causes: Sequence[TrueCause], wanted: float) -> list[TrueCause]:
-        """Causes scaled alike until the median noncentrality, each beside the others, is as wanted.
-
-        Raises NoSuchDay.
-        """
+    def all_sized(self, causes: Sequence[TrueCause], wanted: float) -> list[TrueCause]:
+        """Causes scaled alike until all together have a noncentrality. Raises NoSuchDay."""
         found = list(causes)
         for _ in range(_ROUNDS):
-            reached = float(np.median(self.beside(found)))
-            factor = float(np.sqrt(wanted / max(reached, 1e-12)))
-            moved = sum(float(np.mean(np.sum(self.moved(one) ** 2, axis=-1))) for one in found)
-            if factor * np.sqrt(moved) > self._scene.arm.largest:
+            moved = self.moved(found)
+            rest = self._projector.left(moved)
+            factor = float(np.sqrt(wanted / max(float(rest @ rest), 1e-12)))
+            size = float(np.sqrt(np.mean(np.sum(moved**2, axis=-1))))
+            if factor * size > self._scene.arm.largest:
                 raise NoSuchDay
             if abs(factor - 1.0) < _NEAR:
                 return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
@@ -16,7 +17,7 @@ from studies.tables import plain_table
 Row = dict[str, Any]
 Test = Callable[[Row], bool | None]
 """None where a day is not asked."""
-BINS = (0.0, 0.5, 0.8, 0.9, 1.0)
+BINS = (0.0, 0.5, 0.8, 0.9)
 _CONFIDENT = 0.9
 
 
@@ -30,14 +31,10 @@ def _alone(row: Row) -> bool:
 
 def _both(row: Row) -> bool | None:
     """Family and the single cause beside it."""
-    single = len(row["truth"]) - _members(row)
+    single = len(row["truth"]) - row["members"]
     if row["family"] is None or not single:
         return None
     return bool(row["family"]["found"] and all(row["found"][-single:]))
-
-
-def _members(row: Row) -> int:
-    return len(row["truth"]) - (1 if "_and_" in row["kind"] else 0)
 
 
 def _sure_wrong(row: Row) -> bool:
@@ -100,10 +97,13 @@ def table_of(part: str, rows: Sequence[Row]) -> Table:
 
 
 def calibration(rows: Sequence[Row]) -> Iterator[tuple[float, float, int, int, int]]:
-    """Lower and upper end of a probability, effects right, with the true one in the class, and all."""
-    named = [e for row in rows for e in row["effects"] if e["probability"] is not None]
-    for low, high in pairwise(BINS):
-        own = [e for e in named if low <= e["probability"] < high or e["probability"] == high == 1]
+    """Lower and upper end of a probability, effects right, with the true one in the class, and all.
+
+    Of an effect with two names that mean the same, both together.
+    """
+    named = [e for row in rows for e in row["effects"] if e["entry"] is not None]
+    for low, high in pairwise((*BINS, math.inf)):
+        own = [e for e in named if low <= e["entry"] < high]
         outcomes = [e["outcome"] for e in own]
         within = sum(one != "wrong" for one in outcomes)
         yield low, high, outcomes.count(RIGHT), within, len(own)
@@ -113,7 +113,7 @@ def calibration_table(rows: Sequence[Row]) -> Table:
     """How often what is said with a probability is right."""
     table = plain_table(("probability", "left"), ("right", "right"), ("in class", "right"))
     for low, high, right, within, n in calibration(rows):
-        table.add_row(f"{low:g} to {high:g}", _shown(right, n), _shown(within, n))
+        table.add_row(f"{low:g} to {min(high, 1.0):g}", _shown(right, n), _shown(within, n))
     return table
 
 

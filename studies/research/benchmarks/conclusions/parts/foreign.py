@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,11 +33,12 @@ from studies.research.withheld.actions import State
 from studies.research.withheld.match import Entry
 from studies.research.withheld.robots import Array
 from studies.research.withheld.scene import Scene
-from studies.research.withheld.truth import Mechanism
 from studies.research.withheld.visible import at_rest
 
 ARMS = ("light", "heavy", "rail", "seven", "scara", "ur_on_track")
-_POSES = (48, 60)
+_POSES = (28, 60)
+_SHARE = (0.45, 1.0)  # of the joints' ranges that the cell leaves free
+_ONE_MARKER = 0.2  # share of the days
 _MOST = 1.5  # scatter over noise
 _SMALL = 1e-4  # rad or m, before a size is found
 _LAG = 1200.0
@@ -56,22 +58,25 @@ def draw(rng: np.random.Generator, index: int) -> Day:
 
 
 def _draw(rng: np.random.Generator, kind: str, scatters: bool) -> Day:
-    scene, mechanism, still, ratio = drawn_scene(rng, scatters)
-    visible = Visibility(scene, mechanism, still)
-    cause = visible.sized(_MAKE[kind](rng, scene, still), drawn_noncentrality(rng))
-    return Day(kind, scene, mechanism, (cause,), (visible.alone(cause),), ratio=ratio)
+    day, still = plain_day(rng, kind, scatters)
+    visible = Visibility(day.scene, day.mechanism, still)
+    cause = visible.sized(_MAKE[kind](rng, day.scene, still), drawn_noncentrality(rng))
+    return replace(day, causes=(cause,), noncentrality=(visible.alone(cause),))
 
 
-def drawn_scene(rng: np.random.Generator, scatters: bool) -> tuple[Scene, Mechanism, State, float]:
-    """An arm on its day, at rest without a cause, and the ratio of scatter to noise."""
+def plain_day(rng: np.random.Generator, kind: str, scatters: bool) -> tuple[Day, State]:
+    """An arm on its day before anything is wrong, and how it stands then."""
     arm = arm_of(str(rng.choice(ARMS)))
-    q = random_poses(rng, arm, int(rng.integers(_POSES[0], _POSES[1] + 1)))
-    scene = scene_of(rng, arm, q, reflectors(rng, arm), sigma=arm.sigma)
+    share = float(rng.uniform(*_SHARE))
+    q = random_poses(rng, arm, int(rng.integers(_POSES[0], _POSES[1] + 1)), share)
+    guesses = reflectors(rng, arm, 1 if rng.random() < _ONE_MARKER else 3)
+    scene = scene_of(rng, arm, q, guesses, sigma=arm.sigma)
     mechanism = scene.mechanism()
     still = at_rest(scene, mechanism, ())
     ratio = float(rng.uniform(0.0, _MOST)) if scatters else 0.0
-    in_joints = bool(rng.random() < 0.5)
-    return scattering(rng, scene, still, ratio * arm.sigma, in_joints), mechanism, still, ratio
+    scene = scattering(rng, scene, still, ratio * arm.sigma, bool(rng.random() < 0.5))
+    more = {"share": share, "markers": len(guesses)}
+    return Day(kind, scene, mechanism, ratio=ratio, more=more), still
 
 
 def turning(rng: np.random.Generator, scene: Scene) -> int:

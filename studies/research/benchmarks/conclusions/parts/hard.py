@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,13 +12,14 @@ from studies.research.benchmarks.conclusions.days import Day
 from studies.research.benchmarks.conclusions.parts.foreign import (
     at_joint,
     base_or_instrument,
-    drawn_scene,
     loaded,
+    plain_day,
     turning,
     twist,
 )
 from studies.research.benchmarks.conclusions.sizing import (
     NONCENTRALITY,
+    VISIBLE,
     NoSuchDay,
     Visibility,
     drawn_noncentrality,
@@ -50,17 +52,19 @@ def draw(rng: np.random.Generator, index: int) -> Day:
 
 
 def _draw(rng: np.random.Generator, kind: str, scatters: bool) -> Day:
-    scene, mechanism, still, ratio = drawn_scene(rng, scatters)
-    visible = Visibility(scene, mechanism, still)
+    day, still = plain_day(rng, kind, scatters)
+    visible = Visibility(day.scene, day.mechanism, still)
     within = _FAINT if kind == "settling" else NONCENTRALITY
-    made = _MAKE[kind](rng, scene, still)
-    causes = visible.family_sized(made, drawn_noncentrality(rng, within))
+    made = _MAKE[kind](rng, day.scene, still)
+    causes = visible.all_sized(made, drawn_noncentrality(rng, within))
     family = len(causes) if len(causes) > 1 else 0
+    if family and sum(n > VISIBLE for n in visible.beside(causes)) < 2:
+        raise NoSuchDay
     if kind in _BESIDE:
-        single = _BESIDE[kind](rng, scene, still)
-        causes += [visible.sized(single, drawn_noncentrality(rng, within))]
+        single = _BESIDE[kind](rng, day.scene, still)
+        causes += [visible.sized(single, drawn_noncentrality(rng))]
     beside = tuple(visible.beside(causes))
-    return Day(kind, scene, mechanism, tuple(causes), beside, family, ratio)
+    return replace(day, causes=tuple(causes), noncentrality=beside, family=family)
 
 
 def _oblique(rng: np.random.Generator, scene: Scene, still: State) -> list[TrueCause]:  # noqa: ARG001
@@ -72,7 +76,7 @@ def _oblique(rng: np.random.Generator, scene: Scene, still: State) -> list[TrueC
     t = scene.session.time - scene.session.time[0]
     left = np.exp(-t / (rng.uniform(12.0, 45.0) * _MINUTE))
     act = base_motion(motion, lambda _: left)
-    return [TrueCause("oblique_warm_up", "base", act, base_or_instrument("warm_up"))]
+    return [TrueCause("oblique", "base", act, base_or_instrument("warm_up"))]
 
 
 def _settling(rng: np.random.Generator, scene: Scene, still: State) -> list[TrueCause]:  # noqa: ARG001
@@ -134,7 +138,7 @@ def _compliance(rng: np.random.Generator, scene: Scene, still: State) -> TrueCau
     def yields(scene: Scene, state: State) -> Array:  # noqa: ARG001
         return np.asarray(1e-6 * state.torque[:, k])
 
-    return TrueCause("compliance", where, joint_error(k, yields), named(where, "joint_compliance"))
+    return TrueCause("spring", where, joint_error(k, yields), named(where, "joint_compliance"))
 
 
 def _one_gear(rng: np.random.Generator, scene: Scene, still: State) -> TrueCause:  # noqa: ARG001
@@ -142,20 +146,20 @@ def _one_gear(rng: np.random.Generator, scene: Scene, still: State) -> TrueCause
 
 
 _MAKE: dict[str, Make] = {
-    "oblique_warm_up": _oblique,
+    "oblique": _oblique,
     "settling": _settling,
     "drift": _drift,
     "saturated": _saturated,
-    "all_backlash": _of_all(_backlash),
-    "all_ripple": _of_all(_ripple),
-    "all_gears": _of_all(_gear),
-    "backlash_and_gear": _of_all(_backlash),
-    "ripple_and_compliance": _of_all(_ripple),
-    "gears_and_compliance": _of_all(_gear),
+    "backlashes": _of_all(_backlash),
+    "ripples": _of_all(_ripple),
+    "gears": _of_all(_gear),
+    "backlashes_gear": _of_all(_backlash),
+    "ripples_spring": _of_all(_ripple),
+    "gears_spring": _of_all(_gear),
 }
 _BESIDE: dict[str, Callable[[np.random.Generator, Scene, State], TrueCause]] = {
-    "backlash_and_gear": _one_gear,
-    "ripple_and_compliance": _compliance,
-    "gears_and_compliance": _compliance,
+    "backlashes_gear": _one_gear,
+    "ripples_spring": _compliance,
+    "gears_spring": _compliance,
 }
 KINDS = tuple(_MAKE)

@@ -49,6 +49,17 @@ class Ledger:
 
 
 @dataclass(frozen=True, eq=False)
+class Choice:
+    """A cause at one tuning.
+
+    rows : ndarray, shape (m, R, k), whitened derivatives; limits : ndarray, shape (k,), largest amounts
+    """
+
+    rows: Array
+    limits: Array
+
+
+@dataclass(frozen=True, eq=False)
 class CrossValidation:
     """What each of the fitted effects does for poses left out, from one factorisation of the fit.
 
@@ -58,10 +69,13 @@ class CrossValidation:
     stage: Stage
     fit: Fit
 
-    def ledger(self, effects: Sequence[Effect], by_time: bool) -> Ledger:
+    def ledger(
+        self, effects: Sequence[Effect], by_time: bool, choices: Sequence[Choice] = ()
+    ) -> Ledger:
         """What some of the effects do together.
 
         by_time : whether stretches of the session are left out, else configurations
+        choices : what may stand in their place; without a fold the best of them is chosen anew
         """
         folds, kept = self._by_time if by_time else self._by_configuration, self._kept
         fit, (m, R) = self.fit, self.fit.r.shape
@@ -72,8 +86,8 @@ class CrossValidation:
         r = kept.r + kept.J[:, own] @ fit.moving[own]
         alone = kept.Q @ u
         r = r - kept.Q @ (kept.Q.T @ r) + alone @ (alone.T @ r)
-        gone = folds.without(u, r[: m * R].reshape(m, R))
-        left = folds.left
+        gone = folds.without(u, r[: m * R].reshape(m, R, 1))[..., 0]
+        left = self._anew(folds, u, r, choices) if choices else folds.left
         costs = [_costs(fit, e) for e in (left, gone)]
         return Ledger(
             with_it=float(costs[0].sum()),
@@ -82,6 +96,34 @@ class CrossValidation:
             rms_with=_rms(self.stage, fit, left),
             rms_without=_rms(self.stage, fit, gone),
         )
+
+    def _anew(self, folds: Folds, u: Array, r: Array, choices: Sequence[Choice]) -> Array:
+        """Residuals (m, R) of poses predicted by what is best without their fold.
+
+        u : ndarray, shape (k, c), directions of the fit that are free; r : ndarray, shape (N,)
+        With M what projects out the rest and K what predicts a fold F by the others, these say of
+        columns X ``S = X^T M X - (M X)_F^T K (M X)_F``, of the residual alike.
+        """
+        kept, (m, R), pull = self._kept, self.fit.r.shape, self.fit.pull
+        at_poses = r[: m * R].reshape(m, R, 1)
+        best = folds.without(u, at_poses)[..., 0]
+        nothing, worth = best.copy(), np.zeros(len(folds.folds))
+        rows = int(np.count_nonzero(np.abs(self.fit.J).sum(axis=-1)))
+        price = float(np.log(max(2, rows)))
+        for choice in choices:
+            X = np.zeros((len(r), choice.rows.shape[-1]))
+            X[: m * R] = stacked(choice.rows)
+            X = X - kept.Q @ (kept.Q.T @ X - u @ (u.T @ (kept.Q.T @ X)))
+            back = folds.without(u, X[: m * R].reshape(m, R, -1))
+            S, z = X.T @ X + np.diag((pull / choice.limits) ** 2), X.T @ r
+            for f, fold in enumerate(folds.folds):
+                own, missed = stacked(X[: m * R].reshape(m, R, -1)[fold.here]), back[fold.here]
+                z_f = z - own.T @ nothing[fold.here].ravel()
+                b = np.linalg.lstsq(S - own.T @ stacked(missed), z_f, rcond=1e-12)[0]
+                gain = float(z_f @ b) / pull**2 - len(b) * price
+                if gain > worth[f]:
+                    worth[f], best[fold.here] = gain, nothing[fold.here] - missed @ b
+        return best
 
     @cached_property
     def _kept(self) -> Kept:
@@ -150,19 +192,19 @@ class Folds:
     @cached_property
     def left(self) -> Array:
         """Residuals (m, R) of poses predicted without their fold."""
-        return self.without(np.zeros((self.folds[0].Q.shape[1], 0)), self.r)
+        return self.without(np.zeros((self.folds[0].Q.shape[1], 0)), self.r[..., None])[..., 0]
 
     def without(self, u: Array, r: Array) -> Array:
-        """The same with directions u (k, c) no longer fitted, r (m, R) the residuals then.
+        """The same with directions u (k, c) no longer fitted, of rows r (m, R, ..) as they are then.
 
         ``(I - Q Q^T + W W^T)^-1`` by Woodbury, W the directions' rows in the fold.
         """
         out = np.zeros(r.shape)
         for fold in self.folds:
             W = fold.Q @ u
-            back, left = fold.predicted(W), fold.predicted(r[fold.here].reshape(-1, 1))
+            back, left = fold.predicted(W), fold.predicted(stacked(r[fold.here]))
             left = left - back @ np.linalg.solve(np.eye(u.shape[1]) + W.T @ back, W.T @ left)
-            out[fold.here] = left.reshape(-1, r.shape[1])
+            out[fold.here] = left.reshape(r[fold.here].shape)
         return out
 
 

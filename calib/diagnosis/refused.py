@@ -12,11 +12,15 @@ from calib.diagnosis.contest import Outcome, contest, left_with
 from calib.diagnosis.earned import BY_TIME, CrossValidation
 from calib.diagnosis.rounds import apart
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.verdict import Named, classes
+from calib.diagnosis.verdict import Named, choices_of, classes
+from calib.effects.protocol import Effect
 
 _MOST_ROUNDS = 30
 _WEAK = "in the fit in full it is smaller than three of its own standard deviations"
 _BY_CHANCE = 0.0027  # beyond three standard deviations, of a normal number
+_LEFT_OUT = {True: "stretches of time", False: "configurations"}
+_NO_BETTER = "that are left out are predicted no better with it"
+_CHOSEN = f"{_NO_BETTER}, its tuning and name chosen without them"
 _ASKED_AGAIN = 2  # times that all others may take the place of what went
 
 
@@ -48,7 +52,7 @@ def believed(
     """
     refused: dict[str, Refused] = {}
     for again in range(_MOST_ROUNDS):
-        fresh = _unworthy(stage, outcome.fit, outcome.active)
+        fresh = _unworthy(stage, outcome.fit, outcome.active) or _by_choice(stage, outcome)
         if not fresh:
             named, after = classes(stage, outcome)
             after = exact(after)
@@ -73,25 +77,38 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
     if not active:
         return []
     crossed = CrossValidation(stage, fit)
-    accounts = [
-        (c, crossed.ledger([o.effect for o in apart(c, active)], c.depends_on in BY_TIME))
-        for c in active
-    ]
+    accounts = [(c, crossed.ledger(_with_it(c, active), c.depends_on in BY_TIME)) for c in active]
     idle = [(c, a) for c, a in accounts if not a.earns]
     idle.sort(key=lambda pair: pair[1].without - pair[1].with_it)
     if idle:
-        left = {True: "stretches of time", False: "configurations"}
-        return [
-            (
-                c,
-                f"{left[c.depends_on in BY_TIME]} that are left out are predicted no better with it",
-            )
-            for c, _ in idle[: (len(idle) + 1) // 2]
-        ]
+        worse = [c for c, _ in idle[: (len(idle) + 1) // 2]]
+        return [(c, f"{_LEFT_OUT[c.depends_on in BY_TIME]} {_NO_BETTER}") for c in worse]
     together = crossed.ledger([c.effect for c in active], False)
     if len(active) > 1 and not together.earns:
         return [(c, "all found together predict left-out configurations no better") for c in active]
     return []
+
+
+def _by_choice(stage: Stage, outcome: Outcome) -> list[tuple[Candidate, str]]:
+    """What earns its place only where its tuning and its name are chosen by what it predicts."""
+    crossed = CrossValidation(stage, outcome.fit)
+    found = []
+    for entry in outcome.entries:
+        c, choices = entry.candidate, list(choices_of(outcome, entry))
+        if len(choices) < 2:
+            continue
+        by_time = c.depends_on in BY_TIME
+        account = crossed.ledger(_with_it(c, outcome.active), by_time, choices)
+        if not account.earns:
+            found.append((account.without - account.with_it, c))
+    if not found:
+        return []
+    worst = min(found, key=lambda pair: pair[0])[1]
+    return [(worst, f"{_LEFT_OUT[worst.depends_on in BY_TIME]} {_CHOSEN}")]
+
+
+def _with_it(c: Candidate, active: Sequence[Candidate]) -> list[Effect]:
+    return [other.effect for other in apart(c, active)]
 
 
 def _is_weak(fit: Fit, candidate: Candidate) -> bool:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate, as_fitted
 from calib.diagnosis.contest import Entry, Outcome
+from calib.diagnosis.earned import Choice
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.twins import Twin, twins
 from calib.effects.gear_ripple import GearRipple
@@ -97,6 +98,19 @@ def _close(entry: Entry, others: Sequence[Twin]) -> list[Candidate]:
     alike = [t.candidate for t in others if t.exact]
     alike += [t.candidate for t in others if t.left < SAME and not t.exact][:_ALIKE]
     return list(dict.fromkeys([entry.candidate, *rivals, *alike]))
+
+
+def choices_of(outcome: Outcome, entry: Entry) -> Iterator[Choice]:
+    """What might have been found in the place of an entry: close rivals, and its other tunings."""
+    view = outcome.view
+    if not entry.candidate.named:
+        return
+    least = entry.rivals[0][1] - _CLOSE
+    rivals = [c for c, gain in entry.rivals if c.named and gain > least]
+    for c in dict.fromkeys([entry.candidate, *rivals]):
+        yield Choice(view.rows[..., view.where[c.key]], c.limits)
+    for rows, limits in outcome.lineup.other_tunings(view, entry.candidate):
+        yield Choice(rows, limits)
 
 
 def _as_fitted(named: Named, fit: Fit, poses: Poses) -> Named:

@@ -81,6 +81,17 @@ class Lineup:
         rows = np.concatenate([rows, *(columns for _, columns in tuned)], axis=-1)
         return View(fit, rows, where, suspects), replace(self, banks=tuple(listed))
 
+    def other_tunings(self, view: View, member: Candidate) -> Iterator[tuple[Array, Array]]:
+        """Rows (m, R, k) and limits (k,) of a member at the tunings that are best without it."""
+        bank = next((b for b in self.banks if b.candidate.is_like(member)), None)
+        if bank is None:
+            return
+        carrier = view.rows[..., self.where[bank.candidate.key]]
+        carried = beside_scan(_without(view.fit, member)).carried(carrier)
+        for form in bank.scanned(carried).forms:
+            for functions in form.functions:
+                yield times(carrier, functions), form.limits
+
 
 @dataclass(frozen=True, eq=False)
 class View:
@@ -198,6 +209,16 @@ def _echoes(candidate: Candidate, active: Sequence[Candidate]) -> Iterator[Candi
         same = c.effect.kind == candidate.effect.kind and not c.is_like(candidate)
         if isinstance(c.effect, Timed) and same:
             yield replace(candidate.as_tuned(c.effect.tuning), line=0, echo=c.key)
+
+
+def _without(fit: Fit, member: Candidate) -> Fit:
+    """A fit to first order as if a member were not in it."""
+    own = fit.positions(member.effect)
+    kept = np.abs(fit.span[own]).sum(axis=0) == 0.0
+    values = fit.values.copy()
+    values[own] = 0.0
+    r = fit.r + fit.J[..., own] @ fit.moving[own]
+    return replace(fit, values=values, span=fit.span[:, kept], r=r)
 
 
 def _free(columns: Array, duals: Array | None, lost: Mask) -> Array:

@@ -9,7 +9,7 @@ import pytest
 
 from calib.cell import Cell
 from calib.diagnosis.candidates import Candidate, candidates
-from calib.diagnosis.earned import CrossValidation, _folds
+from calib.diagnosis.earned import Choice, CrossValidation, _folds
 from calib.diagnosis.stage import Stage
 from calib.identification.initial import initial_values
 from calib.identification.whitening import whitening
@@ -56,6 +56,30 @@ def test_left_out_errors_are_those_of_refits(by_time: bool) -> None:
         assert found.rms_without == pytest.approx(predicted(stage, [rest], by_time), rel=0.02)
     assert crossed.ledger([right.effect], by_time).earns
     assert not crossed.ledger([wrong.effect], by_time).earns
+
+
+def test_what_is_chosen_anew_is_chosen_without_the_fold() -> None:
+    """Against refits: in each fold the best of the choices by the other poses alone."""
+    cell, data, _ = measured("backlash:A3", [6e-5])
+    stage, suspects = stage_of(cell, data)
+    linear = stage.about(stage.fit([]), [c.effect for c in suspects])
+    offered = [c for c in suspects if c.key in ("backlash:A3", "backlash:A4", "backlash:A5")]
+    fit = linear.fit([offered[0].effect])
+    rows = [
+        linear.observation(fit.model, fit.weight).rows(linear.model.of(c.effect)) for c in offered
+    ]
+    choices = [Choice(X, np.full(X.shape[-1], 1e3)) for X in rows]
+    found = CrossValidation(linear, fit).ledger([offered[0].effect], False, choices)
+    fold = _folds(data.poses, by_time=False)
+    expected = 0.0
+    for f in range(int(fold.max()) + 1):
+        apart = replace(linear, dropped=fold == f)
+        fits = [apart.fit([c.effect]) for c in offered]
+        best = min(fits, key=lambda own: float((own.r**2).sum()))
+        off = linear.observation(best.model, fit.weight).linearise(best.values)[0]
+        expected += float((off[fold == f] ** 2).sum())
+    assert found.with_it == pytest.approx(expected, rel=1e-6)
+    assert found.earns
 
 
 @pytest.mark.parametrize("by_time", [pytest.param(False, marks=pytest.mark.long), True])

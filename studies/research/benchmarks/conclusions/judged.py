@@ -44,6 +44,7 @@ def judged(day: Day, said: Row) -> Row:
         "gap": said.get("gap"),
         "noise": said.get("noise"),
         "located": located[:4],
+        "located_first": bool(located and day.causes) and located[0][0] in _places(day.causes[0]),
         "effects": effects,
         "refused": [f"{r['effect']}:{r['where']}" for r in said.get("refused") or []],
         "outliers": len(said.get("outliers") or []),
@@ -63,6 +64,11 @@ def outcome(effect: Entry, causes: Sequence[TrueCause]) -> str:
     if any(is_named(effect, truth) for truth in truths):
         return RIGHT
     return IN_CLASS if any(is_listed(effect, truth) for truth in truths) else WRONG
+
+
+def _places(cause: TrueCause) -> set[str]:
+    """Where it sits, by any of its names."""
+    return {cause.where, *(str(name["where"]) for name in cause.names)}
 
 
 def _found(said: Row, cause: TrueCause) -> str | None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from rich.table import Table
 
-from studies.research.benchmarks.conclusions.judged import RIGHT
+from studies.research.benchmarks.conclusions.judged import RIGHT, WRONG
 from studies.research.withheld.figures import wilson
 from studies.tables import plain_table
 
@@ -38,7 +38,7 @@ def _both(row: Row) -> bool | None:
 
 
 def _sure_wrong(row: Row) -> bool:
-    named = [e for e in row["effects"] if e["outcome"] == "wrong"]
+    named = [e for e in row["effects"] if e["outcome"] == WRONG]
     return any((e["probability"] or 0.0) >= _CONFIDENT for e in named)
 
 
@@ -61,6 +61,13 @@ FIGURES: dict[str, dict[str, Test]] = {
         "named": lambda r: r["wrong"] > 0,
     },
     "foreign": _NAMED,
+    "outside": {
+        "located first": lambda r: bool(r["located_first"]),
+        "unknown": lambda r: r["verdict"] == "unknown",
+        "wrong named": lambda r: r["wrong"] > 0,
+        "wrong at .9": _sure_wrong,
+        "explained": lambda r: r["verdict"] == "explained",
+    },
     "hard": {
         "in class": lambda r: all(r["found"]) if r["family"] is None else None,
         "family": lambda r: None if r["family"] is None else r["family"]["found"],
@@ -84,37 +91,48 @@ def rates(part: str, rows: Sequence[Row]) -> Iterator[tuple[str, str, int, int]]
 
 
 def table_of(part: str, rows: Sequence[Row]) -> Table:
-    """One line a kind, one column a figure, the verdicts last."""
+    """One line a kind, one column a figure, the verdicts last, each with what remains."""
     table = plain_table((part, "left"), *((f, "right") for f in FIGURES[part]), ("", "left"))
     lines: dict[str, list[str]] = {}
     for kind, _, hits, n in rates(part, rows):
         lines.setdefault(kind, []).append(_shown(hits, n, with_ends=kind == "all"))
     for kind, cells in lines.items():
         own = [r for r in rows if kind in ("all", r["kind"])]
-        verdicts = Counter(r["verdict"] for r in own).most_common()
-        table.add_row(kind, *cells, ", ".join(f"{n} {verdict}" for verdict, n in verdicts))
+        said = Counter(map(_verdict, own)).most_common()
+        table.add_row(kind, *cells, ", ".join(f"{n} {verdict}" for verdict, n in said))
     return table
 
 
-def calibration(rows: Sequence[Row]) -> Iterator[tuple[float, float, int, int, int]]:
-    """Lower and upper end of a probability, effects right, with the true one in the class, and all.
+def calibration(rows: Sequence[Row]) -> Iterator[tuple[str, int, int, int]]:
+    """Of each range of probabilities, and of each standing: right, true one in the class, and all.
 
-    Of an effect with two names that mean the same, both together.
+    Of an effect with two names that mean the same, both together have the probability.
     """
     named = [e for row in rows for e in row["effects"] if e["entry"] is not None]
     for low, high in pairwise((*BINS, math.inf)):
         own = [e for e in named if low <= e["entry"] < high]
-        outcomes = [e["outcome"] for e in own]
-        within = sum(one != "wrong" for one in outcomes)
-        yield low, high, outcomes.count(RIGHT), within, len(own)
+        yield f"{low:g} to {min(high, 1.0):g}", *_outcomes(own)
+    for standing in sorted({str(e["standing"]) for e in named if e["standing"]}):
+        yield standing, *_outcomes([e for e in named if e["standing"] == standing])
 
 
 def calibration_table(rows: Sequence[Row]) -> Table:
     """How often what is said with a probability is right."""
     table = plain_table(("probability", "left"), ("right", "right"), ("in class", "right"))
-    for low, high, right, within, n in calibration(rows):
-        table.add_row(f"{low:g} to {min(high, 1.0):g}", _shown(right, n), _shown(within, n))
+    for label, right, within, n in calibration(rows):
+        if n:
+            table.add_row(label, _shown(right, n), _shown(within, n))
     return table
+
+
+def _outcomes(effects: Sequence[Row]) -> tuple[int, int, int]:
+    outcomes = [e["outcome"] for e in effects]
+    return outcomes.count(RIGHT), len(outcomes) - outcomes.count(WRONG), len(outcomes)
+
+
+def _verdict(row: Row) -> str:
+    rest = (row["rest"] or {}).get("kind")
+    return f"{row['verdict']} ({rest})" if rest else str(row["verdict"])
 
 
 def _shown(hits: int, n: int, with_ends: bool = True) -> str:

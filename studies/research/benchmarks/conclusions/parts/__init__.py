@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from studies.research.benchmarks.conclusions.days import Day
-from studies.research.benchmarks.conclusions.parts import arm_a, foreign, hard, nothing
+from studies.research.benchmarks.conclusions.parts import arm_a, foreign, hard, nothing, outside
 
 Draw = Callable[[np.random.Generator, int], Day]
 
@@ -17,6 +17,11 @@ DRAWS: dict[str, Draw] = {
     "loud": nothing.draw_loud,
     "foreign": foreign.draw,
     "hard": hard.draw,
+    "outside": outside.draw,
 }
-KINDS: dict[str, tuple[str, ...]] = {"foreign": foreign.KINDS, "hard": hard.KINDS}
+KINDS: dict[str, tuple[str, ...]] = {
+    "foreign": foreign.KINDS,
+    "hard": hard.KINDS,
+    "outside": outside.KINDS,
+}
 """Kinds that take turns from day to day."""

@@ -144,7 +144,10 @@ def _members(
         room = len(chosen) < _LARGEST or rival.effect.kind not in kinds
         if twin.exact or (room and behind[i] - twin.more * direction <= SAME):
             chosen.append(i)
-    weights = np.exp(-0.5 * _TEMPER * behind[chosen])
+    odds = np.array([rivals[i][0].odds for i in chosen])
+    # How often a cause is met is known as it is: likelihoods alone are too sure.
+    lost = behind[chosen] - 2.0 * np.log(odds[0] / odds)
+    weights = odds * np.exp(-0.5 * _TEMPER * lost)
     shares = weights / weights.sum()
     found = []
     for i, share in zip(chosen, shares.tolist(), strict=True):

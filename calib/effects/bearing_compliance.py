@@ -22,6 +22,9 @@ from calib.poses import Poses
 # rad/(N m): crossed roller bearings of small gears tilt by 5 to 20 urad/(N m) (makers' catalogues),
 # large ones by less than one.
 _LARGEST = 2e-4
+_ODDS = (
+    0.05  # beside a gear, which yields ten times as much under the same moment (makers' catalogues)
+)
 
 
 def tilt_across(axis: Array) -> Array:
@@ -50,7 +53,7 @@ class BearingCompliance(ElasticEffect):
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expected:
-        return Expected(allowance=softer(context))
+        return Expected(allowance=softer(context), odds=_ODDS)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -127,7 +127,7 @@ def _gap(gap: Gap) -> Iterator[_Error]:
         yield _Error("held out: never seen", before, after, floor, _closed(gap))
     if gap.over_time_before_mm is not None:
         before, after = gap.over_time_before_mm, gap.over_time_after_mm
-        yield _Error("quarters of the session", before, after, floor)
+        yield _Error("quarters of the session,\nwhich decided", before, after, floor)
 
 
 def _closed(gap: Gap) -> str:

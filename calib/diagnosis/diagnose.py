@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,11 +13,10 @@ from calib.diagnosis.candidates import candidates
 from calib.diagnosis.diagnosis import Cause, Diagnosis
 from calib.diagnosis.earned import BY_TIME, CrossValidation
 from calib.diagnosis.finding import Finding, finding_of
-from calib.diagnosis.gap import beyond_noise
 from calib.diagnosis.hidden import hidden
 from calib.diagnosis.located import located, share_of
 from calib.diagnosis.refused import far_out
-from calib.diagnosis.rest import Rest, beyond_blunders, rest_of
+from calib.diagnosis.rest import rest_of
 from calib.diagnosis.searched import searched
 from calib.diagnosis.shape import form_matters, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
@@ -29,7 +27,6 @@ from calib.identification.heldout import with_stations_of
 from calib.identification.identify import identify
 from calib.identification.initial import initial_values
 from calib.identification.mistakes import refuse_mistakes
-from calib.identification.noise_level import REPLICATES, replicate_spread
 from calib.identification.tuning import profiled
 from calib.identification.whitening import whitening
 from calib.model import Model
@@ -38,8 +35,6 @@ from calib.model.covariance import determined
 from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move, in_one_session
 from calib.threads import one_blas_thread
-
-_LEFT_OVER = 0.001  # the scatter of a few repeats is a weak witness
 
 
 @one_blas_thread
@@ -60,12 +55,13 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     finding = finding_of(search)
     stage, outcome, after = search.stage, finding.outcome, finding.after
     causes = _causes(finding, len(suspects), targets_of(cell))
-    places = located(stage, outcome, after, causes, finding.scale, bool(finding.refused))
+    outlier = stage.dropped & ~waiting
+    rest = rest_of(finding, any(c.misshapen for c in causes), int(outlier.sum()), heldout)
+    concluded = verdict_of([c.standing for c in causes], rest)
+    places = located(stage, outcome, after, causes, finding.scale, not rest.closed)
     by_time = any(place.depends_on in BY_TIME for place in places)
     gap = finding.gap(heldout, by_time)
     gap = replace(gap, over_time=_over_time(stage, after)) if by_time else gap
-    rest = _rest(finding, causes, heldout, int(np.count_nonzero(stage.dropped & ~waiting)))
-    concluded = verdict_of([c.standing for c in causes], rest)
     entered = {c.named.candidate.key for c in causes}
     return Diagnosis(
         verdict=concluded,
@@ -78,7 +74,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         not_asked=tuple(missing),
         refused=finding.refused,
         data=data,
-        outlier=stage.dropped & ~waiting,
+        outlier=outlier,
         waiting=waiting,
         statistic=search.statistic,
         limit=search.limit,
@@ -110,32 +106,6 @@ def _over_time(stage: Stage, after: Fit) -> tuple[float, float]:
     found = after.model.effects[len(stage.model.effects) :]
     account = CrossValidation(stage, after).ledger(found, by_time=True)
     return account.rms_without, account.rms_with
-
-
-def _rest(
-    finding: Finding, causes: Sequence[Cause], heldout: Measurements | None, left_out: int
-) -> Rest:
-    """What remains: structure where something has a place and no name, else judged by its size.
-
-    left_out : poses that count as blunders
-    """
-    stage, after, noise = finding.search.stage, finding.after, finding.noise
-    curves = any(not c.named for c in finding.outcome.active)
-    structure = curves or any(c.misshapen for c in causes) or _lacks_fit(finding)
-    structure |= beyond_blunders(left_out, len(stage.data)) or _in_vain(finding)
-    rest = rest_of(stage, after, noise, structure)
-    if heldout is None:
-        return rest
-    numbers = stage.model.readout.channels.numbers_each(heldout.seen)
-    expected = float(np.hypot(finding.floor, rest.size * np.sqrt(numbers)))
-    return rest_of(stage, after, noise, structure, beyond_noise(after, heldout, expected))
-
-
-def _in_vain(finding: Finding) -> bool:
-    """Whether something was found that predicts no other pose, and nothing scatters in its place."""
-    if finding.outcome.active or not finding.refused:
-        return False
-    return not finding.after.variances.configuration.any()
 
 
 def _model(cell: Cell, data: Measurements) -> Model:
@@ -184,22 +154,3 @@ def _deviations(stage: Stage, after: Fit, scale: float) -> Array:
     observation = replace(observation, scatter=stage.scatter.at(after.variances))
     profile = profiled(observation, after.values, after.span, std, scale)
     return np.where(np.isfinite(profile), profile, std)
-
-
-def _lacks_fit(finding: Finding) -> bool:
-    """Whether the residual exceeds the scatter of repeated readings: lack of fit, by an F test.
-
-    Where poses err together, that counts as scatter, and is judged by its size.
-    """
-    from scipy.special import fdtrc
-
-    stage, outcome, after = finding.search.stage, finding.outcome, finding.after
-    if after.mixing is not None:
-        return False
-    kept = ~stage.dropped
-    spread, repeats = replicate_spread(stage.data.take(kept), stage.weights[kept])
-    rest = outcome.last.dof - repeats
-    if repeats < REPLICATES or rest <= 0:
-        return False
-    F = max(outcome.last.cost - spread, 0.0) / rest / (spread / repeats)
-    return bool(fdtrc(rest, repeats, F) < _LEFT_OVER)

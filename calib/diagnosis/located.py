@@ -20,11 +20,11 @@ def located(
     after: Fit,
     causes: Sequence[Cause],
     scale: float,
-    refused: bool,
+    left: bool,
 ) -> tuple[Place, ...]:
     """Places of all that was found, largest share first.
 
-    refused : whether something was there that nothing was named for
+    left : whether more remains than such an arm scatters by
     """
     found = [
         Place(c.named.candidate.where, c.named.candidate.depends_on, c.share)
@@ -42,7 +42,7 @@ def located(
         if not entry.candidate.named:
             share = share_of(outcome, after, entry, scale)
             found.append(Place(entry.candidate.where, entry.candidate.depends_on, share))
-    if after.variances.configuration.any() or (refused and not found):
+    if left and (after.variances.configuration.any() or not found):
         # Beside a cause its share is undefined: it is no effect that could be taken out again.
         share = np.nan if found else _unfollowed(outcome, after)
         found.append(Place(_scattering(stage, after), "pose", share))

@@ -16,13 +16,17 @@ import numpy as np
 
 from calib.arm.repeatability import usual_repeatability
 from calib.arrays import Array
+from calib.diagnosis.finding import Finding
+from calib.diagnosis.gap import beyond_noise
 from calib.diagnosis.stage import Fit, Stage
-from calib.identification.noise_level import NoiseLevel
+from calib.identification.noise_level import REPLICATES, NoiseLevel, replicate_spread
+from calib.poses import Measurements
 
 Kind = Literal["none", "scatter", "structure", "too_large"]
 Whose = Literal["instrument", "arm", "model", "undecided"]
 Source = Literal["stated", "measured", "assumed"]
 
+_LEFT_OVER = 0.001  # the scatter of a few repeats is a weak witness
 _NO_LARGER = 1.25  # times the repeatability: both are estimates
 _COORDINATES = 3  # of the tip that an approach shows
 _BLUNDERS = 0.05  # of the poses: more that were left out are none
@@ -33,7 +37,7 @@ class Rest:
     """What remains.
 
     size : float, m; of : whose it is
-    repeatability : float, m, of the arm by this source, against which it is held
+    repeatability : float, m, of the arm by this source
     """
 
     size: float
@@ -49,33 +53,83 @@ class Rest:
 
 
 def rest_of(
-    stage: Stage, fit: Fit, noise: NoiseLevel, structure: bool, more: float | None = None
+    finding: Finding, misshapen: bool, left_out: int, heldout: Measurements | None = None
 ) -> Rest:
-    """What a fit leaves.
+    """What a finding leaves.
 
-    noise : of the instrument beside it; structure : whether a part of what remains has a place
-    more : float, m, what held-out poses err by beyond all that is expected; None where not surely more
+    misshapen : whether a cause is there in another form; left_out : poses that count as blunders
+    heldout : what these err by beyond all that is expected remains as well
     """
+    structure = misshapen or _has_place(finding, left_out)
+    rest = _judged(finding, structure)
+    if heldout is None:
+        return rest
+    numbers = finding.search.stage.model.readout.channels.numbers_each(heldout.seen)
+    expected = hypot(finding.floor, rest.size * float(np.sqrt(numbers)))
+    more = beyond_noise(finding.after, heldout, expected)
+    return rest if more is None else _judged(finding, structure, more)
+
+
+def _has_place(finding: Finding, left_out: int) -> bool:
+    """Whether what remains is more than scatter: a part of it follows a column, or single poses."""
+    stage, after = finding.search.stage, finding.after
+    curves = any(not c.named for c in finding.outcome.active)
+    blunders = left_out <= max(1.0, _BLUNDERS * len(stage.data))
+    scatters = bool(after.variances.configuration.any())
+    in_vain = bool(finding.refused) and not (finding.outcome.active or scatters)
+    return curves or not blunders or in_vain or _lacks_fit(finding)
+
+
+def _lacks_fit(finding: Finding) -> bool:
+    """Whether the residual exceeds the scatter of repeated readings: lack of fit, by an F test.
+
+    Where poses err together, that counts as scatter, and is judged by its size.
+    """
+    from scipy.special import fdtrc
+
+    stage, outcome, after = finding.search.stage, finding.outcome, finding.after
+    if after.mixing is not None:
+        return False
+    kept = ~stage.dropped
+    spread, repeats = replicate_spread(stage.data.take(kept), stage.weights[kept])
+    rest = outcome.last.dof - repeats
+    if repeats < REPLICATES or rest <= 0:
+        return False
+    F = max(outcome.last.cost - spread, 0.0) / rest / (spread / repeats)
+    return bool(fdtrc(rest, repeats, F) < _LEFT_OVER)
+
+
+def _judged(finding: Finding, structure: bool, more: float = 0.0) -> Rest:
+    """What remains, against what the arm repeats to.
+
+    more : m per coordinate, beyond what the fitted poses show
+    """
+    stage, fit, noise = finding.search.stage, finding.after, finding.noise
     each = (fit.variances.approach, fit.variances.configuration)
-    again, fixed = (_size(stage, v) for v in each)
-    fixed = hypot(fixed, more or 0.0)
-    if stage.arm is not None:
-        return _judged(again, fixed, again, "stated", structure)
-    if fit.levels is not None and fit.levels.approaches:
-        return _judged(again, fixed, _at_most(stage, fit, again, noise), "measured", structure)
-    usual = usual_repeatability(stage.model.robot.reach).worst
-    left = hypot(again, fixed) or _widened(stage, fit, noise)
-    return _judged(0.0, left, usual, "assumed", structure)
-
-
-def _judged(arm: float, beyond: float, limit: float, source: Source, structure: bool) -> Rest:
-    """What remains, the arm's own scatter and what lies beyond it, against what arms repeat to."""
-    size, large = hypot(arm, beyond), beyond > _NO_LARGER * limit
+    arm, fixed = (_size(stage, v) for v in each)
+    fixed = hypot(fixed, more)
+    size, source = hypot(arm, fixed), _source(stage, fit)
+    match source:
+        case "stated":
+            large = fixed > _NO_LARGER * arm
+        case "measured":
+            large = fixed > _NO_LARGER * _at_most(stage, fit, arm, noise)
+        case "assumed":
+            arm = usual_repeatability(stage.model.robot.reach).worst
+            size = size or _widened(stage, fit, noise)
+            large = size > _NO_LARGER * arm
     if structure or large:
-        return Rest(size, "structure" if structure else "too_large", "model", limit, source)
+        return Rest(size, "structure" if structure else "too_large", "model", arm, source)
     if not size:
-        return Rest(0.0, "none", "instrument", limit, source)
-    return Rest(size, "scatter", "undecided" if source == "assumed" else "arm", limit, source)
+        return Rest(0.0, "none", "instrument", arm, source)
+    return Rest(size, "scatter", "undecided" if source == "assumed" else "arm", arm, source)
+
+
+def _source(stage: Stage, fit: Fit) -> Source:
+    """Who tells how the arm repeats."""
+    if stage.arm is not None:
+        return "stated"
+    return "measured" if fit.levels is not None and fit.levels.approaches else "assumed"
 
 
 def _size(stage: Stage, variances: Array) -> float:
@@ -110,8 +164,3 @@ def _widened(stage: Stage, fit: Fit, noise: NoiseLevel) -> float:
         return 0.0
     size = noise.believed * float(np.sqrt(noise.factor**2 - 1.0))
     return size * fit.model.footprint(fit.values, stage.data)
-
-
-def beyond_blunders(left_out: int, poses: int) -> bool:
-    """Whether more poses were left out than blunders explain."""
-    return left_out > max(1.0, _BLUNDERS * poses)

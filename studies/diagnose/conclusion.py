@@ -8,9 +8,9 @@ from studies.diagnose.record import DiagnoseRecord, Effect, Rest
 from studies.document import PROBABILITY, SHARE, Sentence, mm
 
 _SAYS = {
-    "stated": "as the cell states it",
-    "measured": "as second approaches show it",
-    "assumed": "at most, by data sheets of arms of its size",
+    "stated": "the cell says {}",
+    "measured": "second approaches show {}",
+    "assumed": "data sheets of arms of its size say {} at most",
 }
 _NEXT = {
     "no_gap": "nothing is missing that these data could show; posecal compensate uses the model",
@@ -115,19 +115,22 @@ def rest_words(record: DiagnoseRecord) -> str:
         return ""
     if rest.kind == "none":
         return "Nothing remains beyond the instrument's noise."
-    arm = f"{mm(rest.repeatability_mm)}, {_SAYS[rest.repeatability_source]}"
     size = f"{mm(rest.mm)} in each coordinate remains"
-    if rest.kind == "structure":
-        much = size if rest.mm else "Something remains"
-        return f"{much} with a structure that has no name in the catalogue."
-    if rest.kind == "too_large":
-        return f"{size}, and the arm repeats to {arm}. The model lacks something."
+    arm = _SAYS[rest.repeatability_source].format(mm(rest.repeatability_mm))
+    match rest.kind:
+        case "structure":
+            much = size if rest.mm else "Something remains"
+            return f"{much} with a structure that has no name in the catalogue."
+        case "too_large":
+            return (
+                f"{size}. This is more than the arm repeats to: {arm}. The model lacks something."
+            )
     if rest.of == "undecided":
         return (
-            f"{size} that the model does not explain. The arm's repeatability may be the reason: it is "
+            f"{size} that the model does not explain. The arm's repeatability may be the reason: "
             f"{arm}. Approach some poses again to be sure."
         )
-    return f"{size}. It is the arm's own scatter: the arm repeats to {arm}."
+    return f"{size}. It is the arm's repeatability: {arm}."
 
 
 def to_do(record: DiagnoseRecord) -> str:

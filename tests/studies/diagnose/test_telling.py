@@ -124,10 +124,7 @@ def test_every_verdict_is_a_sentence(changed: dict[str, Any], words: str) -> Non
     ("remains", "words"),
     [
         (("none", "instrument", "assumed"), "Nothing remains beyond the instrument's noise."),
-        (
-            ("scatter", "arm", "measured"),
-            "the arm repeats to 0.0200 mm, as second approaches show it",
-        ),
+        (("scatter", "arm", "measured"), "repeatability: second approaches show 0.0200 mm."),
         (("scatter", "undecided", "assumed"), "Approach some poses again to be sure."),
         (("too_large", "model", "stated"), "The model lacks something."),
         (("structure", "model", "assumed"), "a structure that has no name in the catalogue"),

@@ -9,9 +9,10 @@ import numpy as np
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.cell.targets import targets_of
+from calib.diagnosis.anew import chosen_anew
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.diagnosis import Cause, Diagnosis
-from calib.diagnosis.earned import BY_TIME, CrossValidation
+from calib.diagnosis.earned import BY_TIME
 from calib.diagnosis.finding import Finding, finding_of
 from calib.diagnosis.hidden import hidden
 from calib.diagnosis.located import located, share_of
@@ -54,6 +55,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     search = searched(stage, suspects)
     finding = finding_of(search)
     stage, outcome, after = search.stage, finding.outcome, finding.after
+    anew = chosen_anew(search.linear, outcome, finding.named)
     causes = _causes(finding, len(suspects), targets_of(cell))
     outlier = stage.dropped & ~waiting
     rest = rest_of(finding, any(c.misshapen for c in causes), int(outlier.sum()), heldout)
@@ -61,7 +63,10 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     places = located(stage, outcome, after, causes, finding.scale, not rest.closed)
     by_time = any(place.depends_on in BY_TIME for place in places)
     gap = finding.gap(heldout, by_time)
-    gap = replace(gap, over_time=_over_time(stage, after)) if by_time else gap
+    if anew is not None:
+        gap = replace(gap, crossed=(anew.before, anew.after))
+    if by_time:
+        gap = replace(gap, over_time=_over_time(finding))
     entered = {c.named.candidate.key for c in causes}
     return Diagnosis(
         verdict=concluded,
@@ -101,11 +106,10 @@ def _stage(cell: Cell, data: Measurements) -> Stage:
     return Stage(data, model, start, weights, waiting, arm=cell.repeatability)
 
 
-def _over_time(stage: Stage, after: Fit) -> tuple[float, float]:
-    """Error at blocks of time left out, without and with all that was found, 3-D RMS, m."""
-    found = after.model.effects[len(stage.model.effects) :]
-    account = CrossValidation(stage, after).ledger(found, by_time=True)
-    return account.rms_without, account.rms_with
+def _over_time(finding: Finding) -> tuple[float, float] | None:
+    """Error at blocks of time left out, without and with what is chosen without them, 3-D RMS, m."""
+    found = chosen_anew(finding.search.linear, finding.outcome, finding.named, by_time=True)
+    return None if found is None else (found.before, found.after)
 
 
 def _model(cell: Cell, data: Measurements) -> Model:

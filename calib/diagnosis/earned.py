@@ -9,7 +9,7 @@ the session, for readings close in time err alike.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -34,6 +34,7 @@ class Ledger:
 
     with_it, without : float, in variances of the readings; rms_with, rms_without : float, m, 3-D
     margin : float, standard error of what is gained, from configuration to configuration
+    again : float, share of the folds without which the same cause is chosen, where there is a choice
     """
 
     with_it: float
@@ -41,6 +42,7 @@ class Ledger:
     margin: float
     rms_with: float
     rms_without: float
+    again: float = 1.0
 
     @property
     def earns(self) -> bool:
@@ -52,9 +54,11 @@ class Ledger:
 class Choice:
     """A cause at one tuning.
 
+    name : str, the same of all that no reading tells apart
     rows : ndarray, shape (m, R, k), whitened derivatives; limits : ndarray, shape (k,), largest amounts
     """
 
+    name: str
     rows: Array
     limits: Array
 
@@ -75,55 +79,58 @@ class CrossValidation:
         """What some of the effects do together.
 
         by_time : whether stretches of the session are left out, else configurations
-        choices : what may stand in their place; without a fold the best of them is chosen anew
+        choices : what may stand in their place, the first its own: without a fold the best of them is
+            chosen anew
         """
-        folds, kept = self._by_time if by_time else self._by_configuration, self._kept
-        fit, (m, R) = self.fit, self.fit.r.shape
-        own = np.concatenate([fit.positions(effect) for effect in effects])
-        lost = np.abs(fit.span[own]).sum(axis=0) > 0.0
-        # Directions that nothing of the rest sees: what the effects alone explain.
-        u, _ = np.linalg.qr(kept.duals[lost].T)
-        r = kept.r + kept.J[:, own] @ fit.moving[own]
-        alone = kept.Q @ u
-        r = r - kept.Q @ (kept.Q.T @ r) + alone @ (alone.T @ r)
-        gone = folds.without(u, r[: m * R].reshape(m, R, 1))[..., 0]
-        left = self._anew(folds, u, r, choices) if choices else folds.left
-        costs = [_costs(fit, e) for e in (left, gone)]
+        own = np.concatenate([self.fit.positions(effect) for effect in effects])
+        gone = self._without(own, by_time).left
+        left, again = self._folds(by_time).left, 1.0
+        if choices:
+            left, again = self._anew(own, by_time, choices)
+        costs = [_costs(self.fit, e) for e in (left, gone)]
         return Ledger(
             with_it=float(costs[0].sum()),
             without=float(costs[1].sum()),
             margin=_standard_error(costs[1] - costs[0], self.stage.data.poses.configuration),
-            rms_with=_rms(self.stage, fit, left),
-            rms_without=_rms(self.stage, fit, gone),
+            rms_with=_rms(self.stage, self.fit, left),
+            rms_without=_rms(self.stage, self.fit, gone),
+            again=again,
         )
 
-    def _anew(self, folds: Folds, u: Array, r: Array, choices: Sequence[Choice]) -> Array:
+    def _anew(self, own: IntArray, by_time: bool, choices: Sequence[Choice]) -> tuple[Array, float]:
         """Residuals (m, R) of poses predicted by what is best without their fold.
 
-        u : ndarray, shape (k, c), directions of the fit that are free; r : ndarray, shape (N,)
-        With M what projects out the rest and K what predicts a fold F by the others, these say of
-        columns X ``S = X^T M X - (M X)_F^T K (M X)_F``, of the residual alike.
+        own : ndarray of int, positions of the values in whose place it comes
+        Besides, of how many folds that is the first of the choices, at whatever tuning.
+        What is best is told by rows that err independently, what is missed by least squares.
         """
-        kept, (m, R), pull = self._kept, self.fit.r.shape, self.fit.pull
-        at_poses = r[: m * R].reshape(m, R, 1)
-        best = folds.without(u, at_poses)[..., 0]
-        nothing, worth = best.copy(), np.zeros(len(folds.folds))
-        rows = int(np.count_nonzero(np.abs(self.fit.J).sum(axis=-1)))
-        price = float(np.log(max(2, rows)))
+        fit, plain = self.fit, self._without(own, by_time)
+        judged, mixing = plain, fit.mixing
+        if mixing is not None:
+            rows = fit.by_instrument(mixing(fit.r[..., None])[..., 0], mixing(fit.J))
+            judged = replace(self, fit=rows)._without(own, by_time)
+        best, worth = plain.left.copy(), np.zeros(len(plain.folds.folds))
+        same = np.zeros(len(worth), dtype=bool)
         for choice in choices:
-            X = np.zeros((len(r), choice.rows.shape[-1]))
-            X[: m * R] = stacked(choice.rows)
-            X = X - kept.Q @ (kept.Q.T @ X - u @ (u.T @ (kept.Q.T @ X)))
-            back = folds.without(u, X[: m * R].reshape(m, R, -1))
-            S, z = X.T @ X + np.diag((pull / choice.limits) ** 2), X.T @ r
-            for f, fold in enumerate(folds.folds):
-                own, missed = stacked(X[: m * R].reshape(m, R, -1)[fold.here]), back[fold.here]
-                z_f = z - own.T @ nothing[fold.here].ravel()
-                b = np.linalg.lstsq(S - own.T @ stacked(missed), z_f, rcond=1e-12)[0]
-                gain = float(z_f @ b) / pull**2 - len(b) * price
-                if gain > worth[f]:
-                    worth[f], best[fold.here] = gain, nothing[fold.here] - missed @ b
-        return best
+            alike = choice if mixing is None else replace(choice, rows=mixing(choice.rows))
+            gains, left = judged.with_choice(alike)[0], plain.with_choice(choice)[1]
+            for f in np.flatnonzero(gains > worth):
+                here = plain.folds.folds[f].here
+                worth[f], best[here] = gains[f], left[here]
+                same[f] = choice.name == choices[0].name
+        return best, float(same.mean())
+
+    def _without(self, own: IntArray, by_time: bool) -> Without:
+        """The rest of the fit, values at these positions taken out."""
+        kept, fit, (m, R) = self._kept, self.fit, self.fit.r.shape
+        lost = np.abs(fit.span[own]).sum(axis=0) > 0.0
+        # Directions that nothing of the rest sees: what the effects alone explain.
+        u, _ = np.linalg.qr(kept.duals[lost].T)
+        rest = Without(kept, self._folds(by_time), u, fit.pull, np.zeros(len(kept.r)), (m, R))
+        return replace(rest, r=rest.beside(kept.r + kept.J[:, own] @ fit.moving[own]))
+
+    def _folds(self, by_time: bool) -> Folds:
+        return self._by_time if by_time else self._by_configuration
 
     @cached_property
     def _kept(self) -> Kept:
@@ -163,6 +170,60 @@ class Kept:
     J: Array
     r: Array
     duals: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Without:
+    """What the rest of a fit leaves, some effects taken out.
+
+    u : ndarray, shape (k, c), directions of the fit that they leave free
+    r : ndarray, shape (N,), the residual then; shape : (m, R)
+    """
+
+    kept: Kept
+    folds: Folds
+    u: Array
+    pull: float
+    r: Array
+    shape: tuple[int, int]
+
+    def beside(self, rows: Array) -> Array:
+        """Rows (N, ..) with the rest projected out."""
+        Q, u = self.kept.Q, self.u
+        seen = Q.T @ rows
+        return np.asarray(rows - Q @ (seen - u @ (u.T @ seen)))
+
+    @cached_property
+    def left(self) -> Array:
+        """Residuals (m, R) of poses predicted without their fold."""
+        return self._predicted(self.r)[..., 0]
+
+    def with_choice(self, choice: Choice) -> tuple[Array, Array]:
+        """Evidence for a cause from all but each fold, (F,), and residuals (m, R) predicted with it.
+
+        With M what projects out the rest and K what predicts a fold F by the others, these say of
+        columns X ``S = X^T M X - (M X)_F^T K (M X)_F``, of the residual alike.
+        """
+        k, (m, R) = choice.rows.shape[-1], self.shape
+        X = np.zeros((len(self.r), k))
+        X[: m * R] = stacked(choice.rows)
+        X = self.beside(X)
+        back, gains, left = self._predicted(X), np.zeros(len(self.folds.folds)), self.left.copy()
+        S, z = X.T @ X + np.diag((self.pull / choice.limits) ** 2), X.T @ self.r
+        rows = int(np.count_nonzero(np.abs(self.kept.J).sum(axis=-1)))
+        price = k * float(np.log(max(2, rows)))
+        at_poses = X[: m * R].reshape(m, R, k)
+        for f, fold in enumerate(self.folds.folds):
+            own, missed = stacked(at_poses[fold.here]), back[fold.here]
+            told = z - own.T @ left[fold.here].ravel()
+            b = np.linalg.lstsq(S - own.T @ stacked(missed), told, rcond=1e-12)[0]
+            gains[f] = float(told @ b) / self.pull**2 - price
+            left[fold.here] -= missed @ b
+        return gains, left
+
+    def _predicted(self, rows: Array) -> Array:
+        m, R = self.shape
+        return self.folds.without(self.u, rows[: m * R].reshape(m, R, -1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,9 @@ class Gap:
     closed : share of the gap that is gone on held-out poses, None where there was none
     closed_ci95 : bootstrap over configurations, or over blocks of time where effects of time were found
     heldout_rose : whether the held-out error is not smaller with what was found, None where nothing was
-    over_time : (before, after) at blocks of time that the parameters never saw, where such were found
+    crossed : (before, after) at fitted configurations that are left out in turn, all that was found
+        chosen anew without them; None where nothing was
+    over_time : the same at blocks of time, where something depends on time
     """
 
     floor: float
@@ -33,6 +35,7 @@ class Gap:
     closed: float | None
     closed_ci95: tuple[float, float] | None
     heldout_rose: bool | None = None
+    crossed: tuple[float, float] | None = None
     over_time: tuple[float, float] | None = None
 
 

@@ -12,15 +12,13 @@ from calib.diagnosis.contest import Outcome, contest, left_with
 from calib.diagnosis.earned import BY_TIME, CrossValidation
 from calib.diagnosis.rounds import apart
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.verdict import Named, choices_of, classes
-from calib.effects.protocol import Effect
+from calib.diagnosis.verdict import Named, classes
 
 _MOST_ROUNDS = 30
 _WEAK = "in the fit in full it is smaller than three of its own standard deviations"
 _BY_CHANCE = 0.0027  # beyond three standard deviations, of a normal number
 _LEFT_OUT = {True: "stretches of time", False: "configurations"}
 _NO_BETTER = "that are left out are predicted no better with it"
-_CHOSEN = f"{_NO_BETTER}, its tuning and name chosen without them"
 _ASKED_AGAIN = 2  # times that all others may take the place of what went
 
 
@@ -52,11 +50,13 @@ def believed(
     """
     refused: dict[str, Refused] = {}
     for again in range(_MOST_ROUNDS):
-        fresh = _unworthy(stage, outcome.fit, outcome.active) or _by_choice(stage, outcome)
+        fresh = _unworthy(stage, outcome.fit, outcome.active)
         if not fresh:
             named, after = classes(stage, outcome)
             after = exact(after)
-            fresh = [(n.candidate, _WEAK) for n in named if _is_weak(after, n.candidate)]
+            weak = [n for n in named if _is_weak(after, n.candidate)]
+            # The best name of an entry may be another than that by which it came in.
+            fresh = [(c, _WEAK) for n in weak for c in (n.candidate, n.entry.candidate)]
             if not fresh:
                 return outcome, named, after, tuple(refused.values())
         refused |= {c.key: Refused.of(c, why) for c, why in fresh}
@@ -77,7 +77,10 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
     if not active:
         return []
     crossed = CrossValidation(stage, fit)
-    accounts = [(c, crossed.ledger(_with_it(c, active), c.depends_on in BY_TIME)) for c in active]
+    accounts = [
+        (c, crossed.ledger([o.effect for o in apart(c, active)], c.depends_on in BY_TIME))
+        for c in active
+    ]
     idle = [(c, a) for c, a in accounts if not a.earns]
     idle.sort(key=lambda pair: pair[1].without - pair[1].with_it)
     if idle:
@@ -87,28 +90,6 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
     if len(active) > 1 and not together.earns:
         return [(c, "all found together predict left-out configurations no better") for c in active]
     return []
-
-
-def _by_choice(stage: Stage, outcome: Outcome) -> list[tuple[Candidate, str]]:
-    """What earns its place only where its tuning and its name are chosen by what it predicts."""
-    crossed = CrossValidation(stage, outcome.fit)
-    found = []
-    for entry in outcome.entries:
-        c, choices = entry.candidate, list(choices_of(outcome, entry))
-        if len(choices) < 2:
-            continue
-        by_time = c.depends_on in BY_TIME
-        account = crossed.ledger(_with_it(c, outcome.active), by_time, choices)
-        if not account.earns:
-            found.append((account.without - account.with_it, c))
-    if not found:
-        return []
-    worst = min(found, key=lambda pair: pair[0])[1]
-    return [(worst, f"{_LEFT_OUT[worst.depends_on in BY_TIME]} {_CHOSEN}")]
-
-
-def _with_it(c: Candidate, active: Sequence[Candidate]) -> list[Effect]:
-    return [other.effect for other in apart(c, active)]
 
 
 def _is_weak(fit: Fit, candidate: Candidate) -> bool:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate, as_fitted
 from calib.diagnosis.contest import Entry, Outcome
-from calib.diagnosis.earned import Choice
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.twins import Twin, twins
 from calib.effects.gear_ripple import GearRipple
@@ -18,7 +17,7 @@ from calib.poses import Poses
 _TRIED = 5  # close rivals that are looked at
 _ALIKE = 3  # twins beside them
 _LARGEST = 4  # members of a class beyond which likeness lists the first of a kind only
-_CLOSE = 30.0  # gain below the best at which a rival is none
+CLOSE = 30.0  # gain below the best at which a rival is none
 SAME = 8.0
 """Difference of -2 log likelihood that tells nothing yet."""
 _MASS = 0.98  # of the likelihood that a class holds together
@@ -93,24 +92,11 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
 
 def _close(entry: Entry, others: Sequence[Twin]) -> list[Candidate]:
     """The entry, what explains nearly as much in its place, and what moves the readings as it does."""
-    least = max(0.0, entry.rivals[0][1] - _CLOSE)
+    least = max(0.0, entry.rivals[0][1] - CLOSE)
     rivals = [c for c, gain in entry.rivals if c.named and gain > least][:_TRIED]
     alike = [t.candidate for t in others if t.exact]
     alike += [t.candidate for t in others if t.left < SAME and not t.exact][:_ALIKE]
     return list(dict.fromkeys([entry.candidate, *rivals, *alike]))
-
-
-def choices_of(outcome: Outcome, entry: Entry) -> Iterator[Choice]:
-    """What might have been found in the place of an entry: close rivals, and its other tunings."""
-    view = outcome.view
-    if not entry.candidate.named:
-        return
-    least = entry.rivals[0][1] - _CLOSE
-    rivals = [c for c, gain in entry.rivals if c.named and gain > least]
-    for c in dict.fromkeys([entry.candidate, *rivals]):
-        yield Choice(view.rows[..., view.where[c.key]], c.limits)
-    for rows, limits in outcome.lineup.other_tunings(view, entry.candidate):
-        yield Choice(rows, limits)
 
 
 def _as_fitted(named: Named, fit: Fit, poses: Poses) -> Named:

@@ -114,7 +114,10 @@ class Place(Entry):
 
 
 class Gap(Entry):
-    """RMS errors before and after; over time: each quarter of the session by the other three.
+    """RMS errors before and after.
+
+    crossvalidated : each tenth of the configurations by the others, names chosen anew without it
+    over_time : each quarter of the session by the other three, likewise
 
     unit : of all of them, mm but where no reading is a length
     heldout_rose : whether held-out poses are predicted no better with what was found, None where
@@ -128,6 +131,8 @@ class Gap(Entry):
     heldout_before_mm: NotNegative | None
     heldout_after_mm: NotNegative | None
     heldout_rose: bool | None = None
+    crossvalidated_before_mm: NotNegative | None = None
+    crossvalidated_after_mm: NotNegative | None = None
     over_time_before_mm: NotNegative | None = None
     over_time_after_mm: NotNegative | None = None
     closed: Maybe
@@ -351,7 +356,7 @@ def _at(where: str, tip: str) -> str:
 
 
 def _gap(gap: Shrinkage, channels: Channels) -> Gap:
-    before, after = gap.over_time or (None, None)
+    each = [gap.crossed or (None, None), gap.over_time or (None, None)]
     scale = 1.0 / channels.shown.scale
 
     def shown(error: float | None) -> float | None:
@@ -365,8 +370,10 @@ def _gap(gap: Shrinkage, channels: Channels) -> Gap:
         heldout_before_mm=shown(gap.heldout_before),
         heldout_after_mm=shown(gap.heldout_after),
         heldout_rose=gap.heldout_rose,
-        over_time_before_mm=shown(before),
-        over_time_after_mm=shown(after),
+        crossvalidated_before_mm=shown(each[0][0]),
+        crossvalidated_after_mm=shown(each[0][1]),
+        over_time_before_mm=shown(each[1][0]),
+        over_time_after_mm=shown(each[1][1]),
         closed=gap.closed,
         closed_ci95=gap.closed_ci95,
     )

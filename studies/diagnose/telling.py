@@ -125,9 +125,12 @@ def _gap(gap: Gap) -> Iterator[_Error]:
     if gap.heldout_before_mm is not None:
         before, after = gap.heldout_before_mm, gap.heldout_after_mm
         yield _Error("held out: never seen", before, after, floor, _closed(gap))
+    if gap.crossvalidated_before_mm is not None:
+        before, after = gap.crossvalidated_before_mm, gap.crossvalidated_after_mm
+        yield _Error("cross-validated", before, after, floor)
     if gap.over_time_before_mm is not None:
         before, after = gap.over_time_before_mm, gap.over_time_after_mm
-        yield _Error("quarters of the session,\nwhich decided", before, after, floor)
+        yield _Error("cross-validated in time", before, after, floor)
 
 
 def _closed(gap: Gap) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -56,7 +57,8 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     finding = finding_of(search)
     stage, outcome, after = search.stage, finding.outcome, finding.after
     anew = chosen_anew(search.linear, outcome, finding.named)
-    causes = _causes(finding, len(suspects), targets_of(cell))
+    again = {} if anew is None else anew.again
+    causes = _causes(finding, len(suspects), targets_of(cell), again)
     outlier = stage.dropped & ~waiting
     rest = rest_of(finding, any(c.misshapen for c in causes), int(outlier.sum()), heldout)
     concluded = verdict_of([c.standing for c in causes], rest)
@@ -120,10 +122,13 @@ def _model(cell: Cell, data: Measurements) -> Model:
     return replace(model, prior=identify(cell, data).model.prior)
 
 
-def _causes(finding: Finding, asked: int, targets: tuple[Poses, Array]) -> tuple[Cause, ...]:
+def _causes(
+    finding: Finding, asked: int, targets: tuple[Poses, Array], again: Mapping[str, float]
+) -> tuple[Cause, ...]:
     """What is named, with its size and share, and how sure it is.
 
     asked : int, over how many its p counts; targets : Poses where accuracy counts, and weights
+    again : share of the folds without which each is chosen again
     """
     if not finding.named:
         return ()
@@ -143,7 +148,18 @@ def _causes(finding: Finding, asked: int, targets: tuple[Poses, Array]) -> tuple
         standing = standing_of(named, certainty * named.lead, doubt, matters)
         large = far_out(after, named.candidate)
         found.append(
-            Cause(named, doubt, after.values[own], std[own], p, share, certainty, standing, large)
+            Cause(
+                named,
+                doubt,
+                after.values[own],
+                std[own],
+                p,
+                share,
+                certainty,
+                standing,
+                again[named.entry.candidate.key],
+                large,
+            )
         )
     return tuple(found)
 

@@ -29,6 +29,7 @@ class Cause:
     share : float, of the gap, NaN where there is none
     certainty : float, probability that the cause, or one of its class, is there
     standing : how sure it is
+    again : float, share of the folds without which it, or one of its class, is chosen again
     far_out : str, what of it is larger than such errors usually are, empty where nothing is
     """
 
@@ -40,6 +41,7 @@ class Cause:
     share: float
     certainty: float
     standing: Standing
+    again: float = 1.0
     far_out: str = ""
 
     @property

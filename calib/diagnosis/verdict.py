@@ -49,6 +49,14 @@ class Named:
         return self.members[0][0]
 
     @property
+    def curve_ratio(self) -> float:
+        """Evidence of the best curve at its place over its own: above one, its form is not the best."""
+        own = dict(self.entry.rivals)[self.entry.candidate]
+        where = self.entry.candidate.where
+        free = [gain for c, gain in self.entry.rivals if not c.named and c.where == where]
+        return max(free, default=0.0) / max(own, 1.0)
+
+    @property
     def causes(self) -> tuple[Candidate, ...]:
         """The members that differ in what they do: each cause once, by its first name."""
         second = {other.key for c, _ in self.members for other in c.also}

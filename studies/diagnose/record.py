@@ -76,6 +76,8 @@ class Effect(Likely):
 
     far_out : what of it is larger than such errors usually are, None where nothing is
     standing : how sure it is, None in old files
+    chosen_again : share of the folds without which it, or one of its class, is chosen again
+    curve_ratio : evidence of the best curve at its place over its own
     """
 
     p_value: Number
@@ -88,6 +90,8 @@ class Effect(Likely):
     aliases: tuple[Number, ...] = ()
     far_out: str | None = None
     standing: Literal["established", "likely", "one_of"] | None = None
+    chosen_again: Maybe = None
+    curve_ratio: Maybe = None
 
     @property
     def one_of(self) -> bool:
@@ -389,6 +393,8 @@ def _effect(cause: Found, spectra: Sequence[FoundSpectrum], tip: str) -> Effect:
         where=_at(candidate.where, tip),
         probability=cause.members[0][1],
         standing=cause.standing,
+        chosen_again=cause.again,
+        curve_ratio=cause.named.curve_ratio,
         p_value=cause.p,
         shape_p_value=doubt.p,
         shape_power=doubt.power,

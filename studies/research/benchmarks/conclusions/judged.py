@@ -20,7 +20,7 @@ _TWINS = {
 }
 _KEPT = (
     "effect", "where", "probability", "standing", "p_value", "shape_p_value", "shape_power",
-    "shape_tested", "share_of_gap",
+    "shape_tested", "share_of_gap", "chosen_again", "curve_ratio",
 )  # fmt: skip
 
 

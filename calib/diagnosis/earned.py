@@ -23,7 +23,7 @@ from calib.noise import unwhitened
 from calib.poses import Poses
 
 _FOLDS = 10
-_QUARTERS = 4
+_STRETCHES = 10  # a warm-up lies in the first of few, and none of the others tells of it
 _FREE = 1e-4  # of a row's freedom: less, and nothing but the fold itself tells of it
 BY_TIME = ("time", "temperature")
 
@@ -272,7 +272,7 @@ class Folds:
 def _folds(poses: Poses, by_time: bool) -> IntArray:
     """Number of the fold of each pose, shape (m,)."""
     if by_time:
-        return blocks_of_time(poses, _QUARTERS)
+        return blocks_of_time(poses, _STRETCHES)
     count = int(poses.configuration.max()) + 1
     drawn = np.random.default_rng(0).permutation(count) % min(_FOLDS, count)
     return np.asarray(drawn[poses.configuration])

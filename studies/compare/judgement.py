@@ -15,12 +15,14 @@ UNSETTLED = 0.01
 
 def believed(result: Comparison) -> bool | None:
     """Whether prediction and simulation agree; None where too little was simulated to tell."""
-    verdicts = [v for study in result.plans for v in study.verdicts]
+    if any(study.slopes.wrong for study in result.plans):
+        return False
     if result.trials < FEWEST:
         return None
+    verdicts = [v for study in result.plans for v in study.verdicts]
     lost = max(v.unsettled for v in verdicts) > UNSETTLED * result.trials
-    wrong = any(study.slopes.wrong for study in result.plans) or _astray(result) is not None
-    return not (lost or wrong) and result.p is not None and result.p >= BELIEVED
+    agrees = result.p is not None and result.p >= BELIEVED
+    return agrees and not lost and _astray(result) is None
 
 
 def says(result: Comparison) -> str:
@@ -59,7 +61,7 @@ def _astray(result: Comparison) -> str | None:
     """What trials that were identified from scratch did otherwise than their refits, if too many."""
     for study in result.plans:
         for key, done in study.refits.scratch.items():
-            elsewhere, noisy = surprising(done)
+            elsewhere, noisy, left = surprising(done)
             if elsewhere:
                 count = sum(not own.same for own in done)
                 return (
@@ -72,6 +74,12 @@ def _astray(result: Comparison) -> str | None:
                 return (
                     f"refuted at {study.name}, {key}: {count} of {len(done)} experiments that were "
                     "identified as real data are took their noise for other than the cell's"
+                )
+            if left:
+                return (
+                    f"refuted at {study.name}, {key}: {len(done)} experiments that were identified as "
+                    "real data are leave other residuals than their degrees of freedom say: the "
+                    "program counts these wrongly"
                 )
     return None
 

@@ -16,6 +16,7 @@ from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
 from calib.errors import CalibError
+from calib.identification.identify import uncounted
 from calib.instruments import Tracker
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
@@ -66,7 +67,8 @@ class Experiment:
     """What is measured, and what is true.
 
     model : Model; poses : Poses, the m readings; seen : ndarray of bool, shape (m, M)
-    weights : ndarray, shape (m, C, r, r), whitening matrices of the noise, zero where hidden
+    weights : ndarray, shape (m, C, r, r), whitening matrices of the noise, zero where hidden or before
+        the first move, where that does not count
     nominal : ndarray, shape (p,), SI, what is known before: predictions hold there, fits start there
     truth : ndarray, shape (p,), SI, what simulated readings come from
     stated : StatedNoise, how simulated readings err, whatever they are weighted by
@@ -203,7 +205,8 @@ def experiment_of(
     if values is None and len(model.where(LoadEffect)):
         soft = model.where(ElasticEffect)
         nominal[soft] = truth[soft]
-    weights = noise_weights(model, nominal, poses, seen)
+    counts = seen & ~uncounted(model, poses)[:, None]
+    weights = noise_weights(model, nominal, poses, counts)
     arm = cell.repeatability if cell.scatters else None
     stated = noise_of(cell) if stated is None else stated
     return Experiment(model, poses, seen, weights, nominal, truth, stated, length, cell, arm=arm)

@@ -69,17 +69,17 @@ def _astray(result: Comparison) -> str | None:
                     "identified as real data are ended elsewhere than from the true robot: start "
                     "values or outliers lead the search astray"
                 )
-            if noisy:
-                count = sum(own.noise != "cell" for own in done)
-                return (
-                    f"refuted at {study.name}, {key}: {count} of {len(done)} experiments that were "
-                    "identified as real data are took their noise for other than the cell's"
-                )
             if left:
                 return (
                     f"refuted at {study.name}, {key}: {len(done)} experiments that were identified as "
                     "real data are leave other residuals than their degrees of freedom say: the "
                     "program counts these wrongly"
+                )
+            if noisy:
+                count = sum(own.noise != "cell" for own in done)
+                return (
+                    f"refuted at {study.name}, {key}: {count} of {len(done)} experiments that were "
+                    "identified as real data are took their noise for other than the cell's"
                 )
     return None
 

@@ -201,7 +201,7 @@ def _belief(record: CompareRecord) -> Iterator[Sentence]:
     yield Sentence(f"readings drawn from {drawn}; {_from_scratch(record)}")
     if record.truth_note:
         yield Sentence(
-            f"{record.truth_note}: a fault of the program in kinematics or torques would not show",
+            f"{record.truth_note}, so a fault of the program in kinematics or torques would not show",
             "note",
         )
     for plan in record.plans:

@@ -149,7 +149,9 @@ def test_the_arm_comes_elsewhere_at_each_visit(tmp_path: Path, table_two: Poses)
     laser = '[instruments.laser]\nkind = "points"\nsigma_mm = 1e-9\n'
     probe = '[instruments.probe]\nkind = "pose"\nsigma_mm = 1e-9\nsigma_urad = 1e-6\n'
     load = "[load]\nmass_kg = 10\ncom_mm = [0, 0, 0]\n"
-    path = written(tmp_path, laser + probe + load, "repeatability_mm = 0.03\nrepeatability_urad = 100")
+    path = written(
+        tmp_path, laser + probe + load, "repeatability_mm = 0.03\nrepeatability_urad = 100"
+    )
     experiment = experiment_at(path, table_two)
     off = experiment.drawn(200, np.random.default_rng(3)) - experiment.readings()
     frames = experiment.model.state(experiment.truth, experiment.poses).frames

@@ -31,7 +31,7 @@ def says(result: Comparison) -> str:
         if study.slopes.wrong:
             return (
                 f"refuted at {study.name}: the derivative by {study.slopes.parameter} is "
-                f"{100.0 * study.slopes.off:.2g} % off the model's own slope, a fault of the program "
+                f"{100.0 * study.slopes.off:.3g} % off the model's own slope, a fault of the program "
                 "or of an added effect; what is predicted rests on it"
             )
     if not result.trials:
@@ -91,14 +91,14 @@ def _failed(study: PlanStudy, verdict: Verdict) -> str:
         return "no fit settled"
     worst = min(found.tests, key=lambda name: found.tests[name])
     if worst == "bias":
-        return f"the mean error is {found.shift:.2g} standard deviations in every direction"
+        return f"the mean error is {found.shift:.3g} standard deviations in every direction"
     if worst == "left":
         return (
-            f"what the fits leave over is {100.0 * (found.left**0.5 - 1.0):+.2g} % beside the noise"
+            f"what the fits leave over is {100.0 * (found.left**0.5 - 1.0):+.3g} % beside the noise"
         )
     if worst == "scatter":
-        return f"all directions together scatter {100.0 * (found.total**0.5 - 1.0):+.2g} %"
+        return f"all directions together scatter {100.0 * (found.total**0.5 - 1.0):+.3g} %"
     ratio = np.where(np.isfinite(found.ratio), found.ratio, 1.0)
     where = int(np.abs(np.log(ratio)).argmax())
     name = study.experiment.model.parameters[where].id
-    return f"{name} scatters {100.0 * (ratio[where] - 1.0):+.2g} %"
+    return f"{name} scatters {100.0 * (ratio[where] - 1.0):+.3g} %"

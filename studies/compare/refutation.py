@@ -29,7 +29,7 @@ SAYS: dict[Reason, str] = {
     "weights": "the fits are weighted by other noise than the cell states, a fault of the program: its "
     "standard deviations are wrong",
     "arm": "even without noise the fits end beside the truth: the arm that is fitted is not the one "
-    "that was measured, so its kinematics, torques or weights are wrong",
+    "that was measured, so its kinematics, torques or masses are wrong",
     "truth": "predicted at the simulated robot it agrees: the robot's errors change what the plan "
     "tells, so predict at identified values (--values)",
     "noise": "at a tenth of the noise it agrees: the fits are not linear in noise of this size; more "

@@ -66,12 +66,6 @@ def draw(W: Array, rng: np.random.Generator) -> Array:
     return unwhitened(W, rng.standard_normal(W.shape[:-1]))
 
 
-def tip_origins(model: Model, values: Array, poses: Poses) -> Array:
-    """Origins of the tip frame in the frames of the stations, shape (m, 3), m."""
-    o = model.state(values, poses).frames.o[:, -1:]
-    return model.readings(values, poses, o)[:, 0]
-
-
 def approached(
     points: Array,
     origins: Array,

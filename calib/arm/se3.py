@@ -259,10 +259,10 @@ def fit_rigid(points_a: Array, points_b: Array, weights: Array | None = None) ->
 
 
 def nearest_rotation(M: Array) -> Array:
-    """Rotation closest to a 3x3 matrix in the Frobenius norm, shape (..., 3, 3)."""
-    U, _, Vt = np.linalg.svd(M)
+    """Rotation closest to 3x3 matrices (..., 3, 3) in the Frobenius norm; NaN from NaN."""
+    lost = ~np.isfinite(M).all(axis=(-1, -2), keepdims=True)
+    U, _, Vt = np.linalg.svd(np.where(lost, np.eye(3), M))
     sign = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
     U = U.copy()
     U[..., :, 2] *= np.where(sign == 0, 1.0, sign)[..., None]
-    out: Array = U @ Vt
-    return out
+    return np.where(lost, np.nan, U @ Vt)

@@ -35,7 +35,7 @@ from calib.observations import (
     with_measured_shape,
 )
 from calib.population.sizes import Elementary
-from calib.poses import Measurements
+from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move
 from calib.scatter import Variances, scatter_of
 from calib.solver import levenberg_marquardt
@@ -187,14 +187,19 @@ def _points(
     return replace(points, known=scatter_of(model, start, data.poses, arm)), start
 
 
-def after_the_first_move(model: Model, data: Measurements) -> Measurements:
-    """The data without what was read before the first move, where the model asks whence joints came.
+def uncounted(model: Model, poses: Poses) -> Mask:
+    """Readings (m,) before the first move, where the model asks whence joints came.
 
     An approach of zero would say that the gap was in its middle, which it never is.
     """
     if not any("approach" in effect.uses for effect in model.effects):
-        return data
-    return replace(data, seen=data.seen & ~before_the_first_move(data.poses)[:, None])
+        return np.zeros(len(poses), dtype=bool)
+    return before_the_first_move(poses)
+
+
+def after_the_first_move(model: Model, data: Measurements) -> Measurements:
+    """The data without what does not count."""
+    return replace(data, seen=data.seen & ~uncounted(model, data.poses)[:, None])
 
 
 def _status(fit: Fitted) -> Status:

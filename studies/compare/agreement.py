@@ -86,17 +86,17 @@ def agreement(
     whitened = scaled @ vectors[:, free] / np.sqrt(values[free])
     mean, k = whitened.mean(axis=0), whitened.shape[1]
     scatter, dof = float(((whitened - mean) ** 2).sum()), (trials - 1) * k
-    alone = [_two_sided((trials - 1) * v, trials - 1) for v in scaled.var(axis=0, ddof=1)]
+    alone = [two_sided((trials - 1) * v, trials - 1) for v in scaled.var(axis=0, ddof=1)]
     bias = float(chdtrc(k, trials * (mean**2).sum()))
     tests = {
-        "scatter": _two_sided(scatter, dof),
+        "scatter": two_sided(scatter, dof),
         "bias": bias,
         "parameter": len(alone) * min(alone),
     }
     left = float("nan")
     if cost is not None and spare > 0:
         left = float(cost.sum()) / (trials * spare)
-        tests["left"] = _two_sided(float(cost.sum()), trials * spare)
+        tests["left"] = two_sided(float(cost.sum()), trials * spare)
     return Agreement(
         trials,
         std,
@@ -119,7 +119,8 @@ def band(trials: int, level: float = 0.95) -> tuple[float, float]:
     return low, high
 
 
-def _two_sided(value: float, dof: int) -> float:
+def two_sided(value: float, dof: int) -> float:
+    """Probability of a chi-square as far from its expectation, on either side."""
     from scipy.special import chdtr, chdtrc
 
     return 2.0 * min(float(chdtr(dof, value)), float(chdtrc(dof, value)))

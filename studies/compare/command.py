@@ -56,9 +56,10 @@ if TYPE_CHECKING:
               "poses. May be given several times.")  # fmt: skip
 @click.option("--values", "values_path", metavar="RESULT", type=PATH,
               help="A result of identify: predict and simulate at its values.")  # fmt: skip
-@click.option("--truth", type=click.Choice(["model", "mujoco"]), default="model", show_default=True,
-              help="Draw readings from the model itself, or from an arm in MuJoCo: then a fault in "
-              "torques or weights shows.")  # fmt: skip
+@click.option("--truth", type=click.Choice(["model", "mujoco"]),
+              help="Draw readings from the model itself, or from an arm in MuJoCo: then a fault of the "
+              "program in kinematics or torques shows. Default: mujoco where it is installed and can "
+              "have the cell's effects.")  # fmt: skip
 @result_options
 def compare(
     cell_path: Path,
@@ -69,16 +70,17 @@ def compare(
     length_mm: float,
     with_paths: tuple[Path, ...],
     values_path: Path | None,
-    truth: Truth,
+    truth: Truth | None,
     folder: Path | None,
     json_path: str | None,
     seed: int,
 ) -> None:
     """Say what approach #1 and #2 of the paper will know at each PLAN, predicted and simulated.
 
-    Each simulated experiment draws the readings of a plan from the full model, or from MuJoCo's, and
-    fits them by every approach; one in twenty is identified as real data are. Where simulation and
-    prediction disagree, it says by how much and why.
+    Each simulated experiment draws the readings of a plan from an arm in MuJoCo or the full model, and
+    fits them by every approach; one in twenty is identified as real data are. Noise is drawn by what
+    CELL says, not by the weights of the fits. Where simulation and prediction disagree, it says by how
+    much and why.
 
     \b
     Example:
@@ -91,6 +93,7 @@ def compare(
     from calib.model.build import build
     from studies.compare.compare import compare as compare_plans
     from studies.compare.instruments import read_by_each
+    from studies.compare.noise_of_text import stated_noise
     from studies.compare.record import compare_record
     from studies.engines import engine
     from studies.record import envelope
@@ -120,6 +123,7 @@ def compare(
                 trials=trials,
                 values=values,
                 truth=truth,
+                stated=stated_noise(cell_path),
                 length=length_mm / 1e3,
                 seed=seed,
                 executor=executor,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from typing import Literal, get_args
 
 import numpy as np
@@ -13,7 +14,7 @@ from calib.api import as_vector
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.cell.targets import targets_of
-from calib.errors import CalibError
+from calib.errors import CalibError, InputError
 from calib.model.build import build
 from calib.noise import counted
 from calib.poses import Poses
@@ -23,12 +24,14 @@ from studies.compare.derivatives import Derivatives, derivatives
 from studies.compare.experiment import PLAIN, POINTS, Experiment, Way, experiment_of
 from studies.compare.in_mujoco import points_in_mujoco
 from studies.compare.montecarlo import Refits, refits
+from studies.compare.noise_of_text import StatedNoise
 from studies.compare.prediction import Prediction, accuracy_at, predict
 from studies.compare.refutation import Reason, reason
 from studies.compare.scratch import MOST
 
 Truth = Literal["model", "mujoco"]
 """Where simulated readings come from: the model that is fitted, or an arm in MuJoCo."""
+_NOT_INSTALLED = "MuJoCo is not installed (pip install 'posecal[sim]')"
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,12 +102,14 @@ class Comparison:
 
     asked : int, trials for each plan
     truth : where their readings come from
+    why_not : str, what keeps them from MuJoCo's arm where nobody chose; empty where nothing does
     """
 
     cell: Cell
     plans: tuple[PlanStudy, ...]
     asked: int
     truth: Truth
+    why_not: str = ""
 
     @property
     def trials(self) -> int:
@@ -136,7 +141,8 @@ def compare(
     *,
     trials: int = 200,
     values: Mapping[str, float] | None = None,
-    truth: Truth = "model",
+    truth: Truth | None = None,
+    stated: StatedNoise | None = None,
     length: float = 1.0,
     seed: int = 0,
     executor: Executor | None = None,
@@ -146,8 +152,9 @@ def compare(
 
     plans : name -> Poses; trials : int, Monte Carlo refits of each plan by each way, 0 for none
     values : name -> value, SI, where predictions and simulations hold; see ``experiment_of``
-    truth : where simulated readings come from. The model's own notice no fault in its torques or
-        weights, which cancels; MuJoCo's do
+    truth : where simulated readings come from. The model's own notice no fault in its kinematics or
+        torques, which cancels; MuJoCo's do. None for MuJoCo's where it is installed and can have them
+    stated : how simulated readings err by the cell's text, see ``experiment_of``
     length : float, m, characteristic length of the plain weighting
     executor : where the trials are computed; figures do not depend on it
     progress : called with the number of trials just done
@@ -155,17 +162,27 @@ def compare(
     An interruption (KeyboardInterrupt) ends the simulation: the trials done are kept, what was not
     simulated is predicted.
 
-    Raises UnknownEffect, EffectCannotAct, CalibError, also for effects that MuJoCo's arm cannot have.
+    Raises UnknownEffect, EffectCannotAct, CalibError, also for effects that MuJoCo's arm cannot have
+    where it is asked for.
     """
     if not plans:
         raise CalibError("no plan to compare")
-    if truth not in get_args(Truth):
+    if truth is not None and truth not in get_args(Truth):
         raise CalibError(f"truth {truth!r} is unknown; choose {' or '.join(get_args(Truth))}")
     cell = replace(
         cell, prior=None
     )  # what the readings tell by themselves; simulated robots are no type
     targets, weights = targets_of(cell)
-    prepared = [_prepared(cell, plan, values, truth, length, seed) for plan in plans.values()]
+    prepared = [_prepared(cell, plan, values, stated, length, seed) for plan in plans.values()]
+    why_not = _NOT_INSTALLED if truth is None and find_spec("mujoco") is None else ""
+    if truth == "mujoco" or (truth is None and trials and not why_not):
+        try:
+            prepared = [(_in_mujoco(cell, experiment), own) for experiment, own in prepared]
+        except InputError as error:
+            if truth is not None:
+                raise
+            why_not = error.what
+    used: Truth = "model" if prepared[0][0].exact is None else "mujoco"
     studies: list[PlanStudy] = []
     for index, (name, (experiment, predictions)) in enumerate(zip(plans, prepared, strict=True)):
         interrupted = any(study.refits.trials < trials for study in studies)
@@ -184,26 +201,28 @@ def compare(
             _verdict(experiment, p, done, slopes, targets, weights, seed) for p in predictions
         )
         studies.append(PlanStudy(name, plans[name], experiment, slopes, verdicts, done))
-    return Comparison(cell, tuple(studies), trials, truth)
+    return Comparison(cell, tuple(studies), trials, used, why_not)
 
 
 def _prepared(
     cell: Cell,
     plan: Poses,
     values: Mapping[str, float] | None,
-    truth: Truth,
+    stated: StatedNoise | None,
     length: float,
     seed: int,
 ) -> tuple[Experiment, list[Prediction]]:
     """An experiment and its predictions, before anything is simulated."""
     own = None if values is None else as_vector(build(cell, plan).model, values)
-    experiment = experiment_of(cell, plan, values=own, length=length, seed=seed)
+    experiment = experiment_of(cell, plan, values=own, stated=stated, length=length, seed=seed)
     predictions = [predict(experiment, way) for way in experiment.ways]
-    experiment = replace(experiment, truth=_visible_truth(experiment, predictions))
-    if truth == "mujoco":
-        exact = points_in_mujoco(cell, experiment.model, experiment.truth, experiment.poses)
-        experiment = replace(experiment, exact=exact)
-    return experiment, predictions
+    return replace(experiment, truth=_visible_truth(experiment, predictions)), predictions
+
+
+def _in_mujoco(cell: Cell, experiment: Experiment) -> Experiment:
+    """The same with readings of MuJoCo's arm."""
+    exact = points_in_mujoco(cell, experiment.model, experiment.truth, experiment.poses)
+    return replace(experiment, exact=exact)
 
 
 def _visible_truth(experiment: Experiment, predictions: list[Prediction]) -> Array:

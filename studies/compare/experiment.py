@@ -16,6 +16,7 @@ from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
 from calib.errors import CalibError
+from calib.identification.identify import uncounted
 from calib.instruments import Tracker
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
@@ -30,10 +31,13 @@ from calib.observations import (
     with_measured_shape,
 )
 from calib.poses import Measurements, Poses
+from calib.poses.visits import visits
 from calib.scatter import Scatter, Variances, scatter_of
-from calib.simulation import approached, tip_origins, whitening
+from calib.simulation import whitening
 from doe.constraints import scene_of, visible
 from doe.problem.refusals import refuse_unplaced
+from studies.compare.noise_of_cell import noise_of
+from studies.compare.noise_of_text import StatedNoise, shaken
 
 _PLAUSIBLE_M = 1e-3  # what an assumed error moves the markers by at most
 
@@ -63,14 +67,17 @@ class Experiment:
     """What is measured, and what is true.
 
     model : Model; poses : Poses, the m readings; seen : ndarray of bool, shape (m, M)
-    weights : ndarray, shape (m, C, r, r), whitening matrices of the noise, zero where hidden
+    weights : ndarray, shape (m, C, r, r), whitening matrices of the noise, zero where hidden or before
+        the first move, where that does not count
     nominal : ndarray, shape (p,), SI, what is known before: predictions hold there, fits start there
     truth : ndarray, shape (p,), SI, what simulated readings come from
+    stated : StatedNoise, how simulated readings err, whatever they are weighted by
     length : float, m, characteristic length of the plain weighting
     cell : Cell, as a fit from nothing but the readings knows it, or None
     exact : ndarray, shape (m, C, r), readings without noise where they are not the model's own, such
         as MuJoCo's; else None
     arm : Repeatability, known of the arm that comes to each pose anew; None for one that always returns
+    quiet : float, simulated readings err so many times less than is stated
     """
 
     model: Model
@@ -79,10 +86,12 @@ class Experiment:
     weights: Array
     nominal: Array
     truth: Array
+    stated: StatedNoise
     length: float = 1.0
     cell: Cell | None = None
     exact: Array | None = None
     arm: Repeatability | None = None
+    quiet: float = 1.0
 
     @property
     def ways(self) -> tuple[Way, ...]:
@@ -106,25 +115,45 @@ class Experiment:
 
     def drawn(self, trials: int, rng: np.random.Generator) -> Array:
         """Noisy readings of so many experiments, shape (trials, m, C, r)."""
+        return self.readings() + self._by_arm(trials, rng) + self.noise(trials, rng)
+
+    def noise(self, trials: int, rng: np.random.Generator) -> Array:
+        """Errors of the instruments, shape (trials, m, C, r)."""
         exact = self.readings()
-        white = rng.standard_normal((trials, *exact.shape, 1))
-        noise = (np.linalg.pinv(self.weights) @ white)[..., 0]
-        if self.arm is None or self.scatter is None:
-            return exact + noise
-        if any(i.markers is not None for i in self.model.instruments):  # no points of their own
-            own = np.sqrt(self.scatter.variances.approach)[self.scatter.kinds]
-            _, group = np.unique(self.scatter.approach, return_inverse=True)
-            moved = own * rng.standard_normal((trials, int(group.max()) + 1, len(own)))[:, group]
-            shaken = np.einsum("mcrk,tmk->tmcr", self.scatter.levers, moved)
-            return np.asarray(exact + shaken + noise)
-        origins = tip_origins(self.model, self.truth, self.poses)
-        still = np.broadcast_to(exact, noise.shape)
-        return approached(still, origins, self.scatter.approach, self.arm, rng) + noise
+        white = rng.standard_normal((trials, *exact.shape)) / self.quiet
+        found = np.zeros(white.shape)
+        for instrument, part in self.model.readout.channels.blocks:
+            own = np.s_[..., part, : instrument.rows]
+            start = self._start(instrument.name)[own]
+            errors = self.stated.of[instrument.name].errors(white[own], exact[own], start)
+            found[own] = errors
+        return found
+
+    def _start(self, name: str) -> Array:
+        """Where an instrument stands in the frame of its readings, shape (m, C, r)."""
+        stands = self.stated.stands.get(name)
+        if stands is None:
+            return np.zeros(self.weights.shape[:-1])
+        there = np.broadcast_to(stands, (len(self.poses), len(self.model.markers), 3))
+        return self.model.readings(self.truth, self.poses, there)
+
+    def _by_arm(self, trials: int, rng: np.random.Generator) -> Array | float:
+        """What readings err by as the arm comes to each pose anew, shape (trials, m, C, r)."""
+        if not any(self.stated.arm):
+            return 0.0
+        frames = self.model.state(self.truth, self.poses).frames
+        points = self.model.tip_points(frames, self.truth, self.poses)
+        _, visit = np.unique(visits(self.poses), return_inverse=True)
+        white = rng.standard_normal((trials, int(visit.max()) + 1, 6)) / self.quiet
+        moved = shaken(points, frames.o[:, -1], visit, white, self.stated.arm)
+        still, there = (self.model.readings(self.truth, self.poses, p) for p in (points, moved))
+        return there - still
 
     def quieter(self, factor: float) -> Experiment:
         """The same with all noise smaller by a factor."""
         arm = self.arm and Repeatability(self.arm.translation / factor, self.arm.rotation / factor)
-        return replace(self, weights=factor * self.weights, arm=arm)
+        weights, quiet = factor * self.weights, factor * self.quiet
+        return replace(self, weights=weights, arm=arm, quiet=quiet)
 
     def measured(self, points: Array) -> Measurements:
         """Readings (..., m, C, r) as a data set; leading axes are trials."""
@@ -147,7 +176,13 @@ class Experiment:
 
 
 def experiment_of(
-    cell: Cell, plan: Poses, *, values: Array | None = None, length: float = 1.0, seed: int = 0
+    cell: Cell,
+    plan: Poses,
+    *,
+    values: Array | None = None,
+    stated: StatedNoise | None = None,
+    length: float = 1.0,
+    seed: int = 0,
 ) -> Experiment:
     """The readings of a plan in a cell.
 
@@ -155,6 +190,7 @@ def experiment_of(
         hold at the nominal model and simulations at one that is off by plausible errors, drawn with
         the seed: each parameter by its usual size, or by what moves the markers a millimetre. A load
         effect shows through compliances only: with one in the model, predictions hold at those drawn
+    stated : how simulated readings err by the cell's text; without it by the numbers of the cell
 
     Raises UnknownEffect, EffectCannotAct, CalibError where readings cannot be foreseen.
     """
@@ -169,9 +205,11 @@ def experiment_of(
     if values is None and len(model.where(LoadEffect)):
         soft = model.where(ElasticEffect)
         nominal[soft] = truth[soft]
-    weights = noise_weights(model, nominal, poses, seen)
+    counts = seen & ~uncounted(model, poses)[:, None]
+    weights = noise_weights(model, nominal, poses, counts)
     arm = cell.repeatability if cell.scatters else None
-    return Experiment(model, poses, seen, weights, nominal, truth, length, cell, arm=arm)
+    stated = noise_of(cell) if stated is None else stated
+    return Experiment(model, poses, seen, weights, nominal, truth, stated, length, cell, arm=arm)
 
 
 def _refuse_no_contact(cell: Cell, plan: Poses) -> None:

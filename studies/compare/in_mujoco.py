@@ -27,13 +27,14 @@ from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from calib.effects.tool import Tool
 from calib.effects.transmission_harmonic import TransmissionHarmonic
 from calib.effects.transmission_scale import TransmissionScale
-from calib.errors import CalibError
+from calib.errors import CalibError, InputError
 from calib.files.in_mujoco import mujoco_for
+from calib.instruments import Tracker
 from calib.model import Model
 from calib.poses import Poses
 
 _AT_REST = 1e-12  # rad or m, largest motion of a joint between the last two rounds
-_ROUNDS = 60
+_ROUNDS = 200
 _NOTHING = 1e-9  # kg: MuJoCo moves no body without mass
 
 
@@ -64,11 +65,14 @@ def points_in_mujoco(cell: Cell, model: Model, values: Array, poses: Poses) -> A
 
     values : ndarray, shape (p,), SI
 
-    Raises CalibError for an effect that MuJoCo's model does not have and for an arm that finds no
-    rest, InputError where MuJoCo is not installed.
+    Raises InputError where MuJoCo is not installed or has nothing like this cell, CalibError for an arm
+    that finds no rest.
     """
     from scipy.spatial.transform import Rotation
 
+    for number, own in enumerate(cell.instruments):
+        if number or type(own) is not Tracker:
+            raise _unlike(f"instrument {own.name} ({own.kind})")
     truth = _meaning(model, values, poses)
     with mujoco_for(cell.path) as mujoco:
         arm: Any = mujoco.MjModel.from_xml_string(_mjcf(model, truth))
@@ -129,10 +133,13 @@ def _joint_error(effect: Effect, own: Array, joint: int, poses: Poses) -> Array:
             return np.asarray(np.delete(poses.q, joint, axis=1) @ own)
         case Backlash() if poses.approach is not None:
             return np.asarray(own[0] * poses.approach[:, joint])
-    raise CalibError(
-        f"{effect.kind}:{effect.where} is nothing that MuJoCo's model of an arm has; take it out of "
-        "[model] effects, or leave out --truth mujoco"
-    )
+    raise _unlike(f"{effect.kind}:{effect.where}")
+
+
+def _unlike(what: str) -> InputError:
+    says = f"{what} is nothing that MuJoCo's model of an arm has"
+    remedy = "take it out of the cell, or leave out --truth mujoco"
+    return InputError("--truth", "mujoco", says, remedy)
 
 
 def _rest(mujoco: Any, arm: Any, truth: _Truth, poses: Poses, i: int) -> Array:

@@ -15,12 +15,14 @@ UNSETTLED = 0.01
 
 def believed(result: Comparison) -> bool | None:
     """Whether prediction and simulation agree; None where too little was simulated to tell."""
-    verdicts = [v for study in result.plans for v in study.verdicts]
+    if any(study.slopes.wrong for study in result.plans):
+        return False
     if result.trials < FEWEST:
         return None
+    verdicts = [v for study in result.plans for v in study.verdicts]
     lost = max(v.unsettled for v in verdicts) > UNSETTLED * result.trials
-    wrong = any(study.slopes.wrong for study in result.plans) or _astray(result) is not None
-    return not (lost or wrong) and result.p is not None and result.p >= BELIEVED
+    agrees = result.p is not None and result.p >= BELIEVED
+    return agrees and not lost and _astray(result) is None
 
 
 def says(result: Comparison) -> str:
@@ -29,7 +31,7 @@ def says(result: Comparison) -> str:
         if study.slopes.wrong:
             return (
                 f"refuted at {study.name}: the derivative by {study.slopes.parameter} is "
-                f"{100.0 * study.slopes.off:.2g} % off the model's own slope, a fault of the program "
+                f"{100.0 * study.slopes.off:.3g} % off the model's own slope, a fault of the program "
                 "or of an added effect; what is predicted rests on it"
             )
     if not result.trials:
@@ -59,13 +61,19 @@ def _astray(result: Comparison) -> str | None:
     """What trials that were identified from scratch did otherwise than their refits, if too many."""
     for study in result.plans:
         for key, done in study.refits.scratch.items():
-            elsewhere, noisy = surprising(done)
+            elsewhere, noisy, left = surprising(done)
             if elsewhere:
                 count = sum(not own.same for own in done)
                 return (
                     f"refuted at {study.name}, {key}: {count} of {len(done)} experiments that were "
                     "identified as real data are ended elsewhere than from the true robot: start "
                     "values or outliers lead the search astray"
+                )
+            if left:
+                return (
+                    f"refuted at {study.name}, {key}: {len(done)} experiments that were identified as "
+                    "real data are leave other residuals than their degrees of freedom say: the "
+                    "program counts these wrongly"
                 )
             if noisy:
                 count = sum(own.noise != "cell" for own in done)
@@ -83,14 +91,14 @@ def _failed(study: PlanStudy, verdict: Verdict) -> str:
         return "no fit settled"
     worst = min(found.tests, key=lambda name: found.tests[name])
     if worst == "bias":
-        return f"the mean error is {found.shift:.2g} standard deviations in every direction"
+        return f"the mean error is {found.shift:.3g} standard deviations in every direction"
     if worst == "left":
         return (
-            f"what the fits leave over is {100.0 * (found.left**0.5 - 1.0):+.2g} % beside the noise"
+            f"what the fits leave over is {100.0 * (found.left**0.5 - 1.0):+.3g} % beside the noise"
         )
     if worst == "scatter":
-        return f"all directions together scatter {100.0 * (found.total**0.5 - 1.0):+.2g} %"
+        return f"all directions together scatter {100.0 * (found.total**0.5 - 1.0):+.3g} %"
     ratio = np.where(np.isfinite(found.ratio), found.ratio, 1.0)
     where = int(np.abs(np.log(ratio)).argmax())
     name = study.experiment.model.parameters[where].id
-    return f"{name} scatters {100.0 * (ratio[where] - 1.0):+.2g} %"
+    return f"{name} scatters {100.0 * (ratio[where] - 1.0):+.3g} %"

@@ -211,7 +211,10 @@ class Agreement(Entry):
 
 
 class CompareRecord(Record):
-    """Which approach, which weighting, which plan, and whether it can be believed."""
+    """Which approach, which weighting, which plan, and whether it can be believed.
+
+    truth_note : what keeps readings from MuJoCo's arm where nobody chose; empty where nothing does
+    """
 
     command: Literal["compare"] = "compare"
     plans: tuple[Plan, ...] = Field(min_length=1)
@@ -221,6 +224,7 @@ class CompareRecord(Record):
     trials: Count
     trials_asked: Count
     truth: Literal["model", "mujoco"]
+    truth_note: str = ""
     agreement: Agreement
     read_by: tuple[ReadBy, ...] = ()
 
@@ -249,6 +253,7 @@ def compare_record(
         trials=found.trials,
         trials_asked=found.asked,
         truth=found.truth,
+        truth_note=found.why_not,
         agreement=_agreement(found),
         read_by=tuple(_read_by(own, read_by) for own in read_by),
     )

@@ -8,13 +8,14 @@ from typing import Literal
 import numpy as np
 
 from calib.arrays import Array
+from calib.noise import counted
 from calib.solver import levenberg_marquardt
-from studies.compare.agreement import BELIEVED, Agreement, agreement
+from studies.compare.agreement import BELIEVED, Agreement, agreement, two_sided
 from studies.compare.experiment import Experiment
 from studies.compare.montecarlo import refits
 from studies.compare.prediction import Prediction, predict
 
-Reason = Literal["derivative", "chance", "arm", "truth", "noise", "unknown"]
+Reason = Literal["derivative", "chance", "weights", "arm", "truth", "noise", "unknown"]
 
 _RARE = 1e-4  # chance that is no explanation any more
 _TRIALS = (100, 1000)  # at little noise: as many as refuted the prediction, within these
@@ -25,8 +26,10 @@ SAYS: dict[Reason, str] = {
     "derivative": "a derivative that the prediction rests on is wrong, and nonlinearity explains "
     "nothing here",
     "chance": "this may be chance: repeat with another --seed or more trials",
+    "weights": "the fits are weighted by other noise than the cell states, a fault of the program: its "
+    "standard deviations are wrong",
     "arm": "even without noise the fits end beside the truth: the arm that is fitted is not the one "
-    "that was measured, so its kinematics, torques or weights are wrong",
+    "that was measured, so its kinematics, torques or masses are wrong",
     "truth": "predicted at the simulated robot it agrees: the robot's errors change what the plan "
     "tells, so predict at identified values (--values)",
     "noise": "at a tenth of the noise it agrees: the fits are not linear in noise of this size; more "
@@ -55,6 +58,8 @@ def reason(
         return "derivative"
     if judged.p > _RARE:
         return "chance"
+    if _weighted_wrongly(experiment, seed):
+        return "weights"
     if experiment.exact is not None and _ends_elsewhere(experiment, prediction):
         return "arm"
     there = predict(replace(experiment, nominal=experiment.truth), prediction.way)
@@ -66,6 +71,14 @@ def reason(
     if _agrees(done.of(prediction.way.key), there.covariance / _QUIET**2):
         return "noise"
     return "unknown"
+
+
+def _weighted_wrongly(experiment: Experiment, seed: int) -> bool:
+    """Whether noise as the cell states it is not of unit variance under the weights of the fits."""
+    rng = np.random.default_rng((seed, 2))
+    white = experiment.weights @ experiment.noise(_TRIALS[0], rng)[..., None]
+    numbers = _TRIALS[0] * int(counted(experiment.weights).sum())
+    return two_sided(float((white**2).sum()), numbers) < _RARE
 
 
 def _ends_elsewhere(experiment: Experiment, prediction: Prediction) -> bool:

@@ -199,6 +199,11 @@ def _belief(record: CompareRecord) -> Iterator[Sentence]:
         )
     drawn = "MuJoCo's arm" if record.truth == "mujoco" else "the model that is fitted"
     yield Sentence(f"readings drawn from {drawn}; {_from_scratch(record)}")
+    if record.truth_note:
+        yield Sentence(
+            f"{record.truth_note}, so a fault of the program in kinematics or torques would not show",
+            "note",
+        )
     for plan in record.plans:
         for own in plan.approaches:
             if own.not_converged:

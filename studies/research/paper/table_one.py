@@ -22,7 +22,7 @@ from calib.arrays import Array
 from calib.effects.joint_offset import JointOffset
 from calib.effects.link_geometry import LinkGeometry
 from calib.effects.protocol import Context
-from calib.instruments import Tracker
+from calib.instruments import TRACKER, Tracker
 from calib.model import Model
 from calib.noise import Noise
 from calib.poses import poses_at
@@ -30,6 +30,7 @@ from studies.command.deliver import console_for
 from studies.compare.agreement import agreement
 from studies.compare.experiment import PLAIN, POINTS, WAYS, Experiment, noise_weights
 from studies.compare.montecarlo import Refits, refits
+from studies.compare.noise_of_text import Alike, StatedNoise
 from studies.compare.prediction import Prediction, predict
 from studies.research.paper.arm import arm_of_equation_21
 from studies.tables import plain_table
@@ -107,7 +108,8 @@ def experiment_at(setting: Setting) -> Experiment:
     )
     poses, seen = poses_at(setting.q), np.ones((3, 3), dtype=bool)
     weights = noise_weights(model, TRUTH, poses, seen)
-    return Experiment(model, poses, seen, weights, np.zeros(6), TRUTH, setting.length)
+    stated = StatedNoise({TRACKER.name: Alike(SIGMA)}, {})
+    return Experiment(model, poses, seen, weights, np.zeros(6), TRUTH, stated, setting.length)
 
 
 def predictions_at(experiment: Experiment) -> dict[str, Prediction]:

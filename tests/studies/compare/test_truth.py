@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,9 +13,7 @@ from click.testing import CliRunner
 
 import calib
 from calib import Cell, Poses
-from calib.arm import statics
-from calib.arm.robot import Robot
-from calib.arm.statics import Loads, Payload, Transmitted
+from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.errors import CalibError
 from calib.identification import Identification
@@ -89,25 +86,6 @@ def study(cell: Cell, plan: Poses, truth: Any = "mujoco", trials: int = 60) -> C
     return compare(cell, {"p": plan}, trials=trials, truth=truth, seed=2)
 
 
-def torques_too_large(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = statics.transmitted
-
-    def wrong(*arguments: Any) -> Transmitted:
-        found = right(*arguments)
-        return replace(found, local=1.3 * found.local)
-
-    monkeypatch.setattr(statics, "transmitted", wrong)
-
-
-def links_too_heavy(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = statics.loads_of
-
-    def wrong(robot: Robot, poses: Poses, payload: Payload, gravity: Array) -> Loads:
-        return right(replace(robot, masses=3.0 * robot.masses), poses, payload, gravity)
-
-    monkeypatch.setattr(statics, "loads_of", wrong)
-
-
 def column_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
     right = Model._jacobian
 
@@ -133,26 +111,6 @@ def test_the_program_as_it_is_agrees_with_mujoco(arm: Cell, plan: Poses) -> None
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("fault", [torques_too_large, links_too_heavy])
-def test_a_fault_in_the_statics_is_noticed(
-    arm: Cell,
-    plan: Poses,
-    monkeypatch: pytest.MonkeyPatch,
-    fault: Callable[[pytest.MonkeyPatch], None],
-) -> None:
-    fault(monkeypatch)
-    blind = study(arm, plan, "model").p
-    assert blind is not None
-    assert blind > 0.01, "against its own model a fault of the model cancels"
-    result = study(arm, plan)
-    assert result.p is not None
-    assert result.p < 1e-12
-    found = fields_of(result)["agreement"]
-    assert found["believed"] is False
-    assert "kinematics, torques or weights are wrong" in found["says"]
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("truth", ["model", "mujoco"])
 def test_a_wrong_derivative_is_no_nonlinearity(
     arm: Cell, plan: Poses, monkeypatch: pytest.MonkeyPatch, truth: str
@@ -168,7 +126,7 @@ def test_a_wrong_derivative_is_no_nonlinearity(
     assert points.agreement.p < 1e-2
     found = fields_of(result)["agreement"]
     assert found["believed"] is False
-    assert "the derivative by joint_compliance:j3.compliance is 17 % off" in found["says"]
+    assert "the derivative by joint_compliance:j3.compliance is 16.7 % off" in found["says"]
 
 
 @pytest.mark.long
@@ -211,12 +169,14 @@ def test_trials_from_scratch_are_the_same_wherever_blocks_are_cut(arm: Cell, pla
 
 
 def test_trials_that_end_elsewhere_are_counted() -> None:
-    here, there = FromScratch(0.0, 0, "cell"), FromScratch(3.0, 1, "cell")
-    loud = FromScratch(0.0, 0, "residual")
-    assert surprising([here] * 20) == (False, False)
-    assert surprising([here] * 19 + [there]) == (False, False)
-    assert surprising([here] * 16 + [there] * 4) == (True, False)
-    assert surprising([here] * 10 + [loud] * 10) == (False, True)
+    here, there = FromScratch(0.0, 0, "cell", 0.5), FromScratch(3.0, 1, "cell", 0.5)
+    loud, spared = FromScratch(0.0, 0, "residual", 0.5), FromScratch(0.0, 0, "cell", 0.95)
+    assert surprising([here] * 20) == (False, False, False)
+    assert surprising([here] * 19 + [there]) == (False, False, False)
+    assert surprising([here] * 16 + [there] * 4) == (True, False, False)
+    assert surprising([here] * 10 + [loud] * 10) == (False, True, False)
+    assert surprising([spared] * 2) == (False, False, False)
+    assert surprising([spared] * 20) == (False, False, True)
 
 
 @pytest.mark.long

@@ -1,0 +1,156 @@
+"""How readings err by what the text of a cell says: plain standard deviations, and draws by them.
+
+Readings that were drawn by the weights of the fits would bear out any weights, wrong ones too. So none
+of the package's noise, whitening or covariance enters here, but the tables of ``cell.toml`` alone.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from calib.arrays import Array, IntArray
+
+_MM, _URAD = 1e-3, 1e-6
+_UNITS = {"sigma_mm": _MM, "sigma_urad": _URAD, "sigma_px": 1.0}
+
+
+class Errs(Protocol):
+    """How the readings of one instrument err."""
+
+    def errors(self, white: Array, exact: Array, start: Array) -> Array:
+        """Errors (..., m, C, r), SI, made of white noise of that shape.
+
+        exact : ndarray, shape (m, C, r), readings without noise
+        start : ndarray, shape (m, C, r), where the beams start, in the frame of the readings
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Alike:
+    """Every number by itself, all by one standard deviation, in the unit of the readings in SI."""
+
+    sigma: float
+
+    def errors(self, white: Array, exact: Array, start: Array) -> Array:
+        del exact, start
+        return self.sigma * white
+
+
+@dataclass(frozen=True)
+class ByBeam:
+    """A point along and across its beam: standard deviations (m, m for each metre of range)."""
+
+    along: tuple[float, float]
+    across: tuple[float, float]
+
+    def errors(self, white: Array, exact: Array, start: Array) -> Array:
+        beams = exact - start
+        ranges = np.linalg.norm(beams, axis=-1, keepdims=True)
+        unit = beams / np.where(ranges > 0.0, ranges, 1.0)
+        ahead = (white * unit).sum(axis=-1, keepdims=True) * unit
+        along, across = (a + b * ranges for a, b in (self.along, self.across))
+        return np.asarray(along * ahead + across * (white - ahead))
+
+
+@dataclass(frozen=True, eq=False)
+class OfBody:
+    """A frame by a displacement in its own axes; covariance : ndarray, shape (6, 6), m and rad."""
+
+    covariance: Array
+
+    def errors(self, white: Array, exact: Array, start: Array) -> Array:
+        """Of rows that hold origin, x axis and y axis: what the frame displaced has beyond them."""
+        del start
+        moved = white[..., :6] @ np.linalg.cholesky(self.covariance).T
+        x, y = exact[..., 3:6], exact[..., 6:]
+        R = np.stack([x, y, np.cross(x, y)], axis=-1)
+        turned = R @ rotation(moved[..., 3:]) - R
+        shift = (R @ moved[..., :3, None])[..., 0]
+        return np.concatenate([shift, turned[..., 0], turned[..., 1]], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class StatedNoise:
+    """How instruments and arm err.
+
+    of : name of an instrument -> how its readings err
+    stands : name -> ndarray, shape (3,), m, base axes, where beams start; else at the readings' origin
+    arm : standard deviations of the tip from one approach to the next, m and rad, zero where none
+    """
+
+    of: Mapping[str, Errs]
+    stands: Mapping[str, Array]
+    arm: tuple[float, float] = (0.0, 0.0)
+
+
+def stated_noise(path: Path) -> StatedNoise:
+    """What the text of a cell, which :func:`calib.load_cell` takes, says of noise."""
+    text = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    tables = text.get("instruments") or {"instrument": text["instrument"]}
+    stands = {
+        name: np.array(table["position_mm"]) * _MM
+        for name, table in tables.items()
+        if table.get("kind", "points") == "points" and "position_mm" in table
+    }
+    robot = text["robot"]
+    arm = robot.get("repeatability_mm", 0.0) * _MM, robot.get("repeatability_urad", 0.0) * _URAD
+    return StatedNoise({name: _errs(table) for name, table in tables.items()}, stands, arm)
+
+
+def _errs(table: Mapping[str, Any]) -> Errs:
+    if table.get("kind") == "pose":
+        return OfBody(_of_body(table))
+    sigma = table.get("sigma_mm")
+    if isinstance(sigma, Mapping):
+        return ByBeam(*_by_range(sigma))
+    return next(Alike(table[key] * unit) for key, unit in _UNITS.items() if key in table)
+
+
+def _of_body(table: Mapping[str, Any]) -> Array:
+    """Its covariance, from mm and urad."""
+    units = np.repeat([_MM, _URAD], 3)
+    if "covariance" in table:
+        return np.array(table["covariance"]) * np.outer(units, units)
+    return np.diag((np.repeat([table["sigma_mm"], table["sigma_urad"]], 3) * units) ** 2)
+
+
+def _by_range(sigma: Mapping[str, float]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Along and across: a constant and what a metre of range adds."""
+    if "mpe_mm" in sigma:
+        share = _MM / sigma["divisor"]
+        even = sigma["mpe_mm"] * share, sigma.get("mpe_mm_per_m", 0.0) * share
+        return even, even
+    along, across = (
+        (sigma[f"{key}_mm"] * _MM, sigma.get(f"{key}_mm_per_m", 0.0) * _MM)
+        for key in ("range", "transverse")
+    )
+    return along, across
+
+
+def shaken(
+    points: Array, origins: Array, visit: IntArray, white: Array, arm: tuple[float, float]
+) -> Array:
+    """Points of a tip that is shifted, and turned about its origin, anew at each visit.
+
+    points : ndarray, shape (m, M, 3), m; origins : ndarray, shape (m, 3), m
+    visit : ndarray of int, shape (m,); white : ndarray, shape (trials, visits, 6)
+    Returns ndarray, shape (trials, m, M, 3), m.
+    """
+    shift, turn = arm[0] * white[:, visit, :3], rotation(arm[1] * white[:, visit, 3:])
+    o = origins[:, None]
+    return (points - o) @ np.swapaxes(turn, -1, -2) + o + shift[:, :, None]
+
+
+def rotation(vector: Array) -> Array:
+    """Rotations (..., 3, 3) about vectors (..., 3), rad, by Rodrigues' formula."""
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    K = np.cross(np.eye(3), vector[..., None, :])
+    sine, versine = np.sinc(angle / np.pi), np.sinc(angle / (2.0 * np.pi)) ** 2 / 2.0
+    return np.asarray(np.eye(3) + sine * K + versine * (K @ K))

@@ -47,13 +47,17 @@ def test_a_name_that_does_not_pay_leads_nothing() -> None:
     assert _leader(scores, [NAMED, CURVE], pays) is CURVE
 
 
-def test_probabilities_of_a_class_leave_room_for_what_is_not_in_it() -> None:
+def test_shares_of_a_class_follow_evidence_and_odds() -> None:
     twins = _members([(NAMED, 100.0), (CURVE, 100.0)])
-    assert [p for _, p in twins] == pytest.approx([0.475, 0.475])
+    assert [p for _, p in twins] == pytest.approx([0.5, 0.5])
     alone = _members([(NAMED, 100.0), (CURVE, 130.0)])
-    assert [(c, p) for c, p in alone] == [(NAMED, pytest.approx(0.95))]
+    assert [(c, p) for c, p in alone] == [(NAMED, pytest.approx(1.0))]
     near = _members([(NAMED, 100.0), (CURVE, 106.0)])
     assert near[0][1] > 1.5 * near[1][1]
+    # As likely by the readings, met once in twenty: the price of its odds stands in its evidence.
+    seldom = replace(CURVE, odds=0.05)
+    rare = _members([(NAMED, 100.0), (seldom, 100.0 + 2.0 * np.log(20.0))])
+    assert rare[0][1] == pytest.approx(20.0 / 21.0)
 
 
 def test_a_gross_error_among_the_repeats_is_not_the_noise() -> None:

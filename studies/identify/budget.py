@@ -33,7 +33,7 @@ class Row(Entry):
     source: str
     instrument: str
     evaluation: Literal["A", "B"]
-    part_of: Literal["calibration", "arm"]
+    part_of: Literal["calibration", "arm", "model"]
     distribution: str
     divisor: Positive
     stated: Maybe
@@ -107,7 +107,7 @@ def _row(budget: Budget, part: Part, total: float) -> Row:
         source=part.source,
         instrument=part.instrument,
         evaluation=part.evaluation,
-        part_of="calibration" if part in budget.calibration else "arm",
+        part_of=part.of,
         distribution=part.distribution,
         divisor=part.divisor,
         stated=None if part.stated is None else part.stated / part.scale,

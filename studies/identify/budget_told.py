@@ -77,7 +77,7 @@ def _parts(budget: BudgetEntry, targets: str) -> Iterator[Part]:
         f"The parameters' uncertainty leaves {_covered(budget.calibration)} ({targets})",
         label="95 of 100",
     )
-    if any(row.part_of == "arm" for row in budget.rows):
+    if any(row.part_of != "calibration" for row in budget.rows):
         yield Sentence(f"with what the arm and the model's lacks add, {_covered(budget.total)}")
     yield Table(_ROWS, budget.rows, "Uncertainty budget", _CAPTION)
     yield Detail((Table(_EVALUATED, budget.rows, "How each source was evaluated", fold=True),))

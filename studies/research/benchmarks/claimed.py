@@ -122,7 +122,7 @@ def missed_by_commands(
     targets: calib.Poses,
     rng: np.random.Generator,
 ) -> float:
-    """RMS distance, m, of one approach by corrected commands from the arm of the file as it was placed."""
+    """RMS distance, m, of one approach by corrected commands from the placed arm of the file."""
     (base,) = found.bases.values()
     R = Rotation.from_rotvec(base[3:]).as_matrix()
     wanted = day.nominal(targets.q, found.marker_positions, R, base[:3])

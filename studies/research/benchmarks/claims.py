@@ -64,7 +64,9 @@ _LACKING = {
     "enough asks": "enough: run posecal diagnose",
     "compensate asks": "compensate: run posecal diagnose",
 }
-SENTENCES |= {f"lacking {kind} {key}": f"{kind}: {said}" for kind in KINDS for key, said in _LACKING.items()}
+SENTENCES |= {
+    f"lacking {kind} {key}": f"{kind}: {said}" for kind in KINDS for key, said in _LACKING.items()
+}
 _SCATTERS = (0.0, 0.01)  # mm
 
 

@@ -214,7 +214,10 @@ def _at(
     rng: np.random.Generator | None = None,
     moved: Array | None = None,
 ) -> State:
-    """The weightless arm at joints, each approached once where it scatters; moved : (N, 6), its base."""
+    """The weightless arm at joints, each approached once where it scatters.
+
+    moved : ndarray, shape (N, 6), displacement of its base
+    """
     action = Action.none(mechanism.arm, len(q), len(mechanism.markers))
     if moved is not None:
         action.twist[:, 0] += moved

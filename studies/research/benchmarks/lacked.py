@@ -34,8 +34,8 @@ _JOINTS = (1, 2)  # that move the tip farthest
 _HARMONIC, _RIPPLE = (60e-6, 300e-6), (40e-6, 200e-6)  # rad
 _CYCLES = (30, 120)  # of a ripple, a turn
 _SAG = (100e-6, 600e-6)  # rad, that a compliance adds where the joint bears most
-_WARMS = (20e-6, 20e-6)  # m and rad, standard deviations of how far the base goes
-_TAU = (0.3, 2.0)  # h
+_WARMS = (30e-6, 30e-6)  # m and rad, standard deviations of how far the base goes
+_TAU = (0.5, 3.0)  # h
 _GOAL = 1.001  # times the smallest that is called reached
 
 Truth = Callable[[Array], Array]
@@ -61,7 +61,8 @@ def _said(kind: str, day: Day, rng: np.random.Generator) -> list[Said]:
     with TemporaryDirectory() as name:
         cell, data, targets = read(Path(name) / "day", day)
         answer = enough(cell, data)
-        assert answer.found is not None
+        if answer.found is None:
+            raise RuntimeError(answer.why)
         now, came = answer.steps[0], rms(answer.found.predict(targets) - day.approached)
         goal = now.task_most * _GOAL
         commands = calib.compensate(cell, answer.found, targets)
@@ -132,5 +133,5 @@ KINDS: dict[str, Callable[[np.random.Generator, str], tuple[Truth, Floor | None]
     "harmonic": _harmonic,
     "ripple": _ripple,
     "compliance": _compliance,
-    "nothing": lambda rng, arm: (np.copy, None),
+    "nothing": lambda *_: (np.copy, None),
 }

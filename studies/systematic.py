@@ -30,8 +30,8 @@ def moves_on(by_then_mm: float, an_hour_later_mm: float | None, after_h: float |
     if after_h is None:
         return (
             f"The readings moved through the day, by {mm(by_then_mm)} at its end and "
-            f"{mm(an_hour_later_mm)} an hour later: the error holds for the end of the day. Run `posecal "
-            "diagnose`, or say when the targets come, by [design] targets_after_h"
+            f"{mm(an_hour_later_mm)} an hour later: the error holds for the end of the day. Run "
+            "`posecal diagnose`, or say when the targets come, by [design] targets_after_h"
         )
     return (
         f"The readings moved through the day: {after_h:g} h after the last one this makes "

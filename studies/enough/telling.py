@@ -34,6 +34,7 @@ _SOURCES = {
     "residual": "from the residual of the data so far",
 }
 
+_LACKS = {True: "what the model lacks", False: "what poses missed that the fit was without"}
 _SCATTERS = {"arm": "the arm's scatter", "undecided": "the arm's scatter, or what the model lacks"}
 
 
@@ -102,7 +103,7 @@ def _beyond_reach(lacking: Lacking) -> str:
     """Why no number of poses meets a goal, and what to do: the largest of what no pose lowers."""
     largest = max(lacking.scatter_mm, lacking.unexplained_mm, lacking.trend_mm)
     if largest == lacking.unexplained_mm:
-        return lacks(largest)
+        return lacks(largest) if lacking.unexplained_surely else _by_chance(lacking)
     if largest == lacking.trend_mm:
         return "the readings moved through the day"
     if lacking.scatter_of == "arm":
@@ -113,14 +114,20 @@ def _beyond_reach(lacking: Lacking) -> str:
     )
 
 
+def _by_chance(lacking: Lacking) -> str:
+    return (
+        f"{lacking.unexplained_from} miss by {mm(lacking.unexplained_mm)} more than they should, which "
+        "may be chance. Measure some poses more and hold them out"
+    )
+
+
 def _systematic(record: EnoughRecord) -> Iterator[Sentence]:
     """What more poses do not lower, and goes on."""
     lacking = record.lacking
     said = record.goal_beyond_reach and lacking.unexplained_mm >= lacking.scatter_mm
-    if counts(lacking.unexplained_mm, record.now.task_rms_mm) and not said:
-        yield Sentence(
-            f"More poses will not lower it all: {lacks(lacking.unexplained_mm)}.", "warn"
-        )
+    worth = lacking.unexplained_surely and counts(lacking.unexplained_mm, record.now.task_rms_mm)
+    if worth and not said:
+        yield Sentence(f"More poses will not lower it: {lacks(lacking.unexplained_mm)}.", "warn")
     if lacking.trend_mm:
         later, after = lacking.trend_an_hour_later_mm, lacking.targets_after_h
         yield Sentence(f"{moves_on(lacking.trend_mm, later, after)}.", "warn")
@@ -161,7 +168,7 @@ def _shares(record: EnoughRecord) -> Iterator[Sentence]:
     lacking = record.lacking
     parts = {
         _SCATTERS[lacking.scatter_of]: lacking.scatter_mm,
-        "what the model lacks": lacking.unexplained_mm,
+        _LACKS[lacking.unexplained_surely]: lacking.unexplained_mm,
         "the trend of the day": lacking.trend_mm,
     }
     said = [f"{mm(value)} {name}" for name, value in parts.items() if value]

@@ -17,6 +17,14 @@ def lacks(lacking_mm: float) -> str:
     return f"the model lacks something systematic of {mm(lacking_mm)}. Run `posecal diagnose`"
 
 
+def undecided(scatter_mm: float) -> str:
+    """That arm and model are not told apart, and what to do."""
+    return (
+        f"{mm(scatter_mm)} from pose to pose are of the arm, or of what the model lacks. Run `posecal "
+        "diagnose`, or approach some poses again, which tells"
+    )
+
+
 def moves_on(by_then_mm: float, an_hour_later_mm: float | None, after_h: float | None) -> str:
     """That the readings moved through the day, for when the figures hold, and what to do.
 

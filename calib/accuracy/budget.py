@@ -17,7 +17,7 @@ from calib.arrays import Array, stacked
 from calib.compensation.estimate import Estimate
 from calib.compensation.unexplained import scatter_at
 from calib.identification import Identification
-from calib.model.covariance import working_points
+from calib.model.covariance import half, working_points
 from calib.poses import Poses
 from calib.uncertainty.expanded import coverage_factor, directions, effective_freedom
 from calib.uncertainty.freedom import freedom
@@ -161,13 +161,13 @@ def of_calibration(found: Identification, targets: Poses, weights: Array) -> Ite
     noise = found.noise
     sigma = noise.sigma * found.footprint
     told = noise.source == "cell" and found.freedom == np.inf
-    spread = _spread(J @ _half(found.covariance))
+    spread = _spread(J @ half(found.covariance))
     yield Part(
         "readings, each by itself", "B" if told else "A", spread, anew(spread), found.freedom,
         stated=sigma, at_reading=sigma * _numbers(found), basis=_NOISE,
     )  # fmt: skip
     if found.ignorance.any():
-        spread = _spread(J @ _half(found.ignorance))
+        spread = _spread(J @ half(found.ignorance))
         yield Part("values that the poses do not tell", "B", spread, anew(spread), np.inf)
     for one in found.common:
         error, spread = one.error, _spread(one.at(model, values, J, targets))
@@ -230,13 +230,6 @@ def _alike(variances: Array, M: int) -> Array:
     return np.asarray(
         np.sqrt(variances / 3.0)[:, None, None] * np.tile(np.eye(3), (M, 1)) / np.sqrt(M)
     )
-
-
-def _half(covariance: Array) -> Array:
-    """H with ``H H^T`` the covariance, without the directions in which there is nothing."""
-    roots, axes = np.linalg.eigh((covariance + covariance.T) / 2.0)
-    scale = np.sqrt(np.maximum(roots, 0.0))
-    return np.asarray((axes * scale)[:, scale > 0.0])
 
 
 def _numbers(found: Identification) -> float:

@@ -23,7 +23,7 @@ from studies.document import (
     plural,
 )
 from studies.joints import joint_columns
-from studies.systematic import counts, lacks, moves_on
+from studies.systematic import counts, lacks, moves_on, undecided
 
 _MOST = 8  # targets that are worth a line each
 _PLACES = {"markers": "markers", "tip": "tip's origin"}
@@ -54,6 +54,8 @@ def _missing(record: CompensateRecord) -> Iterator[Sentence]:
     rms = record.rms_mm
     if counts(rms.unexplained, rms.expected):
         yield Sentence(f"What is expected is an average: {lacks(rms.unexplained)}.", "warn")
+    elif record.scatter_of == "undecided" and counts(rms.scatter, rms.expected):
+        yield Sentence(f"Of what is expected {undecided(rms.scatter)}.", "note")
     if rms.trend:
         said = moves_on(rms.trend, record.trend_an_hour_later_mm, record.targets_after_h)
         yield Sentence(f"{said}.", "warn")

@@ -25,7 +25,7 @@ from studies.document import (
 )
 from studies.enough.pictures import expected_by_pose
 from studies.enough.record import EnoughRecord, Lacking, Parameter, State, Step
-from studies.systematic import counts, lacks, moves_on
+from studies.systematic import counts, lacks, moves_on, undecided
 
 _WEAKEST = 5
 _SOURCES = {
@@ -108,10 +108,7 @@ def _beyond_reach(lacking: Lacking) -> str:
         return "the readings moved through the day"
     if lacking.scatter_of == "arm":
         return f"the arm itself comes back to a pose within {mm(largest)} only"
-    return (
-        f"{mm(largest)} from pose to pose are of the arm, or of what the model lacks. Run `posecal "
-        "diagnose`, or approach some poses again, which tells"
-    )
+    return undecided(largest)
 
 
 def _by_chance(lacking: Lacking) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arm.repeatability import usual_repeatability
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.compensation.unexplained import scatter_at
@@ -40,7 +41,8 @@ def unnoticed(
 ) -> Unnoticed:
     """None where scatter was found, or the cell says how the arm repeats.
 
-    A test leaves out what is not surely there. Whoever promises a bound must not.
+    A test leaves out what is not surely there. Whoever promises a bound must not; but no arm is taken
+    to repeat worse than data sheets of its size say.
     """
     levels = None if found is None else found.levels
     if found is None or levels is None or levels.variances.any or cell.repeatability is not None:
@@ -56,6 +58,8 @@ def unnoticed(
     theta, at = maximised(problem, start, np.array([len(start) - 2, len(start) - 1]))
     theta[-2] += np.sqrt(2.0 / at.information[-2, -2])  # that of the tip's place, known so badly
     own = (theta * problem.units)[-len(none.configuration) :]
+    usual, shown = usual_repeatability(model.robot.reach), scatter.of_tip(own).translation
+    own = own * min(1.0, usual.worst / shown) ** 2  # no arm of this size is worse
     likely = Variances(levels.variances.scale, none.approach, own)
     rms, _ = task_error(np.sqrt(scatter_at(model, values, targets, likely).mean(axis=-1)), weights)
     return Unnoticed(rms, scatter.at(likely).typical(levers) / likely.scale)

@@ -40,7 +40,7 @@ class Part:
     at_reading : float or None, m, RMS by which it moves one reading
     instrument : str, whose common error it is; empty where it is none
     basis : str, the estimate that its variance rests on: parts of one count their freedom once
-    of : whether the calibration brings it, the arm itself, or what the model lacks
+    of : whether the calibration brings it, the arm itself, what the model lacks, or a trend of the day
     """
 
     source: str
@@ -56,7 +56,7 @@ class Part:
     at_reading: float | None = None
     instrument: str = ""
     basis: str = ""
-    of: Literal["calibration", "arm", "model"] = "calibration"
+    of: Literal["calibration", "arm", "model", "trend"] = "calibration"
 
     @property
     def variances(self) -> Array:
@@ -207,7 +207,7 @@ def _of_model(
     if moved_on.any():
         spread = _alike(moved_on**2, M)
         name = "trend of the day, carried on to the targets' time"
-        yield Part(name, "A", spread, np.zeros_like(spread), _behind(found), of="model")
+        yield Part(name, "A", spread, np.zeros_like(spread), _behind(found), of="trend")
 
 
 def _behind(found: Identification) -> float:

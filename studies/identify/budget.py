@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
@@ -33,7 +34,7 @@ class Row(Entry):
     source: str
     instrument: str
     evaluation: Literal["A", "B"]
-    part_of: Literal["calibration", "arm", "model"]
+    part_of: Literal["calibration", "arm", "model", "trend"]
     distribution: str
     divisor: Positive
     stated: Maybe
@@ -68,6 +69,10 @@ class BudgetEntry(Entry):
     calibration: Expanded
     total: Expanded
     probability: Positive
+
+    def of(self, part: str) -> float:
+        """What all rows of one part do at the targets, mm."""
+        return math.hypot(*(row.at_targets_mm for row in self.rows if row.part_of == part))
 
 
 def budget_entry(budget: Budget) -> BudgetEntry:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -38,21 +38,25 @@ class Unexplained:
 class Unseen:
     """What poses showed that the fit was without, 3-D RMS per point, m.
 
-    rms : less the instrument's noise; lacking : less what the parameters' uncertainty adds there, too;
-        where that may be chance, by the readings that it leaves certain
+    rms : less the instrument's noise; lacking : less what the parameters' uncertainty adds there, too
     unexplained : less the arm's scatter, too, zero where that may be chance; source : str, which poses
+    certain : ``lacking``; where that may be chance, by the readings that the parameters leave certain
     """
 
     rms: float
     lacking: float
     unexplained: float
     source: str
+    certain: float = 0.0
 
     def times(self, factor: float) -> Unseen:
         """The same in another unit."""
-        return Unseen(
-            self.rms * factor, self.lacking * factor, self.unexplained * factor, self.source
-        )
+        lengths = {
+            field.name: factor * getattr(self, field.name)
+            for field in fields(self)
+            if field.name != "source"
+        }
+        return replace(self, **lengths)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,15 +234,14 @@ def _unseen(fit: Fitted, data: Measurements, off: Array, spread: Array, source: 
         float(max(0.0, (error - known)[seen].mean())) for known in (noise, noise + share, expected)
     )
     certain, chance = _excess(off[told], spread[told], fit.sigma)
-    if chance:
-        lacking = max(0.0, certain * float(told.sum() / seen.sum()))
+    certain = max(0.0, certain * float(told.sum() / seen.sum())) if chance else lacking
     if fit.variances is not None and fit.variances.any:
         surely = _beyond(error, expected, seen, data.poses.configuration)
     else:
         numbers = np.broadcast_to(fit.lengths.sum(axis=-1), seen.shape)[seen]
         surely = refuted(float((numbers * error[seen] / expected[seen]).sum()), int(numbers.sum()))
-    rms, lacking, excess = np.sqrt([rms, lacking, excess * surely]).tolist()
-    return Unseen(rms, lacking, excess, source)
+    rms, lacking, excess, certain = np.sqrt([rms, lacking, excess * surely, certain]).tolist()
+    return Unseen(rms, lacking, excess, source, certain)
 
 
 def _excess(off: Array, spread: Array, sigma: float) -> tuple[float, bool]:

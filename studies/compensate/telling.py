@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -52,9 +53,10 @@ def _headline(record: CompensateRecord) -> Sentence:
 def _missing(record: CompensateRecord) -> Iterator[Sentence]:
     """What is expected holds as long as nothing else is missing, and where the day has not ended."""
     rms = record.rms_mm
-    if counts(rms.unexplained, rms.expected):
+    errs = math.hypot(rms.from_parameters, rms.scatter, rms.unexplained, rms.trend)
+    if counts(rms.unexplained, errs):
         yield Sentence(f"What is expected is an average: {lacks(rms.unexplained)}.", "warn")
-    elif record.scatter_of == "undecided" and counts(rms.scatter, rms.expected):
+    elif record.scatter_of == "undecided" and counts(rms.scatter, errs):
         yield Sentence(f"Of what is expected {undecided(rms.scatter)}.", "note")
     if rms.trend:
         said = moves_on(rms.trend, record.trend_an_hour_later_mm, record.targets_after_h)

@@ -108,7 +108,7 @@ def enough(
     targets, weights = targets_of(cell)
     doubt = unnoticed(cell, model, values, found, targets, weights)
     if not lacking.rms:
-        doubt = replace(doubt, at_targets=max(doubt.at_targets, lacking.seen.lacking))
+        doubt = replace(doubt, at_targets=max(doubt.at_targets, lacking.seen.certain))
     regressor = Regressor(cell, model, values, np.diag(model.sizes))
     at_markers = any(isinstance(e, Tool) for e in model.effects)
     aims = target_rows(regressor, targets, at_markers)

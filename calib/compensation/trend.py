@@ -53,10 +53,10 @@ class Trend:
         return np.asarray(np.sqrt((moved**2).sum(axis=(-1, -2)).mean(axis=-1)))
 
 
-def trend_of(fit: Fitted) -> Trend | None:
+def trend_of(fit: Fitted, sure: float = _SURE) -> Trend | None:
     """The trend of a residual; None where none is shown, nothing tells the time, or the model has one.
 
-    An F test of the best of the functions, each of them tried.
+    sure : p value below which there is one: an F test of the best of the functions, each of them tried
     """
     poses, own = fit.data.poses, fit.model.where(Base)
     timed = any("time" in effect.uses for effect in fit.model.effects)
@@ -65,7 +65,7 @@ def trend_of(fit: Fitted) -> Trend | None:
     taus = np.array(_TAUS) * float(np.ptp(poses.clock))
     grown = -np.expm1(-poses.clock[:, None] / taus)
     rows = _rows(fit, own)
-    found = _regressed(_independent(fit, rows), grown)
+    found = _regressed(_independent(fit, rows), grown, sure)
     if found is None:
         return None
     likely, amplitudes = found
@@ -101,7 +101,7 @@ def _independent(fit: Fitted, rows: _Rows) -> _Rows:
     return _Rows(mixing(rows.r[..., None])[..., 0], mixing(rows.A), mixing(rows.moved))
 
 
-def _regressed(rows: _Rows, grown: Array) -> tuple[Array, Array] | None:
+def _regressed(rows: _Rows, grown: Array, sure: float) -> tuple[Array, Array] | None:
     """How likely each function (m, K) is, and its amplitudes (K, b); None where chance may be all."""
     from scipy.special import fdtrc
 
@@ -120,7 +120,7 @@ def _regressed(rows: _Rows, grown: Array) -> tuple[Array, Array] | None:
     if not rank or dof <= 0:
         return None
     noise = float(r @ r - falls.max()) / dof
-    if len(falls) * float(fdtrc(rank, dof, falls.max() / rank / noise)) > _SURE:
+    if min(1.0, len(falls) * float(fdtrc(rank, dof, falls.max() / rank / noise))) > sure:
         return None
     likely = np.exp(0.5 * (falls - falls.max()) / noise)
     return likely / likely.sum(), np.array(amplitudes)

@@ -52,7 +52,7 @@ from doe.prospect.sufficiency.answer import Enough, Lacking
 from doe.prospect.sufficiency.forecast import Forecast, Step, Told, best_next, open_beside, told
 from doe.prospect.sufficiency.match import match
 from doe.prospect.sufficiency.to_come import whole_day
-from doe.prospect.sufficiency.unnoticed import unnoticed
+from doe.prospect.sufficiency.unnoticed import may_move_on, unnoticed
 
 _SILENT = 1e-9  # of the stated noise: copies scatter by nothing
 _CANDIDATES = 1000
@@ -109,6 +109,8 @@ def enough(
     doubt = unnoticed(cell, model, values, found, targets, weights)
     if not lacking.rms:
         doubt = replace(doubt, at_targets=max(doubt.at_targets, lacking.seen.certain))
+    moving = may_move_on(cell, found, targets, weights)
+    doubt = replace(doubt, at_targets=float(np.hypot(doubt.at_targets, moving)))
     regressor = Regressor(cell, model, values, np.diag(model.sizes))
     at_markers = any(isinstance(e, Tool) for e in model.effects)
     aims = target_rows(regressor, targets, at_markers)

@@ -14,8 +14,9 @@ therefore the distance, in the instrument's frame, between a tool point and its 
 criterion ``task``: at the markers, or at the tip's origin where ``tool`` is not in the model. Base and
 tool count with all their correlations to the rest. Motions of the base with its load or in time are
 the arm's own and are corrected. Where a target says no time of the session it comes after it: what
-warmed up is warm, what jumped stays where it went, and a drift, of which nobody knows how it went on,
-counts as none.
+warmed up is warm, what jumped stays where it went, and a drift in the model, of which nobody knows how
+it went on, counts as none. A trend that is not in the model goes on until the targets' time
+(:mod:`calib.compensation.trend`): that is part of the expected error.
 """
 
 from __future__ import annotations

@@ -134,4 +134,5 @@ KINDS: dict[str, Callable[[np.random.Generator, str], tuple[Truth, Floor | None]
     "ripple": _ripple,
     "compliance": _compliance,
     "nothing": lambda *_: (np.copy, None),
+    "nothing, an hour later": lambda *_: (np.copy, Floor(lambda h: np.zeros((len(h), 6)))),
 }

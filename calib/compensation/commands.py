@@ -82,6 +82,7 @@ class Compensation:
         hour later, None where there is none, or no time
     unexplained : Unexplained, what the model leaves at any pose beside all that
     rest_of : whose what differs from configuration to configuration is
+    after : s after the last reading at which the arm comes to the targets; None where nobody says it
     limited_by : tuple of str, why something is left at a target, "" where nothing is
     notes : tuple of str, what the user should know
 
@@ -103,6 +104,7 @@ class Compensation:
     an_hour_on: Array | None
     unexplained: Unexplained
     rest_of: Owner
+    after: float | None
     limited_by: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -173,6 +175,7 @@ def compensate(
         an_hour_on=estimate.an_hour_on(replace(poses, q=q), after),
         unexplained=estimate.unexplained,
         rest_of=estimate.rest_of,
+        after=cell.design.targets_after,
         limited_by=tuple(str(reason) for part in parts for reason in part[-1]),
         notes=(*estimate.notes, *_notes(estimate, poses, q)),
     )

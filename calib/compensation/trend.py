@@ -42,7 +42,7 @@ class Trend:
 
     def at(self, clock: Array) -> Array:
         """By how much the values are off at times (m,), times the weights' root, shape (m, K, p)."""
-        grown = -np.expm1(-clock[:, None] / self.taus)
+        grown = -np.expm1(-np.maximum(clock, 0.0)[:, None] / self.taus)
         off = self.taken + grown[..., None] * self.moving
         return np.asarray(np.sqrt(self.weights)[:, None] * off)
 

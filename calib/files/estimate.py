@@ -30,6 +30,7 @@ from calib.scatter import Variances
 _LARGEST_FILE = 200_000_000  # bytes
 _LARGEST_VALUE = 1e12  # SI, as in tables: times may count from 1970
 _LARGEST_SQUARE = _LARGEST_VALUE**2  # a spring that nothing showed has a variance of 1e10
+_SHORTEST_TAU = 1e-6  # s
 _LARGEST_TAU = 1e15  # s: a thousand sessions, which is a steady drift
 _KNOT = "compliance@"
 _KEY = ("effect", "where", "name")
@@ -135,7 +136,7 @@ def _trend(entry: Any, count: int) -> Trend | None:
     )
     shape = (len(taus), count)
     fits = weights.shape == taus.shape and taken.shape == moving.shape == shape
-    if not fits or (taus <= 0.0).any() or (weights < 0.0).any():
+    if not fits or (taus < _SHORTEST_TAU).any() or (weights < 0.0).any():
         raise ValueError
     return Trend(taus, weights, taken, moving, float(_numbers(entry["last"])))
 

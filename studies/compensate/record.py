@@ -88,10 +88,8 @@ class CompensateRecord(Record):
         return self
 
 
-def compensate_record(
-    robot: Robot, found: Compensation, made_from: Envelope, after: float | None = None
-) -> CompensateRecord:
-    """The record of a compensation; after : s after the last reading, as the cell says it."""
+def compensate_record(robot: Robot, found: Compensation, made_from: Envelope) -> CompensateRecord:
+    """The record of a compensation."""
     reasons = sorted({*found.limited_by} - {""})
     return CompensateRecord(
         **made_from,
@@ -110,7 +108,7 @@ def compensate_record(
         max_mm=_distances(found, 1.0),
         unexplained_from=found.unexplained.source,
         scatter_of="undecided" if found.rest_of == "undecided" else "arm",
-        targets_after_h=None if after is None else after / _HOUR,
+        targets_after_h=None if found.after is None else found.after / _HOUR,
         trend_an_hour_later_mm=None
         if found.an_hour_on is None
         else found.rms(found.an_hour_on) * _MM,

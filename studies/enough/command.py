@@ -67,6 +67,5 @@ def enough(
     with faults_in(cell_path, readings_of=data_path):
         answer = doe.enough(cell, data, plan, heldout=heldout, goal=goal, seed=seed)
     planned = 0 if plan is None else len(plan)
-    made = envelope(cell.name, inputs, seed)
-    record = enough_record(answer, planned, cell.targets_source, made, cell.design.targets_after)
+    record = enough_record(answer, planned, cell.targets_source, envelope(cell.name, inputs, seed))
     deliver(record, json_path, folder, warnings=warnings)

@@ -152,16 +152,11 @@ class EnoughRecord(Record):
 
 
 def enough_record(
-    answer: Enough,
-    planned: int,
-    targets: str | None,
-    made_from: Envelope,
-    after: float | None = None,
+    answer: Enough, planned: int, targets: str | None, made_from: Envelope
 ) -> EnoughRecord:
     """The record of an answer.
 
     planned : int, poses of the plan; targets : the cell's own, in words
-    after : s after the last reading at which the arm comes to them, as the cell says it
     """
     found, now, coming = answer.found, answer.steps[0], answer.steps[1:]
     return EnoughRecord(
@@ -173,7 +168,7 @@ def enough_record(
         noise=Noise(
             sigma_mm=answer.sigma * _MM, source="cell" if found is None else found.noise.source
         ),
-        lacking=_lacking(answer, after),
+        lacking=_lacking(answer),
         plan=Progress(poses=planned, measured=answer.match.poses, to_measure=len(coming)),
         now=_state(answer.model, now),
         order=tuple(map(_step, coming)),
@@ -187,7 +182,7 @@ def enough_record(
     )
 
 
-def _lacking(answer: Enough, after: float | None) -> Lacking:
+def _lacking(answer: Enough) -> Lacking:
     found = answer.lacking
     return Lacking(
         rms_mm=found.rms * _MM,
@@ -198,7 +193,7 @@ def _lacking(answer: Enough, after: float | None) -> Lacking:
         unexplained_surely=found.surely,
         trend_mm=found.trend * _MM,
         trend_an_hour_later_mm=None if found.an_hour_on is None else found.an_hour_on * _MM,
-        targets_after_h=None if after is None else after / _HOUR,
+        targets_after_h=None if found.after is None else found.after / _HOUR,
         seen=_seen(answer),
     )
 

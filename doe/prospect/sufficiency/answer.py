@@ -28,6 +28,7 @@ class Lacking:
     seen : what poses showed that the fit was without, zero where there are none
     rest_of : whose what differs from configuration to configuration is
     surely : whether what the model lacks is more than chance
+    after : s after the last reading at which the arm comes to the targets; None where nobody says it
     """
 
     scatter: float
@@ -38,6 +39,7 @@ class Lacking:
     seen: Unseen
     rest_of: Owner = "instrument"
     surely: bool = False
+    after: float | None = None
 
     @property
     def of_model(self) -> float:

@@ -218,7 +218,7 @@ def _lacking(
     seen = seen or Unseen(0.0, 0.0, 0.0, "")
     lacking = Lacking(
         rms(own), rms(lacks), rest, rms(trend), None if an_hour_on is None else rms(an_hour_on),
-        seen, rest_of, surely or seen.unexplained > 0.0,
+        seen, rest_of, surely or seen.unexplained > 0.0, cell.design.targets_after,
     )  # fmt: skip
     return lacking, np.sqrt(own**2 + lacks**2 + rest.rms**2 + trend**2)
 

@@ -6,12 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 pytest.importorskip("mujoco")
 
 import calib
 from calib.compensation.estimate import Estimate, estimate_of
+from calib.files.estimate import load_estimate
 from doe.prospect.sufficiency.enough import enough
+from studies.cli import main
 from studies.enough.record import enough_record
 from studies.enough.telling import told
 from studies.record import envelope
@@ -53,6 +56,21 @@ def test_the_trend_is_carried_on(tmp_path: Path) -> None:
     assert max(ratios) < 2.0
 
 
+def test_it_is_handed_on_by_file(tmp_path: Path) -> None:
+    cell, _, known, _ = _known(tmp_path, _warming(0))
+    out = tmp_path / "result.json"
+    run = ["identify", str(cell.path), str(tmp_path / "measurements.csv"), "--json", str(out)]
+    assert CliRunner().invoke(main, run, catch_exceptions=False).exit_code == 0
+    read = load_estimate(cell, out)
+    targets, _ = calib.load_targets(cell, tmp_path / "targets.csv")
+    np.testing.assert_allclose(
+        read.moved_on(targets, _HOUR), known.moved_on(targets, _HOUR), rtol=1e-6
+    )
+    assert read.rest_of == known.rest_of
+    said = calib.compensate(cell, read, targets)
+    np.testing.assert_allclose(said.trend, known.moved_on(targets, _HOUR), rtol=0.02)
+
+
 def test_a_base_that_stands_has_none(tmp_path: Path) -> None:
     """A test of one in a hundred: two of ten days would be one in two hundred."""
     found = [_known(tmp_path, _warming(index, size=0.0))[2].trend for index in range(10)]
@@ -65,7 +83,7 @@ def test_nobody_is_told_to_stop_while_it_goes_on(tmp_path: Path) -> None:
         cell, data, _, came = _known(tmp_path, _warming(2, told_when))
         answer = enough(cell, data, goal=1e-2)
         made = envelope(cell.name, [cell.path], 0)
-        record = enough_record(answer, 0, None, made, cell.design.targets_after)
+        record = enough_record(answer, 0, None, made)
         said = " ".join(sentence.text for sentence in told(record).headline)
         assert record.lacking.trend_mm > 0.0
         assert ("you may stop now" in said) == told_when

@@ -5,7 +5,7 @@ It is read by :func:`calib.files.estimate.load_estimate`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from pydantic import Field
 
@@ -13,6 +13,7 @@ from studies.record import Entry, NotNegative, Number
 
 if TYPE_CHECKING:
     from calib.compensation.estimate import Estimate
+    from calib.compensation.trend import Trend as Known
 
 Row: TypeAlias = tuple[Number, ...]
 
@@ -34,10 +35,24 @@ class Unexplained(Entry):
 
 
 class Scatter(Entry):
-    """Variances of joints, of the tip's translation and of its rotation, rad^2 or m^2."""
+    """Variances of joints, of the tip's translation and of its rotation, rad^2 or m^2.
+
+    configuration_of : whose those of the configurations are
+    """
 
     approach: Row
     configuration: Row
+    configuration_of: Literal["instrument", "arm", "model", "undecided"] = "undecided"
+
+
+class Trend(Entry):
+    """What moves on through the day: ``taken + (1 - exp(-clock / tau)) moving`` for each tau."""
+
+    taus: Row
+    weights: Row
+    taken_si: tuple[Row, ...] = Field(alias="taken_SI")
+    moving_si: tuple[Row, ...] = Field(alias="moving_SI")
+    last: Number
 
 
 class Estimated(Entry):
@@ -49,6 +64,7 @@ class Estimated(Entry):
     session_clock: str = "s"
     unexplained: Unexplained
     scatter_si: Scatter | None = Field(default=None, alias="scatter_SI")
+    trend: Trend | None = None
     undetermined: tuple[str, ...]
     notes: tuple[str, ...]
     converged: bool
@@ -73,8 +89,20 @@ def estimated(estimate: Estimate) -> Estimated:
         else Scatter(
             approach=tuple(variances.approach.tolist()),
             configuration=tuple(variances.configuration.tolist()),
+            configuration_of=estimate.rest_of,
         ),
+        trend=None if estimate.trend is None else _trend(estimate.trend),
         undetermined=estimate.undetermined,
         notes=estimate.notes,
         converged=estimate.converged,
+    )
+
+
+def _trend(trend: Known) -> Trend:
+    return Trend(
+        taus=tuple(trend.taus.tolist()),
+        weights=tuple(trend.weights.tolist()),
+        taken_SI=tuple(map(tuple, trend.taken.tolist())),
+        moving_SI=tuple(map(tuple, trend.moving.tolist())),
+        last=trend.last,
     )

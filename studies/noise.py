@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Literal, TypedDict
+from typing import TYPE_CHECKING, Literal, TypeAlias, TypedDict
 
 from studies.document import FOUR, MM, mm
 from studies.record import Entry, NotNegative, Positive
+
+Owner: TypeAlias = Literal["instrument", "arm", "model", "undecided"]
 
 if TYPE_CHECKING:
     from calib.cell import Repeatability
@@ -22,6 +24,9 @@ class Noise(Entry):
     ``repeatability`` is new at each approach, ``configuration`` differs from pose to pose and comes
     again at the same joints; None where the data cannot tell. Without poses that were approached again,
     and without a figure in the cell, configuration holds both. Earlier versions had one level only.
+
+    configuration_of : whose it is (:mod:`calib.accuracy.pose_to_pose`); None where nobody judged it
+    usual_mm : between what arms of this size repeat by data sheets
     """
 
     sigma_mm: NotNegative
@@ -32,6 +37,8 @@ class Noise(Entry):
     configuration_mm: NotNegative | None = None
     configuration_urad: NotNegative | None = None
     instrument_seen: bool | None = None
+    configuration_of: Owner | None = None
+    usual_mm: tuple[NotNegative, NotNegative] | None = None
 
     @property
     def scatters(self) -> bool:
@@ -49,6 +56,13 @@ class Noise(Entry):
     def lacks(self) -> bool:
         """Whether more is left than the instrument's noise as stated: the diagnosis may know why."""
         return self.source == "residual" or self.scatters
+
+    @property
+    def missing(self) -> bool:
+        """Whether the residual speaks for something that the model lacks, and not for who reads."""
+        louder = self.source == "residual" and self.sigma_mm > self.believed_sigma_mm
+        alone = louder and not self.scatters and not self.instrument_seen
+        return self.configuration_of == "model" or alone
 
     @property
     def instrument_mm(self) -> float:
@@ -69,22 +83,30 @@ class ByLevel(TypedDict):
     configuration_mm: float | None
     configuration_urad: float | None
     instrument_seen: bool
+    configuration_of: Owner | None
+    usual_mm: tuple[float, float] | None
 
 
-def by_level(levels: Levels | None, scatter: Scatter | None) -> ByLevel:
-    """The levels that an identification or a diagnosis found."""
-    again = fixed = None
-    if levels is not None and scatter is not None:
-        v = levels.variances
-        if levels.approaches or v.approach.any():
-            again = scatter.of_tip(v.approach)
-        fixed = scatter.of_tip(v.configuration)
+def by_level(levels: Levels | None, scatter: Scatter | None, reach: float | None = None) -> ByLevel:
+    """The levels that an identification or a diagnosis found.
+
+    reach : m, of the arm, by which it is judged whose they are
+    """
+    from calib.accuracy.pose_to_pose import pose_to_pose
+    from calib.cell import Repeatability
+
+    found = pose_to_pose(levels, scatter, 1.0 if reach is None else reach)
+    fixed = found.rest
+    if fixed is None and levels is not None and scatter is not None:
+        fixed = Repeatability(0.0, 0.0)
     return ByLevel(
-        repeatability_mm=_moved(again),
-        repeatability_urad=_turned(again),
+        repeatability_mm=_moved(found.arm),
+        repeatability_urad=_turned(found.arm),
         configuration_mm=_moved(fixed),
         configuration_urad=_turned(fixed),
         instrument_seen=scatter is not None and levels is not None and levels.instrument_seen,
+        configuration_of=None if reach is None else found.of,
+        usual_mm=None if reach is None else (found.usual.best * _MM, found.usual.worst * _MM),
     )
 
 
@@ -123,9 +145,17 @@ def _arm(noise: Noise) -> Iterator[str]:
         both = _both(noise.repeatability_mm, noise.repeatability_urad)
         yield f"arm {both} from approach to approach"
     if noise.configuration_mm or noise.configuration_urad:
-        what = "that no model follows" if again else "of the arm or of what the model lacks"
+        of_model = again or noise.configuration_of == "model"
+        what = (
+            "that the model does not follow"
+            if of_model
+            else "of the arm or of what the model lacks"
+        )
         both = _both(noise.configuration_mm, noise.configuration_urad)
         yield f"{both} from pose to pose {what}"
+    if noise.configuration_of == "model" and not again and noise.usual_mm is not None:
+        low, high = noise.usual_mm
+        yield f"assumed: arms of this size repeat to {mm(low)} to {mm(high)} by data sheets"
 
 
 def _both(moved_mm: float | None, turned_urad: float | None) -> str:
@@ -144,5 +174,5 @@ def _untold(noise: Noise) -> Iterator[str]:
             "these data cannot tell the instrument from the arm and the model: measure more markers, "
             "or read poses twice"
         )
-    elif noise.repeatability_mm is None and noise.configuration_mm:
+    elif noise.repeatability_mm is None and noise.configuration_mm and not noise.missing:
         yield "these data cannot tell the arm from the model: approach some poses again"

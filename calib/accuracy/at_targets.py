@@ -46,9 +46,10 @@ def accuracy_at_targets(
 ) -> Accuracy:
     """The accuracy to expect at the cell's targets.
 
-    estimate : of the same identification, for what the arm itself adds in the budget
+    estimate : of the same identification, for what the arm and the model's lacks add in the budget
     """
     targets, weights = targets_of(cell)
-    budget = budget_of(found, estimate, targets, weights)
+    after = cell.design.targets_after or 0.0
+    budget = budget_of(found, estimate, targets, weights, after)
     source = cell.targets_source or f"{len(targets)} Sobol poses within the limits"
     return Accuracy(targets, budget, combined(budget.calibration, weights), source)

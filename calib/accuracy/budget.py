@@ -17,7 +17,7 @@ from calib.arrays import Array, stacked
 from calib.compensation.estimate import Estimate
 from calib.compensation.unexplained import scatter_at
 from calib.identification import Identification
-from calib.model.covariance import working_points
+from calib.model.covariance import half, working_points
 from calib.poses import Poses
 from calib.uncertainty.expanded import coverage_factor, directions, effective_freedom
 from calib.uncertainty.freedom import freedom
@@ -40,6 +40,7 @@ class Part:
     at_reading : float or None, m, RMS by which it moves one reading
     instrument : str, whose common error it is; empty where it is none
     basis : str, the estimate that its variance rests on: parts of one count their freedom once
+    of : whether the calibration brings it, the arm itself, what the model lacks, or a trend of the day
     """
 
     source: str
@@ -55,6 +56,7 @@ class Part:
     at_reading: float | None = None
     instrument: str = ""
     basis: str = ""
+    of: Literal["calibration", "arm", "model", "trend"] = "calibration"
 
     @property
     def variances(self) -> Array:
@@ -92,15 +94,15 @@ class Expected:
 
 @dataclass(frozen=True, eq=False)
 class Budget:
-    """calibration, arm : parts that the parameters, and that the arm itself, bring to each target."""
+    """calibration, beside : parts that the parameters bring to each target, and all others."""
 
     calibration: tuple[Part, ...]
-    arm: tuple[Part, ...]
+    beside: tuple[Part, ...]
     weights: Array
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        return self.calibration + self.arm
+        return self.calibration + self.beside
 
     def rms(self, part: Part) -> float:
         """A part's standard uncertainty over the targets, m."""
@@ -113,14 +115,22 @@ class Budget:
 
 
 def budget_of(
-    found: Identification, estimate: Estimate | None, targets: Poses, weights: Array
+    found: Identification,
+    estimate: Estimate | None,
+    targets: Poses,
+    weights: Array,
+    after: float = 0.0,
 ) -> Budget:
     """The budget of an identification at targets; weights : ndarray, shape (m,).
 
-    estimate : of the same, for what the arm adds; without it that is left out
+    estimate : of the same, for what the arm and the model's lacks add; without it that is left out
+    after : s after the last reading at which the arm comes to the targets
     """
-    arm = () if estimate is None else tuple(_of_arm(found, estimate, targets))
-    return Budget(tuple(of_calibration(found, targets, weights)), arm, weights)
+    calibration = tuple(of_calibration(found, targets, weights))
+    if estimate is None:
+        return Budget(calibration, (), weights)
+    beside = (*_of_arm(found, estimate, targets), *_of_model(found, estimate, targets, after))
+    return Budget(calibration, beside, weights)
 
 
 def combined(parts: Sequence[Part], weights: Array) -> Expected:
@@ -151,13 +161,13 @@ def of_calibration(found: Identification, targets: Poses, weights: Array) -> Ite
     noise = found.noise
     sigma = noise.sigma * found.footprint
     told = noise.source == "cell" and found.freedom == np.inf
-    spread = _spread(J @ _half(found.covariance))
+    spread = _spread(J @ half(found.covariance))
     yield Part(
         "readings, each by itself", "B" if told else "A", spread, anew(spread), found.freedom,
         stated=sigma, at_reading=sigma * _numbers(found), basis=_NOISE,
     )  # fmt: skip
     if found.ignorance.any():
-        spread = _spread(J @ _half(found.ignorance))
+        spread = _spread(J @ half(found.ignorance))
         yield Part("values that the poses do not tell", "B", spread, anew(spread), np.inf)
     for one in found.common:
         error, spread = one.error, _spread(one.at(model, values, J, targets))
@@ -169,20 +179,35 @@ def of_calibration(found: Identification, targets: Poses, weights: Array) -> Ite
 
 
 def _of_arm(found: Identification, estimate: Estimate, targets: Poses) -> Iterator[Part]:
-    """What comes on top at each target: the arm's scatter, and what the model lacks."""
-    variances = scatter_at(estimate.model, estimate.values, targets, estimate.variances)
-    m, M = variances.shape
+    """How the arm scatters; with what these data do not tell from the model's lacks."""
+    variances = scatter_at(estimate.model, estimate.values, targets, estimate.arm)
     if variances.any():
-        spread = _alike(variances.mean(axis=-1), M)
+        spread = _alike(variances.mean(axis=-1), variances.shape[1])
         shown = found.levels is not None and len(found.levels.free) > 0
+        both = estimate.rest_of == "undecided"
         yield Part(
-            "arm, anew at each pose", "A" if shown else "B", spread, spread, found.freedom,
-            basis=_NOISE,
+            "arm or model, from pose to pose" if both else "arm, anew at each pose",
+            "A" if shown else "B", spread, spread, found.freedom, basis=_NOISE, of="arm",
         )  # fmt: skip
-    rest = estimate.unexplained
-    if rest.rms:
-        spread = _alike(np.full(m, rest.rms**2), M)
-        yield Part(f"what the model lacks, by {rest.source}", "A", spread, spread, _behind(found))
+
+
+def _of_model(
+    found: Identification, estimate: Estimate, targets: Poses, after: float
+) -> Iterator[Part]:
+    """What the model lacks: from pose to pose, at poses that the fit was without, and in time."""
+    unfollowed = scatter_at(estimate.model, estimate.values, targets, estimate.unfollowed)
+    rest, M = estimate.unexplained, unfollowed.shape[1]
+    variances = unfollowed.mean(axis=-1) + rest.rms**2
+    if variances.any():
+        by = rest.source if rest.rms else "the fitted poses"
+        spread = _alike(variances, M)
+        name = f"what the model lacks, by {by}"
+        yield Part(name, "A", spread, spread, _behind(found), of="model")
+    moved_on = estimate.moved_on(targets, after)
+    if moved_on.any():
+        spread = _alike(moved_on**2, M)
+        name = "trend of the day, carried on to the targets' time"
+        yield Part(name, "A", spread, np.zeros_like(spread), _behind(found), of="trend")
 
 
 def _behind(found: Identification) -> float:
@@ -205,13 +230,6 @@ def _alike(variances: Array, M: int) -> Array:
     return np.asarray(
         np.sqrt(variances / 3.0)[:, None, None] * np.tile(np.eye(3), (M, 1)) / np.sqrt(M)
     )
-
-
-def _half(covariance: Array) -> Array:
-    """H with ``H H^T`` the covariance, without the directions in which there is nothing."""
-    roots, axes = np.linalg.eigh((covariance + covariance.T) / 2.0)
-    scale = np.sqrt(np.maximum(roots, 0.0))
-    return np.asarray((axes * scale)[:, scale > 0.0])
 
 
 def _numbers(found: Identification) -> float:

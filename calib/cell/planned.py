@@ -71,6 +71,8 @@ class Planned:
     """Defaults of a design.
 
     poses : int or None, how many; levels : dict, joint -> AskedLevels; targets : Targets or None
+    targets_after : float or None, s after the last reading at which the arm comes to them; None where
+        nobody says, which counts as the end of the day
     repeats : bool, whether a pose may be measured more than once
     reference_every : int or None, poses between two readings of a reference
     reapproaches : int or None, poses that are visited again
@@ -81,6 +83,7 @@ class Planned:
     poses: int | None = None
     levels: Mapping[str, AskedLevels] = field(default_factory=dict)
     targets: Targets | None = None
+    targets_after: float | None = None
     repeats: bool = False
     reference_every: int | None = None
     reapproaches: int | None = None

@@ -14,8 +14,9 @@ therefore the distance, in the instrument's frame, between a tool point and its 
 criterion ``task``: at the markers, or at the tip's origin where ``tool`` is not in the model. Base and
 tool count with all their correlations to the rest. Motions of the base with its load or in time are
 the arm's own and are corrected. Where a target says no time of the session it comes after it: what
-warmed up is warm, what jumped stays where it went, and a drift, of which nobody knows how it went on,
-counts as none.
+warmed up is warm, what jumped stays where it went, and a drift in the model, of which nobody knows how
+it went on, counts as none. A trend that is not in the model goes on until the targets' time
+(:mod:`calib.compensation.trend`): that is part of the expected error.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from calib.accuracy.pose_to_pose import Owner
 from calib.api import Plan, poses_of
 from calib.arm.kinematics import forward
 from calib.arm.se3 import rotate, so3_log
@@ -74,8 +76,13 @@ class Compensation:
     turn_before, turn_left : ndarray, shape (m,), rad, the same of the orientation
     spread : ndarray, shape (m,), m, standard error that the parameters' uncertainty leaves
     scatter : ndarray, shape (m,), m, by how much the arm errs anew at each target, as far as the data
-        or the cell say it
+        or the cell say it; what they do not tell from what the model lacks counts here
+    unfollowed : ndarray, shape (m,), m, what the model does not follow from pose to pose
+    trend : ndarray, shape (m,), m, how far the trend of the day will have gone by then; an_hour_on : an
+        hour later, None where there is none, or no time
     unexplained : Unexplained, what the model leaves at any pose beside all that
+    rest_of : whose what differs from configuration to configuration is
+    after : s after the last reading at which the arm comes to the targets; None where nobody says it
     limited_by : tuple of str, why something is left at a target, "" where nothing is
     notes : tuple of str, what the user should know
 
@@ -92,7 +99,12 @@ class Compensation:
     turn_left: Array
     spread: Array
     scatter: Array
+    unfollowed: Array
+    trend: Array
+    an_hour_on: Array | None
     unexplained: Unexplained
+    rest_of: Owner
+    after: float | None
     limited_by: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -104,8 +116,13 @@ class Compensation:
     @property
     def expected(self) -> Array:
         """Error expected to remain at each target, shape (m,), m."""
-        known = self.left**2 + self.spread**2 + self.scatter**2
-        return np.asarray(np.sqrt(known + self.unexplained.rms**2))
+        known = self.left**2 + self.spread**2 + self.scatter**2 + self.trend**2
+        return np.asarray(np.sqrt(known + self.lacking**2))
+
+    @property
+    def lacking(self) -> Array:
+        """What the model does not explain at each target, shape (m,), m."""
+        return np.hypot(self.unfollowed, self.unexplained.rms)
 
     def rms(self, distances: Array) -> float:
         """Weighted root mean square over the targets, m."""
@@ -137,8 +154,9 @@ def compensate(
     poses = replace(with_moves(poses), start=estimate.start, order=None)
     model = replace(estimate.model, robot=replace(estimate.model.robot, limits=cell.robot.limits))
     blocks = np.array_split(np.arange(len(poses)), -(-len(poses) // _BLOCK))
-    parts = [_block(replace(estimate, model=model), poses.take(block)) for block in blocks]
-    q, before, left, turn_before, turn_left, spread, scatter = (
+    after, known = cell.design.targets_after or 0.0, replace(estimate, model=model)
+    parts = [_block(known, poses.take(block), after) for block in blocks]
+    q, before, left, turn_before, turn_left, spread, scatter, unfollowed, trend = (
         np.concatenate(column) for column in zip(*(part[:-1] for part in parts), strict=True)
     )
     return Compensation(
@@ -152,7 +170,12 @@ def compensate(
         turn_left=turn_left,
         spread=spread,
         scatter=scatter,
+        unfollowed=unfollowed,
+        trend=trend,
+        an_hour_on=estimate.an_hour_on(replace(poses, q=q), after),
         unexplained=estimate.unexplained,
+        rest_of=estimate.rest_of,
+        after=cell.design.targets_after,
         limited_by=tuple(str(reason) for part in parts for reason in part[-1]),
         notes=(*estimate.notes, *_notes(estimate, poses, q)),
     )
@@ -193,8 +216,8 @@ def _check(cell: Cell, poses: Poses, weights: Array) -> None:
     check_targets(cell, poses)
 
 
-def _block(estimate: Estimate, poses: Poses) -> tuple[Array, ...]:
-    """(q, before, left, turn before, turn left, spread, scatter, reasons) of some targets."""
+def _block(estimate: Estimate, poses: Poses, after: float) -> tuple[Array, ...]:
+    """(q, before, left, turn before, turn left, spread, scatter, unfollowed, trend, reasons)."""
     model, values = estimate.model, estimate.values
     working = working_points(model)
     points = working.marker_positions(values)
@@ -204,12 +227,17 @@ def _block(estimate: Estimate, poses: Poses) -> tuple[Array, ...]:
     found = reach(model, values, poses, Goal(R, o, points))
     before, turn_before = _distance(R, o, now.R[:, -1], now.o[:, -1], points)
     left, turn_left = _distance(R, o, found.R, found.o, points)
-    spread = _spread(estimate, replace(poses, q=found.q))
-    scatter = np.sqrt(
-        scatter_at(model, values, replace(poses, q=found.q), estimate.variances).mean(axis=-1)
-    )
+    there = replace(poses, q=found.q)
+    errs = [
+        _spread(estimate, there),
+        *(
+            np.sqrt(scatter_at(model, values, there, own).mean(axis=-1))
+            for own in (estimate.arm, estimate.unfollowed)
+        ),
+        estimate.moved_on(there, after),
+    ]
     reasons = _reasons(model, found, (left > _NOTHING) | (turn_left > _NOTHING))
-    return found.q, before, left, turn_before, turn_left, spread, scatter, np.array(reasons)
+    return found.q, before, left, turn_before, turn_left, *errs, np.array(reasons)
 
 
 def _distance(R: Array, o: Array, R_is: Array, o_is: Array, points: Array) -> tuple[Array, Array]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, stacked
 from calib.diagnosis.screen import refuted
 from calib.model import Model
-from calib.model.covariance import working_points
+from calib.model.covariance import half, working_points
 from calib.noise import counted, unwhitened
 from calib.poses import Measurements, Poses
 from calib.poses.moves import in_order
@@ -17,6 +17,7 @@ from calib.scatter import Variances, scatter_of
 from calib.scatter.poses import by_size
 
 _ENDS = (1 / 3, 1 / 5, 1 / 10)  # of the readings; the largest that the others can do without
+_SURELY = 2.33  # standard deviations: once in a hundred by chance
 _NOTHING = 1e-30  # m^2: an error that rounding makes
 _FREE = 1e-4  # of a row's freedom: less, and nothing but its own configuration tells of it
 
@@ -39,18 +40,23 @@ class Unseen:
 
     rms : less the instrument's noise; lacking : less what the parameters' uncertainty adds there, too
     unexplained : less the arm's scatter, too, zero where that may be chance; source : str, which poses
+    certain : ``lacking``; where that may be chance, by the readings that the parameters leave certain
     """
 
     rms: float
     lacking: float
     unexplained: float
     source: str
+    certain: float = 0.0
 
     def times(self, factor: float) -> Unseen:
         """The same in another unit."""
-        return Unseen(
-            self.rms * factor, self.lacking * factor, self.unexplained * factor, self.source
-        )
+        lengths = {
+            field.name: factor * getattr(self, field.name)
+            for field in fields(self)
+            if field.name != "source"
+        }
+        return replace(self, **lengths)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,8 +133,9 @@ def left_held_out(fit: Fitted, heldout: Measurements) -> Unexplained:
 
 def at_held_out(fit: Fitted, heldout: Measurements) -> Unseen:
     """What poses show that the parameters never saw, at least one point of them seen."""
-    error, share = _shares(fit, heldout)
-    return _unseen(fit, heldout, error, share, "held-out poses")
+    points, J = fit.model.jacobian(fit.values, heldout.poses)
+    off = fit.model.readout.difference(heldout.readings, points)
+    return _unseen(fit, heldout, off, J @ half(fit.covariance), "held-out poses")
 
 
 def at_ends(fit: Fitted) -> Unseen | None:
@@ -139,25 +146,36 @@ def at_ends(fit: Fitted) -> Unseen | None:
     readings F that are left out miss by ``r_F + Q_F (I - Q_F^T Q_F)^-1 Q_F^T r_F``. The worse end
     counts.
     """
-    _, share = _shares(fit, fit.data)
     r, Q = _projected(fit)
     order, found = in_order(fit.data.poses), []
-    for own in (order, order[::-1]):
-        for part in _ENDS:
-            end = np.sort(own[: round(part * len(own))])
-            F = stacked(Q[end])
-            rest = np.eye(F.shape[-1]) - F.T @ F
-            if not len(end) or np.linalg.eigvalsh(rest).min(initial=1.0) < _FREE:
-                continue
-            more = np.linalg.solve(rest, F.T)
-            missed = (r[end].ravel() + F @ (more @ r[end].ravel())).reshape(r[end].shape)
-            off = unwhitened(fit.weights[end], missed.reshape(fit.weights[end].shape[:-1]))
-            growth = (F * more.T).sum() / max(float((F**2).sum()), 1e-300)
-            data = fit.data.take(end)
-            error = (off**2 * fit.lengths).sum(axis=-1) * data.seen
-            found.append(_unseen(fit, data, error, growth * share[end], "the ends of the day"))
-            break
+    for way in (order, order[::-1]):
+        parts = (np.sort(way[: round(part * len(way))]) for part in _ENDS)
+        shown = (_without(fit, end, r[end], Q[end]) for end in parts if len(end))
+        found += [one for one in shown if one is not None][:1]
     return max(found, key=lambda one: one.lacking, default=None)
+
+
+def _without(fit: Fitted, end: IntArray, r: Array, Q: Array) -> Unseen | None:
+    """What some readings show by a fit to the others; None where those do not determine the model.
+
+    r, Q : ndarray, shape (n, R) and (n, R, k), of these readings
+    """
+    F = stacked(Q)
+    rest = np.eye(F.shape[-1]) - F.T @ F
+    if np.linalg.eigvalsh(rest).min(initial=1.0) < _FREE:
+        return None
+    grown = np.linalg.solve(np.linalg.cholesky(rest), F.T).T
+    missed = r.ravel() + grown @ (grown.T @ r.ravel())
+    data, W = fit.data.take(end), fit.weights[end]
+    off, *moved = (unwhitened(W, v.reshape(W.shape[:-1])) for v in (missed, *grown.T))
+    spread, told = np.stack(moved, axis=-1), _told(fit, data)
+    # As uncertain as the parameters are, which may follow poses that err as a whole.
+    growth = float((grown**2).sum()) / max(float((F**2).sum()), 1e-300)
+    share = growth * float(_shares(fit, data)[1][fit.told(data)].sum())
+    own = float((spread[told] ** 2).sum())
+    return _unseen(
+        fit, data, off, spread * np.sqrt(share / max(own, 1e-300)), "the ends of the day"
+    )
 
 
 def left_out(fit: Fitted) -> tuple[Array, Array, Mask]:
@@ -195,9 +213,19 @@ def _projected(fit: Fitted) -> tuple[Array, Array]:
     return (r.ravel() - Q @ (Q.T @ r.ravel())).reshape(m, R), Q.reshape(m, R, Q.shape[1])
 
 
-def _unseen(fit: Fitted, data: Measurements, error: Array, share: Array, source: str) -> Unseen:
-    """From squared errors where the fit was without, and what the parameters add, both (m, C)."""
-    seen = fit.told(data)
+def _told(fit: Fitted, data: Measurements) -> Mask:
+    """Which numbers of a data set are lengths that were read, shape (m, C, r)."""
+    return np.asarray(data.seen[..., None] & fit.lengths)
+
+
+def _unseen(fit: Fitted, data: Measurements, off: Array, spread: Array, source: str) -> Unseen:
+    """From errors (m, C, r) where the fit was without.
+
+    spread : ndarray, shape (m, C, r, k), how the parameters move these readings
+    """
+    seen, told = fit.told(data), _told(fit, data)
+    error = (off**2 * told).sum(axis=-1)
+    share = (spread**2 * told[..., None]).sum(axis=(-1, -2))
     expected = np.maximum(_noise(fit) + share + _scatter(fit, data), _NOTHING)
     if not seen.any():
         return Unseen(0.0, 0.0, 0.0, source)
@@ -205,13 +233,31 @@ def _unseen(fit: Fitted, data: Measurements, error: Array, share: Array, source:
     rms, lacking, excess = (
         float(max(0.0, (error - known)[seen].mean())) for known in (noise, noise + share, expected)
     )
+    certain, chance = _excess(off[told], spread[told], fit.sigma)
+    certain = max(0.0, certain * float(told.sum() / seen.sum())) if chance else lacking
     if fit.variances is not None and fit.variances.any:
         surely = _beyond(error, expected, seen, data.poses.configuration)
     else:
         numbers = np.broadcast_to(fit.lengths.sum(axis=-1), seen.shape)[seen]
         surely = refuted(float((numbers * error[seen] / expected[seen]).sum()), int(numbers.sum()))
-    rms, lacking, excess = np.sqrt([rms, lacking, excess * surely]).tolist()
-    return Unseen(rms, lacking, excess, source)
+    rms, lacking, excess, certain = np.sqrt([rms, lacking, excess * surely, certain]).tolist()
+    return Unseen(rms, lacking, excess, source, certain)
+
+
+def _excess(off: Array, spread: Array, sigma: float) -> tuple[float, bool]:
+    """Variance of errors (n,) beyond ``V = sigma^2 I + spread spread^T``, and whether it may be chance.
+
+    spread : ndarray, shape (n, k). One step of Fisher's scoring from none, and its score test: what
+    the parameters leave uncertain counts little.
+    """
+    if not sigma:
+        return float((off**2).mean()), False
+    U, s, _ = np.linalg.svd(spread, full_matrices=False)
+    own, v = (U.T @ off) ** 2, sigma**2 + s**2
+    others, rest = len(off) - len(s), float(off @ off - own.sum())
+    top = ((own - v) / v**2).sum() + (rest - others * sigma**2) / sigma**4
+    bottom = (1.0 / v**2).sum() + others / sigma**4
+    return float(top / bottom), bool(top < _SURELY * np.sqrt(2.0 * bottom))
 
 
 def _shares(fit: Fitted, data: Measurements) -> tuple[Array, Array]:

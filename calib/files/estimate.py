@@ -7,13 +7,15 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, get_args
 
 import numpy as np
 
+from calib.accuracy.pose_to_pose import Owner
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.compensation.estimate import Estimate
+from calib.compensation.trend import Trend
 from calib.compensation.unexplained import Unexplained
 from calib.effects import catalogue
 from calib.effects.gear_ripple import GearRipple
@@ -28,6 +30,8 @@ from calib.scatter import Variances
 _LARGEST_FILE = 200_000_000  # bytes
 _LARGEST_VALUE = 1e12  # SI, as in tables: times may count from 1970
 _LARGEST_SQUARE = _LARGEST_VALUE**2  # a spring that nothing showed has a variance of 1e10
+_SHORTEST_TAU = 1e-6  # s
+_LARGEST_TAU = 1e15  # s: a thousand sessions, which is a steady drift
 _KNOT = "compliance@"
 _KEY = ("effect", "where", "name")
 
@@ -62,7 +66,8 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
             raise ValueError
         clock = str(entry.get("session_clock", "s"))  # of earlier versions in seconds
         rest = Unexplained(float(unexplained) * 1e-3, str(entry["unexplained"]["source"]))
-        variances = _variances(cell, entry.get("scatter_SI"))
+        variances, rest_of = _variances(cell, entry.get("scatter_SI"))
+        trend = _trend(entry.get("trend"), len(values))
         converged = entry["converged"] is True
         undetermined, notes = (
             tuple(map(str, entry["undetermined"])),
@@ -78,8 +83,9 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
         ) from None
     notes = (*notes, *_changed(cell, path, result))
     return Estimate(
-        model, values, cov, float(start), rest, undetermined, notes, converged, variances, clock
-    )
+        model, values, cov, float(start), rest, undetermined, notes, converged, variances, clock,
+        rest_of, trend,
+    )  # fmt: skip
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -108,14 +114,31 @@ def _numbers(entries: Any, largest: float = _LARGEST_VALUE) -> Array:
     return values
 
 
-def _variances(cell: Cell, entry: Any) -> Variances | None:
-    """The arm's scatter; results of earlier versions say nothing of it. Raises ValueError."""
+def _variances(cell: Cell, entry: Any) -> tuple[Variances | None, Owner]:
+    """What errs as a whole, and whose it is; earlier versions say less of it. Raises ValueError."""
     if entry is None:
-        return None
+        return None, "undecided"
     found = [_numbers(entry[key], _LARGEST_SQUARE) for key in ("approach", "configuration")]
     if any(v.shape != (cell.robot.dof + 2,) or (v < 0.0).any() for v in found):
         raise ValueError
-    return Variances(1.0, *found)
+    of: Owner = entry.get("configuration_of", "undecided")
+    if of not in get_args(Owner):
+        raise ValueError
+    return Variances(1.0, *found), of
+
+
+def _trend(entry: Any, count: int) -> Trend | None:
+    """How so many values were off through the day. Raises KeyError, TypeError, ValueError."""
+    if entry is None:
+        return None
+    taus, weights, taken, moving = (
+        _numbers(entry[key], _LARGEST_TAU) for key in ("taus", "weights", "taken_SI", "moving_SI")
+    )
+    shape = (len(taus), count)
+    fits = weights.shape == taus.shape and taken.shape == moving.shape == shape
+    if not fits or (taus < _SHORTEST_TAU).any() or (weights < 0.0).any():
+        raise ValueError
+    return Trend(taus, weights, taken, moving, float(_numbers(entry["last"])))
 
 
 def _model(cell: Cell, keys: list[Key], values: Array, clock: str) -> Model:

@@ -18,6 +18,7 @@ from calib.files import schema
 from calib.files.tables import load_targets
 
 _MM = 1e-3
+_HOUR = 3600.0
 
 
 def planned(path: Path, robot: Robot, table: schema.DesignTable) -> Planned:
@@ -36,6 +37,7 @@ def planned(path: Path, robot: Robot, table: schema.DesignTable) -> Planned:
             joint: _levels(levels, robot.prismatic[robot.joints.index(joint)])
             for joint, levels in table.levels.items()
         },
+        targets_after=None if table.targets_after_h is None else table.targets_after_h * _HOUR,
         repeats=table.repeats,
         reference_every=table.reference_every,
         reapproaches=table.reapproaches,

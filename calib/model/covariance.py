@@ -123,6 +123,13 @@ def ignorance(J: Array, span: Array, sizes: Array, lost: Mask) -> Array:
     return np.asarray(V @ V.T)
 
 
+def half(cov: Array) -> Array:
+    """H (p, k) with ``H H^T`` the covariance (p, p), without directions in which there is nothing."""
+    roots, axes = np.linalg.eigh((cov + cov.T) / 2.0)
+    scale = np.sqrt(np.maximum(roots, 0.0))
+    return np.asarray((axes * scale)[:, scale > 0.0])
+
+
 def _half(J: Array, span: Array) -> Array:
     """H (p, k) with ``H H^T = span (span^T J^T J span)^-1 span^T``."""
     back, scale = _inverse(J @ span)

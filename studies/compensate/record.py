@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from calib.arrays import Array
 
 _MM = 1e3
+_HOUR = 3600.0
 
 
 class Distances(Entry):
@@ -30,11 +31,15 @@ class Distances(Entry):
 
 
 class Rms(Distances):
-    """The same over all targets, and what the expected error consists of beside ``left``."""
+    """The same over all targets, and what the expected error consists of beside ``left``.
+
+    trend : how far the trend of the day will have gone by then
+    """
 
     from_parameters: NotNegative
     scatter: NotNegative
     unexplained: NotNegative
+    trend: NotNegative = 0.0
 
 
 class Target(JointValues):
@@ -49,6 +54,8 @@ class Target(JointValues):
     left_mm: NotNegative
     from_parameters_mm: NotNegative
     scatter_mm: NotNegative
+    unexplained_mm: NotNegative | None = None
+    trend_mm: NotNegative = 0.0
     expected_mm: NotNegative
     turn_before_mrad: NotNegative
     turn_left_mrad: NotNegative
@@ -56,7 +63,12 @@ class Target(JointValues):
 
 
 class CompensateRecord(Record):
-    """Corrected commands, and the error that is expected to remain."""
+    """Corrected commands, and the error that is expected to remain.
+
+    scatter_of : whose the scatter is: what these data do not tell from the model's lacks is undecided
+    targets_after_h : hours after the last reading for which the error holds, where a trend goes on
+    trend_an_hour_later_mm : how far it goes an hour later; None where there is none, or no time
+    """
 
     command: Literal["compensate"] = "compensate"
     errors_at: Literal["markers", "tip"]
@@ -64,6 +76,9 @@ class CompensateRecord(Record):
     p95_mm: Distances
     max_mm: Distances
     unexplained_from: str
+    scatter_of: Literal["arm", "undecided"] = "undecided"
+    targets_after_h: NotNegative | None = None
+    trend_an_hour_later_mm: NotNegative | None = None
     limited: dict[str, Count]
     targets: tuple[Target, ...] = Field(min_length=1)
 
@@ -86,11 +101,17 @@ def compensate_record(robot: Robot, found: Compensation, made_from: Envelope) ->
             expected=found.rms(found.expected) * _MM,
             from_parameters=found.rms(found.spread) * _MM,
             scatter=found.rms(found.scatter) * _MM,
-            unexplained=found.unexplained.rms * _MM,
+            unexplained=found.rms(found.lacking) * _MM,
+            trend=found.rms(found.trend) * _MM,
         ),
         p95_mm=_distances(found, 0.95),
         max_mm=_distances(found, 1.0),
         unexplained_from=found.unexplained.source,
+        scatter_of="undecided" if found.rest_of == "undecided" else "arm",
+        targets_after_h=None if found.after is None else found.after / _HOUR,
+        trend_an_hour_later_mm=None
+        if found.an_hour_on is None
+        else found.rms(found.an_hour_on) * _MM,
         limited={reason: found.limited_by.count(reason) for reason in reasons},
         targets=tuple(_target(robot, found, i) for i in range(len(found.q))),
     )
@@ -123,6 +144,8 @@ def _target(robot: Robot, found: Compensation, i: int) -> Target:
         left_mm=float(found.left[i]) * _MM,
         from_parameters_mm=float(found.spread[i]) * _MM,
         scatter_mm=float(found.scatter[i]) * _MM,
+        unexplained_mm=float(found.lacking[i]) * _MM,
+        trend_mm=float(found.trend[i]) * _MM,
         expected_mm=float(found.expected[i]) * _MM,
         turn_before_mrad=float(found.turn_before[i]) * 1e3,
         turn_left_mrad=float(found.turn_left[i]) * 1e3,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -23,15 +24,20 @@ from studies.document import (
     plural,
 )
 from studies.joints import joint_columns
+from studies.systematic import counts, lacks, moves_on, undecided
 
 _MOST = 8  # targets that are worth a line each
 _PLACES = {"markers": "markers", "tip": "tip's origin"}
+_SCATTERS = {
+    "arm": "the arm errs anew at each pose",
+    "undecided": "from pose to pose, of the arm or not modelled",
+}
 
 
 def told(record: CompensateRecord) -> Document:
     """The error before and after, and the commands that it takes."""
     section = Section("compensation", "Corrected commands", tuple(_parts(record)))
-    return Document((_headline(record),), (section,))
+    return Document((_headline(record), *_missing(record)), (section,))
 
 
 def _headline(record: CompensateRecord) -> Sentence:
@@ -42,6 +48,19 @@ def _headline(record: CompensateRecord) -> Sentence:
         f"{mm(rms.expected)}.",
         "good" if rms.expected < rms.before else "warn",
     )
+
+
+def _missing(record: CompensateRecord) -> Iterator[Sentence]:
+    """What is expected holds as long as nothing else is missing, and where the day has not ended."""
+    rms = record.rms_mm
+    errs = math.hypot(rms.from_parameters, rms.scatter, rms.unexplained, rms.trend)
+    if counts(rms.unexplained, errs):
+        yield Sentence(f"What is expected is an average: {lacks(rms.unexplained)}.", "warn")
+    elif record.scatter_of == "undecided" and counts(rms.scatter, errs):
+        yield Sentence(f"Of what is expected {undecided(rms.scatter)}.", "note")
+    if rms.trend:
+        said = moves_on(rms.trend, record.trend_an_hour_later_mm, record.targets_after_h)
+        yield Sentence(f"{said}.", "warn")
 
 
 def _parts(record: CompensateRecord) -> Iterator[Part]:
@@ -82,8 +101,10 @@ def _errors(record: CompensateRecord) -> Iterator[_Error]:
     yield _Error("  of it: cannot be corrected", rms.left, p95.left, most.left)
     yield _Error("  of it: the parameters' uncertainty", rms.from_parameters)
     if rms.scatter:
-        yield _Error("  of it: the arm errs anew at each pose", rms.scatter)
+        yield _Error(f"  of it: {_SCATTERS[record.scatter_of]}", rms.scatter)
     yield _Error("  of it: not explained by the model", rms.unexplained)
+    if rms.trend:
+        yield _Error("  of it: the trend of the day by then", rms.trend)
 
 
 _POSE: Column[Target] = Column("target", lambda row: row.pose)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from doe.prospect.sufficiency import Step as Forecast
 
 _MM = 1e3
+_HOUR = 3600.0
 
 
 class Noise(Entry):
@@ -45,13 +46,31 @@ class Seen(Entry):
 
 
 class Lacking(Entry):
-    """The error at the targets that no more poses lower."""
+    """The error at the targets that no more poses lower.
+
+    scatter_mm : of ``scatter_of``, the arm, or undecided: the arm or what the model lacks
+    unexplained_mm : what the model lacks, from pose to pose and at poses that the fit was without
+    unexplained_surely : whether that is more than chance
+    trend_mm : how far the trend of the day goes by the targets' time; trend_an_hour_later_mm : and an
+        hour later, None where there is none, or no time
+    """
 
     rms_mm: NotNegative
     scatter_mm: NotNegative
+    scatter_of: Literal["arm", "undecided"] = "undecided"
     unexplained_mm: NotNegative
     unexplained_from: str
+    unexplained_surely: bool = True
+    trend_mm: NotNegative = 0.0
+    trend_an_hour_later_mm: Maybe = None
+    targets_after_h: NotNegative | None = None
     seen: Seen | None = None
+
+    @property
+    def open_end(self) -> bool:
+        """Whether a trend goes on, to a time that nobody said, or that no clock tells."""
+        untold = self.targets_after_h is None
+        return bool(self.trend_mm) and (untold or self.trend_an_hour_later_mm is None)
 
 
 class Progress(Entry):
@@ -149,13 +168,7 @@ def enough_record(
         noise=Noise(
             sigma_mm=answer.sigma * _MM, source="cell" if found is None else found.noise.source
         ),
-        lacking=Lacking(
-            rms_mm=answer.lacking.rms * _MM,
-            scatter_mm=answer.lacking.scatter * _MM,
-            unexplained_mm=answer.lacking.unexplained.rms * _MM,
-            unexplained_from=answer.lacking.unexplained.source,
-            seen=_seen(answer),
-        ),
+        lacking=_lacking(answer),
         plan=Progress(poses=planned, measured=answer.match.poses, to_measure=len(coming)),
         now=_state(answer.model, now),
         order=tuple(map(_step, coming)),
@@ -166,6 +179,22 @@ def enough_record(
         fresh_poses_to_goal=answer.fresh_needed,
         fresh=tuple(map(_step, answer.fresh)),
         pays_until=answer.pays_until,
+    )
+
+
+def _lacking(answer: Enough) -> Lacking:
+    found = answer.lacking
+    return Lacking(
+        rms_mm=found.rms * _MM,
+        scatter_mm=found.scatter * _MM,
+        scatter_of="undecided" if found.rest_of == "undecided" else "arm",
+        unexplained_mm=found.of_model * _MM,
+        unexplained_from=found.unexplained.source,
+        unexplained_surely=found.surely,
+        trend_mm=found.trend * _MM,
+        trend_an_hour_later_mm=None if found.an_hour_on is None else found.an_hour_on * _MM,
+        targets_after_h=None if found.after is None else found.after / _HOUR,
+        seen=_seen(answer),
     )
 
 

@@ -25,6 +25,7 @@ from studies.document import (
 )
 from studies.enough.pictures import expected_by_pose
 from studies.enough.record import EnoughRecord, Lacking, Parameter, State, Step
+from studies.systematic import counts, lacks, moves_on, undecided
 
 _WEAKEST = 5
 _SOURCES = {
@@ -33,11 +34,14 @@ _SOURCES = {
     "residual": "from the residual of the data so far",
 }
 
+_LACKS = {True: "what the model lacks", False: "what poses missed that the fit was without"}
+_SCATTERS = {"arm": "the arm's scatter", "undecided": "the arm's scatter, or what the model lacks"}
+
 
 def told(record: EnoughRecord) -> Document:
     """The answer, and what it rests on."""
     section = Section("progress", "Are the poses enough?", tuple(_parts(record)))
-    return Document((_progress(record), *_goal(record)), (section,))
+    return Document((_progress(record), *_goal(record), *_systematic(record)), (section,))
 
 
 def _progress(record: EnoughRecord) -> Sentence:
@@ -62,22 +66,15 @@ def _goal(record: EnoughRecord) -> Iterator[Sentence]:
 def _reached(record: EnoughRecord) -> tuple[Mood, str]:
     """Whether and when the goal is met, and what to do where it is not."""
     needed, fresh = record.poses_to_goal, record.fresh_poses_to_goal
-    if needed == 0:
-        most = mm(record.now.task_most_mm)
-        return (
-            "good",
-            f"is reached, you may stop now: 19 times in 20 the error is below {most}",
-        )
     if needed is not None:
-        names = ", ".join(step.pose or "" for step in record.order[:needed])
-        return "good", f"is reached after {needed} more: {names}"
+        return _met(record, needed)
     if fresh is not None:
         return "warn", (
             f"is not reached by the end of the plan, but with about {fresh} fresh poses more: "
             f"posecal design CELL --extend PLAN --poses {fresh} chooses them"
         )
     if record.goal_beyond_reach:
-        return "warn", f"is reached by no number of poses: {_beyond_reach(record.lacking)}"
+        return "warn", f"is not reached. More poses will not help: {_beyond_reach(record.lacking)}"
     if record.fresh:
         most = mm(record.fresh[-1].task_most_mm)
         return "warn", (
@@ -90,18 +87,47 @@ def _reached(record: EnoughRecord) -> tuple[Mood, str]:
     )
 
 
+def _met(record: EnoughRecord, needed: int) -> tuple[Mood, str]:
+    """After so many poses. Nobody may stop on a figure that holds for the end of the day alone."""
+    names = ", ".join(step.pose or "" for step in record.order[:needed])
+    after = f"after {needed} more: {names}" if needed else "now"
+    if record.lacking.open_end:
+        return "warn", f"would be met {after}, if nothing moved on"
+    if needed:
+        return "good", f"is reached {after}"
+    most = mm(record.now.task_most_mm)
+    return "good", f"is reached, you may stop now: 19 times in 20 the error is below {most}"
+
+
 def _beyond_reach(lacking: Lacking) -> str:
-    """Why no number of poses meets a goal, and what to do."""
-    if lacking.scatter_mm >= lacking.unexplained_mm:
-        return (
-            f"the arm errs anew by {mm(lacking.scatter_mm)} wherever it goes; posecal diagnose tells "
-            "whether a cause is behind it"
-        )
-    shown = f", as {lacking.unexplained_from} show" if lacking.unexplained_from else ""
+    """Why no number of poses meets a goal, and what to do: the largest of what no pose lowers."""
+    largest = max(lacking.scatter_mm, lacking.unexplained_mm, lacking.trend_mm)
+    if largest == lacking.unexplained_mm:
+        return lacks(largest) if lacking.unexplained_surely else _by_chance(lacking)
+    if largest == lacking.trend_mm:
+        return "the readings moved through the day"
+    if lacking.scatter_of == "arm":
+        return f"the arm itself comes back to a pose within {mm(largest)} only"
+    return undecided(largest)
+
+
+def _by_chance(lacking: Lacking) -> str:
     return (
-        f"what the model lacks is {mm(lacking.unexplained_mm)}{shown}; "
-        "posecal diagnose asks what it is"
+        f"{lacking.unexplained_from} miss by {mm(lacking.unexplained_mm)} more than they should, which "
+        "may be chance. Measure some poses more and hold them out"
     )
+
+
+def _systematic(record: EnoughRecord) -> Iterator[Sentence]:
+    """What more poses do not lower, and goes on."""
+    lacking = record.lacking
+    said = record.goal_beyond_reach and lacking.unexplained_mm >= lacking.scatter_mm
+    worth = lacking.unexplained_surely and counts(lacking.unexplained_mm, record.now.task_rms_mm)
+    if worth and not said:
+        yield Sentence(f"More poses will not lower it: {lacks(lacking.unexplained_mm)}.", "warn")
+    if lacking.trend_mm:
+        later, after = lacking.trend_an_hour_later_mm, lacking.targets_after_h
+        yield Sentence(f"{moves_on(lacking.trend_mm, later, after)}.", "warn")
 
 
 def _parts(record: EnoughRecord) -> Iterator[Part]:
@@ -138,14 +164,15 @@ def _shares(record: EnoughRecord) -> Iterator[Sentence]:
     """What of the expected error more poses lower, and what not; nothing where they lower all."""
     lacking = record.lacking
     parts = {
-        "the arm's scatter": lacking.scatter_mm,
-        "what the model lacks": lacking.unexplained_mm,
+        _SCATTERS[lacking.scatter_of]: lacking.scatter_mm,
+        _LACKS[lacking.unexplained_surely]: lacking.unexplained_mm,
+        "the trend of the day": lacking.trend_mm,
     }
     said = [f"{mm(value)} {name}" for name, value in parts.items() if value]
     if said:
         yield Sentence(
             f"of it {mm(record.now.from_parameters_mm)} from the parameters, and "
-            f"{' and '.join(said)}, which no more poses lower"
+            f"{listed(said)}, which no more poses lower"
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
@@ -33,7 +34,7 @@ class Row(Entry):
     source: str
     instrument: str
     evaluation: Literal["A", "B"]
-    part_of: Literal["calibration", "arm"]
+    part_of: Literal["calibration", "arm", "model", "trend"]
     distribution: str
     divisor: Positive
     stated: Maybe
@@ -68,6 +69,10 @@ class BudgetEntry(Entry):
     calibration: Expanded
     total: Expanded
     probability: Positive
+
+    def of(self, part: str) -> float:
+        """What all rows of one part do at the targets, mm."""
+        return math.hypot(*(row.at_targets_mm for row in self.rows if row.part_of == part))
 
 
 def budget_entry(budget: Budget) -> BudgetEntry:
@@ -107,7 +112,7 @@ def _row(budget: Budget, part: Part, total: float) -> Row:
         source=part.source,
         instrument=part.instrument,
         evaluation=part.evaluation,
-        part_of="calibration" if part in budget.calibration else "arm",
+        part_of=part.of,
         distribution=part.distribution,
         divisor=part.divisor,
         stated=None if part.stated is None else part.stated / part.scale,

@@ -65,19 +65,23 @@ _CAPTION = (
 )
 
 
-def budget_section(budget: BudgetEntry | None, targets: str) -> Iterator[Section]:
-    """How sure a point at a target is; nothing for results of earlier versions."""
+def budget_section(budget: BudgetEntry | None, targets: str, missing: bool) -> Iterator[Section]:
+    """How sure a point at a target is; nothing for results of earlier versions.
+
+    missing : whether the model surely lacks something
+    """
     if budget is not None:
         title = "How sure is a point at a target?"
-        yield Section("budget", title, tuple(_parts(budget, targets)))
+        yield Section("budget", title, tuple(_parts(budget, targets, missing)))
 
 
-def _parts(budget: BudgetEntry, targets: str) -> Iterator[Part]:
+def _parts(budget: BudgetEntry, targets: str, missing: bool) -> Iterator[Part]:
+    sure = "If nothing were missing, the" if missing else "The"
     yield Sentence(
-        f"The parameters' uncertainty leaves {_covered(budget.calibration)} ({targets})",
+        f"{sure} parameters' uncertainty leaves {_covered(budget.calibration)} ({targets})",
         label="95 of 100",
     )
-    if any(row.part_of == "arm" for row in budget.rows):
+    if any(row.part_of != "calibration" for row in budget.rows):
         yield Sentence(f"with what the arm and the model's lacks add, {_covered(budget.total)}")
     yield Table(_ROWS, budget.rows, "Uncertainty budget", _CAPTION)
     yield Detail((Table(_EVALUATED, budget.rows, "How each source was evaluated", fold=True),))

@@ -80,6 +80,11 @@ def told_parameters(record: IdentifyRecord) -> Iterator[Part]:
 
 def _doubts(record: IdentifyRecord) -> Iterator[Sentence]:
     """What a reader of the values should know."""
+    if record.noise.missing:
+        said = (
+            "they hold if nothing is missing; the residual says otherwise: run `posecal diagnose`"
+        )
+        yield Sentence(said, "warn", "intervals")
     for entry in record.unidentifiable:
         yield Sentence(f"{listed(entry.names)}: {entry.reason}", "warn", "not told")
     if record.sizes is not None:

@@ -230,5 +230,5 @@ def _noise(found: Identification) -> IdentifyNoise:
         replicate_sigma_mm=None if again is None else again * noise.believed * mm,
         lack_of_fit_p=noise.lack_of_fit_p,
         degrees_of_freedom=float(noise.dof),
-        **by_level(found.levels, found.scatter),
+        **by_level(found.levels, found.scatter, found.model.robot.reach),
     )

@@ -12,6 +12,7 @@ from studies.identify.errors_told import told_errors
 from studies.identify.of_type import told_of_type
 from studies.identify.parameters_told import told_parameters
 from studies.identify.record import IdentifyRecord
+from studies.systematic import lacks
 from studies.targets import over_the_workspace
 
 
@@ -26,7 +27,7 @@ def told(record: IdentifyRecord) -> Document:
             Section("parameters", "What was identified", tuple(told_parameters(record))),
             *_of_type(record),
             Section("workspace", "Accuracy to expect elsewhere", (workspace,)),
-            *budget_section(record.budget, record.targets),
+            *budget_section(record.budget, record.targets, record.noise.missing),
         ),
     )
 
@@ -51,11 +52,17 @@ def _headline(record: IdentifyRecord) -> Iterator[Sentence]:
     if not converged:
         status = record.status.replace("_", " ").capitalize()
         yield Sentence(f"{status}: {record.advice}.", "warn")
+    noise = record.noise
+    rest = (
+        "that is, if nothing were missing" if noise.missing else "what the model lacks comes on top"
+    )
     yield Sentence(
         f"The uncertainty of the parameters leaves {mm(record.task_rms_mm)} RMS elsewhere, "
-        f"{mm(record.task_worst_mm)} at worst ({record.targets}); what the model lacks comes on top."
+        f"{mm(record.task_worst_mm)} at worst ({record.targets}); {rest}."
     )
-    noise = record.noise
+    lacking = 0.0 if record.budget is None else record.budget.of("model")
+    if lacking:
+        yield Sentence(f"Beside it {lacks(lacking)}.", "warn")
     if noise.source == "residual" and not noise.scatters:
         yield Sentence(
             f"The points scatter by {mm(noise.sigma_mm)} in each coordinate where the instrument "

@@ -58,6 +58,7 @@ sigma_mm = 0.010               # EDIT: one standard deviation of one coordinate;
 [design]                       # what `posecal design` chooses
 poses = 30                     # EDIT: as many as the day allows
 # targets = "targets.csv"      # where accuracy is wanted: joint columns, optional weight
+# targets_after_h = 1.0        # how long after the last reading the arm works there
 # floor_mm = 0.0               # the arm keeps above it; false for none (posecal explain constraints)
 # [[design.obstacle]]          # needs the arm's shape: that of a URDF, or [robot.capsules_mm]
 # type = "halfspace"           # forbidden on the side of its normal

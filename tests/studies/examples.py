@@ -31,6 +31,10 @@ def _enough() -> list[Record]:
     ends = {"rms_mm": 0.04, "source": "the ends of the day", "heldout_mm": None}
     model = {**lacking, "scatter_mm": 0.01, "seen": ends}
     lacking["seen"] = {**ends, "source": "held-out poses", "heldout_mm": 0.05}
+    arm = {**lacking, "scatter_of": "arm"}
+    chance = {**model, "unexplained_from": "the ends of the day", "unexplained_surely": False}
+    moving = {**lacking, "trend_mm": 0.06, "trend_an_hour_later_mm": 0.1}
+    met = {"poses_to_goal": 0, "goal_beyond_reach": False}
     opened = {**old["end"], "unidentifiable": ["a:b.c", "a:b.d"]}
     alone = {"order": [], "plan": {"poses": 0, "measured": 0, "to_measure": 0}, "end": old["now"]}
     return [
@@ -41,7 +45,14 @@ def _enough() -> list[Record]:
         changed("enough", poses_to_goal=3, pays_until=0, end=opened),
         changed("enough", **none, fresh_poses_to_goal=4, pays_until=9),
         changed("enough", **none, goal_beyond_reach=True, lacking=lacking, pays_until=None),
-        changed("enough", **none, goal_beyond_reach=True, lacking=model),
+        *(
+            changed("enough", **none, goal_beyond_reach=True, lacking=own)
+            for own in (model, arm, chance, moving)
+        ),
+        *(
+            changed("enough", **met, lacking={**moving, **own})
+            for own in ({}, {"targets_after_h": 1.0}, {"trend_an_hour_later_mm": None})
+        ),
         changed("enough", **none, fresh=[{**old["order"][0], "pose": "fresh1"}]),
         changed("enough", **none),
         changed("enough", **{**alone, "goal_mm": None, "poses_to_goal": None, "pays_until": 0}),
@@ -56,6 +67,9 @@ def _compensate() -> list[Record]:
         changed("compensate", targets=slid, limited={"singular": 1}),
         changed("compensate", targets=every, limited={}, errors_at="tip",
                 rms_mm={**old["rms_mm"], "scatter": 0.01}),
+        changed("compensate", rms_mm={**old["rms_mm"], "unexplained": 0.5}),
+        changed("compensate", rms_mm={**old["rms_mm"], "scatter": 0.5, "trend": 0.1},
+                trend_an_hour_later_mm=0.2),
     ]  # fmt: skip
 
 

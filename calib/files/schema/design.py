@@ -49,6 +49,7 @@ class DesignTable(Table):
     poses: Count | None = None
     levels: dict[str, LevelsTable] = {}
     targets: str | None = None
+    targets_after_h: NotNegative | None = None
     repeats: Annotated[bool, Strict()] = False
     reference_every: Count | None = None
     reapproaches: Count | None = None

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from calib.accuracy.pose_to_pose import Owner
 from calib.arrays import Array
 from calib.compensation.unexplained import Unexplained, Unseen
 from calib.identification import Identification
@@ -19,18 +20,36 @@ from doe.prospect.sufficiency.match import Match
 class Lacking:
     """The error at the targets that does not average away, RMS, m.
 
-    scatter : the arm errs anew at every target; unexplained : what the model lacks beside it
+    scatter : the arm errs anew at every target; what the data do not tell from the model's lacks counts
+        here
+    unfollowed : what the model does not follow from pose to pose; unexplained : what it lacks beside it
+    trend : how far the trend of the day will have gone when the arm comes to the targets; an_hour_on :
+        and an hour later; None where no clock tells
     seen : what poses showed that the fit was without, zero where there are none
+    rest_of : whose what differs from configuration to configuration is
+    surely : whether what the model lacks is more than chance
+    after : s after the last reading at which the arm comes to the targets; None where nobody says it
     """
 
     scatter: float
+    unfollowed: float
     unexplained: Unexplained
+    trend: float
+    an_hour_on: float | None
     seen: Unseen
+    rest_of: Owner = "instrument"
+    surely: bool = False
+    after: float | None = None
+
+    @property
+    def of_model(self) -> float:
+        """What the model lacks, but for the trend."""
+        return float(np.hypot(self.unfollowed, self.unexplained.rms))
 
     @property
     def rms(self) -> float:
-        """Both."""
-        return float(np.hypot(self.scatter, self.unexplained.rms))
+        """All of it."""
+        return float(np.linalg.norm([self.scatter, self.of_model, self.trend]))
 
 
 @dataclass(frozen=True, eq=False)

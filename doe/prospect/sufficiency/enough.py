@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from calib.accuracy.pose_to_pose import parted
 from calib.api import readings
 from calib.arrays import Array, IntArray, Mask, stacked
 from calib.cell import Cell
 from calib.cell.targets import targets_of
-from calib.compensation.estimate import estimate_of, fitted_of
+from calib.compensation.estimate import Estimate, estimate_of, fitted_of
 from calib.compensation.unexplained import (
     Unexplained,
     Unseen,
@@ -51,7 +52,7 @@ from doe.prospect.sufficiency.answer import Enough, Lacking
 from doe.prospect.sufficiency.forecast import Forecast, Step, Told, best_next, open_beside, told
 from doe.prospect.sufficiency.match import match
 from doe.prospect.sufficiency.to_come import whole_day
-from doe.prospect.sufficiency.unnoticed import unnoticed
+from doe.prospect.sufficiency.unnoticed import may_move_on, unnoticed
 
 _SILENT = 1e-9  # of the stated noise: copies scatter by nothing
 _CANDIDATES = 1000
@@ -107,7 +108,9 @@ def enough(
     targets, weights = targets_of(cell)
     doubt = unnoticed(cell, model, values, found, targets, weights)
     if not lacking.rms:
-        doubt = replace(doubt, at_targets=max(doubt.at_targets, lacking.seen.lacking))
+        doubt = replace(doubt, at_targets=max(doubt.at_targets, lacking.seen.certain))
+    moving = may_move_on(cell, found, targets, weights)
+    doubt = replace(doubt, at_targets=float(np.hypot(doubt.at_targets, moving)))
     regressor = Regressor(cell, model, values, np.diag(model.sizes))
     at_markers = any(isinstance(e, Tool) for e in model.effects)
     aims = target_rows(regressor, targets, at_markers)
@@ -194,15 +197,38 @@ def _lacking(
     Where something is lacking, it is as much as poses miss by that the fit was without.
     """
     targets, weights = targets_of(cell)
-    scatter = scatter_at(model, values, targets, arm).mean(axis=-1)
-    rms = task_error(np.sqrt(scatter), weights)[0]
-    rest = Unexplained(0.0, "") if found is None else estimate_of(found).unexplained
+    known = None if found is None else estimate_of(found)
+    rest_of = "instrument" if known is None else known.rest_of
+    own, lacks = (
+        np.sqrt(scatter_at(model, values, targets, part).mean(axis=-1))
+        for part in parted(arm, rest_of)
+    )
+    rest = Unexplained(0.0, "") if known is None else known.unexplained
+    surely = bool(lacks.any()) or rest.rms > 0.0
+    trend, an_hour_on = _trends(cell, known, targets)
+
+    def rms(errors: Array) -> float:
+        return task_error(errors, weights)[0]
+
     seen = None if found is None else _unseen(found)
-    if seen is not None and (rms or rest.rms):
-        beyond = float(np.sqrt(max(0.0, seen.lacking**2 - rms**2)))
+    scatter = rms(np.hypot(own, lacks))
+    if seen is not None and (scatter or rest.rms):
+        beyond = float(np.sqrt(max(0.0, seen.lacking**2 - scatter**2)))
         rest = max(rest, Unexplained(beyond, seen.source), key=lambda one: one.rms)
-    lacking = Lacking(rms, rest, seen or Unseen(0.0, 0.0, 0.0, ""))
-    return lacking, np.sqrt(scatter + rest.rms**2)
+    seen = seen or Unseen(0.0, 0.0, 0.0, "")
+    lacking = Lacking(
+        rms(own), rms(lacks), rest, rms(trend), None if an_hour_on is None else rms(an_hour_on),
+        seen, rest_of, surely or seen.unexplained > 0.0, cell.design.targets_after,
+    )  # fmt: skip
+    return lacking, np.sqrt(own**2 + lacks**2 + rest.rms**2 + trend**2)
+
+
+def _trends(cell: Cell, known: Estimate | None, targets: Poses) -> tuple[Array, Array | None]:
+    """What the trend of the day does when the arm comes to the targets, and an hour later, (m,), m."""
+    if known is None:
+        return np.zeros(len(targets)), None
+    after, targets = cell.design.targets_after or 0.0, replace(targets, start=known.start)
+    return known.moved_on(targets, after), known.an_hour_on(targets, after)
 
 
 def _unseen(found: Identification) -> Unseen | None:

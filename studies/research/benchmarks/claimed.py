@@ -55,12 +55,12 @@ def said_in_a_day(arm: str, scatter: float, index: int, seed: int = 0) -> list[S
     then = draw_day(setting, index, seed, lambda q: q + slip * (np.arange(q.shape[1]) == 2))
     half = np.arange(POSES) < POSES // 2
     with TemporaryDirectory() as name:
-        cell, whole, targets = _read(Path(name) / "first", first)
+        cell, whole, targets = read(Path(name) / "first", first)
         exact = calib.load_measurements(cell, cell.path.parent / "exact.csv")
-        _, later, _ = _read(Path(name) / "then", then)
+        _, later, _ = read(Path(name) / "then", then)
     data, after = whole.take(half), later.take(~half)
     found, again = calib.identify(cell, data), calib.identify(cell, after)
-    came = _rms(found.predict(targets) - first.approached)
+    came = rms(found.predict(targets) - first.approached)
     return [
         *_foreseen(cell, data, found, first, targets),
         *_enough(cell, whole, half, came, first, targets),
@@ -70,7 +70,8 @@ def said_in_a_day(arm: str, scatter: float, index: int, seed: int = 0) -> list[S
     ]
 
 
-def _read(folder: Path, day: Day) -> tuple[calib.Cell, calib.Measurements, calib.Poses]:
+def read(folder: Path, day: Day) -> tuple[calib.Cell, calib.Measurements, calib.Poses]:
+    """Cell, data and targets of a day as its files say them."""
     folder.mkdir()
     write_day(folder, day)
     cell = calib.load_cell(folder / "cell.toml")
@@ -86,7 +87,7 @@ def _foreseen(
     targets: calib.Poses,
 ) -> Iterator[Said]:
     """By the parameters alone, before and after they are measured."""
-    came = _rms(found.predict(targets) - day.reached)
+    came = rms(found.predict(targets) - day.reached)
     if not day.scatter.std.any():  # before anything is measured the arm is believed to come back
         plan = problem_of(cell, Request(len(data), "task"))
         yield Said("design", assess(plan, data.poses.q).task_rms, came)
@@ -110,11 +111,22 @@ def _compensated(
 ) -> Said:
     """Where the corrected commands take the arm, against the arm of its file as it was placed."""
     commands = calib.compensate(cell, found, targets)
+    came = missed_by_commands(commands, found, day, targets, rng)
+    return Said("compensate", commands.rms(commands.expected), came)
+
+
+def missed_by_commands(
+    commands: calib.Compensation,
+    found: calib.Identification,
+    day: Day,
+    targets: calib.Poses,
+    rng: np.random.Generator,
+) -> float:
+    """RMS distance, m, of one approach by corrected commands from the placed arm of the file."""
     (base,) = found.bases.values()
     R = Rotation.from_rotvec(base[3:]).as_matrix()
     wanted = day.nominal(targets.q, found.marker_positions, R, base[:3])
-    came = _rms(day.approach(commands.q, rng) - wanted)
-    return Said("compensate", commands.rms(commands.expected), came)
+    return rms(day.approach(commands.q, rng) - wanted)
 
 
 def _enough(
@@ -130,7 +142,7 @@ def _enough(
     yield Said("enough now", now.task_rms, came)
     yield Said("enough most", now.task_most, came, came <= now.task_most)
     later = calib.identify(cell, whole).predict(targets)
-    yield Said("enough end", end.task_rms, _rms(later - day.approached))
+    yield Said("enough end", end.task_rms, rms(later - day.approached))
 
 
 def _changes(
@@ -142,7 +154,7 @@ def _changes(
     times: float,
 ) -> Iterator[Said]:
     found = changes(cell, known_of(before), known_of(after), estimate_of(after))
-    moved, size = _rms(then.reached - first.reached), found.change.rms
+    moved, size = rms(then.reached - first.reached), found.change.rms
     if not moved:
         yield Said("changes alarm", right=not found.moved.anything)
     elif found.moved.anything:
@@ -171,18 +183,18 @@ def said_by_diagnosis(arm: str, scatter: float, index: int, seed: int = 0) -> li
 
     day = draw_day(Setting(arm, scatter, 1, POSES, MARKERS), index, seed, truth)
     with TemporaryDirectory() as name:
-        cell, data, targets = _read(Path(name) / "day", day)
+        cell, data, targets = read(Path(name) / "day", day)
     found = calib.diagnose(cell, data)
     if found.verdict not in ("explained", "ambiguous"):
         return []
     known = calib.compensate(cell, found, targets)
     by_parameters = float(np.sqrt(np.mean(known.spread**2)))
     after = found.after
-    came = _rms(after.model.predict(after.values, targets) - day.reached)
+    came = rms(after.model.predict(after.values, targets) - day.reached)
     promised = float(np.hypot(by_parameters, max(h.left for h in found.hidden)))
     return [Said("diagnose", promised, came, came <= promised)]
 
 
-def _rms(vectors: Array) -> float:
+def rms(vectors: Array) -> float:
     """3-D root mean square per point."""
     return float(np.sqrt(np.mean(np.sum(vectors**2, axis=-1))))

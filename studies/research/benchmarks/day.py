@@ -88,6 +88,25 @@ class Setting:
     markers: int
 
 
+@dataclass(frozen=True)
+class Floor:
+    """A base that moves with the hours since the first reading.
+
+    twist : of hours (N,) the displacement (N, 6) of the base, along and about its own axes, m and rad
+    session, later : h, how long the readings take, and how long after the last one the targets come
+    told : whether the cell says so
+    """
+
+    twist: Callable[[Array], Array]
+    session: float = 1.0
+    later: float = 1.0
+    told: bool = True
+
+    def during(self, count: int) -> Array:
+        """Hours of so many readings, shape (N,), rounded as the files show them."""
+        return np.asarray(np.round(np.linspace(0.0, self.session, count) * 3600.0) / 3600.0)
+
+
 @dataclass(frozen=True, eq=False)
 class Day:
     """The true arm of one day and what was read.
@@ -99,6 +118,7 @@ class Day:
     targets : ndarray, shape (T, n); reached, approached : ndarray, shape (T, M, 3), m, where the arm
         stands at them without scatter, and where one approach of each takes it
     mechanism, truth : the arm, and where joints truly stand that are read
+    floor : Floor or None, where the base stands still
     """
 
     arm: Arm
@@ -116,10 +136,12 @@ class Day:
     targets: Array
     reached: Array
     approached: Array
+    floor: Floor | None = None
 
     def approach(self, q: Array, rng: np.random.Generator) -> Array:
         """Where one more approach of joints (N, n) takes the markers, shape (N, M, 3), m."""
-        return _at(self.mechanism, self.truth(q), self.R, self.p, self.scatter, rng).readings
+        place, moved = (self.R, self.p), _moved(self.floor, None, len(q))
+        return _at(self.mechanism, self.truth(q), *place, self.scatter, rng, moved).readings
 
     def nominal(self, q: Array, markers: Array, R: Array, p: Array) -> Array:
         """Where the arm of its file has markers (M, 3) at joints (N, n), base placed at R, p."""
@@ -128,11 +150,15 @@ class Day:
 
 
 def draw_day(
-    setting: Setting, index: int, seed: int, truth: Callable[[Array], Array] = np.copy
+    setting: Setting,
+    index: int,
+    seed: int,
+    truth: Callable[[Array], Array] = np.copy,
+    floor: Floor | None = None,
 ) -> Day:
     """One day; even ones scatter in the joints, odd ones at the tip.
 
-    truth : where joints (N, n) truly stand that are read
+    truth : where joints (N, n) truly stand that are read; floor : under a base that moves
     """
     arm = ARMS[setting.arm]
     numbers = (setting.scatter * 1e6, setting.approaches, setting.poses, setting.markers)
@@ -146,9 +172,12 @@ def draw_day(
     q = _joints(rng, arm, setting.poses)[visits]
     targets = _joints(rng, arm, TARGETS)
     mechanism = Mechanism(arm, geometry, markers, weighs=False)
-    still, there = (_at(mechanism, joints, R, p) for joints in (truth(q), truth(targets)))
+    hours = None if floor is None else floor.during(len(q))
+    now, then = _moved(floor, hours, len(q)), _moved(floor, None, len(targets))
+    still = _at(mechanism, truth(q), R, p, moved=now)
+    there = _at(mechanism, truth(targets), R, p, moved=then)
     scatter = _scatter(rng, arm, still, setting.scatter, in_joints=index % 2 == 0)
-    stood = _at(mechanism, truth(q), R, p, scatter, rng).readings
+    stood = _at(mechanism, truth(q), R, p, scatter, rng, now).readings
     return Day(
         arm=arm,
         mechanism=mechanism,
@@ -164,8 +193,16 @@ def draw_day(
         read=stood + rng.normal(size=stood.shape) * SIGMA,
         targets=targets,
         reached=there.readings,
-        approached=_at(mechanism, truth(targets), R, p, scatter, rng).readings,
+        approached=_at(mechanism, truth(targets), R, p, scatter, rng, then).readings,
+        floor=floor,
     )
+
+
+def _moved(floor: Floor | None, hours: Array | None, count: int) -> Array:
+    """Displacement (N, 6) of the base at hours (N,), or at the targets' time."""
+    if floor is None:
+        return np.zeros((count, 6))
+    return floor.twist(np.full(count, floor.session + floor.later) if hours is None else hours)
 
 
 def _at(
@@ -175,9 +212,15 @@ def _at(
     p: Array,
     scatter: Scatter | None = None,
     rng: np.random.Generator | None = None,
+    moved: Array | None = None,
 ) -> State:
-    """The weightless arm at joints, each approached once where it scatters."""
+    """The weightless arm at joints, each approached once where it scatters.
+
+    moved : ndarray, shape (N, 6), displacement of its base
+    """
     action = Action.none(mechanism.arm, len(q), len(mechanism.markers))
+    if moved is not None:
+        action.twist[:, 0] += moved
     if scatter is not None and rng is not None:
         scatter.drawn(rng, np.arange(len(q))).add_to(action, None, None)
     return mechanism.rest(q, lambda _: action, (R, p))
@@ -224,11 +267,12 @@ def write_day(folder: Path, day: Day) -> None:
     (folder / "cell.toml").write_text(_cell(day), encoding="utf-8")
     target = [[f"t{i}", *_digits(q)] for i, q in enumerate(aims)]
     _table(folder / "targets.csv", ["pose", *joints], target)
-    head = ["pose", "marker", *joints, "x_mm", "y_mm", "z_mm"]
+    time = [] if day.floor is None else [f"{h * 3600:.0f}" for h in day.floor.during(len(day.q))]
+    head = ["pose", "marker", *joints, "x_mm", "y_mm", "z_mm", *["time_s"][: len(time)]]
     for name, points in (("measurements.csv", day.read), ("exact.csv", day.exact)):
         rows = [
-            [pose, f"m{m}", *_digits(q), *_digits(point * 1e3)]
-            for pose, q, own in zip(day.names, shown, points, strict=True)
+            [pose, f"m{m}", *_digits(q), *_digits(point * 1e3), *time[i : i + 1]]
+            for i, (pose, q, own) in enumerate(zip(day.names, shown, points, strict=True))
             for m, point in enumerate(own, 1)
         ]
         _table(folder / name, head, rows)
@@ -239,6 +283,8 @@ def _cell(day: Day) -> str:
     lines = ["schema = 1", 'name = "a day"', "[robot]", 'urdf = "robot.urdf"']
     lines += [f'base = "{day.arm.base}"', f'tip = "{day.arm.tip}"', "[markers_mm]", *markers]
     lines += ["[instrument]", f"sigma_mm = {SIGMA * 1e3:g}", "[design]", 'targets = "targets.csv"']
+    if day.floor is not None and day.floor.told:
+        lines.append(f"targets_after_h = {day.floor.later:g}")
     return "\n".join([*lines, "[model]", 'effects = ["base", "tool", "geometry"]', ""])
 
 

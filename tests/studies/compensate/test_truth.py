@@ -130,7 +130,7 @@ def test_located_rest_is_part_of_what_is_expected(tmp_path: Path) -> None:
     found = calib.compensate(cell, result, targets.poses)
     before, after, ratio = ratio_of(case, estimate_of(result), found)
     assert "not corrected: the gap located at A4 by q:A4" in " ".join(found.notes)
-    rest = np.hypot(found.unexplained.rms, found.rms(found.scatter))
-    assert rest > 2.0 * case.scene.noise.sigma
+    assert found.rest_of == "model"
+    assert found.rms(found.lacking) > 2.0 * case.scene.noise.sigma
     assert after < before / 20.0
     assert 0.8 < ratio < 1.25  # the same poses are held out and aimed at

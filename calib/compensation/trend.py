@@ -1,0 +1,140 @@
+"""What moves on through the day beside the model, carried on to the targets' time.
+
+A base or an instrument that warms or drifts moves all readings of a station as one rigid body,
+``a g(t)`` with six amplitudes a. Which g nobody knows: it is averaged over ``1 - exp(-t / tau)``, from
+soon settled to steady, each by its likelihood. A fit without it stands where the day was on average:
+at another time it is off by the trend there, less what its values took up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arrays import Array, IntArray, stacked
+from calib.compensation.unexplained import Fitted
+from calib.effects.base import Base
+from calib.model import Model
+from calib.model.covariance import working_points
+from calib.poses import Poses
+from calib.scatter import scatter_of
+
+_SURE = 0.01  # p value below which there is a trend
+_TAUS = (0.25, 0.5, 1.0, 2.0, 1e3)  # of the session; the last one is a steady drift
+_SHOWN = 1e-6  # of the largest: directions that the readings show less are left out
+
+
+@dataclass(frozen=True, eq=False)
+class Trend:
+    """How the values are off through the day, for K functions ``1 - exp(-t / tau)`` of the clock.
+
+    taus, weights : ndarray, shape (K,), in units of the session's clock, and how likely each is
+    taken, moving : ndarray, shape (K, p), SI, what is off at the first reading, and the amplitudes
+    last : of the clock, at the last reading
+    """
+
+    taus: Array
+    weights: Array
+    taken: Array
+    moving: Array
+    last: float
+
+    def at(self, clock: Array) -> Array:
+        """By how much the values are off at times (m,), times the weights' root, shape (m, K, p)."""
+        grown = -np.expm1(-np.maximum(clock, 0.0)[:, None] / self.taus)
+        off = self.taken + grown[..., None] * self.moving
+        return np.asarray(np.sqrt(self.weights)[:, None] * off)
+
+    def errors(self, model: Model, values: Array, targets: Poses, clock: Array) -> Array:
+        """What that does to targets at times (m,), RMS over their points, 3-D, shape (m,), m."""
+        _, J = working_points(model).jacobian_at_rest(values, targets)
+        moved = np.einsum("mjip,mkp->mjik", J, self.at(clock), optimize=True)
+        return np.asarray(np.sqrt((moved**2).sum(axis=(-1, -2)).mean(axis=-1)))
+
+
+def trend_of(fit: Fitted, sure: float = _SURE) -> Trend | None:
+    """The trend of a residual; None where none is shown, nothing tells the time, or the model has one.
+
+    sure : p value below which there is one: an F test of the best of the functions, each of them tried
+    """
+    poses, own = fit.data.poses, fit.model.where(Base)
+    timed = any("time" in effect.uses for effect in fit.model.effects)
+    if timed or not len(own) or not poses.clocked or not np.ptp(poses.clock):
+        return None
+    taus = np.array(_TAUS) * float(np.ptp(poses.clock))
+    grown = -np.expm1(-poses.clock[:, None] / taus)
+    rows = _rows(fit, own)
+    found = _regressed(_independent(fit, rows), grown, sure)
+    if found is None:
+        return None
+    likely, amplitudes = found
+    moving = np.zeros((len(taus), len(fit.values)))
+    moving[:, own] = amplitudes
+    taken = -_taken_up(rows, grown, amplitudes) @ fit.span.T
+    return Trend(taus, likely, taken, moving, float(poses.clock.max()))
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Whitened residuals (m, R), fitted columns (m, R, k) and those of the bases (m, R, b)."""
+
+    r: Array
+    A: Array
+    moved: Array
+
+
+def _rows(fit: Fitted, own: IntArray) -> _Rows:
+    points, J = fit.model.jacobian(fit.values, fit.data.poses)
+    off = fit.model.readout.difference(fit.data.readings, points) * fit.data.seen[..., None]
+    m, p = len(off), J.shape[-1]
+    J = (fit.weights @ J).reshape(m, -1, p)
+    return _Rows((fit.weights @ off[..., None]).reshape(m, -1), J @ fit.span, J[..., own])
+
+
+def _independent(fit: Fitted, rows: _Rows) -> _Rows:
+    """The rows with poses that err as a whole made independent."""
+    if fit.variances is None or not fit.variances.any:
+        return rows
+    scatter = scatter_of(fit.model, fit.values, fit.data.poses, fit.variances)
+    mixing = scatter.mixing((fit.weights @ scatter.levers).reshape(*rows.r.shape, -1))
+    return _Rows(mixing(rows.r[..., None])[..., 0], mixing(rows.A), mixing(rows.moved))
+
+
+def _regressed(rows: _Rows, grown: Array, sure: float) -> tuple[Array, Array] | None:
+    """How likely each function (m, K) is, and its amplitudes (K, b); None where chance may be all."""
+    from scipy.special import fdtrc
+
+    A, r = stacked(rows.A), rows.r.ravel()
+    Q = np.linalg.qr(_unit(A)[0])[0]
+    r = r - Q @ (Q.T @ r)
+    falls, amplitudes, rank = np.zeros(grown.shape[1]), [], 0
+    for k, g in enumerate(grown.T):
+        columns, scale = _unit(stacked(rows.moved * g[:, None, None]))
+        beside = columns - Q @ (Q.T @ columns)
+        found, _, shown, _ = np.linalg.lstsq(beside, r, rcond=_SHOWN)
+        rank = max(rank, int(shown))
+        falls[k] = r @ beside @ found
+        amplitudes.append(found / scale)
+    dof = int(np.count_nonzero(A.any(axis=1))) - Q.shape[1] - rank
+    if not rank or dof <= 0:
+        return None
+    noise = float(r @ r - falls.max()) / dof
+    if min(1.0, len(falls) * float(fdtrc(rank, dof, falls.max() / rank / noise))) > sure:
+        return None
+    likely = np.exp(0.5 * (falls - falls.max()) / noise)
+    return likely / likely.sum(), np.array(amplitudes)
+
+
+def _taken_up(rows: _Rows, grown: Array, amplitudes: Array) -> Array:
+    """How far least squares went along with each function, shape (K, k)."""
+    through = np.einsum("mrb,mk,kb->mrk", rows.moved, grown, amplitudes, optimize=True)
+    A, scale = _unit(stacked(rows.A))
+    return np.asarray((np.linalg.lstsq(A, stacked(through), rcond=_SHOWN)[0] / scale[:, None]).T)
+
+
+def _unit(columns: Array) -> tuple[Array, Array]:
+    """Columns of length one, and their lengths; one for those of zeros."""
+    scale = np.linalg.norm(columns, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    return columns / scale, scale

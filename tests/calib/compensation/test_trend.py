@@ -1,0 +1,93 @@
+"""A base that warms in MuJoCo while it is measured: what comes an hour later was said before."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+pytest.importorskip("mujoco")
+
+import calib
+from calib.compensation.estimate import Estimate, estimate_of
+from calib.files.estimate import load_estimate
+from doe.prospect.sufficiency.enough import enough
+from studies.cli import main
+from studies.enough.record import enough_record
+from studies.enough.telling import told
+from studies.record import envelope
+from studies.research.benchmarks.day import Day, Floor, Setting, draw_day, write_day
+
+_HERE = Setting("6R", 0.0, 1, 40, 3)
+_HOUR = 3600.0
+
+
+def _warming(index: int, told: bool = True, size: float = 1e-4) -> Day:
+    """As far as m and rad of one standard deviation."""
+    rng = np.random.default_rng([index, 5])
+    far, tau = rng.normal(size=6) * size, rng.uniform(0.5, 2.0)
+    floor = Floor(lambda h: far * (1.0 - np.exp(-h / tau))[:, None], told=told)
+    return draw_day(_HERE, index, 5, floor=floor)
+
+
+def _known(folder: Path, day: Day) -> tuple[calib.Cell, calib.Measurements, Estimate, float]:
+    """Cell, data and estimate, and by how much it misses the targets an hour later, RMS, m."""
+    write_day(folder, day)
+    cell = calib.load_cell(folder / "cell.toml")
+    data = calib.load_measurements(cell, folder / "measurements.csv")
+    found = calib.identify(cell, data)
+    targets, _ = calib.load_targets(cell, folder / "targets.csv")
+    off = found.predict(targets) - day.reached
+    return cell, data, estimate_of(found), float(np.sqrt((off**2).sum(axis=-1).mean()))
+
+
+def test_the_trend_is_carried_on(tmp_path: Path) -> None:
+    ratios = []
+    for index in range(8):
+        cell, _, known, came = _known(tmp_path, _warming(index))
+        assert known.trend is not None
+        targets, _ = calib.load_targets(cell, tmp_path / "targets.csv")
+        said = known.moved_on(targets, _HOUR)
+        assert (known.moved_on(targets, 0.0) < said).mean() > 0.9
+        ratios.append(came / float(np.sqrt((said**2).mean())))
+    assert 0.6 < float(np.sqrt(np.mean(np.square(ratios)))) < 1.2
+    assert max(ratios) < 2.0
+
+
+def test_it_is_handed_on_by_file(tmp_path: Path) -> None:
+    cell, _, known, _ = _known(tmp_path, _warming(0))
+    out = tmp_path / "result.json"
+    run = ["identify", str(cell.path), str(tmp_path / "measurements.csv"), "--json", str(out)]
+    assert CliRunner().invoke(main, run, catch_exceptions=False).exit_code == 0
+    read = load_estimate(cell, out)
+    targets, _ = calib.load_targets(cell, tmp_path / "targets.csv")
+    np.testing.assert_allclose(
+        read.moved_on(targets, _HOUR), known.moved_on(targets, _HOUR), rtol=1e-6
+    )
+    assert read.rest_of == known.rest_of
+    said = calib.compensate(cell, read, targets)
+    np.testing.assert_allclose(said.trend, known.moved_on(targets, _HOUR), rtol=0.02)
+
+
+def test_a_base_that_stands_has_none(tmp_path: Path) -> None:
+    """A test of one in a hundred: two of ten days would be one in two hundred."""
+    found = [_known(tmp_path, _warming(index, size=0.0))[2].trend for index in range(10)]
+    assert sum(trend is not None for trend in found) <= 1
+
+
+def test_nobody_is_told_to_stop_while_it_goes_on(tmp_path: Path) -> None:
+    """Unless the cell says when the targets come: then the bound is for that time."""
+    for told_when in (False, True):
+        cell, data, _, came = _known(tmp_path, _warming(2, told_when))
+        answer = enough(cell, data, goal=1e-2)
+        made = envelope(cell.name, [cell.path], 0)
+        record = enough_record(answer, 0, None, made)
+        said = " ".join(sentence.text for sentence in told(record).headline)
+        assert record.lacking.trend_mm > 0.0
+        assert ("you may stop now" in said) == told_when
+        assert ("targets_after_h" in said) == (not told_when)
+        assert "Run `posecal diagnose`" in said
+    assert came <= answer.steps[0].task_most
+    assert enough(cell, data, goal=0.9 * came).needed is None

@@ -62,7 +62,7 @@ def is_silent(cell: Cell, rows: Array) -> bool:
 
 
 def check_identifiable(regressor: Regressor, rows: Array, request: Request) -> None:
-    """Refuse a model that no plan of the size determines. Raises CalibError, CannotIdentify.
+    """Refuse a model that no plan of the size determines. Raises CannotIdentify.
 
     rows : ndarray, shape (m, rows, p), of feasible configurations, columns in plausible sizes
     """

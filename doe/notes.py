@@ -165,10 +165,11 @@ def _reapproaches(design: Design) -> Iterator[str]:
         return
     count, both = len(found.again), {"translation": found.translation, "rotation": found.rotation}
     told = [f"+-{100 * std:.0f} % ({name})" for name, std in both.items() if std > 0.0]
+    unsure = ", as far as it is well above the noise of the instrument"
     yield (
         f"{count} of the {len(design.poses)} stops come to a pose a second time: the arm's "
         f"repeatability will be known to {' and '.join(told) or f'+-{100 * found.common:.0f} %'}"
-        f"{'' if design.problem.cell.scatters else ', as far as it is well above the noise of the instrument'}"
+        f"{'' if design.problem.cell.scatters else unsure}"
     )
     if np.isfinite(found.instead):
         now, instead = design.assessment.task_rms * 1e3, found.instead * 1e3

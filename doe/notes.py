@@ -155,22 +155,29 @@ def _reference(design: Design) -> Iterator[str]:
             f"reference: {first} .. {last} repeat {reference.pose}; come to it from the same side each "
             "time, and posecal identify says whether anything drifted"
         )
-        yield "what is expected counts all repeats; value, bound and proof do not"
+        yield "what is expected counts the repeats of the reference; value, bound and proof do not"
 
 
 def _reapproaches(design: Design) -> Iterator[str]:
+    """What second visits tell, what they cost, and how to plan without them."""
     found = design.reapproaches
-    if found is not None:
-        both = {"translation": found.translation, "rotation": found.rotation}
-        told = [f"+-{100 * std:.0f} % ({name})" for name, std in both.items() if std > 0.0]
-        known = design.problem.cell.scatters
+    if found is None:
+        return
+    count, both = len(found.again), {"translation": found.translation, "rotation": found.rotation}
+    told = [f"+-{100 * std:.0f} % ({name})" for name, std in both.items() if std > 0.0]
+    unsure = ", as far as it is well above the noise of the instrument"
+    yield (
+        f"{count} of the {len(design.poses)} stops come to a pose a second time: the arm's "
+        f"repeatability will be known to {' and '.join(told) or f'+-{100 * found.common:.0f} %'}"
+        f"{'' if design.problem.cell.scatters else unsure}"
+    )
+    if np.isfinite(found.instead):
+        now, instead = design.assessment.task_rms * 1e3, found.instead * 1e3
         yield (
-            "repeatability will be known to "
-            f"{' and '.join(told) or f'+-{100 * found.common:.0f} %'} by {len(found.poses)} second "
-            f"visits{'' if known else ', if it is well above the noise of the instrument'}"
+            f"{count} new poses in place of the second visits would leave {instead:.3g} mm of expected "
+            f"error, not {now:.3g} mm"
+            f"{'' if found.asked else '; --reapproach 0 plans without second visits'}"
         )
-        if design.reference is None:
-            yield "what is expected counts the second visits; value, bound and proof do not"
 
 
 _NOTES = (

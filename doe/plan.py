@@ -31,13 +31,15 @@ class Candidates:
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """The proof, as information functions: the larger the better.
+    """The proof, as information functions: the larger the better. Second visits count.
 
     value : float, criterion of the plan
-    bound : float, no plan of the candidates and of the plan's own poses is better
+    bound : float, no plan of the candidates and of the plan's own poses is better, with as many
+        second visits or with other poses in their place
     weighted : float, criterion of the best weighted plan, at which the bound was found
     fresh : float, bound over as many fresh candidates, NaN where none were drawn
-    pool_value : float, criterion of the plan of candidates alone, before its angles were polished
+    pool_value : float, criterion of the plan of candidates alone, before its angles were polished and
+        without second visits
     pool_bound : float, bound for it
     optimal : bool, branch and bound proved the plan the best of all candidates and its own poses
     nodes : int, that branch and bound looked at, none where too many candidates survive

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.arrays import Array
 from calib.cell import Cell
 from calib.cell.planned import AskedLevels
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
@@ -21,15 +20,21 @@ from doe.assess import assess
 from doe.criteria import UNASKED, catalogue
 from doe.curve import accuracy_curve
 from doe.notes import notes_of
-from doe.plan import Candidates, Design, Rival, level_values, named
+from doe.plan import Candidates, Certificate, Design, Rival, level_values, named
 from doe.problem import Problem, problem_of
 from doe.problem.levels import levels_of, parse_levels
 from doe.problem.pool import Pool, chunked, drawn, pool_of
-from doe.problem.refusals import at_level, no_candidate
+from doe.problem.refusals import CannotIdentify, at_level, no_candidate
 from doe.problem.request import Request
-from doe.solve import Clock, Effort, check_count, choose, finish
+from doe.solve import Clock, Effort, Finished, check_count, choose, finish
+from doe.visits.counted import new_poses_instead, with_second_visits
 from doe.visits.order import travel, visiting_order
-from doe.visits.reapproach import Reapproaches, reapproaches_of, with_reapproaches
+from doe.visits.reapproach import (
+    Reapproaches,
+    reapproaches_of,
+    usual_reapproaches,
+    with_reapproaches,
+)
 from doe.visits.reference import Reference, spacing, with_reference
 
 _MOST_POSES = 10_000
@@ -82,7 +87,8 @@ def design(
     reference_every : one of the poses is measured again at the start, after every so many poses, and at
         the end, to show drift; 0 for none; the cell's [design] otherwise
     reapproach : so many of the poses are visited again after the others, to show the arm's
-        repeatability; 0 for none; the cell's [design] otherwise
+        repeatability; 0 for none; the cell's [design] otherwise, and where that is silent and the
+        repeatability is not known, a tenth of ``poses`` (doe.visits.reapproach.usual_reapproaches)
     progress : called with a line for each step
 
     Raises CalibError where no such plan can be: the text says why and what would help.
@@ -106,9 +112,37 @@ def design(
     polished = isinstance(source, int) if refine is None else refine
     every, again = spacing(cell, reference_every), reapproaches_of(cell, reapproach)
     if prove:
-        _check_provable(request, robust)
-    effort = Effort(polished, renewed, robust, prove, curve, every, again, seed, progress)
+        _check_provable(request, robust, again)
+    effort = Effort(polished, renewed, robust, prove, curve, every, again or 0, seed, progress)
+    if again is None and not (prove or every or _leaves_no_choice(request, source)):
+        found = _with_usual_reapproaches(cell, request, source, effort, against or {})
+        if found is not None:
+            return found
     return _designed(cell, request, source, effort, against or {}, Clock())
+
+
+def _leaves_no_choice(request: Request, source: int | Poses | None) -> bool:
+    """Whether the candidates are the plan."""
+    return isinstance(source, Poses) and len(source) <= request.poses
+
+
+def _with_usual_reapproaches(
+    cell: Cell,
+    request: Request,
+    source: int | Poses | None,
+    effort: Effort,
+    against: Mapping[str, Poses],
+) -> Design | None:
+    """The plan with second visits among its poses; None where it cannot spare them."""
+    again = usual_reapproaches(cell, request)
+    if not again:
+        return None
+    fewer = replace(request, poses=request.poses - again)
+    unasked = replace(effort, reapproaches=again, asked=False)
+    try:
+        return _designed(cell, fewer, source, unasked, against, Clock())
+    except CannotIdentify:
+        return None
 
 
 def _count(cell: Cell, poses: int | None, by_levels: int | None) -> int:
@@ -137,8 +171,10 @@ def _criterion(name: str, discriminate: tuple[str, str] | None, of: tuple[str, .
     return name
 
 
-def _check_provable(request: Request, robust: bool) -> None:
+def _check_provable(request: Request, robust: bool, again: int | None) -> None:
     """Refuse a proof where there is none."""
+    if again:
+        raise CalibError("branch and bound knows no second visits; leave out one of both")
     kinds = catalogue()
     if not kinds[request.criterion].smooth:
         smooth = ", ".join(sorted(name for name, kind in kinds.items() if kind.smooth))
@@ -184,8 +220,8 @@ def _designed(
             )
             return replace(there, notes=(note, *there.notes))
         levels = settled
-    q, certificate, landscape, live = finish(problem, pool, chosen, effort, clock)
-    poses, reference, again = _visited(problem, q, effort)
+    found = finish(problem, pool, chosen, effort, clock)
+    poses, reference, again, certificate = _visited(problem, found, effort)
     q = poses.q
     result = Design(
         problem=problem,
@@ -194,8 +230,8 @@ def _designed(
         levels=levels,
         assessment=assess(problem, q),
         certificate=certificate,
-        candidates=Candidates(pool.drawn, len(pool), pool.removed, live),
-        landscape=landscape,
+        candidates=Candidates(pool.drawn, len(pool), pool.removed, found.live),
+        landscape=found.landscape,
         travel=travel(q),
         rivals=_judged(problem, against, certificate.bound),
         curve=accuracy_curve(problem, pool, effort) if effort.curve else (),
@@ -208,16 +244,20 @@ def _designed(
 
 
 def _visited(
-    problem: Problem, q: Array, effort: Effort
-) -> tuple[Poses, Reference | None, Reapproaches | None]:
-    """The poses in the order of a day, with those that are read again."""
-    poses, reference, again = named(q[visiting_order(q)]), None, None
+    problem: Problem, found: Finished, effort: Effort
+) -> tuple[Poses, Reference | None, Reapproaches | None, Certificate]:
+    """The poses in the order of a day, with those that are read again, and what is proved of them."""
+    poses, reference, again = named(found.q[visiting_order(found.q)]), None, None
+    certificate = found.certificate
     if effort.reapproaches:
         poses, again = with_reapproaches(problem, poses, effort.reapproaches)
+        certificate = with_second_visits(problem, found, poses.q[-len(again.again) :])
+        instead = new_poses_instead(problem, found, len(again.again))
+        again = replace(again, instead=instead, asked=effort.asked)
     if effort.reference_every:
         busy = () if again is None else again.poses + again.again
         poses, reference = with_reference(problem, poses, effort.reference_every, busy)
-    return poses, reference, again
+    return poses, reference, again, certificate
 
 
 def _follows_levels(cell: Cell, request: Request) -> bool:

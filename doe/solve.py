@@ -46,6 +46,7 @@ class Effort:
     reference_every : poses between two readings of a reference pose, 0 for none
     reapproaches : poses that are visited again, 0 for none
     seed : int; progress : called with a line for each step
+    asked : whether second visits were asked for, else they are a default
     """
 
     refine: bool = True
@@ -57,6 +58,7 @@ class Effort:
     reapproaches: int = 0
     seed: int = 0
     progress: Callable[[str], None] = lambda _: None
+    asked: bool = True
 
 
 @dataclass
@@ -86,6 +88,29 @@ class Chosen:
     value: float
     agreement: float
     relaxed: Relaxation
+
+
+@dataclass(frozen=True, eq=False)
+class Finished:
+    """The plan before it is put into the order of a day.
+
+    certificate : Certificate; landscape : Landscape
+    live : int, candidates that a better plan could still contain
+    pool : Pool, with the plan's own poses; plan : ndarray of int, shape (N,), its candidates
+    relaxed : Relaxation, at which the bound was found
+    """
+
+    certificate: Certificate
+    landscape: Landscape
+    live: int
+    pool: Pool
+    plan: IntArray
+    relaxed: Relaxation
+
+    @property
+    def q(self) -> Array:
+        """Joint values of the plan, shape (N, dof), rad or m."""
+        return self.pool.q[self.plan]
 
 
 def choose(
@@ -166,10 +191,8 @@ def _refuse(problem: Problem, lost: Mask) -> None:
     )
 
 
-def finish(
-    problem: Problem, pool: Pool, chosen: Chosen, effort: Effort, clock: Clock
-) -> tuple[Array, Certificate, Landscape, int]:
-    """Harden, polish, prove: joint values (N, dof), certificate, and how many candidates survive."""
+def finish(problem: Problem, pool: Pool, chosen: Chosen, effort: Effort, clock: Clock) -> Finished:
+    """Harden, polish, prove."""
     criterion, before = problem.criterion, chosen
     if effort.robust:
         blocks, rules = problem.blocks(pool), problem.rules(pool.level)
@@ -184,17 +207,17 @@ def finish(
     live = survivors(chosen.relaxed.G, blocks, rules, chosen.value)
     plain = criterion.plain
     proof = Proof(chosen.index, chosen.value, chosen.relaxed.bound, 0)
-    if provable(criterion, rules) and not effort.robust:
+    # What branch and bound proves holds for poses that are visited once.
+    if provable(criterion, rules) and not (effort.robust or effort.reapproaches):
         proof = _proved(criterion, blocks, rules, chosen, effort, proof)
         clock.lap("branch and bound")
         effort.progress(_told(proof))
     fresh = np.nan
     if effort.fresh:
-        fresh = fresh_bound(problem, chosen.relaxed.G, effort.fresh, effort.seed + 2)
+        fresh = fresh_bound(problem, chosen.relaxed.G, effort)
         clock.lap("fresh candidates")
     if not rules.admits(proof.plan) or proof.value > proof.bound * (1.0 + _ROUNDING):
         raise AssertionError("a plan against its rules, or above its bound: this is a defect")
-    q = pool.q[proof.plan]
     certificate = Certificate(
         value=proof.value,
         bound=proof.bound,
@@ -209,7 +232,7 @@ def finish(
         left=smallest_left(plain, blocks.total(proof.plan), blocks.matrices(proof.plan)),
     )
     view = _landscape(pool, rules, blocks.scores(chosen.relaxed.G), proof.plan)
-    return q, certificate, view, len(live)
+    return Finished(certificate, view, len(live), pool, proof.plan, chosen.relaxed)
 
 
 def _landscape(pool: Pool, rules: Allowed, scores: Array, plan: IntArray) -> Landscape:
@@ -263,14 +286,18 @@ def _settled(criterion: Criterion, blocks: Blocks, proof: Proof, before: Proof) 
     return replace(before, bound=proof.bound, nodes=proof.nodes)
 
 
-def fresh_bound(problem: Problem, G: Array, count: int, seed: int) -> float:
+def fresh_bound(problem: Problem, G: Array, effort: Effort) -> float:
     """No plan of as many other candidates is better: what the pool's coarseness hides."""
+    levels = problem.request.levels
 
     def scored(q: Array) -> tuple[Array, IntArray]:
-        part = judge(problem.regressor, problem.constraints, problem.request.levels, q)
+        part = judge(problem.regressor, problem.constraints, levels, q)
         return part.packed @ pack(G), part.level
 
     with ThreadPoolExecutor(2) as executor:
-        parts = list(executor.map(scored, drawn(problem.cell, count, problem.request.levels, seed)))
+        chunks = drawn(problem.cell, effort.fresh, levels, effort.seed + 2)
+        parts = list(executor.map(scored, chunks))
     scores, level = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return float((G * problem.fixed).sum()) + problem.rules(level).best(scores)[0]
+    rules, own = problem.rules(level), float((G * problem.fixed).sum())
+    again = scores[rules.again(scores, effort.reapproaches)].sum()
+    return own + rules.best(scores)[0] + float(again)

@@ -67,6 +67,12 @@ class Allowed:
         used = self._best_levels(totals)
         return float(totals[used].sum()), np.concatenate([tops[level] for level in used])
 
+    def again(self, scores: Array, count: int) -> IntArray:
+        """Candidates whose second visits have the largest sum of scores, shape (count,)."""
+        if self.repeats:
+            return np.full(count, scores.argmax())
+        return np.argsort(-scores)[:count]
+
     def _top(self, scores: Array, level: int) -> IntArray:
         """Best candidates of a level, none where it has too few."""
         members, k = self.members[level], int(self.counts[level])

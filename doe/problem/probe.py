@@ -62,7 +62,7 @@ def is_silent(cell: Cell, rows: Array) -> bool:
 
 
 def check_identifiable(regressor: Regressor, rows: Array, request: Request) -> None:
-    """Refuse a model that no plan of the size determines. Raises CalibError, CannotIdentify.
+    """Refuse a model that no plan of the size determines. Raises CannotIdentify.
 
     rows : ndarray, shape (m, rows, p), of feasible configurations, columns in plausible sizes
     """
@@ -74,9 +74,10 @@ def check_identifiable(regressor: Regressor, rows: Array, request: Request) -> N
     equations = (request.poses + extra) * each + len(held)
     if equations < p:
         least = -(-(p - len(held)) // each) - extra
-        raise CalibError(
+        raise CannotIdentify(
+            (),
             f"{request.poses} poses give {equations} equations for {p} parameters; "
-            f"ask for at least {least} poses, or take effects out of [model] effects"
+            f"ask for at least {least} poses, or take effects out of [model] effects",
         )
     scaled = np.concatenate([rows.reshape(-1, p) * np.sqrt((request.poses + extra) / m), held])
     ids = tuple(parameter.id for parameter in model.parameters)

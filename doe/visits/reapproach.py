@@ -18,11 +18,14 @@ from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.errors import CalibError
 from calib.poses import Poses
+from calib.poses.visits import visits
 from doe.constraints import scene_of, visible
 from doe.problem import Problem
+from doe.problem.request import Request
 
 _SEEN = 1e-6  # of the largest lever: a direction that moves the markers less is not read
 _NO_DIFFERENCE = 0.5  # coordinates
+_LEAST_POSES, _FEWEST, _ONE_IN = 20, 4, 10
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,8 @@ class Reapproaches:
     dof : float, coordinates that tell of the repeatability, each for as much as the instrument lets it
     translation, rotation : float, relative standard deviations with which each is known beside the
         other, NaN where the markers do not tell them apart, or one is none
+    instead : float, m, task RMS with as many new poses in their place, NaN where there are none
+    asked : bool, else they are among the poses that were asked for
     """
 
     poses: tuple[str, ...]
@@ -40,6 +45,8 @@ class Reapproaches:
     dof: float
     translation: float
     rotation: float
+    instead: float = np.nan
+    asked: bool = True
 
     @property
     def common(self) -> float:
@@ -47,12 +54,31 @@ class Reapproaches:
         return float(1.0 / np.sqrt(2.0 * self.dof))
 
 
-def reapproaches_of(cell: Cell, count: int | None) -> int:
-    """How many poses are visited again; the cell's if None. Raises CalibError."""
+def reapproaches_of(cell: Cell, count: int | None) -> int | None:
+    """How many poses are visited again as asked for; the cell's if None. Raises CalibError."""
     found = cell.design.reapproaches if count is None else count
     if found is not None and found < 0:
         raise CalibError(f"{found} poses cannot be visited again; ask for 1 or more, or 0")
-    return int(found or 0)
+    return found
+
+
+def usual_reapproaches(cell: Cell, request: Request) -> int:
+    """Second visits among the poses of a plan, where nobody said how many: a tenth, at least four.
+
+    None where the arm's repeatability is stated, where levels, rivals or repeats say what each pose is
+    for, where the plan to extend visits poses again, and where they would cost too much: of 20 poses
+    four second visits raise the expected error by 2 to 4 %, of 16 by 5 to 10 % (three arms).
+    """
+    fixed = request.fixed
+    known = cell.repeatability is not None or (fixed is not None and _comes_back(fixed))
+    placed = request.levels is not None or request.rivals is not None or request.repeats
+    if known or placed or request.poses < _LEAST_POSES:
+        return 0
+    return max(_FEWEST, round(request.poses / _ONE_IN))
+
+
+def _comes_back(plan: Poses) -> bool:
+    return len(np.unique(visits(plan))) > len(np.unique(plan.configuration))
 
 
 def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses, Reapproaches]:

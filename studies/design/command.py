@@ -75,7 +75,8 @@ if TYPE_CHECKING:
     "--reapproach",
     metavar="N",
     type=click.IntRange(min=0),
-    help="Visit N of the poses again after the others, to see how well the arm comes back.",
+    help="Visit N of the poses again after the others, to see how well the arm comes back. Where the "
+    "cell does not say that, a tenth of 20 poses or more are such visits; 0 for none.",
 )
 @click.option("--repeats/--no-repeats", default=None, help="Whether a pose may be used twice.")
 @click.option(

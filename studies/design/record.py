@@ -115,12 +115,17 @@ class RelativeStd(Entry):
 
 
 class Reapproaches(Entry):
-    """Poses that are visited again, and the names of their second visits."""
+    """Poses that are visited again, and the names of their second visits.
+
+    task_rms_instead_mm : with as many new poses in their place; asked : else planned by default
+    """
 
     poses: tuple[str, ...]
     again: tuple[str, ...]
     dof: NotNegative
     repeatability_relative_std: RelativeStd
+    task_rms_instead_mm: Maybe = None
+    asked: bool = True
 
 
 class Rival(Accuracy):
@@ -221,8 +226,13 @@ class DesignRecord(Record, Accuracy):
 
     @property
     def chosen(self) -> int:
-        """Poses that the proof speaks of."""
+        """Poses that differ from each other."""
         return len(self.poses) - self.again
+
+    @property
+    def proved(self) -> int:
+        """Stops that the proof speaks of: all but repeats of the reference."""
+        return self.chosen + (0 if self.reapproaches is None else len(self.reapproaches.again))
 
     @property
     def level_joint(self) -> str | None:
@@ -375,7 +385,7 @@ def _survives(found: Design) -> Survives:
             worst=found.poses.names[int(without.argmax())] if len(without) else None,
             task_rms_mm=without.max(initial=0.0) * _MM,
             criterion=found.problem.criterion.shown(proof.left) if proof.left > 0.0 else None,
-            efficiency=proof.kept(request.poses, alone),
+            efficiency=proof.kept(request.poses + len(_again(found)), alone),
         ),
         loss_of_marker={name: rms * _MM for name, rms in judged.without_marker.items()},
     )
@@ -401,7 +411,13 @@ def _reapproaches(found: Design) -> Reapproaches | None:
         repeatability_relative_std=RelativeStd(
             common=own.common, translation=own.translation, rotation=own.rotation
         ),
+        task_rms_instead_mm=own.instead * _MM,
+        asked=own.asked,
     )
+
+
+def _again(found: Design) -> tuple[str, ...]:
+    return () if found.reapproaches is None else found.reapproaches.again
 
 
 def _rival(found: Design, name: str) -> Rival:

@@ -222,7 +222,7 @@ def _plans(record: DesignRecord) -> tuple[Column[_Plan], ...]:
 def _judged(record: DesignRecord) -> Iterator[_Plan]:
     own = (record.value, record.efficiency)
     rest = (record.task_rms_mm, record.trace, record.determinant)
-    yield _Plan("this plan", record.chosen, *own, *rest)
+    yield _Plan("this plan", record.proved, *own, *rest)
     for name, plan in record.against.items():
         rest = (plan.task_rms_mm, plan.trace, plan.determinant)
         yield _Plan(name, plan.poses, plan.value, plan.efficiency, *rest)

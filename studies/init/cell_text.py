@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 
+from calib.arm.repeatability import usual_repeatability
 from calib.arm.robot import Robot
 from calib.files.proposal import Proposal
 from calib.files.write_tables import csv_text, measurement_columns
@@ -32,8 +33,7 @@ name = {_text(name)}
 {convention}\
 base = {_text(robot.base):<23} # frame of gravity, obstacles and the instrument's position
 tip = {_text(robot.tip):<24} # frame of markers, payload and load
-# repeatability_mm = 0.03      # of the arm between approaches of one pose: one standard deviation of
-# repeatability_urad = 100     # one coordinate of the tip, of one component of its rotation; else found
+{_repeatability(robot)}
 {_limits(robot)}
 [markers_mm]                   # EDIT: reflectors on the tool, tip frame; three or more, apart, not in
                                # a line; roughly is enough, their places are found from the data
@@ -83,6 +83,24 @@ def _text(text: str) -> str:
 
 def _key(name: str) -> str:
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _text(name)
+
+
+def _repeatability(robot: Robot) -> str:
+    """What an arm of this size has by data sheets, to be replaced: a guess is not knowledge."""
+    usual = usual_repeatability(robot.reach)
+    low, middle, high = (_rough(1e3 * std) for std in (usual.best, usual.middle, usual.worst))
+    turn = _rough(1e6 * usual.middle / (0.5 * robot.reach))  # of joints, at half the arm's length
+    return f"""\
+# EDIT: how well the arm comes back to a pose: RP / 3.6, with the RP of its data sheet. Arms of this
+# size have {low} to {high} mm. Without a data sheet leave it out: `posecal design` then plans second
+# visits of some poses, which show it.
+{f"# repeatability_mm = {middle}":<30} # one standard deviation of one coordinate of the tip
+{f"# repeatability_urad = {turn}":<30} # of one component of its rotation"""
+
+
+def _rough(x: float) -> str:
+    """One digit."""
+    return f"{float(f'{x:.1g}'):g}"
 
 
 def _limits(robot: Robot) -> str:

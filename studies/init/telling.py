@@ -21,7 +21,9 @@ def _parts(record: InitRecord) -> Iterator[Part]:
         f"{record.name or robot.form}: {len(joints)} joints from {robot.base} to {robot.tip}: "
         f"{', '.join(joints)}{held}"
     )
-    yield Sentence("guesses are marked EDIT: markers and the instrument's noise first of all")
+    yield Sentence(
+        "guesses are marked EDIT: markers, the instrument's noise, the arm's repeatability first of all"
+    )
     yield from labelled("note", record.notes)
     plan = Path(record.cell).parent / "plan.csv"
     yield Lines(f"then  posecal design {record.cell} -o {plan}")

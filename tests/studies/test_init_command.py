@@ -90,6 +90,21 @@ def test_it_can_be_planned_with_at_once(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     cell = calib.load_cell(tmp_path / "cell" / "cell.toml")
     assert len(calib.load_plan(cell, plan)) == 30
+    assert "26 poses and 4 second visits" in done.output
+    assert "--reapproach 0 plans without second visits" in " ".join(done.output.split())
+
+
+def test_a_repeatability_is_proposed_and_not_taken(tmp_path: Path) -> None:
+    """As data sheets have it: for 2.7 m an RP of 0.05 to 0.2 mm; of the tip's turn as of joints."""
+    (tmp_path / "arm.urdf").write_text(embedded_text("kr270.urdf"))
+    assert init(tmp_path / "arm.urdf", "-o", tmp_path / "cell").exit_code == 0
+    path = tmp_path / "cell" / "cell.toml"
+    assert calib.load_cell(path).repeatability is None
+    path.write_text(path.read_text().replace("# repeatability_", "repeatability_"))
+    found = calib.load_cell(path).repeatability
+    assert found is not None
+    assert 0.05e-3 < 3.6 * found.translation < 0.2e-3
+    assert 0.5 < found.translation / found.rotation < 3.0  # m, half of the arm
 
 
 @pytest.mark.parametrize(

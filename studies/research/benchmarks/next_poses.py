@@ -126,7 +126,9 @@ def day(rng: np.random.Generator, kind: str) -> Day:
     """A day that chooses its poses for the task, and fixed plans beside it."""
     robot = Robot.drawn(rng)
     barred = robot.barred(rng) if kind == "barred" else lambda q: np.zeros(len(q), dtype=bool)
-    fixed = doe.design(robot.cell, poses=LENGTH, candidates=2000, fresh=False, levels=None).poses.q
+    fixed = doe.design(
+        robot.cell, poses=LENGTH, candidates=2000, fresh=False, levels=None, reapproach=0
+    ).poses.q
     q = fixed[:START]
     errors = [robot.expected(q[~barred(q)])]
     seed = int(rng.integers(2**32))
@@ -168,7 +170,13 @@ def found(kind: str, where: str, rng: np.random.Generator) -> Found:
     values = np.concatenate([robot.truth, own])
     length = _LENGTH_CAUSES - _START_CAUSES
     plan = doe.design(
-        robot.cell, poses=length, extend=named(start), candidates=2000, fresh=False, levels=None
+        robot.cell,
+        poses=length,
+        extend=named(start),
+        candidates=2000,
+        fresh=False,
+        levels=None,
+        reapproach=0,
     ).poses.q[rng.permutation(length)]
 
     def chosen(_: Array, seen: Diagnosis) -> Array:

@@ -202,7 +202,7 @@ def day(
         (Path(folder) / "cell.toml").write_text(place.cell(name))
         cell = calib.load_cell(Path(folder) / "cell.toml")
     begun = time.perf_counter()
-    found = doe.design(cell, poses=poses, criterion="D", candidates=2000, fresh=False)
+    found = doe.design(cell, poses=poses, criterion="D", candidates=2000, fresh=False, reapproach=0)
     seconds = time.perf_counter() - begun
     experiment = experiment_of(cell, found.poses)
     foreseen = predict(experiment, POINTS)

@@ -222,7 +222,9 @@ _HEADINGS = (
 def main(poses: int, refits: int) -> None:
     """Identify the same days from points and from poses."""
     cell, rng = point_cell(), np.random.default_rng(0)
-    plan = doe.design(cell, poses=poses, criterion="D", candidates=1000, fresh=False).poses
+    plan = doe.design(
+        cell, poses=poses, criterion="D", candidates=1000, fresh=False, reapproach=0
+    ).poses
     off = 2e-4 * rng.normal(size=(6, 6))
     days = read(Arm(cell.robot, off), plan.q, refits, rng)
     errors = errors_of(days.points[0], days.covariance)

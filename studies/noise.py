@@ -87,7 +87,7 @@ class ByLevel(TypedDict):
     usual_mm: tuple[float, float] | None
 
 
-def by_level(levels: Levels | None, scatter: Scatter | None, reach: float | None = None) -> ByLevel:
+def by_level(levels: Levels | None, scatter: Scatter | None, reach: float) -> ByLevel:
     """The levels that an identification or a diagnosis found.
 
     reach : m, of the arm, by which it is judged whose they are

@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from calib.accuracy.pose_to_pose import Owner
 from calib.arm.repeatability import usual_repeatability
 from calib.arrays import Array
 from calib.diagnosis.finding import Finding
@@ -23,7 +24,6 @@ from calib.identification.noise_level import REPLICATES, NoiseLevel, replicate_s
 from calib.poses import Measurements
 
 Kind = Literal["none", "scatter", "structure", "too_large"]
-Whose = Literal["instrument", "arm", "model", "undecided"]
 Source = Literal["stated", "measured", "assumed"]
 
 _LEFT_OVER = 0.001  # the scatter of a few repeats is a weak witness
@@ -42,7 +42,7 @@ class Rest:
 
     size: float
     kind: Kind
-    of: Whose
+    of: Owner
     repeatability: float
     source: Source
 

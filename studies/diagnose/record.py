@@ -317,7 +317,7 @@ def findings(found: Diagnosis, spectra: Sequence[FoundSpectrum] = ()) -> Finding
             grows_with_range=None
             if found.growth is None
             else Growth(nearest=found.growth.nearest, farthest=found.growth.farthest),
-            **by_level(found.after.levels, found.stage.scatter),
+            **by_level(found.after.levels, found.stage.scatter, found.after.model.robot.reach),
         ),
         effects=tuple(_effect(cause, spectra, tip) for cause in found.causes),
         rest=Rest(

@@ -95,7 +95,7 @@ def by_level(levels: Levels | None, scatter: Scatter | None, reach: float) -> By
     from calib.accuracy.pose_to_pose import pose_to_pose
     from calib.cell import Repeatability
 
-    found = pose_to_pose(levels, scatter, 1.0 if reach is None else reach)
+    found = pose_to_pose(levels, scatter, reach)
     fixed = found.rest
     if fixed is None and levels is not None and scatter is not None:
         fixed = Repeatability(0.0, 0.0)
@@ -105,8 +105,8 @@ def by_level(levels: Levels | None, scatter: Scatter | None, reach: float) -> By
         configuration_mm=_moved(fixed),
         configuration_urad=_turned(fixed),
         instrument_seen=scatter is not None and levels is not None and levels.instrument_seen,
-        configuration_of=None if reach is None else found.of,
-        usual_mm=None if reach is None else (found.usual.best * _MM, found.usual.worst * _MM),
+        configuration_of=found.of,
+        usual_mm=(found.usual.best * _MM, found.usual.worst * _MM),
     )
 
 

@@ -2,39 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
-import numpy as np
-
-from calib.arrays import Array
 from calib.cell import Cell
 from calib.cell.targets import targets_of
 from calib.diagnosis.anew import chosen_anew
 from calib.diagnosis.candidates import candidates
-from calib.diagnosis.diagnosis import Cause, Diagnosis
+from calib.diagnosis.causes import causes_of
+from calib.diagnosis.diagnosis import Diagnosis
 from calib.diagnosis.earned import BY_TIME
 from calib.diagnosis.finding import Finding, finding_of
 from calib.diagnosis.hidden import hidden
-from calib.diagnosis.located import located, share_of
-from calib.diagnosis.refused import far_out
+from calib.diagnosis.located import located
 from calib.diagnosis.rest import rest_of
 from calib.diagnosis.searched import searched
-from calib.diagnosis.shape import form_matters, shape_doubt
-from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.standing import certainty_of, standing_of, verdict_of
+from calib.diagnosis.stage import Stage
+from calib.diagnosis.standing import verdict_of
 from calib.diagnosis.stated import stated
 from calib.identification.checks import check_counts
 from calib.identification.heldout import with_stations_of
 from calib.identification.identify import identify
 from calib.identification.initial import initial_values
 from calib.identification.mistakes import refuse_mistakes
-from calib.identification.tuning import profiled
 from calib.identification.whitening import whitening
 from calib.model import Model
 from calib.model.build import build
-from calib.model.covariance import determined
-from calib.poses import Measurements, Poses
+from calib.poses import Measurements
 from calib.poses.moves import before_the_first_move, in_one_session
 from calib.threads import one_blas_thread
 
@@ -57,8 +50,9 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     finding = finding_of(search)
     stage, outcome, after = search.stage, finding.outcome, finding.after
     anew = chosen_anew(search.linear, outcome, finding.named)
+    targets, weights = targets_of(cell)
     again = {} if anew is None else anew.again
-    causes = _causes(finding, len(suspects), targets_of(cell), again)
+    causes = tuple(causes_of(finding, len(suspects), targets, again))
     outlier = stage.dropped & ~waiting
     rest = rest_of(finding, any(c.misshapen for c in causes), int(outlier.sum()), heldout)
     concluded = verdict_of([c.standing for c in causes], rest)
@@ -77,7 +71,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         rest=rest,
         located=places if concluded != "no_gap" else (),
         gap=gap,
-        hidden=hidden(stage, outcome, entered, targets_of(cell)),
+        hidden=hidden(stage, outcome, entered, (targets, weights)),
         not_asked=tuple(missing),
         refused=finding.refused,
         data=data,
@@ -120,57 +114,3 @@ def _model(cell: Cell, data: Measurements) -> Model:
     if not model.prior_rows and cell.size_prior != "estimated":
         return model
     return replace(model, prior=identify(cell, data).model.prior)
-
-
-def _causes(
-    finding: Finding, asked: int, targets: tuple[Poses, Array], again: Mapping[str, float]
-) -> tuple[Cause, ...]:
-    """What is named, with its size and share, and how sure it is.
-
-    asked : int, over how many its p counts; targets : Poses where accuracy counts, and weights
-    again : share of the folds without which each is chosen again
-    """
-    if not finding.named:
-        return ()
-    stage, after = finding.search.stage, finding.after
-    std, count = _deviations(stage, after, finding.scale), len(finding.named)
-    found = []
-    for named in finding.named:
-        effect = named.candidate.effect
-        own = after.positions(effect)
-        share = share_of(finding.outcome, after, named.entry, finding.scale)
-        p = min(1.0, named.entry.score.p * asked)
-        doubt = shape_doubt(stage, after, effect, count)
-        certainty = certainty_of(named, doubt)
-        matters = form_matters(
-            after, effect, stage.data.poses if effect.uses else targets[0], finding.floor
-        )
-        standing = standing_of(named, certainty * named.lead, doubt, matters)
-        large = far_out(after, named.candidate)
-        found.append(
-            Cause(
-                named,
-                doubt,
-                after.values[own],
-                std[own],
-                p,
-                share,
-                certainty,
-                standing,
-                again[named.entry.candidate.key],
-                large,
-            )
-        )
-    return tuple(found)
-
-
-def _deviations(stage: Stage, after: Fit, scale: float) -> Array:
-    """Standard deviations of all values, shape (p,), NaN where the data do not determine the value.
-
-    Of tunings those of the profile likelihood, where that is no parabola.
-    """
-    std = np.where(determined(after.span), scale * np.sqrt(np.diag(after.covariance)), np.nan)
-    observation = stage.observation(after.model, after.weight)
-    observation = replace(observation, scatter=stage.scatter.at(after.variances))
-    profile = profiled(observation, after.values, after.span, std, scale)
-    return np.where(np.isfinite(profile), profile, std)

@@ -9,6 +9,7 @@ from calib.diagnosis.candidates import Candidate, NotAsked
 from calib.diagnosis.contest import Outcome
 from calib.diagnosis.gap import Gap
 from calib.diagnosis.hidden import Hidden
+from calib.diagnosis.probability import Evidence
 from calib.diagnosis.range_noise import Growth
 from calib.diagnosis.refused import Refused
 from calib.diagnosis.rest import Rest
@@ -27,9 +28,8 @@ class Cause:
     values, std : ndarray, shape (k,), SI, std NaN where the data do not determine the value
     p : float, over all that was asked
     share : float, of the gap, NaN where there is none
-    certainty : float, probability that the cause, or one of its class, is there
+    evidence : Evidence, what speaks for and against it
     standing : how sure it is
-    again : float, share of the folds without which it, or one of its class, is chosen again
     far_out : str, what of it is larger than such errors usually are, empty where nothing is
     """
 
@@ -39,15 +39,14 @@ class Cause:
     std: Array
     p: float
     share: float
-    certainty: float
+    evidence: Evidence
     standing: Standing
-    again: float = 1.0
     far_out: str = ""
 
     @property
     def members(self) -> tuple[tuple[Candidate, float], ...]:
         """Causes that the data cannot tell apart, with probabilities, best first."""
-        return tuple((c, self.certainty * share) for c, share in self.named.members)
+        return tuple((c, self.evidence.probability * share) for c, share in self.named.members)
 
     @property
     def misshapen(self) -> bool:

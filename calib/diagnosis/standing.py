@@ -15,16 +15,10 @@ Standing = Literal["established", "likely", "one_of"]
 _SURE = 0.9  # probability from which on a cause is taken for certain
 
 
-def certainty_of(named: Named, doubt: Doubt) -> float:
-    """Probability that a cause, or one of its class, is there."""
-    del named, doubt
-    return 0.95
-
-
 def standing_of(named: Named, probability: float, doubt: Doubt, matters: bool) -> Standing:
     """How sure a cause is.
 
-    probability : that it is there, by whatever of its names
+    probability : that it, or one of its class, is there
     matters : whether another form would differ where accuracy counts
     A cause is one of several where these data do not tell it from others; it is established where it
     is nearly certain, in the form of the catalogue.
@@ -32,7 +26,9 @@ def standing_of(named: Named, probability: float, doubt: Doubt, matters: bool) -
     if named.aliased or named.lead < _SURE:
         return "one_of"
     untested = matters and not doubt.tested
-    return "likely" if probability < _SURE or doubt.stands or untested else "established"
+    return (
+        "likely" if probability * named.lead < _SURE or doubt.stands or untested else "established"
+    )
 
 
 def verdict_of(standings: Sequence[Standing], rest: Rest) -> VerdictName:

@@ -18,12 +18,12 @@ _LEAST_P = 1e-4  # of the test of its form, below which it is as doubtful as it 
 _BEST = 0.9, 1.9  # evidence of a curve over that of the name, from nothing speaks against it to all
 _AT_REST = ("base", "instrument")  # whose moments and warm-ups nothing else imitates
 
-_SURE = 3.2
-_FORM = 0.35  # a decade of the p value of its form
-_CURVE = -6.0  # a curve at its place does as much again
-_AGAIN = -10.0  # never chosen again without a tenth of the poses
+_SURE = 3.0
+_FORM = 0.25  # a decade of the p value of its form
+_CURVE = -4.2  # a curve at its place does as much again
+_AGAIN = -12.0  # never chosen again without a tenth of the poses
 _COMPANY = -0.9  # something else is found at its place
-_PLIABLE = -3.0  # a compliance by angles follows what it likes
+_PLIABLE = -2.5  # a compliance by angles follows what it likes
 _MOMENT = -1.6  # so does a moment, or a time constant, chosen at a joint or a marker
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -14,11 +15,16 @@ from calib.diagnosis.rounds import apart
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.verdict import Named, classes
 
+Why = Literal["configurations", "time", "together", "weak"]
+
 _MOST_ROUNDS = 30
-_WEAK = "in the fit in full it is smaller than three of its own standard deviations"
+_REASONS: dict[Why, str] = {
+    "configurations": "configurations that are left out are predicted no better with it",
+    "time": "stretches of time that are left out are predicted no better with it",
+    "together": "all found together predict left-out configurations no better",
+    "weak": "in the fit in full it is smaller than three of its own standard deviations",
+}
 _BY_CHANCE = 0.0027  # beyond three standard deviations, of a normal number
-_LEFT_OUT = {True: "stretches of time", False: "configurations"}
-_NO_BETTER = "that are left out are predicted no better with it"
 _ASKED_AGAIN = 2  # times that all others may take the place of what went
 
 
@@ -31,13 +37,18 @@ class Refused:
 
     effect: str
     where: str
-    reason: str
+    why: Why
+
+    @property
+    def reason(self) -> str:
+        """Why, in words."""
+        return _REASONS[self.why]
 
     @classmethod
-    def of(cls, candidate: Candidate, reason: str) -> Refused:
+    def of(cls, candidate: Candidate, why: Why) -> Refused:
         """A candidate refused."""
         name = candidate.effect.kind if candidate.named else f"curve over {candidate.depends_on}"
-        return cls(name, candidate.where, reason)
+        return cls(name, candidate.where, why)
 
 
 def believed(
@@ -56,7 +67,7 @@ def believed(
             after = exact(after)
             weak = [n for n in named if _is_weak(after, n.candidate)]
             # The best name of an entry may be another than that by which it came in.
-            fresh = [(c, _WEAK) for n in weak for c in (n.candidate, n.entry.candidate)]
+            fresh = [(c, "weak") for n in weak for c in (n.candidate, n.entry.candidate)]
             if not fresh:
                 return outcome, named, after, tuple(refused.values())
         refused |= {c.key: Refused.of(c, why) for c, why in fresh}
@@ -69,7 +80,7 @@ def believed(
     return nothing(outcome), (), exact(outcome.before), tuple(refused.values())
 
 
-def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple[Candidate, str]]:
+def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple[Candidate, Why]]:
     """What must go next, and why; nothing where all may stay.
 
     Of those that earn nothing the worse half, for what is left may then earn its place.
@@ -85,10 +96,10 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
     idle.sort(key=lambda pair: pair[1].without - pair[1].with_it)
     if idle:
         worse = [c for c, _ in idle[: (len(idle) + 1) // 2]]
-        return [(c, f"{_LEFT_OUT[c.depends_on in BY_TIME]} {_NO_BETTER}") for c in worse]
+        return [(c, "time" if c.depends_on in BY_TIME else "configurations") for c in worse]
     together = crossed.ledger([c.effect for c in active], False)
     if len(active) > 1 and not together.earns:
-        return [(c, "all found together predict left-out configurations no better") for c in active]
+        return [(c, "together") for c in active]
     return []
 
 

@@ -76,7 +76,8 @@ def _has_place(finding: Finding, left_out: int) -> bool:
     curves = any(not c.named for c in finding.outcome.active)
     blunders = left_out <= max(1.0, _BLUNDERS * len(stage.data))
     scatters = bool(after.variances.configuration.any())
-    in_vain = bool(finding.refused) and not (finding.outcome.active or scatters)
+    no_help = any(r.why == "configurations" for r in finding.refused)
+    in_vain = no_help and not (finding.outcome.active or scatters)
     return curves or not blunders or in_vain or _lacks_fit(finding)
 
 

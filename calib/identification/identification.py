@@ -22,7 +22,7 @@ from calib.population import Departure
 from calib.population.sizes import Widths
 from calib.poses import Measurements, Poses
 from calib.poses.visits import visits
-from calib.scatter import Levels, Scatter, Unnoticed, Variances
+from calib.scatter import Levels, Scatter, Unnoticed
 from calib.uncertainty.considered import Considered
 from calib.uncertainty.expanded import LEVEL, coverage_factor, effective_freedom
 from calib.uncertainty.freedom import freedom
@@ -206,13 +206,6 @@ class Identification:
         levels = self.levels
         shown = levels is not None and levels.variances.any and bool((levels.free > 0).any())
         return freedom(self.noise.dof, self.stays, self.rank, as_a_whole=shown)
-
-    @property
-    def arm(self) -> Variances | None:
-        """How the arm scatters: as found or known, else on average over what is likely."""
-        if self.unnoticed is not None:
-            return self.unnoticed[1].variances
-        return None if self.levels is None else self.levels.variances
 
     @property
     def stays(self) -> int:

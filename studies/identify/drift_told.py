@@ -80,8 +80,8 @@ def _to_do(record: IdentifyRecord, drift: Drift) -> Iterator[Sentence]:
     modelled = [p.effect for p in record.parameters if p.effect in _MODELLED]
     if drift.verdict == "moved":
         yield Sentence(
-            "the robot returns worse than it does else, something was knocked or is loose, or readings are too few for "
-            "a trend; if one row above stands out, measure again from there"
+            "the robot returns worse than it does else, something was knocked or is loose, or readings "
+            "are too few for a trend; if one row above stands out, measure again from there"
         )
     elif modelled:
         yield Sentence(f"{modelled[0]} is in the model and takes it up as far as it is steady")

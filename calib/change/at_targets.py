@@ -3,7 +3,8 @@
 A squared length ``d' Q d`` of an estimate ``d ~ N(delta, C)`` exceeds ``delta' Q delta`` by ``tr(Q C)``
 in the mean, which is taken off. Its interval inverts the distribution, a gamma one of the same mean
 ``tr(Q C) + s`` and variance ``2 tr(Q C Q C) + 4 delta' Q C Q delta`` (Satterthwaite, Biometrics Bull.
-2, 1946), in s.
+2, 1946), in s. From above a difference counts as no smaller than noise alone makes it in the mean: one
+that is smaller by luck would say that nothing can hide (Cowan et al., arXiv:1105.3166).
 """
 
 from __future__ import annotations
@@ -107,7 +108,8 @@ def lengths(moved: Array, spread: Array) -> Array:
     noise, noise2 = np.where(sure, 1.0, noise), np.where(sure, 1.0, noise2)
     along = ((turned @ moved[..., None]) ** 2).sum(axis=(1, 2)) / np.where(total > 0.0, total, 1.0)
     along = np.maximum(along, noise2 / noise)
-    low, high = (_solved(total, noise, noise2, along, level) for level in (1.0 - _TAIL, _TAIL))
+    low = _solved(total, noise, noise2, along, 1.0 - _TAIL)
+    high = _solved(np.maximum(total, noise), noise, noise2, along, _TAIL)
     squared = np.column_stack([np.maximum(total - noise, 0.0), low, high])
     return np.asarray(np.sqrt(np.where(sure[:, None], total[:, None], squared)))
 

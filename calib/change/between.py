@@ -17,6 +17,7 @@ from calib.change.difference import Difference, difference
 from calib.change.known import Known
 from calib.change.lacking import shown_otherwise
 from calib.change.moved import Moved, moved
+from calib.change.outside import outside
 from calib.compensation.estimate import Estimate
 from calib.compensation.unexplained import scatter_at
 from calib.effects.protocol import Parameter
@@ -41,6 +42,7 @@ class Changes:
     targets : Poses; change : AtTargets, what lies between the true robots of both days
     kept : AtTargets, what the earlier values err by on the later day's robot
     renewed : float, m, RMS that the later values leave by their uncertainty, 3-D per point
+    outside : float or None, m, RMS that may have come up outside the model, its upper limit
     rest : float, m, RMS beside both: what the model lacks, and how the arm scatters
     tolerance : float or None, m
     """
@@ -55,6 +57,7 @@ class Changes:
     renewed: float
     rest: float
     tolerance: float | None
+    outside: float | None = None
 
     @property
     def told(self) -> Told:
@@ -133,6 +136,7 @@ def changes(
         _spread(rows, found.later, share),
         float(np.sqrt(share @ scatter + estimate.unexplained.rms**2)),
         tolerance,
+        outside(before, after),
     )
 
 

@@ -1,10 +1,10 @@
 """The test whether repeated readings moved, and whether steadily.
 
-Nothing but the readings enters. Displacements of the markers between readings at equal joints fall
-into three parts, each a sum of squares under the instrument's noise: what a steady rigid motion of the
-station against the base explains (base drift and instrument drift alike), what other rigid motions
-explain, one for each reading (the arm does not return, or something was knocked), and what is left, the
-noise of single points.
+Nothing but the readings enters, and how the arm returns. Displacements of the markers between readings
+at equal joints fall into three parts, each a sum of squares under the noise of instrument and arm: what
+a steady rigid motion of the station against the base explains (base drift and instrument drift alike),
+what other rigid motions explain, one for each reading (the arm returns worse than that, or something
+was knocked), and what is left, the noise of single points.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ from typing import Literal
 import numpy as np
 
 from calib.arrays import Array
-from calib.drift.series import Series, columns_about, inverse, series_of
+from calib.drift.series import Series, columns_about, flat, inverse, series_of
 from calib.poses import Measurements
+from calib.scatter import Scatter
 
 Verdict = Literal["steady", "drift", "moved"]
 
 _ROUNDING = 1e-9
+_MANY = 12  # degrees of freedom that tell a level
 _SURE = 0.01  # p value below which something moved, or the noise is more than stated
 
 
@@ -88,13 +90,14 @@ class _Part:
         return float(fdtrc(self.dof, against.dof, self.mean / against.mean))
 
 
-def drift_of(data: Measurements, weights: Array) -> Drift | None:
+def drift_of(data: Measurements, weights: Array, arm: Scatter | None = None) -> Drift | None:
     """Judge the readings that were repeated after the arm had been elsewhere; None without any
     that share a marker.
 
     weights : ndarray, shape (m, M, 3, 3), 1/m, whitening matrices of the points, zero where hidden
+    arm : Scatter, how the arm returns to the poses; None where it returns exactly
     """
-    series = series_of(data, weights)
+    series = series_of(data, weights, arm)
     parts = [_moved_and_rest(one) for one in series]
     moved = _Part(sum(m.sum for m, _ in parts), sum(m.dof for m, _ in parts))
     if not moved.dof:
@@ -109,10 +112,12 @@ def drift_of(data: Measurements, weights: Array) -> Drift | None:
         sum(t.part.sum for t in trends.values()), sum(t.part.dof for t in trends.values())
     )
     other = _Part(max(moved.sum - steady.sum, 0.0), moved.dof - steady.dof)
-    scatter = other if other.p(noise) < _SURE else noise
+    # A drift makes the arm's own level look larger: beside an arm the rest is what tells.
+    beyond = other.p(noise) < _SURE
+    scatter = other if beyond or (arm is not None and other.dof >= _MANY) else noise
     p, trend_p = moved.p(noise), steady.p(scatter) if other.dof else np.nan
     # Backlash moves many readings alike: what else moved must not outweigh the trend.
-    trend = trend_p < _SURE and (scatter is noise or steady.sum > other.sum)
+    trend = trend_p < _SURE and (not beyond or steady.sum > other.sum)
     return Drift(
         "drift" if trend else "moved" if p < _SURE else "steady",
         tuple(series),
@@ -134,28 +139,24 @@ def _moved_and_rest(series: Series) -> tuple[_Part, _Part]:
 
     The true points are unknowns too: they are eliminated from the normal equations.
     """
-    P, d = series.information, series.deviations
-    V, M = P.shape[:2]
+    own, d = series.information, flat(series.deviations)
     seen = series.seen
     everything = _Part(
-        float(np.einsum("vmi,vmij,vmj->", d, P, d)),
+        float(np.einsum("vi,vij,vj->", d, own, d)),
         3 * int(seen.sum() - seen.any(axis=0).sum()),
     )
+    largest = own.max()
     columns, _ = columns_about(series.mean, series.mean[seen.any(axis=0)].mean(axis=0))
-    columns, flat = columns.reshape(3 * M, 6), d.reshape(V, 3 * M)
-    blocks = np.zeros((V, M, 3, M, 3))
-    blocks[:, np.arange(M), :, np.arange(M)] = np.swapaxes(P, 0, 1)
-    own = blocks.reshape(V, 3 * M, 3 * M)
     weighted = own @ columns
     cov, motions = inverse(columns.T @ weighted)
     own = own - weighted @ cov @ np.swapaxes(weighted, -1, -2)
-    pulls = (own @ flat[..., None])[..., 0]
+    pulls = (own @ d[..., None])[..., 0]
     total, pull = own.sum(axis=0), pulls.sum(axis=0)
-    if total.max() <= _ROUNDING * P.max():  # of a single marker nothing is left
+    if total.max() <= _ROUNDING * largest:  # of a single marker nothing is left
         total = np.zeros_like(total)
     cov, points = inverse(total)
     rest = _Part(
-        max(float((flat * pulls).sum() - pull @ cov @ pull), 0.0),
+        max(float((d * pulls).sum() - pull @ cov @ pull), 0.0),
         3 * int(seen.sum()) - int(motions.sum()) - int(points),
     )
     return _Part(max(everything.sum - rest.sum, 0.0), everything.dof - rest.dof), rest
@@ -184,14 +185,15 @@ def _trend(series: Sequence[Series]) -> _Trend:
     N, b = np.zeros((6, 6)), np.zeros(6)
     start = 0
     for one, own in zip(series, seen, strict=True):
-        B = columns[start : start + own.sum()]
-        start += int(own.sum())
-        P, d = one.information[:, own], one.deviations[:, own]
+        shown = np.repeat(own, 3)
+        B = columns[start : start + shown.sum()]
+        start += int(shown.sum())
+        P, d = one.information[:, shown][..., shown], flat(one.deviations)[:, shown]
         time = one.time - one.time.mean()
-        weighted = time[:, None, None, None] * (np.swapaxes(B, -1, -2) @ P)
+        weighted = time[:, None, None] * (B.T @ P)
         summed, total = weighted.sum(axis=0), P.sum(axis=0)
-        N += (time[:, None, None, None] * (weighted @ B)).sum(axis=(0, 1))
-        N -= (summed @ np.linalg.solve(total, np.swapaxes(summed, -1, -2))).sum(axis=0)
-        b += (weighted @ d[..., None])[..., 0].sum(axis=(0, 1))
+        N += (time[:, None, None] * (weighted @ B)).sum(axis=0)
+        N -= summed @ np.linalg.solve(total, summed.T)
+        b += (weighted @ d[..., None])[..., 0].sum(axis=0)
     cov, rank = inverse(N)
     return _Trend(cov @ b, cov, _Part(float(b @ cov @ b), int(rank)), spread)

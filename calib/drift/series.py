@@ -11,6 +11,7 @@ from calib.arrays import Array, IntArray, Mask
 from calib.observations.rigid import rigid_motions
 from calib.poses import Measurements
 from calib.poses.visits import alike, visits
+from calib.scatter import Scatter
 
 _BLIND = 1e-6  # share of the largest: information on a motion that the markers do not show
 
@@ -47,7 +48,8 @@ class Series:
     time : ndarray, shape (V,), s, in order of measurement; the number of the stay where none is given
     timed : bool; one_side : bool, no joint came now from one side and now from the other
     points : ndarray, shape (V, M, 3), m, means of each stay
-    information : ndarray, shape (V, M, 3, 3), 1/m^2, zero where hidden
+    information : ndarray, shape (V, 3 M, 3 M), 1/m^2, zero where hidden: of the points, and of how far
+        the arm returns, which moves all of them together
     """
 
     names: tuple[str, ...]
@@ -61,13 +63,13 @@ class Series:
     @property
     def seen(self) -> Mask:
         """Which markers were seen at each reading, shape (V, M)."""
-        return np.asarray(self.information.any(axis=(-1, -2)))
+        return np.asarray(self.information.any(axis=-1).reshape(self.points.shape).any(axis=-1))
 
     @cached_property
     def mean(self) -> Array:
         """Weighted mean of each marker, shape (M, 3), m; zero where it was never seen."""
-        weighted = (self.information @ self.points[..., None])[..., 0].sum(axis=0)
-        return solved(self.information.sum(axis=0), weighted)
+        weighted = (self.information @ flat(self.points)[..., None])[..., 0].sum(axis=0)
+        return solved(self.information.sum(axis=0), weighted).reshape(-1, 3)
 
     @property
     def deviations(self) -> Array:
@@ -82,12 +84,13 @@ class Series:
     def _motion(self, v: int, both: Mask) -> Motion:
         from scipy.special import chdtrc
 
-        first, later = self.information[0], self.information[v]
+        own = np.repeat(both, 3)
         moved = (self.points[v] - self.points[0])[both]
-        information = np.linalg.inv(np.linalg.inv(first[both]) + np.linalg.inv(later[both]))
+        error = sum(self._errors(i)[np.ix_(own, own)] for i in (0, v))
         columns, length = columns_about(self.points[0, both], self.points[0, both].mean(axis=0))
-        A, b = normal(columns, information, moved)
-        cov, rank = inverse(A)
+        weighted = np.linalg.solve(error, columns).T
+        cov, rank = inverse(weighted @ columns)
+        b = weighted @ moved.ravel()
         xi, std = cov @ b, np.sqrt(np.diag(cov))
         return Motion(
             self.names[v],
@@ -102,11 +105,18 @@ class Series:
             float(chdtrc(rank, b @ xi)),
         )
 
+    def _errors(self, v: int) -> Array:
+        """Covariance (3 M, 3 M) of the points of a reading, zero where hidden."""
+        found, own = np.zeros_like(self.information[v]), np.repeat(self.seen[v], 3)
+        found[np.ix_(own, own)] = np.linalg.inv(self.information[v][np.ix_(own, own)])
+        return np.asarray(found)
 
-def series_of(data: Measurements, weights: Array) -> list[Series]:
+
+def series_of(data: Measurements, weights: Array, arm: Scatter | None = None) -> list[Series]:
     """Every configuration that was left and read again, the one with most readings first, then by time.
 
     weights : ndarray, shape (m, M, 3, 3), 1/m, whitening matrices, zero where hidden
+    arm : Scatter, how the poses of the data err as a whole at each approach; None where they do not
     """
     stay, state = visits(data.poses), alike(data.poses)
     counted = weights.any(axis=(1, 2, 3))
@@ -114,27 +124,47 @@ def series_of(data: Measurements, weights: Array) -> list[Series]:
     for s in np.unique(state[counted]):
         here = np.flatnonzero((state == s) & counted)
         if len(np.unique(stay[here])) > 1:
-            found.append(_series(data, weights, here, stay[here]))
+            found.append(_series(data, weights, here, stay[here], arm))
     return sorted(found, key=lambda series: (-len(series.names), series.time[0]))
 
 
-def _series(data: Measurements, weights: Array, here: IntArray, stay: IntArray) -> Series:
+def _series(
+    data: Measurements, weights: Array, here: IntArray, stay: IntArray, arm: Scatter | None
+) -> Series:
     poses = data.poses
     own = np.swapaxes(weights[here], -1, -2) @ weights[here]
     weighted = (own @ data.points[here][..., None])[..., 0]
     stays = np.unique(stay)
-    information = np.stack([own[stay == s].sum(axis=0) for s in stays])
+    each = np.stack([own[stay == s].sum(axis=0) for s in stays])
     sums = np.stack([weighted[stay == s].sum(axis=0) for s in stays])
     times = stay.astype(float) if poses.time is None else poses.time[here]
+    together = np.zeros((each.shape[1] * 3, 0))
+    if arm is not None:
+        levers = arm.levers[here[0]] * np.sqrt(arm.variances.approach[arm.kinds])
+        together = levers.reshape(len(together), -1)
     return Series(
         tuple(poses.names[here[int(np.argmax(stay == s))]] for s in stays),
         int(poses.station[here[0]]),
         np.array([times[stay == s].mean() for s in stays]),
         poses.time is not None,
         poses.approach is None or _one_sided(poses.approach[here]),
-        solved(information, sums),
-        information,
+        solved(each, sums),
+        _beside_arm(each, together),
     )
+
+
+def _beside_arm(each: Array, H: Array) -> Array:
+    """Information (V, 3 M, 3 M) of points that err by themselves and all together.
+
+    each : ndarray, shape (V, M, 3, 3), 1/m^2, of the points; H : ndarray, shape (3 M, k), m, levers
+        of a standard deviation each
+    """
+    V, M = each.shape[:2]
+    blocks = np.zeros((V, M, 3, M, 3))
+    blocks[:, np.arange(M), :, np.arange(M)] = np.swapaxes(each, 0, 1)
+    P = blocks.reshape(V, 3 * M, 3 * M)
+    within = np.eye(H.shape[1]) + H.T @ P @ H
+    return np.asarray(P - P @ H @ np.linalg.solve(within, H.T @ P))  # Woodbury
 
 
 def _one_sided(approach: Array) -> bool:
@@ -142,27 +172,26 @@ def _one_sided(approach: Array) -> bool:
 
 
 def solved(information: Array, weighted: Array) -> Array:
-    """Means (..., 3) from weighted sums; zero where nothing was seen."""
-    blank = np.logical_not(information.any(axis=(-1, -2), keepdims=True))
-    return np.asarray(np.linalg.solve(information + blank * np.eye(3), weighted[..., None])[..., 0])
+    """Means (..., n) from weighted sums; zero where nothing was seen."""
+    blank = np.logical_not(information.any(axis=-1))[..., None] * np.eye(information.shape[-1])
+    return np.asarray(np.linalg.solve(information + blank, weighted[..., None])[..., 0])
+
+
+def flat(points: Array) -> Array:
+    """Points (..., M, 3) as vectors (..., 3 M)."""
+    return points.reshape(*points.shape[:-2], -1)
 
 
 def columns_about(points: Array, centre: Array) -> tuple[Array, float]:
-    """Rigid motions of points (M, 3) about a centre, (M, 3, 6), turns in units of their spread.
+    """Rigid motions of points (M, 3) about a centre, (3 M, 6), turns in units of their spread.
 
     Returns the columns and that spread, m, one where there is none.
     """
     arms = points - centre
     spread = float(np.sqrt((arms**2).sum(axis=-1).mean())) or 1.0
-    columns = rigid_motions(arms).reshape(len(points), 3, 6)
-    columns[..., 3:] /= spread
+    columns = rigid_motions(arms).reshape(-1, 6)
+    columns[:, 3:] /= spread
     return columns, spread
-
-
-def normal(columns: Array, information: Array, moved: Array) -> tuple[Array, Array]:
-    """Normal equations (6, 6) and (6,) of the motion that explains displacements (M, 3)."""
-    weighted = np.swapaxes(columns, -1, -2) @ information
-    return (weighted @ columns).sum(axis=0), (weighted @ moved[..., None])[..., 0].sum(axis=0)
 
 
 def inverse(A: Array) -> tuple[Array, IntArray]:

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.arm.repeatability import usual_repeatability
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.identification.checks import outnumbered
@@ -21,10 +22,12 @@ from calib.observations import Observation, points_of
 from calib.population import Departure
 from calib.population.prior import Prior
 from calib.population.sizes import Elementary, Widths
-from calib.scatter import Levels, Variances, levels_of, scatter_of
+from calib.scatter import Levels, Scatter, Unnoticed, Variances, levels_of, scatter_of, unnoticed
+from calib.scatter.search import problem_of
 
 _MOST_ROUNDS = 4  # of widths and fit in turn
 _SETTLED = 0.05  # of a width
+_SILENT = 1e-9  # of the stated noise: copies scatter by nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,17 +196,38 @@ def _judged(cell: Cell, fit: Fitted) -> Fitted:
     """The same with how whole poses err together, as the poses kept show it."""
     if isinstance(fit.estimator, Differences):
         return fit
+    linear = _linear(fit)
+    levels = levels_of(*linear, known=cell.repeatability)
+    observation = replace(fit.observation, scatter=linear[0].at(levels.variances))
+    return replace(fit, observation=observation, levels=levels)
+
+
+def _linear(fit: Fitted) -> tuple[Scatter, Array, Array, Array, Array]:
+    """The linear problem of a fit, as :func:`calib.scatter.levels_of` takes it."""
     model, values, poses = fit.model, fit.values, fit.observation.data.poses
     scatter = scatter_of(model, values, poses, Variances.none(model.robot.dof))
     judged = fit.estimator.judged(fit.counted, values, fit.span)
     off, by_known = model.beside(values)
-    levels = levels_of(
-        scatter,
-        points_of(fit.counted).rows(scatter.levers),
-        judged.r,
-        judged.J @ judged.span,
-        held=np.column_stack([by_known @ judged.span, off]),
-        known=cell.repeatability,
-    )
-    observation = replace(fit.observation, scatter=scatter.at(levels.variances))
-    return replace(fit, observation=observation, levels=levels)
+    held = np.column_stack([by_known @ judged.span, off])
+    levers = points_of(fit.counted).rows(scatter.levers)
+    return scatter, levers, judged.r, judged.J @ judged.span, held
+
+
+def by_unnoticed(cell: Cell, fit: Fitted) -> tuple[Array, Unnoticed] | None:
+    """Covariance (p, p) that scatter adds which was not found, and that scatter.
+
+    None where scatter was found or is stated, and where the residual has widened everything already.
+    """
+    levels, noise = fit.levels, fit.noise
+    known = cell.repeatability is not None or levels is None or levels.variances.any
+    if known or noise.source == "residual":
+        return None
+    linear = _linear(fit)
+    problem, *_ = problem_of(*linear)
+    usual = usual_repeatability(fit.model.robot.reach)
+    found = unnoticed(linear[0], problem, usual, max(noise.factor, _SILENT))
+    if found is None:
+        return None
+    counted = replace(fit.counted, scatter=linear[0].at(found.variances))
+    whole = fit.estimator.covariance(counted, fit.values, fit.span)
+    return whole - fit.covariance() * fit.widening**2, found

@@ -22,7 +22,7 @@ from calib.population import Departure
 from calib.population.sizes import Widths
 from calib.poses import Measurements, Poses
 from calib.poses.visits import visits
-from calib.scatter import Levels, Scatter
+from calib.scatter import Levels, Scatter, Unnoticed
 from calib.uncertainty.considered import Considered
 from calib.uncertainty.expanded import LEVEL, coverage_factor, effective_freedom
 from calib.uncertainty.freedom import freedom
@@ -135,6 +135,8 @@ class Identification:
     profiled : ndarray, shape (p,), standard deviations of tunings by the profile of the likelihood, NaN
         where the covariance holds, or None
     footprint : float, metres to one unit of distances and noise: 1 unless no reading is a length
+    unnoticed : covariance, shape (p, p), SI, that scatter adds which was not found, part of
+        ``covariance``, and that scatter; None where it was found, or is known
     common : tuple of Considered, errors that all readings share, which the cell states; their part of
         the uncertainty is no part of ``covariance``
     scatter : Scatter or None, how whole poses err together; levels : Levels or None, how that was found
@@ -174,6 +176,7 @@ class Identification:
     of_type: Departure | None = None
     sizes: Widths | None = None
     pull: float = 1.0
+    unnoticed: tuple[Array, Unnoticed] | None = None
     common: tuple[Considered, ...] = ()
 
     @property
@@ -184,11 +187,15 @@ class Identification:
     @property
     def _variances(self) -> list[tuple[Array, float]]:
         """Parts of the variance of each value (p,), with their degrees of freedom."""
-        own = np.diag(self.covariance)
+        own, added, few = np.diag(self.covariance), np.zeros(len(self.values)), np.inf
+        if self.unnoticed is not None:
+            added, few = np.diag(self.unnoticed[0]), self.unnoticed[1].freedom
+            added = np.clip(added, 0.0, own)  # below nothing is rounding
+            own = own - added
         if self.profiled is not None:
             own = np.where(np.isfinite(self.profiled), self.profiled**2, own)
         common = [(np.diag(one.covariance), one.error.freedom) for one in self.common]
-        return [(own, self.freedom), *common]
+        return [(own, self.freedom), (added, few), *common]
 
     @property
     def freedom(self) -> float:

@@ -14,7 +14,7 @@ from calib.effects.tool import Tool
 from calib.errors import CalibError, Unsolvable
 from calib.identification.checks import check_counts, check_options, check_orientable
 from calib.identification.estimators import Differences, Estimator, Readings, steps
-from calib.identification.fitted import Fitted, fitted
+from calib.identification.fitted import Fitted, by_unnoticed, fitted
 from calib.identification.heldout import predicted
 from calib.identification.identification import Identification, Method, Residuals, Status
 from calib.identification.initial import initial_values, strayed
@@ -37,7 +37,7 @@ from calib.observations import (
 from calib.population.sizes import Elementary
 from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move
-from calib.scatter import Variances, scatter_of
+from calib.scatter import Unnoticed, Variances, scatter_of
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
 from calib.uncertainty.considered import considered
@@ -93,7 +93,8 @@ def identify(
     except np.linalg.LinAlgError:
         raise Unsolvable from None
     held = predicted(cell, fit, heldout) if heldout is not None else None
-    return _identification(built, fit, start, held, approach, method)
+    hidden = by_unnoticed(cell, fit)
+    return _identification(built, fit, start, held, approach, method, hidden)
 
 
 def _errors(cell: Cell, built: Built) -> Elementary:
@@ -108,6 +109,7 @@ def _identification(
     held: Residuals | None,
     approach: Approach,
     method: Method,
+    hidden: tuple[Array, Unnoticed] | None,
 ) -> Identification:
     """What is told of an estimate that began at ``start`` (p,)."""
     model, values, span, found = fit.model, fit.values, fit.span, fit.found
@@ -120,7 +122,7 @@ def _identification(
     return Identification(
         model=model,
         values=values,
-        covariance=stated * widening**2,
+        covariance=stated * widening**2 + (0.0 if hidden is None else hidden[0]),
         ignorance=ignorance(counted.flat(values)[1], span, model.sizes, np.diag(stated) <= 0.0),
         status=_status(fit),
         approach=approach,
@@ -148,6 +150,7 @@ def _identification(
         of_type=fit.of_type,
         sizes=fit.sizes,
         pull=fit.observation.pull,
+        unnoticed=hidden,
         common=considered(model, values, data, follow),
     )
 

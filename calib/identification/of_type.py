@@ -34,7 +34,7 @@ def held_by_type(
         raise ValueError("a model without a type")
     at, prior = model.own_prior_at, model.own_prior
     own, sizes = covariance[np.ix_(at, at)], model.sizes[at]
-    found = replace(departure(prior, values[at], own, loosened(prior, sizes)), pull=pull)
+    found = replace(departure(prior, values[at], own, sizes), pull=pull)
     believed = replace(model, prior=adapted(found, sizes))
     observation = replace(observation, model=believed, pull=pull)
     return observation, search(estimator, observation, values), found

@@ -126,6 +126,24 @@ def _fit(t: Array, C: Array) -> _Fit:
     return _Fit(mean, doubt, sigma)
 
 
+def of_known(t: Array) -> tuple[Array, Array]:
+    """Mean (k,) and covariance (k, k) of one robot more, by robots (N, k) whose values are known.
+
+    In plausible sizes: what the hierarchy makes of estimates without noise, in one round.
+    """
+    N, k = t.shape
+    s = _GRID**2
+    sums = (
+        power[:, None] / s for power in (np.full(k, float(N)), t.sum(axis=0), (t**2).sum(axis=0))
+    )
+    variance = _on_grid(-0.5 * N * np.log(s), *sums)
+    mean = t.sum(axis=0) / (N + variance)
+    y = (t - mean) / np.sqrt(variance)
+    sigma = _shrunk(y.T @ y, np.full((k, k), float(N))) * np.sqrt(np.outer(variance, variance))
+    doubt = np.linalg.inv(np.eye(k) + N * np.linalg.inv(sigma))
+    return doubt @ np.linalg.solve(sigma, t.sum(axis=0)), sigma + doubt
+
+
 def _mean(t: Array, Q: Array) -> tuple[Array, Array]:
     """Posterior mean and covariance of mu, given the estimates' precisions Q (N, k, k)."""
     doubt = np.linalg.inv(np.eye(t.shape[1]) + Q.sum(axis=0))
@@ -137,17 +155,26 @@ def _variances(seen: Array, noise: Array) -> Array:
 
     mu is integrated over, normal about zero with unit variance.
     """
-    s = _GRID**2
-    log_p = -0.5 * (_FREEDOM + 1.0) * np.log1p(s / _FREEDOM) + np.log(_GRID)  # the grid's own step
-    each = np.tile(log_p, (seen.shape[1], 1))
-    weight, first, second = np.ones_like(each), np.zeros_like(each), np.zeros_like(each)
+    s, shape = _GRID**2, (seen.shape[1], len(_GRID))
+    each, weight, first, second = (np.zeros(shape) for _ in range(4))
     for y, v in zip(seen, noise, strict=True):
         w = 1.0 / (s + v[:, None])
         each = each + 0.5 * np.log(w)
         weight, first, second = (
             total + w * y[:, None] ** power for power, total in enumerate((weight, first, second))
         )
-    each = each - 0.5 * np.log(weight) - 0.5 * (second - first**2 / weight)
+    return _on_grid(each, weight, first, second)
+
+
+def _on_grid(each: Array, weight: Array, first: Array, second: Array) -> Array:
+    """Posterior mean of each variance, shape (k,).
+
+    each : half the log of all precisions on the grid; weight, first, second : sums of the precisions
+        times powers of what is seen; (k, grid)
+    """
+    s, weight = _GRID**2, 1.0 + weight
+    log_p = -0.5 * (_FREEDOM + 1.0) * np.log1p(s / _FREEDOM) + np.log(_GRID)  # the grid's own step
+    each = each + log_p - 0.5 * np.log(weight) - 0.5 * (second - first**2 / weight)
     p = np.exp(each - each.max(axis=1, keepdims=True))
     return np.asarray(p @ s / p.sum(axis=1))
 
@@ -165,17 +192,24 @@ def _correlated(t: Array, C: Array, mean: Array, variance: Array) -> Array:
         # Of what each parameter is known by, as many robots count.
         seen = np.clip(np.diagonal(gain, axis1=1, axis2=2), 0.0, 1.0)
         squares = np.einsum("ik,il->kl", own, own) + (R - gain @ R).sum(axis=0)
-        scale = np.sqrt(np.diag(squares))
-        shown = squares / np.outer(scale, scale)
         counted = np.maximum(np.einsum("ik,il->kl", seen, seen), 1.0)
-        off = ~np.eye(k, dtype=bool)
-        chance, found = ((1.0 - shown**2) ** 2 / counted)[off].sum(), (shown**2)[off].sum()
-        share = float(np.clip(1.0 - chance / max(found, 1e-12), 0.0, 1.0))
-        fresh = share * shown + (1.0 - share) * np.eye(k)
+        fresh = _shrunk(squares, counted)
         if np.abs(fresh - R).max() < _SETTLED:
             break
         R = fresh
     return np.asarray(R * np.outer(std, std))
+
+
+def _shrunk(squares: Array, counted: Array) -> Array:
+    """Correlations (k, k) as far as they are more than chance.
+
+    squares : sums of products over the robots; counted : robots behind each, both (k, k)
+    """
+    scale = np.sqrt(np.diag(squares))
+    shown, off = squares / np.outer(scale, scale), ~np.eye(len(scale), dtype=bool)
+    chance, found = ((1.0 - shown**2) ** 2 / counted)[off].sum(), (shown**2)[off].sum()
+    share = float(np.clip(1.0 - chance / max(found, 1e-12), 0.0, 1.0))
+    return np.asarray(share * shown + (1.0 - share) * np.eye(len(scale)))
 
 
 def _squares(t: Array, C: Array, fit: _Fit) -> Array:

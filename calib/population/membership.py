@@ -2,7 +2,10 @@
 
 With the estimate ``t`` under a prior of mean m and covariance S, and ``e = t - m``, the score test of a
 shift in one parameter is ``g_j / sqrt(Q_jj)`` with ``g = S^-1 e`` and Q its covariance: it holds beside
-whatever the others do. All together, ``g^T Q^+ g`` is a chi-square of as many rows as the data tell.
+whatever the others do. All together, ``g^T Q^+ g`` is a chi-square of as many rows as the data tell,
+if S is known. It was learnt from few robots, and where parameters go together its narrow directions are
+too narrow by luck. So a robot that looks strange is held against as many more types, each learnt anew
+from robots drawn of this one, each with a robot more (parametric bootstrap).
 """
 
 from __future__ import annotations
@@ -12,10 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import Array, IntArray
+from calib.population.hierarchy import of_known
 from calib.population.prior import Key, Prior
 
 _TOLD = 1e-3  # share of a prior's variance that the data must tell
-_SURELY = 0.01  # over all parameters, below which one is released
+_SURELY = 0.005  # of each of two tests: all parameters together, and each of them
+_DRAWN = 399  # types that are learnt anew
+_PLENTY = 8  # robots farther out that settle it (Besag and Clifford, Biometrika 78(2), 1991)
+_FEWEST = 2  # robots from which a type can be
 _RELEASED = 10.0  # plausible sizes
 _UP_TO = 0.75  # probability with which a robot stands no farther out than is believed of it
 _AS_OTHERS = 4.0  # rows that say that it stands as others do
@@ -50,35 +57,59 @@ class Departure:
         return self.p_value >= _SURELY and not self.released
 
 
-def departure(prior: Prior, values: Array, covariance: Array, loose: Prior) -> Departure:
+def departure(prior: Prior, values: Array, covariance: Array, sizes: Array) -> Departure:
     """How far a robot left its type, by an estimate that the type hardly held.
 
     values : ndarray, shape (k,), SI; covariance : ndarray, shape (k, k), SI, of an estimate that was
-        made with the prior ``loose``, of the same mean
+        made with the prior :func:`loosened`; sizes : ndarray, shape (k,), SI, plausible sizes
     """
+    certain = np.linalg.inv(covariance)
+    data = certain - np.linalg.inv(loosened(prior, sizes).covariance)
     W = prior.whitening
-    told, held = (np.linalg.inv(W @ C @ W.T) for C in (covariance, loose.covariance))
-    after = np.linalg.inv(told - held + np.eye(len(W)))
-    u, K = after @ told @ W @ (values - prior.mean), np.eye(len(W)) - (after + after.T) / 2.0
+    u, K = _scored(W, data, certain @ (values - prior.mean))
     back = np.linalg.inv(W)
     left, moved = back @ u, np.diag(back @ K @ back.T)
     seen = moved > _TOLD * prior.std**2
     scores = np.full(len(values), np.nan)
     scores[seen] = left[seen] / np.sqrt(moved[seen])
     statistic, rows = _square(u, K)
+    p_value = _tail(prior, statistic, rows)
+    if p_value < _SURELY and prior.robots >= _FEWEST:
+        p_value = max(p_value, _by_types_drawn(prior, sizes, data, statistic))
     # Of the prior's own coordinates: a shift of one parameter by its deviation.
     g, Q = prior.std * (W.T @ u), np.outer(prior.std, prior.std) * (W.T @ K @ W)
     out, rest = _released(prior, g, Q)
     factor = _widening(max(statistic - rest, 0.0), max(rows - len(out), 1))
-    return Departure(
-        prior,
-        scores,
-        statistic,
-        rows,
-        _tail(prior, statistic, rows),
-        tuple(prior.keys[i] for i in out),
-        factor,
-    )
+    released = tuple(prior.keys[i] for i in out)
+    return Departure(prior, scores, statistic, rows, p_value, released, factor)
+
+
+def _scored(W: Array, data: Array, pull: Array) -> tuple[Array, Array]:
+    """Whitened estimate under a prior, (k,), and its covariance in robots of it, (k, k).
+
+    W : ndarray, shape (k, k), whitening of the prior; data : ndarray, shape (k, k), information of the
+        readings; pull : ndarray, shape (k,), the same times how far they are from the prior's mean
+    """
+    back = np.linalg.inv(W)
+    after = np.linalg.inv(back.T @ data @ back + np.eye(len(W)))
+    return after @ back.T @ pull, np.eye(len(W)) - (after + after.T) / 2.0
+
+
+def _by_types_drawn(prior: Prior, sizes: Array, data: Array, statistic: float) -> float:
+    """How often a robot of a type, read as well, stands as far out of what is learnt of that type."""
+    rng, k, farther = np.random.default_rng(0), len(sizes), 0
+    half = np.linalg.cholesky(prior.covariance / np.outer(sizes, sizes))
+    values, vectors = np.linalg.eigh(data * np.outer(sizes, sizes))
+    noise = vectors * np.sqrt(np.maximum(values, 0.0))
+    for drawn in range(_DRAWN):
+        if farther == _PLENTY:
+            return farther / drawn
+        *others, robot = prior.mean / sizes + rng.normal(size=(prior.robots + 1, k)) @ half.T
+        about, covariance = of_known(np.array(others))
+        read = noise @ (noise.T @ (robot - about) + rng.normal(size=k))
+        W = np.linalg.inv(np.linalg.cholesky(covariance))
+        farther += _square(*_scored(W, noise @ noise.T, read))[0] >= statistic
+    return (1.0 + farther) / (1.0 + _DRAWN)
 
 
 def loosened(prior: Prior, sizes: Array) -> Prior:

@@ -122,7 +122,8 @@ class ChangesRecord(Record):
     """What moved between two results of one robot.
 
     change : of the robot between the days; kept : with the values of BEFORE on the robot of AFTER;
-    renewed : with those of AFTER; rest : beside each, by what the model lacks and the arm's scatter
+    renewed : with those of AFTER; outside : RMS at most that may have come up outside the model, None
+    where a result tells no poses; rest : beside each, by what the model lacks and the arm's scatter
     """
 
     command: Literal["changes"] = "changes"
@@ -145,6 +146,7 @@ class ChangesRecord(Record):
     kept_worst_mm: Error
     renewed_rms_mm: NotNegative
     rest_mm: NotNegative
+    outside_mm: NotNegative | None = None
     worst_at: str
     at_targets: tuple[AtTarget, ...] = Field(min_length=1)
     tolerance_mm: Positive | None
@@ -191,6 +193,7 @@ def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRe
         kept_worst_mm=_error(worst),
         renewed_rms_mm=float(np.hypot(found.renewed, found.rest)) * _MM,
         rest_mm=found.rest * _MM,
+        outside_mm=None if found.outside is None else found.outside * _MM,
         worst_at=found.targets.names[found.kept.worst_at],
         at_targets=_at_targets(found),
         tolerance_mm=None if found.tolerance is None else found.tolerance * _MM,

@@ -68,10 +68,9 @@ def _headline(record: ChangesRecord) -> Iterator[Sentence]:
     between = f"{record.before} and {record.after}"
     if record.status == "unchanged":
         yield Sentence(
-            f"Nothing moved between {between} beyond the uncertainty of both ({chance}); what may hide "
-            f"in it is at most {mm(change.high)} RMS at the targets.",
-            "good",
+            f"Nothing moved between {between} beyond the uncertainty of both ({chance}).", "good"
         )
+        yield Sentence(_hidden(record))
     else:
         own = [p.id for p in record.parameters if p.moved]
         named = f", surely {listed(own)}" if own else ", of no single parameter surely"
@@ -89,6 +88,20 @@ def _headline(record: ChangesRecord) -> Iterator[Sentence]:
             "warn",
         )
     yield from _tolerance(record)
+
+
+def _hidden(record: ChangesRecord) -> str:
+    """What the data leave room for, inside the model and outside of it."""
+    inside = (
+        f"At most {mm(record.change_rms_mm.high)} RMS may hide at the targets in what the model's "
+        "parameters can express."
+    )
+    if record.outside_mm is None:
+        return f"{inside} An effect outside the model may hide more: run posecal diagnose."
+    return (
+        f"{inside} An effect outside the model may hide at most {mm(record.outside_mm)} more, by what "
+        "the fits leave: run posecal diagnose."
+    )
 
 
 def _chance(test: Test) -> str:

@@ -40,11 +40,11 @@ def _moved(record: IdentifyRecord, drift: Drift) -> Iterator[Sentence]:
     count, p = len(drift.references), P(drift.p_value)
     of = f" ({count} repeated poses together)" if count > 1 else ""
     if drift.verdict == "steady":
-        said = f"none seen: p {p}{of}, the readings differ as their noise does"
+        said = f"none seen: p {p}{of}, the readings differ as instrument and arm do"
     elif drift.verdict == "drift":
         said = f"yes: p {P(drift.trend_p)} for a steady motion{of}"
     else:
-        said = f"no steady one, but the readings moved more than noise: p {p}{of}"
+        said = f"no steady one, but the readings moved more than instrument and arm do: p {p}{of}"
     yield Sentence(said, "good" if drift.verdict == "steady" else "warn", "drift")
     if drift.verdict == "drift":
         yield from map(_rate, drift.rates)
@@ -80,8 +80,8 @@ def _to_do(record: IdentifyRecord, drift: Drift) -> Iterator[Sentence]:
     modelled = [p.effect for p in record.parameters if p.effect in _MODELLED]
     if drift.verdict == "moved":
         yield Sentence(
-            "the robot does not return, something was knocked or is loose, or readings are too few for "
-            "a trend; if one row above stands out, measure again from there"
+            "the robot returns worse than it does else, something was knocked or is loose, or readings "
+            "are too few for a trend; if one row above stands out, measure again from there"
         )
     elif modelled:
         yield Sentence(f"{modelled[0]} is in the model and takes it up as far as it is steady")

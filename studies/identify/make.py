@@ -39,8 +39,7 @@ def identified(
     from calib.accuracy.acceptance import judged
     from calib.accuracy.at_targets import accuracy_at_targets
     from calib.compensation.estimate import estimate_of
-    from calib.drift import drift_of
-    from calib.identification.whitening import whitening
+    from calib.drift import drift_in
     from studies.identify.record import Asked, identify_record
     from studies.record import envelope
 
@@ -57,13 +56,11 @@ def identified(
         differences=differences,
         holdout=session.holdout,
     )
-    estimate, tracked = estimate_of(found), found.model.tracked(session.whole)
+    estimate = estimate_of(found)
     record = identify_record(
         found,
         accuracy_at_targets(cell, found, estimate),
-        None
-        if tracked is None
-        else drift_of(tracked[1], whitening(cell, tracked[0], found.values, tracked[1])),
+        drift_in(cell, found, session.whole),
         estimate,
         asked,
         envelope(cell.name, inputs_of(session), session.seed, cell.about),

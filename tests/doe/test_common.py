@@ -14,6 +14,7 @@ import pytest
 import doe
 from calib import Cell
 from calib.arrays import Array
+from calib.cell import Repeatability
 from calib.cell.planned import Planned
 from calib.cell.targets import targets_of
 from calib.instruments.common_errors import CommonError
@@ -29,7 +30,8 @@ SCALE, ZERO = 2e-5, 3e-6
 @pytest.fixture(scope="module")
 def plain() -> Cell:
     cell = with_effects(embedded_cell(), "base", "tool", "geometry")
-    return replace(cell, load=None, design=Planned())
+    exact = Repeatability(0.0, 0.0)
+    return replace(cell, load=None, design=Planned(), repeatability=exact)
 
 
 @pytest.fixture(scope="module")

@@ -100,7 +100,8 @@ def enough(
     day = _foreseen(day, model.predict(values, day.poses), len(data))
     day = after_the_first_move(model, day)
     arm = _arm(cell, model, found)
-    at = Linearisation(cell, model, values, arm)
+    counted = _counted(arm, found)
+    at = Linearisation(cell, model, values, counted)
     kept = _kept(day, found)
     rows = at.of(day, kept).per(model.sizes)
     moved = moved_rows(at, day, at.weights(day, kept), rows)
@@ -122,7 +123,7 @@ def enough(
     criterion = _task(regressor, forecast)
     so_far = np.arange(len(day)) < len(data)
     held = model.beside(values)[1] * model.sizes
-    weighs = (_pull(arm, found), _weighing(at, day, kept))
+    weighs = (_pull(counted, found), _weighing(at, day, kept))
     further = _in_best_order(criterion, rows, moved, so_far, plan, done.left, held, weighs)
     now = told(rows, moved, so_far, held, *weighs)
     steps = tuple(forecast.steps(now, len(data), further))
@@ -174,6 +175,12 @@ def _arm(cell: Cell, model: Model, found: Identification | None) -> Variances:
     if found is None or arm.any:
         return arm
     return replace(arm, scale=max(found.noise.factor, _SILENT))
+
+
+def _counted(arm: Variances, found: Identification | None) -> Variances:
+    """How it scatters where readings count: with what was not found, as the identification has it."""
+    hidden = None if found is None else found.unnoticed
+    return arm if hidden is None else hidden[1].variances
 
 
 def _pull(arm: Variances, found: Identification | None) -> float:

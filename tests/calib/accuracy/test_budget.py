@@ -164,6 +164,7 @@ SLIDE = """schema = 1
 [robot]
 dh = "slide.csv"
 dh_convention = "classic"
+repeatability_mm = 0
 [robot.limits_mm]
 X = [0, 2000]
 [markers_mm]

@@ -173,6 +173,51 @@ def test_a_worn_gear_leaves_more_than_before(cell: Cell, before: Known) -> None:
     assert not quiet.moved.beyond
 
 
+def harmonic(seed: int, joint: int, urad: float) -> tuple[Measurements, float]:
+    """A day on which a joint errs once in its turn, and what that does at other poses, RMS, m."""
+    rng = np.random.default_rng(seed)
+    phase = rng.uniform(0.0, 2.0 * np.pi)
+    still = measured(seed)
+
+    def read(q: Array) -> Array:
+        return np.array(
+            [
+                MARKERS @ T[:3, :3].T + T[:3, 3]
+                for T in (INSTRUMENT @ rpy_pose(ORIGINS, row) for row in q)
+            ]
+        )
+
+    def wrong(q: Array) -> Array:
+        return q + 1e-6 * urad * np.cos(q[:, joint] + phase)[:, None] * np.eye(6)[joint]
+
+    q = still.poses.q
+    others = rng.uniform(-2.0, 2.0, (100, 6))
+    came = ((read(wrong(others)) - read(others)) ** 2).sum(axis=-1).mean()
+    points = still.readings + read(wrong(q)) - read(q)
+    return replace(still, readings=points), float(np.sqrt(came))
+
+
+def test_what_may_hide_holds_for_an_effect_outside_the_model(cell: Cell, before: Known) -> None:
+    """A harmonic arises that no parameter can express."""
+    held = []
+    for seed in range(20, 28):
+        data, came = harmonic(seed, 1 + seed % 5, 60.0)
+        found = compared(cell, before, data)
+        assert found.outside is not None
+        held.append(came <= np.hypot(found.change.rms.high, found.outside))
+    assert sum(held) >= 7
+
+
+def test_a_difference_small_by_luck_still_may_hide_something() -> None:
+    """By the inversion alone the upper end would be zero."""
+    rows, weights, cov = np.ones((5, 3, 4)), np.ones(5), np.eye(4)
+    found = at_targets(rows, np.full(4, 1e-6), cov, weights)
+    usual = at_targets(rows, np.full(4, 1.0), cov, weights)
+    assert found.rms.value == found.rms.low == 0.0
+    assert 0.5 * usual.rms.high < found.rms.high < usual.rms.high
+    assert (found.errors[:, 2] > 0.0).all()
+
+
 def test_what_one_day_left_open_is_no_change(cell: Cell) -> None:
     """With joint 4 held still, its neighbours take up what it cannot show; both days know the rest."""
     truth = (0, 0, 0, 3e-4, 0, 0)

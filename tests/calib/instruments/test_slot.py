@@ -16,6 +16,7 @@ import calib
 from calib import Cell, Measurements
 from calib.arm.robot import Robot
 from calib.arrays import Array
+from calib.cell import Repeatability
 from calib.effects.protocol import Effect
 from calib.files.write_tables import measurements_csv
 from calib.instruments import Instrument, Tracker
@@ -81,7 +82,8 @@ def slopes(function: Callable[[Array], Array], theta: Array) -> Array:
 
 
 def cell_with(*instruments: Instrument, effects: Sequence[str] = ("base", OFF)) -> Cell:
-    return replace(cell_of(arm(), MARKERS, effects), instruments=instruments)
+    cell = cell_of(arm(), MARKERS, effects)
+    return replace(cell, instruments=instruments, repeatability=Repeatability(0.0, 0.0))
 
 
 def measured(q: Array, readings: Array, seen: Array | None = None) -> Measurements:

@@ -63,7 +63,7 @@ def held(prior: Prior, theta: Array, rows: int, rng: np.random.Generator) -> tup
     """Which 95 % intervals hold, and whether the robot is said to be of the type."""
     J, y = readings(theta, rows, rng)
     loose = loosened(prior, SIZES)
-    found = departure(prior, *beside(loose, J, y), loose)
+    found = departure(prior, *beside(loose, J, y), SIZES)
     values, C = beside(adapted(found, SIZES), J, y)
     return np.abs(values - theta) < 1.96 * np.sqrt(np.diag(C)), found.of_the_type
 
@@ -104,6 +104,20 @@ def test_intervals_hold_at_the_edge_of_a_type(together: float) -> None:
             z *= np.sqrt(21.03 / (z @ z))  # chi-square of twelve: 0.95
             hits.append(held(prior, own.mean + own.L @ z, int(rng.integers(4, 40)), rng)[0])
     assert 0.925 < np.mean(hits) < 0.97
+
+
+def test_few_are_called_strangers_where_parameters_go_together() -> None:
+    """A test of 1 %, of types that are learnt from ten robots: by a chi-square it called 6.6 %."""
+    rng, strangers = np.random.default_rng(6), []
+    for _ in range(50):
+        R = 0.7 + 0.3 * np.eye(P)
+        spread = SIZES * 10 ** rng.uniform(-1.0, 0.0, P)
+        own = Type(rng.normal(size=P) * SIZES, spread[:, None] * np.linalg.cholesky(R))
+        robots = [Robot(str(i), own.robot(rng), 1e-6 * np.diag(SIZES**2), np.zeros((P, 0)))
+                  for i in range(10)]  # fmt: skip
+        prior = population("arm", KEYS, SIZES, robots).prior
+        strangers += [not held(prior, own.robot(rng), 40, rng)[1] for _ in range(10)]
+    assert np.mean(strangers) < 0.025
 
 
 def test_a_robot_that_is_not_of_the_type_is_said_and_not_absorbed() -> None:

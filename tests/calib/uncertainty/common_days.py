@@ -33,6 +33,7 @@ CELL = """schema = 1
 [robot]
 dh = "arm.csv"
 dh_convention = "classic"
+repeatability_mm = 0
 [robot.limits_deg]
 J1 = [-150, 150]
 J2 = [-20, 120]

@@ -1,6 +1,6 @@
 """How likely it is that a name, or one of its class, is right: a frequency, not a p value.
 
-A logistic model of what speaks against a name. It is fitted by maximum likelihood to some 900 names of
+A logistic model of what speaks against a name. It is fitted by maximum likelihood to some 600 names of
 days whose errors follow other formulas than the catalogue's, or are in no catalogue at all
 (``studies.research.benchmarks.conclusions``, parts foreign, outside and hard), and of sealed cases
 (``studies.research.withheld``); ``posecal explain measured-conclusions`` has the count on fresh days.
@@ -18,13 +18,13 @@ _LEAST_P = 1e-4  # of the test of its form, below which it is as doubtful as it 
 _BEST = 0.9, 1.9  # evidence of a curve over that of the name, from nothing speaks against it to all
 _AT_REST = ("base", "instrument")  # whose moments and warm-ups nothing else imitates
 
-_SURE = 3.0
-_FORM = 0.25  # a decade of the p value of its form
-_CURVE = -4.2  # a curve at its place does as much again
-_AGAIN = -12.0  # never chosen again without a tenth of the poses
+_SURE = 3.1
+_FORM = 0.3  # a decade of the p value of its form
+_CURVE = -4.6  # a curve at its place does as much again
+_AGAIN = -10.5  # never chosen again without a tenth of the poses
 _COMPANY = -0.9  # something else is found at its place
-_PLIABLE = -2.5  # a compliance by angles follows what it likes
-_MOMENT = -1.6  # so does a moment, or a time constant, chosen at a joint or a marker
+_PLIABLE = -2.8  # a compliance by angles follows what it likes
+_MOMENT = -2.0  # so does a moment, or a time constant, chosen at a joint or a marker
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,9 @@ def causes_of(
         doubt = shape_doubt(stage, after, effect, len(finding.named))
         company = doubt.stands or _company(finding, named)
         comes_again = again[entry.candidate.key]
-        evidence = Evidence(effect, doubt.p, named.curve_ratio, comes_again, company)
+        evidence = Evidence(
+            f"{effect.kind}:{effect.where}", doubt.p, named.curve_ratio, comes_again, company
+        )
         there = stage.data.poses if effect.uses else targets  # targets have neither time nor moves
         yield Cause(
             named=named,

@@ -9,32 +9,28 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.probability import Evidence
-from calib.effects import catalogue
-from calib.effects.protocol import Context
-from calib.model.build import place_effect
-from tests.helpers import random_context, random_robot
+from studies.research.benchmarks.conclusions.weights import chance, fitted
 
-
-@pytest.fixture(scope="module")
-def context() -> Context:
-    rng = np.random.default_rng(1)
-    return random_context(rng, random_robot(rng, 3))
-
-
-def plain(context: Context, kind: str = "transmission_harmonic") -> Evidence:
-    where = catalogue()[kind].places(context)[0]
-    return Evidence(place_effect(kind, where, context), 1.0, 0.0, 1.0, company=False)
+PLAIN = Evidence("transmission_harmonic:j2", 1.0, 0.0, 1.0, company=False)
 
 
 @pytest.mark.parametrize(
     "against",
     [{"form_p": 1e-3}, {"curve_ratio": 1.2}, {"again": 0.8}, {"company": True}],
 )
-def test_what_speaks_against_it_lowers_it(context: Context, against: dict[str, Any]) -> None:
-    own = plain(context)
-    assert 0.9 < own.probability < 1.0
-    assert replace(own, **against).probability < own.probability
+def test_what_speaks_against_it_lowers_it(against: dict[str, Any]) -> None:
+    assert 0.9 < PLAIN.probability < 1.0
+    assert replace(PLAIN, **against).probability < PLAIN.probability
 
 
-def test_a_cause_that_follows_what_it_likes_is_less_likely(context: Context) -> None:
-    assert plain(context, "stiffness_vs_angle").probability < 0.8
+def test_a_cause_that_follows_what_it_likes_is_less_likely() -> None:
+    assert replace(PLAIN, key="stiffness_vs_angle:j2").probability < 0.8
+    assert replace(PLAIN, key="step:j2").probability < 0.9
+    assert replace(PLAIN, key="step:base").probability == PLAIN.probability
+
+
+def test_weights_are_found_again() -> None:
+    rng, truth = np.random.default_rng(3), np.array([1.0, -2.0, 0.5])
+    A = np.column_stack([np.ones(4000), rng.normal(size=(4000, 2))])
+    right = (rng.random(4000) < chance(A, truth)).astype(float)
+    assert fitted(A, right, (0.0, 1.0, 1.0)) == pytest.approx(truth, abs=0.2)

@@ -1,0 +1,125 @@
+"""The weights of what speaks against a name (:mod:`calib.diagnosis.probability`), fitted anew.
+
+    python -m studies.research.benchmarks.conclusions.weights DAYS.json .. [--sealed FOLDER ..]
+
+DAYS.json are days of the parts foreign, outside and hard, as this benchmark writes them; FOLDER are
+sealed cases with their answers. A name is right where it, or one of its class, is there. The weights in
+use are those of days of seeds 301 and 303 (foreign and outside, 63 each), 402 (hard, 7 a kind) and 403
+(foreign and outside, 108 each), and of sealed cases of seeds 9101 to 9103.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from calib.arrays import Array
+from calib.diagnosis.probability import against
+from studies.command.deliver import console_for
+from studies.command.options import one_line_faults
+from studies.research.withheld.match import is_listed, is_true
+from studies.tables import plain_table
+
+_RIDGE = 0.5  # weights of a few rare words stay finite
+_SIZES = (0.0, 1.0, 0.2, 0.1, 1.0, 1.0, 1.0)  # of what speaks, by which the ridge holds its weights
+_ROUNDS = 50
+_BINS = (0.0, 0.5, 0.8, 0.9, 1.0)
+WORDS = ("sure", "form", "curve", "again", "company", "pliable", "moment")
+
+Row = dict[str, Any]
+Named = tuple[Row, bool]
+"""What speaks against a name, and whether it is right."""
+
+
+def names_of(days: Path) -> Iterator[Named]:
+    """The names of all days of a file."""
+    for day in json.loads(days.read_text(encoding="utf-8"))["days"]:
+        for effect in day["effects"]:
+            places = [(where, by) for where, by in day["located"]]
+            yield _spoken(effect, places), effect["outcome"] != "wrong"
+
+
+def sealed_names(folder: Path) -> Iterator[Named]:
+    """The names of all sealed cases that the diagnosis answered."""
+    for path in sorted((folder / "answers" / "diagnosis").glob("case_*.json")):
+        answer = json.loads(path.read_text(encoding="utf-8"))
+        key = json.loads((folder / "keys" / path.name).read_text(encoding="utf-8"))
+        for effect in answer["effects"]:
+            places = [(p["where"], p["depends_on"]) for p in answer["located"]]
+            listed = any(is_listed(effect, truth) for truth in key["effects"])
+            right = listed or is_true(effect, key["effects"], key["outside"])
+            yield _spoken(effect, places), right
+
+
+def _spoken(effect: Row, places: Sequence[tuple[str, str]]) -> Row:
+    here = [by for where, by in places if where == effect["where"] and by != "pose"]
+    return {**effect, "company": len(here) > 1}
+
+
+def columns(rows: Sequence[Row]) -> Array:
+    """What speaks against each name, shape (n, 7), the first column one."""
+    return np.array(
+        [
+            (1.0, *against(
+                f"{row['effect']}:{row['where']}",
+                1.0 if row["shape_p_value"] is None else row["shape_p_value"],
+                row["curve_ratio"],
+                row["chosen_again"],
+                row["company"],
+            ))
+            for row in rows
+        ]
+    )  # fmt: skip
+
+
+def fitted(A: Array, right: Array, sizes: Sequence[float]) -> Array:
+    """Weights (k,) of a logistic model by maximum likelihood with a weak normal prior.
+
+    A : ndarray, shape (n, k); right : ndarray, shape (n,), zero or one
+    sizes : of the columns, by which their weights are held; zero where one is free
+    """
+    weights, prior = np.zeros(A.shape[1]), np.diag(_RIDGE * np.square(sizes))
+    for _ in range(_ROUNDS):
+        p = chance(A, weights)
+        slope = A.T @ (right - p) - prior @ weights
+        weights = weights + np.linalg.solve(A.T @ (A * (p * (1.0 - p))[:, None]) + prior, slope)
+    return weights
+
+
+def chance(A: Array, weights: Array) -> Array:
+    """Probability of each name, shape (n,)."""
+    return np.asarray(1.0 / (1.0 + np.exp(-A @ weights)))
+
+
+@click.command()
+@click.argument("days", nargs=-1, type=click.Path(path_type=Path, exists=True))
+@click.option("--sealed", multiple=True, type=click.Path(path_type=Path, exists=True))
+@one_line_faults
+def main(days: tuple[Path, ...], sealed: tuple[Path, ...]) -> None:
+    """Fit the weights, and count how often names with such a probability are right."""
+    found = [n for path in days for n in names_of(path)]
+    found += [n for folder in sealed for n in sealed_names(folder)]
+    A, right = columns([row for row, _ in found]), np.array([float(ok) for _, ok in found])
+    weights, console = fitted(A, right, _SIZES), console_for(None)
+    table = plain_table(("word", "left"), ("weight", "right"))
+    for word, weight in zip(WORDS, weights, strict=True):
+        table.add_row(word, f"{weight:.2f}")
+    console.print(table)
+    p = chance(A, weights)
+    counts = plain_table(("probability", "left"), ("names", "right"), ("right [%]", "right"))
+    for low, high in pairwise(_BINS):
+        own = right[(p > low) & (p <= high)]
+        counts.add_row(
+            f"{low:g} to {high:g}", str(len(own)), f"{100 * own.mean():.0f}" if len(own) else "-"
+        )
+    console.print(counts)
+
+
+if __name__ == "__main__":
+    main()

@@ -14,9 +14,9 @@ import numpy as np
 
 from calib.diagnosis.contest import Outcome
 from calib.diagnosis.earned import Choice, CrossValidation
+from calib.diagnosis.named import CLOSE, Named
 from calib.diagnosis.rounds import apart
 from calib.diagnosis.stage import Stage
-from calib.diagnosis.verdict import CLOSE, Named
 
 
 @dataclass(frozen=True)

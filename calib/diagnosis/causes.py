@@ -11,12 +11,12 @@ from calib.arrays import Array
 from calib.diagnosis.diagnosis import Cause
 from calib.diagnosis.finding import Finding
 from calib.diagnosis.located import share_of
+from calib.diagnosis.named import Named
 from calib.diagnosis.probability import Evidence
 from calib.diagnosis.refused import far_out
 from calib.diagnosis.shape import form_matters, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.standing import standing_of
-from calib.diagnosis.verdict import Named
 from calib.identification.tuning import profiled
 from calib.model.covariance import determined
 from calib.poses import Poses

@@ -9,6 +9,7 @@ from calib.diagnosis.candidates import Candidate, NotAsked
 from calib.diagnosis.contest import Outcome
 from calib.diagnosis.gap import Gap
 from calib.diagnosis.hidden import Hidden
+from calib.diagnosis.named import Named
 from calib.diagnosis.probability import Evidence
 from calib.diagnosis.range_noise import Growth
 from calib.diagnosis.refused import Refused
@@ -16,7 +17,6 @@ from calib.diagnosis.rest import Rest
 from calib.diagnosis.shape import Doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.standing import Standing, VerdictName
-from calib.diagnosis.verdict import Named
 from calib.identification.noise_level import NoiseLevel
 from calib.poses import Measurements
 

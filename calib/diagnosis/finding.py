@@ -9,11 +9,11 @@ import numpy as np
 
 from calib.diagnosis.contest import Outcome
 from calib.diagnosis.gap import Gap, gap_of
+from calib.diagnosis.named import Named
 from calib.diagnosis.refused import Refused, believed
 from calib.diagnosis.searched import Searched
 from calib.diagnosis.sparing import sparing
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.verdict import Named
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.noise import counted
 from calib.poses import Measurements

@@ -11,9 +11,9 @@ import numpy as np
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contest import Outcome, contest, left_with
 from calib.diagnosis.earned import BY_TIME, CrossValidation
+from calib.diagnosis.named import Named, classes
 from calib.diagnosis.rounds import apart
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.verdict import Named, classes
 
 Why = Literal["configurations", "time", "together", "weak"]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
+from calib.diagnosis.named import Named
 from calib.diagnosis.rest import Rest
 from calib.diagnosis.shape import Doubt
-from calib.diagnosis.verdict import Named
 
 VerdictName = Literal["no_gap", "explained", "ambiguous", "unknown"]
 Standing = Literal["established", "likely", "one_of"]
@@ -25,10 +25,8 @@ def standing_of(named: Named, probability: float, doubt: Doubt, matters: bool) -
     """
     if named.aliased or named.lead < _SURE:
         return "one_of"
-    untested = matters and not doubt.tested
-    return (
-        "likely" if probability * named.lead < _SURE or doubt.stands or untested else "established"
-    )
+    in_form = not doubt.stands and (doubt.tested or not matters)
+    return "established" if in_form and probability * named.lead >= _SURE else "likely"
 
 
 def verdict_of(standings: Sequence[Standing], rest: Rest) -> VerdictName:

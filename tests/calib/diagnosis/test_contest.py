@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.named import _members
 from calib.diagnosis.rounds import _leader
 from calib.diagnosis.screen import Score
 from calib.diagnosis.searched import replicate_factor
-from calib.diagnosis.verdict import _members
 from calib.effects.protocol import Effect
 from tests.calib.diagnosis.test_diagnose import measured
 

@@ -11,8 +11,8 @@ import pytest
 import calib
 from calib import Diagnosis
 from calib.diagnosis.candidates import EXCLUDED
+from calib.diagnosis.named import classes
 from calib.diagnosis.twins import twins
-from calib.diagnosis.verdict import classes
 from tests.calib.diagnosis.days import Day, heavier_load, measured_day
 from tests.calib.diagnosis.test_diagnose import DRIFT, diagnosed
 

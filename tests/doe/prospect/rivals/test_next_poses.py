@@ -20,8 +20,8 @@ from calib.arrays import Array
 from calib.cell import Load
 from calib.cell.planned import Planned
 from calib.diagnosis import Diagnosis
+from calib.diagnosis.named import Named
 from calib.diagnosis.stage import positions
-from calib.diagnosis.verdict import Named
 from calib.errors import CalibError
 from doe.constraints import constraints_of, scene_of
 from doe.prospect.conditions import loads_of_data

@@ -22,9 +22,8 @@ from calib.poses import Poses
 # rad/(N m): crossed roller bearings of small gears tilt by 5 to 20 urad/(N m) (makers' catalogues),
 # large ones by less than one.
 _LARGEST = 2e-4
-_ODDS = (
-    0.05  # beside a gear, which yields ten times as much under the same moment (makers' catalogues)
-)
+# Beside a gear, which yields ten times as much under the same moment (makers' catalogues).
+_ODDS = 0.02
 
 
 def tilt_across(axis: Array) -> Array:

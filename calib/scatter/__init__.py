@@ -4,14 +4,14 @@ A reading of approach a in configuration k errs by ``J_k (c_k + u_a) + e``: e is
 new at every point, u_a the arm's repeatability and new at every approach, c_k what no model follows
 from one configuration to the next: it comes again at the same joints and tells nothing of others.
 J_k moves the joints and the tip, so a handful of variances says it all. This package estimates them
-(:mod:`calib.scatter.restricted`, :mod:`calib.scatter.search`), averages over those that it did not find
-(:mod:`calib.scatter.unnoticed`), and is the one place that whitens
-whole poses (:class:`calib.scatter.Scatter`).
+(:mod:`calib.scatter.restricted`, :mod:`calib.scatter.search`), averages over those that it did not
+find (:mod:`calib.scatter.averaged`), and is the one place that whitens whole poses
+(:class:`calib.scatter.Scatter`).
 """
 
+from calib.scatter.averaged import Unnoticed, unnoticed
 from calib.scatter.poses import Scatter, scatter_of
 from calib.scatter.search import Levels, levels_of
-from calib.scatter.unnoticed import Unnoticed, unnoticed
 from calib.scatter.variances import Variances
 
 __all__ = [

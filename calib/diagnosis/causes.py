@@ -13,7 +13,7 @@ from calib.diagnosis.finding import Finding
 from calib.diagnosis.located import share_of
 from calib.diagnosis.named import Named
 from calib.diagnosis.probability import Evidence
-from calib.diagnosis.refused import far_out
+from calib.diagnosis.refused import Refused, far_out, is_weak
 from calib.diagnosis.shape import form_matters, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.standing import standing_of
@@ -25,7 +25,7 @@ from calib.poses import Poses
 def causes_of(
     finding: Finding, asked: int, targets: Poses, again: Mapping[str, float]
 ) -> Iterator[Cause]:
-    """The causes of a finding.
+    """The causes of a finding that are plainly there.
 
     asked : int, over how many its p counts; targets : where accuracy counts
     again : share of the folds without which each entry is chosen again
@@ -35,6 +35,8 @@ def causes_of(
     stage, after = finding.search.stage, finding.after
     std = _deviations(stage, after, finding.scale)
     for named in finding.named:
+        if is_weak(after, named.candidate):
+            continue
         effect, entry = named.candidate.effect, named.entry
         own = after.positions(effect)
         doubt = shape_doubt(stage, after, effect, len(finding.named))
@@ -60,6 +62,13 @@ def causes_of(
             ),
             far_out=far_out(after, named.candidate),
         )
+
+
+def weak_of(finding: Finding) -> Iterator[Refused]:
+    """What is fitted and not named, for it is hardly more than its own uncertainty."""
+    for named in finding.named:
+        if is_weak(finding.after, named.candidate):
+            yield Refused.of(named.candidate, "weak")
 
 
 def _company(finding: Finding, named: Named) -> bool:

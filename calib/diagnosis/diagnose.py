@@ -8,7 +8,7 @@ from calib.cell import Cell
 from calib.cell.targets import targets_of
 from calib.diagnosis.anew import chosen_anew
 from calib.diagnosis.candidates import candidates
-from calib.diagnosis.causes import causes_of
+from calib.diagnosis.causes import causes_of, weak_of
 from calib.diagnosis.diagnosis import Diagnosis
 from calib.diagnosis.earned import BY_TIME
 from calib.diagnosis.finding import Finding, finding_of
@@ -73,7 +73,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         gap=gap,
         hidden=hidden(stage, outcome, entered, (targets, weights)),
         not_asked=tuple(missing),
-        refused=finding.refused,
+        refused=(*finding.refused, *weak_of(finding)),
         data=data,
         outlier=outlier,
         waiting=waiting,

@@ -15,14 +15,15 @@ from calib.diagnosis.named import Named, classes
 from calib.diagnosis.rounds import apart
 from calib.diagnosis.stage import Fit, Stage
 
-Why = Literal["configurations", "time", "together", "weak"]
+Why = Literal["configurations", "time", "together", "nothing", "weak"]
 
 _MOST_ROUNDS = 30
 _REASONS: dict[Why, str] = {
     "configurations": "configurations that are left out are predicted no better with it",
     "time": "stretches of time that are left out are predicted no better with it",
     "together": "all found together predict left-out configurations no better",
-    "weak": "in the fit in full it is smaller than three of its own standard deviations",
+    "nothing": "in the fit in full it is smaller than its own standard deviation",
+    "weak": "smaller than three of its own standard deviations: it is fitted, and not named",
 }
 _BY_CHANCE = 0.0027  # beyond three standard deviations, of a normal number
 _ASKED_AGAIN = 2  # times that all others may take the place of what went
@@ -65,9 +66,9 @@ def believed(
         if not fresh:
             named, after = classes(stage, outcome)
             after = exact(after)
-            weak = [n for n in named if _is_weak(after, n.candidate)]
+            gone = [n for n in named if _is_nothing(after, n.candidate)]
             # The best name of an entry may be another than that by which it came in.
-            fresh = [(c, "weak") for n in weak for c in (n.candidate, n.entry.candidate)]
+            fresh = [(c, "nothing") for n in gone for c in (n.candidate, n.entry.candidate)]
             if not fresh:
                 return outcome, named, after, tuple(refused.values())
         refused |= {c.key: Refused.of(c, why) for c, why in fresh}
@@ -103,7 +104,14 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
     return []
 
 
-def _is_weak(fit: Fit, candidate: Candidate) -> bool:
+def _is_nothing(fit: Fit, candidate: Candidate) -> bool:
+    """Whether nothing of a cause exceeds its own deviation: to first order it seemed to act."""
+    own = fit.positions(candidate.effect)[-len(candidate.amounts) :]
+    std = np.sqrt(np.diag(fit.covariance))[own]
+    return not (np.abs(fit.values[own]) > std).any()
+
+
+def is_weak(fit: Fit, candidate: Candidate) -> bool:
     """Whether the amounts of a cause are not beyond three of their own deviations, all taken together.
 
     Those that the readings do not determine have none.

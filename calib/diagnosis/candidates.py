@@ -44,6 +44,7 @@ class Candidate:
     depends_on : str, on what it depends most, as in the results
     tried : int, forms among which this one was chosen
     odds : float, how often it is met at its place, beside a cause that any arm may have
+    twin_odds : float, how often it is the cause where the readings do not tell it from another
     line : int, its number among causes of its kind at its place
     echo : str, key of the cause in whose place it stands with the same tuning; itself none
     also : tuple of Candidate, other names for the same: no reading tells them from it
@@ -57,6 +58,7 @@ class Candidate:
     echo: str = ""
     also: tuple[Candidate, ...] = ()
     odds: float = 1.0
+    twin_odds: float = 1.0
 
     @property
     def choices(self) -> float:
@@ -160,7 +162,13 @@ def candidates(
                 missing.append(NotAsked(f"{kind}:{where}", expected.instead))
                 continue
             effect = replace(effect, allowance=expected.allowance)
-            own = Candidate(effect, True, depends_on(effect), odds=expected.odds)
+            own = Candidate(
+                effect,
+                True,
+                depends_on(effect),
+                odds=expected.odds,
+                twin_odds=expected.twin_odds,
+            )
             if not _renamed(model.effects, kind, where):
                 found.append(own)
             elif _compliant(model.effects, where):

@@ -23,7 +23,7 @@ from calib.noise import unwhitened
 from calib.poses import Poses
 
 _FOLDS = 10
-_STRETCHES = 10  # a warm-up lies in the first of few, and none of the others tells of it
+_STRETCHES = 4
 _FREE = 1e-4  # of a row's freedom: less, and nothing but the fold itself tells of it
 BY_TIME = ("time", "temperature")
 

@@ -141,7 +141,8 @@ def _members(
     odds = np.array([rivals[i][0].odds for i in chosen])
     # How often a cause is met is known as it is: likelihoods alone are too sure.
     lost = behind[chosen] - 2.0 * np.log(odds[0] / odds)
-    weights = odds * np.exp(-0.5 * _TEMPER * lost)
+    alike = np.array([rivals[i][0].twin_odds for i in chosen])
+    weights = odds * alike * np.exp(-0.5 * _TEMPER * lost)
     shares = weights / weights.sum()
     found = []
     for i, share in zip(chosen, shares.tolist(), strict=True):

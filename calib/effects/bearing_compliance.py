@@ -22,8 +22,7 @@ from calib.poses import Poses
 # rad/(N m): crossed roller bearings of small gears tilt by 5 to 20 urad/(N m) (makers' catalogues),
 # large ones by less than one.
 _LARGEST = 2e-4
-# Beside a gear, which yields ten times as much under the same moment (makers' catalogues).
-_ODDS = 0.02
+_BESIDE_A_GEAR = 0.02  # which yields ten times as much under the same moment (makers' catalogues)
 
 
 def tilt_across(axis: Array) -> Array:
@@ -52,7 +51,7 @@ class BearingCompliance(ElasticEffect):
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expected:
-        return Expected(allowance=softer(context), odds=_ODDS)
+        return Expected(allowance=softer(context), twin_odds=_BESIDE_A_GEAR)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

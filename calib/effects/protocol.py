@@ -86,6 +86,7 @@ class Expected(NamedTuple):
     """What is known of a cause at a place before anything is measured.
 
     odds : how often it is met there, beside a cause that any arm may have
+    twin_odds : how often it is the cause where the readings do not tell it from another
     allowance : by how many times the usual limits such errors may be larger on this arm
     instead : why it is not asked at all, empty where it is
     """
@@ -93,6 +94,7 @@ class Expected(NamedTuple):
     odds: float = 1.0
     allowance: float = 1.0
     instead: str = ""
+    twin_odds: float = 1.0
 
 
 class Part(NamedTuple):

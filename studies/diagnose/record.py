@@ -121,7 +121,7 @@ class Gap(Entry):
     """RMS errors before and after.
 
     crossvalidated : each tenth of the configurations by the others, names chosen anew without it
-    over_time : each tenth of the session by the others, likewise
+    over_time : each quarter of the session by the others, likewise
 
     unit : of all of them, mm but where no reading is a length
     heldout_rose : whether held-out poses are predicted no better with what was found, None where

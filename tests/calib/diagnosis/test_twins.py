@@ -50,7 +50,7 @@ def test_what_imitates_nothing_is_far(found_lost_motion: Diagnosis) -> None:
     (entry,) = found.outcome.entries
     assert min(t.left for t in twins(found.outcome, entry)) > 100.0
     named, _ = classes(found.stage, found.outcome)
-    assert np.isclose(sum(p for _, p in named[0].members), 0.95)
+    assert np.isclose(sum(share for _, share in named[0].members), 1.0)
 
 
 def test_what_the_user_excludes_is_never_named(lost_motion_day: Day) -> None:

@@ -11,6 +11,7 @@ import calib
 from calib import Cell, Measurements, Poses
 from calib.arm.se3 import displacement, so3_exp
 from calib.arrays import Array
+from calib.cell import Repeatability
 from calib.errors import CalibError, TooFewPoses
 from calib.identification.initial import initial_values
 from calib.model.build import build
@@ -316,6 +317,7 @@ def test_instrument_noise_weights_the_points(kr270: Cell) -> None:
     rng = np.random.default_rng(10)
     tracker = Noise(2e-6, 1e-6, 0.0, 2e-5)
     cell = replace(cell_of(kr270.robot, MARKERS, RIGID), instruments=read_by(tracker))
+    cell = replace(cell, repeatability=Repeatability(0.0, 0.0))
     poses = random_configurations(cell, rng, 20)
     model = build(cell, poses).model
     truth = np.zeros(len(model.parameters))

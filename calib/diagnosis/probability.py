@@ -13,18 +13,19 @@ from math import exp, log10
 
 _LEAST_P = 1e-4  # of the test of its form, below which it is as doubtful as it gets
 _LEAST_RATIO = 0.9  # of a curve's evidence over its own, from which on that speaks against a name
+_NEARLY = 0.6, 0.9  # from which on, and in full, against what follows anything
 _PLIABLE = ("stiffness_vs_angle",)
 _MOMENTS = ("step", "warm_up")
 _AT_REST = ("base", "instrument")  # whose moments and warm-ups nothing else imitates
 
-_SURE = 3.1
+_SURE = 3.24
 _WEIGHTS = (
-    0.3,  # a decade of the p value of its form
-    -4.6,  # a curve at its place does as much again
-    -10.5,  # never chosen again without a tenth of the poses
-    -0.9,  # something else is found at its place
-    -2.8,  # a compliance by angles follows what it likes
-    -2.0,  # so does a moment, or a time constant, chosen at a joint or a marker
+    0.25,  # a decade of the p value of its form
+    -3.9,  # a curve at its place does as much again
+    -11.7,  # never chosen again without a tenth of the poses
+    -0.74,  # something else is found at its place
+    -2.75,  # a compliance by angles follows what it likes, and a curve there nearly does as much
+    -2.05,  # so does a moment, or a time constant, chosen at a joint or a marker
 )
 
 
@@ -57,11 +58,13 @@ def against(
 ) -> tuple[float, ...]:
     """What speaks against a name, number by number; arguments as of :class:`Evidence`."""
     kind, where = key.split(":", 1)
+    low, high = _NEARLY
+    nearly = max(min(max((curve_ratio - low) / (high - low), 0.0), 1.0), float(company))
     return (
         log10(max(form_p, _LEAST_P)),
         min(max(curve_ratio - _LEAST_RATIO, 0.0), 1.0),
         1.0 - again,
         float(company),
-        float(kind in _PLIABLE),
-        float(kind in _MOMENTS and where not in _AT_REST),
+        nearly * (kind in _PLIABLE),
+        nearly * (kind in _MOMENTS and where not in _AT_REST),
     )

@@ -29,12 +29,13 @@ from studies.tables import plain_table
 _RIDGE = 0.5  # weights of a few rare words stay finite
 _SIZES = (0.0, 1.0, 0.2, 0.1, 1.0, 1.0, 1.0)  # of what speaks, by which the ridge holds its weights
 _ROUNDS = 50
+_OUTSIDE = 0.5  # of a day whose cause is in no catalogue: half of those drawn have one
 _BINS = (0.0, 0.5, 0.8, 0.9, 1.0)
 WORDS = ("sure", "form", "curve", "again", "company", "pliable", "moment")
 
 Row = dict[str, Any]
-Named = tuple[Row, bool]
-"""What speaks against a name, and whether it is right."""
+Named = tuple[Row, bool, float]
+"""What speaks against a name, whether it is right, and how much it counts."""
 
 
 def names_of(days: Path) -> Iterator[Named]:
@@ -42,7 +43,8 @@ def names_of(days: Path) -> Iterator[Named]:
     for day in json.loads(days.read_text(encoding="utf-8"))["days"]:
         for effect in day["effects"]:
             places = [(where, by) for where, by in day["located"]]
-            yield _spoken(effect, places), effect["outcome"] != "wrong"
+            counts = _OUTSIDE if day["part"] == "outside" else 1.0
+            yield _spoken(effect, places), effect["outcome"] != "wrong", counts
 
 
 def sealed_names(folder: Path) -> Iterator[Named]:
@@ -54,7 +56,7 @@ def sealed_names(folder: Path) -> Iterator[Named]:
             places = [(p["where"], p["depends_on"]) for p in answer["located"]]
             listed = any(is_listed(effect, truth) for truth in key["effects"])
             right = listed or is_true(effect, key["effects"], key["outside"])
-            yield _spoken(effect, places), right
+            yield _spoken(effect, places), right, 1.0
 
 
 def _spoken(effect: Row, places: Sequence[tuple[str, str]]) -> Row:
@@ -78,17 +80,18 @@ def columns(rows: Sequence[Row]) -> Array:
     )  # fmt: skip
 
 
-def fitted(A: Array, right: Array, sizes: Sequence[float]) -> Array:
+def fitted(A: Array, right: Array, counts: Array, sizes: Sequence[float]) -> Array:
     """Weights (k,) of a logistic model by maximum likelihood with a weak normal prior.
 
-    A : ndarray, shape (n, k); right : ndarray, shape (n,), zero or one
+    A : ndarray, shape (n, k); right : ndarray, shape (n,), zero or one; counts : ndarray, shape (n,)
     sizes : of the columns, by which their weights are held; zero where one is free
     """
     weights, prior = np.zeros(A.shape[1]), np.diag(_RIDGE * np.square(sizes))
     for _ in range(_ROUNDS):
         p = chance(A, weights)
-        slope = A.T @ (right - p) - prior @ weights
-        weights = weights + np.linalg.solve(A.T @ (A * (p * (1.0 - p))[:, None]) + prior, slope)
+        slope = A.T @ (counts * (right - p)) - prior @ weights
+        curved = A.T @ (A * (counts * p * (1.0 - p))[:, None])
+        weights = weights + np.linalg.solve(curved + prior, slope)
     return weights
 
 
@@ -105,20 +108,21 @@ def main(days: tuple[Path, ...], sealed: tuple[Path, ...]) -> None:
     """Fit the weights, and count how often names with such a probability are right."""
     found = [n for path in days for n in names_of(path)]
     found += [n for folder in sealed for n in sealed_names(folder)]
-    A, right = columns([row for row, _ in found]), np.array([float(ok) for _, ok in found])
-    weights, console = fitted(A, right, _SIZES), console_for(None)
+    rows, oks, counts = zip(*found, strict=True)
+    A, right = columns(rows), np.array(oks, dtype=float)
+    weights, console = fitted(A, right, np.array(counts), _SIZES), console_for(None)
     table = plain_table(("word", "left"), ("weight", "right"))
     for word, weight in zip(WORDS, weights, strict=True):
         table.add_row(word, f"{weight:.2f}")
     console.print(table)
     p = chance(A, weights)
-    counts = plain_table(("probability", "left"), ("names", "right"), ("right [%]", "right"))
+    bins = plain_table(("probability", "left"), ("names", "right"), ("right [%]", "right"))
     for low, high in pairwise(_BINS):
         own = right[(p > low) & (p <= high)]
-        counts.add_row(
+        bins.add_row(
             f"{low:g} to {high:g}", str(len(own)), f"{100 * own.mean():.0f}" if len(own) else "-"
         )
-    console.print(counts)
+    console.print(bins)
 
 
 if __name__ == "__main__":

@@ -82,7 +82,7 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
             continue
         rest = [c for key, c in chosen.items() if key != id(entry)]
         others = twins(outcome, entry)
-        prices = {c.key: -gain for c, gain in entry.rivals}
+        prices = {c.key: -gain - 2.0 * float(np.log(c.twin_odds)) for c, gain in entry.rivals}
         rivals = [c for c in _close(entry, others) if c not in rest and c.key in prices]
         # What stands elsewhere already is another name here, and never the first.
         again = {c.key for c in rivals if c.echo and any(c.is_like(o) for o in rest)}
@@ -138,11 +138,10 @@ def _members(
         room = len(chosen) < _LARGEST or rival.effect.kind not in kinds
         if twin.exact or (room and behind[i] - twin.more * direction <= SAME):
             chosen.append(i)
-    odds = np.array([rivals[i][0].odds for i in chosen])
+    odds = np.array([rivals[i][0].odds * rivals[i][0].twin_odds for i in chosen])
     # How often a cause is met is known as it is: likelihoods alone are too sure.
     lost = behind[chosen] - 2.0 * np.log(odds[0] / odds)
-    alike = np.array([rivals[i][0].twin_odds for i in chosen])
-    weights = odds * alike * np.exp(-0.5 * _TEMPER * lost)
+    weights = odds * np.exp(-0.5 * _TEMPER * lost)
     shares = weights / weights.sum()
     found = []
     for i, share in zip(chosen, shares.tolist(), strict=True):

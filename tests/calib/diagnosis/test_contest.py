@@ -58,7 +58,8 @@ def test_shares_of_a_class_follow_evidence_and_odds() -> None:
     seldom = replace(CURVE, odds=0.05)
     rare = _members([(NAMED, 100.0), (seldom, 100.0 + 2.0 * np.log(20.0))])
     assert rare[0][1] == pytest.approx(20.0 / 21.0)
-    alike = _members([(NAMED, 100.0), (replace(CURVE, twin_odds=0.05), 100.0)])
+    twin = replace(CURVE, twin_odds=0.05)
+    alike = _members([(NAMED, 100.0), (twin, 100.0 + 2.0 * np.log(20.0))])
     assert alike[0][1] == pytest.approx(20.0 / 21.0)
 
 

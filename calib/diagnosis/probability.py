@@ -48,23 +48,21 @@ class Evidence:
     @property
     def probability(self) -> float:
         """That the name, or one of its class, is right."""
-        spoken = against(self.key, self.form_p, self.curve_ratio, self.again, self.company)
-        log_odds = _SURE + sum(w * x for w, x in zip(_WEIGHTS, spoken, strict=True))
+        log_odds = _SURE + sum(w * x for w, x in zip(_WEIGHTS, self.against, strict=True))
         return 1.0 / (1.0 + exp(-log_odds))
 
-
-def against(
-    key: str, form_p: float, curve_ratio: float, again: float, company: bool
-) -> tuple[float, ...]:
-    """What speaks against a name, number by number; arguments as of :class:`Evidence`."""
-    kind, where = key.split(":", 1)
-    low, high = _NEARLY
-    nearly = max(min(max((curve_ratio - low) / (high - low), 0.0), 1.0), float(company))
-    return (
-        log10(max(form_p, _LEAST_P)),
-        min(max(curve_ratio - _LEAST_RATIO, 0.0), 1.0),
-        1.0 - again,
-        float(company),
-        nearly * (kind in _PLIABLE),
-        nearly * (kind in _MOMENTS and where not in _AT_REST),
-    )
+    @property
+    def against(self) -> tuple[float, ...]:
+        """What speaks against it, a number for each of the weights."""
+        kind, where = self.key.split(":", 1)
+        low, high = _NEARLY
+        close = min(max((self.curve_ratio - low) / (high - low), 0.0), 1.0)
+        nearly = max(close, float(self.company))
+        return (
+            log10(max(self.form_p, _LEAST_P)),
+            min(max(self.curve_ratio - _LEAST_RATIO, 0.0), 1.0),
+            1.0 - self.again,
+            float(self.company),
+            nearly * (kind in _PLIABLE),
+            nearly * (kind in _MOMENTS and where not in _AT_REST),
+        )

@@ -27,7 +27,6 @@ from calib.scatter.search import problem_of
 
 _MOST_ROUNDS = 4  # of widths and fit in turn
 _SETTLED = 0.05  # of a width
-_SILENT = 1e-9  # of the stated noise: copies scatter by nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +224,7 @@ def by_unnoticed(cell: Cell, fit: Fitted) -> tuple[Array, Unnoticed] | None:
     linear = _linear(fit)
     problem, *_ = problem_of(*linear)
     usual = usual_repeatability(fit.model.robot.reach)
-    found = unnoticed(linear[0], problem, usual, max(noise.factor, _SILENT))
+    found = unnoticed(linear[0], problem, usual, noise.divisor)
     if found is None:
         return None
     counted = replace(fit.counted, scatter=linear[0].at(found.variances))

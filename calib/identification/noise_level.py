@@ -13,6 +13,7 @@ from calib.poses import Measurements
 from calib.scatter import Levels
 
 _DISAGREE = 0.01  # p value at which two estimates of the noise are taken to differ
+_SILENT = 1e-9
 REPLICATES = 10  # degrees of freedom of a repeat estimate worth using
 
 Source = Literal["cell", "replicates", "residual"]
@@ -41,6 +42,11 @@ class NoiseLevel:
     def sigma(self) -> float:
         """Standard deviation of one coordinate [m] on which the covariance is built."""
         return self.believed * self.factor
+
+    @property
+    def divisor(self) -> float:
+        """The factor; where copies scatter by nothing, hardly more than that."""
+        return max(self.factor, _SILENT)
 
 
 def of_levels(levels: Levels, alone: NoiseLevel) -> NoiseLevel:

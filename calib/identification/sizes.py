@@ -13,7 +13,6 @@ from calib.population.sizes import Elementary, Widths, widths_of
 if TYPE_CHECKING:
     from calib.identification.fitted import Fitted
 
-_SILENT = 1e-9  # of the stated noise: copies scatter by nothing
 _RANK = 1e-9  # share of a column that others leave, below which it is one of them
 
 
@@ -36,7 +35,7 @@ def _independent(fit: Fitted, known: Model) -> tuple[Array, Array]:
     observation, values = fit.counted, fit.values
     r, J = observation.whitened(values)
     if observation.mixing is None:
-        factor = max(fit.noise.factor, _SILENT)
+        factor = fit.noise.divisor
         r, J = r / factor, J / factor
     else:
         r, J = observation.mixing(r[..., None])[..., 0], observation.mixing(J)

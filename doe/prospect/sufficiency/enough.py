@@ -54,7 +54,6 @@ from doe.prospect.sufficiency.match import match
 from doe.prospect.sufficiency.to_come import whole_day
 from doe.prospect.sufficiency.unnoticed import may_move_on, unnoticed
 
-_SILENT = 1e-9  # of the stated noise: copies scatter by nothing
 _CANDIDATES = 1000
 _MOST_FRESH = 30
 
@@ -174,7 +173,7 @@ def _arm(cell: Cell, model: Model, found: Identification | None) -> Variances:
     arm = Variances.of_arm(model.robot.dof, cell.repeatability) if shown is None else shown
     if found is None or arm.any:
         return arm
-    return replace(arm, scale=max(found.noise.factor, _SILENT))
+    return replace(arm, scale=found.noise.divisor)
 
 
 def _counted(arm: Variances, found: Identification | None) -> Variances:
@@ -187,7 +186,7 @@ def _pull(arm: Variances, found: Identification | None) -> float:
     """By how much more what is believed weighs beside arms that scatter, as it does in the estimate."""
     if found is None:
         return 1.0
-    return found.pull if arm.any else found.pull / max(found.noise.factor, _SILENT)
+    return found.pull if arm.any else found.pull / found.noise.divisor
 
 
 def _weighing(at: Linearisation, data: Measurements, kept: Mask | None = None) -> Mixing | None:

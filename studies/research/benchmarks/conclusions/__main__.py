@@ -18,6 +18,7 @@ from studies.command.options import one_line_faults
 from studies.research.benchmarks.conclusions.days import Row, read, said_of
 from studies.research.benchmarks.conclusions.judged import judged
 from studies.research.benchmarks.conclusions.parts import DRAWS, KINDS
+from studies.research.benchmarks.conclusions.sizing import NoSuchDay
 from studies.research.benchmarks.conclusions.tables import calibration_table, table_of
 
 
@@ -30,7 +31,7 @@ def one_day(part: str, index: int, seed: int) -> Row:
         try:
             case = read(rng, day)
             break
-        except RuntimeError:  # too soft for its loads: no such arm
+        except NoSuchDay:
             continue
     return {"part": part, "day": index, "seed": seed, **judged(day, said_of(case))}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,6 +13,7 @@ import numpy as np
 
 import calib
 from studies.diagnose.record import findings
+from studies.research.benchmarks.conclusions.sizing import NoSuchDay
 from studies.research.benchmarks.conclusions.true_causes import TrueCause
 from studies.research.withheld.case_files import write_case
 from studies.research.withheld.draw import EASY, Case
@@ -42,11 +44,36 @@ class Day:
     more: Row = field(default_factory=dict)
 
 
+def by_turns(
+    kinds: Sequence[str], make: Callable[[np.random.Generator, str, bool], Day]
+) -> Callable[[np.random.Generator, int], Day]:
+    """A draw by number: the kinds take turns, and two days of three the arm scatters.
+
+    make : draws one of a kind, or raises NoSuchDay
+    """
+
+    def draw(rng: np.random.Generator, index: int) -> Day:
+        kind, scatters = kinds[index % len(kinds)], index // len(kinds) % 3 > 0
+        while True:
+            try:
+                return make(rng, kind, scatters)
+            except NoSuchDay:
+                continue
+
+    return draw
+
+
 def read(rng: np.random.Generator, day: Day) -> Case:
-    """The day as it is measured: the arm scatters, the instrument errs."""
+    """The day as it is measured: the arm scatters, the instrument errs.
+
+    Raises NoSuchDay where the arm is too soft for its loads.
+    """
     scene = day.scene
     wander = [] if scene.scatter is None else [scene.scatter.drawn(rng, scene.session.visit)]
-    state = at_rest(scene, day.mechanism, [*day.causes, *wander])
+    try:
+        state = at_rest(scene, day.mechanism, [*day.causes, *wander])
+    except RuntimeError:
+        raise NoSuchDay from None
     noise = rng.normal(size=state.readings.shape) * scene.noise.sigma
     return Case(
         family=day.kind,

@@ -20,10 +20,10 @@ import click
 import numpy as np
 
 from calib.arrays import Array
-from calib.diagnosis.probability import against
+from calib.diagnosis.probability import Evidence
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
-from studies.research.withheld.match import is_listed, is_true
+from studies.research.withheld.match import is_listed, is_true, name_of
 from studies.tables import plain_table
 
 _RIDGE = 0.5  # weights of a few rare words stay finite
@@ -34,8 +34,8 @@ _BINS = (0.0, 0.5, 0.8, 0.9, 1.0)
 WORDS = ("sure", "form", "curve", "again", "company", "pliable", "moment")
 
 Row = dict[str, Any]
-Named = tuple[Row, bool, float]
-"""What speaks against a name, whether it is right, and how much it counts."""
+Named = tuple[Evidence, bool, float]
+"""What speaks for and against a name, whether it is right, and how much it counts."""
 
 
 def names_of(days: Path) -> Iterator[Named]:
@@ -44,7 +44,7 @@ def names_of(days: Path) -> Iterator[Named]:
         for effect in day["effects"]:
             places = [(where, by) for where, by in day["located"]]
             counts = _OUTSIDE if day["part"] == "outside" else 1.0
-            yield _spoken(effect, places), effect["outcome"] != "wrong", counts
+            yield _evidence(effect, places), effect["outcome"] != "wrong", counts
 
 
 def sealed_names(folder: Path) -> Iterator[Named]:
@@ -56,28 +56,24 @@ def sealed_names(folder: Path) -> Iterator[Named]:
             places = [(p["where"], p["depends_on"]) for p in answer["located"]]
             listed = any(is_listed(effect, truth) for truth in key["effects"])
             right = listed or is_true(effect, key["effects"], key["outside"])
-            yield _spoken(effect, places), right, 1.0
+            yield _evidence(effect, places), right, 1.0
 
 
-def _spoken(effect: Row, places: Sequence[tuple[str, str]]) -> Row:
+def _evidence(effect: Row, places: Sequence[tuple[str, str]]) -> Evidence:
     here = [by for where, by in places if where == effect["where"] and by != "pose"]
-    return {**effect, "company": len(here) > 1}
+    form_p = effect["shape_p_value"]
+    return Evidence(
+        name_of(effect),
+        1.0 if form_p is None else form_p,
+        effect["curve_ratio"],
+        effect["chosen_again"],
+        company=len(here) > 1,
+    )
 
 
-def columns(rows: Sequence[Row]) -> Array:
+def columns(found: Sequence[Evidence]) -> Array:
     """What speaks against each name, shape (n, 7), the first column one."""
-    return np.array(
-        [
-            (1.0, *against(
-                f"{row['effect']}:{row['where']}",
-                1.0 if row["shape_p_value"] is None else row["shape_p_value"],
-                row["curve_ratio"],
-                row["chosen_again"],
-                row["company"],
-            ))
-            for row in rows
-        ]
-    )  # fmt: skip
+    return np.array([(1.0, *own.against) for own in found])
 
 
 def fitted(A: Array, right: Array, counts: Array, sizes: Sequence[float]) -> Array:
@@ -108,8 +104,8 @@ def main(days: tuple[Path, ...], sealed: tuple[Path, ...]) -> None:
     """Fit the weights, and count how often names with such a probability are right."""
     found = [n for path in days for n in names_of(path)]
     found += [n for folder in sealed for n in sealed_names(folder)]
-    rows, oks, counts = zip(*found, strict=True)
-    A, right = columns(rows), np.array(oks, dtype=float)
+    names, oks, counts = zip(*found, strict=True)
+    A, right = columns(names), np.array(oks, dtype=float)
     weights, console = fitted(A, right, np.array(counts), _SIZES), console_for(None)
     table = plain_table(("word", "left"), ("weight", "right"))
     for word, weight in zip(WORDS, weights, strict=True):

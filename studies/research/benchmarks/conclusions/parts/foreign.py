@@ -9,7 +9,7 @@ import numpy as np
 
 from studies.research.benchmarks.conclusions import formulas
 from studies.research.benchmarks.conclusions.arms import arm_of
-from studies.research.benchmarks.conclusions.days import Day
+from studies.research.benchmarks.conclusions.days import Day, by_turns
 from studies.research.benchmarks.conclusions.scenes import (
     random_poses,
     reflectors,
@@ -45,16 +45,6 @@ _LAG = 1200.0
 _MINUTE = 60.0
 
 Make = Callable[[np.random.Generator, Scene, State], TrueCause]
-
-
-def draw(rng: np.random.Generator, index: int) -> Day:
-    """The kinds take turns; two days of three the arm scatters."""
-    kind = KINDS[index % len(KINDS)]
-    while True:
-        try:
-            return _draw(rng, kind, scatters=index // len(KINDS) % 3 > 0)
-        except NoSuchDay:
-            continue
 
 
 def _draw(rng: np.random.Generator, kind: str, scatters: bool) -> Day:
@@ -203,3 +193,4 @@ _MAKE: dict[str, Make] = {
     "step": _step,
 }
 KINDS = tuple(_MAKE)
+draw = by_turns(KINDS, _draw)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from studies.research.benchmarks.conclusions import formulas
-from studies.research.benchmarks.conclusions.days import Day
+from studies.research.benchmarks.conclusions.days import Day, by_turns
 from studies.research.benchmarks.conclusions.parts.foreign import (
     at_joint,
     base_or_instrument,
@@ -39,16 +39,6 @@ _FAINT = (60.0, 100.0)
 _MINUTE = 60.0
 
 Make = Callable[[np.random.Generator, Scene, State], list[TrueCause]]
-
-
-def draw(rng: np.random.Generator, index: int) -> Day:
-    """The kinds take turns; two days of three the arm scatters."""
-    kind = KINDS[index % len(KINDS)]
-    while True:
-        try:
-            return _draw(rng, kind, scatters=index // len(KINDS) % 3 > 0)
-        except NoSuchDay:
-            continue
 
 
 def _draw(rng: np.random.Generator, kind: str, scatters: bool) -> Day:
@@ -163,3 +153,4 @@ _BESIDE: dict[str, Callable[[np.random.Generator, Scene, State], TrueCause]] = {
     "gears_spring": _compliance,
 }
 KINDS = tuple(_MAKE)
+draw = by_turns(KINDS, _draw)

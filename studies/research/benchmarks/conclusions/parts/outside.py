@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from studies.research.benchmarks.conclusions.days import Day
+from studies.research.benchmarks.conclusions.days import Day, by_turns
 from studies.research.benchmarks.conclusions.parts.foreign import plain_day
 from studies.research.benchmarks.conclusions.sizing import (
     NoSuchDay,
@@ -28,16 +28,6 @@ KINDS = tuple(
 _DRIVES = ("creep", "hardening_drive")
 
 
-def draw(rng: np.random.Generator, index: int) -> Day:
-    """The kinds take turns; two days of three the arm scatters."""
-    kind = KINDS[index % len(KINDS)]
-    while True:
-        try:
-            return _draw(rng, kind, scatters=index // len(KINDS) % 3 > 0)
-        except NoSuchDay:
-            continue
-
-
 def _draw(rng: np.random.Generator, kind: str, scatters: bool) -> Day:
     day, still = plain_day(rng, kind, scatters)
     cause = _cause(rng, day.scene, kind)
@@ -57,3 +47,6 @@ def _cause(rng: np.random.Generator, scene: Scene, kind: str) -> TrueCause:
         return OUTSIDE[kind].act(scene, state, drawn.where, drawn.values)
 
     return TrueCause(kind, drawn.where, act, ())
+
+
+draw = by_turns(KINDS, _draw)

@@ -62,13 +62,21 @@ def test_what_the_cell_says_of_the_arm_is_shown(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_the_diagnosis_says_what_pose_means(tmp_path: Path) -> None:
+def test_scatter_within_a_data_sheet_is_no_gap(tmp_path: Path) -> None:
     fields, said = told(tmp_path, "diagnose", Setting("6R", 3e-5, 1, 40, 3))
-    assert fields["verdict"] == "unknown"
-    assert [(p["where"], p["depends_on"]) for p in fields["located"]] == [("arm", "pose")]
+    assert fields["verdict"] == "no_gap"
+    assert fields["effects"] == fields["located"] == []
     assert fields["noise"]["configuration_mm"] > 0.01
-    assert isinstance(fields["refused"], list)
-    assert "measure poses closer together, or give the gear ratios" in " ".join(said.split())
+    rest = fields["rest"]
+    # Nobody stated what the arm repeats to, and no pose was approached again.
+    assert (rest["kind"], rest["of"], rest["repeatability_source"]) == (
+        "scatter",
+        "undecided",
+        "assumed",
+    )
+    # 3-D RMS of 0.03 mm from pose to pose was put in.
+    assert rest["mm"] == pytest.approx(0.03 / 3**0.5, rel=0.3)
+    assert "Approach some poses again to be sure." in " ".join(said.split())
 
 
 def test_results_of_earlier_versions_have_one_level() -> None:

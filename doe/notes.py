@@ -23,8 +23,8 @@ def _weak(design: Design) -> Iterator[str]:
     weak = [p.id for p, s, size in zip(parameters, std, sizes, strict=True) if not s <= size]
     if weak:
         yield (
-            f"hardly determined by this plan, so do not identify them from it: {', '.join(weak[:6])}"
-            f"{' ..' * (len(weak) > 6)}; criterion {design.criterion} does not need them, A or D would"
+            f"this plan hardly determines {', '.join(weak[:6])}{' ..' * (len(weak) > 6)}. Do not "
+            f"identify them from it, or plan with criterion A or D in place of {design.criterion}"
         )
 
 
@@ -33,8 +33,8 @@ def _of_type(design: Design) -> Iterator[str]:
     prior = design.problem.model.own_prior
     if prior is not None and prior.robots:
         yield (
-            f"planned on top of what {prior.robots} robots of {prior.type} tell of "
-            f"{len(prior.keys)} parameters: a robot that is not of the type needs more poses"
+            f"the plan uses what {prior.robots} robots of {prior.type} tell of {len(prior.keys)} "
+            "parameters. A robot that differs from them needs more poses"
         )
 
 
@@ -43,9 +43,9 @@ def _common(design: Design) -> Iterator[str]:
     common, rms = design.assessment.common, design.assessment.task_rms
     if common > 0.0:
         yield (
-            f"errors common to all readings ([instrument.common]) make {common * 1e3:.2g} mm of the "
-            f"{rms * 1e3:.2g} mm expected at the targets, and no number of poses averages them out; "
-            "standard deviations hold them, the criterion and its certificate do not"
+            f"errors common to all readings ([instrument.common]) cause {common * 1e3:.2g} mm of the "
+            f"{rms * 1e3:.2g} mm expected at the targets. More poses do not lower them. The standard "
+            "deviations include them, the criterion and its certificate do not"
         )
 
 
@@ -69,24 +69,24 @@ def _unmoved(design: Design) -> Iterator[str]:
     alike = problem.criterion.value(by_chance) > 0.999 * design.certificate.value
     if design.criterion == "E" and alike:
         yield (
-            "E is set by a direction that no choice of poses changes, as a shift of the base does; "
-            "say which parameters matter (of)"
+            "criterion E depends on a combination that is the same for all poses, such as a shift "
+            "of the base. Say which parameters matter (--of)"
         )
 
 
 def _no_targets(design: Design) -> Iterator[str]:
     if design.problem.cell.design.targets is None:
         count = len(design.problem.targets)
-        yield f"no target poses given: {count} Sobol poses within the limits stand for them"
+        yield f"no target poses given: {count} poses spread over the joint limits stand for them"
 
 
 def _unguarded(design: Design) -> Iterator[str]:
     cell = design.problem.cell
     bare = not set(cell.capsules) - {"base"}
     if bare and cell.design.obstacles:
-        yield "obstacles are given but no [robot.capsules_mm]: nothing keeps the arm away from them"
+        yield "the arm is not checked against the obstacles: [robot.capsules_mm] is missing"
     elif bare and cell.design.floor is not None:
-        yield "no [robot.capsules_mm]: markers keep above the floor, the arm need not"
+        yield "only the markers are checked against the floor: [robot.capsules_mm] is missing"
     elif not cell.capsules:
         yield (
             "no [robot.capsules_mm] and no obstacles: poses are not checked against floor, walls and "
@@ -100,8 +100,8 @@ def _shapes(design: Design) -> Iterator[str]:
     if cell.own_shapes:
         count = sum(len(own) for own in cell.capsules.values())
         yield (
-            f"the arm keeps clear of itself by {count} capsules about the shapes in the robot's file; "
-            "[robot.capsules_mm] with shapes of yours, or empty, takes their place"
+            f"the arm is checked against itself by {count} capsules around the shapes in the robot's "
+            "file. [robot.capsules_mm] replaces them"
         )
     if cell.unread:
         more = f" and {len(cell.unread) - 3} more" if len(cell.unread) > 3 else ""
@@ -109,8 +109,8 @@ def _shapes(design: Design) -> Iterator[str]:
     for floor in design.problem.constraints:
         if isinstance(floor, Floor) and floor.assumed:
             yield (
-                f"the arm and its markers keep above {floor.height * 1e3:.0f} mm, where the base "
-                "stands; [design] floor_mm says otherwise, or false"
+                f"the floor is taken at {floor.height * 1e3:.0f} mm, where the base stands. Set "
+                "[design] floor_mm to change it, or to false"
             )
         if isinstance(floor, Floor) and floor.exempt:
             yield f"not checked against the floor, as always below it: {', '.join(floor.exempt)}"
@@ -121,16 +121,16 @@ def _exempt(design: Design) -> Iterator[str]:
         if isinstance(constraint, SelfCollision) and constraint.exempt:
             pairs = ", ".join(f"{a} with {b}" for a, b in constraint.exempt)
             where = (
-                "at every pose, or at zero," if design.problem.cell.own_shapes else "at every pose"
+                "at every pose or at zero:" if design.problem.cell.own_shapes else "at every pose:"
             )
-            yield f"capsules that touch {where} are not checked against each other: {pairs}"
+            yield f"not checked against each other, as they touch {where} {pairs}"
 
 
 def _hidden(design: Design) -> Iterator[str]:
     hidden = design.assessment.hidden
     if hidden:
         total = len(design.poses) * len(design.problem.model.marker_names)
-        yield f"{hidden} of {total} marker readings are out of sight and count nothing"
+        yield f"{hidden} of {total} points are out of sight and do not count"
 
 
 def _knots(design: Design) -> Iterator[str]:
@@ -142,8 +142,8 @@ def _knots(design: Design) -> Iterator[str]:
                 continue
             angles = ", ".join(f"{np.degrees(knot):.6g}" for knot in effect.knots)
             yield (
-                f"stiffness_vs_angle:{effect.where} has its coefficients at {angles}; write them into "
-                f"[model.knots_deg] as {effect.where} = [{angles}], so that other commands use the same"
+                f"stiffness_vs_angle:{effect.where} has its coefficients at {angles} deg. Write "
+                f"{effect.where} = [{angles}] into [model.knots_deg], so that all commands use the same"
             )
 
 
@@ -152,10 +152,10 @@ def _reference(design: Design) -> Iterator[str]:
     if reference is not None:
         first, last = reference.repeats[0], reference.repeats[-1]
         yield (
-            f"reference: {first} .. {last} repeat {reference.pose}; come to it from the same side each "
-            "time, and posecal identify says whether anything drifted"
+            f"{first} .. {last} repeat {reference.pose}, to see drift. Come to it from the same "
+            "side each time"
         )
-        yield "what is expected counts the repeats of the reference; value, bound and proof do not"
+        yield "the expected error counts these repeats; the certified efficiency does not"
 
 
 def _reapproaches(design: Design) -> Iterator[str]:
@@ -165,18 +165,17 @@ def _reapproaches(design: Design) -> Iterator[str]:
         return
     count, both = len(found.again), {"translation": found.translation, "rotation": found.rotation}
     told = [f"+-{100 * std:.0f} % ({name})" for name, std in both.items() if std > 0.0]
-    unsure = ", as far as it is well above the noise of the instrument"
+    unsure = ", if it is well above the noise of the instrument"
     yield (
-        f"{count} of the {len(design.poses)} stops come to a pose a second time: the arm's "
-        f"repeatability will be known to {' and '.join(told) or f'+-{100 * found.common:.0f} %'}"
+        f"{count} of the {len(design.poses)} stops are repeat visits. They show the arm's "
+        f"repeatability to {' and '.join(told) or f'+-{100 * found.common:.0f} %'}"
         f"{'' if design.problem.cell.scatters else unsure}"
     )
     if np.isfinite(found.instead):
         now, instead = design.assessment.task_rms * 1e3, found.instead * 1e3
         yield (
-            f"{count} new poses in place of the second visits would leave {instead:.3g} mm of expected "
-            f"error, not {now:.3g} mm"
-            f"{'' if found.asked else '; --reapproach 0 plans without second visits'}"
+            f"{count} new poses in their place would lower the expected error from {now:.3g} mm to "
+            f"{instead:.3g} mm{'' if found.asked else ' (--reapproach 0)'}"
         )
 
 

@@ -135,7 +135,6 @@ class Design:
     level : ndarray, shape (N,), rad or m, NaN without levels; levels : Levels, settled, or None
     assessment : Assessment; certificate : Certificate; candidates : Candidates
     landscape : Landscape
-    travel : float, rad or m, joint travel from the first pose to the last
     rivals : dict, name -> Rival
     curve : tuple of Step, plans of fewer and more poses, empty unless asked for
     notes : tuple of str, what a reader should know
@@ -152,7 +151,6 @@ class Design:
     certificate: Certificate
     candidates: Candidates
     landscape: Landscape
-    travel: float
     rivals: dict[str, Rival] = field(default_factory=dict)
     curve: tuple[Step, ...] = ()
     notes: tuple[str, ...] = ()

@@ -28,7 +28,7 @@ from doe.problem.refusals import CannotIdentify, at_level, no_candidate
 from doe.problem.request import Request
 from doe.solve import Clock, Effort, Finished, check_count, choose, finish
 from doe.visits.counted import new_poses_instead, with_second_visits
-from doe.visits.order import travel, visiting_order
+from doe.visits.order import visiting_order
 from doe.visits.reapproach import (
     Reapproaches,
     reapproaches_of,
@@ -232,7 +232,6 @@ def _designed(
         certificate=certificate,
         candidates=Candidates(pool.drawn, len(pool), pool.removed, found.live),
         landscape=found.landscape,
-        travel=travel(q),
         rivals=_judged(problem, against, certificate.bound),
         curve=accuracy_curve(problem, pool, effort) if effort.curve else (),
         seconds=clock.laps,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import TypeVar
 
@@ -23,6 +24,7 @@ class Cause(Entry):
 
 
 C = TypeVar("C", bound=Cause)
+_PLACES = 3  # that are worth naming one by one
 
 
 class Sought(Cause):
@@ -77,5 +79,12 @@ def not_asked(entries: Iterable[NotAsked]) -> Iterator[Sentence]:
         (Cause(effect=kind, where=where), reason.partition(" cannot act: ")[2] or reason)
         for (kind, _, where), reason in split
     )
-    said = (f"{gathered(causes)}; {reason}" for reason, causes in reasons.items())
+    said = (f"{_shortly(causes)}: {reason}" for reason, causes in reasons.items())
     yield from labelled("not asked", said)
+
+
+def _shortly(causes: Sequence[Cause]) -> str:
+    """Effects with their places, or without where there are many."""
+    places = Counter(cause.effect for cause in causes)
+    many = {effect: count for effect, count in places.items() if count > _PLACES}
+    return gathered(causes, many)

@@ -143,19 +143,19 @@ def _arm(noise: Noise) -> Iterator[str]:
     again = noise.repeatability_mm is not None
     if again:
         both = _both(noise.repeatability_mm, noise.repeatability_urad)
-        yield f"arm {both} from approach to approach"
+        yield f"arm {both}, its repeatability"
     if noise.configuration_mm or noise.configuration_urad:
         of_model = again or noise.configuration_of == "model"
         what = (
-            "that the model does not follow"
+            "which the model does not explain"
             if of_model
-            else "of the arm or of what the model lacks"
+            else "of the arm, or of what the model lacks"
         )
         both = _both(noise.configuration_mm, noise.configuration_urad)
-        yield f"{both} from pose to pose {what}"
+        yield f"{both} from pose to pose, {what}"
     if noise.configuration_of == "model" and not again and noise.usual_mm is not None:
         low, high = noise.usual_mm
-        yield f"assumed: arms of this size repeat to {mm(low)} to {mm(high)} by data sheets"
+        yield f"data sheets of arms of this size state {mm(low)} to {mm(high)} of repeatability"
 
 
 def _both(moved_mm: float | None, turned_urad: float | None) -> str:
@@ -171,8 +171,8 @@ def _untold(noise: Noise) -> Iterator[str]:
         return
     if not noise.instrument_seen and (noise.scatters or louder):
         yield (
-            "these data cannot tell the instrument from the arm and the model: measure more markers, "
-            "or read poses twice"
+            "these data cannot tell the instrument from the arm. Measure more markers, or read poses "
+            "twice"
         )
     elif noise.repeatability_mm is None and noise.configuration_mm and not noise.missing:
-        yield "these data cannot tell the arm from the model: approach some poses again"
+        yield "these data cannot tell the arm from the model. Visit some poses again"

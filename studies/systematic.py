@@ -13,15 +13,15 @@ def counts(lacking_mm: float, expected_mm: float | None) -> bool:
 
 
 def lacks(lacking_mm: float) -> str:
-    """That the model lacks something, and what to do; follows a subject or a colon."""
-    return f"the model lacks something systematic of {mm(lacking_mm)}. Run `posecal diagnose`"
+    """That the model lacks something systematic, and what to do; follows a colon."""
+    return f"the model lacks {mm(lacking_mm)}. Run `posecal diagnose`"
 
 
 def undecided(scatter_mm: float) -> str:
     """That arm and model are not told apart, and what to do."""
     return (
-        f"{mm(scatter_mm)} from pose to pose are of the arm, or of what the model lacks. Run `posecal "
-        "diagnose`, or approach some poses again, which tells"
+        f"{mm(scatter_mm)} from pose to pose come from the arm, or from what the model lacks. "
+        "Visit some poses again to know, or run `posecal diagnose`"
     )
 
 
@@ -32,16 +32,16 @@ def moves_on(by_then_mm: float, an_hour_later_mm: float | None, after_h: float |
     """
     if an_hour_later_mm is None:
         return (
-            f"The readings moved on in their order, by {mm(by_then_mm)} at the end: the error holds "
-            "for the end of the day. Add time_s, and [design] targets_after_h"
+            f"The readings drift by {mm(by_then_mm)} until the end: the error holds for that time. Add "
+            "time_s, and [design] targets_after_h"
         )
     if after_h is None:
         return (
-            f"The readings moved through the day, by {mm(by_then_mm)} at its end and "
-            f"{mm(an_hour_later_mm)} an hour later: the error holds for the end of the day. Run "
-            "`posecal diagnose`, or say when the targets come, by [design] targets_after_h"
+            f"The readings drift, by {mm(by_then_mm)} at the end of the day and "
+            f"{mm(an_hour_later_mm)} an hour later: the error holds for the end. Set [design] "
+            "targets_after_h, or run `posecal diagnose`"
         )
     return (
-        f"The readings moved through the day: {after_h:g} h after the last one this makes "
-        f"{mm(by_then_mm)}. Run `posecal diagnose`, or measure once all is warm"
+        f"The readings drift: by {mm(by_then_mm)}, {after_h:g} h after the last one. Run `posecal "
+        "diagnose`, or measure when all is warm"
     )

@@ -10,11 +10,8 @@ _STARTS = 8
 
 
 def travel(q: Array) -> float:
-    """Joint travel of a sequence q, shape (m, dof): of each move what its farthest joint covers.
-
-    In rad or m, whichever is more.
-    """
-    return float(np.abs(np.diff(q, axis=0)).max(axis=1).sum()) if len(q) > 1 else 0.0
+    """Joint travel of a sequence q, shape (m, n), of joints of one unit: of each move the farthest."""
+    return float(np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0).sum())
 
 
 def visiting_order(q: Array) -> IntArray:

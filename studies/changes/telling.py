@@ -34,20 +34,20 @@ from studies.document import (
 _MOST = 12  # parameters that are worth a line each in the terminal
 _LARGE = 3.0  # standard deviations of a parameter that one result alone has
 _WORDS = {
-    "base": "the robot's base was knocked, or the instrument (the two look the same)",
+    "base": "the robot's base or the instrument was knocked (both look the same)",
     "tool": "the tool was moved on its flange, or exchanged",
     "marker": "marker {} was moved",
     "joint_offset": "the zero of {} slipped (a belt, a coupling, a new mastering)",
     "link_geometry": "the link before {} was bent",
-    "backlash": "the gear of {} is worn, or was set anew: it loses other motion",
+    "backlash": "the gear of {} is worn, or was adjusted",
     "transmission_scale": "the gear or encoder of {} has another ratio",
-    "transmission_harmonic": "the gear of {} errs otherwise within its turn: worn, or exchanged",
-    "joint_compliance": "{} yields otherwise under load",
+    "transmission_harmonic": "the gear of {} is worn, or was exchanged",
+    "joint_compliance": "the stiffness of {} changed",
 }
 _VERDICTS: dict[str, tuple[str, Mood]] = {
-    "holds": ("holds", "good"),
+    "holds": ("still holds", "good"),
     "does_not": ("does not hold", "warn"),
-    "cannot_be_said": ("may or may not hold: these data cannot say", "warn"),
+    "cannot_be_said": ("may or may not hold", "warn"),
 }
 
 
@@ -67,47 +67,28 @@ def _headline(record: ChangesRecord) -> Iterator[Sentence]:
     change, chance = record.change_rms_mm, _chance(record.test)
     between = f"{record.before} and {record.after}"
     if record.status == "unchanged":
-        yield Sentence(
-            f"Nothing moved between {between} beyond the uncertainty of both ({chance}).", "good"
-        )
+        yield Sentence(f"Nothing moved between {between} ({chance}).", "good")
         yield Sentence(_hidden(record))
     else:
-        own = [p.id for p in record.parameters if p.moved]
-        named = f", surely {listed(own)}" if own else ", of no single parameter surely"
         yield Sentence(
-            f"Something moved between {between} ({chance}){named}: "
-            f"{_shown(change)} RMS at the targets.",
+            f"Something moved between {between} ({chance}): {_shown(change)} RMS at the targets.",
             "warn",
         )
         yield _cause(record)
-    if record.left.grown:
-        yield Sentence(
-            f"The fit of {record.after} leaves {mm(record.left.after_mm)} RMS where that of "
-            f"{record.before} left {mm(record.left.before_mm)}: unless instrument or poses are "
-            "others, something came up that the model lacks; posecal diagnose asks what.",
-            "warn",
-        )
-    yield from _tolerance(record)
+    yield _tolerance(record)
 
 
 def _hidden(record: ChangesRecord) -> str:
     """What the data leave room for, inside the model and outside of it."""
-    inside = (
-        f"At most {mm(record.change_rms_mm.high)} RMS may hide at the targets in what the model's "
-        "parameters can express."
-    )
+    inside = f"A change below {mm(record.change_rms_mm.high)} RMS at the targets would go unnoticed"
     if record.outside_mm is None:
-        return f"{inside} An effect outside the model may hide more: run posecal diagnose."
-    return (
-        f"{inside} An effect outside the model may hide at most {mm(record.outside_mm)} more, by what "
-        "the fits leave: run posecal diagnose."
-    )
+        return f"{inside}; an effect outside the model may be larger."
+    return f"{inside}; outside the model, {mm(record.outside_mm)} more."
 
 
 def _chance(test: Test) -> str:
     """How likely so large a difference is by chance."""
-    p = f"p = {P(test.p)}" if test.p > 1e-300 else "p below 1e-300"
-    return f"{p} over {plural(test.rows, 'direction')}"
+    return f"p = {P(test.p)}" if test.p > 1e-300 else "p below 1e-300"
 
 
 def _shown(error: Error) -> str:
@@ -117,11 +98,11 @@ def _shown(error: Error) -> str:
 def _cause(record: ChangesRecord) -> Sentence:
     if record.cause == "unclear":
         first = next(iter(sorted(record.causes, key=lambda cause: -cause.share)), None)
-        most = f"; {first.key} would do most of it, {SHARE(first.share)}" if first else ""
+        most = f"; {first.key} explains most of it, {SHARE(first.share)}" if first else ""
         return Sentence(f"No single cause explains it{most}.", "warn")
     first = record.causes[0]
     said = f"{words(first)} ({first.key}, probability {PROBABILITY(first.probability)})"
-    lead = "Likeliest" if record.cause == "named" else "Several causes explain it; likeliest"
+    lead = "Most likely" if record.cause == "named" else "Several causes fit. The most likely"
     return Sentence(f"{lead}: {said}.", "note")
 
 
@@ -131,21 +112,16 @@ def words(cause: Cause) -> str:
     >>> words(Cause(effect="joint_offset", where="A3"))
     'the zero of A3 slipped (a belt, a coupling, a new mastering)'
     """
-    return _WORDS.get(cause.effect, f"{cause.effect} of {{}} is another").format(cause.where)
+    return _WORDS.get(cause.effect, f"{cause.effect} of {{}} changed").format(cause.where)
 
 
-def _tolerance(record: ChangesRecord) -> Iterator[Sentence]:
-    kept = record.kept_worst_mm
-    said = (
-        f"with the values of {record.before} the worst target is off by {_shown(kept)} today, "
-        f"{mm(record.kept_rms_mm.value)} RMS; with those of {record.after} by "
-        f"{mm(record.renewed_rms_mm)} RMS"
-    )
+def _tolerance(record: ChangesRecord) -> Sentence:
+    worst = f"worst target {_shown(record.kept_worst_mm)}"
     if record.verdict is None:
-        yield Sentence(f"{said[0].upper()}{said[1:]}.")
-        return
+        return Sentence(f"Error today with {record.before}: {worst}.")
     verdict, mood = _VERDICTS[record.verdict]
-    yield Sentence(f"The calibration {verdict} within {record.tolerance_mm:g} mm: {said}.", mood)
+    said = f"{record.before} {verdict} within {record.tolerance_mm:g} mm: {worst}."
+    return Sentence(said, mood)
 
 
 # -- what moved --------------------------------------------------------------------------------
@@ -156,7 +132,7 @@ _PARAMETERS: tuple[Column[Parameter], ...] = (
     Column("after -\nbefore", lambda p: (p.change, p.std) if p.std else None, TO_STD),
     Column("standard\ndeviation", lambda p: p.std, STD),
     Column("unit", lambda p: p.unit, TEXT),
-    Column("p over\nall", lambda p: p.family_p, P),
+    Column("p, of all\ntogether", lambda p: p.family_p, P),
     Column("moved", lambda p: "yes" if p.moved else "", TEXT),
 )
 
@@ -169,33 +145,46 @@ def _moved(record: ChangesRecord) -> Iterator[Part]:
 
 
 def _compared(record: ChangesRecord) -> Iterator[Sentence]:
-    """What takes no part, and why."""
+    """What was tested, what of it surely moved, and what takes no part and why."""
+    tested = plural(record.test.rows, "combination")
+    yield Sentence(f"{tested} of the parameters, together", label="compared")
+    moved = [p.id for p in record.parameters if p.moved]
+    if moved:
+        yield Sentence(listed(moved), label="moved")
     elsewhere = [name.partition(":")[2] for name in record.apart if name.startswith("base:")]
     markers = [name.rpartition(":")[2] for name in record.apart if name.startswith("tool:")]
     compared = {p.effect for p in record.parameters}
     if elsewhere or "base" not in compared:
         yield Sentence(
-            "the instrument stood elsewhere: a knock of the robot's base cannot be told from that",
+            "the instrument stood elsewhere: that looks like a knock of the robot's base",
             label="not compared",
         )
     if markers or "tool" not in compared:
         what = listed(markers) if markers else "markers"
-        yield Sentence(f"{what}: of other names or places, another tool or put on anew",
+        yield Sentence(f"{what}: other names or places, so another tool, or mounted again",
                        label="" if elsewhere else "not compared")  # fmt: skip
-    if record.left.excess_mm:
+    if record.left.grown:
         yield Sentence(
-            f"the fits leave {mm(record.left.excess_mm)} beyond the instrument: errors of the drives "
-            "as large, that were there on both days, are no change",
+            f"the fit of {record.after} leaves {mm(record.left.after_mm)} RMS, that of {record.before} "
+            f"{mm(record.left.before_mm)}. If instrument and poses are alike, the model lacks "
+            "something new. Run `posecal diagnose`",
+            "warn",
+            "model",
+        )
+    elif record.left.excess_mm:
+        yield Sentence(
+            f"both fits leave {mm(record.left.excess_mm)} beyond the instrument's noise: an error "
+            "that was there on both days is no change",
             label="model",
         )
     open_ = [p.id for p in record.parameters if p.std is None]
     if open_:
-        yield Sentence(f"{listed(open_)}: not determined on both days by itself", label="open")
+        yield Sentence(f"not determined on both days: {listed(open_)}", label="open")
     for alone in record.alone:
         mood: Mood = "warn" if alone.sigmas > _LARGE else ""
         yield Sentence(
-            f"{alone.id} stands in one result only ({alone.sigmas:.1f} standard deviations from "
-            "nothing) and counts as zero: identify both with one [model]",
+            f"{alone.id} is in one result only ({alone.sigmas:.1f} standard deviations from zero). "
+            "Identify both days with the same [model]",
             mood,
         )
 
@@ -275,13 +264,13 @@ _TARGETS: tuple[Column[_Row], ...] = (
 
 def _targets(record: ChangesRecord) -> Iterator[Part]:
     rows = [
-        _Row("the robot itself moved by", record.change_rms_mm, record.change_worst_mm),
-        _Row(f"off today with {record.before}", record.kept_rms_mm, record.kept_worst_mm),
-        _Row(f"off today with {record.after}", None, None, record.renewed_rms_mm),
+        _Row("change of the robot", record.change_rms_mm, record.change_worst_mm),
+        _Row(f"error today with {record.before}", record.kept_rms_mm, record.kept_worst_mm),
+        _Row(f"error today with {record.after}", None, None, record.renewed_rms_mm),
     ]
     caption = (
-        f"With 95 % intervals, at {record.targets}; {mm(record.rest_mm)} of what is off is not the "
-        f"parameters'; worst is {record.worst_at}"
+        f"With 95 % intervals, at {record.targets}. {mm(record.rest_mm)} of the error does not "
+        f"come from the parameters. The worst target is {record.worst_at}"
     )
     yield Table(_TARGETS, rows, "Errors at the targets", caption)
     yield Figure(lambda: errors_at_targets(record))

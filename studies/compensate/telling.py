@@ -29,8 +29,8 @@ from studies.systematic import counts, lacks, moves_on, undecided
 _MOST = 8  # targets that are worth a line each
 _PLACES = {"markers": "markers", "tip": "tip's origin"}
 _SCATTERS = {
-    "arm": "the arm errs anew at each pose",
-    "undecided": "from pose to pose, of the arm or not modelled",
+    "arm": "the arm's repeatability",
+    "undecided": "the arm's repeatability, or what the model lacks",
 }
 
 
@@ -43,9 +43,8 @@ def told(record: CompensateRecord) -> Document:
 def _headline(record: CompensateRecord) -> Sentence:
     rms = record.rms_mm
     return Sentence(
-        f"{plural(len(record.targets), 'target')} corrected: nominal commands miss by {mm(rms.before)} "
-        f"RMS at the {_PLACES[record.errors_at]}, corrected ones are expected to miss by "
-        f"{mm(rms.expected)}.",
+        f"Expected error of {plural(len(record.targets), 'target')} ({_PLACES[record.errors_at]}): "
+        f"{mm(rms.before)} RMS before, {mm(rms.expected)} with corrected commands.",
         "good" if rms.expected < rms.before else "warn",
     )
 
@@ -55,9 +54,9 @@ def _missing(record: CompensateRecord) -> Iterator[Sentence]:
     rms = record.rms_mm
     errs = math.hypot(rms.from_parameters, rms.scatter, rms.unexplained, rms.trend)
     if counts(rms.unexplained, errs):
-        yield Sentence(f"What is expected is an average: {lacks(rms.unexplained)}.", "warn")
+        yield Sentence(f"More poses will not help: {lacks(rms.unexplained)}.", "warn")
     elif record.scatter_of == "undecided" and counts(rms.scatter, errs):
-        yield Sentence(f"Of what is expected {undecided(rms.scatter)}.", "note")
+        yield Sentence(f"Of it, {undecided(rms.scatter)}.", "note")
     if rms.trend:
         said = moves_on(rms.trend, record.trend_an_hour_later_mm, record.targets_after_h)
         yield Sentence(f"{said}.", "warn")
@@ -87,7 +86,7 @@ class _Error:
 
 
 _ERRORS: tuple[Column[_Error], ...] = (
-    Column("distance from the wanted place", lambda row: row.label),
+    Column("distance from the target", lambda row: row.label),
     Column("RMS", lambda row: row.rms, MM, "mm"),
     Column("p95", lambda row: row.p95, MM, "mm"),
     Column("max", lambda row: row.largest, MM, "mm"),
@@ -96,15 +95,15 @@ _ERRORS: tuple[Column[_Error], ...] = (
 
 def _errors(record: CompensateRecord) -> Iterator[_Error]:
     rms, p95, most = record.rms_mm, record.p95_mm, record.max_mm
-    yield _Error("nominal commands miss by", rms.before, p95.before, most.before)
+    yield _Error("nominal commands", rms.before, p95.before, most.before)
     yield _Error("corrected commands, expected", rms.expected, p95.expected, most.expected)
-    yield _Error("  of it: cannot be corrected", rms.left, p95.left, most.left)
-    yield _Error("  of it: the parameters' uncertainty", rms.from_parameters)
+    yield _Error("  of it: out of reach of any command", rms.left, p95.left, most.left)
+    yield _Error("  of it: uncertainty of the parameters", rms.from_parameters)
     if rms.scatter:
         yield _Error(f"  of it: {_SCATTERS[record.scatter_of]}", rms.scatter)
-    yield _Error("  of it: not explained by the model", rms.unexplained)
+    yield _Error("  of it: what the model lacks", rms.unexplained)
     if rms.trend:
-        yield _Error("  of it: the trend of the day by then", rms.trend)
+        yield _Error("  of it: drift until then", rms.trend)
 
 
 _POSE: Column[Target] = Column("target", lambda row: row.pose)
@@ -124,7 +123,7 @@ def _limited(record: CompensateRecord) -> Iterator[Part]:
     if not limited:
         return
     why = ", ".join(f"{reason} ({count})" for reason, count in record.limited.items())
-    said = f"{len(limited)} of {len(record.targets)} targets are not met in full: {why}."
+    said = f"{len(limited)} of {len(record.targets)} targets are only partly corrected: {why}."
     yield Sentence(said, "warn")
     limited.sort(key=lambda target: -target.left_mm)
-    yield Table(_LIMITED, limited, "Targets that are not met in full", most=_MOST)
+    yield Table(_LIMITED, limited, "Targets that are only partly corrected", most=_MOST)

@@ -115,8 +115,8 @@ def plan(way: Way) -> str:
     found = read_as(way.folder / "design.json", DesignRecord)
     papers = found.against["table2.csv"].efficiency or math.nan
     return (
-        f"{len(found.poses)} poses, at least {100 * found.efficiency:.0f} % as good as the "
-        f"best (the paper's Table II: {100 * papers:.0f} %)"
+        f"{len(found.poses)} poses with a certified efficiency of {100 * found.efficiency:.0f} % "
+        f"(the paper's Table II: {100 * papers:.0f} %)"
     )
 
 
@@ -139,7 +139,7 @@ def measure(way: Way) -> str:
     )
     return (
         f"{len(day.plan)} readings of {day.plan.seen.shape[1]} markers, and {len(day.check)} more to "
-        "check; the robot has an error that its model lacks"
+        "check; the robot has one error that its model lacks"
     )
 
 
@@ -152,9 +152,9 @@ def fit(way: Way) -> str:
     found = read_as(way.folder / "identify.json", IdentifyRecord)
     rms, noise = found.rms_mm, found.noise
     floor = 3.0**0.5 * noise.believed_sigma_mm
-    missing = ": something is missing" if noise.lacks else ""
+    missing = ": the model lacks something" if noise.lacks else ""
     return (
-        f"off by {rms.nominal:.2f} mm, now by {rms.fitted_all:.3f} mm; noise alone would leave "
+        f"error {rms.nominal:.2f} mm before, {rms.fitted_all:.3f} mm after; noise alone leaves "
         f"{floor:.3f} mm{missing}"
     )
 
@@ -189,7 +189,7 @@ def ask_why(way: Way) -> str:
     found = read_as(way.folder / "diagnose.json", DiagnoseRecord)
     before, after = found.gap.heldout_before_mm, found.gap.heldout_after_mm
     return (
-        f"{verdict_sentence(found)}; poses never seen: {before:.3f} to {after:.3f} mm (hidden was "
+        f"{verdict_sentence(found)} Held-out poses: {before:.3f} to {after:.3f} mm (hidden: "
         f"{way.withheld})"
     )
 

@@ -192,6 +192,7 @@ class DesignRecord(Record, Accuracy):
     survives: Survives
     candidates: Candidates
     joint_travel_deg: NotNegative
+    joint_travel_mm: NotNegative = 0.0
     reference: Reference | None
     reapproaches: Reapproaches | None
     extends: Count | None
@@ -243,6 +244,7 @@ class DesignRecord(Record, Accuracy):
 def design_record(found: Design, made_from: Envelope) -> DesignRecord:
     """The record of a design."""
     from doe.curve import poses_that_match, stops_paying
+    from doe.visits.order import travel
 
     problem, judged = found.problem, found.assessment
     robot, criterion = problem.cell.robot, problem.criterion
@@ -266,11 +268,13 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         levels_deg={} if slides else named,
         levels_mm=named if slides else {},
         predicted_std=_predicted(found),
-        targets=problem.cell.targets_source or f"{len(problem.targets)} Sobol poses",
+        targets=problem.cell.targets_source
+        or f"{len(problem.targets)} poses spread over the joint limits",
         at_targets=at_targets(robot, problem.targets, judged.at_targets),
         survives=_survives(found),
         candidates=_candidates(found),
-        joint_travel_deg=math.degrees(found.travel),
+        joint_travel_deg=math.degrees(travel(found.poses.q[:, ~robot.prismatic])),
+        joint_travel_mm=_MM * travel(found.poses.q[:, robot.prismatic]),
         reference=_reference(found),
         reapproaches=_reapproaches(found),
         extends=None if problem.request.fixed is None else len(problem.request.fixed),

@@ -36,11 +36,11 @@ _WORTH_EXPLAINING = 0.002  # missing efficiency
 def told(record: DesignRecord) -> Document:
     """What was chosen and how good it is; the poses, and what they will determine."""
     headline = (
-        Sentence(f"{_size(record)}, chosen by criterion {record.criterion}."),
+        Sentence(_size(record)),
         Sentence(_certificate(record), "good"),
         Sentence(
-            f"Expected after measuring: {mm(record.task_rms_mm)} RMS, {mm(record.task_worst_mm)} at "
-            f"worst, at {record.targets}."
+            f"Expected error at the targets after calibration: {mm(record.task_rms_mm)} RMS, "
+            f"{mm(record.task_worst_mm)} at worst."
         ),
     )
     section = Section("plan", "The plan and its proof", tuple(_parts(record)))
@@ -57,7 +57,7 @@ def _size(record: DesignRecord) -> str:
         said += f" and {plural(len(record.reapproaches.again), 'second visit')}"
     if record.extends is not None:
         said += f" beside {record.extends} already measured"
-    return f"{said} for {plural(len(record.predicted_std), 'parameter')}"
+    return f"{said} for {plural(len(record.predicted_std), 'parameter')}."
 
 
 def _certificate(record: DesignRecord) -> str:
@@ -67,13 +67,14 @@ def _certificate(record: DesignRecord) -> str:
     if proof.proved_optimal:
         best, found = "", plural(proof.nodes, "node")
         if fresh is not None:
-            best = f"; it reaches at least {PROVED(fresh)}{squared} of the best of fresh ones"
-        return f"No plan of these candidates is better: proved by branch and bound, {found}{best}."
-    best = "" if fresh is None else f", and {PROVED(fresh)} of the best of fresh ones"
-    return (
-        f"Proved: at least {PROVED(record.efficiency)}{squared} of what the best plan of the same size "
-        f"from {record.candidates.feasible} candidates could reach{best}."
-    )
+            best = f"; certified efficiency {PROVED(fresh)}{squared} among fresh candidates"
+        return f"No plan of these candidates is better: proved by branch and bound ({found}){best}."
+    certified = f"Certified efficiency {PROVED(record.efficiency)}"
+    of = f"{record.candidates.feasible} candidates"
+    if record.criterion == "task" and record.bound is not None and record.value:
+        better = 100.0 * max(0.0, 1.0 - record.bound / record.value)
+        return f"{certified}: no plan of these {of} has a {better:.1f} % smaller error."
+    return f"{certified} by criterion {record.criterion}: the best plan of these {of} is 100 %."
 
 
 def _parts(record: DesignRecord) -> Iterator[Part]:
@@ -103,18 +104,16 @@ def _proof(record: DesignRecord) -> Iterator[Part]:
     rest, proof = 1.0 - record.efficiency, record.proof
     if rest > _WORTH_EXPLAINING and not proof.proved_optimal:
         solver, spread = min(proof.solver_gap, rest), 1.0 - proof.agreement_of_starts
-        yield Sentence(
-            f"{100.0 * solver:.2f} of the missing {100.0 * rest:.2f} % are the solver's, the rest lies "
-            "between the plan and the bound, which may split poses; the searches ended "
-            f"{100.0 * spread:.2f} % apart: the closer, the more is the bound's"
-            f"{'; --prove goes on' * (proof.nodes > 0)}",
-            label="slack",
+        said = (
+            f"{100.0 * solver:.2f} of the missing {100.0 * rest:.2f} % are the solver's tolerance. "
+            f"Searches from different starts ended {100.0 * spread:.2f} % apart."
         )
+        yield Detail((Sentence(said),))
     yield Detail(
         (
             Sentence(
-                "The proof needs no trust in the search that found the plan: the criterion is concave "
-                "in the information of a plan, so its slope at any point bounds all plans at once."
+                "The proof does not depend on the search: the criterion is concave in the information "
+                "of a plan, so its slope at any point bounds all plans."
             ),
         )
     )
@@ -123,21 +122,23 @@ def _proof(record: DesignRecord) -> Iterator[Part]:
 def _losses(record: DesignRecord) -> Iterator[Sentence]:
     lost, markers = record.survives.loss_of_pose, record.survives.loss_of_marker
     if lost.worst is not None and lost.task_rms_mm is None:
-        yield Sentence(f"of pose {lost.worst} takes parameters with it", label="loss")
+        yield Sentence(
+            f"without pose {lost.worst}, some parameters are not identifiable", label="loss"
+        )
     elif lost.worst is not None:
         kept = "" if lost.efficiency is None else (
-            f" ({record.criterion}: at least {PROVED(lost.efficiency)} of what any plan could keep)"
+            f" (certified efficiency of what remains: {PROVED(lost.efficiency)})"
         )  # fmt: skip
         yield Sentence(
-            f"of pose {lost.worst}, the worst to lose: {mm(lost.task_rms_mm)} RMS{kept}",
+            f"without pose {lost.worst}, the worst to lose: {mm(lost.task_rms_mm)} RMS{kept}",
             label="loss",
         )
     gone = [name for name, rms in markers.items() if rms is None]
     if gone:
-        yield Sentence(f"of marker {', '.join(gone)} takes parameters with it")
+        yield Sentence(f"without marker {', '.join(gone)}, some parameters are not identifiable")
     elif markers:
         most = max(rms for rms in markers.values() if rms is not None)
-        yield Sentence(f"of any one marker: up to {mm(most)} RMS")
+        yield Sentence(f"without any one marker: up to {mm(most)} RMS")
 
 
 def _facts(record: DesignRecord) -> Iterator[Sentence]:
@@ -145,7 +146,7 @@ def _facts(record: DesignRecord) -> Iterator[Sentence]:
         f"{name} {TWO(v)} ({_INDICES[name]})" for name, v in record.observability.items()
     )
     yield Sentence(
-        f"of observability, larger is better: {indices}; parameters in plausible sizes",
+        f"observability, larger is better: {indices}; parameters scaled by their usual sizes",
         label="indices",
     )
     own = record.candidates
@@ -153,9 +154,15 @@ def _facts(record: DesignRecord) -> Iterator[Sentence]:
     by = f" (removed by {removed})" if removed else ""
     yield Sentence(f"{own.feasible} of {own.drawn} feasible{by}", label="candidates")
     yield Sentence(
-        f"{record.joint_travel_deg:.0f} degrees in this order, of the joint that moves most",
+        f"{_travel(record)}, the largest joint motion of each move added up",
         label="travel",
     )
+
+
+def _travel(record: DesignRecord) -> str:
+    turned, slid = record.joint_travel_deg, record.joint_travel_mm
+    said = [f"{turned:.0f} deg"] if turned or not slid else []
+    return " and ".join([*said, *([f"{slid:.0f} mm"] if slid else [])])
 
 
 def _poses(record: DesignRecord) -> tuple[Column[Pose], ...]:
@@ -244,11 +251,11 @@ def _reading(record: DesignRecord) -> Iterator[Sentence]:
     """What the curve tells."""
     if record.pays_until is not None:
         yield Sentence(
-            f"from {record.pays_until} poses on, more only average noise: twice as many for a third "
-            "less error (plans before polishing: the one above is a little better than its line here)",
+            f"from {record.pays_until} poses on, more poses only average noise: twice as many "
+            "lower the error by a third. These plans are not polished; the one above is a little "
+            "better",
             label="curve",
         )
     for name, count in record.matches.items():
-        said = f"{count} poses do" if count else "no plan of this range does"
-        with_its = f"as well as {name} with its {record.against[name].poses}"
-        yield Sentence(f"{said} {with_its}")
+        said = f"{count} poses are" if count else "no plan of this range is"
+        yield Sentence(f"{said} as good as {name} with {record.against[name].poses}")

@@ -1,87 +1,109 @@
-"""What a diagnosis concludes, in words: the causes and how sure they are, and what remains."""
+"""What a diagnosis concludes, in three sentences: the causes, the error, what remains."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 
-from studies.diagnose.record import DiagnoseRecord, Effect, Rest
-from studies.document import PROBABILITY, SHARE, Sentence, mm
+from studies.diagnose.record import DiagnoseRecord, Effect
+from studies.document import LINE, MM, PROBABILITY, SHARE, Sentence, fitting, mm, plural
 
 _SAYS = {
-    "stated": "the cell says {}",
-    "measured": "second approaches show {}",
-    "assumed": "data sheets of arms of its size say {} at most",
+    "stated": "the cell states {}",
+    "measured": "repeat visits show {}",
+    "assumed": "data sheets of arms of this size state {} at most",
 }
 _NEXT = {
-    "no_gap": "nothing is missing that these data could show; posecal compensate uses the model",
-    "explained": "put the found effects into the model (posecal diagnose --cell-out) and identify "
-    "again; posecal compensate then uses them",
-    "ambiguous": "posecal diagnose --next chooses poses that tell the causes apart",
-    "structure": "check these places on the arm; what errs there is in no catalogue",
-    "too_large": "check that loads, moves and times are in the table; approach some poses again; "
-    "measure poses closer together, or give the gear ratios",
+    "no_gap": "use the model: run `posecal compensate`",
+    "explained": "add the causes to the model (`--cell-out`) and identify again",
+    "structure": "check these places on the arm: no cause in the catalogue acts like this",
+    "too_large": "check that all loads, moves and times are in the table, then visit some poses again",
 }
-_ROSE = (
-    "look at what tells the held-out poses from the fitted ones (day, load, range of the joints) "
-    "before what was found is used"
-)
+_CONFIRM = "measure more poses to confirm it, then run `posecal diagnose` again"
+_ROSE = "first find what differs between held-out and fitted poses: day, load, joint range"
+_SURE = {"established": "confirmed", "likely": "probable"}
+_SINGLY = 3  # causes that a sentence names one by one
 
 
-def headline(record: DiagnoseRecord) -> Sentence:
-    """The verdict, and how far the error fell at poses held out."""
-    sentence, closed = verdict_sentence(record), record.gap.closed
+def headline(record: DiagnoseRecord) -> Iterator[Sentence]:
+    """The verdict; the error before and after; what remains, and what to do."""
     rose = bool(record.gap.heldout_rose)
     good = record.verdict in ("no_gap", "explained") and not (record.noise.loud or rose)
-    proof = ""
-    if closed is not None and record.effects and not rose:
-        proof = (
-            f" At poses that the choice never saw, {SHARE(closed)} of the gap is gone."
-            if closed > 0.0
-            else " At poses that the choice never saw, the error did not shrink."
-        )
-    return Sentence(f"{sentence[0].upper()}{sentence[1:]}.{proof}", "good" if good else "warn")
+    yield Sentence(verdict_sentence(record), "good" if good else "warn")
+    yield Sentence(_fell(record))
+    said = _remains(record)
+    if said:
+        yield Sentence(said)
 
 
 def verdict_sentence(record: DiagnoseRecord) -> str:
     """The verdict in words: what it is, or where it sits; and what held-out poses say against it."""
-    rose = "; poses held out are predicted no better with what was found"
+    rose = " The error at held-out poses did not fall."
     return _verdict_alone(record) + rose * bool(record.gap.heldout_rose)
 
 
 def _verdict_alone(record: DiagnoseRecord) -> str:
-    causes = _and([effect.names for effect in record.effects])
+    room = LINE - len(f"{record.cell}: ")
     match record.verdict:
         case "no_gap":
-            loud = record.noise.loud
-            return (
-                f"no gap beyond noise, {loud}" if loud else f"no gap beyond {_noise(record.rest)}"
-            )
+            return _no_gap(record)
         case "explained":
-            return f"the gap is explained by {causes}"
+            return fitting((f"{own}." for own in _found(record.effects)), room)
         case "ambiguous":
-            return f"the gap is explained by {causes}; {_unsure(record.effects)}"
-    if record.effects:
-        return f"the gap is more than {causes}; {_more(record)}"
-    return _somewhere(record)
-
-
-def _noise(rest: Rest | None) -> str:
-    scatter = rest is not None and rest.kind == "scatter"
-    return "noise and the arm's repeatability" if scatter else "noise"
-
-
-def _unsure(effects: Sequence[Effect]) -> str:
-    if any(effect.one_of for effect in effects):
-        return "these data cannot tell which"
-    likely = [effect.key for effect in effects if effect.standing != "established"]
-    return f"{_and(likely)} {'are' if len(likely) > 1 else 'is'} likely, not certain"
-
-
-def _more(record: DiagnoseRecord) -> str:
+            return fitting(_unsure(record.effects), room)
+    if not record.effects:
+        return _somewhere(record)
     rest = record.rest
-    if rest is not None and rest.kind == "too_large":
-        return f"{mm(rest.mm)} remains, more than such an arm repeats to"
-    return "the rest has no cause in the catalogue"
+    large = rest is not None and rest.kind == "too_large"
+    more = "too much remains" if large else "the rest has no cause in the catalogue"
+    return fitting((f"{own}; {more}." for own in _found(record.effects)), room)
+
+
+def _no_gap(record: DiagnoseRecord) -> str:
+    if record.noise.loud:
+        return f"No unmodelled error found, {record.noise.loud}."
+    scatter = record.rest is not None and record.rest.kind == "scatter"
+    arm = " and the arm's repeatability" * scatter
+    return f"No unmodelled error found: the residuals are noise{arm}."
+
+
+def _found(effects: Sequence[Effect]) -> Iterator[str]:
+    """The causes after what they are."""
+    lead = "Cause found" if len(effects) == 1 else f"{len(effects)} causes found"
+    return (f"{lead}: {own}" for own in _causes(effects))
+
+
+def _causes(effects: Sequence[Effect]) -> Iterator[str]:
+    """The causes in shorter and shorter forms: names, kinds with the count of places, a count."""
+    if len(effects) <= _SINGLY:
+        yield _and([effect.names for effect in effects])
+        yield _and([f"{own.key}{_others(own)}" for own in effects])
+    counts = Counter(effect.effect for effect in effects)
+    kinds = [f"{kind} ({n} places)" if n > 1 else kind for kind, n in counts.most_common()]
+    for most in range(len(kinds), 0, -1):
+        left = sum(n for _, n in counts.most_common()[most:])
+        yield _and([*kinds[:most], *([f"{left} more"] if left else [])])
+
+
+def _others(effect: Effect) -> str:
+    others = len(effect.alike) - 1
+    return f" (or {plural(others, 'other')})" if others > 0 else ""
+
+
+def _unsure(effects: Sequence[Effect]) -> Iterator[str]:
+    """Causes of which some are not certain, in shorter and shorter forms."""
+    forms = list(_found(effects))
+    if any(effect.one_of for effect in effects):
+        yield f"{forms[0]}. These data cannot tell which."
+        yield from (f"{form}." for form in forms[1:2] if len(effects) <= _SINGLY)
+        yield from (f"{form}: these data cannot tell all apart." for form in forms[1:])
+        return
+    likely = [effect.key for effect in effects if effect.standing != "established"]
+    if len(likely) == len(effects):
+        yield from (f"{form}. It is probable, not confirmed." for form in forms)
+        return
+    yield f"{forms[0]}. {_and(likely)}: probable, not confirmed."
+    yield from (f"{form}. Not all are confirmed." for form in forms)
 
 
 def _somewhere(record: DiagnoseRecord) -> str:
@@ -89,48 +111,73 @@ def _somewhere(record: DiagnoseRecord) -> str:
     for place in record.located:
         if not place.unfollowed:
             return (
-                f"a gap at {place.where} that depends on {place.depends_on}; "
-                "no cause in the catalogue does the same"
+                f"Unmodelled error at {place.where}, which depends on {place.depends_on}. No cause "
+                "in the catalogue fits."
             )
     if record.refused:
-        return "more is left than noise, and nothing that was tried predicts other poses better"
+        return "Unmodelled error found. No cause of it holds in cross-validation."
     for place in record.located:
         who = "the arm" if place.where == "arm" else place.where
-        return f"{who} errs from pose to pose as no cause in the catalogue and no column does"
-    return "more is left than noise, and neither its place nor its cause was found"
+        return f"Unmodelled error at {who}, from pose to pose. No cause in the catalogue fits."
+    return "Unmodelled error found, but neither its place nor its cause."
+
+
+def _fell(record: DiagnoseRecord) -> str:
+    """The error before and after, at poses held out where there are any."""
+    gap, unit = record.gap, record.gap.unit
+    held = gap.heldout_before_mm is not None
+    before = gap.heldout_before_mm if held else gap.fit_before_mm
+    after = gap.heldout_after_mm if held else gap.fit_after_mm
+    where = "held-out poses" if held else "the fitted poses"
+    noise = f"noise alone leaves {MM(gap.floor_mm)} {unit}"
+    if not record.effects or after is None:
+        return f"Error at {where}: {MM(before)} {unit}; {noise}."
+    return f"Error at {where}: {MM(before)} {unit} before, {MM(after)} {unit} after; {noise}."
+
+
+def _remains(record: DiagnoseRecord) -> str:
+    """What remains beside the causes, and what to do."""
+    rest = record.rest
+    todo = to_do(record)
+    todo = todo and f"{todo[0].upper()}{todo[1:]}."
+    if rest is None or record.gap.heldout_rose:
+        return todo
+    match rest.kind:
+        case "none":
+            return f"Nothing remains beyond noise. {todo}".strip()
+        case "scatter" if rest.of == "undecided":
+            return (
+                f"{mm(rest.mm)} remains; the arm's repeatability may be the reason. Visit some poses "
+                "again to be sure."
+            )
+        case "scatter":
+            return f"{mm(rest.mm)} remains: the arm's repeatability. {todo}".strip()
+    return f"{mm(rest.mm)} remains. {todo}" if rest.mm else todo
+
+
+def rest_words(record: DiagnoseRecord) -> Iterator[str]:
+    """What remains beside the causes, and what it is held against."""
+    rest = record.rest
+    if rest is None or rest.kind == "none":
+        return
+    arm = _SAYS[rest.repeatability_source].format(mm(rest.repeatability_mm))
+    size = f"{mm(rest.mm)} in each coordinate" if rest.mm else "something"
+    match rest.kind:
+        case "structure":
+            yield f"{size}, systematic, and no cause in the catalogue fits"
+        case "too_large":
+            yield f"{size}, more than the repeatability of the arm: {arm}"
+            yield "the model lacks something"
+        case _:
+            yield f"{size}, as large as the repeatability of such an arm: {arm}"
 
 
 def standing_words(effect: Effect) -> str:
     """How sure a cause is, and its share."""
-    several = f"one of {len(effect.alike)}" if len(effect.alike) > 1 else "likely"
-    how = several if effect.one_of else effect.standing or "found"
+    several = f"one of {len(effect.alike)}" if len(effect.alike) > 1 else "probable"
+    how = several if effect.one_of else _SURE.get(effect.standing or "", "found")
     probability, share = PROBABILITY(effect.probability), SHARE(effect.share_of_gap)
-    return f"{how} (probability {probability}), {share} of the gap"
-
-
-def rest_words(record: DiagnoseRecord) -> str:
-    """What remains beside the causes: how much, and whose it is."""
-    rest = record.rest
-    if rest is None:
-        return ""
-    if rest.kind == "none":
-        return "Nothing remains beyond the instrument's noise."
-    size = f"{mm(rest.mm)} in each coordinate remains"
-    arm = _SAYS[rest.repeatability_source].format(mm(rest.repeatability_mm))
-    match rest.kind:
-        case "structure":
-            much = size if rest.mm else "Something remains"
-            return f"{much} with a structure that has no name in the catalogue."
-        case "too_large":
-            return (
-                f"{size}. This is more than the arm repeats to: {arm}. The model lacks something."
-            )
-    if rest.of == "undecided":
-        return (
-            f"{size} that the model does not explain. The arm's repeatability may be the reason: "
-            f"{arm}. Approach some poses again to be sure."
-        )
-    return f"{size}. It is the arm's repeatability: {arm}."
+    return f"{how} (probability {probability}), {share} of the unmodelled error"
 
 
 def to_do(record: DiagnoseRecord) -> str:
@@ -142,6 +189,11 @@ def to_do(record: DiagnoseRecord) -> str:
     if record.verdict == "unknown":
         large = record.rest is not None and record.rest.kind == "too_large"
         return _NEXT["too_large" if large else "structure"]
+    if record.verdict == "ambiguous":
+        if record.next_poses:
+            return "measure the poses below: they tell the causes apart"
+        several = any(effect.one_of for effect in record.effects)
+        return "correct for any of them: they act alike here" if several else _CONFIRM
     return _NEXT[record.verdict]
 
 

@@ -50,8 +50,8 @@ class DiagnoseNoise(Noise):
         if factor < _LOUD:
             return ""
         return (
-            f"but the noise is {factor:.0f} times what the cell states: see that every load is in the "
-            "table, and sigma_mm"
+            f"but the noise is {factor:.0f} times sigma_mm of the cell. Check sigma_mm, and that every "
+            "load is in the table"
         )
 
 

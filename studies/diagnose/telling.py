@@ -52,34 +52,35 @@ _MOST_PARAMETERS = 8  # of one cause; sag of a whole arm has fifty
 _MOST_OUTLIERS = 3  # that are worth a line each
 _MOST_ALIASES = 4
 _MOST_PAIRS = 6
+_VAGUE = 1.0  # width of an interval of shares that says nothing
 _LONG = 12  # letters of a place that is no longer named beside a number
 
 
 def told(record: DiagnoseRecord) -> Document:
     """The verdict, causes and places, the fall of the error, what stayed unseen, and what next."""
     sections = (
-        Section("diagnosis", "Where the gap comes from", tuple(_parts(record))),
-        Section("unseen", "What these data could not have shown", tuple(_unseen(record))),
+        Section("diagnosis", "What causes the unmodelled error", tuple(_parts(record))),
+        Section("unseen", "What could not be seen", tuple(_unseen(record))),
         Section("next", "What to measure next", tuple(_further(record))),
     )
-    return Document((headline(record),), tuple(s for s in sections if s.parts))
+    return Document(tuple(headline(record)), tuple(s for s in sections if s.parts))
 
 
 # -- causes and places -------------------------------------------------------------------------
 
 
 def _parts(record: DiagnoseRecord) -> Iterator[Part]:
-    yield from map(Sentence, filter(None, [rest_words(record)]))
-    yield from labelled("could hide", _could_hide(record))
+    yield from labelled("remains", rest_words(record))
+    yield from labelled("unseen", _could_hide(record))
     yield from labelled("noise", noise_words(record.noise))
     yield Table(_of_gap(record.gap.unit), list(_gap(record.gap)), "The error before and after")
     for effect in record.effects:
         yield from _effect(effect)
     for draw in pictures(record):
         yield Figure(draw)
-    yield Table(_LOCATED, list(_located(record)), caption="Where the gap sits")
+    yield Table(_LOCATED, list(_located(record)), caption="Where the unmodelled error is")
     if record.refused:
-        yield Sentence("Refused: found, and not named all the same.")
+        yield Sentence("Found, but not sure enough to be named:")
         yield Table(_REFUSED, list(_refused(record.refused)), "Refused")
     yield Table(_OUTLIERS, record.outliers, "Poses left out", of_poses=True, most=_MOST_OUTLIERS)
     yield from _notes(record)
@@ -90,12 +91,12 @@ def _could_hide(record: DiagnoseRecord) -> Iterator[str]:
     worst = record.worst_hidden
     if worst is None or record.verdict == "unknown":
         return
-    size = f"{TWO(worst.minimum_detectable)} {worst.unit}"
-    why = "which these poses do not show" if worst.minimum_detectable is None else f"below {size}"
-    yield (
-        f"{worst.key}, {why}, would leave {mm(worst.left_mm)} RMS at the targets; any other cause of "
-        "the catalogue less"
-    )
+    left = f"at worst {mm(worst.left_mm)} RMS at the targets"
+    if worst.minimum_detectable is None:
+        yield f"these poses do not show {worst.key}: {left}"
+    else:
+        size = f"{TWO(worst.minimum_detectable)} {worst.unit}"
+        yield f"{worst.key} below {size} would go unnoticed: {left}"
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ def _of_gap(unit: str) -> tuple[Column[_Error], ...]:
         Column("before", lambda row: row.before, MM, unit),
         Column("after", lambda row: row.after, MM, unit),
         Column("noise alone", lambda row: row.floor, MM, unit),
-        Column("gap closed\n(95 % interval)", lambda row: row.closed),
+        Column("removed\n(95 % interval)", lambda row: row.closed),
     )
 
 
@@ -124,7 +125,7 @@ def _gap(gap: Gap) -> Iterator[_Error]:
     yield _Error("fitted poses", gap.fit_before_mm, gap.fit_after_mm, floor)
     if gap.heldout_before_mm is not None:
         before, after = gap.heldout_before_mm, gap.heldout_after_mm
-        yield _Error("held out: never seen", before, after, floor, _closed(gap))
+        yield _Error("held out", before, after, floor, _closed(gap))
     if gap.crossvalidated_before_mm is not None:
         before, after = gap.crossvalidated_before_mm, gap.crossvalidated_after_mm
         yield _Error("cross-validated", before, after, floor)
@@ -135,11 +136,13 @@ def _gap(gap: Gap) -> Iterator[_Error]:
 
 def _closed(gap: Gap) -> str:
     if gap.closed is None:
-        return "none was above the floor"
+        return "nothing to remove"
     if gap.closed_ci95 is None or gap.heldout_before_mm == gap.heldout_after_mm:
         return SHARE(gap.closed)
-    low, high = map(SHARE, gap.closed_ci95)
-    return f"{SHARE(gap.closed)} ({low.removesuffix(' %')} to {high.removesuffix(' %')})"
+    low, high = gap.closed_ci95
+    if high - low > _VAGUE:
+        return f"{SHARE(gap.closed)} (too few poses)"
+    return f"{SHARE(gap.closed)} ({100.0 * low:.0f} to {100.0 * high:.0f})"
 
 
 _VALUES: tuple[Column[Value], ...] = (
@@ -177,7 +180,7 @@ class _Located:
 _LOCATED: tuple[Column[_Located], ...] = (
     Column("where", lambda row: row.place.where),
     Column("depends on", lambda row: row.place.depends_on),
-    Column("share of\nthe gap", lambda row: row.place.share_of_gap, SHARE),
+    Column("share of the\nunmodelled error", lambda row: row.place.share_of_gap, SHARE),
     Column("cause", lambda row: row.cause),
 )
 
@@ -220,11 +223,11 @@ def _aliasing(spectra: Sequence[Spectrum]) -> Iterator[str]:
         repeats = spectrum.repeats_1_turn
         if repeats is None and not lines:
             continue
-        steps = f" stands in steps of {STD(360.0 / repeats)} deg, so that" if repeats else ":"
-        said = " and ".join(map(_might_be, lines)) or (
-            f"c and {STD(repeats)} \N{MINUS SIGN} c cycles a turn are the same at these poses"
-        )
-        yield f"{spectrum.joint}{steps} {said}; steps that are not equal would tell"
+        if repeats:
+            step = f"{STD(360.0 / repeats)} deg"
+            yield f"equal steps of {spectrum.joint} ({step}) hide gear ripples: vary the steps"
+        elif lines:
+            yield f"{spectrum.joint}: {' and '.join(map(_might_be, lines))}; vary the steps"
 
 
 def _might_be(line: Line) -> str:
@@ -232,15 +235,15 @@ def _might_be(line: Line) -> str:
     rest = len(line.aliases) - len(named)
     last = f"{rest} more" if rest else named.pop()
     others = f"{', '.join(named)} or {last}" if named else last
-    return f"its line at {TENTH(line.cycles)} cycles a turn might as well be at {others}"
+    return f"{TENTH(line.cycles)} cycles per turn could also be {others}"
 
 
 def _notes(record: DiagnoseRecord) -> Iterator[Sentence]:
     """Where approaches come from, cycles that cannot be told, causes that have no columns."""
     if record.approach_derived:
         first = listed(record.not_fitted, 3)
-        unknown = f"; {first}, where it is unknown, took no part" if first else ""
-        yield Sentence(f"derived from the order of the poses{unknown}", label="approach")
+        skipped = f"; {first} skipped: direction unknown" if first else ""
+        yield Sentence(f"derived from the order of the poses{skipped}", label="direction")
     yield from labelled("aliasing", _aliasing(record.spectra))
     yield from not_asked(record.not_asked)
     yield from labelled("next", filter(None, [to_do(record)]))
@@ -295,7 +298,7 @@ def _unseen(record: DiagnoseRecord) -> Iterator[Part]:
             groups.setdefault((entry.effect, entry.unit), []).append(entry)
     if groups:
         yield Sentence(
-            "The smallest size of each cause that would have been found, nine times in ten."
+            "Detection limits: the smallest size of each cause that is found nine times in ten."
         )
     kinds = [
         _Kind(sorted(own, key=lambda e: e.minimum_detectable or 0.0), blind.get(effect, []))
@@ -307,16 +310,16 @@ def _unseen(record: DiagnoseRecord) -> Iterator[Part]:
     nowhere = [effect for effect in blind if effect not in {effect for effect, _ in groups}]
     if nowhere:
         said = ", ".join(nowhere)
-        yield Sentence(f"Not visible at these poses, wherever it acts: {said}.")
+        yield Sentence(f"These poses show nothing of: {said}.")
 
 
 # -- what to measure next ----------------------------------------------------------------------
 
 _DOUBTS: tuple[Column[Prediction], ...] = (
-    Column("in doubt", lambda row: row.rivals[0]),
+    Column("cause", lambda row: row.rivals[0]),
     Column("or", lambda row: row.rivals[1]),
-    Column("true one\npreferred", lambda row: row.probability_now, PROBABILITY),
-    Column("with the\nnext poses", lambda row: row.probability_after, PROBABILITY),
+    Column("right choice\nnow", lambda row: row.probability_now, PROBABILITY),
+    Column("after these\nposes", lambda row: row.probability_after, PROBABILITY),
 )
 _POSE: Column[NextPose] = Column("next\npose", lambda row: row.pose)
 _SPLITS: Column[NextPose] = Column(
@@ -328,11 +331,16 @@ def _further(record: DiagnoseRecord) -> Iterator[Part]:
     """Rivals with their prospects, the poses that split them, and what to do where none can."""
     doubts, poses = record.next_poses_predicted, record.next_poses
     if doubts:
-        yield Table(_DOUBTS, doubts, "Causes in doubt", most=_MOST_PAIRS)
+        yield Table(
+            _DOUBTS,
+            doubts,
+            "Causes that are not told apart, and how often the right one is chosen",
+            most=_MOST_PAIRS,
+        )
     for doubt in doubts[:_MOST_PAIRS]:
         yield from _remedies(doubt)
     if poses:
-        yield Sentence("These poses tell apart what the data so far leave open.")
+        yield Sentence("Measure these poses: they tell the causes apart.")
         columns: tuple[Column[NextPose], ...] = (
             _POSE,
             *joint_columns(poses, HUNDREDTH, detail=False),
@@ -349,6 +357,6 @@ def _remedies(doubt: Prediction) -> Iterator[Sentence]:
         yield Sentence(f"{pair}: {remedy.says} ({PROBABILITY(remedy.probability)})")
     if doubt.inseparable:
         yield Sentence(
-            f"{pair}: neither these poses nor any change that was tried tells them apart; on these "
-            "data correct for either"
+            f"{pair}: observationally equivalent. No poses, loads or stations tell them apart; correct "
+            "for either"
         )

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 _MOST_NAMES = 8
 _MOST_DIGITS = 12
+LINE = 100
+"""Letters of a line of sentences."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,19 @@ def listed(names: Sequence[str], most: int = _MOST_NAMES) -> str:
     if len(names) <= most:
         return ", ".join(names)
     return f"{', '.join(names[:most])} and {len(names) - most} more"
+
+
+def fitting(forms: Iterable[str], width: int = LINE) -> str:
+    """The first form that a line holds, else the last.
+
+    >>> fitting(["a sentence", "short"], 5), fitting(["never", "fits"], 3)
+    ('short', 'fits')
+    """
+    form = ""
+    for form in forms:
+        if len(form) <= width:
+            break
+    return form
 
 
 def to_std(*values: float | None) -> str:

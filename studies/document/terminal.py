@@ -13,10 +13,10 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from studies.document.parts import Column, Document, Lines, Part, Section, Sentence, Table
+from studies.document.rules import LINE
 from studies.tables import plain_table
 
 _LABEL = 10  # letters
-_WIDTH = 100  # of sentences
 _AFTER_COMMA = re.compile(r"(?<=,)(?=[^\W\d])")  # not within a number
 
 
@@ -69,7 +69,7 @@ def _lines(sentences: Iterable[Sentence]) -> Iterator[str]:
         if not within:
             yield from _wrapped(sentence.text)
             continue
-        first, *rest = _wrapped(sentence.text, _WIDTH - _LABEL - 1)
+        first, *rest = _wrapped(sentence.text, LINE - _LABEL - 1)
         yield f"{sentence.label:<{_LABEL}} {first}"
         yield from (f"{'':<{_LABEL}} {line}" for line in rest)
 
@@ -81,7 +81,7 @@ class _Wrapper(textwrap.TextWrapper):
         return [part for chunk in super()._split(text) for part in _AFTER_COMMA.split(chunk)]
 
 
-def _wrapped(text: str, width: int = _WIDTH) -> list[str]:
+def _wrapped(text: str, width: int = LINE) -> list[str]:
     """Lines; names stay whole."""
     wrapper = _Wrapper(width, break_long_words=False, break_on_hyphens=False)
     return wrapper.wrap(text) or [""]

@@ -31,29 +31,30 @@ _WEAKEST = 5
 _SOURCES = {
     "cell": "as the cell states",
     "replicates": "from repeated readings",
-    "residual": "from the residual of the data so far",
+    "residual": "from the residuals so far",
 }
 
-_LACKS = {True: "what the model lacks", False: "what poses missed that the fit was without"}
-_SCATTERS = {"arm": "the arm's scatter", "undecided": "the arm's scatter, or what the model lacks"}
+_LACKS = {True: "what the model lacks", False: "the error at held-out poses"}
+_SCATTERS = {"arm": "the arm's repeatability", "undecided": "the arm, or what the model lacks"}
 
 
 def told(record: EnoughRecord) -> Document:
     """The answer, and what it rests on."""
     section = Section("progress", "Are the poses enough?", tuple(_parts(record)))
-    return Document((_progress(record), *_goal(record), *_systematic(record)), (section,))
+    return Document((*_goal(record), _progress(record), *_systematic(record)), (section,))
 
 
 def _progress(record: EnoughRecord) -> Sentence:
     plan, now = record.plan, mm(record.now.task_rms_mm)
     if not plan.poses:
         return Sentence(
-            f"{record.now.readings} readings, and no plan to go on with: expected now {now} RMS."
+            f"Expected error at the targets: {now} RMS now, from "
+            f"{plural(record.now.readings, 'reading')}."
         )
-    to_come = f", at the end {mm(record.end.task_rms_mm)} RMS" if record.order else ""
+    end = f", {mm(record.end.task_rms_mm)} at the end" if record.order else ""
     return Sentence(
-        f"{plan.measured} of the plan's {plan.poses} poses are measured, {plan.to_measure} are to "
-        f"come; expected now {now} RMS{to_come}."
+        f"{plan.measured} of {plan.poses} planned poses are measured. Expected error at the targets: "
+        f"{now} RMS now{end}."
     )
 
 
@@ -70,20 +71,20 @@ def _reached(record: EnoughRecord) -> tuple[Mood, str]:
         return _met(record, needed)
     if fresh is not None:
         return "warn", (
-            f"is not reached by the end of the plan, but with about {fresh} fresh poses more: "
-            f"posecal design CELL --extend PLAN --poses {fresh} chooses them"
+            f"takes about {fresh} poses more than the plan has. Run `posecal design CELL --extend PLAN "
+            f"--poses {fresh}`"
         )
     if record.goal_beyond_reach:
-        return "warn", f"is not reached. More poses will not help: {_beyond_reach(record.lacking)}"
+        return "warn", f"is out of reach of more poses: {_beyond_reach(record.lacking)}"
     if record.fresh:
         most = mm(record.fresh[-1].task_most_mm)
         return "warn", (
-            f"is out of reach: {most}, 19 times in 20, with {len(record.fresh)} fresh poses beyond the "
-            "plan; less noise, more markers or a simpler model would help more than poses"
+            f"is out of reach: {len(record.fresh)} poses more still leave up to {most}. Use more "
+            "markers, a better instrument, or fewer parameters"
         )
     most = mm(record.end.task_most_mm)
     return "warn", (
-        f"is not reached by the end of the plan: 19 times in 20 the error is below {most}"
+        f"is not reached by the end of the plan: the error is then below {most}, 19 times in 20"
     )
 
 
@@ -92,11 +93,11 @@ def _met(record: EnoughRecord, needed: int) -> tuple[Mood, str]:
     names = ", ".join(step.pose or "" for step in record.order[:needed])
     after = f"after {needed} more: {names}" if needed else "now"
     if record.lacking.open_end:
-        return "warn", f"would be met {after}, if nothing moved on"
+        return "warn", f"is reached {after}, but only if the drift stops"
     if needed:
         return "good", f"is reached {after}"
     most = mm(record.now.task_most_mm)
-    return "good", f"is reached, you may stop now: 19 times in 20 the error is below {most}"
+    return "good", f"is reached: the error is below {most}, 19 times in 20. You may stop"
 
 
 def _beyond_reach(lacking: Lacking) -> str:
@@ -105,16 +106,16 @@ def _beyond_reach(lacking: Lacking) -> str:
     if largest == lacking.unexplained_mm:
         return lacks(largest) if lacking.unexplained_surely else _by_chance(lacking)
     if largest == lacking.trend_mm:
-        return "the readings moved through the day"
+        return "the readings drift through the day"
     if lacking.scatter_of == "arm":
-        return f"the arm itself comes back to a pose within {mm(largest)} only"
+        return f"the arm itself repeats to {mm(largest)} only"
     return undecided(largest)
 
 
 def _by_chance(lacking: Lacking) -> str:
     return (
-        f"{lacking.unexplained_from} miss by {mm(lacking.unexplained_mm)} more than they should, which "
-        "may be chance. Measure some poses more and hold them out"
+        f"{lacking.unexplained_from} are off by {mm(lacking.unexplained_mm)} more than expected, "
+        "perhaps by chance. Measure more poses and hold them out"
     )
 
 
@@ -124,7 +125,7 @@ def _systematic(record: EnoughRecord) -> Iterator[Sentence]:
     said = record.goal_beyond_reach and lacking.unexplained_mm >= lacking.scatter_mm
     worth = lacking.unexplained_surely and counts(lacking.unexplained_mm, record.now.task_rms_mm)
     if worth and not said:
-        yield Sentence(f"More poses will not lower it: {lacks(lacking.unexplained_mm)}.", "warn")
+        yield Sentence(f"More poses will not help: {lacks(lacking.unexplained_mm)}.", "warn")
     if lacking.trend_mm:
         later, after = lacking.trend_an_hour_later_mm, lacking.targets_after_h
         yield Sentence(f"{moves_on(lacking.trend_mm, later, after)}.", "warn")
@@ -132,7 +133,7 @@ def _systematic(record: EnoughRecord) -> Iterator[Sentence]:
 
 def _parts(record: EnoughRecord) -> Iterator[Part]:
     yield from _facts(record)
-    yield Table(_ORDER, _coming(record), "Poses to come, in the order that pays most")
+    yield Table(_ORDER, _coming(record), "Poses to come, the most useful first")
     if record.order:
         yield Figure(lambda: expected_by_pose(record))
     yield _weakest(record)
@@ -144,7 +145,7 @@ def _facts(record: EnoughRecord) -> Iterator[Sentence]:
     source = _SOURCES[noise.source]
     yield Sentence(f"{mm(noise.sigma_mm)} in each coordinate, {source}", label="noise")
     if record.reason:
-        yield Sentence(f"no identification yet: {record.reason}")
+        yield Sentence(f"nothing can be identified yet: {record.reason}")
     yield Sentence(f"{_expected(record.now)}, at {record.targets}", label="now")
     yield from _shares(record)
     yield from _seen(record)
@@ -155,9 +156,9 @@ def _facts(record: EnoughRecord) -> Iterator[Sentence]:
 
 def _expected(state: State) -> str:
     lost = len(state.unidentifiable)
-    left = f", {plural(lost, 'parameter')} open" if lost else ""
+    left = f", {plural(lost, 'parameter')} not identifiable" if lost else ""
     rms, worst = mm(state.task_rms_mm), mm(state.task_worst_mm)
-    return f"{rms} RMS, {worst} at worst expected{left}, from {plural(state.readings, 'reading')}"
+    return f"{rms} RMS, {worst} at worst{left}, from {plural(state.readings, 'reading')}"
 
 
 def _shares(record: EnoughRecord) -> Iterator[Sentence]:
@@ -166,13 +167,13 @@ def _shares(record: EnoughRecord) -> Iterator[Sentence]:
     parts = {
         _SCATTERS[lacking.scatter_of]: lacking.scatter_mm,
         _LACKS[lacking.unexplained_surely]: lacking.unexplained_mm,
-        "the trend of the day": lacking.trend_mm,
+        "the drift": lacking.trend_mm,
     }
-    said = [f"{mm(value)} {name}" for name, value in parts.items() if value]
+    said = [f"{mm(value)} from {name}" for name, value in parts.items() if value]
     if said:
         yield Sentence(
-            f"of it {mm(record.now.from_parameters_mm)} from the parameters, and "
-            f"{listed(said)}, which no more poses lower"
+            f"of it {mm(record.now.from_parameters_mm)} from the parameters. More poses do not "
+            f"lower the rest: {listed(said)}"
         )
 
 
@@ -182,13 +183,10 @@ def _seen(record: EnoughRecord) -> Iterator[Sentence]:
     if seen is None:
         return
     if seen.heldout_mm is not None:
-        said = f"{mm(seen.heldout_mm)} RMS at held-out poses, {mm(seen.rms_mm)} without their noise"
+        said = f"{mm(seen.heldout_mm)} RMS at the held-out poses ({mm(seen.rms_mm)} without noise)"
     else:
-        said = (
-            f"{mm(seen.rms_mm)} RMS at {seen.source}, without their noise, predicted from the other "
-            "readings"
-        )
-    yield Sentence(said, label="missed")
+        said = f"{mm(seen.rms_mm)} RMS at {seen.source}, predicted from the others (without noise)"
+    yield Sentence(said, label="held out")
 
 
 def _pays(record: EnoughRecord) -> Iterator[Sentence]:
@@ -197,12 +195,12 @@ def _pays(record: EnoughRecord) -> Iterator[Sentence]:
     if until is None:
         return
     if not until:
-        said = "more poses only average noise from here on"
+        said = "from here on, more poses only average noise"
     elif until < len(record.order):
-        said = f"each of the next {until} does more than average noise"
+        said = f"the next {until} poses; later ones only average noise"
     else:
-        said = "to the last: each of them does more than average noise"
-    yield Sentence(said, label="pays")
+        said = "all of them do more than average noise"
+    yield Sentence(said, label="worth it")
 
 
 @dataclass(frozen=True)
@@ -216,11 +214,11 @@ class _Coming:
 
 _ORDER: tuple[Column[_Coming], ...] = (
     Column("measure next", lambda row: f"{row.step.pose}{' goal' * row.meets}"),
-    Column("task RMS", lambda row: row.step.task_rms_mm, MM, "mm"),
+    Column("expected\nRMS", lambda row: row.step.task_rms_mm, MM, "mm"),
     Column("worst", lambda row: row.step.task_worst_mm, MM, "mm"),
     Column("19 in 20\nbelow", lambda row: row.step.task_most_mm, MM, "mm"),
     Column("less by", lambda row: row.gain, PERCENT, "%"),
-    Column("open", lambda row: row.step.unidentifiable, NAMES),
+    Column("not\nidentifiable", lambda row: row.step.unidentifiable, NAMES),
 )
 
 
@@ -238,7 +236,7 @@ class _Known:
 
 
 _WORST: tuple[Column[_Known], ...] = (
-    Column("known worst", lambda row: row.now.id, TEXT),
+    Column("least certain", lambda row: row.now.id, TEXT),
     Column("standard\ndeviation", lambda row: row.now.std, STD),
     Column("at the\nplan's end", lambda row: row.end.std, STD),
     Column("unit", lambda row: row.now.unit, TEXT),
@@ -251,14 +249,11 @@ def _weakest(record: EnoughRecord) -> Table[_Known]:
     robot = [known for known in both if known.now.effect not in ("base", "tool")]
     robot.sort(key=lambda known: -1e30 if known.now.share is None else -known.now.share)
     columns = _WORST if record.order else (*_WORST[:2], _WORST[3])
-    return Table(columns, robot[:_WEAKEST], "Parameters that are known worst")
+    return Table(columns, robot[:_WEAKEST], "The least certain parameters")
 
 
 def _open(names: tuple[str, ...]) -> Iterator[Sentence]:
     if names:
-        stay = "stays" if len(names) == 1 else "stay"
         yield Sentence(
-            f"{listed(names)} {stay} so at these poses; posecal design plans some that tell",
-            "warn",
-            "open",
+            f"these poses do not determine {listed(names)}. Run `posecal design`", "warn", "open"
         )

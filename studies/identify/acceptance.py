@@ -34,7 +34,7 @@ class AcceptanceEntry(Entry):
 
     @property
     def stated(self) -> str:
-        """The decision rule in words."""
+        """The decision rule."""
         if self.rule == "simple":
             return (
                 "simple acceptance, no guard band: at the limit a wrong decision is as likely as a "
@@ -77,8 +77,8 @@ def accepted(entry: AcceptanceEntry | None) -> Iterator[Sentence]:
         return
     if entry.verdict is None:
         yield Sentence(
-            f"Not judged by the tolerance of {mm(entry.tolerance_mm)}: that takes poses that had no "
-            "part in the fit (--holdout 0.3).",
+            f"Not judged by the tolerance of {mm(entry.tolerance_mm)}: no poses are held out. Add "
+            "`--holdout 0.3`.",
             "warn",
         )
         return
@@ -88,7 +88,7 @@ def accepted(entry: AcceptanceEntry | None) -> Iterator[Sentence]:
     )  # fmt: skip
     parts = ", ".join(f"{count} {where}" for count, where in counts if count)
     yield Sentence(
-        f"{word} by the tolerance of {mm(entry.tolerance_mm)}: of {plural(entry.points, 'point')} held "
-        f"out {parts}, the largest error {mm(entry.largest_mm)}; {entry.stated}.",
+        f"{word} (tolerance {mm(entry.tolerance_mm)}): {parts} of "
+        f"{plural(entry.points, 'held-out point')}; the largest error is {mm(entry.largest_mm)}.",
         mood,
     )

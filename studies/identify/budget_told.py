@@ -25,9 +25,9 @@ from studies.document import (
 from studies.identify.budget import BudgetEntry, Expanded, Row
 
 _FATES = {
-    "average": "average it",
-    "base": "leave it in the base",
-    "stays": "leave it",
+    "average": "average out",
+    "base": "go into the base",
+    "stays": "do not help",
     None: "",
 }
 _FREEDOM = Rule(lambda value: WHOLE(value), absent="known")
@@ -41,10 +41,10 @@ _ROWS: tuple[Column[Row], ...] = (
     Column("u", lambda row: row.standard_uncertainty, _OWN),
     Column("unit", lambda row: row.unit, _UNIT),
     Column("targets", lambda row: row.at_targets_mm, MM, "mm"),
-    Column("base anew", lambda row: row.base_placed_anew_mm, MM, "mm"),
-    Column("degrees", lambda row: row.degrees_of_freedom, _FREEDOM),
+    Column("base measured\nagain", lambda row: row.base_placed_anew_mm, MM, "mm"),
+    Column("degrees of\nfreedom", lambda row: row.degrees_of_freedom, _FREEDOM),
     Column("share", lambda row: row.share, SHARE),
-    Column("many poses", lambda row: _FATES[row.poses], TEXT),
+    Column("more poses", lambda row: _FATES[row.poses], TEXT),
 )
 _EVALUATED: tuple[Column[Row], ...] = (
     _SOURCE,
@@ -58,10 +58,10 @@ _EVALUATED: tuple[Column[Row], ...] = (
     Column("one reading", lambda row: row.at_one_reading_mm, MM, "mm"),
 )
 _CAPTION = (
-    "What one standard uncertainty of each source does to the points at the targets, RMS, and with the "
-    "base placed anew there, as a user does who measures his own frame: what moves all targets as one "
-    "is gone then. Errors that lie along one line are covered by Student's t times u, errors in space "
-    "by less."
+    "What one standard uncertainty of each source does to the points at the targets, RMS. Also "
+    "with the base measured again there, as a user does who measures his own frame: what moves all "
+    "targets together is gone then. Errors along one line are covered by Student's t times u, "
+    "errors in space by less."
 )
 
 
@@ -76,13 +76,13 @@ def budget_section(budget: BudgetEntry | None, targets: str, missing: bool) -> I
 
 
 def _parts(budget: BudgetEntry, targets: str, missing: bool) -> Iterator[Part]:
-    sure = "If nothing were missing, the" if missing else "The"
+    only = ", if the model lacks nothing" if missing else ""
     yield Sentence(
-        f"{sure} parameters' uncertainty leaves {_covered(budget.calibration)} ({targets})",
-        label="95 of 100",
+        f"errors up to {_covered(budget.calibration)}, from the parameters{only}", label="95 %"
     )
     if any(row.part_of != "calibration" for row in budget.rows):
-        yield Sentence(f"with what the arm and the model's lacks add, {_covered(budget.total)}")
+        yield Sentence(f"errors up to {_covered(budget.total)}, with all sources below")
+    yield Sentence(targets, label="targets")
     yield Table(_ROWS, budget.rows, "Uncertainty budget", _CAPTION)
     yield Detail((Table(_EVALUATED, budget.rows, "How each source was evaluated", fold=True),))
     common = [row for row in budget.rows if row.instrument]
@@ -91,15 +91,15 @@ def _parts(budget: BudgetEntry, targets: str, missing: bool) -> Iterator[Part]:
         for fate in ("average", "base", "stays")
     }
     words = {
-        "average": "many poses average out",
+        "average": "more poses average out",
         "base": "mostly a shift or turn of the whole frame",
-        "stays": "no number of poses takes away",
+        "stays": "more poses do not lower",
     }
     yield from labelled("common", (f"{words[k]}: {own}" for k, own in said.items() if own))
     if not common:
         yield Sentence(
-            "errors that all readings share, of which none is stated; those of a tracker (scale, zero "
-            "point, circles, the air) go into [instrument.common]",
+            "errors that all readings share: none is stated. Those of a tracker (scale, zero point, "
+            "circles, air) go into [instrument.common]",
             "note", "not counted",
         )  # fmt: skip
 
@@ -109,6 +109,6 @@ def _covered(found: Expanded) -> str:
     nu = found.degrees_of_freedom
     behind = "" if nu is None else f", {nu:.0f} degrees of freedom"
     return (
-        f"errors up to {mm(found.expanded_mm)}, {mm(found.worst_expanded_mm)} at the worst "
+        f"{mm(found.expanded_mm)}, {mm(found.worst_expanded_mm)} at the worst target "
         f"(k = {found.coverage_factor:.2f}{behind})"
     )

@@ -38,19 +38,19 @@ def drift_section(record: IdentifyRecord) -> Iterator[Section]:
 
 def _moved(record: IdentifyRecord, drift: Drift) -> Iterator[Sentence]:
     count, p = len(drift.references), P(drift.p_value)
-    of = f" ({count} repeated poses together)" if count > 1 else ""
+    of = f", {count} repeated poses together" if count > 1 else ""
     if drift.verdict == "steady":
-        said = f"none seen: p {p}{of}, the readings differ as instrument and arm do"
+        said = f"none: the readings differ by the noise of instrument and arm (p {p}{of})"
     elif drift.verdict == "drift":
-        said = f"yes: p {P(drift.trend_p)} for a steady motion{of}"
+        said = f"yes: a steady motion (p {P(drift.trend_p)}{of})"
     else:
-        said = f"no steady one, but the readings moved more than instrument and arm do: p {p}{of}"
+        said = f"not steady, but the readings moved by more than instrument and arm do (p {p}{of})"
     yield Sentence(said, "good" if drift.verdict == "steady" else "warn", "drift")
     if drift.verdict == "drift":
         yield from map(_rate, drift.rates)
     if drift.noise_factor != 1.0:
         yield Sentence(
-            f"single points scatter {TENTH(drift.noise_factor)} times as much as the cell states"
+            f"single points scatter by {TENTH(drift.noise_factor)} times the noise of the cell"
         )
     if drift.verdict != "steady":
         yield from _to_do(record, drift)
@@ -75,22 +75,22 @@ def _rms(values: Three | None) -> float | None:
 def _to_do(record: IdentifyRecord, drift: Drift) -> Iterator[Sentence]:
     if not drift.one_side:
         yield Sentence(
-            "joints came from different sides, so it may be backlash: come from one side each time"
+            "the approach directions differ, so it may be backlash. Come from one side each time"
         )
     modelled = [p.effect for p in record.parameters if p.effect in _MODELLED]
     if drift.verdict == "moved":
         yield Sentence(
-            "the robot returns worse than it does else, something was knocked or is loose, or readings "
-            "are too few for a trend; if one row above stands out, measure again from there"
+            "something was knocked or is loose, or the readings are too few for a trend. If one row "
+            "above stands out, measure again from there"
         )
     elif modelled:
-        yield Sentence(f"{modelled[0]} is in the model and takes it up as far as it is steady")
+        yield Sentence(f"{modelled[0]} of the model takes it up where it is steady")
     elif not drift.rates:
         yield Sentence(
-            "add column time_s, and base_drift to [model] effects, or measure again once all is warm"
+            "add column time_s, and base_drift to [model] effects. Or measure again when all is warm"
         )
     else:
         yield Sentence(
-            "add base_drift to [model] effects (the instrument's drift looks alike), or measure again "
-            "once all is warm; posecal diagnose says whether something else fits better"
+            "add base_drift to [model] effects (a drift of the instrument looks the same), or measure "
+            "again when all is warm. Run `posecal diagnose` to find the cause"
         )

@@ -89,17 +89,17 @@ def told_of_type(found: OfType) -> Iterator[Part]:
     """Whether the robot is of its type, and what left it farthest."""
     whole = f"{plural(found.robots, 'robot')} of {found.type}"
     if found.of_the_type:
-        yield Sentence(f"It is as the {whole} are that the type was learnt from (p {P(found.p)}).")
+        yield Sentence(f"This robot is like the {whole} before it (p {P(found.p)}).")
     else:
         out = [own.id for own in found.parameters if own.released]
-        what = f"not believed for {listed(out, 5)}" if out else "believed less for all of it"
-        yield Sentence(f"It is not as the {whole} are (p {P(found.p)}): these are {what}.", "warn")
+        what = f"for {listed(out, 5)} they are not used" if out else "they count less everywhere"
+        yield Sentence(f"This robot differs from the {whole} (p {P(found.p)}): {what}.", "warn")
     rows = sorted(found.parameters, key=lambda own: (not own.released, -own.size))
     caption = (
-        "Score: how far the value leaves the type's mean, in standard deviations of how far it would "
-        "in a robot of the type"
+        "Score: distance of the value from the type's mean, in standard deviations of what robots "
+        "of the type show"
     )
-    yield Table(_LEFT, rows, "How far each parameter left its type", caption, most=_MOST)
+    yield Table(_LEFT, rows, "Each parameter beside its type", caption, most=_MOST)
 
 
 _LEFT: tuple[Column[Left], ...] = (
@@ -108,6 +108,6 @@ _LEFT: tuple[Column[Left], ...] = (
     Column("mean of the type", attrgetter("mean"), FOUR),
     Column("spread of the type", attrgetter("std"), FOUR),
     Column("score", attrgetter("score"), TENTH),
-    Column("type", lambda own: "not believed" if own.released else "", detail=True),
+    Column("type", lambda own: "not used" if own.released else "", detail=True),
     Column("unit", attrgetter("unit")),
 )

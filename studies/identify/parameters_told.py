@@ -26,6 +26,8 @@ from studies.identify.record import IdentifyRecord
 from studies.identify.sizes import told_sizes
 from studies.noise import noise_words
 
+_APPROACHES = {"points": "marker points", "pose": "full poses from the marker points"}
+_METHODS = {"joint": "all parameters at once", "two-step": "base and tool in turn with the rest"}
 _TOGETHER = 0.9  # correlation worth a line
 _BY_POSE, _OPTIMISM = 1.2, 1.05  # ratios worth a line
 _INTERVAL = Rule(TO_STD.show, absent="")
@@ -51,8 +53,15 @@ _ABSORBED: tuple[Column[Absorbed], ...] = (
 
 def told_parameters(record: IdentifyRecord) -> Iterator[Part]:
     """The values, how sure they are, and what a reader should know of them."""
+    yield Sentence(
+        f"{record.rank} of {plural(len(record.parameters), 'parameter')} from "
+        f"{plural(record.poses, 'reading')}, {plural(record.points, 'point')}",
+        label="identified",
+    )
     how = ", elastic parameters from differences" * record.differences
-    yield Sentence(f"approach {record.approach}, method {record.method}{how}", label="solved")
+    yield Sentence(
+        f"{_APPROACHES[record.approach]}, {_METHODS[record.method]}{how}", label="method"
+    )
     for k, words in enumerate(noise_words(record.noise)):
         yield Sentence(words, label="" if k else "noise")
     caption = (
@@ -70,10 +79,10 @@ def told_parameters(record: IdentifyRecord) -> Iterator[Part]:
         "each"
     )
     pairs = sorted(_correlated(record), key=lambda pair: -abs(pair[2]))
-    table = Table(_CORRELATED, pairs, "Pairs that go together", caption)
+    table = Table(_CORRELATED, pairs, "Correlated pairs", caption)
     yield Detail((table,) if pairs else ())
     yield Detail((Figure(lambda: correlation(record)),), "Correlation of all parameters")
-    absorbed = Table(_ABSORBED, record.absorbed, "Errors that no pose can tell from those above",
+    absorbed = Table(_ABSORBED, record.absorbed, "Redundant parameters",
                      fold=True)  # fmt: skip
     yield Detail((absorbed,) if record.absorbed else ())
 
@@ -81,21 +90,18 @@ def told_parameters(record: IdentifyRecord) -> Iterator[Part]:
 def _doubts(record: IdentifyRecord) -> Iterator[Sentence]:
     """What a reader of the values should know."""
     if record.noise.missing:
-        said = (
-            "they hold if nothing is missing; the residual says otherwise: run `posecal diagnose`"
-        )
+        said = "they hold only if the model lacks nothing. Run `posecal diagnose`"
         yield Sentence(said, "warn", "intervals")
     for entry in record.unidentifiable:
-        yield Sentence(f"{listed(entry.names)}: {entry.reason}", "warn", "not told")
+        yield Sentence(f"{listed(entry.names)}: {entry.reason}", "warn", "open")
     if record.sizes is not None:
         yield told_sizes(record.sizes)
     if record.weak:
-        said = f"{listed(record.weak)}: more uncertain than such errors are large"
+        said = f"{listed(record.weak)}: the uncertainty is larger than such errors usually are"
         yield Sentence(said, "warn", "weak")
     if any(p.effect == "backlash" for p in record.parameters):
         yield Sentence(
-            "half_width below zero is ordinary lost motion, the joint stops short of its motion; above "
-            "zero it goes too far",
+            "half_width below zero is lost motion: the joint stops short. Above zero it overshoots",
             "note",
             "sign",
         )
@@ -105,23 +111,21 @@ def _doubts(record: IdentifyRecord) -> Iterator[Sentence]:
     together = _common_error(record)
     if together > _BY_POSE:
         yield Sentence(
-            "points of one pose err together: counted by pose, standard deviations are "
-            f"{TENTH(together)} times these in the median (JSON: std_by_pose)",
+            "the points of one pose err together. Counted by pose, the standard deviations are "
+            f"{TENTH(together)} times these (median; JSON: std_by_pose)",
             "note", "by pose",
         )  # fmt: skip
     worst = max((p.step_two_optimism or 0.0 for p in record.parameters), default=0.0)
     if worst > _OPTIMISM:
         yield Sentence(
-            "base and tool are part of these standard deviations; taken as known, as in the paper's "
-            f"step 2, they would read up to {TENTH(worst)} times smaller",
-            label="step 2",
+            "these uncertainties include base and tool (taken as known: up to "
+            f"{TENTH(worst)} times smaller)",
+            label="include",
         )
     if record.absorbed:
-        count = plural(len(record.absorbed), "constant error")
-        yield Sentence(
-            f"{count} more, which no pose can tell from those above (JSON: absorbed)",
-            label="left out",
-        )
+        count = plural(len(record.absorbed), "redundant parameter")
+        merged = "was" if len(record.absorbed) == 1 else "were"
+        yield Sentence(f"{count} {merged} merged into these (JSON: absorbed)", label="merged")
 
 
 def _common_error(record: IdentifyRecord) -> float:

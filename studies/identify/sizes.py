@@ -45,9 +45,9 @@ def told_sizes(sizes: Sizes) -> Sentence:
     """That sizes decided, and which."""
     widths = [f"{own.effect} {TWO(own.width)} {own.unit}" for own in sizes.widths]
     return Sentence(
-        f"these poses leave about {TENTH(sizes.parameters)} parameters open. There the usual size of "
-        f"such errors decides, as these readings tell it: {listed(widths)} "
-        '([model] size_prior = "off" leaves it out)',
+        f"the readings leave about {TENTH(sizes.parameters)} parameters open. Usual sizes of errors "
+        f"decide there: {listed(widths)} (standard deviations from these readings). "
+        '[model] size_prior = "off" switches it off',
         "note",
         "sizes",
     )

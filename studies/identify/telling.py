@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from studies.document import MRAD, Document, Figure, Section, Sentence, listed, mm, plural
+from studies.document import MRAD, Document, Figure, Section, Sentence, mm
 from studies.identify.acceptance import accepted
 from studies.identify.budget_told import budget_section
 from studies.identify.drift_told import drift_section
@@ -33,47 +33,58 @@ def told(record: IdentifyRecord) -> Document:
 
 
 def _headline(record: IdentifyRecord) -> Iterator[Sentence]:
+    """The error before and after; pass or fail; what to do, or what accuracy to expect."""
+    yield _fell(record)
+    yield from accepted(record.acceptance)
+    yield _next(record)
+
+
+def _fell(record: IdentifyRecord) -> Sentence:
     before, after, unit = _before_and_after(record)
-    where = "at poses it never saw, the robot" if record.held_out else "the robot"
-    better, converged = after < before, record.status == "converged"
-    figure = mm(after) if unit == "mm" else f"{MRAD(after)} {unit}"
-    now = f"is now predicted to {figure}" if better else f"is predicted to {figure}, no better"
+    where = "at held-out poses" if record.held_out else "at the fitted poses"
+    old, new = (mm(own) if unit == "mm" else f"{MRAD(own)} {unit}" for own in (before, after))
+    if after >= before:
+        return Sentence(f"The error {where} did not fall: {old} before, {new} after.", "warn")
+    converged = record.status == "converged"
     praised = record.status != "not_converged" and before >= 2.0 * after > 0.0
-    times = f", {before / after:.0f} times better" if praised else ""
-    yield Sentence(
-        f"{record.rank} of {len(record.parameters)} parameters identified from "
-        f"{plural(record.poses, 'reading')}, {plural(record.points, 'point')}: {where} was off by "
-        f"{mm(before) if unit == 'mm' else f'{MRAD(before)} {unit}'} and {now}{times}.",
-        "good" if better and converged else "warn",
-    )
-    if not better:
-        said = "Do not use the identified model: measure more poses, or identify fewer parameters."
-        yield Sentence(said, "warn")
-    if not converged:
+    ratio = before / after if praised else 1.0
+    times = f", {ratio:.{int(ratio < 10.0)}f} times better" * praised
+    said = f"The error {where} fell from {old} to {new}{times}."
+    return Sentence(said, "good" if converged else "warn")
+
+
+def _next(record: IdentifyRecord) -> Sentence:
+    """What speaks against the result first, else the accuracy to expect."""
+    before, after, _ = _before_and_after(record)
+    noise, lacking = record.noise, 0.0 if record.budget is None else record.budget.of("model")
+    if record.status != "converged":
         status = record.status.replace("_", " ").capitalize()
-        yield Sentence(f"{status}: {record.advice}.", "warn")
-    noise = record.noise
-    rest = (
-        "that is, if nothing were missing" if noise.missing else "what the model lacks comes on top"
-    )
-    yield Sentence(
-        f"The uncertainty of the parameters leaves {mm(record.task_rms_mm)} RMS elsewhere, "
-        f"{mm(record.task_worst_mm)} at worst ({record.targets}); {rest}."
-    )
-    lacking = 0.0 if record.budget is None else record.budget.of("model")
+        return Sentence(f"{status}: {record.advice}.", "warn")
     if lacking:
-        yield Sentence(f"Beside it {lacks(lacking)}.", "warn")
+        return Sentence(f"{_capital(lacks(lacking))}.", "warn")
+    if after >= before and not record.noise.lacks:
+        return Sentence("The nominal model is as good: there is nothing to correct.")
+    if after >= before:
+        said = "Do not use this model. Measure more poses, or identify fewer parameters."
+        return Sentence(said, "warn")
     if noise.source == "residual" and not noise.scatters:
-        yield Sentence(
-            f"The points scatter by {mm(noise.sigma_mm)} in each coordinate where the instrument "
-            f"should by {mm(noise.believed_sigma_mm)}: the model lacks something, or the noise is not "
-            "as stated; posecal diagnose asks.",
+        return Sentence(
+            f"{mm(noise.sigma_mm)} remains in each coordinate; the cell states "
+            f"{mm(noise.believed_sigma_mm)}. Run `posecal diagnose`.",
             "warn",
         )
-    if record.outliers:
-        names = listed([entry.pose for entry in record.outliers])
-        yield Sentence(f"Left out of the fit as outliers: {names}.", "warn")
-    yield from accepted(record.acceptance)
+    return Sentence(f"{_capital(elsewhere(record))}.")
+
+
+def elsewhere(record: IdentifyRecord) -> str:
+    """The accuracy at the targets, as far as the parameters decide it."""
+    rms, worst = mm(record.task_rms_mm), mm(record.task_worst_mm)
+    only = ", if the model lacks nothing" if record.noise.missing else ""
+    return f"the parameters' uncertainty leaves {rms} RMS at the targets, {worst} at worst{only}"
+
+
+def _capital(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}"
 
 
 def _before_and_after(record: IdentifyRecord) -> tuple[float, float, str]:

@@ -22,12 +22,13 @@ from studies.joints import joint_columns
 from studies.next.record import NextRecord, Pair, Proposed
 
 _STOPS = {
-    "goal": "the goal is met at the targets, 19 times in 20",
-    "beyond_reach": "no number of poses meets the goal, for the model lacks more than that",
+    "goal": "the goal is reached, 19 times in 20",
+    "beyond_reach": "more poses will not reach the goal: the model lacks something. Run `posecal "
+    "diagnose`",
     "averages": "more poses would only average noise",
-    "settled": "the data leave no causes that look alike",
-    "nothing_found": "something is there, and nothing in the catalogue explains it",
-    "no_pose_helps": "no pose tells apart the causes that are left",
+    "settled": "no causes are left to tell apart",
+    "nothing_found": "no cause in the catalogue explains the error",
+    "no_pose_helps": "no pose tells the remaining causes apart",
 }
 
 
@@ -47,27 +48,24 @@ def _headline(record: NextRecord) -> Iterator[Sentence]:
         serves = " and ".join(name for name in ("causes", "task") if name in own)
         yield Sentence(f"Measure {plural(len(record.poses), 'pose')} more, for {serves}.", "next")
         if why:
-            yield Sentence(f"Of the rest, {why}.")
+            yield Sentence(f"{why[0].upper()}{why[1:]}.")
     now, after = record.now, record.after
     if now is not None:
-        goal = "" if record.goal_mm is None else f", the goal is {record.goal_mm:g} mm"
+        goal = "" if record.goal_mm is None else f" (goal {record.goal_mm:g} mm)"
         yield Sentence(
-            f"Expected at the targets now {mm(now.task_rms_mm)} RMS, below {mm(now.task_most_mm)} 19 "
-            f"times in 20{goal}."
+            f"Expected error at the targets now: {mm(now.task_rms_mm)} RMS, below "
+            f"{mm(now.task_most_mm)} 19 times in 20{goal}."
         )
     if now is not None and now.open:
-        yield Sentence(f"Still open: {listed(now.open, 5)}.", "warn")
+        yield Sentence(f"Not identifiable yet: {listed(now.open, 5)}.", "warn")
     if record.shares is not None:
         yield Sentence(
-            f"They do {100.0 * record.shares.causes:.0f} % for the causes and "
-            f"{100.0 * record.shares.task:.0f} % for the task of what as many poses for that alone "
-            "would."
+            f"A compromise: {100.0 * record.shares.causes:.0f} % as good for the diagnosis, "
+            f"{100.0 * record.shares.task:.0f} % for accuracy, as poses for one alone."
         )
     elif after is not None and not record.done:
         more = after.readings - (0 if now is None else now.readings)
-        yield Sentence(
-            f"{plural(more, 'reading')} more for it make that {mm(after.task_rms_mm)} RMS."
-        )
+        yield Sentence(f"After {plural(more, 'reading')} more: {mm(after.task_rms_mm)} RMS.")
     if record.verdict is not None:
         yield Sentence(f"Diagnosis so far: {record.verdict.replace('_', ' ')}.")
 
@@ -75,20 +73,20 @@ def _headline(record: NextRecord) -> Iterator[Sentence]:
 def _parts(record: NextRecord) -> Iterator[Part]:
     columns: tuple[Column[Any], ...] = (_POSE, *joint_columns(record.poses, detail=False), _SERVES)
     yield Table(columns, record.poses, "Poses to measure next")
-    yield Table(_DOUBTS, record.doubts, "Causes that look alike")
-    yield Table(_FORMS, record.forms, "Causes that may have another form")
+    yield Table(_DOUBTS, record.doubts, "Causes to tell apart")
+    yield Table(_FORMS, record.forms, "Causes whose form is not checked yet")
 
 
 _SERVES_BOTH = {"both": ("causes", "task")}
 _POSE: Column[Proposed] = Column("next pose", lambda row: row.pose)
 _SERVES: Column[Proposed] = Column("for", lambda row: row.serves)
 _DOUBTS: tuple[Column[Pair], ...] = (
-    Column("causes that look alike", lambda row: " or ".join(row.rivals)),
-    Column("told apart now", lambda row: row.now, PROBABILITY),
+    Column("causes to tell apart", lambda row: " or ".join(row.rivals)),
+    Column("right choice now", lambda row: row.now, PROBABILITY),
     Column("with these poses", lambda row: row.after, PROBABILITY),
 )
 _FORMS: tuple[Column[Pair], ...] = (
     Column("cause found", lambda row: row.rivals[0]),
-    Column("another form would show now", lambda row: row.now, PROBABILITY),
+    Column("form checked now", lambda row: row.now, PROBABILITY),
     Column("with these poses", lambda row: row.after, PROBABILITY),
 )

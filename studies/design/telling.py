@@ -54,7 +54,7 @@ def _size(record: DesignRecord) -> str:
         repeats = plural(len(record.reference.poses), "repeat")
         said += f" and {repeats} of {record.reference.pose}"
     if record.reapproaches is not None:
-        said += f" and {plural(len(record.reapproaches.again), 'second visit')}"
+        said += f" and {plural(len(record.reapproaches.again), 'repeat visit')}"
     if record.extends is not None:
         said += f" beside {record.extends} already measured"
     return f"{said} for {plural(len(record.predicted_std), 'parameter')}."

@@ -70,7 +70,8 @@ def _no_gap(record: DiagnoseRecord) -> str:
 def _found(effects: Sequence[Effect]) -> Iterator[str]:
     """The causes after what they are."""
     lead = "Cause found" if len(effects) == 1 else f"{len(effects)} causes found"
-    return (f"{lead}: {own}" for own in _causes(effects))
+    yield from (f"{lead}: {own}" for own in _causes(effects))
+    yield lead
 
 
 def _causes(effects: Sequence[Effect]) -> Iterator[str]:

@@ -223,11 +223,9 @@ def _aliasing(spectra: Sequence[Spectrum]) -> Iterator[str]:
         repeats = spectrum.repeats_1_turn
         if repeats is None and not lines:
             continue
-        if repeats:
-            step = f"{STD(360.0 / repeats)} deg"
-            yield f"equal steps of {spectrum.joint} ({step}) hide gear ripples: vary the steps"
-        elif lines:
-            yield f"{spectrum.joint}: {' and '.join(map(_might_be, lines))}; vary the steps"
+        steps = f" in equal steps of {STD(360.0 / repeats)} deg" if repeats else ""
+        said = " and ".join(map(_might_be, lines)) or "gear ripples are hidden"
+        yield f"{spectrum.joint}{steps}: {said}. Vary the steps"
 
 
 def _might_be(line: Line) -> str:

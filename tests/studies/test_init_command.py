@@ -90,8 +90,8 @@ def test_it_can_be_planned_with_at_once(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     cell = calib.load_cell(tmp_path / "cell" / "cell.toml")
     assert len(calib.load_plan(cell, plan)) == 30
-    assert "26 poses and 4 second visits" in done.output
-    assert "--reapproach 0 plans without second visits" in " ".join(done.output.split())
+    assert "26 poses and 4 repeat visits" in done.output
+    assert "(--reapproach 0)" in " ".join(done.output.split())
 
 
 def test_a_repeatability_is_proposed_and_not_taken(tmp_path: Path) -> None:

@@ -78,7 +78,7 @@ def test_a_slipped_belt_is_told_with_what_it_does(folder: Path, tmp_path: Path) 
     assert first["sizes"][0]["value"] == pytest.approx(SLIP * 1e6, rel=0.05)
     assert fields["verdict"] == "does_not"
     assert fields["kept_worst_mm"]["low"] > 0.1
-    assert "The calibration does not hold within 0.1 mm" in said
+    assert "may.json does not hold within 0.1 mm: worst target" in said
     assert "the zero of A3 slipped" in said
     assert [Path(i["file"]).name for i in fields["inputs"]] == [
         "cell.toml", "kr270.urdf", "may.json", "june.json",

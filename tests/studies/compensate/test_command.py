@@ -69,7 +69,7 @@ def test_table_is_the_targets_with_corrected_joints(demo: Path, tmp_path: Path) 
     np.testing.assert_array_equal(again.q, plan.q)
     np.testing.assert_array_equal(weights, [1.0, 2.0, 1.0, 1.0])
     assert rows[3]["limited_by"] == "singular"
-    assert "1 of 4 targets are not met in full" in done.output
+    assert "1 of 4 targets are only partly corrected" in done.output
 
 
 def test_json_says_before_and_after(demo: Path, tmp_path: Path) -> None:

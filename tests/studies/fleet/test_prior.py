@@ -75,7 +75,7 @@ def test_a_robot_of_the_type_is_identified_from_poses_that_do_not_suffice_alone(
     cell = after(folder, "one", (MEAN[0] + 6e-5, MEAN[1] - 3e-5), 2)
     found, said = identified(cell)
     assert found["of_type"]["of_the_type"]
-    assert "It is as the 8 robots of arm are" in said
+    assert "This robot is like the 8 robots of arm" in said
     beside = {p["id"]: p for p in found["parameters"]}
     cell.write_text(cell.read_text().partition("[model.prior]")[0])
     alone = run("identify", cell, cell.with_name("measurements.csv"))

@@ -68,7 +68,7 @@ def test_a_loop_with_the_robot_ends_at_its_goal(cell: Path) -> None:
         poses += 2
     assert fields["stops"] == ["goal"]
     assert fields["now"]["task_most_mm"] <= 0.009
-    assert "Stop: the goal is met" in said
+    assert "Stop: the goal is reached" in said
     assert not plan.exists()
     assert expected[-1] < 0.7 * expected[0]
 

@@ -30,7 +30,7 @@ class Assessment:
     without_pose : ndarray, shape (N,), m, task RMS after the loss of each pose, inf where parameters
         are lost with it
     without_marker : dict, marker -> m, the same for each marker
-    hidden : int, marker readings of the plan that are out of sight
+    points, hidden : int, points of the plan, and how many of them are out of sight
     """
 
     value: float
@@ -43,6 +43,7 @@ class Assessment:
     observability: dict[str, float]
     without_pose: Array
     without_marker: dict[str, float]
+    points: int
     hidden: int
     common: float = 0.0
 
@@ -60,7 +61,8 @@ def assess(problem: Problem, q: Array) -> Assessment:
     common = _common(problem, M, crossed)
     squared = _squared_errors(problem, M) + common
     by_common = (units[:, None] * (shown @ np.linalg.solve(M, crossed))) ** 2
-    seen = visible(scene_of(problem.cell, q))
+    scene = scene_of(problem.cell, q)
+    seen, asked = visible(scene), read_by(scene)
     criterion = problem.criterion
     return Assessment(
         value=criterion.shown(float(criterion.plain.value(M))),
@@ -78,7 +80,8 @@ def assess(problem: Problem, q: Array) -> Assessment:
             ]
         ),
         without_marker=_without_markers(problem, q, seen, common),
-        hidden=int((read_by(scene_of(problem.cell, q)) & ~seen).sum()),
+        points=int(asked.sum()),
+        hidden=int((asked & ~seen).sum()),
         common=float(np.sqrt(problem.target_weights @ common)),
     )
 

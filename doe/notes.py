@@ -127,10 +127,9 @@ def _exempt(design: Design) -> Iterator[str]:
 
 
 def _hidden(design: Design) -> Iterator[str]:
-    hidden = design.assessment.hidden
+    hidden, points = design.assessment.hidden, design.assessment.points
     if hidden:
-        total = len(design.poses) * len(design.problem.model.marker_names)
-        yield f"{hidden} of {total} points are out of sight and do not count"
+        yield f"{hidden} of {points} points are out of sight and do not count"
 
 
 def _knots(design: Design) -> Iterator[str]:

@@ -168,7 +168,7 @@ def of_calibration(found: Identification, targets: Poses, weights: Array) -> Ite
     )  # fmt: skip
     if found.ignorance.any():
         spread = _spread(J @ half(found.ignorance))
-        yield Part("values that the poses do not tell", "B", spread, anew(spread), np.inf)
+        yield Part("parameters that are not identifiable", "B", spread, anew(spread), np.inf)
     for one in found.common:
         error, spread = one.error, _spread(one.at(model, values, J, targets))
         yield Part(
@@ -186,7 +186,7 @@ def _of_arm(found: Identification, estimate: Estimate, targets: Poses) -> Iterat
         shown = found.levels is not None and len(found.levels.free) > 0
         both = estimate.rest_of == "undecided"
         yield Part(
-            "arm or model, from pose to pose" if both else "arm, anew at each pose",
+            "arm or model, from pose to pose" if both else "repeatability of the arm",
             "A" if shown else "B", spread, spread, found.freedom, basis=_NOISE, of="arm",
         )  # fmt: skip
 
@@ -201,7 +201,7 @@ def _of_model(
     if variances.any():
         by = rest.source if rest.rms else "the fitted poses"
         spread = _alike(variances, M)
-        name = f"what the model lacks, by {by}"
+        name = f"what the model lacks, from {by}"
         yield Part(name, "A", spread, spread, _behind(found), of="model")
     moved_on = estimate.moved_on(targets, after)
     if moved_on.any():

@@ -281,8 +281,8 @@ def _notes(estimate: Estimate, poses: Poses, q: Array) -> Iterable[str]:
     model = estimate.model
     if estimate.undetermined:
         yield (
-            f"not identified and left nominal: {_shortened(estimate.undetermined)}; what they may do "
-            "at the targets counts as uncertainty"
+            f"not identified, so nominal: {_shortened(estimate.undetermined)}. Their possible size "
+            "counts as uncertainty"
         )
     missing = lacking(poses)
     if poses.clock_in(estimate.clock_unit) is None:
@@ -301,7 +301,7 @@ def _notes(estimate: Estimate, poses: Poses, q: Array) -> Iterable[str]:
         i, j = (int(k) for k in np.unravel_index(share.argmax(), share.shape))
         yield (
             f"target {poses.names[i]} is corrected by {_shown(model, j, q[i, j] - poses.q[i, j])} at "
-            f"{model.robot.joints[j]}, more than such errors are: it is near a singular pose, or "
+            f"{model.robot.joints[j]}, which is unusually large. It is near a singular pose, or "
             "cell and result do not belong together"
         )
 
@@ -309,8 +309,8 @@ def _notes(estimate: Estimate, poses: Poses, q: Array) -> Iterable[str]:
 def _on_approach(model: Model, poses: Poses, q: Array) -> Iterable[str]:
     order = "of the table" if poses.time is None else "in time"
     yield (
-        f"from which side each joint comes was derived from the order {order}, the targets one after "
-        "the other; add columns approach_<joint> if there are moves in between"
+        f"approach directions are derived from the order {order}. If there are moves between the "
+        "targets, add columns approach_<joint>"
     )
     joints = [e.where for e in model.effects if "approach" in e.uses]
     own = [model.robot.joints.index(j) for j in joints if j in model.robot.joints]

@@ -277,22 +277,20 @@ class Identification:
         nominal = (self.rms("nominal") or 0.0) * self.footprint
         if nominal > _FAR * self.model.robot.reach:
             found.append(
-                f"the nominal model misses the data by {nominal * 1e3:.0f} mm: check units, signs and "
-                "order of the joints, and the units of URDF and points"
+                f"the nominal model is off by {nominal * 1e3:.0f} mm: check units, signs and order "
+                "of the joints, and the units of URDF and points"
             )
         if self.model.scaleless and any(p.effect == "geometry" for p in self.model.parameters):
             found.append(
-                "no length is known here, and an arm of another size would read the same: the arm "
-                "keeps the size of its nominal model; give [[known_distances]] between sockets, or "
-                "measure one"
+                "no length is measured, so the size of the arm is not identifiable and stays "
+                "nominal. Give [[known_distances]] between sockets"
             )
         if self.of_type is not None and not self.of_type.of_the_type:
             found.append(_unlike(self.of_type))
         if self.undecided:
             shown = ", ".join(self.undecided[:_SHOWN]) + (" .." if self.undecided[_SHOWN:] else "")
             found.append(
-                f"the outliers did not settle, each fit judges {shown} otherwise: look at what was "
-                "read there"
+                f"the fits do not agree whether {shown} are outliers: check the readings there"
             )
         if self.shared is not None:
             found.append(_signal(self.shared))
@@ -308,11 +306,10 @@ class Identification:
         uses = {name for effect in self.model.effects for name in effect.uses}
         if "approach" in uses and poses.approach_derived:
             order = "of the file" if poses.time is None else "in time"
-            left = f" ({', '.join(self.waiting)}, before the first move, took no part)"
+            left = f"; {', '.join(self.waiting)} skipped: direction unknown" if self.waiting else ""
             found.append(
-                f"from which side each joint came was derived from the order {order}"
-                f"{left if self.waiting else ''}: add columns approach_<joint> if moves in between "
-                "were not measured"
+                f"approach directions are derived from the order {order}{left}. If there were moves in "
+                "between, add columns approach_<joint>"
             )
         return tuple(found)
 

@@ -44,8 +44,8 @@ def says(result: Comparison) -> str:
     study, verdict = max(pairs, key=lambda pair: pair[1].unsettled)
     if verdict.unsettled > UNSETTLED * result.trials:
         return (
-            f"{verdict.unsettled} of {study.refits.trials} fits of {verdict.way.key} did not settle at "
-            f"{study.name}: the plan hardly determines the model"
+            f"{verdict.unsettled} of {study.refits.trials} fits of {verdict.way.key} at "
+            f"{study.name} did not converge: the plan hardly determines the model"
         )
     if result.p is not None and result.p >= BELIEVED:
         return _astray(result) or "simulation and prediction agree"
@@ -65,21 +65,20 @@ def _astray(result: Comparison) -> str | None:
             if elsewhere:
                 count = sum(not own.same for own in done)
                 return (
-                    f"refuted at {study.name}, {key}: {count} of {len(done)} experiments that were "
-                    "identified as real data are ended elsewhere than from the true robot: start "
-                    "values or outliers lead the search astray"
+                    f"refuted at {study.name}, {key}: {count} of {len(done)} fits from raw data end "
+                    "elsewhere than fits that start at the true robot: start values or outliers "
+                    "mislead them"
                 )
             if left:
                 return (
-                    f"refuted at {study.name}, {key}: {len(done)} experiments that were identified as "
-                    "real data are leave other residuals than their degrees of freedom say: the "
-                    "program counts these wrongly"
+                    f"refuted at {study.name}, {key}: the residuals of {len(done)} fits from raw "
+                    "data do not agree with their degrees of freedom: the program counts these wrongly"
                 )
             if noisy:
                 count = sum(own.noise != "cell" for own in done)
                 return (
-                    f"refuted at {study.name}, {key}: {count} of {len(done)} experiments that were "
-                    "identified as real data are took their noise for other than the cell's"
+                    f"refuted at {study.name}, {key}: {count} of {len(done)} fits from raw data "
+                    "estimate another noise than the cell states"
                 )
     return None
 
@@ -88,14 +87,12 @@ def _failed(study: PlanStudy, verdict: Verdict) -> str:
     """Which test failed most, and by how much."""
     found = verdict.agreement
     if found is None:
-        return "no fit settled"
+        return "no fit converged"
     worst = min(found.tests, key=lambda name: found.tests[name])
     if worst == "bias":
         return f"the mean error is {found.shift:.3g} standard deviations in every direction"
     if worst == "left":
-        return (
-            f"what the fits leave over is {100.0 * (found.left**0.5 - 1.0):+.3g} % beside the noise"
-        )
+        return f"the residuals differ from the noise by {100.0 * (found.left**0.5 - 1.0):+.3g} %"
     if worst == "scatter":
         return f"all directions together scatter {100.0 * (found.total**0.5 - 1.0):+.3g} %"
     ratio = np.where(np.isfinite(found.ratio), found.ratio, 1.0)

@@ -46,7 +46,7 @@ _TITLES = {
 def told(record: CompareRecord) -> Document:
     """The answer, accuracy of every approach at every plan, and what each parameter is known to."""
     headline = (_best(record), Sentence(f"{_first_up(record.agreement.says)}.", _mood(record)))
-    sections = [Section("approaches", "Both approaches side by side", tuple(_parts(record)))]
+    sections = [Section("approaches", "Both methods side by side", tuple(_parts(record)))]
     if record.read_by:
         parts = tuple(_instruments(record))
         sections.insert(0, Section("instruments", "Instruments side by side", parts))
@@ -66,15 +66,14 @@ def _best(record: CompareRecord) -> Sentence:
     """The plan that leaves the smallest error."""
     p = plural(len(record.plans[0].ids), "parameter")
     known = _known(record)
-    at = f"at {record.targets}, at the {record.task_at}"
     if not known:
-        return Sentence(f"No plan determines every one of {p}.", "warn")
+        return Sentence(f"No plan determines all {p}.", "warn")
     best = min(known, key=lambda name: known[name])
     if len(record.plans) == 1:
-        return Sentence(f"{best} leaves {mm(known[best])} RMS with approach #2, {at}; {p}.")
+        return Sentence(f"{best}: expected error {mm(known[best])} RMS from marker points (#2).")
     return Sentence(
-        f"Of {plural(len(record.plans), 'plan')} {best} leaves least: {mm(known[best])} RMS with "
-        f"approach #2, {at}; {p}."
+        f"Best of {plural(len(record.plans), 'plan')}: {best}, with an expected error of "
+        f"{mm(known[best])} RMS from marker points (#2)."
     )
 
 
@@ -93,8 +92,8 @@ def _parts(record: CompareRecord) -> Iterator[Part]:
         _ACCURACY,
         [_Row(plan, own) for plan in record.plans for own in plan.approaches],
         "Error expected at the targets",
-        "Simulated: from the scatter of simulated experiments; p: the chance of one as far from the "
-        "prediction.",
+        "Simulated: standard deviation over simulated experiments. p: probability of such a difference "
+        "by chance.",
     )
     if len(record.plans) == 1:
         yield from _by_approach(record.plans[0], record.trials > 1)
@@ -122,17 +121,18 @@ def _instruments(record: CompareRecord) -> Iterator[Part]:
     for own in record.read_by:
         if own.arm_rms_mm and own.task_rms_mm and own.task_rms_mm < _ARM_RULES * own.arm_rms_mm:
             yield Sentence(
-                f"{', '.join(own.instruments)} at {own.plan}: the arm comes back no better than "
-                f"{mm(own.arm_rms_mm)} of its {mm(own.task_rms_mm)}; a better instrument gains little",
+                f"{', '.join(own.instruments)} at {own.plan}: {mm(own.arm_rms_mm)} of "
+                f"{mm(own.task_rms_mm)} come from the arm's repeatability. A better instrument "
+                "gains little",
                 "note",
             )
     yield Table(
         _READ_BY,
         record.read_by,
         "Error expected at the targets, by instrument",
-        "Each at the points and in the frame that it reads. Arm alone: with perfect instruments, where "
-        "the cell states a repeatability. Poses to match: how many of this plan's kind leave what the "
-        "first cell's instruments leave.",
+        "Each at the points and in the frame that it reads. Arm alone: with a perfect instrument, "
+        "where the cell states a repeatability. Poses to match: poses of this plan's kind that "
+        "reach the error of the first cell's instruments.",
     )
 
 
@@ -144,7 +144,7 @@ def _others(record: CompareRecord) -> Iterator[Sentence]:
         if value > _SAME * least:
             times = (value / least) ** 2
             yield Sentence(
-                f"{name} would have to be measured {times:.2f} times over to match it",
+                f"{name} has to be measured {times:.2f} times to match it",
                 label="plans",
             )
 
@@ -153,25 +153,24 @@ def _gain(record: CompareRecord) -> Iterator[Sentence]:
     """What approach #1 loses, plain and by its full covariance."""
     if all(plan.of("pose full") is None for plan in record.plans):
         yield Sentence(
-            "#1 (pose) needs the points of three markers that are not in line; #2 (points) does not",
-            label="approach",
+            "full pose (#1) needs three markers that are not in line; marker points (#2) do not",
+            label="method",
         )
         return
     factors = [f.factor for plan in record.plans for f in plan.improvement if f.factor is not None]
     if not factors:
         return
     yield Sentence(
-        "#2 uses the marker coordinates as measured, #1 computes position and orientation of the tool "
-        f"from them first: with plain weighting it is {min(factors):.2f} to {max(factors):.3g} times "
-        "less certain",
-        label="approach",
+        f"full pose (#1), plainly weighted, is {min(factors):.2f} to {max(factors):.3g} times less "
+        "certain than marker points (#2)",
+        label="method",
     )
     worst = max(map(_loss, record.plans))
     yield Sentence(
-        "weighted by its full covariance #1 equals #2: the gain is in the weighting"
+        "weighted by its full covariance, #1 equals #2"
         if worst < _SAME
-        else f"weighted by its full covariance #1 still is up to {worst:.2f} times less certain: it "
-        "computes the marker geometry first"
+        else f"weighted by its full covariance, #1 is up to {worst:.2f} times less certain: it has to "
+        "estimate the marker geometry first"
     )
 
 
@@ -194,22 +193,22 @@ def _belief(record: CompareRecord) -> Iterator[Sentence]:
     low, high = found.worst_ratio_band99
     if found.chi2_p is not None and found.worst_ratio is not None and low and high:
         yield Sentence(
-            f"simulated / predicted is {found.worst_ratio:.2f} where it is farthest from one "
-            f"({low:.2f} to {high:.2f} is chance among {found.ratios}); p = {P(found.chi2_p)}"
+            f"simulated over predicted standard deviation: {found.worst_ratio:.2f} at most off one "
+            f"({low:.2f} to {high:.2f} by chance among {found.ratios}); p = {P(found.chi2_p)}"
         )
     drawn = "MuJoCo's arm" if record.truth == "mujoco" else "the model that is fitted"
-    yield Sentence(f"readings drawn from {drawn}; {_from_scratch(record)}")
+    yield Sentence(f"readings simulated by {drawn}; {_from_scratch(record)}")
     if record.truth_note:
         yield Sentence(
-            f"{record.truth_note}, so a fault of the program in kinematics or torques would not show",
+            f"{record.truth_note}, so faults of the program in kinematics or torques do not show",
             "note",
         )
     for plan in record.plans:
         for own in plan.approaches:
             if own.not_converged:
                 yield Sentence(
-                    f"{own.not_converged} of {plan.trials} fits of {_label(own)} did not settle at "
-                    f"{plan.plan} and are left out"
+                    f"{own.not_converged} of {plan.trials} fits of {_label(own)} at {plan.plan} "
+                    "did not converge and are left out"
                 )
 
 
@@ -218,13 +217,10 @@ def _from_scratch(record: CompareRecord) -> str:
     tried = [own.from_scratch for plan in record.plans for own in plan.approaches]
     done = [own for own in tried if own is not None]
     if not done:
-        return "none identified from scratch"
+        return "none identified from raw data"
     trials, same = sum(d.trials for d in done), sum(d.same for d in done)
     out = sum(d.with_outliers for d in done)
-    return (
-        f"of {plural(trials, 'fit')} as real data are, {same} end where the refits do, "
-        f"{out} set poses aside"
-    )
+    return f"{same} of {plural(trials, 'fit')} from raw data give the same, {out} reject poses"
 
 
 def _lost(record: CompareRecord) -> Iterator[Sentence]:
@@ -238,14 +234,14 @@ def _lost(record: CompareRecord) -> Iterator[Sentence]:
             )
         if plan.hidden_markers:
             less = plan.readings_without_pose
-            few = f"; {plural(less, 'reading')} too few for approach #1" if less else ""
-            hidden = plural(plan.hidden_markers, "marker reading")
-            yield Sentence(f"{hidden} at {plan.plan}{few}", label="hidden")
+            few = f"; too few markers for #1 in {plural(less, 'reading')}" if less else ""
+            hidden = plural(plan.hidden_markers, "point")
+            yield Sentence(f"{hidden} of {plan.plan} out of sight{few}", label="hidden")
         names = [p.id for p in plan.points.parameters if p.std is None]
         if names:
             yield Sentence(
-                f"{plan.plan} does not determine {listed(names, _MOST_NAMES)}: what it says of the "
-                "others, simulation too, takes these as nominal",
+                f"{plan.plan} does not determine {listed(names, _MOST_NAMES)}. The other figures take "
+                "these as nominal",
                 "warn",
                 "open",
             )
@@ -272,8 +268,8 @@ def _label(own: Approach) -> str:
 _ACCURACY: tuple[Column[_Row], ...] = (
     Column("plan", lambda row: row.plan.plan if row.first else ""),
     Column("poses", lambda row: row.plan.poses if row.first else 0, COUNT),
-    Column("approach", lambda row: _label(row.own)),
-    Column("task RMS", lambda row: row.own.task_rms_mm, MM, "mm"),
+    Column("method", lambda row: _label(row.own)),
+    Column("error\nRMS", lambda row: row.own.task_rms_mm, MM, "mm"),
     Column("at worst", lambda row: row.own.task_worst_mm, MM, "mm"),
     Column("simulated", lambda row: row.own.monte_carlo_task_rms_mm, MM, "mm"),
     Column("p", lambda row: row.own.agreement and row.own.agreement.chi2_p, P),
@@ -310,10 +306,10 @@ def _by_plan(record: CompareRecord) -> Iterator[Part]:
     first = record.plans[0]
     shared = [plan for plan in record.plans if plan.ids == first.ids]
     columns = [_std(plan.plan, plan.points) for plan in shared]
-    yield from _tables(first, columns, "Standard deviations of approach #2 at each plan")
+    yield from _tables(first, columns, "Standard deviations from marker points (#2) at each plan")
     for plan in record.plans:
         if plan not in shared:
-            yield Sentence(f"{plan.plan} has other parameters, which the JSON lists", "note")
+            yield Sentence(f"{plan.plan} has other parameters (JSON)", "note")
 
 
 def _std(title: str, own: Approach) -> Column[_Parameter]:

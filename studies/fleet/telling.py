@@ -36,8 +36,8 @@ def told(record: FleetRecord) -> Document:
     """The answer, the robots one by one, and what they show together."""
     sections = (
         Section("fleet", f"The fleet in {record.folder}", tuple(_robots(record))),
-        Section("fleet-off", "Who stands out", tuple(_off(record))),
-        Section("fleet-types", "What the types share", tuple(_types(record))),
+        Section("fleet-off", "Robots that differ", tuple(_off(record))),
+        Section("fleet-types", "What robots of a type share", tuple(_types(record))),
         Section("fleet-days", "From day to day", tuple(_days(record))),
     )
     return Document(tuple(_headline(record)), tuple(own for own in sections if own.parts))
@@ -49,14 +49,14 @@ def _headline(record: FleetRecord) -> Iterator[Sentence]:
     yield Sentence(
         f"{plural(whole, 'table')} of {plural(record.robots, 'robot')} done, by type: {types}."
         if whole
-        else "No table could be done."
+        else "No table could be read."
     )
     if record.faults:
         names = listed([own.robot for own in record.faults], 5)
-        yield Sentence(f"{plural(len(record.faults), 'table')} at fault: {names}.", "warn")
+        yield Sentence(f"{plural(len(record.faults), 'table')} with faults: {names}.", "warn")
     if record.off:
         names = listed(list(dict.fromkeys(own.robot for own in record.off)), 5)
-        yield Sentence(f"Unlike the others of their type: {names}.", "warn")
+        yield Sentence(f"Different from the others of their type: {names}.", "warn")
     for own in record.types:
         frequent = [_shared(own, c) for c in own.causes if 2 * c.possible > own.diagnosed > 1]
         if frequent:
@@ -65,11 +65,11 @@ def _headline(record: FleetRecord) -> Iterator[Sentence]:
 
 def _shared(own: Type, cause: Shared) -> str:
     also = f", possible in {cause.possible}" if cause.possible > cause.robots else ""
-    return f"{cause.key} (named in {cause.robots} of {own.diagnosed}{also})"
+    return f"{cause.key} (found in {cause.robots} of {own.diagnosed}{also})"
 
 
 def _robots(record: FleetRecord) -> Iterator[Part]:
-    yield Table(_FAULTS, record.faults, "Tables at fault", most=_MOST)
+    yield Table(_FAULTS, record.faults, "Tables with faults", most=_MOST)
     whole = [own for own in record.sessions if own.status or own.verdict]
     asked = {"identify": _IDENTIFIED, "diagnose": _DIAGNOSED}
     day = _DAY if any(own.day for own in whole) else ()
@@ -101,7 +101,7 @@ _FILES: tuple[Column[Session], ...] = (
     Column("results", lambda row: row.results, NAMES, detail=True),
 )
 _FAULTS: tuple[Column[Session], ...] = (
-    Column("robot at fault", lambda row: row.robot),
+    Column("table with a fault", lambda row: row.robot),
     Column("what is wrong", lambda row: row.fault, TEXT),
 )
 
@@ -110,10 +110,10 @@ def _off(record: FleetRecord) -> Iterator[Part]:
     if not record.off:
         return
     yield Sentence(
-        "Compared with the last tables of the robots of its type that do not stand out; the spread is "
-        "the standard deviation of one robot more. In one type of twenty one stands here by chance."
+        "Compared with the last tables of the other robots of the type. The spread is the standard "
+        "deviation of one robot more. In one type of twenty, one robot is here by chance."
     )
-    yield Table(_OFF, record.off, "Figures that stand out", most=_MOST)
+    yield Table(_OFF, record.off, "Figures that differ", most=_MOST)
 
 
 _OFF: tuple[Column[Off], ...] = (

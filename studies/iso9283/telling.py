@@ -74,7 +74,7 @@ _DISTANCES: tuple[Column[Distance], ...] = (
 )
 _SEVERAL: tuple[Column[Several], ...] = (
     Column("pose", lambda row: row.pose),
-    Column("ways of coming", lambda row: row.ways, COUNT),
+    Column("approach directions", lambda row: row.ways, COUNT),
     Column("vAP", lambda row: row.vap_mm, MM, "mm"),
 )
 _COMPLIANCE: tuple[Column[Compliance], ...] = (
@@ -109,22 +109,21 @@ def _headline(record: Iso9283Record) -> Iterator[Sentence]:
     else:
         worst = max(own.ap_mm.value for own in record.poses)
         yield Sentence(
-            f"No pose was reached twice: the criteria of {plural(len(record.poses), 'pose')} at "
-            f"{record.marker} are predicted, AP up to {mm(worst)}.",
+            f"No pose was measured twice: AP of {plural(len(record.poses), 'pose')} at "
+            f"{record.marker} is predicted, {mm(worst)} at worst.",
             "warn",
         )
     if record.same_data:
         yield Sentence(
-            "Base and markers were fitted to these readings, which flatters AP: ISO 9283 asks for a "
-            "base found independently; give RESULT, of other poses. RP, AD, RD and vAP do not depend "
-            "on it.",
+            "AP is too good: base and markers were fitted to these readings. ISO 9283 asks for an "
+            "independent base. Give RESULT, from other poses.",
             "warn",
         )
     loud = [p for p in repeated if p.rp_mm and record.instrument_rp_mm > _SHARE * p.rp_mm.value]
     if loud:
         yield Sentence(
-            f"The instrument alone would show an RP of {mm(record.instrument_rp_mm)}: more than a "
-            f"quarter of what {plural(len(loud), 'pose')} show, so their RP is in part its own.",
+            f"RP of {plural(len(loud), 'pose')} includes the instrument, which alone shows an RP of "
+            f"{mm(record.instrument_rp_mm)}.",
             "warn",
         )
 
@@ -147,8 +146,8 @@ def _parts(record: Iso9283Record) -> Iterator[Part]:
         yield Table(_DISTANCES, record.distances, "Distances between poses", "", True, _MOST)
     if expected := record.of("predicted"):
         caption = (
-            "Predicted, of nominal commands, by the identified arm; RP by its scatter from approach to "
-            "approach where data or cell tell it. Drift and vAP are not predicted"
+            "Predicted for nominal commands by the identified arm. RP follows from the arm's "
+            "repeatability where the data or the cell tell it. Drift and vAP are not predicted"
         )
         yield Table((_POSE, *_AP, *_RP), expected, "Predicted", caption, True, _MOST)
     if record.compliance:

@@ -21,6 +21,12 @@ from studies.document import (
 from studies.joints import joint_columns
 from studies.next.record import NextRecord, Pair, Proposed
 
+_DIAGNOSED = {
+    "no_gap": "The diagnosis finds no unmodelled error so far.",
+    "explained": "The model lacks causes that the diagnosis finds. Run `posecal diagnose --cell-out`.",
+    "ambiguous": "The model lacks something; several causes fit. Run `posecal diagnose`.",
+    "unknown": "The model lacks something of unknown cause. Run `posecal diagnose`.",
+}
 _STOPS = {
     "goal": "the goal is reached, 19 times in 20",
     "beyond_reach": "more poses will not reach the goal: the model lacks something. Run `posecal "
@@ -67,7 +73,7 @@ def _headline(record: NextRecord) -> Iterator[Sentence]:
         more = after.readings - (0 if now is None else now.readings)
         yield Sentence(f"After {plural(more, 'reading')} more: {mm(after.task_rms_mm)} RMS.")
     if record.verdict is not None:
-        yield Sentence(f"Diagnosis so far: {record.verdict.replace('_', ' ')}.")
+        yield Sentence(_DIAGNOSED[record.verdict])
 
 
 def _parts(record: NextRecord) -> Iterator[Part]:

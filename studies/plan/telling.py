@@ -45,10 +45,10 @@ _NEVER = Rule(STD.show, absent="never")
 def told(record: PlanRecord) -> Document:
     """How many causes the plan could find, and each."""
     sections = (
-        Section("sight", "What the plan can and cannot see", tuple(_parts(record))),
+        Section("sight", "What the plan shows", tuple(_parts(record))),
         Section(
             "alike",
-            "What looks alike",
+            "What is hard to tell apart",
             tuple(_alike(record)),
         ),
     )
@@ -57,27 +57,25 @@ def told(record: PlanRecord) -> Document:
 
 def _headline(record: PlanRecord) -> Sentence:
     seen, asked = len(record.seen), len(record.could_not_see)
-    said = (
-        f"This plan can see {seen} of {asked} causes that a gap may have, if they are large enough"
-    )
+    said = f"This plan shows {seen} of {asked} causes of error, above their detection limits"
     groups = len(record.twins)
     if groups:
-        said += f"; {plural(groups, 'group')} of them would stand for each other"
+        said += f"; {plural(groups, 'group')} of them cannot be told apart"
     return Sentence(f"{said}.")
 
 
 def _parts(record: PlanRecord) -> Iterator[Part]:
     yield Sentence(
-        "The smallest size of each cause that a diagnosis of these poses finds "
-        f"{round(100 * record.power)} times in 100, if it is the only one that the model lacks."
+        "Detection limits: the smallest size of each cause that is found "
+        f"{round(100 * record.power)} times in 100, if the model lacks nothing else."
     )
     yield from _reads(record)
     rows = list(_by_effect(record))
-    yield Table(_by_joint(record.joints), rows, "Smallest sizes by joint", fold=False)
+    yield Table(_by_joint(record.joints), rows, "Detection limits by joint", fold=False)
     elsewhere = [cause for cause in record.seen if cause.where not in record.joints]
-    yield Table(_CAUSES, elsewhere, "Smallest sizes elsewhere")
+    yield Table(_CAUSES, elsewhere, "Detection limits elsewhere")
     if any(cause.unusual for cause in record.seen):
-        yield Sentence("In brackets: more than is usual, so one of usual size may go unseen.")
+        yield Sentence("In brackets: larger than such errors usually are.")
     if rows:
         sizes = Table(_CAUSES, record.seen, fold=False)
         yield Detail((sizes,), f"Every cause with its usual size ({len(record.seen)})")
@@ -90,16 +88,16 @@ def _parts(record: PlanRecord) -> Iterator[Part]:
 def _reads(record: PlanRecord) -> Iterator[Sentence]:
     said = [plural(record.readings, "reading"), plural(record.points, "point")]
     if record.hidden_markers:
-        said.append(f"{record.hidden_markers} marker readings out of sight")
+        said.append(f"{plural(record.hidden_markers, 'point')} out of sight")
     first = len(record.before_the_first_move)
     if first:
-        said.append(f"{first} before the first move do not count")
+        said.append(f"{first} of unknown approach direction not used")
     yield Sentence(", ".join(said), label="reads")
     if record.approach_derived:
-        yield Sentence("follows from the order of the poses", label="approach")
+        yield Sentence("from the order of the poses", label="direction")
     if record.elastic_assumed:
-        said_of = "as soft as usual: sizes of weights, springs and payload go with it"
-        yield Sentence(said_of, label="elastic")
+        said_of = "usual joint stiffness is assumed where the model has none"
+        yield Sentence(said_of, label="stiffness")
     lost = (f"{', '.join(entry.names)}: {entry.reason}" for entry in record.unidentifiable)
     yield from labelled("open", lost)
 
@@ -145,7 +143,7 @@ def _by_joint(joints: Sequence[str]) -> tuple[Column[_Effect], ...]:
 _CAUSES: tuple[Column[Seen], ...] = (
     Column("cause", lambda row: row.key),
     Column("of", lambda row: row.parameter),
-    Column("smallest", lambda row: row, _SIZE),
+    Column("limit", lambda row: row, _SIZE),
     Column("usual", lambda row: row.plausible, STD, detail=True),
     Column("unit", lambda row: row.unit, TEXT),
 )
@@ -165,26 +163,25 @@ def _hidden(causes: Sequence[Seen]) -> Iterator[str]:
 def _twins(group: Twins) -> str:
     names = " = ".join(member.key for member in group.members)
     if group.split_by:
-        return f"{names}: alike at any size here; told apart by {' or by '.join(group.split_by)}"
-    other = "with other poses, loads or stations too: one name stands for both"
-    return f"{names}: alike at any size, {other}"
+        return f"{names}: equivalent at these poses. Told apart by {' or by '.join(group.split_by)}"
+    return f"{names}: observationally equivalent, at any poses, loads and stations"
 
 
 _ALIKE: tuple[Column[LookAlike], ...] = (
     Column("cause", lambda row: row.key),
-    Column("is taken for", lambda row: row.like.key),
+    Column("looks like", lambda row: row.like.key),
     Column("rho", lambda row: row.rho, CORRELATION),
-    Column("told apart\nfrom", lambda row: row.told_apart_from, _NEVER),
+    Column("told apart\nabove", lambda row: row.told_apart_from, _NEVER),
     Column("unit", lambda row: row.unit if row.told_apart_times else None, TEXT),
-    Column("times its\nsmallest", lambda row: row.told_apart_times, Rule(TENTH.show, absent="")),
+    Column("times its\nlimit", lambda row: row.told_apart_times, Rule(TENTH.show, absent="")),
 )
 
 
 def _alike(record: PlanRecord) -> Iterator[Part]:
     """Twins, and each other two causes once, the harder way round, which comes first."""
-    yield from labelled("twins", map(_twins, record.twins))
+    yield from labelled("equivalent", map(_twins, record.twins))
     if record.look_alikes:
-        yield Detail((Figure(lambda: look_alikes(record)),), "Map of look-alikes")
+        yield Detail((Figure(lambda: look_alikes(record)),), "Map of similar causes")
     twins = [{member.key for member in group.members} for group in record.twins]
     once: dict[frozenset[str], LookAlike] = {}
     for pair in record.look_alikes:
@@ -192,5 +189,5 @@ def _alike(record: PlanRecord) -> Iterator[Part]:
         if not any(both <= group for group in twins):
             once.setdefault(both, pair)
     if once:
-        told = "From which size on a cause is told apart from what it is taken for"
-        yield Table(_ALIKE, list(once.values()), "Causes that look alike", told, most=_MOST_PAIRS)
+        told = "The size above which a cause is told apart from the one it looks like"
+        yield Table(_ALIKE, list(once.values()), "Causes that look similar", told, most=_MOST_PAIRS)

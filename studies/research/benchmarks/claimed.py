@@ -91,7 +91,11 @@ def _foreseen(
     if not day.scatter.std.any():  # before anything is measured the arm is believed to come back
         plan = problem_of(cell, Request(len(data), "task"))
         yield Said("design", assess(plan, data.poses.q).task_rms, came)
-    yield Said("identify", accuracy_at_targets(cell, found).rms, came)
+    accuracy, off = accuracy_at_targets(cell, found), found.predict(targets) - day.reached
+    yield Said("identify", accuracy.rms, came)
+    distances = np.sqrt((off**2).sum(axis=-1).mean(axis=-1))
+    within = distances <= accuracy.expected.expanded
+    yield from (Said("budget 95 %", right=bool(right)) for right in within)
 
 
 def _intervals(found: calib.Identification, exact: calib.Identification) -> Iterator[Said]:

@@ -47,6 +47,7 @@ SENTENCES = {
     "design": "expected after measuring",
     "identify 95 %": "95 of 100 intervals hold the true value",
     "identify": "the parameters' uncertainty leaves .. elsewhere",
+    "budget 95 %": "errors at the targets up to ..",
     "enough now": "expected now",
     "enough most": "19 times in 20 the error is below",
     "enough end": "expected at the plan's end",

@@ -1,8 +1,8 @@
 """A topic's text as a document: titles, paragraphs, lists, tables and lines as they stand.
 
-The text is a little Markdown: ``# title`` first, ``## section``, tables between bars, lists of ``- ``,
-indented lines and fences for what stands as it is. ``{name}`` alone on a line stands for a table that
-the package makes.
+The text is a little Markdown: ``# title`` first, ``## section``, tables between bars, lists of ``- ``
+or ``1. ``, indented lines and fences for what stands as it is. ``{name}`` alone on a line stands for a
+table that the package makes.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def _kind(block: str) -> str:
 
 def _sentences(block: str) -> list[str]:
     """A paragraph, or the entries of a list."""
-    entries = re.split(r"^(?=- )", block, flags=re.MULTILINE)
+    entries = re.split(r"^(?=- |\d+\. )", block, flags=re.MULTILINE)
     return [" ".join(entry.replace("**", "").split()) for entry in entries if entry.strip()]
 
 

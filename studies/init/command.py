@@ -55,8 +55,8 @@ def init(
     (joint,alpha_deg,a_mm,theta_deg,d_mm). It may also be a kinematics file of Universal Robots or
     Franka, or the calibration.conf of a UR controller.
 
-    You can plan with this cell at once. Rough marker positions and the noise are all that you give:
-    they are guesses, marked EDIT.
+    You can plan with this cell at once. Rough marker positions and the noise are all that you give;
+    their lines are marked EDIT.
 
     \b
     Example:

@@ -13,7 +13,7 @@ import click
 COMMANDS = {
     "demo": (
         "demo.command:demo",
-        "Run the whole way on an example robot; its files can be edited.",
+        "Run all steps on an example robot; its files can be edited.",
     ),
     "init": ("init.command:init", "Write a first cell file for your own robot."),
     "design": (

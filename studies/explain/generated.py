@@ -57,7 +57,7 @@ def instruments() -> Rows:
     rows = []
     for name in sorted(kinds, key=lambda name: (name != "points", name)):  # [instrument] first
         columns = sorted(reading_names([kinds[name]]))
-        shown = ", ".join(column for column in columns if not column.endswith("_m"))
+        shown = ", ".join(column for column in columns if not column.endswith(("_m", "_rad")))
         rows.append((name, _summary(kinds[name]), shown, ", ".join(keys_of_instrument(name))))
     return ("kind", "reads", "columns", "keys"), rows
 
@@ -99,7 +99,8 @@ def criterion_text(name: str) -> str:
     shown = f"Shown as: {kind.unit}, {_sense(kind.larger_is_better)}."
     own = (inspect.getdoc(kind) or "").split("\n\n")
     told = [_clean(paragraph) for paragraph in own if not re.match(r"[\w, ]+ : ", paragraph)]
-    return "\n\n".join((f"# {name}", _prose(kind), *told, shown))
+    texts = [text.removeprefix(f"{name}: ") for text in (_prose(kind), *told)]
+    return "\n\n".join((f"# {name}", *(text[0].upper() + text[1:] for text in texts), shown))
 
 
 def _sense(larger_is_better: bool) -> str:

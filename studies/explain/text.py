@@ -18,6 +18,7 @@ Rows = tuple[tuple[str, ...], Sequence[tuple[str, ...]]]
 
 _RULE = re.compile(r"\|[\s:|-]+\|")
 _CELL = re.compile(r"(?<!\\)\|")
+_NAMES = re.compile(r"`[^`]*`(?:(?:,| or|;)? \(?`[^`]*`\)?)*")
 _MADE = re.compile(r"\{([\w.]+)\}")
 _FENCE = re.compile(r"^```\w*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -102,9 +103,10 @@ def _rows(block: str) -> Rows:
 
 
 def _row(line: str) -> tuple[str, ...]:
-    """Cells; marks of code are not needed where columns part them.
+    """Cells; the marks of code are not needed where a cell holds names alone.
 
-    >>> _row("| `a` | b |")
-    ('a', 'b')
+    >>> _row("| `a` | b | `c`, `d` | run `e` |")
+    ('a', 'b', 'c, d', 'run `e`')
     """
-    return tuple(own.strip().replace("`", "") for own in _CELL.split(line.strip().strip("|")))
+    cells = [own.strip() for own in _CELL.split(line.strip().strip("|"))]
+    return tuple(own.replace("`", "") if _NAMES.fullmatch(own) else own for own in cells)

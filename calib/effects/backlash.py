@@ -1,7 +1,7 @@
 """Lost motion of a joint: its position depends on the approach direction.
 
-``dq = half_width * approach``. The approach direction is the sign of the joint's last motion, and 0 where
-it is unknown. A negative half width is ordinary lost motion: the joint stops before its target,
+``dq = half_width * approach``. The approach direction is the sign of the joint's last motion, and 0
+where it is unknown. A negative half width is ordinary lost motion: the joint stops before its target,
 because it is read at the motor. A positive half width goes too far, as with a controller that
 compensates too much. A usual value for a robot's gear is one arc minute from side to side, 290
 urad. Worn and small gears have more.

@@ -20,6 +20,7 @@ from studies.document.page import Writer
 from studies.explain.cell_keys import TABLES, forms, keys_of_instrument, meanings, rows
 from studies.explain.text import document_of
 from studies.explain.topics import titles, topic, written
+from studies.research.benchmarks.reading_ease import length, sentences, texts
 
 
 def said(*arguments: str) -> str:
@@ -97,6 +98,13 @@ def test_the_cell_says_what_every_key_of_its_schema_means() -> None:
 
 def test_at_most_twenty_words_have_to_be_explained() -> None:
     assert len(topic_rows("words")) <= 20
+
+
+def test_no_sentence_is_longer_than_thirty_words() -> None:
+    read = {name: text for name, text in texts() if not name.startswith("measured-")}
+    assert {"README", "--help", "cell", "diagnosis"} <= set(read)
+    long = [own for text in read.values() for own in sentences(text) if length(own) > 30]
+    assert not long
 
 
 def test_columns_and_keys_of_instruments_are_told() -> None:

@@ -11,29 +11,44 @@ from typing import NoReturn
 import click
 
 COMMANDS = {
-    "demo": ("demo.command:demo", "The whole way on the paper's robot, as files to edit."),
-    "init": ("init.command:init", "A first cell for a robot of your own."),
-    "design": ("design.command:design", "Which poses to measure, with a proof of how good."),
-    "compare": ("compare.command:compare", "How accurate a plan will be, predicted and simulated."),
-    "program": ("programs.command:program", "A plan as a robot program (KUKA, UR, ABB, FANUC)."),
-    "import": ("imports.command:import_", "Exports of instrument and controller, as one table."),
-    "enough": ("enough.command:enough", "Half-way: are the poses enough, which come next?"),
-    "next": ("next.command:next_", "The next best poses, or stop: call it in a loop."),
-    "identify": ("identify.command:identify", "The model's parameters from measured points."),
-    "diagnose": ("diagnose.command:diagnose", "What the model lacks: where, why, how much."),
+    "demo": (
+        "demo.command:demo",
+        "Run all steps on an example robot; its files can be edited.",
+    ),
+    "init": ("init.command:init", "Write a first cell file for your own robot."),
+    "design": (
+        "design.command:design",
+        "Choose the poses to measure, and prove how good they are.",
+    ),
+    "compare": ("compare.command:compare", "Predict and simulate the accuracy of a plan."),
+    "program": (
+        "programs.command:program",
+        "Write a plan as a robot program (KUKA, UR, ABB, FANUC).",
+    ),
+    "import": (
+        "imports.command:import_",
+        "Join exports of instrument and controller into one table.",
+    ),
+    "enough": ("enough.command:enough", "Say whether the measured poses are enough."),
+    "next": ("next.command:next_", "Choose the next poses, or stop; for a loop with the robot."),
+    "identify": (
+        "identify.command:identify",
+        "Identify the model's parameters from measured points.",
+    ),
+    "diagnose": ("diagnose.command:diagnose", "Find the causes of the remaining error."),
     "compensate": (
         "compensate.command:compensate",
-        "Commands that bring the real arm to its targets.",
+        "Correct commands, so that the real arm reaches its targets.",
     ),
     "iso9283": (
         "iso9283.command:iso9283",
-        "Accuracy, repeatability and compliance as ISO 9283 has them.",
+        "State accuracy and repeatability to ISO 9283.",
     ),
-    "fleet": ("fleet.command:fleet", "Every robot below a folder, one summary."),
-    "changes": ("changes.command:changes", "What moved between two results of one robot?"),
-    "report": ("report.command:report", "One page of results, to hand on."),
-    "schema": ("schema.command:schema", "The JSON Schema of a result."),
-    "explain": ("explain.command:explain", "What words, keys, columns and effects mean."),
+    "fleet": ("fleet.command:fleet", "Calibrate every robot below a folder, with one summary."),
+    "changes": ("changes.command:changes", "Say what moved between two results of one robot."),
+    "report": ("report.command:report", "Write one page of results, to hand on."),
+    "schema": ("schema.command:schema", "Print the JSON Schema of a result."),
+    "explain": ("explain.command:explain", "Explain words, keys, columns and effects."),
 }
 """Name -> where the command is, and what the help says of it, in the order of a day of measurement."""
 
@@ -70,9 +85,10 @@ _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 )
 @click.version_option(package_name="posecal", prog_name="posecal")
 def main() -> None:
-    """Plan robot calibration experiments, identify the robot, say how accurate the result is.
+    """Plan a robot calibration, identify the robot, and say how accurate the result is.
 
-    Start with `posecal demo`, which writes a complete example to edit.
+    New here? Run `posecal demo`. It writes a complete example that you can edit. `posecal explain`
+    lists topics.
     """
 
 

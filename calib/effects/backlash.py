@@ -1,10 +1,10 @@
-"""Lost motion of a joint: where it stops depends on the side from which it came.
+"""Lost motion of a joint: its position depends on the approach direction.
 
-``dq = half_width * approach``, approach the sign of the joint's last motion and 0 where none is known.
-A negative half width is the ordinary lost motion of a joint that is read at its motor: it stops short
-of its motion. A positive one goes too far, as with a controller that compensates too much. Lost
-motion of a robot's gear is stated as about one arc minute, 290 urad, from side to side; worn and small
-ones have some.
+``dq = half_width * approach``. The approach direction is the sign of the joint's last motion, and 0
+where it is unknown. A negative half width is ordinary lost motion: the joint stops before its target,
+because it is read at the motor. A positive half width goes too far, as with a controller that
+compensates too much. A usual value for a robot's gear is one arc minute from side to side, 290
+urad. Worn and small gears have more.
 """
 
 from __future__ import annotations

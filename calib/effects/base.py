@@ -1,4 +1,4 @@
-"""Where the instruments stand against the robot base: one place for each, and for each station."""
+"""Position and orientation of each instrument, and of each station, relative to the robot base."""
 
 from __future__ import annotations
 

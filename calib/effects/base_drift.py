@@ -1,4 +1,4 @@
-"""Slow motion of the robot's base, as of a floor that settles: zero at the first pose in time."""
+"""Slow motion of the robot's base, for example on a floor that settles: zero at the first pose."""
 
 from __future__ import annotations
 

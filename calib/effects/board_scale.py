@@ -1,4 +1,4 @@
-"""A board whose pitch is not as stated: printed to fit the page, or measured with a poor rule."""
+"""Wrong pitch of a board, for example scaled by a printer or measured with a poor ruler."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A focal length that drifts through the session, from its value at the first pose in time."""
+"""Focal length that drifts during the session, from its value at the first pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A focal length that follows the temperature, from the 20 degC at which the cell's value holds."""
+"""Focal length that changes with temperature; the cell's value holds at 20 degC."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A focal length that is not as stated: an old calibration, a lens refocused, an image cut to size."""
+"""Wrong focal length: an old calibration, a lens that was refocused, or a scaled image."""
 
 from __future__ import annotations
 

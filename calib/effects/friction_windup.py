@@ -1,7 +1,8 @@
 """Friction of a joint that winds up its elastic drive: ``dq = -compliance torque approach``.
 
-The friction stands against the last motion, and the joint's own compliance shows it: with none in the
-model it rests, for it is then the same as a ``backlash``.
+Friction acts against the last motion, and the joint's compliance makes it visible. The model
+needs a compliance of this joint. With a constant compliance, this effect is observationally
+equivalent to ``backlash``.
 """
 
 from __future__ import annotations

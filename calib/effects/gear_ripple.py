@@ -1,9 +1,12 @@
-"""Gear errors that repeat many times in a turn: ``dq = cos_1 cos(c q) + sin_1 sin(c q)``, q as read.
+"""Gear errors that repeat many times a turn: ``dq = cos_1 cos(c q) + sin_1 sin(c q)``, q as read.
 
-A strain-wave gear of ratio N errs twice a turn of its wave generator, c = 2 N a turn of the joint, and
-once; a motor's encoder once in its own turn, c = N. The second harmonic is at twice the cycles. Once
-and twice a turn of the joint such errors are a ``transmission_harmonic``; between that and the ratio of
-a slow gear nothing that turns has its period, and a smooth error would only borrow the name.
+A strain-wave gear of ratio N has errors once and twice a turn of its wave generator: c = N and c
+= 2 N a turn of the joint. A motor encoder has errors once a turn of the motor: c = N. The second
+harmonic has twice the cycles.
+
+Errors with one or two cycles a turn of the joint are a ``transmission_harmonic``. Between two
+cycles and the ratio of a slow gear no part of a drive turns. Such cycles are not tried, because
+any smooth error would fit them.
 """
 
 from __future__ import annotations

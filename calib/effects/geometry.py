@@ -1,4 +1,4 @@
-"""Six constant errors of every segment of the arm, before reduction to an irreducible set."""
+"""All six constant errors of every segment of the arm; redundant ones are merged."""
 
 from __future__ import annotations
 

@@ -1,17 +1,21 @@
 """Torque of a balancing spring between the two links of a joint.
 
-The spring runs from an anchor P0 on the link before the joint to an anchor P2 on the link after it
-and pulls with ``F = preload + spring * (s - s(0))``, s its length. About the joint's axis a, with the
-anchors given from the joint's origin, its torque on the link is ``F / s * a . (P2 x P0)``, the
-M_c of the compensator model of Klimchik et al. (ICRA 2013), which this project writes with the force
-at zero angle in place of the free length. The spring also stiffens the joint, far less than a
-drive's own stiffness varies: that part belongs to ``stiffness_vs_angle``.
+The spring runs from an anchor P0 on the link before the joint to an anchor P2 on the link after
+it. It pulls with ``F = preload + spring * (s - s(0))``, where s is its length. Its torque about
+the joint's axis a is ``F / s * a . (P2 x P0)``, with the anchors measured from the joint's
+origin. This is the torque M_c of the compensator model of Klimchik et al. (ICRA 2013). Here the
+force at zero angle takes the place of the free length.
 
-Anchors that the cell does not give are taken where a spring balances best at zero angles: P0
-straight above the joint, a fifth of the arm's reach away, and P2 on the link beyond, a twentieth of the
-reach along it (on the KR 270 0.59 m and 0.15 m; its own are 0.70 m and 0.18 m away). The torque then
-opposes the link's weight on a robot of any size. Spring and preload are those of an equivalent spring:
-other distances give nearly the same two curves with other values.
+The spring also stiffens the joint. This part is far smaller than the variation of the drive's own
+stiffness, and it belongs to ``stiffness_vs_angle``.
+
+The cell can give the anchors. Otherwise they are taken where a spring balances best at zero
+angles. P0 is straight above the joint, at a fifth of the arm's reach. P2 is on the link beyond,
+at a twentieth of the reach. On the KR 270 this gives 0.59 m and 0.15 m; its own anchors are at
+0.70 m and 0.18 m. The torque then opposes the link's weight on a robot of any size.
+
+Spring and preload are those of an equivalent spring. Other distances give nearly the same torque
+curves with other values.
 """
 
 from __future__ import annotations

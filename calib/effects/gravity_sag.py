@@ -1,11 +1,14 @@
-"""Sag of joints under the arm's own weight where link masses are unknown.
+"""Sag of joints under the arm's own weight, for unknown link masses.
 
-The weight of all links beyond joint k turns it by ``compliance * a_k . sum_l (R_l b_l) x g``, b_l the
-first moment of link l, what hangs beyond it included. Neither factor is known, so the parameters are
-their products with g. What of b_l lies along joint l's own axis counts with the link before, hence two
-a joint that turns: ``u_<joint>`` and ``v_<joint>`` across its axis. A joint that slides shifts what is
-beyond it, ``travel_<joint>``. Under a joint that slides itself, weight and compliance have one product.
-Angles are as read; the arm's own weight bends it too little for more.
+The weight of all links beyond joint k turns it by ``compliance * a_k . sum_l (R_l b_l) x g``.
+Here b_l is the first moment of link l, with everything that hangs beyond it. Compliance and
+moment are both unknown, so the parameters are their products with g.
+
+The part of b_l along joint l's own axis belongs to the link before. A joint that turns therefore
+has two parameters across its axis, ``u_<joint>`` and ``v_<joint>``. A joint that slides shifts
+everything beyond it: ``travel_<joint>``. Under a joint that slides itself, weight and compliance
+have one product. The angles are those that were read. The arm's own deflection changes them too
+little to matter.
 """
 
 from __future__ import annotations

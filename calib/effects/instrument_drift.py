@@ -1,4 +1,4 @@
-"""An instrument that drifts: a tripod that settles, a gauge that warms, a wire that creeps."""
+"""Drift of an instrument: a tripod that settles, a gauge that warms up, a wire that creeps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints that move another joint along, as the hollow shafts of a wrist do: ``dq = from_j * q_j``."""
+"""Joints that move another joint, as the hollow shafts of a wrist do: ``dq = from_j * q_j``."""
 
 from __future__ import annotations
 

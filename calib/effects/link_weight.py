@@ -1,4 +1,4 @@
-"""Wrong mass of a link: more or less of what the URDF says, at the same centre of mass."""
+"""Wrong mass of a link: a correction to the URDF's mass, at the same centre of mass."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Elastic drive under the torque that the arm measured: ``dq = compliance * torque``.
 
-The torque is that of the columns ``<joint>_Nm``, positive along the joint's motion. Its offset counts
-as an error of the joint's zero.
+The torque comes from the columns ``<joint>_Nm``, positive along the joint's motion. A constant
+torque error counts as an error of the joint's zero.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Wrong knowledge of what the tip carries.
+"""Wrong mass or centre of mass of the payload.
 
-With a [payload] in the cell, its mass and centre of mass are corrected. Where there is none and the
-poses bring a load of their own, as a measured wrench or a plan's [load], ``scale`` is the error of that
-load and the centre shifts the point at which it acts. With neither, ``mass`` is an unknown body at the
-point that the cell gives, and the moment of nothing cannot be corrected.
+If the cell has a [payload], its mass and centre of mass are corrected. Otherwise the poses may
+have a load: a measured wrench, or a plan's [load]. Then ``scale`` is the error of that load, and
+the centre shifts the point at which it acts. Without both, ``mass`` is an unknown body at the
+point that the cell gives. Its centre cannot be corrected then.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""Readings taken before the arm is at rest: each joint still lacks a share of its last move.
+"""Readings taken before the arm is at rest: a part of each joint's last move is still missing.
 
-``dq = -(per_move move + per_speed move / longest)``: a lag leaves a share of the move itself, or of the
-speed near its end, which in a synchronised move is the joint's share of the longest move.
+``dq = -(per_move move + per_speed move / longest)``. A lag leaves a share of the move itself, or
+of the speed near its end. In a synchronised move this speed is the joint's share of the longest
+move.
 """
 
 from __future__ import annotations

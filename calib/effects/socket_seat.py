@@ -1,7 +1,7 @@
-"""A socket in which the ball does not sit as in the others: dirt, a worn rim, another ball.
+"""A socket in which the ball sits wrongly: dirt, a worn rim, another ball.
 
-What is alike at every pose along the base's axes is where the socket stands, and no error; this is
-alike along those of the tip.
+An offset that is constant in the base's axes only moves the socket, so it is no error. This
+effect is an offset that is constant in the tip's axes.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What jumps at one moment: a knock, a belt that slips, a joint mastered anew, a marker that was moved.
+"""A sudden change at one moment: a knock, a belt that slipped, a new mastering, a moved marker.
 
-All readings after the moment are displaced, none before it; a pose of which the clock says nothing is
-taken as after it. Where between two readings the moment lies, nothing tells.
+All readings after the moment are displaced, none before it. A pose without a time is taken as
+later. The data cannot tell when between two readings the change happened.
 """
 
 from __future__ import annotations

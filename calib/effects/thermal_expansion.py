@@ -1,7 +1,8 @@
-"""Links that grow with temperature, from the 20 degC at which the nominal model holds.
+"""Links that grow with temperature; the nominal model holds at 20 degC.
 
-A link grows along its own constant translation, from its joint to the origin of the next one (or to
-the tip). ``arm`` warms as a whole, the base link up to the first joint with it.
+A link grows along its constant translation, from its joint to the origin of the next one (or to
+the tip). ``arm`` means that the whole arm warms up, including the base link up to the first
+joint.
 """
 
 from __future__ import annotations

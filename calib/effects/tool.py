@@ -1,4 +1,4 @@
-"""Positions of the markers, and places of bodies, in the tip frame."""
+"""Positions of the markers, and of bodies, in the tip frame."""
 
 from __future__ import annotations
 

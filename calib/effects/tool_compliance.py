@@ -1,4 +1,4 @@
-"""Elastic flange and tool: the tip frame gives way in proportion to the wrench on it."""
+"""Elastic flange and tool: the tip frame moves in proportion to the wrench on it."""
 
 from __future__ import annotations
 

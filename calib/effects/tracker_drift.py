@@ -1,4 +1,4 @@
-"""Slow motion of the instrument: a tripod that settles or warms, zero at the first pose in time."""
+"""Slow motion of the instrument: a tripod that settles or warms up, zero at the first pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Wrong length unit of the instrument: refraction by wrong temperature or pressure of the air."""
+"""Wrong length scale of the instrument, for example by a wrong air temperature or pressure."""
 
 from __future__ import annotations
 

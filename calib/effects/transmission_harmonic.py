@@ -1,6 +1,6 @@
 """Gear errors that repeat with the joint's turn: eccentricity (once) and ovality (twice).
 
-Strain wave gears are stated to transmit within 1 to 1.5 arc minutes from peak to peak: 150 to 220 urad.
+Data sheets of strain wave gears state 1 to 1.5 arc minutes from peak to peak: 150 to 220 urad.
 """
 
 from __future__ import annotations

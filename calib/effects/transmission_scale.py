@@ -1,4 +1,4 @@
-"""Wrong gear ratio, or scale of an encoder: ``dq = scale * q``, q as read."""
+"""Wrong gear ratio or encoder scale: ``dq = scale * q``, q as read."""
 
 from __future__ import annotations
 

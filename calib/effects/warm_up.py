@@ -1,7 +1,7 @@
-"""What moves while the arm, its base or the instrument warms: ``amplitude exp(-t / tau)``.
+"""Motion while the arm, its base or the instrument warms up: ``amplitude exp(-t / tau)``.
 
-t counts from the session's first reading, and what is left of it falls to nothing: a pose of which the
-clock says nothing is taken as warm. Arms take half an hour to three hours (Appl. Sci. 11(22) 10813).
+The time t starts at the first reading of the session. The motion falls to zero; a pose without a
+time is taken as warm. Arms take half an hour to three hours (Appl. Sci. 11(22) 10813).
 """
 
 from __future__ import annotations

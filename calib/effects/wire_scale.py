@@ -1,4 +1,4 @@
-"""A wire that reads long: a drum whose radius is not as stated, an encoder's pitch, a bar too warm."""
+"""Wrong scale of a wire or bar: a wrong drum radius, a wrong encoder pitch, a bar too warm."""
 
 from __future__ import annotations
 

@@ -21,8 +21,8 @@ _MOST_NAMED = 12
 _FARTHEST = 1e4  # m: no instrument of this trade reads as far
 
 
-def reading_names(instruments: Iterable[Instrument]) -> set[str]:
-    """Every column that may hold a number of theirs."""
+def reading_names(instruments: Iterable[Instrument | type[Instrument]]) -> set[str]:
+    """Every column that may hold a number of these instruments, or of these kinds."""
     return {
         _titled(column.name, unit)
         for instrument in instruments

@@ -1,4 +1,4 @@
-"""A theodolite, or whatever else points: two angles of a marker, from a stand that nobody knows."""
+"""A theodolite, or another instrument that reads two angles of a marker; its position is found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cameras: pixels of points on the tip seen from the world, or of a board in the world from the tip."""
+"""A camera: pixels of points on the tip, seen from the world, or of a board, seen from the tip."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A ballbar, a draw-wire, an interferometer: the distance from an anchor, plus an offset."""
+"""A ballbar, a draw-wire or an interferometer: the distance from an anchor, plus an offset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plane that the marker touches, or whose dial gauge reads the marker's height above it."""
+"""A plane that the marker touches, or a dial gauge that reads the marker's height above it."""
 
 from __future__ import annotations
 

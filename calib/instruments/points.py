@@ -1,4 +1,4 @@
-"""A tracker, or whatever else measures points: three coordinates of each in a frame of its own."""
+"""A laser tracker, or another instrument that measures points: three coordinates of each."""
 
 from __future__ import annotations
 

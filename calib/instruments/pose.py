@@ -1,4 +1,4 @@
-"""Whatever reads whole poses: a 6-D tracker, motion capture, a board's pose from a camera.
+"""An instrument that reads whole poses: a 6-D tracker, motion capture, a board's pose by a camera.
 
 A body stands on the tip as three points, its origin and the ends of its x and y axes, a metre long. A
 row is the origin and these two axes in the frame of the instrument, so it is linear in the points; the

@@ -1,4 +1,4 @@
-"""A ball in a socket: the marker sits in one unknown point, reached from several sides."""
+"""A ball in a socket: the marker is at one unknown point, reached from several directions."""
 
 from __future__ import annotations
 

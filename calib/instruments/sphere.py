@@ -1,4 +1,4 @@
-"""A sphere that the marker touches, or whose gauge reads what is missing."""
+"""A sphere that the marker touches, or a gauge that reads the distance to it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""E: the parameter combination that is known worst, in multiples of plausible sizes."""
+"""E: the worst-known parameter combination, in multiples of usual sizes."""
 
 from __future__ import annotations
 

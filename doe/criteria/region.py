@@ -1,4 +1,4 @@
-"""G: the worst predicted pose of the reachable cell."""
+"""G: the worst predicted pose within the joint limits."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from doe.criteria.smallest import WorstVariance
 
 @dataclass(frozen=True, eq=False)
 class WorstRegion(WorstVariance):
-    """G: the largest variance of a predicted reading, summed over the markers, in noise variances."""
+    """G: largest variance of a predicted reading, summed over its markers, in noise variances."""
 
     name: ClassVar[str] = "G"
     unit: ClassVar[str] = "largest variance of a predicted pose, in noise variances"

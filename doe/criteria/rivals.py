@@ -1,4 +1,4 @@
-"""T-optimality: two rival effects told apart."""
+"""T-optimality: poses that separate two effects."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from doe.criteria.smallest import Smallest
 
 @dataclass(frozen=True, eq=False)
 class Rivals(Smallest):
-    """Two effects told apart, whichever of them is the true one.
+    """Two effects are separated, whichever of them is the true one.
 
-    A member is ``delta^T K delta``: the squared residual, in noise variances, that is left of effect k
-    of plausible size after everything else was fitted, the rival included (T-optimality of Atkinson
-    and Fedorov, Biometrika 62(1), 1975, for linear rivals). K is the Schur complement of M.
+    Each effect in turn is taken as true, with its usual size, and everything else is fitted, the rival
+    included. The residual that remains is ``delta^T K delta``, in noise variances, where K is the Schur
+    complement of M (T-optimality of Atkinson and Fedorov, Biometrika 62(1), 1975, for linear rivals).
 
     V : tuple of two ndarray, shape (s_k, p), the parameters of either effect in plausible sizes
     """

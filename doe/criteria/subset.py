@@ -14,7 +14,7 @@ from doe.criteria.protocol import Conic, Criterion, Question, solved
 
 @dataclass(frozen=True, eq=False)
 class Subset(Criterion):
-    """``Phi = det(K)^(1/s)``, K the information on s of the parameters, the others unknown too.
+    """``Phi = det(K)^(1/s)``: K is the information on s parameters, with the others unknown.
 
     V : ndarray, shape (s, p): ``K = (V M^-1 V^T)^-1``, the Schur complement of M
     """

@@ -1,4 +1,4 @@
-"""task: accuracy where the robot is to work."""
+"""task: accuracy at the target poses."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _UNNEEDED = 1e-7  # share of the mean that every direction counts, needed at the
 class Task(Trace):
     """Expected squared position error after compensation, averaged over the target poses.
 
-    The test-pose criterion ``rho_0^2 = tr(J_0 cov J_0^T)`` (Wu, Klimchik, Caro, Furet and Pashkevich,
-    2012), shown as its root in mm. Directions that the targets do not need count a ten-millionth of the
-    mean, so that among equals the plan that determines them is the better one; without this a single
-    target is best measured at itself, with a singular M.
+    This is the test-pose criterion ``rho_0^2 = tr(J_0 cov J_0^T)`` (Wu, Klimchik, Caro, Furet and
+    Pashkevich, 2012), shown as its root in mm. Parameter directions that the targets do not need count
+    too, with a ten-millionth of the mean. Of equal plans the one that determines them is then better.
+    Without this, a single target is best measured at itself, with a singular M.
 
     without : Task without that share, by which plans are judged
     """

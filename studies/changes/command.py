@@ -21,9 +21,9 @@ from studies.command.options import (
 @click.argument("before_path", metavar="BEFORE", type=PATH)
 @click.argument("after_path", metavar="AFTER", type=PATH)
 @click.option("--cell", "cell_path", metavar="CELL", type=PATH,
-              help="The cell of AFTER. Default: the one that AFTER names.")  # fmt: skip
+              help="The cell of AFTER. Default: the cell that AFTER names.")  # fmt: skip
 @click.option("--tolerance-mm", metavar="X", type=Finite(min=0, min_open=True),
-              help="Largest error at any target with which BEFORE still holds.")  # fmt: skip
+              help="Largest allowed error at any target.")  # fmt: skip
 @figures_option
 @json_option
 @one_line_faults
@@ -35,11 +35,11 @@ def changes(
     folder: Path | None,
     json_path: str | None,
 ) -> None:
-    """Say what moved on a robot between two results, what that does, and what may have caused it.
+    """Say what moved on a robot between two results, how large the effect is, and its likely cause.
 
-    BEFORE and AFTER are the JSON of identify. Parameters are compared in what both determine; the
-    instrument and the markers may stand elsewhere. With --tolerance-mm it says whether the calibration
-    of BEFORE still holds today.
+    BEFORE and AFTER are JSON results of identify. The command compares the parameters that both results
+    determine. The instrument and the markers may stand elsewhere. With --tolerance-mm it says whether
+    the calibration of BEFORE still holds.
 
     \b
     Example:

@@ -24,27 +24,27 @@ json_option = click.option(
     "json_path",
     metavar="FILE",
     type=click.Path(allow_dash=True),
-    help="Write the result as JSON; - for standard output.",
+    help="Write the result as JSON. Use - for standard output.",
 )
 figures_option = click.option(
     "--figures",
     "folder",
     metavar="FOLDER",
     type=PATH,
-    help="Write the figures, as SVG and PNG, with their numbers as CSV.",
+    help="Write figures as SVG and PNG, and their numbers as CSV.",
 )
 _workers_option = click.option(
     "--workers",
     metavar="N",
     type=click.IntRange(min=1),
     default=None,
-    help="Processes of this machine. Default: one for each processor.",
+    help="Number of processes. Default: one for each processor.",
 )
 _scheduler_option = click.option(
     "--scheduler",
     metavar="ADDRESS",
     default=None,
-    help="A dask scheduler that computes instead, such as tcp://host:8786.",
+    help="Compute on a dask scheduler, such as tcp://host:8786.",
 )
 seed_option = click.option(
     "--seed",
@@ -52,7 +52,7 @@ seed_option = click.option(
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
-    help="Seed of everything that is drawn by chance.",
+    help="Seed of all random numbers.",
 )
 
 

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     type=click.IntRange(min=0, max=1_000_000),
     default=200,
     show_default=True,
-    help="Simulated experiments at each plan; 0 predicts only.",
+    help="Simulated experiments for each plan. 0: only predict.",
 )
 @engine_options
 @click.option(
@@ -49,17 +49,18 @@ if TYPE_CHECKING:
     type=Finite(min=1e-3, max=1e6),
     default=1000.0,
     show_default=True,
-    help="Characteristic length of approach pose, plain: about the size of the marker set.",
+    help="Length that converts rotations to mm in the plain weighting: about the size of the "
+    "marker set.",
 )
 @click.option("--with", "with_paths", metavar="CELL", multiple=True, type=PATH,
-              help="Another cell of the robot, with other instruments: what it leaves at the same "
-              "poses. May be given several times.")  # fmt: skip
+              help="Another cell of this robot, with other instruments, to compare at the same poses. "
+              "Can be given several times.")  # fmt: skip
 @click.option("--values", "values_path", metavar="RESULT", type=PATH,
-              help="A result of identify: predict and simulate at its values.")  # fmt: skip
+              help="Predict and simulate at the values of this result of identify.")  # fmt: skip
 @click.option("--truth", type=click.Choice(["model", "mujoco"]),
-              help="Draw readings from the model itself, or from an arm in MuJoCo: then a fault of the "
-              "program in kinematics or torques shows. Default: mujoco where it is installed and can "
-              "have the cell's effects.")  # fmt: skip
+              help="Simulate readings by the model itself, or by an arm in MuJoCo. MuJoCo also shows "
+              "faults in the program's kinematics and torques. Default: mujoco where it is installed "
+              "and can simulate the cell's effects.")  # fmt: skip
 @result_options
 def compare(
     cell_path: Path,
@@ -75,12 +76,11 @@ def compare(
     json_path: str | None,
     seed: int,
 ) -> None:
-    """Say what approach #1 and #2 of the paper will know at each PLAN, predicted and simulated.
+    """Predict and simulate the accuracy of each PLAN, for the marker-points and full-pose methods.
 
-    Each simulated experiment draws the readings of a plan from an arm in MuJoCo or the full model, and
-    fits them by every approach; one in twenty is identified as real data are. Noise is drawn by what
-    CELL says, not by the weights of the fits. Where simulation and prediction disagree, it says by how
-    much and why.
+    Each simulated experiment takes readings of an arm in MuJoCo, or of the full model. Every method is
+    fitted to them. One experiment in twenty is treated as real data. The noise is that of CELL, not the
+    weights of the fits. If simulation and prediction disagree, the command says by how much and why.
 
     \b
     Example:

@@ -21,8 +21,14 @@ from studies.command.options import (
 @cell_argument
 @click.argument("result_path", metavar="RESULT", type=PATH)
 @click.argument("targets_path", metavar="TARGETS", type=PATH)
-@click.option("-o", "--output", "plan_path", metavar="FILE", type=PATH,
-              help="The targets' table with corrected joints; it reads back as a plan.")  # fmt: skip
+@click.option(
+    "-o",
+    "--output",
+    "plan_path",
+    metavar="FILE",
+    type=PATH,
+    help="Write the table of targets with corrected joints; it can be read as a plan.",
+)
 @figures_option
 @json_option
 @one_line_faults
@@ -34,12 +40,12 @@ def compensate(
     folder: Path | None,
     json_path: str | None,
 ) -> None:
-    """Correct joint commands so that the real arm stands where the nominal one should.
+    """Correct joint commands, so that the real arm goes where the nominal arm should be.
 
-    RESULT is the JSON of identify or diagnose, TARGETS a table of nominal joint commands, or of poses
-    of the tip in the robot's base frame (x_mm y_mm z_mm qw qx qy qz), with the wrench at each where it
-    bears one (else the cell's [load] hangs there). Geometry, load and whatever else was identified are
-    corrected together, and the error expected to remain is stated.
+    RESULT is the JSON of identify or diagnose. TARGETS is a table of nominal joint commands, or of
+    poses of the tip in the robot's base frame (x_mm y_mm z_mm qw qx qy qz). A target may have a
+    wrench; otherwise the cell's [load] acts. Geometry, load and all other identified effects are
+    corrected together. The expected remaining error is stated.
 
     \b
     Example:

@@ -17,11 +17,11 @@ from studies.command.options import json_option, one_line_faults, seed_option
 @seed_option
 @one_line_faults
 def demo(folder: Path, json_path: str | None, seed: int) -> None:
-    """Go the whole way in FOLDER: plan, measure, identify, compare, diagnose, report.
+    """Run the whole way in FOLDER: plan, measure, identify, compare, diagnose, report.
 
-    The paper's KR 270 is measured by simulation, free and with 250 kg on the tool, and has an error
-    that its model lacks; another --seed hides another. Every input and result is a file to edit and
-    run again.
+    The robot is the paper's KR 270. It is measured by simulation, free and with 250 kg on the tool. It
+    has an error that its model lacks; another --seed selects another error. All inputs and results are
+    files. Edit them and run the commands again.
 
     \b
     Example:

@@ -18,71 +18,73 @@ if TYPE_CHECKING:
 @click.command()
 @cell_argument
 @click.option("-o", "--output", "plan_path", metavar="PLAN", type=PATH,
-              help="Write the plan as CSV, in the order of measuring.")  # fmt: skip
-@click.option("--poses", metavar="N", type=click.IntRange(min=1), help="How many poses to choose.")
+              help="Write the plan as CSV, in the order of measurement.")  # fmt: skip
+@click.option("--poses", metavar="N", type=click.IntRange(min=1), help="Number of poses to choose.")
 @click.option(
     "--criterion",
     metavar="NAME",
     shell_complete=lambda *given: _criteria(given[-1]),
     default="task",
     show_default=True,
-    help="Made best. task: error left at the targets (task-worst: at the worst); A: mean variance; "
-    "D: volume of confidence (Ds: of some parameters); c: one combination; E: the worst combination; "
-    "G: the worst predicted pose; or one of an installed package.",
+    help="What the plan minimises. task: error at the targets. task-worst: error at the worst target. "
+    "A: mean variance. D: volume of the confidence ellipsoid. Ds: the same for some parameters. "
+    "c: one combination. E: the worst combination. G: the worst predicted pose. Or a criterion of an "
+    "installed package.",
 )
 @click.option(
     "--levels",
     metavar="A2=5x3",
-    help="Five levels of A2 with three poses each, to be chosen; A2=-140,-57,-10x3 gives them.",
+    help="Five levels of A2 with three poses each. Their angles are chosen, or given: "
+    "A2=-140,-57,-10x3.",
 )
 @click.option(
     "--candidates",
     metavar="N|FILE",
     default="20000",
     show_default=True,
-    help="How many candidates to draw, or a table of them in the format of a plan.",
+    help="Number of candidates to draw, or a table of candidates in the format of a plan.",
 )
 @click.option("--extend", "extend_path", metavar="PLAN", type=PATH,
-              help="A plan that is measured already; N poses come on top of it.")  # fmt: skip
+              help="A plan that is measured already. N new poses are added to it.")  # fmt: skip
 @click.option(
     "--discriminate",
     metavar="EFFECT:WHERE,EFFECT:WHERE",
-    help="Poses that tell two effects apart, instead of a criterion.",
+    help="Choose poses that separate two effects, instead of a criterion.",
 )
 @click.option(
     "--of",
     metavar="NAME[,NAME]",
-    help="What matters, for Ds, A and E: joint_compliance:A6,..; for c also NAME=FACTOR,..",
+    help="Parameters that matter. Ds, A, E: joint_compliance:A6,.. c: also NAME=FACTOR,..",
 )
 @click.option("--against", metavar="PLAN", multiple=True, type=PATH,
-              help="A plan to judge beside the result; may be given several times.")  # fmt: skip
-@click.option("--curve", is_flag=True, help="Also accuracy against the number of poses.")
+              help="Also judge this plan. Can be given several times.")  # fmt: skip
+@click.option("--curve", is_flag=True, help="Also state the accuracy for other numbers of poses.")
 @click.option(
-    "--robust", is_flag=True, help="The plan that best survives the loss of any one pose."
+    "--robust", is_flag=True, help="Choose the plan that is best after the loss of any one pose."
 )
 @click.option(
     "--prove",
     is_flag=True,
-    help="Go on until no plan of the candidates is better, for some minutes at most (D, A, c, task).",
+    help="Search until no plan of the candidates is better, for some minutes at most (D, A, c, task).",
 )
 @click.option(
     "--reference-every",
     metavar="K",
     type=click.IntRange(min=0),
-    help="Repeat one of the poses at the start, after every K poses and at the end, to see drift.",
+    help="Repeat one pose at the start, after every K poses and at the end, to see drift.",
 )
 @click.option(
     "--reapproach",
     metavar="N",
     type=click.IntRange(min=0),
-    help="Visit N of the poses again after the others, to see how well the arm comes back. Where the "
-    "cell does not say that, a tenth of 20 poses or more are such visits; 0 for none.",
+    help="Add N repeat visits at the end, to measure the arm's repeatability. Default: a tenth of 20 "
+    "poses or more, unless the cell states the repeatability. 0: none.",
 )
-@click.option("--repeats/--no-repeats", default=None, help="Whether a pose may be used twice.")
+@click.option("--repeats/--no-repeats", default=None, help="Whether a pose may be chosen twice.")
 @click.option(
     "--polish/--no-polish",
     default=None,
-    help="Move joint angles beyond the candidates. Default: yes, unless they come from a table.",
+    help="Move joint angles a little after the choice. Default: yes, unless candidates are a table.",
 )
 @result_options
 def design(
@@ -107,10 +109,10 @@ def design(
     json_path: str | None,
     seed: int,
 ) -> None:
-    """Choose the poses to measure in a cell, with a certified efficiency.
+    """Choose the poses to measure, and prove how good this plan is.
 
-    CELL is the description of the measurement cell (cell.toml). How many poses, levels, obstacles and
-    targets may stand in its [design] table; options come first.
+    CELL describes the measurement cell (cell.toml). Its [design] table may give the number of poses,
+    levels, obstacles and targets. Options override it.
 
     \b
     Example:

@@ -22,19 +22,20 @@ if TYPE_CHECKING:
 @click.option(
     "--holdout",
     metavar="FILE|FRACTION",
-    help="Poses on which the shrinkage is proved: a table, or a share of the configurations.",
+    help="Held-out poses that show the error before and after: a table, or a share of the "
+    "configurations.",
 )
 @click.option(
     "--plan-only",
     is_flag=True,
-    help="DATA is a plan: say what could be found at its poses, before anything is measured.",
+    help="DATA is a plan. Say what its poses can detect, before you measure.",
 )
 @click.option(
     "--cell-out",
     "cell_out",
     metavar="FILE",
     type=PATH,
-    help="Write the cell with the found effects in its model: the next run starts from there.",
+    help="Write the cell with the found effects in its model, for the next run.",
 )
 @click.option(
     "--next",
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     type=click.IntRange(min=0, max=1000),
     default=NEXT,
     show_default=True,
-    help="Poses to choose that tell rival causes apart; 0 for none.",
+    help="Number of poses to propose that separate the remaining explanations. 0: none.",
 )
 @result_options
 def diagnose(
@@ -57,10 +58,10 @@ def diagnose(
     json_path: str | None,
     seed: int,
 ) -> None:
-    """Say whether measurements show more than the cell's model and noise, where, and why.
+    """Find the causes of the error that the cell's model and the noise do not explain.
 
-    Every effect that the model lacks is asked at every place where it can act, beside curves without a
-    name that locate what is in no catalogue.
+    The command tries every effect that the model lacks, at every place where it can act. It also tries
+    free curves. They locate errors whose cause is not in the catalogue.
 
     \b
     Example:

@@ -21,12 +21,17 @@ from studies.command.options import (
 @click.command()
 @cell_argument
 @data_argument
-@click.option("--plan", "plan_path", metavar="PLAN", type=PATH,
-              help="The plan that is being measured; what DATA hold of it is recognised.")  # fmt: skip
+@click.option(
+    "--plan",
+    "plan_path",
+    metavar="PLAN",
+    type=PATH,
+    help="The plan that is being measured. Poses that DATA already contain are recognised.",
+)
 @click.option("--goal-mm", metavar="X", type=Finite(min=0, min_open=True),
-              help="Expected RMS error at the targets that is wanted.")  # fmt: skip
+              help="Goal: expected RMS error at the targets.")  # fmt: skip
 @click.option("--holdout", "holdout_path", metavar="FILE", type=PATH,
-              help="Poses measured to check by, which take no part.")  # fmt: skip
+              help="Measured poses for a check; they take no part in the fit.")  # fmt: skip
 @result_options
 def enough(
     cell_path: Path,
@@ -38,13 +43,14 @@ def enough(
     json_path: str | None,
     seed: int,
 ) -> None:
-    """Say whether the poses measured so far are enough, and in which order to measure the rest.
+    """Say whether the measured poses are enough, and in which order to measure the rest.
 
-    CELL is the description of the measurement cell (cell.toml), DATA the table of points measured so
-    far. With the noise that the data show, it says what accuracy to expect now, after each further pose
-    of the plan in the best order, and after how many the goal is met. No goal is called reached that
-    poses miss which were held out; without these, the first and the last readings stand in for them,
-    each predicted from the others.
+    CELL describes the measurement cell (cell.toml). DATA is the table of points measured so far. The
+    command states the expected accuracy now, and after each further pose of the plan. It says at which
+    pose the goal is reached.
+
+    Held-out poses must also meet the goal. Without them, the first third of the readings is predicted
+    from the others, and so is the last third.
 
     \b
     Example:

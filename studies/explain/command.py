@@ -13,7 +13,7 @@ from studies.command.options import one_line_faults
 def explain(topic: str | None) -> None:
     """Explain a TOPIC, or list the topics.
 
-    Every effect and every criterion is a topic, too.
+    Every effect and every criterion is also a topic.
 
     \b
     Example:
@@ -32,5 +32,5 @@ def explain(topic: str | None) -> None:
         return
     listed = "\n".join(f"| {name} | {title} |" for name, title in topics.titles().items())
     text = f"# Topics of posecal explain TOPIC\n\n| topic | is about |\n|---|---|\n{listed}\n"
-    more = "and every effect (posecal explain effects) and criterion (posecal explain criteria)"
+    more = "Every effect and criterion is also a topic (posecal explain effects, criteria)."
     show((*terminal(document_of(text, lambda _: ((), []))), Text(f"\n{more}")), None)

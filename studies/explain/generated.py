@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from calib.effects import Context, Effect
 
 _COVARIATES = {
-    "approach": "approach_<joint>, or poses in their order",
-    "motion": "poses in their order",
-    "time": "time_s, or poses in their order: then a reading is the unit",
+    "approach": "approach_<joint>, or the order of the poses",
+    "motion": "the order of the poses",
+    "time": "time_s, or the order of the poses (time in readings)",
     "temperature": "temperature_degC",
     "torque": "<joint>_Nm",
 }
@@ -47,14 +47,18 @@ def instruments() -> Rows:
     """Every kind of instrument: its columns, and its keys in the cell."""
     from calib import instruments as known
     from calib.files.readings import reading_names
+    from calib.instruments import Instrument
     from studies.explain.cell_keys import keys_of_instrument
 
+    kinds: dict[str, type[Instrument]] = {}
+    for own in map(vars(known).get, known.__all__):
+        if isinstance(own, type) and issubclass(own, Instrument) and hasattr(own, "kind"):
+            kinds.setdefault(own.kind, own)
     rows = []
-    for name in ("Tracker", "Pose", "Camera", "Distance", "Plane", "Sphere", "Socket"):
-        kind = getattr(known, name)
-        columns = [column for column in sorted(reading_names([kind])) if not column.endswith("_m")]
-        own = ", ".join(columns)
-        rows.append((kind.kind, _summary(kind), own, ", ".join(keys_of_instrument(kind.kind))))
+    for name in sorted(kinds, key=lambda name: (name != "points", name)):  # [instrument] first
+        columns = sorted(reading_names([kinds[name]]))
+        shown = ", ".join(column for column in columns if not column.endswith(("_m", "_rad")))
+        rows.append((name, _summary(kinds[name]), shown, ", ".join(keys_of_instrument(name))))
     return ("kind", "reads", "columns", "keys"), rows
 
 
@@ -83,7 +87,7 @@ def effect_text(name: str) -> str:
     from calib.effects import catalogue
 
     kind = catalogue()[name]
-    needs = "; ".join(_needs(kind)) or "nothing beyond joints and readings"
+    needs = "; ".join(_needs(kind)) or "only joints and readings"
     return "\n\n".join((f"# {name}", _prose(kind), f"**Needs**: {needs}.", _parameters(name)))
 
 
@@ -95,7 +99,8 @@ def criterion_text(name: str) -> str:
     shown = f"Shown as: {kind.unit}, {_sense(kind.larger_is_better)}."
     own = (inspect.getdoc(kind) or "").split("\n\n")
     told = [_clean(paragraph) for paragraph in own if not re.match(r"[\w, ]+ : ", paragraph)]
-    return "\n\n".join((f"# {name}", _prose(kind), *told, shown))
+    texts = [text.removeprefix(f"{name}: ") for text in (_prose(kind), *told)]
+    return "\n\n".join((f"# {name}", *(text[0].upper() + text[1:] for text in texts), shown))
 
 
 def _sense(larger_is_better: bool) -> str:
@@ -134,8 +139,8 @@ def _parameters(name: str) -> str:
                 continue
             shown = [f"{p.name} [{p.unit}]" for p in own[:_MOST]]
             more = f" and {len(own) - _MOST} more" if len(own) > _MOST else ""
-            return f"**Parameters**, as at {where} of {cell}: {', '.join(shown)}{more}."
-    return "It has no place in the cell of the demonstration."
+            return f"**Parameters**, for example at {where} of {cell}: {', '.join(shown)}{more}."
+    return "It cannot act in the cell of the demonstration."
 
 
 def _seeing(context: Context) -> Context:
@@ -164,7 +169,7 @@ def _summary(kind: type) -> str:
 
     >>> from calib.effects.backlash import Backlash
     >>> _summary(Backlash)
-    'Lost motion of a joint: where it stops depends on the side from which it came'
+    'Lost motion of a joint: its position depends on the approach direction'
     """
     text = _clean(_module_text(kind).partition("\n\n")[0])
     return re.split(r"(?<!\.)\.(?:\s|$)", text)[0].replace("`", "")

@@ -1,8 +1,8 @@
 """A topic's text as a document: titles, paragraphs, lists, tables and lines as they stand.
 
-The text is a little Markdown: ``# title`` first, ``## section``, tables between bars, lists of ``- ``,
-indented lines and fences for what stands as it is. ``{name}`` alone on a line stands for a table that
-the package makes.
+The text is a little Markdown: ``# title`` first, ``## section``, tables between bars, lists of ``- ``
+or ``1. ``, indented lines and fences for what stands as it is. ``{name}`` alone on a line stands for a
+table that the package makes.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ Rows = tuple[tuple[str, ...], Sequence[tuple[str, ...]]]
 
 _RULE = re.compile(r"\|[\s:|-]+\|")
 _CELL = re.compile(r"(?<!\\)\|")
+_NAMES = re.compile(r"`[^`]*`(?:(?:,| or|;)? \(?`[^`]*`\)?)*")
 _MADE = re.compile(r"\{([\w.]+)\}")
 _FENCE = re.compile(r"^```\w*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -92,7 +93,7 @@ def _kind(block: str) -> str:
 
 def _sentences(block: str) -> list[str]:
     """A paragraph, or the entries of a list."""
-    entries = re.split(r"^(?=- )", block, flags=re.MULTILINE)
+    entries = re.split(r"^(?=- |\d+\. )", block, flags=re.MULTILINE)
     return [" ".join(entry.replace("**", "").split()) for entry in entries if entry.strip()]
 
 
@@ -102,9 +103,10 @@ def _rows(block: str) -> Rows:
 
 
 def _row(line: str) -> tuple[str, ...]:
-    """Cells; marks of code are not needed where columns part them.
+    """Cells; the marks of code are not needed where a cell holds names alone.
 
-    >>> _row("| `a` | b |")
-    ('a', 'b')
+    >>> _row("| `a` | b | `c`, `d` | run `e` |")
+    ('a', 'b', 'c, d', 'run `e`')
     """
-    return tuple(own.strip().replace("`", "") for own in _CELL.split(line.strip().strip("|")))
+    cells = [own.strip() for own in _CELL.split(line.strip().strip("|"))]
+    return tuple(own.replace("`", "") if _NAMES.fullmatch(own) else own for own in cells)

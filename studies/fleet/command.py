@@ -27,15 +27,15 @@ AHEAD = 1000
 @click.command()
 @click.argument("fleet_folder", metavar="FOLDER", type=PATH)
 @click.option("--only", type=click.Choice(["identify", "diagnose"]), default=None,
-              help="One of both: a diagnosis takes a hundred times as long.")  # fmt: skip
+              help="Run one of the two. A diagnosis takes a hundred times as long.")  # fmt: skip
 @click.option(
     "--holdout",
     metavar="NAME|FRACTION",
-    help="Poses that take no part and are predicted: a table of this name beside each other one, or a "
-    "share of the configurations.",
+    help="Held-out poses: a table of this name beside each other table, or a share of the "
+    "configurations.",
 )
 @click.option("--prior", "prior_path", metavar="FILE", type=PATH,
-              help="Write what each type knows of one robot more, for [model.prior].")  # fmt: skip
+              help="Write a prior for each type of robot, for [model.prior].")  # fmt: skip
 @engine_options
 @result_options
 def fleet(
@@ -49,18 +49,17 @@ def fleet(
     json_path: str | None,
     seed: int,
 ) -> None:
-    """Identify and diagnose every robot below FOLDER, and say how they stand together.
+    """Identify and diagnose every robot below FOLDER, and compare the robots.
 
-    A robot is a cell.toml, or another TOML with a [robot]; tables of measurements beside and below it
-    are its own. Results stand beside each table, as identify and diagnose --json write them:
-    measurements.identify.json, measurements.diagnose.json. One that stands is kept as long as cell,
-    robot, table, options and version are the same, so that a run that was ended is gone on with by the
-    same command. What is wrong with a robot is a line of the summary and ends no run; the status is 2
-    only where no robot could be done. Workers of a scheduler see FOLDER under the same path.
+    A robot is a cell.toml, or another TOML file with a [robot] table. Measurement tables beside and
+    below it belong to it. Results are written beside each table: measurements.identify.json,
+    measurements.diagnose.json. A result is reused if cell, robot, table, options and version did
+    not change. To continue an interrupted run, give the same command again. A fault in one robot is
+    one line of the summary. The status is 2 only if no robot could be processed. Workers of a
+    scheduler need FOLDER under the same path.
 
     --prior writes what the robots of a type have in common: mean, spread and correlations of their
-    parameters. A cell that names the file, [model.prior] file = "type.json", is identified, planned and
-    diagnosed beside it, from fewer poses.
+    parameters. A cell with [model.prior] file = "type.json" uses it and needs fewer poses.
 
     \b
     Example:

@@ -30,29 +30,29 @@ if TYPE_CHECKING:
 @click.option(
     "--holdout",
     metavar="FILE|FRACTION",
-    help="Poses that take no part and are predicted: a table, or a share of the configurations.",
+    help="Held-out poses: a table, or a share of the configurations.",
 )
 @click.option(
     "--approach",
     type=click.Choice(["points", "pose"]),
     default="points",
     show_default=True,
-    help="Marker points directly, or the full pose computed from them.",
+    help="Method: use the marker points, or the full pose computed from them.",
 )
 @click.option(
     "--method",
     type=click.Choice(["joint", "two-step"]),
     default="joint",
     show_default=True,
-    help="All parameters at once, or base and tool in turn with the rest.",
+    help="Solver: all parameters together, or base and tool in turn with the rest.",
 )
 @click.option(
     "--weighting",
     type=click.Choice(["full", "normalised", "plain"]),
     default="full",
     show_default=True,
-    help="Of approach pose: propagated covariance, each component by its own standard "
-    "deviation, or one length for the rotations.",
+    help="For the full-pose method: full covariance, one standard deviation for each component, or "
+    "one length for the rotations.",
 )
 @click.option(
     "--length-mm",
@@ -60,12 +60,12 @@ if TYPE_CHECKING:
     type=Finite(min=1e-3, max=1e6),
     default=1000.0,
     show_default=True,
-    help="Characteristic length of the plain weighting.",
+    help="Length that converts rotations to mm in the plain weighting.",
 )
 @click.option(
     "--differences",
     is_flag=True,
-    help="Elastic parameters from loaded minus free readings at equal joints.",
+    help="Identify elastic parameters from loaded minus free readings at equal joints.",
 )
 @click.option(
     "--urdf",
@@ -75,20 +75,29 @@ if TYPE_CHECKING:
     help="Write the robot with the identified geometry and the markers as URDF.",
 )
 @click.option("--mjcf", "mjcf_path", metavar="OUT", type=PATH,
-              help="The same as MJCF, the form of MuJoCo.")  # fmt: skip
-@click.option("--dh", "dh_path", metavar="OUT", type=PATH,
-              help="The same as DH table, with what that cannot hold.")  # fmt: skip
+              help="The same as MJCF, for MuJoCo.")  # fmt: skip
+@click.option(
+    "--dh",
+    "dh_path",
+    metavar="OUT",
+    type=PATH,
+    help="The same as DH table; the output names what such a table cannot contain.",
+)
 @click.option("--dh-convention", type=click.Choice(["classic", "modified"]), default=None,
-              help="Of --dh. Default: the cell's own, else classic.")  # fmt: skip
+              help="Convention for --dh. Default: that of the cell, otherwise classic.")  # fmt: skip
 @click.option("--kinematics", "kinematics_path", metavar="OUT", type=PATH,
-              help="The same as the maker's YAML: Universal Robots, Franka.")  # fmt: skip
+              help="The same as the maker's YAML file: Universal Robots, Franka.")  # fmt: skip
 @click.option("--zero-offsets", "zeros_path", metavar="OUT", type=PATH,
-              help="Joint offsets alone, for a controller that takes nothing else.")  # fmt: skip
+              help="Write joint offsets alone, for a controller that accepts only these.")  # fmt: skip
 @click.option("--calibration", "lens_texts", metavar="[CAMERA=]OUT", multiple=True,
-              help="A camera's calibration with what was free of its lens as found: YAML as the cell's "
-                   "own file, else OpenCV's.")  # fmt: skip
-@click.option("--counts-per-deg", metavar="J1=N,..", default=None,
-              help="Encoder counts a degree, for FANUC's $MASTER_COUN in --zero-offsets.")  # fmt: skip
+              help="Write a camera's calibration with the identified lens: YAML like the cell's own "
+                   "file, otherwise OpenCV's.")  # fmt: skip
+@click.option(
+    "--counts-per-deg",
+    metavar="J1=N,..",
+    default=None,
+    help="Encoder counts per degree, for FANUC's $MASTER_COUN in --zero-offsets.",
+)
 @result_options
 def identify(
     cell_path: Path,
@@ -113,8 +122,8 @@ def identify(
 ) -> None:
     """Identify the effects in the cell's [model] from measured points.
 
-    CELL is the description of the measurement cell (cell.toml), DATA the table of measured points
-    (measurements.csv), one row a point.
+    CELL describes the measurement cell (cell.toml). DATA is the table of measured points
+    (measurements.csv), one row for each point.
 
     \b
     Example:

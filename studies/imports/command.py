@@ -23,46 +23,55 @@ if TYPE_CHECKING:
               help="Joint values of each pose: a table with a header (pose,A1_deg,..), or a list of "
                    "KUKA axis values.")  # fmt: skip
 @click.option("-o", "--output", "table_path", metavar="TABLE", required=True,
-              type=PATH, help="Where the table goes.")  # fmt: skip
+              type=PATH, help="Write the joined table to this file.")  # fmt: skip
 @click.option(
     "--names",
     metavar="PATTERN",
-    help="How pose and marker stand in a point's name: '{pose}::{marker}' for group and point, "
-    "'{pose}_{marker}' within the point's name, '{pose}/{marker}' for the file's name; * stands for "
-    "any text. Default: the usual ones are tried.",
+    help="Pattern of pose and marker. '{pose}::{marker}': group and point. '{pose}_{marker}': both in "
+    "the point's name. '{pose}/{marker}': the file's name. * is any text. Default: the usual patterns "
+    "are tried.",
 )
 @click.option("--marker", metavar="NAME",
-              help="The only marker, where names tell only the pose; or the only body.")  # fmt: skip
+              help="The only marker or body, if the names contain only the pose.")  # fmt: skip
 @click.option("--eye", type=click.Choice(("in-hand", "on-base")),
-              help="Where the camera of a hand-eye file is, if that does not say it.")  # fmt: skip
+              help="Where the camera of a hand-eye file is, if the file does not say it.")  # fmt: skip
 @click.option("--board", "boards", metavar="NAME", multiple=True,
-              help="A board of the cell, to be found in images: squares, ChArUco or tags.")  # fmt: skip
-@click.option("--instrument", metavar="NAME", help="What read it, where the cell has several.")
+              help="Find this board of the cell in images: chessboard, ChArUco or tags.")  # fmt: skip
+@click.option("--instrument", metavar="NAME", help="The instrument, if the cell has several.")
 @click.option(
-    "--unit", type=click.Choice(("mm", "m", "in")), help="Of points whose file does not state it."
+    "--unit",
+    type=click.Choice(("mm", "m", "in")),
+    help="Unit of points, if the file does not state it.",
 )
 @click.option(
     "--columns",
     metavar="ROLE,ROLE,..",
     help="Columns of point lists without a header: collection, group, point, x, y, z, ux, uy, uz, "
-    "time; - for one to leave out.",
+    "time. Use - for a column to skip.",
 )
 @click.option(
     "--unit-joints",
     type=click.Choice(("deg", "rad", "mm", "m")),
-    help="Of joint columns whose title does not state it.",
+    help="Unit of joint columns, if their title does not state it.",
 )
 @click.option(
     "--joint-names",
     metavar="NAME,NAME,..",
-    help="The URDF's names of the joints, in the order of the joint file's columns.",
+    help="Names of the joints in the robot's file, in the order of the joint file's columns.",
 )
-@click.option("--by-order", is_flag=True, help="Join the poses in their order, not by their names.")
+@click.option("--by-order", is_flag=True, help="Join poses by their order, not by their names.")
 @click.option(
-    "--partial", is_flag=True, help="Leave out what has no counterpart, instead of refusing it."
+    "--partial",
+    is_flag=True,
+    help="Leave out poses that are in only one file, instead of refusing them.",
 )
-@click.option("--cell", "cell_path", metavar="CELL", type=PATH,
-              help="Check joints and markers against this cell, and read the table back.")  # fmt: skip
+@click.option(
+    "--cell",
+    "cell_path",
+    metavar="CELL",
+    type=PATH,
+    help="Check joints and markers against this cell, and check the written table.",
+)
 @json_option
 @one_line_faults
 def import_(
@@ -85,13 +94,19 @@ def import_(
 ) -> None:
     """Join lists of measured points with the joint values of their poses.
 
-    POINTS are text files as SpatialAnalyzer and other tracker programs export them: collection, group
-    and point (or fewer names), X, Y, Z, with or without a header, separated by commas, semicolons,
-    tabs or blanks; or CSV of rigid bodies as OptiTrack Motive and Vicon Tracker or Nexus export them, a
-    file for each pose, or one whose frames the joint file names; or YAML or JSON of the samples of
-    easy_handeye and MoveIt, whose joint states --joints takes; or, with --board, images, or a folder
-    of them, named as the poses of the joint file. Poses come in the order of the joint file, which is
-    taken for the order measured.
+    POINTS are one of these:
+
+    Point lists of SpatialAnalyzer and other tracker programs: collection, group, point (or fewer
+    names), X, Y, Z. A header is optional. Separators are commas, semicolons, tabs or blanks.
+
+    Rigid bodies of OptiTrack Motive, Vicon Tracker or Nexus as CSV: one file for each pose, or one file
+    whose frames the joint file names.
+
+    Samples of easy_handeye and MoveIt as YAML or JSON; --joints takes their joint states.
+
+    Images, or a folder of images, with --board. They are named as the poses of the joint file.
+
+    The order of the joint file is taken as the order of measurement.
 
     \b
     Examples:

@@ -24,7 +24,7 @@ def cell_text(found: Proposal, robot_file: str, name: str) -> str:
     robot = found.robot
     convention = f'dh_convention = "{found.convention}"\n' if found.convention else ""
     return f"""\
-# A measurement cell, proposed by `posecal init`. What the robot's file cannot tell is marked EDIT.
+# A measurement cell, proposed by `posecal init`. Edit the lines marked EDIT.
 schema = 1
 name = {_text(name)}
 
@@ -35,33 +35,33 @@ base = {_text(robot.base):<23} # frame of gravity, obstacles and the instrument'
 tip = {_text(robot.tip):<24} # frame of markers, payload and load
 {_repeatability(robot)}
 {_limits(robot)}
-[markers_mm]                   # EDIT: reflectors on the tool, tip frame; three or more, apart, not in
-                               # a line; roughly is enough, their places are found from the data
+[markers_mm]                   # EDIT: rough positions of the reflectors, in the tip frame. Use three or
+                               # more, far apart, not in a line. The data give their exact positions.
 {_markers(robot)}
 [instrument]
-sigma_mm = 0.010               # EDIT: one standard deviation of one coordinate; or, with range:
+sigma_mm = 0.010               # EDIT: one standard deviation of one coordinate; or by range:
 # sigma_mm = {{ range_mm = 0.003, transverse_mm = 0.004, transverse_mm_per_m = 0.0015 }}
 # sigma_mm = {{ mpe_mm = 0.015, mpe_mm_per_m = 0.006, divisor = 2 }}   # std = MPE / divisor
-# position_mm = [4000, 0, 1500]  # where it stands, base frame: line of sight, range
+# position_mm = [4000, 0, 1500]  # rough position, base frame: for line of sight and range
 
-# [gravity]                    # base frame; EDIT where the base is not upright
+# [gravity]                    # base frame; EDIT if the base is not upright
 # m_s2 = [0, 0, -9.80665]
 
 # [payload]                    # carried at every pose
 # mass_kg = 2.5
 # com_mm = [0, 0, 60]          # tip frame
 
-# [load]                       # hung on for a second reading of every planned pose: shows compliances
+# [load]                       # test load for a second reading of every pose: shows compliances
 # mass_kg = 10.0
 # com_mm = [100, 0, 100]
 
 [design]                       # what `posecal design` chooses
-poses = 30                     # EDIT: as many as the day allows
-# targets = "targets.csv"      # where accuracy is wanted: joint columns, optional weight
-# targets_after_h = 1.0        # how long after the last reading the arm works there
-# floor_mm = 0.0               # the arm keeps above it; false for none (posecal explain constraints)
+poses = 30                     # EDIT: as many as you can measure in a day
+# targets = "targets.csv"      # target poses: joint columns, optional weight
+# targets_after_h = 1.0        # hours from the last reading to the work at the targets
+# floor_mm = 0.0               # the arm stays above it; false: no floor (posecal explain constraints)
 # [[design.obstacle]]          # needs the arm's shape: that of a URDF, or [robot.capsules_mm]
-# type = "halfspace"           # forbidden on the side of its normal
+# type = "halfspace"           # its normal points to the forbidden side
 # point_mm = [0, 900, 0]
 # normal = [0, 1, 0]
 
@@ -91,9 +91,9 @@ def _repeatability(robot: Robot) -> str:
     low, middle, high = (_rough(1e3 * std) for std in (usual.best, usual.middle, usual.worst))
     turn = _rough(1e6 * usual.middle / (0.5 * robot.reach))  # of joints, at half the arm's length
     return f"""\
-# EDIT: how well the arm comes back to a pose: RP / 3.6, with the RP of its data sheet. Arms of this
-# size have {low} to {high} mm. Without a data sheet leave it out: `posecal design` then plans second
-# visits of some poses, which show it.
+# EDIT: the arm's repeatability: RP / 3.6, with RP from its data sheet. Arms of this size have
+# {low} to {high} mm. Without a data sheet leave it out. `posecal design` then plans repeat visits of
+# some poses, which measure it.
 {f"# repeatability_mm = {middle}":<30} # one standard deviation of one coordinate of the tip
 {f"# repeatability_urad = {turn}":<30} # of one component of its rotation"""
 
@@ -114,7 +114,7 @@ def _limits(robot: Robot) -> str:
             if bool(own) is slides and lacks
         ]
         if joints:
-            lines += ["", f"# [robot.{table}]           # EDIT: none given; planned within these"]
+            lines += ["", f"# [robot.{table}]           # EDIT: none given; plans use these"]
             lines += [f"# {_key(joint)} = [-{width}, {width}]" for joint in joints]
     if not lines:
         lines = [

@@ -16,18 +16,28 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("robot_path", metavar="ROBOT", type=PATH)
-@click.option("-o", "--output", "folder", metavar="FOLDER", type=PATH, default=Path(),
-              help="Where cell.toml and measurements.csv go. Default: here.")  # fmt: skip
+@click.option(
+    "-o",
+    "--output",
+    "folder",
+    metavar="FOLDER",
+    type=PATH,
+    default=Path(),
+    help="Folder for cell.toml and measurements.csv. Default: the current folder.",
+)
 @click.option("--dh", "convention", type=click.Choice(["classic", "modified"]), default=None,
               help="ROBOT is a DH table in this convention.")  # fmt: skip
 @click.option(
-    "--base", metavar="NAME", default="", help="First link or body, if not the proposed one."
+    "--base", metavar="NAME", default="", help="First link or body, instead of the proposed one."
 )
 @click.option(
-    "--tip", metavar="NAME", default="", help="Last link, body or site, if not the proposed one."
+    "--tip",
+    metavar="NAME",
+    default="",
+    help="Last link, body or site, instead of the proposed one.",
 )
 @click.option("--model", metavar="NAME", default="",
-              help="Of the arm of a UR controller's calibration.conf, such as UR5e.")  # fmt: skip
+              help="Model of the arm of a UR calibration.conf, such as UR5e.")  # fmt: skip
 @json_option
 @one_line_faults
 def init(
@@ -41,9 +51,12 @@ def init(
 ) -> None:
     """Write a commented cell.toml and an empty measurements.csv for a robot.
 
-    ROBOT is a URDF (or what xacro makes), an MJCF, a DH table (joint,alpha_deg,a_mm,theta_deg,d_mm),
-    a kinematics file of Universal Robots or Franka, or a UR controller's calibration.conf. The cell
-    can be planned with at once; what the file cannot tell is a guess, marked EDIT.
+    ROBOT is a URDF (also as xacro writes it), an MJCF, or a DH table
+    (joint,alpha_deg,a_mm,theta_deg,d_mm). It may also be a kinematics file of Universal Robots or
+    Franka, or the calibration.conf of a UR controller.
+
+    You can plan with this cell at once. Rough marker positions and the noise are all that you give;
+    their lines are marked EDIT.
 
     \b
     Example:

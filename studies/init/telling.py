@@ -22,7 +22,8 @@ def _parts(record: InitRecord) -> Iterator[Part]:
         f"{', '.join(joints)}{held}"
     )
     yield Sentence(
-        "guesses are marked EDIT: markers, the instrument's noise, the arm's repeatability first of all"
+        "edit the lines marked EDIT: rough marker positions, the instrument's noise, and the arm's "
+        "repeatability if you know it"
     )
     yield from labelled("note", record.notes)
     plan = Path(record.cell).parent / "plan.csv"

@@ -22,7 +22,9 @@ from studies.command.options import (
 @cell_argument
 @data_argument
 @click.argument("result_path", metavar="[RESULT]", type=PATH, required=False)
-@click.option("--marker", metavar="NAME", help="At which point. Default: the first that is read.")
+@click.option(
+    "--marker", metavar="NAME", help="The marker to judge. Default: the first that was measured."
+)
 @figures_option
 @json_option
 @one_line_faults
@@ -36,9 +38,9 @@ def iso9283(
 ) -> None:
     """State the criteria of ISO 9283: AP, RP, AD, RD, vAP, drift and static compliance.
 
-    DATA is a table in which poses come again, RESULT the JSON of identify on other poses: it says where
-    the base is. Without it base and markers are fitted to DATA itself, which flatters AP. What was not
-    measured again is predicted with intervals.
+    DATA is a table with repeat visits of the same poses. RESULT is the JSON of identify on other
+    poses; it gives the base position. Without RESULT, base and markers are fitted to DATA itself,
+    and AP is too small. Criteria that were not measured are predicted, with intervals.
 
     \b
     Example:

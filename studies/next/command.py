@@ -24,28 +24,35 @@ if TYPE_CHECKING:
 @click.command("next")
 @cell_argument
 @data_argument
-@click.option("--for", "aim", type=click.Choice(["task", "causes", "both"]), default="task",
-              show_default=True,
-              help="Accuracy at the targets, causes that look alike, or both.")  # fmt: skip
+@click.option(
+    "--for",
+    "aim",
+    type=click.Choice(["task", "causes", "both"]),
+    default="task",
+    show_default=True,
+    help="What the poses serve: accuracy at the targets, separating causes, or both.",
+)
 @click.option("--poses", "count", metavar="N", type=click.IntRange(min=1, max=100), default=3,
-              show_default=True, help="How many to propose.")  # fmt: skip
+              show_default=True, help="Number of poses to propose.")  # fmt: skip
 @click.option("--goal-mm", metavar="X", type=Finite(min=0, min_open=True),
-              help="Expected RMS error at the targets that is wanted.")  # fmt: skip
+              help="Goal: expected RMS error at the targets.")  # fmt: skip
 @click.option(
     "--ahead",
     metavar="N",
     type=click.IntRange(min=0, max=1000),
     default=0,
-    help="How many the day still has room for: those for the task are the best of so many.",
+    help="Number of poses that the day still has room for. Poses for the task are the best of these.",
 )
 @click.option(
     "--missed",
     "missed_path",
     metavar="PLAN",
     type=PATH,
-    help="Poses that could not be read: what is near them is not proposed again.",
+    help="Poses that could not be measured. Poses near them are not proposed again.",
 )
-@click.option("-o", "plan_path", metavar="PLAN", type=PATH, help="Write the poses as a plan.")
+@click.option(
+    "-o", "plan_path", metavar="PLAN", type=PATH, help="Write the proposed poses as a plan."
+)
 @result_options
 def next_(
     cell_path: Path,
@@ -62,10 +69,11 @@ def next_(
 ) -> None:
     """Choose the next poses after what was measured, or say that it is time to stop.
 
-    CELL is the description of the measurement cell (cell.toml), DATA the table of points measured so
-    far. Measure the poses, add them to DATA, and ask again. For the task it stops at the goal, or
-    without one where more poses only average noise; for causes where the data tell them apart and
-    would show another form of them, or no pose can. Then -o writes nothing.
+    CELL describes the measurement cell (cell.toml). DATA is the table of points measured so far.
+    Measure the proposed poses, add them to DATA, and run the command again.
+
+    For the task it stops at the goal. Without a goal it stops when more poses only average noise. For
+    causes it stops when the data separate them, or when no pose can. Then -o writes nothing.
 
     \b
     Example:

@@ -22,8 +22,9 @@ from studies.command.options import PATH, cell_argument, json_option, one_line_f
 def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str | None) -> None:
     """Write a plan as a robot program that stops at every pose to be measured.
 
-    PLAN is a table of poses, from posecal design or by hand. The program is a skeleton: read the notes
-    at its head, check zero positions, senses of rotation and the way between poses, run it in T1 first.
+    PLAN is a table of poses, from posecal design or by hand. The program is a skeleton. Read the
+    notes at its head. Check zero positions, directions of rotation and the path between poses. Run
+    it in T1 first.
 
     \b
     Example:

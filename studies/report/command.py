@@ -12,9 +12,17 @@ from studies.command.options import PATH, json_option, one_line_faults
 
 @click.command()
 @click.argument("results", metavar="RESULT...", nargs=-1, required=True, type=PATH)
-@click.option("-o", "--output", "page_path", metavar="FILE", type=PATH,
-              default=Path("report.html"), show_default=True, help="The page.")  # fmt: skip
-@click.option("--title", metavar="TEXT", help="Default: the name of the cell.")
+@click.option(
+    "-o",
+    "--output",
+    "page_path",
+    metavar="FILE",
+    type=PATH,
+    default=Path("report.html"),
+    show_default=True,
+    help="Write the page to this file.",
+)
+@click.option("--title", metavar="TEXT", help="Title. Default: the name of the cell.")
 @click.option("--instrument", metavar="TEXT", help="Model, serial number, certificate.")
 @click.option("--operator", metavar="TEXT", help="Who measured.")
 @click.option("--date", metavar="TEXT", help="When it was measured.")
@@ -31,9 +39,9 @@ def report(
 ) -> None:
     """Write one self-contained HTML page from results.
 
-    RESULT are files that --json wrote: of design, compare, identify, diagnose (--plan-only too),
-    enough, next, compensate, iso9283, changes, fleet (--prior too), in any number. What they were made
-    from is read again where it is unchanged.
+    RESULT are files that --json wrote, in any number: of design, compare, identify, diagnose
+    (--plan-only too), enough, next, compensate, iso9283, changes, fleet (--prior too). Their input
+    files are read again if they did not change.
 
     \b
     Example:

@@ -12,9 +12,10 @@ from studies.kinds import KINDS
 @click.argument("kind", metavar="KIND", type=click.Choice(KINDS))
 @one_line_faults
 def schema(kind: str) -> None:
-    """Print the JSON Schema (draft 2020-12) of what --json of a command writes.
+    """Print the JSON Schema (draft 2020-12) of a result.
 
-    KIND is a command that takes --json, plan (of diagnose --plan-only) or prior (of fleet --prior).
+    KIND is a command that has --json. It may also be plan (diagnose --plan-only) or prior (fleet
+    --prior).
 
     \b
     Example:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shlex
 import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +19,12 @@ from click.testing import CliRunner
 from calib.effects import EFFECTS
 from calib.model.build import context_of
 from calib.poses import poses_at
-from studies.cli import main
+from studies.cli import loaded, main
 from studies.demo.embedded import embedded_cell
 from studies.explain.topics import written
 
-README = (Path(__file__).parent.parent.parent / "README.md").read_text()
+ROOT = Path(__file__).parent.parent.parent
+README = (ROOT / "README.md").read_text()
 
 
 @pytest.fixture
@@ -81,14 +87,94 @@ def test_commands_run_and_print_what_is_shown(beside_the_demo: Path) -> None:
         printed += done.output
         if command.startswith("init"):
             edit(beside_the_demo / "my-cell" / "cell.toml")
+    assert_shown(printed)
+
+
+# What a clone does not have, or what pip would only copy.
+_NOT_CLONED = shutil.ignore_patterns(".git", ".venv", ".*_cache", "__pycache__", "*.egg-info")
+_NO_INDEX = ("No matching distribution", "NewConnectionError", "Failed to establish")
+
+
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform == "win32", reason="the README's lines are for a POSIX shell")
+def test_lines_run_as_a_reader_types_them(tmp_path: Path) -> None:
+    """In a clone, in a shell that knows nothing but Python: every line up to the report."""
+    clone, edited = tmp_path / "clone", tmp_path / "edited.py"
+    shutil.copytree(ROOT, clone, ignore=_NOT_CLONED)
+    edited.write_text(
+        f"import sys, pathlib\nsys.path.insert(0, {str(ROOT)!r})\n"
+        "from tests.studies.test_readme import edit\n"
+        "edit(pathlib.Path('my-cell/cell.toml'))\n"
+    )
+    lines = typed_lines()
+    assert lines[0].startswith("python3 -m venv"), "first an environment"
+    by_hand = shlex.join([sys.executable, str(edited)])
+    script = [f"{line}\n{by_hand}" if " init " in line else line for line in lines]
+    done = subprocess.run(
+        ["bash", "-e"],
+        input="\n".join(script),
+        cwd=clone,
+        env=plain_environment(tmp_path),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode and any(sign in done.stderr for sign in _NO_INDEX):
+        pytest.skip("no package index")
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    for made in ("posecal-demo/report.html", "plan.src", "corrected.csv", "report.html"):
+        assert (clone / made).stat().st_size > 0, made
+    assert_shown(done.stdout)
+
+
+def typed_lines() -> list[str]:
+    """What a reader types, in order, before the commands for other days."""
+    typed = README[: README.index("## A day of measurement")]
+    return re.findall(r"^ {4}(\S.*)$", typed, flags=re.M)
+
+
+def plain_environment(folder: Path) -> dict[str, str]:
+    """The environment of a new shell: this Python as ``python3``, and nothing of this session."""
+    programs = folder / "programs"
+    programs.mkdir()
+    (programs / "python3").symlink_to(Path(sys._base_executable))  # type: ignore[attr-defined]
+    home = {key: os.environ[key] for key in ("HOME", "LANG", "TMPDIR") if key in os.environ}
+    pip = {key: value for key, value in os.environ.items() if key.startswith("PIP_")}
+    return {**home, **pip, "PATH": f"{programs}:/usr/bin:/bin", "OPENBLAS_NUM_THREADS": "1"}
+
+
+def test_options_in_the_texts_are_those_of_the_commands() -> None:
+    for name, option in options_told():
+        command = loaded(name)
+        known = {own for p in command.params for own in (*p.opts, *p.secondary_opts)}
+        assert option in {*known, "--help"}, f"posecal {name} {option}"
+
+
+def options_told() -> Iterator[tuple[str, str]]:
+    """Command and option wherever a text shows both together."""
+    for text in (README, *written().values()):
+        for name, rest in re.findall(r"posecal (\w+)([^`\n]*)", text):
+            if name in main.commands:
+                for option in re.findall(r"(?<!\S)--[a-z][\w-]*", rest):
+                    yield name, option
+
+
+def assert_shown(printed: str) -> None:
+    """Every line of the README's listings was printed, with figures that differ by rounding at most."""
     known = [alike(line) for line in printed.splitlines()]
     shown = re.findall(r"```\n((?:\[1/6\]|kr270).*?)```", README, flags=re.S)
     assert len(shown) == 4
     for line in "".join(shown).splitlines():
         words, numbers = alike(line)
         if words not in ("", ".."):
-            close = [n for w, n in known if w == words and np.allclose(n, numbers, 0.25, 1e-3)]
+            close = [n for w, n in known if w == words and np.allclose(n, numbers, 0.05, 1e-3)]
             assert close, f"the printed example is not the real one: {line}"
+
+
+def test_the_error_that_is_told_is_the_one_that_is_shown() -> None:
+    (told,) = re.findall(r"The error of ([\d.]+) mm is far above", README)
+    first, *_ = re.findall(r"^held[ -]out[^\d\n]*([\d.]+)", README, flags=re.M)  # of identify
+    assert f"{float(first):.2f}" == told
 
 
 def edit(cell: Path) -> None:
@@ -116,7 +202,7 @@ def test_every_effect_is_named() -> None:
 
 def test_every_command_and_only_topics_that_are_there() -> None:
     assert set(main.commands) <= set(re.findall(r"posecal (\w+)", README))
-    table = README[README.index("more: `posecal explain`") : README.index("Every command takes")]
+    table = README[README.index("more: `posecal explain`") : README.index("Every command can")]
     named = re.findall(r"posecal explain ([\w-]+)`", README)
     for row in table.splitlines()[2:]:
         named += re.findall(r"`([\w-]+)`", row.split("|")[3]) if "|" in row else []

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from calib.effects import EFFECTS
 from calib.files.columns import OTHERS, WRENCH
+from calib.files.schema import KINDS
 from calib.instruments import Distance, Pose
 from doe.criteria import CRITERIA, UNASKED
 from studies.cli import main
@@ -19,6 +20,7 @@ from studies.document.page import Writer
 from studies.explain.cell_keys import TABLES, forms, keys_of_instrument, meanings, rows
 from studies.explain.text import document_of
 from studies.explain.topics import titles, topic, written
+from studies.research.benchmarks.reading_ease import length, sentences, texts
 
 
 def said(*arguments: str) -> str:
@@ -94,6 +96,17 @@ def test_the_cell_says_what_every_key_of_its_schema_means() -> None:
     assert all(f"{{cell.{table}}}" in text for table in ("", *TABLES))
 
 
+def test_at_most_twenty_words_have_to_be_explained() -> None:
+    assert len(topic_rows("words")) <= 20
+
+
+def test_no_sentence_is_longer_than_thirty_words() -> None:
+    read = {name: text for name, text in texts() if not name.startswith("measured-")}
+    assert {"README", "--help", "cell", "diagnosis"} <= set(read)
+    long = [own for text in read.values() for own in sentences(text) if length(own) > 30]
+    assert not long
+
+
 def test_columns_and_keys_of_instruments_are_told() -> None:
     columns = written()["columns"]
     for name in (*OTHERS, *WRENCH):
@@ -102,6 +115,11 @@ def test_columns_and_keys_of_instruments_are_told() -> None:
     assert keys_of_instrument(Pose.kind) == ("sigma_mm", "sigma_urad", "covariance")
     table = [line for line in topic_rows("instruments") if line.startswith("distance")]
     assert "d_mm sigma_mm, anchor_mm, offset, reach_mm" in table[0]
+
+
+def test_every_kind_of_instrument_that_a_cell_may_have_is_told() -> None:
+    kinds = {line.split()[0] for line in topic_rows("instruments")}
+    assert kinds >= KINDS
 
 
 def test_a_topic_that_is_not_there_names_the_closest() -> None:
@@ -118,6 +136,9 @@ go on.
 - one
   more
 - two
+
+1. first
+2. second
 
 | a | `b` |
 |---|---|
@@ -143,7 +164,16 @@ def test_the_little_markdown() -> None:
     first, then = found.sections
     assert found.headline == (Sentence("What"),)
     texts = [part.text for part in first.parts if isinstance(part, Sentence)]
-    assert texts == ["", "First words go on.", "", "- one more", "- two"]
+    assert texts == [
+        "",
+        "First words go on.",
+        "",
+        "- one more",
+        "- two",
+        "",
+        "1. first",
+        "2. second",
+    ]
     table, lines = first.parts[-2:]
     assert isinstance(table, Table)
     assert [[c.title for c in table.columns], *table.rows] == [["a", "b"], ("1", "x \\| y")]

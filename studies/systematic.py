@@ -13,8 +13,8 @@ def counts(lacking_mm: float, expected_mm: float | None) -> bool:
 
 
 def lacks(lacking_mm: float) -> str:
-    """That the model lacks something systematic, and what to do; follows a colon."""
-    return f"the model lacks {mm(lacking_mm)}. Run `posecal diagnose`"
+    """That the model errs systematically, and what to do; follows a colon."""
+    return f"the model has a systematic error of {mm(lacking_mm)}. Run `posecal diagnose`"
 
 
 def undecided(scatter_mm: float) -> str:

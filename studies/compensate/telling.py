@@ -43,8 +43,8 @@ def told(record: CompensateRecord) -> Document:
 def _headline(record: CompensateRecord) -> Sentence:
     rms = record.rms_mm
     return Sentence(
-        f"Expected error of {plural(len(record.targets), 'target')} ({_PLACES[record.errors_at]}): "
-        f"{mm(rms.before)} RMS before, {mm(rms.expected)} with corrected commands.",
+        f"Expected error at {plural(len(record.targets), 'target')}: {mm(rms.before)} RMS before, "
+        f"{mm(rms.expected)} after correction.",
         "good" if rms.expected < rms.before else "warn",
     )
 
@@ -63,7 +63,8 @@ def _missing(record: CompensateRecord) -> Iterator[Sentence]:
 
 
 def _parts(record: CompensateRecord) -> Iterator[Part]:
-    yield Table(_ERRORS, list(_errors(record)), "Errors at the targets")
+    place = Column[_Error](f"error of the {_PLACES[record.errors_at]}", lambda row: row.label)
+    yield Table((place, *_ERRORS), list(_errors(record)), "Errors at the targets")
     yield Figure(lambda: errors_by_target(record))
     yield from _limited(record)
     commands: tuple[Column[Target], ...] = (
@@ -86,7 +87,6 @@ class _Error:
 
 
 _ERRORS: tuple[Column[_Error], ...] = (
-    Column("distance from the target", lambda row: row.label),
     Column("RMS", lambda row: row.rms, MM, "mm"),
     Column("p95", lambda row: row.p95, MM, "mm"),
     Column("max", lambda row: row.largest, MM, "mm"),

@@ -210,7 +210,7 @@ STEPS: tuple[tuple[str, Callable[[Way], str]], ...] = (
     ("design: which fifteen poses to measure, three at each of five angles of A2", plan),
     ("measure: simulated, free and with 250 kg on the tool", measure),
     ("identify: base, tool, geometry and compliances", fit),
-    ("compare: both approaches of the paper, with simulated experiments", simulate_both),
+    ("compare: marker points and full pose, with simulated experiments", simulate_both),
     ("diagnose: what the model lacks", ask_why),
     ("report", tell),
 )

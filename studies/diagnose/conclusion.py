@@ -19,7 +19,7 @@ _NEXT = {
     "structure": "check these places on the arm: no cause in the catalogue acts like this",
     "too_large": "check that all loads, moves and times are in the table, then visit some poses again",
 }
-_CONFIRM = "measure more poses to confirm it, then run `posecal diagnose` again"
+_CONFIRM = "measure more poses to confirm the causes"
 _ROSE = "first find what differs between held-out and fitted poses: day, load, joint range"
 _SURE = {"established": "confirmed", "likely": "probable"}
 _SINGLY = 3  # causes that a sentence names one by one

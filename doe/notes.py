@@ -87,11 +87,6 @@ def _unguarded(design: Design) -> Iterator[str]:
         yield "obstacles are given but no [robot.capsules_mm]: nothing keeps the arm away from them"
     elif bare and cell.design.floor is not None:
         yield "no [robot.capsules_mm]: markers keep above the floor, the arm need not"
-    elif not cell.capsules:
-        yield (
-            "no [robot.capsules_mm] and no obstacles: poses are not checked against floor, walls and "
-            "the arm itself"
-        )
 
 
 def _shapes(design: Design) -> Iterator[str]:
@@ -103,9 +98,9 @@ def _shapes(design: Design) -> Iterator[str]:
             f"the arm keeps clear of itself by {count} capsules about the shapes in the robot's file; "
             "[robot.capsules_mm] with shapes of yours, or empty, takes their place"
         )
-    if cell.unread:
+    if len(cell.unread) > 1:
         more = f" and {len(cell.unread) - 3} more" if len(cell.unread) > 3 else ""
-        yield f"not checked, as their shape cannot be read: {', '.join(cell.unread[:3])}{more}"
+        yield f"shapes that cannot be read: {', '.join(cell.unread[:3])}{more}"
     for floor in design.problem.constraints:
         if isinstance(floor, Floor) and floor.assumed:
             yield (

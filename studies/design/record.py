@@ -204,6 +204,7 @@ class DesignRecord(Record, Accuracy):
     matches: dict[str, Count | None] = Field(default_factory=dict)
     landscape: Landscape | None = None
     by_pose: tuple[Share, ...] = ()
+    unchecked: str = ""
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -242,6 +243,7 @@ class DesignRecord(Record, Accuracy):
 
 def design_record(found: Design, made_from: Envelope) -> DesignRecord:
     """The record of a design."""
+    from doe.constraints.unchecked import unchecked
     from doe.curve import poses_that_match, stops_paying
 
     problem, judged = found.problem, found.assessment
@@ -283,6 +285,7 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         matches=poses_that_match(found.curve, found) if found.curve else {},
         landscape=_landscape(found),
         by_pose=_by_pose(found),
+        unchecked=unchecked(problem.cell),
     )
 
 

@@ -36,6 +36,7 @@ _WORTH_EXPLAINING = 0.002  # missing efficiency
 def told(record: DesignRecord) -> Document:
     """What was chosen and how good it is; the poses, and what they will determine."""
     headline = (
+        *([Sentence(record.unchecked, "warn")] if record.unchecked else []),
         Sentence(f"{_size(record)}, chosen by criterion {record.criterion}."),
         Sentence(_certificate(record), "good"),
         Sentence(

@@ -46,7 +46,7 @@ def flange_unknown(result: Identification) -> str:
     Where the markers sit on the flange is found together with the arm, so that a flange that is moved
     and markers that are moved back read alike.
     """
-    if not result.model.where(Tool):
+    if not result.model.where(Tool).size:
         return ""
     tip, markers = result.model.robot.tip, result.model.marker_names
     return (

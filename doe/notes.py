@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from calib.arm.odd_limits import odd_limits
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from doe.constraints import Floor
 from doe.constraints.self_collision import SelfCollision
@@ -175,7 +176,12 @@ def _reapproaches(design: Design) -> Iterator[str]:
         )
 
 
+def _odd_limits(design: Design) -> Iterator[str]:
+    yield from odd_limits(design.problem.cell.robot)
+
+
 _NOTES = (
+    _odd_limits,
     _reference,
     _reapproaches,
     _of_type,

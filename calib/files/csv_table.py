@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import difflib
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -172,6 +173,7 @@ def _how_to_name(path: Path, name: str, columns: tuple[str, ...], below: list[st
     if name in (own.strip() for own in below):
         return f"line 1 is a title: delete it, line 2 names the columns; or {_importing(path)}"
     alike = [c for c in columns if c.casefold() == name.casefold()]
+    alike = alike or difflib.get_close_matches(name, columns, n=1, cutoff=0.8)
     if alike:
         return f"write {alike[0]!r} as {name!r}"
     shown = ", ".join(repr(c[:40]) for c in columns[:_SHOWN]) + (" .." if columns[_SHOWN:] else "")

@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from calib.arm.dh import Convention, robot_of_dh
+from calib.arm.odd_limits import odd_limits
 from calib.arm.robot import Robot
 from calib.cell import Form
 from calib.errors import InputError
@@ -137,6 +138,7 @@ def _lacks(form: Form, robot: Robot) -> tuple[str, ...]:
             f"no limits of {names} in the {source}: poses are planned within +-180 deg (+-1 m); give "
             "them in [robot.limits_deg] (or limits_mm)"
         )
+    lacks += odd_limits(robot)
     still = robot.limits[:, 0] == robot.limits[:, 1]
     if still.any():
         names = ", ".join(np.array(robot.joints)[still])

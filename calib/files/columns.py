@@ -137,7 +137,7 @@ def check_known(
                 path,
                 "line 1",
                 f"column {name!r} names no joint of the robot",
-                _meant(name, [f"{j}_{unit}" for j in joints], joints),
+                _meant(name, {f"{j}_{unit}" for j in joints} - {*columns}, joints),
             )
         if name.partition("_")[0] in {c.partition("_")[0] for c in (*WRENCH, *OTHERS)}:
             close = difflib.get_close_matches(name, [*WRENCH, *OTHERS], n=1)
@@ -155,9 +155,9 @@ def check_known(
     return (f"{path}: ignored columns: {', '.join(ignored)}",) if ignored else ()
 
 
-def _meant(name: str, columns: list[str], joints: Iterable[str]) -> str:
-    """The column that is spelt almost so, and the joints that there are."""
-    alike = {column.casefold(): column for column in columns}
+def _meant(name: str, columns: set[str], joints: Iterable[str]) -> str:
+    """The column that is spelt almost so and is not there, and the joints that there are."""
+    alike = {column.casefold(): column for column in sorted(columns)}
     close = difflib.get_close_matches(name.casefold(), alike, n=1, cutoff=_ALIKE)
     meant = f"did you mean {alike[close[0]]!r}? " if close else ""
     return f"{meant}joints are {', '.join(joints)}"

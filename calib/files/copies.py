@@ -57,8 +57,8 @@ def without_copies(table: Table, cell: Cell, data: Measurements, path: Path) -> 
     copied = found.joints & _too_many(data, found, by_chance)
     if copied.any():
         warnings.append(
-            f"{path}: {_named(data, found, copied)} are equal to the last digit: copies, "
-            f"{int(copied.sum())} poses are left out; give only what was measured"
+            f"{path}: {_named(data, found, copied)} are equal to the last digit: copies, and the "
+            "second of each is left out; give only what was measured"
         )
         keep = np.ones(len(data), dtype=bool)
         keep[found.later[copied]] = False

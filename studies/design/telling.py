@@ -153,8 +153,9 @@ def _facts(record: DesignRecord) -> Iterator[Sentence]:
     removed = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in own.removed_by.items() if n)
     by = f" (removed by {removed})" if removed else ""
     yield Sentence(f"{own.feasible} of {own.drawn} feasible{by}", label="candidates")
+    slides = ", a metre of a slide counted as 57" if record.poses[0].joints_mm else ""
     yield Sentence(
-        f"{record.joint_travel_deg:.0f} degrees in this order, of the joint that moves most",
+        f"{record.joint_travel_deg:.0f} degrees in this order, of the joint that moves most{slides}",
         label="travel",
     )
 

@@ -140,7 +140,11 @@ def _below_titles(
     leading = 0
     while leading < min(len(rows), _MOST_TITLES + 1) and not any(map(_numeric, rows[leading])):
         leading += 1
-    if not 2 <= leading <= _FEW * len(rows):
+    if not 1 <= leading <= _FEW * len(rows):
+        return [], rows, lines
+    if 2 * len(rows[leading - 1]) <= len(rows[leading]):  # titles, and no names of columns
+        return [" ".join(row) for row in rows[:leading]], rows[leading:], lines[leading:]
+    if leading == 1:
         return [], rows, lines
     header = leading - 1
     units = rows[header]

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from calib.arm.odd_limits import odd_limits
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from doe.constraints import Floor
 from doe.constraints.self_collision import SelfCollision
@@ -87,11 +88,6 @@ def _unguarded(design: Design) -> Iterator[str]:
         yield "the arm is not checked against the obstacles: [robot.capsules_mm] is missing"
     elif bare and cell.design.floor is not None:
         yield "only the markers are checked against the floor: [robot.capsules_mm] is missing"
-    elif not cell.capsules:
-        yield (
-            "no [robot.capsules_mm] and no obstacles: poses are not checked against floor, walls and "
-            "the arm itself"
-        )
 
 
 def _shapes(design: Design) -> Iterator[str]:
@@ -103,9 +99,9 @@ def _shapes(design: Design) -> Iterator[str]:
             f"the arm is checked against itself by {count} capsules around the shapes in the robot's "
             "file. [robot.capsules_mm] replaces them"
         )
-    if cell.unread:
+    if len(cell.unread) > 1:
         more = f" and {len(cell.unread) - 3} more" if len(cell.unread) > 3 else ""
-        yield f"not checked, as their shape cannot be read: {', '.join(cell.unread[:3])}{more}"
+        yield f"shapes that cannot be read: {', '.join(cell.unread[:3])}{more}"
     for floor in design.problem.constraints:
         if isinstance(floor, Floor) and floor.assumed:
             yield (
@@ -178,7 +174,12 @@ def _reapproaches(design: Design) -> Iterator[str]:
         )
 
 
+def _odd_limits(design: Design) -> Iterator[str]:
+    yield from odd_limits(design.problem.cell.robot)
+
+
 _NOTES = (
+    _odd_limits,
     _reference,
     _reapproaches,
     _of_type,

@@ -87,6 +87,8 @@ class _Part:
             return 1.0
         if against is None:
             return float(chdtrc(self.dof, self.sum))
+        if not against.mean:  # readings that repeat to the last digit
+            return float(not self.sum)
         return float(fdtrc(self.dof, against.dof, self.mean / against.mean))
 
 

@@ -279,8 +279,10 @@ def _narrowed(path: Path, robot: Robot, table: RobotTable) -> Robot:
         for joint, bounds in given.items():
             index = robot.joints.index(joint)
             if bool(robot.prismatic[index]) is not slides:
-                right = "limits_mm" if robot.prismatic[index] else "limits_deg"
-                raise InputError(path, f"robot.{key}.{joint}", f"belongs into [robot.{right}]")
+                right, does = ("limits_deg", "turns") if slides else ("limits_mm", "slides")
+                what = f"joint {joint} {does}: these are limits in another unit"
+                remedy = f"write them in {right.rpartition('_')[2]} under [robot.{right}]"
+                raise InputError(path, f"robot.{key}.{joint}", what, remedy)
             low, high = np.array(bounds) * unit
             limits[index] = max(limits[index, 0], low), min(limits[index, 1], high)
             if limits[index, 0] > limits[index, 1]:

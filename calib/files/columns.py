@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,7 @@ OTHERS = (
 )
 
 _MOST_TURNS = 100.0
+_ALIKE = 0.8  # of names that may be meant for each other
 _SLACK = (1e-3, math.radians(0.05))
 """By how much a reading may pass a limit, m and rad: controllers stop there, and encoders scatter."""
 _RADIANS_LOOK = 2 * math.pi + 0.1  # a whole table of degrees below this is probably radians
@@ -74,12 +76,23 @@ def joint_columns(path: Path, robot: Robot, columns: tuple[str, ...]) -> list[Jo
         own = next((column for column in named if column is not None), None)
         if own is None:
             joint, *masters = sources
+            _refuse_other_unit(path, joint, columns)
             missing = f"no column for joint {joint.joint}"
             missing += "".join(f", nor for {m.master}, which it mimics" for m in masters)
             wanted = " or ".join(name for source in sources[::-1] for name in _named(source))
             raise InputError(path, "line 1", missing, f"add {wanted}")
         found.append(own)
     return found
+
+
+def _refuse_other_unit(path: Path, source: Mimic, columns: tuple[str, ...]) -> None:
+    """Raises InputError for degrees of a joint that slides, and lengths of one that turns."""
+    joint, others = source.master, ANGLES if source.slides else LENGTHS
+    wrong = next((f"{joint}_{unit}" for unit in others if f"{joint}_{unit}" in columns), None)
+    if wrong is not None:
+        does = "slides" if source.slides else "turns"
+        what = f"column {wrong!r} is no unit of joint {joint}, which {does}"
+        raise InputError(path, "line 1", what, f"name it {' or '.join(_named(source))}")
 
 
 def _named(source: Mimic) -> dict[str, float]:
@@ -124,7 +137,7 @@ def check_known(
                 path,
                 "line 1",
                 f"column {name!r} names no joint of the robot",
-                f"joints are {', '.join(joints)}",
+                _meant(name, {f"{j}_{unit}" for j in joints} - {*columns}, joints),
             )
         if name.partition("_")[0] in {c.partition("_")[0] for c in (*WRENCH, *OTHERS)}:
             close = difflib.get_close_matches(name, [*WRENCH, *OTHERS], n=1)
@@ -140,6 +153,14 @@ def check_known(
             raise InputError(path, "line 1", what, remedy)
         ignored.append(name)
     return (f"{path}: ignored columns: {', '.join(ignored)}",) if ignored else ()
+
+
+def _meant(name: str, columns: set[str], joints: Iterable[str]) -> str:
+    """The column that is spelt almost so and is not there, and the joints that there are."""
+    alike = {column.casefold(): column for column in sorted(columns)}
+    close = difflib.get_close_matches(name.casefold(), alike, n=1, cutoff=_ALIKE)
+    meant = f"did you mean {alike[close[0]]!r}? " if close else ""
+    return f"{meant}joints are {', '.join(joints)}"
 
 
 def torque_columns(robot: Robot) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import difflib
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -20,6 +21,8 @@ _REMEDY = "leave the row out if it was not measured"
 _MOST_COLUMNS = 1000
 _COMMENT = re.compile(r"#(\s|#|[^,]*$)")  # a pose may be named #1
 _SHOWN = 6
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
+_DIGITS = re.compile(r"[+-]?[\d.,]+(?:[eE][+-]?\d+)?", re.ASCII)
 LONGEST_LINE = 65_536
 """Characters; a longer line is none of a table of numbers."""
 
@@ -68,7 +71,16 @@ class Table:
             return float(cell)
         except ValueError:
             what = f"{cell[:40]!r} is not a number" if cell.strip() else "is empty"
-            raise self.fault(row, self.columns[column], what, self.remedy) from None
+            remedy = self._remedy(cell.strip(), row)
+            raise self.fault(row, self.columns[column], what, remedy) from None
+
+    def _remedy(self, cell: str, row: int) -> str:
+        """What to do with a text in place of a number."""
+        if _DECIMAL_COMMA.fullmatch(cell):
+            return f"write a decimal point; or {_importing(self.path)}"
+        if row == 0 and not any(_DIGITS.fullmatch(text.strip()) for text in self.rows[0]):
+            return f"line {self.lines[0]} is a second title line: delete it; or {_importing(self.path)}"
+        return self.remedy
 
     def fault(self, row: int, column: str, what: str, remedy: str = "") -> InputError:
         return InputError(self.path, f"line {self.lines[row]}, column {column}", what, remedy)
@@ -112,7 +124,8 @@ def read_table(
         for name in required:
             if name not in columns:
                 what = f"column {name!r} is missing"
-                raise InputError(path, "line 1", what, _how_to_name(name, columns))
+                below = next(reader, [])
+                raise InputError(path, "line 1", what, _how_to_name(path, name, columns, below))
         check(columns)
         for row in reader:
             if not row:
@@ -139,16 +152,28 @@ def read_table(
     return Table(path, columns, rows, lines, remedy)
 
 
+def _importing(path: Path) -> str:
+    """The command that reads what spreadsheets write."""
+    return f"run `posecal import {path.name} -o {path.stem}.new.csv`, which reads that"
+
+
 def _is_json(path: Path) -> bool:
     with path.open(encoding="utf-8-sig") as file:
         return file.read(1) == "{"
 
 
-def _how_to_name(name: str, columns: tuple[str, ...]) -> str:
-    """What to do where a column is missing that the header may have under another name."""
-    if len(columns) == 1 and ";" in columns[0]:
-        return "separate the columns by commas, not by semicolons"
+def _how_to_name(path: Path, name: str, columns: tuple[str, ...], below: list[str]) -> str:
+    """What to do where a column is missing that the header may have under another name.
+
+    below : the next line, which names the columns where the first is a title
+    """
+    for mark, called in ((";", "semicolons"), ("\t", "tabs"), (" ", "blanks")):
+        if name in (own.strip() for own in ",".join(columns).split(mark)):
+            return f"the columns are separated by {called}: {_importing(path)}"
+    if name in (own.strip() for own in below):
+        return f"line 1 is a title: delete it, line 2 names the columns; or {_importing(path)}"
     alike = [c for c in columns if c.casefold() == name.casefold()]
+    alike = alike or difflib.get_close_matches(name, columns, n=1, cutoff=0.8)
     if alike:
         return f"write {alike[0]!r} as {name!r}"
     shown = ", ".join(repr(c[:40]) for c in columns[:_SHOWN]) + (" .." if columns[_SHOWN:] else "")

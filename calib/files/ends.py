@@ -13,6 +13,8 @@ from calib.files.urdf import MOVING
 
 _TIPS = ("tool0", "tcp", "tool", "ee", "eef", "end_effector", "attachment", "flange")
 _GROUND = ("world", "map", "odom", "ground", "footprint")
+_GRIPS = ("gripper", "grip", "finger", "jaw", "claw", "knuckle", "thumb", "hand")
+_TURNS = ("wrist", "roll", "yaw", "pitch", "rotat", "twist")  # a gripper that turns is on the arm
 
 
 @dataclass(eq=False)
@@ -87,9 +89,11 @@ def _measure(root: Node) -> None:
 def _ends(path: Path, root: Node) -> Ends:
     """Follow the longest row of joints, past a head or wheels, up to a hand.
 
-    Where several rows part, those with no more joints than the way to them are fingers.
+    Where several rows part, those with no more joints than the way to them are fingers. Of one row the
+    joints from the first one that opens a gripper on are left out.
     """
-    before, last, notes, node, taken = [root], None, [], root, 0
+    row: list[Node] = []
+    before, notes, node, taken = [root], [], root, 0
     while moving := [child for child in node.children if child.longest]:
         chosen = max(moving, key=lambda child: child.longest)
         if len(moving) > 1 and chosen.longest <= taken:
@@ -101,17 +105,62 @@ def _ends(path: Path, root: Node) -> Ends:
                 f"arms of one length part at {node.name!r}: took that of {_first_moving(chosen)}, "
                 f"not of {others}; --tip takes another"
             )
-        if len(moving) > 1 and last is None:
+        if len(moving) > 1 and not row:
             before = [node]
         node, taken = chosen, taken + len(chosen.joints)
         if node.joints:
-            last = node
-        elif last is None:
+            row.append(node)
+        elif not row:
             before.append(node)
-    if last is None:
+    if not row:
         raise InputError(path, "", "has no moving joint", "is it the file of an arm?")
+    arm = _arm_of(row)
+    if gripping := row[len(arm) :]:
+        names = ", ".join(joint for own in gripping for joint in own.joints)
+        within = f"; --tip {gripping[-1].name} takes all" if gripping[-1].name else ""
+        notes.append(f"the arm ends before {names}, which moves a gripper{within}")
     every = tuple(joint for own in _all(root) for joint in own.joints)
-    return Ends(_base(before), _tip(path, last), every, tuple(notes))
+    return Ends(_base(before), _tip(path, arm[-1]), every, tuple(notes))
+
+
+def _arm_of(row: list[Node]) -> list[Node]:
+    """The nodes that joints of the arm move, without those that open and close a gripper.
+
+    A gripper's joint is named so, or it is the last one and the end effector hangs beside it. The name
+    of a link tells nothing: what a wrist turns may well be called a gripper.
+    """
+    gripping = [any(map(_named_of_gripper, node.joints)) for node in row]
+    if any(gripping) and not gripping[0]:
+        return row[: gripping.index(True)]
+    if len(row) > 1:
+        beside = [own for own in _rigid(row[-2]) if row[-1] not in _all(own)]
+        if any(_named_like_tool(own.name) for own in beside):
+            return row[:-1]
+    return row
+
+
+def _named_of_gripper(name: str) -> bool:
+    """Whether a word of the name, in snake or camel case, is of a gripper that opens.
+
+    >>> [_named_of_gripper(n) for n in ("jointGripper", "moving_jaw_1", "GripperYaw", "handle")]
+    [True, True, False, False]
+    """
+    words = re.findall(r"[A-Z]?[a-z]+|[A-Z]+", name)
+    lower = [word.lower() for word in words]
+    turns = any(word.startswith(_TURNS) for word in lower)
+    return not turns and any(word.rstrip("s") in _GRIPS for word in lower)
+
+
+def _named_like_tool(name: str) -> bool:
+    return any(re.search(rf"(^|[_-]){word}($|[_-])", name.lower()) for word in _TIPS)
+
+
+def _rigid(node: Node) -> list[Node]:
+    """The node and all that hangs on it without a joint, the nearest first."""
+    rigid = [node]
+    for own in rigid:  # grows
+        rigid += [child for child in own.children if not child.joints]
+    return rigid
 
 
 def _first_moving(node: Node) -> str:
@@ -129,9 +178,7 @@ def _base(before: list[Node]) -> str:
 
 def _tip(path: Path, last: Node) -> str:
     """What is named like a tool, else the end of the one rigid line."""
-    rigid = [last]
-    for node in rigid:  # grows, the nearest first
-        rigid += [child for child in node.children if not child.joints]
+    rigid = _rigid(last)
     for word in _TIPS:
         for node in rigid:
             if re.search(rf"(^|[_-]){word}($|[_-])", node.name.lower()):

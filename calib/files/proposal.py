@@ -9,9 +9,11 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from calib.arm.dh import Convention, robot_of_dh
+from calib.arm.odd_limits import odd_limits
 from calib.arm.robot import Robot
 from calib.cell import Form
 from calib.errors import InputError
+from calib.files.collision import urdf_shapes
 from calib.files.dh import dh_text
 from calib.files.ends import Ends, mjcf_ends, urdf_ends
 from calib.files.mjcf_tree import read_mjcf
@@ -78,6 +80,8 @@ def propose(
     held = tuple(joint for joint in moving if joint not in (*robot.joints, *robot.told))
     notes += tuple(f"{m.joint} follows {m.master}, which the table tells" for m in robot.mimics)
     lacks = _lacks(form, robot)
+    if form == "urdf":
+        lacks += _absent(urdf_shapes(path, base, tip).unread)
     return Proposal(form, convention, robot_files(form, path), robot, held, "", notes, lacks)
 
 
@@ -113,6 +117,17 @@ def _of_calibration(path: Path, base: str, tip: str, model: str) -> Proposal:
     return Proposal("dh", "classic", (path,), robot, (), dh_text(table), (note,), lacks)
 
 
+def _absent(unread: tuple[str, ...]) -> tuple[str, ...]:
+    """Shapes that cannot be read, which nobody would miss before two links meet."""
+    if not unread:
+        return ()
+    more = f" and {len(unread) - 1} more" if len(unread) > 1 else ""
+    return (
+        f"no shape of {unread[0]}{more}: no collision is checked there; put the meshes "
+        "where the URDF says, or give [robot.capsules_mm]",
+    )
+
+
 def _lacks(form: Form, robot: Robot) -> tuple[str, ...]:
     lacks = []
     source = {"urdf": "URDF", "mjcf": "MJCF", "dh": "DH table"}.get(form, "kinematics file")
@@ -123,6 +138,7 @@ def _lacks(form: Form, robot: Robot) -> tuple[str, ...]:
             f"no limits of {names} in the {source}: poses are planned within +-180 deg (+-1 m); give "
             "them in [robot.limits_deg] (or limits_mm)"
         )
+    lacks += odd_limits(robot)
     still = robot.limits[:, 0] == robot.limits[:, 1]
     if still.any():
         names = ", ".join(np.array(robot.joints)[still])

@@ -57,7 +57,11 @@ def reading_columns(
         if not present:
             bare = f"column {name!r} has no unit"
             what = bare if name in columns else f"column {named[0][0]} is missing"
+            alike = {own.casefold(): own for own in columns}
+            other = next((alike[n.casefold()] for n, _ in named if n.casefold() in alike), None)
             titles = " or ".join(n for n, _ in named)
+            if other is not None and other != name:
+                titles = f"{other.lower()} and not {other!r}"
             raise InputError(path, "line 1", what, f"name it {titles}")
         found.append(present[0])
     return found

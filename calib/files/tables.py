@@ -23,6 +23,7 @@ from calib.files.columns import (
     joint_warnings,
     torque_columns,
 )
+from calib.files.copies import without_copies
 from calib.files.csv_table import LONGEST_LINE, Table, read_table
 from calib.files.payload_twice import refuse_payload_twice
 from calib.files.readings import reading_columns, reading_names, readings_of, sites_of
@@ -76,7 +77,8 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
             f"{path}: no reading bears a load, though joints repeat and the cell has a [load]; that "
             "one is for plans: readings under load need columns fx_N .. mz_Nm"
         )
-    return Measurements(poses, readings, seen, sigma, tuple(warnings))
+    data = Measurements(poses, readings, seen, sigma, tuple(warnings))
+    return without_copies(table, cell, data, path)
 
 
 def _number_in_order(

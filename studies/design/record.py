@@ -205,6 +205,7 @@ class DesignRecord(Record, Accuracy):
     matches: dict[str, Count | None] = Field(default_factory=dict)
     landscape: Landscape | None = None
     by_pose: tuple[Share, ...] = ()
+    unchecked: str = ""
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -243,6 +244,7 @@ class DesignRecord(Record, Accuracy):
 
 def design_record(found: Design, made_from: Envelope) -> DesignRecord:
     """The record of a design."""
+    from doe.constraints.unchecked import unchecked
     from doe.curve import poses_that_match, stops_paying
     from doe.visits.order import travel
 
@@ -287,6 +289,7 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         matches=poses_that_match(found.curve, found) if found.curve else {},
         landscape=_landscape(found),
         by_pose=_by_pose(found),
+        unchecked=unchecked(problem.cell),
     )
 
 

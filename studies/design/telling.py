@@ -36,12 +36,9 @@ _WORTH_EXPLAINING = 0.002  # missing efficiency
 def told(record: DesignRecord) -> Document:
     """What was chosen and how good it is; the poses, and what they will determine."""
     headline = (
+        *([Sentence(record.unchecked, "warn")] if record.unchecked else []),
         Sentence(_size(record)),
         Sentence(_certificate(record), "good"),
-        Sentence(
-            f"Expected error at the targets after calibration: {mm(record.task_rms_mm)} RMS, "
-            f"{mm(record.task_worst_mm)} at worst."
-        ),
     )
     section = Section("plan", "The plan and its proof", tuple(_parts(record)))
     return Document(headline, (section,))
@@ -57,7 +54,10 @@ def _size(record: DesignRecord) -> str:
         said += f" and {plural(len(record.reapproaches.again), 'repeat visit')}"
     if record.extends is not None:
         said += f" beside {record.extends} already measured"
-    return f"{said} for {plural(len(record.predicted_std), 'parameter')}."
+    return (
+        f"{said}. Expected error at the targets: {mm(record.task_rms_mm)} RMS, "
+        f"{mm(record.task_worst_mm)} at worst."
+    )
 
 
 def _certificate(record: DesignRecord) -> str:
@@ -96,6 +96,7 @@ def _parts(record: DesignRecord) -> Iterator[Part]:
 
 
 def _proof(record: DesignRecord) -> Iterator[Part]:
+    yield Sentence(plural(len(record.predicted_std), "parameter"), label="determines")
     beyond = "above" if record.larger_is_better else "below"
     yield Sentence(
         f"{FOUR(record.value)} {record.criterion_unit}; no plan is {beyond} {FOUR(record.bound)}",

@@ -8,11 +8,13 @@ from pathlib import Path
 from calib import Cell, Identification
 from calib.arm.dh import Convention
 from calib.cell import Form
+from calib.effects.tool import Tool
 from calib.errors import InputError
 from calib.files.lenses import camera_named, lens_found
 from calib.files.robot_out import corrected_robot, not_rigid
 from calib.files.zero_offsets import zero_offsets, zero_offsets_csv
 from calib.instruments import Camera
+from studies.document import listed
 
 
 def robot_texts(
@@ -24,16 +26,41 @@ def robot_texts(
     """The files of the corrected robot, and lines on what they do not hold. Raises InputError."""
     corrections = result.model.constant_displacements(result.values)
     markers = dict(zip(result.model.marker_names, result.marker_positions, strict=True))
+    flange = flange_unknown(result)
     texts, lines = {}, []
     for form, path in robots.items():
         if path is not None:
             made = corrected_robot(cell, form, corrections, markers, path, convention)
-            texts[path] = made.text
+            texts[path] = _headed(made.text, flange) if form == "urdf" else made.text
+            lines += [f"{path}: {flange}"] if flange else []
             lines += [f"{path} {lack}" for lack in made.lacks]
     names = not_rigid(result.model)
     if names and texts:
         lines.append(f"the robot written is rigid, without {', '.join(names)}")
     return texts, lines
+
+
+def flange_unknown(result: Identification) -> str:
+    """What a written robot knows of its flange where only markers were measured; "" with known markers.
+
+    Where the markers sit on the flange is found together with the arm, so that a flange that is moved
+    and markers that are moved back read alike.
+    """
+    if not result.model.where(Tool).size:
+        return ""
+    tip, markers = result.model.robot.tip, result.model.marker_names
+    return (
+        f"KNOWN are the markers ({listed(markers)}), NOT KNOWN is the flange {tip}: its place on the "
+        "last link is the nominal one, which these readings do not show. Program to the markers, or "
+        "measure markers whose places on the flange are known"
+    )
+
+
+def _headed(text: str, comment: str) -> str:
+    """An XML text with a comment below its declaration."""
+    first, rest = text.split("\n", 1)
+    safe = comment.replace("--", "__")
+    return f"{first}\n<!-- {safe} -->\n{rest}" if comment else text
 
 
 def offsets_file(

@@ -18,10 +18,11 @@ if TYPE_CHECKING:
 @click.command("import")
 @click.argument("points", metavar="POINTS...", nargs=-1, required=True,
                 type=PATH)  # fmt: skip
-@click.option("--joints", "joints_path", metavar="FILE", required=True,
+@click.option("--joints", "joints_path", metavar="FILE",
               type=PATH,
               help="Joint values of each pose: a table with a header (pose,A1_deg,..), or a list of "
-                   "KUKA axis values.")  # fmt: skip
+                   "KUKA axis values. Without it POINTS is one whole table of pose, marker, joints and "
+                   "points.")  # fmt: skip
 @click.option("-o", "--output", "table_path", metavar="TABLE", required=True,
               type=PATH, help="Write the joined table to this file.")  # fmt: skip
 @click.option(
@@ -76,7 +77,7 @@ if TYPE_CHECKING:
 @one_line_faults
 def import_(
     points: tuple[Path, ...],
-    joints_path: Path,
+    joints_path: Path | None,
     table_path: Path,
     names: str | None,
     marker: str | None,
@@ -106,11 +107,14 @@ def import_(
 
     Images, or a folder of images, with --board. They are named as the poses of the joint file.
 
+    One whole table with tabs, semicolons or decimal commas, without --joints.
+
     The order of the joint file is taken as the order of measurement.
 
     \b
     Examples:
       posecal import tracker.txt --joints joints.csv --cell cell.toml -o day.csv
+      posecal import day.txt -o day.csv
       posecal import takes/*.csv --joints joints.csv --cell cell.toml -o day.csv
       posecal import s.yaml --joints q.yaml --eye in-hand --marker eye -o day.csv
       posecal import images --board b --joints q.csv --cell cell.toml -o day.csv
@@ -125,6 +129,9 @@ def import_(
 
     cell = None if cell_path is None else calib.load_cell(cell_path)
     files = image_files(points) if boards else list(points)
+    if joints_path is None:
+        _import_whole(files, table_path, cell, json_path)
+        return
     inputs = [*files, joints_path, *([] if cell is None else [cell.path, *cell.robot_files])]
     check_outputs([table_path, output_file(json_path)], inputs)
     robot = None if cell is None else cell.robot
@@ -150,6 +157,27 @@ def import_(
     made_from = envelope("" if cell is None else cell.name, inputs)
     record = import_record(lists, joints, joined, warnings, made_from)
     deliver(record, json_path, files={table_path: table})
+
+
+def _import_whole(
+    files: list[Path], table_path: Path, cell: Cell | None, json_path: str | None
+) -> None:
+    """Write one whole table anew, as ``measurements.csv`` is written. Raises InputError."""
+    from calib.errors import InputError
+    from calib.files.exports.whole import read_whole
+    from calib.files.write_tables import csv_text
+    from studies.imports.record import whole_record
+    from studies.record import envelope
+
+    if len(files) != 1:
+        raise InputError("--joints", "", "is missing", "give the joint values of the poses")
+    inputs = [*files, *([] if cell is None else [cell.path, *cell.robot_files])]
+    check_outputs([table_path, output_file(json_path)], inputs)
+    whole = read_whole(files[0])
+    table = csv_text(whole.columns, whole.rows)
+    warnings = () if cell is None else _read_back(cell, table, table_path, True)
+    made_from = envelope("" if cell is None else cell.name, inputs)
+    deliver(whole_record(whole, warnings, made_from), json_path, files={table_path: table})
 
 
 def _only_body(cell: Cell | None) -> str | None:

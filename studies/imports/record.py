@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from pydantic import Field
 
+from calib.files.exports.joints import UNITS
 from studies.record import Count, Entry, Envelope, Record
 
 if TYPE_CHECKING:
     from calib.files.exports import Joined, JointTable, PointList
+    from calib.files.exports.whole import WholeTable
 
 
 class ReadList(Entry):
@@ -86,6 +89,41 @@ def import_record(
         poses_without_joints=joined.without_joints,
         points_left_out=joined.strays,
         notes=joined.notes,
+    )
+
+
+def whole_record(whole: WholeTable, warnings: tuple[str, ...], made_from: Envelope) -> ImportRecord:
+    """The record of a table that was whole already."""
+    pose = whole.columns.index("pose")
+    marker = whole.columns.index("marker") if "marker" in whole.columns else None
+    units = {name: name.rpartition("_")[2] for name in whole.columns}
+    points = [name for name in whole.columns if name.partition("_")[0] in ("x", "y", "z")]
+    joints = [n for n, unit in units.items() if unit in UNITS and n not in points]
+    return ImportRecord(
+        **made_from,
+        warnings=warnings,
+        names="as the columns say",
+        names_tried={},
+        poses=len({row[pose] for row in whole.rows}),
+        points=len(whole.rows),
+        markers={} if marker is None else dict(Counter(row[marker] for row in whole.rows)),
+        columns=whole.columns,
+        lists=(
+            ReadList(
+                file=str(whole.path),
+                points=len(whole.rows),
+                columns=whole.columns,
+                unit=", ".join(sorted({units[name] for name in points})) or "none",
+                unit_from="stated in the file",
+                ignored_columns=(),
+            ),
+        ),
+        joints=tuple(joints),
+        ignored_joint_columns=(),
+        poses_without_points=(),
+        poses_without_joints={},
+        points_left_out=(),
+        notes=(),
     )
 
 

@@ -33,6 +33,7 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
     import calib
     from calib.errors import InputError
     from calib.files.read import sha256
+    from doe.constraints.unchecked import unchecked
     from studies.programs.languages import LANGUAGES, plan_stops
     from studies.programs.record import ProgramRecord
     from studies.programs.stops import plain_text
@@ -52,7 +53,9 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
     check_outputs([program_path, output_file(json_path)], inputs)
     stops = plan_stops(cell, calib.load_plan(cell, plan_path), str(plan_path))
     made_from = envelope(cell.name, inputs, about=cell.about)
+    warning = unchecked(cell)
     head = (
+        *([plain_text(warning, len(warning))] if warning else []),
         f"Written by posecal {made_from['version']} from {plain_text(plan_path.name)}, "
         f"sha256 {sha256(plan_path)[:16]}",
         f"Cell {plain_text(cell.name)}, {len(stops)} poses",
@@ -64,5 +67,6 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
         poses=tuple(stop.name for stop in stops),
         stops=sum(len(stop.tasks) for stop in stops),
         notes=made.notes,
+        unchecked=warning,
     )
     deliver(record, json_path, files={program_path: made.text})

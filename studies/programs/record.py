@@ -11,6 +11,7 @@ class ProgramRecord(Record):
     """A plan as a robot program: the poses by their names in it, and how often it stops at them.
 
     program : the file; stops : one at each pose, or one free and one loaded
+    unchecked : that poses are not checked for collisions, empty where they are
     """
 
     command: Literal["program"] = "program"
@@ -18,3 +19,4 @@ class ProgramRecord(Record):
     poses: tuple[str, ...]
     stops: Count
     notes: tuple[str, ...]
+    unchecked: str = ""

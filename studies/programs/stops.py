@@ -90,13 +90,13 @@ def head_lines(cell: Cell, axes: Sequence[str]) -> list[str]:
     ]
 
 
-def plain_text(text: str) -> str:
+def plain_text(text: str, longest: int = _LONGEST_NAME) -> str:
     """Letters, digits and harmless signs of a name; all else becomes ``_``, and it is cut short.
 
     >>> plain_text('p1"); halt()' + chr(10) + 'END')
     'p1_)_ halt()_END'
     """
-    return re.sub(r"[^A-Za-z0-9 _.:,=+()@%-]", "_", text)[:_LONGEST_NAME]
+    return re.sub(r"[^A-Za-z0-9 _.:,=+()@%-]", "_", text)[:longest]
 
 
 def _check_limits(cell: Cell, q: Array, pose: str, source: str) -> None:

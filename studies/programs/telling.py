@@ -12,4 +12,5 @@ def told(record: ProgramRecord) -> Document:
     each = "free and loaded at each" if loaded else "one at each"
     stops = Sentence(f"{len(record.poses)} poses, {record.stops} stops to measure ({each})")
     parts = (stops, *labelled("note", record.notes))
-    return Document((), (Section("program", "A robot program of the plan", parts),))
+    unchecked = [Sentence(record.unchecked, "warn")] if record.unchecked else []
+    return Document(tuple(unchecked), (Section("program", "A robot program of the plan", parts),))

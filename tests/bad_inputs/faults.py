@@ -8,6 +8,7 @@ from tests.bad_inputs.edits import (
     Edit,
     added,
     column,
+    earlier,
     effects,
     exchanged,
     field,
@@ -15,6 +16,7 @@ from tests.bad_inputs.edits import (
     line,
     lines,
     no_rows_with,
+    plus,
     swap,
     times,
     whole,
@@ -37,6 +39,9 @@ class Fault:
 
 
 _IDENTIFY = "identify cell.toml measurements.csv"
+
+
+_UNITS = "deg,deg,deg,deg,deg,deg,mm,mm,mm,N,N,N,Nm,Nm,Nm"
 
 
 def _in(file: str, call: str, cases: dict[str, Edit]) -> list[Fault]:
@@ -62,6 +67,13 @@ MEASUREMENTS = _in(
         "a column twice": header("fx_N", "fy_N"),
         "no column of poses": header("pose", "point"),
         "semicolons in place of commas": lambda t: t.replace(",", ";"),
+        "tabs in place of commas": lambda t: t.replace(",", "\t"),
+        "a title above the columns' names": lambda t: "Report of the day\n" + t,
+        "a line of units below them": lambda t: line(1, lambda h: f"{h}\n,,{_UNITS}")(t),
+        "a column with one letter missing": header("marker", "markr"),
+        "a joint's name in small letters": header("A1_deg", "a1_deg"),
+        "a length for a joint that turns": header("A1_deg", "A1_mm"),
+        "a point's column in capital letters": header("x_mm", "X_mm"),
         "a decimal comma": field(5, "x_mm", '"1,5"'),
         "a word for a number": field(5, "x_mm", "abc"),
         "a number of another base": field(5, "x_mm", "0x1F"),
@@ -110,6 +122,8 @@ IMPLAUSIBLE = [
             "points in metres": times(1e-3, *_POINTS),
             "points in inches": times(1.0 / 25.4, *_POINTS),
             "a joint that runs the other way": times(-1.0, "A5_deg"),
+            "a zero off by 90 degrees": plus(90.0, "A3_deg"),
+            "points one pose too early": earlier(3, *_POINTS),
             "two joints swapped": exchanged("A4_deg", "A6_deg"),
             "two markers exchanged in one reading": lambda t: field(3, "marker", "m1")(
                 field(2, "marker", "m2")(t)

@@ -243,3 +243,75 @@ def test_images_of_a_board(tmp_path: Path) -> None:
         assert wrong.exit_code == 2
         assert said in wrong.stderr
         assert wrong.stderr.count("\n") == 1
+
+
+def _in_quotes(text: str) -> str:
+    head, *rows = text.strip().split("\n")
+    shown = [[f'"{f.replace(".", ",")}"' if "." in f else f for f in r.split(",")] for r in rows]
+    return "\n".join([head, *map(",".join, shown), ""])
+
+
+def _units_below(text: str) -> str:
+    head, rest = text.split("\n", 1)
+    parted = [name.rpartition("_")[::2] if "_" in name else (name, "") for name in head.split(",")]
+    names, units = (",".join(own) for own in zip(*parted, strict=True))
+    return f"{names}\n{units.replace('N,N,N,Nm,Nm,Nm', ',,,,,')}\n{rest}"
+
+
+_WRITTEN = {
+    "tabs": lambda t: t.replace(",", "\t"),
+    "semicolons and decimal commas": lambda t: t.replace(",", ";").replace(".", ","),
+    "decimal commas in quotes": _in_quotes,
+    "blanks": lambda t: t.replace(",", " "),
+    "a title": lambda t: "Report of the day\n" + t,
+    "two titles": lambda t: f"Report of the day,,,\nOperator: nobody,,\n{t}",
+    "Windows": lambda t: t.replace(",", ";").replace("\n", "\r\n"),
+}
+
+
+@pytest.mark.parametrize("how", _WRITTEN)
+def test_a_whole_table_is_read_as_it_was_meant(folder: Path, tmp_path: Path, how: str) -> None:
+    (tmp_path / "day.txt").write_text(
+        _WRITTEN[how]((folder / "measured.csv").read_text()), newline=""
+    )
+    done = run(tmp_path / "day.txt", "--cell", folder / "cell.toml", "-o", tmp_path / "new.csv",
+               "--json", tmp_path / "new.json")  # fmt: skip
+    assert done.exit_code == 0, done.output
+    cell = calib.load_cell(folder / "cell.toml")
+    ours, truth = (
+        calib.load_measurements(cell, p) for p in (tmp_path / "new.csv", folder / "measured.csv")
+    )
+    assert ours.poses.names == truth.poses.names
+    np.testing.assert_array_equal(ours.poses.q, truth.poses.q)
+    np.testing.assert_array_equal(ours.readings, truth.readings)
+    fields = json.loads((tmp_path / "new.json").read_text(), parse_constant=pytest.fail)
+    assert (fields["poses"], fields["points"]) == (30, 90)
+    assert fields["markers"] == {"m1": 30, "m2": 30, "m3": 30}
+
+
+def test_units_in_a_line_of_their_own(folder: Path, tmp_path: Path) -> None:
+    text = (folder / "measured.csv").read_text()
+    head, *rows = (line.split(",") for line in text.strip().split("\n"))
+    kept = [i for i, name in enumerate(head) if not name.endswith(("_N", "_Nm"))]
+    plain = "\n".join(",".join(own[i] for i in kept) for own in (head, *rows)) + "\n"
+    (tmp_path / "day.csv").write_text(_units_below(plain))
+    assert run(tmp_path / "day.csv", "-o", tmp_path / "new.csv").exit_code == 0
+    assert (tmp_path / "new.csv").read_text().split("\n")[0] == plain.split("\n")[0]
+
+
+def test_titles_above_an_export(folder: Path, tmp_path: Path) -> None:
+    points = (folder / "points.txt").read_text()
+    (tmp_path / "points.txt").write_text(f"Report, of the day\nGroup, list\n{points}")
+    joints = (folder / "joints.csv").read_text()
+    (tmp_path / "joints.csv").write_text(f"Robot\nStation\n{joints}")
+    done = run(tmp_path / "points.txt", "--joints", tmp_path / "joints.csv", "--unit", "mm",
+               "--cell", folder / "cell.toml", "-o", tmp_path / "new.csv")  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "30 poses, 90 points" in done.output
+
+
+def test_points_alone_are_no_whole_table(folder: Path, tmp_path: Path) -> None:
+    done = run(folder / "points.txt", "-o", tmp_path / "new.csv")
+    assert done.exit_code == 2
+    assert "give the joints by --joints FILE" in done.output
+    assert not (tmp_path / "new.csv").exists()

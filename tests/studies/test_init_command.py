@@ -140,6 +140,34 @@ def test_a_repeatability_is_proposed_and_not_taken(tmp_path: Path) -> None:
             "arms of one length part at 'torso': took that of a, not of c; --tip takes another",
         ),
         ("b>l1:a:revolute l1>flange:f:fixed flange>my_tool:t:fixed", "b", "my_tool", ""),
+        (
+            "b>l1:pan:revolute l1>gripper_link:wrist_roll:revolute gripper_link>frame:f:fixed "
+            "gripper_link>moving_jaw:gripper:revolute",
+            "b",
+            "gripper_link",
+            "the arm ends before gripper, which moves a gripper; --tip moving_jaw takes all",
+        ),
+        (
+            "b>l1:joint1:revolute l1>stator:s:fixed stator>mover:jointGripper:revolute",
+            "b",
+            "stator",
+            "1 joints from b to stator: joint1; held at zero: jointGripper",
+        ),
+        (
+            "b>l1:a:revolute l1>ft:b:fixed ft>drive:gripper_left_joint:revolute "
+            "drive>finger:inner_single_joint:revolute",
+            "b",
+            "ft",
+            "the arm ends before gripper_left_joint, inner_single_joint",
+        ),
+        (
+            "b>l1:a:revolute l1>tool0:t:fixed l1>slider:j2:prismatic",
+            "b",
+            "tool0",
+            "the arm ends before j2, which moves a gripper; --tip slider takes all",
+        ),
+        ("b>l1:a:revolute l1>hand:HandYaw:revolute", "b", "hand", "2 joints from b to hand"),
+        ("b>l1:finger_1:revolute l1>l2:finger_2:revolute", "b", "l2", "2 joints from b to l2"),
     ],
 )
 def test_where_an_arm_begins_and_ends(
@@ -152,6 +180,20 @@ def test_where_an_arm_begins_and_ends(
     assert (cell.robot.base, cell.robot.tip) == (base, tip)
     assert said in " ".join(done.stdout.split())
     assert "no link masses" in done.stderr
+
+
+def test_limits_in_degrees_and_absent_meshes(tmp_path: Path) -> None:
+    text = urdf("b>l1:a:prismatic l1>l2:c:revolute l2>tool0:t:fixed")
+    text = text.replace('lower="-1" upper="1"', 'lower="-180" upper="180"')
+    mesh = '<collision><geometry><mesh filename="arm.stl"/></geometry></collision>'
+    text = text.replace('<link name="l2"/>', f'<link name="l2">{mesh}</link>')
+    (tmp_path / "arm.urdf").write_text(text)
+    done = init(tmp_path / "arm.urdf", "-o", tmp_path)
+    assert done.exit_code == 0, done.output
+    said = done.stderr
+    assert "the limits of a, -180 .. 180 m, are too far apart for a slide" in said
+    assert "the limits of c, -180 .. 180 rad, are 57 turns" in said
+    assert "no shape of l2 (arm.stl is not there)" in said
 
 
 def test_ends_of_ones_own(tmp_path: Path) -> None:

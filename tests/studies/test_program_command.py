@@ -106,6 +106,23 @@ def test_a_cell_without_load_has_one_stop_a_pose(folder: Path) -> None:
     assert "hang" not in text
 
 
+@pytest.mark.parametrize("ending", [".src", ".script", ".mod", ".ls"])
+def test_poses_that_nothing_checked_are_said_in_the_first_line(folder: Path, ending: str) -> None:
+    cell, urdf = folder / "cell.toml", folder / "kr270.urdf"
+    assert not calib.load_cell(cell).capsules.keys() - {"base"}
+    done = run(cell, folder / "plan.csv", "-o", folder / f"p{ending}")
+    assert "The poses are not checked for collisions, as the arm has no shape" in done.output
+    mesh = '<collision><geometry><mesh filename="one; HALT.stl"/></geometry></collision>'
+    urdf.write_text(urdf.read_text().replace('<link name="link_2">', f'<link name="link_2">{mesh}'))
+    done = run(cell, folder / "plan.csv", "-o", folder / f"q{ending}")
+    assert done.exit_code == 0, done.output
+    assert "link_2 (one; HALT.stl is not there)" in " ".join(done.output.split())
+    text = re.sub(r" ;\n *\d+:  !", " ", (folder / f"q{ending}").read_text())
+    first = next(line for line in text.splitlines() if re.search(r"(;|#|!) ?[A-Z]", line))
+    assert "The poses are not checked for collisions, as shapes cannot be read: link_2" in first
+    assert "one; HALT" not in text
+
+
 PRINTED = 'p"); halt() PTP {A1 0}; $OV_PRO=100 \\" &<>#'
 HOSTILE = f"{PRINTED}\nHALT\r\nPTP {{A1 0}}\u2028\x7f\x1b[2J"
 

@@ -68,7 +68,7 @@ def read_joints(
         raise InputError(
             path, "line 1", "names no columns", "begin with a header, as in pose,A1_deg,A2_deg"
         )
-    titles = [_title(text) for text in sheet.header]
+    titles = [titled(text) for text in sheet.header]
     for title in titles:
         if titles.count(title) > 1:
             raise InputError(path, "header", f"column {title!r} stands twice", "rename one")
@@ -94,7 +94,7 @@ def _sheet(path: Path) -> Sheet:
     return axis_sheet(path, text_lines(path)) or read_sheet(path)
 
 
-def _title(text: str) -> str:
+def titled(text: str) -> str:
     """``A1 [deg]`` and ``A1 (deg)`` as ``A1_deg``."""
     match = _BRACKETS.fullmatch(text)
     if match is None:

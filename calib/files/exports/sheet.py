@@ -14,11 +14,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import InputError
+from calib.files.exports.units import is_unit
 
 _LARGEST_FILE = 20_000_000  # bytes, some 300 000 points; they take half a gigabyte
 _LONGEST_LINE = 65_536  # characters
 _COMMENTS = ("//", "#", "'")
 _SAMPLE = 50  # lines that decide on the separator
+_MOST_TITLES = 5  # lines above the first number
+_FEW = 0.5  # of the lines at most are titles: else names stand where numbers should
 _LARGEST_NUMBER = 1e12  # in any unit
 
 NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,3})?", re.ASCII)
@@ -68,6 +71,10 @@ class Sheet:
         except csv.Error:
             return ()
 
+    def pointed(self, text: str) -> str:
+        """A number with a decimal point; any other text as it is."""
+        return self._pointed(text) or text
+
     def fault(self, row: int, what: str, remedy: str = "") -> InputError:
         return InputError(self.path, f"line {self.lines[row]}", what, remedy)
 
@@ -89,15 +96,16 @@ def read_sheet(path: Path) -> Sheet:
             numbered.append((number, line))
     if not numbered:
         raise InputError(path, "", "holds no data", "export it again")
-    separator = _separator([line for _, line in numbered[:_SAMPLE]])
+    below = _MOST_TITLES if len(numbered) > 2 * _MOST_TITLES else 0
+    separator = _separator([line for _, line in numbered[below : below + _SAMPLE]])
     rows: list[list[str]] = []
     for number, line in numbered:
         try:
             rows.append(_fields(line, separator))
         except csv.Error as error:
             raise InputError(path, f"line {number}", f"cannot be split ({error})") from None
-    lines = [number for number, _ in numbered]
-    return made_sheet(path, comments, rows, lines, separator)
+    titles, rows, lines = _below_titles(rows, [number for number, _ in numbered])
+    return made_sheet(path, [*comments, *titles], rows, lines, separator)
 
 
 def made_sheet(
@@ -113,13 +121,52 @@ def made_sheet(
             raise InputError(
                 path, f"line {number}", what, "separate fields alike, quote names with blanks"
             )
-    decimal = _decimal(path, rows, lines) if separator != "," else "."
+    decimal = _decimal(path, rows, lines)  # between commas only a quoted field holds one
     sheet = Sheet(path, tuple(comments), None, rows, lines, separator, decimal)
     if any(sheet._pointed(field) is not None for field in rows[0]):
         return sheet
     if len(rows) == 1:
         raise InputError(path, "", "has a header and no rows", "export it again")
     return Sheet(path, tuple(comments), tuple(rows[0]), rows[1:], lines[1:], separator, decimal)
+
+
+def _below_titles(
+    rows: list[list[str]], lines: list[int]
+) -> tuple[list[str], list[list[str]], list[int]]:
+    """Titles above the names of the columns, and the rows from these names on.
+
+    A line of units below the names is joined with them, as in ``x [mm]``.
+    """
+    leading = 0
+    while leading < min(len(rows), _MOST_TITLES + 1) and not any(map(_numeric, rows[leading])):
+        leading += 1
+    if not 1 <= leading <= _FEW * len(rows):
+        return [], rows, lines
+    if 2 * len(rows[leading - 1]) <= len(rows[leading]):  # titles, and no names of columns
+        return [" ".join(row) for row in rows[:leading]], rows[leading:], lines[leading:]
+    if leading == 1:
+        return [], rows, lines
+    header = leading - 1
+    units = rows[header]
+    if all(is_unit(unit) for unit in units if unit) and any(units):
+        header -= 1
+        names = rows[header]
+        if len(names) == len(units):
+            joined = [_with_unit(n, u) for n, u in zip(names, units, strict=True)]
+            rows = [*rows[:header], joined, *rows[leading:]]
+            lines = [*lines[: header + 1], *lines[leading:]]
+    titles = [" ".join(filter(None, row)) for row in rows[:header]]
+    return titles, rows[header:], lines[header:]
+
+
+def _with_unit(name: str, unit: str) -> str:
+    """A name with its unit in brackets, unless it ends in one already."""
+    known = not unit or is_unit(name.rpartition("_")[2]) or name.endswith(("]", ")"))
+    return name if known else f"{name} [{unit.strip('[]()')}]"
+
+
+def _numeric(field: str) -> bool:
+    return bool(NUMBER.fullmatch(field) or _COMMA_NUMBER.fullmatch(field))
 
 
 def text_lines(path: Path) -> list[tuple[int, str]]:

@@ -14,6 +14,7 @@ _NAMES = {
     "in": ("in", "inch", "inches"),
 }
 _SPELT = {name: unit for unit, names in _NAMES.items() for name in names}
+_OTHERS = ("deg", "degree", "degrees", "°", "rad", "radians", "s", "degc", "°c")
 _STATED = re.compile(r"\b(?:units?|einheit(?:en)?)\b[\s:=]*[\[(]?\s*([A-Za-z]+)", re.IGNORECASE)
 _IN_BRACKETS = re.compile(r"[\[(]\s*([A-Za-z]+)\s*[\])]")
 
@@ -21,6 +22,11 @@ _IN_BRACKETS = re.compile(r"[\[(]\s*([A-Za-z]+)\s*[\])]")
 def known_unit(text: str) -> str | None:
     """``mm``, ``m`` or ``in`` for any usual spelling, None for what is no such unit."""
     return _SPELT.get(text.lower())
+
+
+def is_unit(text: str) -> bool:
+    """Whether a field is the unit of a column and no name of one."""
+    return known_unit(text.strip("[]()")) is not None or text.strip("[]()").lower() in _OTHERS
 
 
 def stated_units(comments: Iterable[str]) -> set[str]:

@@ -10,7 +10,8 @@ from calib.arrays import Array
 from calib.errors import CalibError, ImplausibleData
 from calib.identification.mistakes.exchanged import exchanged
 from calib.identification.mistakes.placed import Placed, missed_by, placed, some, telling
-from calib.identification.mistakes.table import Slip, slips, taken_as_known
+from calib.identification.mistakes.shifted import shifted
+from calib.identification.mistakes.table import Slip, slips, taken_as_known, two_zeros
 from calib.model import Model
 from calib.poses import Measurements
 
@@ -108,7 +109,10 @@ def recognised(model: Model, data: Measurements, missed: Array) -> Mistake | Non
         tables = (slips(model), *((slip,) for slip in taken_as_known(model)))
         tried = (_undone(model, sample, nominal.missed, table) for table in tables)
         found = next(filter(None, tried), None)
-    return found or _renamed(model, data, far)
+    found = found or _shifted(model, here) or _renamed(model, data, far)
+    if found is None and nominal.missed.max() > far:
+        found = _undone(model, sample, nominal.missed, two_zeros(model))
+    return found
 
 
 def _undone(
@@ -137,6 +141,24 @@ def _explains(model: Model, fit: Placed, missed: Array) -> bool:
     """Whether the arm then errs as arms do, beside its motion as well, and did not before."""
     least = min(_ARM * model.robot.reach, _rms(missed[fit.kept]) / _TIMES)
     return fit.rms <= least and fit.share <= _SHARE and bool(fit.kept.mean() >= _MOST)
+
+
+def _shifted(model: Model, data: Measurements) -> Mistake | None:
+    """Points one pose beside their joints, from the first pose to the last or from a lost one on."""
+    found = shifted(model, data, _ARM * model.robot.reach, _SHARE)
+    if found is None or _rms(found.before) < _TIMES * _rms(found.after):
+        return None
+    names = tuple(data.poses.names[i] for i in found.run)
+    where = "" if found.whole else f" from {names[0]} to {names[-1]}"
+    beside, down = ("next pose", "down") if found.by > 0 else ("pose before", "up")
+    return Mistake(
+        (f"shifted by {found.by}",),
+        (f"the points are shifted by one pose against the joints{where}: they fit the {beside}",),
+        (f"move their columns {down} by one pose",),
+        _rms(found.before),
+        _rms(found.after),
+        () if found.whole else names,
+    )
 
 
 def _renamed(model: Model, data: Measurements, far: float) -> Mistake | None:

@@ -50,6 +50,7 @@ def slips(model: Model) -> tuple[Slip, ...]:
         *_lengths(robot),
         *_angles(robot),
         *_reversed(robot),
+        *_zeros(robot, 1),
         *_swapped(robot),
         *_counted_from_the_base(robot),
         *_renamed(model),
@@ -137,6 +138,37 @@ def _reversed(robot: Robot) -> Iterator[Slip]:
             f"turn the sign of {joint} in the table, or its axis in the robot's file",
             _scaled(robot, np.where(np.arange(robot.dof) == k, -1.0, 1.0)),
         )
+
+
+def two_zeros(model: Model) -> tuple[Slip, ...]:
+    """Zeros of two joints at once, as another convention of DH tables has them: asked last."""
+    return tuple(_zeros(model.robot, 2))
+
+
+def _zeros(robot: Robot, count: int) -> Iterator[Slip]:
+    """Zeros of so many joints that another convention puts a quarter or half a turn away."""
+    turning = np.flatnonzero(robot.free & ~robot.prismatic)
+    for joints in itertools.combinations(turning, count):
+        for turns in itertools.product(_QUARTERS, repeat=count):
+            offsets = np.zeros(robot.dof)
+            offsets[list(joints)] = np.radians(turns)
+            own = [(robot.joints[k], turn) for k, turn in zip(joints, turns, strict=True)]
+            off = [f"the zero of joint {joint} is off by {_size(turn)} deg" for joint, turn in own]
+            add = [f"add {turn:g} deg to {joint}" for joint, turn in own]
+            yield Slip(
+                " and ".join(f"{joint} off by {_size(turn)} deg" for joint, turn in own),
+                f"{' and '.join(off)} (another convention)",
+                f"{' and '.join(add)} in the table, or move the zero in the robot's file",
+                _mixed(robot, np.eye(robot.dof), offsets),
+            )
+
+
+_QUARTERS = (-90.0, 90.0, 180.0)
+
+
+def _size(turn: float) -> str:
+    """The offset of a table that a turn mends; half a turn has no sign."""
+    return f"{-turn:g}" if abs(turn) < 180.0 else "180"
 
 
 def _swapped(robot: Robot) -> Iterator[Slip]:
@@ -228,11 +260,13 @@ def _scaled(robot: Robot, factors: Array) -> Callable[[Measurements], Measuremen
     return _mixed(robot, np.diag(factors))
 
 
-def _mixed(robot: Robot, matrix: Array) -> Callable[[Measurements], Measurements]:
+def _mixed(
+    robot: Robot, matrix: Array, offsets: Array | float = 0.0
+) -> Callable[[Measurements], Measurements]:
     """Other joint values; those that follow others go with them."""
 
     def undone(data: Measurements) -> Measurements:
-        q = data.poses.q @ matrix.T
+        q = data.poses.q @ matrix.T + offsets
         q = robot.tied(q) if robot.follows(data.poses.q) else q
         return replace(data, poses=replace(data.poses, q=q))
 

@@ -252,3 +252,12 @@ def test_backlash_is_no_drift(sides: tuple[int, ...]) -> None:
         found = judged(replace(data, readings=data.points + jump))
         assert (found.verdict, found.one_side) == ("moved", False)
     assert judged(readings(once, MARKERS, rng)).one_side
+
+
+def test_readings_equal_to_the_last_digit_are_no_drift() -> None:
+    """As a display coarser than the noise shows them: nothing moved, and nothing to compare with."""
+    data = readings(day(4), MARKERS, np.random.default_rng(3))
+    still = replace(data, readings=np.broadcast_to(MARKERS, data.readings.shape).copy())
+    found = judged(still)
+    assert found.verdict == "steady"
+    assert found.p == 1.0

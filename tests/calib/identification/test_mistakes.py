@@ -129,12 +129,98 @@ def test_degrees_and_radians(
 _REVERSED = [*(("heavy", j) for j in HEAVY.names), ("scara", "J2"), ("scara", "Z"), ("seven", "A3")]
 
 
+_TWINS = {"Z": {"mirrored"}, "A5": {"A4 off by 180 deg"}, "A6": {"A5 off by 180 deg"}}
+"""The same arm with a free tool: half a turn of the joint before turns the axis round."""
+
+
 @pytest.mark.parametrize(("arm", "joint"), _REVERSED)
 def test_a_joint_that_runs_the_other_way(arm: str, joint: str, tmp_path: Path) -> None:
     wrong = day(ARMS[arm], 8).with_joints(joints_times(ARMS[arm], {joint: -1.0}))
-    assert names(wrong, tmp_path) == {f"{joint} reversed"} | (
-        {"mirrored"} if joint == "Z" else set()
-    )
+    assert names(wrong, tmp_path) == {f"{joint} reversed"} | _TWINS.get(joint, set())
+
+
+def turned(arm: Arm, degrees: dict[str, float]) -> Callable[[Array], Array]:
+    return lambda q: q + np.radians([degrees.get(name, 0.0) for name in arm.names])
+
+
+@pytest.mark.parametrize("markers", [1, 3])
+@pytest.mark.parametrize(
+    ("arm", "joint", "degrees"),
+    [
+        (HEAVY, "A2", 90),
+        (HEAVY, "A3", -90),
+        (HEAVY, "A5", 90),
+        (SCARA, "J2", 180),
+        (SEVEN, "A4", 90),
+    ],
+)
+def test_a_zero_of_another_convention(
+    arm: Arm, joint: str, degrees: float, markers: int, tmp_path: Path
+) -> None:
+    wrong = day(arm, 17, markers=markers).with_joints(turned(arm, {joint: degrees}))
+    assert names(wrong, tmp_path) == {f"{joint} off by {degrees:g} deg"}
+    mistake = found(wrong, tmp_path)
+    assert mistake is not None
+    back = "180" if degrees == 180 else f"{-degrees:g}"
+    assert f"add {back} deg to {joint}" in mistake.text
+
+
+def test_half_a_turn_that_another_sign_explains_as_well(tmp_path: Path) -> None:
+    wrong = day(HEAVY, 17).with_joints(turned(HEAVY, {"A4": 180}))
+    assert names(wrong, tmp_path) == {"A4 off by 180 deg", "A5 reversed"}
+
+
+def test_a_zero_that_base_or_tool_takes_up(tmp_path: Path) -> None:
+    """Nobody sees it, and it harms nobody; where the base is known it is said."""
+    wrong = day(HEAVY, 17).with_joints(turned(HEAVY, {"A1": 90}))
+    assert found(wrong, tmp_path) is None
+    known = replace(wrong, effects=("tool", "geometry"))
+    known = known.with_points(lambda p: (p - known.place[1]) @ known.place[0])
+    assert names(known, tmp_path) == {"A1 off by 90 deg"}
+
+
+def test_two_zeros_of_another_convention(tmp_path: Path) -> None:
+    wrong = day(HEAVY, 18).with_joints(turned(HEAVY, {"A2": 90, "A3": -90}))
+    assert names(wrong, tmp_path) == {"A2 off by 90 deg and A3 off by -90 deg"}
+
+
+def test_a_zero_off_by_no_quarter_is_no_convention(tmp_path: Path) -> None:
+    assert found(day(HEAVY, 18).with_joints(turned(HEAVY, {"A2": 30})), tmp_path) is None
+
+
+@pytest.mark.parametrize("markers", [1, 3])
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("by", [1, -1])
+def test_points_shifted_by_one_pose(arm: str, markers: int, by: int, tmp_path: Path) -> None:
+    """As a user has them who pastes a column one line too high or too low: one end has no partner."""
+    good = day(ARMS[arm], 19, markers=markers)
+    rows = slice(None, -1) if by > 0 else slice(1, None)
+    points = good.points[1:] if by > 0 else good.points[:-1]
+    mistake = found(replace(good, q=good.q[rows], points=points), tmp_path)
+    assert mistake is not None
+    assert mistake.names == (f"shifted by {by}",)
+    assert f"move their columns {'down' if by > 0 else 'up'} by one pose" in mistake.text
+    assert mistake.poses == ()
+
+
+@pytest.mark.parametrize(("first", "last"), [(0, 30), (12, 50), (30, 50), (43, 50)])
+def test_points_shifted_from_a_lost_one_on(first: int, last: int, tmp_path: Path) -> None:
+    def lost(points: Array) -> Array:
+        points = points.copy()
+        points[first:last] = np.roll(points[first:last], -1, axis=0)
+        return points
+
+    mistake = found(day(HEAVY, 19).with_points(lost), tmp_path)
+    assert mistake is not None
+    assert mistake.names == ("shifted by 1",)
+    assert mistake.poses == tuple(f"p{i:03d}" for i in range(first, last - 1))
+
+
+def test_poses_held_out_hide_no_shift(tmp_path: Path) -> None:
+    cell, data = day(HEAVY, 19).with_points(lambda p: np.roll(p, 1, axis=0)).read(tmp_path)
+    kept, held = data.split(0.3, np.random.default_rng(0))
+    with pytest.raises(ImplausibleData, match="shifted by one pose"):
+        calib.identify(cell, kept, heldout=held)
 
 
 @pytest.mark.parametrize(

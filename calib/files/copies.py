@@ -1,0 +1,124 @@
+"""Readings that are another reading again, to the last digit: copied rows, or an instrument that stuck.
+
+An instrument repeats each digit only by chance. Where the digits are finer than its noise, that chance
+is known, and what is far below it was not measured anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import binom
+
+from calib.arrays import Array, IntArray, Mask
+from calib.cell import Cell
+from calib.files.csv_table import Table
+from calib.files.readings import reading_columns
+from calib.instruments import Tracker
+from calib.poses import Measurements
+
+_QUIETER = 10.0  # times less noise than stated: cells state limits, and repeats share errors
+_CHANCE = 1e-6  # that an honest table is called copied
+_SHOWN = 4
+
+
+@dataclass(frozen=True, eq=False)
+class _Same:
+    """Readings that equal an earlier one.
+
+    later, earlier : ndarray of int, poses; joints : ndarray of bool, whether their joints are equal too
+    """
+
+    later: IntArray
+    earlier: IntArray
+    joints: Mask
+
+
+def without_copies(table: Table, cell: Cell, data: Measurements, path: Path) -> Measurements:
+    """The measurements without poses that are copies of others, with a warning of each kind.
+
+    A pose whose joints, load and points are all those of an earlier pose is left out: it tells nothing
+    new, and would make the arm look as if it never scattered. One whose points alone are those of
+    another stays, as nobody knows which of both is right, and is named.
+    """
+    instrument, found = cell.instruments[0], _same(data)
+    if len(cell.instruments) != 1 or not isinstance(instrument, Tracker) or not len(found.later):
+        return data
+    by_chance = _by_chance(table, instrument, data)[found.later]
+    warnings = []
+    stuck = ~found.joints & (by_chance * len(data) ** 2 < _CHANCE)
+    if stuck.any():
+        warnings.append(
+            f"{path}: the points of {_named(data, found, stuck)} are equal to the last digit, but the "
+            "joints are not: the instrument stuck, or rows were copied; measure these poses again"
+        )
+    copied = found.joints & _too_many(data, found, by_chance)
+    if copied.any():
+        warnings.append(
+            f"{path}: {_named(data, found, copied)} are equal to the last digit: copies, and the "
+            "second of each is left out; give only what was measured"
+        )
+        keep = np.ones(len(data), dtype=bool)
+        keep[found.later[copied]] = False
+        data = data.take(keep)
+    return replace(data, warnings=(*data.warnings, *warnings))
+
+
+def _same(data: Measurements) -> _Same:
+    """Every reading whose points are those of an earlier one, bit for bit."""
+    poses = data.poses
+    first: dict[tuple[int, bytes, bytes], int] = {}
+    later, earlier, joints = [], [], []
+    told = None if poses.approach_derived else poses.approach
+    for i in range(len(data)):
+        points = (int(poses.station[i]), data.seen[i].tobytes(), data.readings[i].tobytes())
+        if not data.seen[i].any():
+            continue
+        j = first.setdefault(points, i)
+        if j != i:
+            fields = [poses.q, poses.wrench, *([] if told is None else [told])]
+            later.append(i)
+            earlier.append(j)
+            joints.append(all(np.array_equal(own[i], own[j]) for own in fields))
+    return _Same(np.array(later, dtype=int), np.array(earlier, dtype=int), np.array(joints, bool))
+
+
+def _by_chance(table: Table, instrument: Tracker, data: Measurements) -> Array:
+    """Probability, shape (m,), that a reading repeats every digit of another at the same place.
+
+    Of one coordinate with the noise s, shown in steps of d, that is d / (2 sqrt(pi) s), 1 at most.
+    """
+    columns = reading_columns(table.path, instrument, table.columns)
+    steps = np.array([10.0 ** -_decimals(table, name) * scale for name, scale in columns])
+    stated = np.where(np.isfinite(data.sigma), data.sigma, instrument.noise.along)
+    share = steps / (2.0 * np.sqrt(np.pi) * stated[..., None] / _QUIETER)
+    each = np.where(data.seen[..., None], np.minimum(share, 1.0), 1.0)
+    return np.asarray(each.prod(axis=(1, 2)))
+
+
+def _decimals(table: Table, column: str) -> int:
+    """Digits after the point, as many as any number of a column has; zeros at the end tell nothing."""
+    texts = (text.lower().partition("e")[0] for text in table.text(column))
+    return max(len(text.partition(".")[2].rstrip("0")) for text in texts)
+
+
+def _too_many(data: Measurements, found: _Same, by_chance: Array) -> bool:
+    """Whether more readings at equal joints are equal than an instrument with noise would repeat."""
+    _, counts = np.unique(data.poses.repeated, return_counts=True)
+    again = int((counts - 1).sum())
+    equal = int(found.joints.sum())
+    if not equal:
+        return False
+    chance = float(by_chance[found.joints].max())
+    return bool(binom.sf(equal - 1, max(again, equal), chance) < _CHANCE)
+
+
+def _named(data: Measurements, found: _Same, chosen: Mask) -> str:
+    names = data.poses.names
+    pairs = [
+        f"{names[i]} and {names[j]}"
+        for i, j in zip(found.earlier[chosen], found.later[chosen], strict=True)
+    ]
+    return ", ".join(pairs[:_SHOWN]) + (f" .. ({len(pairs)} in all)" if pairs[_SHOWN:] else "")

@@ -6,17 +6,20 @@ A six-jointed arm scatters by 0.03 mm from approach to approach, the instrument 
 stand in four ways: at poses of their own (``own``), many of each of 40 stays, as a motion capture
 writes of an arm that waits (``still``), one of each of many approaches to 40 poses (``approached``),
 and half of them in one stay beside poses of their own (``reference``). Every run is a process of its
-own, its imports and files included; seconds are those of the clock, MB the most that it held at once.
-The exponent is the slope of log seconds over log readings between one size and the next.
+own, its imports and files included; seconds are those of the clock and of the processor, MB the most
+that it held at once. The exponent is the slope of log processor seconds over log readings between one
+size and the next.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -82,6 +85,10 @@ def drawn(kind: str, count: int, seed: int = 0) -> Day:
     )
 
 
+def _write(folder: Path, kind: str, count: int) -> None:
+    write_day(folder, drawn(kind, count))
+
+
 def run(arguments: list[str], folder: Path) -> dict[str, Any]:
     """Seconds, MB and how a call of ``posecal`` ended."""
     begun = time.perf_counter()
@@ -91,12 +98,14 @@ def run(arguments: list[str], folder: Path) -> dict[str, Any]:
             ["timeout", f"{_LIMIT_S:.0f}", *command],  # noqa: S607
             stdout=nowhere, stderr=subprocess.PIPE, cwd=folder,
         )  # fmt: skip
-        said = b"" if own.stderr is None else own.stderr.read()
+        with own.stderr or contextlib.nullcontext() as stream:
+            said = b"" if stream is None else stream.read()
         _, status, used = os.wait4(own.pid, 0)
     own.returncode = os.waitstatus_to_exitcode(status)
     unit = 1e6 if sys.platform == "darwin" else 1e6 / 1024
     return {
         "seconds": time.perf_counter() - begun,
+        "cpu": used.ru_utime + used.ru_stime,
         "mb": used.ru_maxrss / unit,
         "status": own.returncode,
         "said": said.decode().strip().splitlines()[-1:],
@@ -118,19 +127,21 @@ def main(counts: tuple[int, ...], kinds: tuple[str, ...], asked: str, path: Path
     """Measure every kind at every size."""
     console, runs = console_for(None), []
     table = plain_table(
-        ("readings are", "left"), ("number", "right"), ("seconds", "right"), ("MB", "right"),
-        ("exponent", "right"), ("ended", "left"),
+        ("readings are", "left"), ("number", "right"), ("seconds", "right"), ("CPU", "right"),
+        ("MB", "right"), ("exponent", "right"), ("ended", "left"),
     )  # fmt: skip
     for kind in kinds:
         before: dict[str, Any] | None = None
         for count in counts:
             with TemporaryDirectory() as name:
-                write_day(Path(name), drawn(kind, count))
+                with ProcessPoolExecutor(1) as apart:  # a process begins with what its parent held
+                    apart.submit(_write, Path(name), kind, count).result()
                 found = run([asked, "cell.toml", "measurements.csv"], Path(name))
             runs.append({"command": asked, "kind": kind, "readings": count, **found})
             ended = "" if not found["status"] else f"{found['status']}: {' '.join(found['said'])}"
             table.add_row(
-                kind, str(count), f"{found['seconds']:.1f}", f"{found['mb']:.0f}",
+                kind, str(count), f"{found['seconds']:.1f}", f"{found['cpu']:.1f}",
+                f"{found['mb']:.0f}",
                 "" if before is None else number(_exponent(before, runs[-1])), ended,
             )  # fmt: skip
             before = runs[-1]
@@ -140,7 +151,7 @@ def main(counts: tuple[int, ...], kinds: tuple[str, ...], asked: str, path: Path
 
 
 def _exponent(first: dict[str, Any], second: dict[str, Any]) -> float:
-    seconds, readings = (np.log(second[k] / first[k]) for k in ("seconds", "readings"))
+    seconds, readings = (np.log(second[k] / first[k]) for k in ("cpu", "readings"))
     return float(seconds / readings)
 
 

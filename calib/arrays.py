@@ -43,3 +43,13 @@ def batch_first(a: Array, n: int) -> Array:
 def stacked(a: Array) -> Array:
     """All axes but the last as one, shape (.., k), even of no columns: ``reshape`` cannot tell."""
     return a.reshape(math.prod(a.shape[:-1]), a.shape[-1])
+
+
+def by_size(group: IntArray) -> list[IntArray]:
+    """Members (B, r) of the groups with r members, in their order, an array for each r.
+
+    group : ndarray of int, shape (m,)
+    """
+    order = np.argsort(group, kind="stable")
+    _, starts, counts = np.unique(group[order], return_index=True, return_counts=True)
+    return [order[starts[counts == r][:, None] + np.arange(r)] for r in np.unique(counts).tolist()]

@@ -53,6 +53,18 @@ COMMANDS = {
 """Name -> where the command is, and what the help says of it, in the order of a day of measurement."""
 
 
+_TABLE = "give a table with fewer readings at each pose"
+_LESS = {
+    "design": "take fewer --candidates or --poses",
+    "compare": "take fewer trials (--monte-carlo) or --workers",
+    "fleet": "take fewer --workers",
+    "import": "import the files in parts",
+    "compensate": "give fewer targets",
+    **dict.fromkeys(("enough", "next", "identify", "diagnose", "iso9283"), _TABLE),
+}
+"""Command -> what to do where it needs more memory than there is."""
+
+
 class _OnCall(click.Group):
     """Commands of which names and short help are known, and that are imported when they are called."""
 
@@ -113,12 +125,18 @@ def run() -> None:
         click.echo("posecal: interrupted; every file is as before or complete", err=True)
         sys.exit(130)
     except MemoryError:
-        click.echo("posecal: out of memory; take fewer candidates, poses or trials", err=True)
+        click.echo(f"posecal: out of memory; {_less_memory(sys.argv[1:])}", err=True)
         sys.exit(2)
     except OSError as error:
         if error.filename is not None:  # a file of ours: a fault of the installation
             raise
         _end_of_output(error)
+
+
+def _less_memory(arguments: list[str]) -> str:
+    """What needs less memory, by the command that was called."""
+    called = next((name for name in arguments if name in COMMANDS), "")
+    return _LESS.get(called, "close other programs, or use a machine with more")
 
 
 def _end_of_output(error: OSError) -> NoReturn:

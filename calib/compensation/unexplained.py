@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask, stacked
+from calib.arrays import Array, IntArray, Mask, by_size, stacked
 from calib.diagnosis.screen import refuted
 from calib.model import Model
 from calib.model.covariance import half, working_points
@@ -14,12 +14,12 @@ from calib.noise import counted, unwhitened
 from calib.poses import Measurements, Poses
 from calib.poses.moves import in_order
 from calib.scatter import Variances, scatter_of
-from calib.scatter.poses import by_size
 
 _ENDS = (1 / 3, 1 / 5, 1 / 10)  # of the readings; the largest that the others can do without
 _SURELY = 2.33  # standard deviations: once in a hundred by chance
 _NOTHING = 1e-30  # m^2: an error that rounding makes
 _FREE = 1e-4  # of a row's freedom: less, and nothing but its own configuration tells of it
+_ROUNDED = 1e-12  # share of a direction that is rounding
 
 
 @dataclass(frozen=True)
@@ -190,16 +190,27 @@ def left_out(fit: Fitted) -> tuple[Array, Array, Mask]:
     errors, growth, known = np.zeros((m, R)), np.ones(m), np.zeros(m, dtype=bool)
     for index in by_size(fit.data.poses.configuration):
         B, c = index.shape
-        own = Q[index].reshape(B, c * R, Q.shape[-1])
-        held = own @ np.swapaxes(own, -1, -2)
-        freedom, axes = np.linalg.eigh(np.eye(held.shape[-1]) - held)
-        known[index] = (freedom[:, 0] > _FREE)[:, None]
-        freedom = np.maximum(freedom, _FREE)
-        turned = np.swapaxes(axes, -1, -2) @ r[index].reshape(B, -1, 1)
-        errors[index] = (axes @ (turned / freedom[..., None])).reshape(*index.shape, R)
-        inside = np.trace(held, axis1=-2, axis2=-1)
-        growth[index] = ((1.0 / freedom - 1.0).sum(axis=-1) / np.maximum(inside, 1e-300))[:, None]
+        axes, held = _directions(Q[index].reshape(B, c * R, Q.shape[-1]))
+        known[index] = (1.0 - held.max(axis=-1) > _FREE)[:, None]
+        gained = 1.0 / np.maximum(1.0 - held, _FREE) - 1.0
+        off = r[index].reshape(B, -1, 1)
+        off = off + axes @ (gained[..., None] * (np.swapaxes(axes, -1, -2) @ off))
+        errors[index] = off.reshape(*index.shape, R)
+        inside = np.maximum(held.sum(axis=-1), 1e-300)
+        growth[index] = (gained.sum(axis=-1) / inside)[:, None]
     return unwhitened(fit.weights, errors.reshape(fit.weights.shape[:-1])), growth, known
+
+
+def _directions(F: Array) -> tuple[Array, Array]:
+    """Axes (B, n, l) and eigenvalues (B, l) of ``F F^T``, F (B, n, k), by its smaller product."""
+    if F.shape[-2] <= F.shape[-1]:
+        squares, axes = np.linalg.eigh(F @ np.swapaxes(F, -1, -2))
+        return axes, squares
+    squares, turn = np.linalg.eigh(np.swapaxes(F, -1, -2) @ F)
+    seen = squares > _ROUNDED  # what no row of these tells leaves nothing to take off
+    return F @ turn * np.where(seen, 1.0 / np.sqrt(np.where(seen, squares, 1.0)), 0.0)[
+        :, None
+    ], squares
 
 
 def _projected(fit: Fitted) -> tuple[Array, Array]:
@@ -284,11 +295,7 @@ def _scatter(fit: Fitted, data: Measurements) -> Array:
 
 def _beyond(error: Array, expected: Array, seen: Mask, configuration: IntArray) -> bool:
     """Whether errors exceed what is expected where the points of a configuration err together."""
-    ratios = np.array(
-        [
-            (error[own] / expected[own]).mean()
-            for c in np.unique(configuration)
-            if (own := seen & (configuration == c)[:, None]).any()
-        ]
-    )
+    each = np.where(seen, error / np.where(seen, expected, 1.0), 0.0).sum(axis=1)
+    counts = np.bincount(configuration, seen.sum(axis=1))
+    ratios = np.bincount(configuration, each)[counts > 0] / counts[counts > 0]
     return refuted(3.0 * float(ratios.sum()), 3 * len(ratios)) and float(ratios.mean()) > 1.0

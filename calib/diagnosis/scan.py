@@ -6,7 +6,9 @@ poses p, each one matrix product for all tunings at once: with W what makes the 
 orthonormal basis of everything modelled and r the residual,
 
     z(t) = sum_p f_p(t) J_p^T (W^T r)_p ,   C(t) = sum_p f_p(t) J_p^T (W^T Q)_p ,
-    S(t) = X^T X - C C^T ,   X^T X = sum over poses p, p' whose readings err together.
+    S(t) = X^T X - C C^T ,   X^T X = sum_p f_p(t)^2 J_p^T J_p - sum_g (sum_p f_p(t) G_p^T J_p)^2 ,
+
+the last over groups g of poses whose readings err together, ``W^T W = I - sum_g G G^T``.
 
 The score ``z^T (S + L^-2)^-1 z``, L the largest believable amplitudes, is that of
 :mod:`calib.diagnosis.screen`: nothing is interpolated.
@@ -14,7 +16,6 @@ The score ``z^T (S + L^-2)^-1 z``, L the largest believable amplitudes, is that 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,7 +41,16 @@ class Beside:
         """What all scans with one carrier share; carrier : ndarray, shape (m, R, b), whitened rows."""
         back = np.swapaxes(carrier, -1, -2)
         g, H = (back @ self.g[..., None])[..., 0], back @ self.H
-        return Carried(g, H, tuple(_pairs(self.fit, carrier)))
+        own, together = back @ carrier, []
+        if self.fit.mixing is not None:
+            own = own / self.fit.mixing.scale**2
+            for index, G in self.fit.mixing.taken():
+                told = np.swapaxes(G, -1, -2) @ carrier[index] / self.fit.mixing.scale
+                if index.shape[1] == 1:
+                    own[index] -= np.swapaxes(told, -1, -2) @ told
+                else:
+                    together.append((index, told))
+        return Carried(g, H, own, tuple(together))
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +59,15 @@ class Carried:
 
     g : ndarray, shape (m, b), its products with the residual; H : ndarray, shape (m, b, k), with the
         basis of what is modelled
-    pairs : tuple of (poses (P,), poses (P,), products (P, b, b)), of poses that err together
+    own : ndarray, shape (m, b, b), its products with itself
+    together : tuple of (poses (B, r), ndarray, shape (B, r, k, b)), of groups that err together: the
+        squares of their sums are taken off again
     """
 
     g: Array
     H: Array
-    pairs: tuple[tuple[IntArray, IntArray, Array], ...]
+    own: Array
+    together: tuple[tuple[IntArray, Array], ...]
 
 
 def beside(fit: Fit) -> Beside:
@@ -99,25 +112,13 @@ def _summed(F: Array, at_poses: Array) -> Array:
 
 def _products(F: Array, carried: Carried) -> Array:
     """``X^T X`` at every tuning, shape (C, f b, f b), of functions (C, f, m)."""
-    (C, f, _), b = F.shape, carried.g.shape[1]
-    total = np.zeros((C, f, b, f, b))
-    for first, second, product in carried.pairs:
-        pairs = F[:, :, None, first] * F[:, None, :, second]
-        flat = pairs.reshape(C * f * f, -1) @ product.reshape(len(first), -1)
-        total += np.swapaxes(flat.reshape(C, f, f, b, b), 2, 3)
-    return total.reshape(C, f * b, f * b)
-
-
-def _pairs(fit: Fit, carrier: Array) -> Iterator[tuple[IntArray, IntArray, Array]]:
-    """Poses p and p' that err together, and ``J_p^T (W^T W)_pp' J_p'``, shape (P, b, b)."""
-    if fit.mixing is None:
-        own = np.arange(len(carrier))
-        yield own, own, np.swapaxes(carrier, -1, -2) @ carrier
-        return
-    R = carrier.shape[1]
-    for index, inverse in fit.mixing.blocks:
-        readings = range(index.shape[1])
-        apart = [inverse[..., p * R : (p + 1) * R] @ carrier[index[:, p]] for p in readings]
-        for i in readings:
-            for j in readings:
-                yield index[:, i], index[:, j], np.swapaxes(apart[i], -1, -2) @ apart[j]
+    (C, f, m), b = F.shape, carried.g.shape[1]
+    flat = (F[:, :, None] * F[:, None, :]).reshape(C * f * f, m) @ carried.own.reshape(m, b * b)
+    total = np.swapaxes(flat.reshape(C, f, f, b, b), 2, 3).reshape(C, f * b, f * b)
+    for index, told in carried.together:
+        B, r, k, _ = told.shape
+        functions = np.moveaxis(F[..., index], 2, 0).reshape(B, C * f, r)
+        sums = (functions @ told.reshape(B, r, k * b)).reshape(B, C, f, k, b)
+        sums = np.moveaxis(sums, (0, 3), (1, 2)).reshape(C, B * k, f * b)
+        total -= np.swapaxes(sums, -1, -2) @ sums
+    return np.asarray(total)

@@ -17,7 +17,7 @@ from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.view import lineup
 from calib.effects.tuned import Tuned
 from calib.errors import Unsolvable
-from calib.identification.noise_level import REPLICATES, replicate_spread
+from calib.identification.noise_level import REPLICATES, replicate_spreads
 from calib.identification.outliers import judge, threshold
 from calib.poses import Measurements
 from calib.poses.visits import visits
@@ -94,11 +94,7 @@ def replicate_factor(data: Measurements, weights: Array) -> float:
     _, group = np.unique(
         np.column_stack([data.poses.repeated, visits(data.poses)]), axis=0, return_inverse=True
     )
-    group = group.reshape(-1)
-    repeated = [group == g for g in np.flatnonzero(np.bincount(group) > 1)]
-    spreads = np.array(
-        [replicate_spread(data.take(g), weights[g]) for g in repeated] or np.zeros((0, 2))
-    )
+    spreads = replicate_spreads(data, weights, group.reshape(-1))
     spreads = spreads[spreads[:, 1] > 0]
     if not len(spreads):
         return 1.0

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray, Mask, by_size
 from calib.observations.rigid import rigid_motions
 from calib.poses import Measurements
 from calib.poses.visits import alike, visits
@@ -78,38 +79,48 @@ class Series:
 
     def motions(self) -> tuple[Motion, ...]:
         """How the markers stand at each later reading against the first, where both show one."""
-        common = self.seen[0] & self.seen
-        return tuple(self._motion(v, common[v]) for v in range(1, len(common)) if common[v].any())
+        found: dict[int, Motion] = {}
+        patterns, which = np.unique(self.seen, axis=0, return_inverse=True)
+        for k, seen in enumerate(patterns):
+            later = np.flatnonzero(which.reshape(-1) == k)
+            later, both = later[later > 0], seen & self.seen[0]
+            if len(later) and both.any():
+                found |= zip(later.tolist(), self._motions(later, both), strict=True)
+        return tuple(found[v] for v in sorted(found))
 
-    def _motion(self, v: int, both: Mask) -> Motion:
+    def _motions(self, later: IntArray, both: Mask) -> Iterator[Motion]:
+        """Of readings that see the same markers, ``both`` (M,) of them as the first does."""
         from scipy.special import chdtrc
 
         own = np.repeat(both, 3)
-        moved = (self.points[v] - self.points[0])[both]
-        error = sum(self._errors(i)[np.ix_(own, own)] for i in (0, v))
+        moved = (self.points[later] - self.points[0])[:, both]
+        first, each = (self._errors(i)[:, own][..., own] for i in (np.zeros(1, dtype=int), later))
         columns, length = columns_about(self.points[0, both], self.points[0, both].mean(axis=0))
-        weighted = np.linalg.solve(error, columns).T
+        weighted = np.swapaxes(np.linalg.solve(first + each, columns), -1, -2)
         cov, rank = inverse(weighted @ columns)
-        b = weighted @ moved.ravel()
-        xi, std = cov @ b, np.sqrt(np.diag(cov))
-        return Motion(
-            self.names[v],
-            float(self.time[v] - self.time[0]) if self.timed else np.nan,
-            xi[:3],
-            std[:3],
-            xi[3:] / length,
-            std[3:] / length,
-            float(np.sqrt((moved**2).sum(axis=-1).mean())),
-            int(both.sum()),
-            int(rank),
-            float(chdtrc(rank, b @ xi)),
-        )
+        b = (weighted @ flat(moved)[..., None])[..., 0]
+        xi, std = (cov @ b[..., None])[..., 0], np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
+        size = np.sqrt((moved**2).sum(axis=-1).mean(axis=-1))
+        p = chdtrc(rank, (b * xi).sum(axis=-1))
+        for i, v in enumerate(later.tolist()):
+            yield Motion(
+                self.names[v],
+                float(self.time[v] - self.time[0]) if self.timed else np.nan,
+                xi[i, :3],
+                std[i, :3],
+                xi[i, 3:] / length,
+                std[i, 3:] / length,
+                float(size[i]),
+                int(both.sum()),
+                int(rank[i]),
+                float(p[i]),
+            )
 
-    def _errors(self, v: int) -> Array:
-        """Covariance (3 M, 3 M) of the points of a reading, zero where hidden."""
-        found, own = np.zeros_like(self.information[v]), np.repeat(self.seen[v], 3)
-        found[np.ix_(own, own)] = np.linalg.inv(self.information[v][np.ix_(own, own)])
-        return np.asarray(found)
+    def _errors(self, readings: IntArray) -> Array:
+        """Covariances (.., 3 M, 3 M) of the points of readings that see the same, zero where hidden."""
+        own = np.repeat(self.seen[readings[0]], 3)
+        blank = np.diag(np.where(own, 0.0, 1.0))
+        return np.asarray(np.linalg.inv(self.information[readings] + blank) - blank)
 
 
 def series_of(data: Measurements, weights: Array, arm: Scatter | None = None) -> list[Series]:
@@ -120,12 +131,16 @@ def series_of(data: Measurements, weights: Array, arm: Scatter | None = None) ->
     """
     stay, state = visits(data.poses), alike(data.poses)
     counted = weights.any(axis=(1, 2, 3))
-    found = []
-    for s in np.unique(state[counted]):
-        here = np.flatnonzero((state == s) & counted)
-        if len(np.unique(stay[here])) > 1:
-            found.append(_series(data, weights, here, stay[here], arm))
+    own = np.flatnonzero(counted)
+    groups = [own[here] for index in by_size(state[counted]) for here in _left(index, stay[own])]
+    groups.sort(key=lambda here: int(state[here[0]]))
+    found = [_series(data, weights, here, stay[here], arm) for here in groups]
     return sorted(found, key=lambda series: (-len(series.names), series.time[0]))
+
+
+def _left(index: IntArray, stay: IntArray) -> IntArray:
+    """Those of groups of readings (B, r) that are of several stays."""
+    return np.asarray(index[(stay[index] != stay[index[:, :1]]).any(axis=1)])
 
 
 def _series(
@@ -134,18 +149,19 @@ def _series(
     poses = data.poses
     own = np.swapaxes(weights[here], -1, -2) @ weights[here]
     weighted = (own @ data.points[here][..., None])[..., 0]
-    stays = np.unique(stay)
-    each = np.stack([own[stay == s].sum(axis=0) for s in stays])
-    sums = np.stack([weighted[stay == s].sum(axis=0) for s in stays])
+    order = np.argsort(stay, kind="stable")
+    starts = np.flatnonzero(np.diff(stay[order], prepend=-1))
+    each, sums = (np.add.reduceat(a[order], starts) for a in (own, weighted))
     times = stay.astype(float) if poses.time is None else poses.time[here]
+    counts = np.diff(starts, append=len(stay))
     together = np.zeros((each.shape[1] * 3, 0))
     if arm is not None:
         levers = arm.levers[here[0]] * np.sqrt(arm.variances.approach[arm.kinds])
         together = levers.reshape(len(together), -1)
     return Series(
-        tuple(poses.names[here[int(np.argmax(stay == s))]] for s in stays),
+        tuple(poses.names[i] for i in here[order[starts]]),
         int(poses.station[here[0]]),
-        np.array([times[stay == s].mean() for s in stays]),
+        np.add.reduceat(times[order], starts) / counts,
         poses.time is not None,
         poses.approach is None or _one_sided(poses.approach[here]),
         solved(each, sums),

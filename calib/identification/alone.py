@@ -46,8 +46,9 @@ class _Others:
         if np.linalg.eigvalsh(rest).min(initial=1.0) < _FREE:
             return None
         off = self.y[one].ravel() + own @ np.linalg.solve(rest, F.T @ self.y[out].ravel())
-        spread = np.eye(len(own)) + own @ np.linalg.solve(rest, own.T)
-        return float(off @ np.linalg.solve(spread, off)) / max(1, int(self.rows[one].sum()))
+        told = own.T @ off  # by Woodbury: a pose may have been read ten thousand times
+        square = float(off @ off - told @ np.linalg.solve(rest + own.T @ own, told))
+        return square / max(1, int(self.rows[one].sum()))
 
 
 def lack_alone(

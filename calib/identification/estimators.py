@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from calib.arrays import Array, Mask, stacked
+from calib.arrays import Array, Mask, by_size, stacked
 from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
@@ -170,9 +170,9 @@ class Differences:
         return settled[:, :k] @ to_rigid, settled[:, k:] @ to_elastic
 
     def dof(self, observation: Observation, span: Array) -> int:
-        group = observation.data.poses.configuration
-        groups = (observation.numbers[group == g] for g in set(group))
-        spare = sum(int((own.sum(axis=0) - own.max(axis=0)).sum()) for own in groups)
+        numbers = observation.numbers
+        groups = (numbers[index] for index in by_size(observation.data.poses.configuration))
+        spare = sum(int((own.sum(axis=1) - own.max(axis=1)).sum()) for own in groups)
         soft = int(_soft(observation.model, span).sum())
         return spare - soft if soft else -1
 

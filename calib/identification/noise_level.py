@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from calib.arrays import Array, Mask
+from calib.arrays import Array, IntArray, Mask, by_size
 from calib.noise import counted
 from calib.poses import Measurements
 from calib.scatter import Levels
@@ -85,18 +85,27 @@ def replicate_spread(data: Measurements, weights: Array) -> tuple[float, int]:
 
     weights : ndarray, shape (m, C, r, r), whitening matrices
     """
-    total, dof = 0.0, 0
-    group = data.poses.repeated
-    for g in np.flatnonzero(np.bincount(group) > 1):
-        here = group == g
-        seen = data.seen[here][..., None]
-        count = seen.sum(axis=0)
-        mean = (data.readings[here] * seen).sum(axis=0) / np.maximum(count, 1)
-        deviation = weights[here] @ ((data.readings[here] - mean) * seen)[..., None]
-        numbers = counted(weights[here]).max(axis=0)
-        total += float((deviation**2).sum())
-        dof += int((numbers * np.maximum(count[:, 0] - 1, 0)).sum())
-    return total, dof
+    spread, dof = replicate_spreads(data, weights, data.poses.repeated).sum(axis=0)
+    return float(spread), int(dof)
+
+
+def replicate_spreads(data: Measurements, weights: Array, group: IntArray) -> Array:
+    """The same of each group of several readings, shape (.., 2).
+
+    group : ndarray of int, shape (m,), of each reading
+    """
+    found = [np.zeros((0, 2))]
+    for index in by_size(group):
+        if index.shape[1] < 2:
+            continue
+        seen, own = data.seen[index][..., None], weights[index]
+        count = seen.sum(axis=1, keepdims=True)
+        mean = (data.readings[index] * seen).sum(axis=1, keepdims=True) / np.maximum(count, 1)
+        deviation = own @ ((data.readings[index] - mean) * seen)[..., None]
+        spare = np.maximum(count[:, 0, :, 0] - 1, 0)
+        dof = (counted(own).max(axis=1) * spare).sum(axis=1)
+        found.append(np.column_stack([(deviation**2).sum(axis=(1, 2, 3, 4)), dof]))
+    return np.concatenate(found)
 
 
 def noise_level(

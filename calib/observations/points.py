@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array
+from calib.arrays import Array, by_size
 from calib.observations.protocol import Observation
 
 
@@ -42,12 +42,11 @@ class Points(Observation):
         out = np.empty_like(a)
         group = self.data.poses.configuration
         information = np.swapaxes(self.weights, -1, -2) @ self.weights
-        for g in np.unique(group):
-            here = group == g
-            own, total = information[here], information[here].sum(axis=0)
-            weighted = (own @ a[..., here, :, :, :]).sum(axis=-4)
+        for index in by_size(group):
+            own, here = information[index], a[..., index, :, :, :]
+            total, weighted = own.sum(axis=1), (own @ here).sum(axis=-4)
             mean = np.linalg.pinv(total, hermitian=True) @ weighted
-            out[..., here, :, :, :] = a[..., here, :, :, :] - mean[..., None, :, :, :]
+            out[..., index, :, :, :] = here - mean[..., None, :, :, :]
         return out
 
 

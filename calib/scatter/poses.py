@@ -5,12 +5,14 @@ The whitened rows of one configuration have the covariance
     V = s^2 I + H C H^T + blockdiag(H_a U H_a^T)
 
 with the levers H of its readings, H_a those of one approach. Its inverse Cholesky factor turns the
-rows into innovations: each row less what the rows before it in the same configuration tell of it.
-Poses that do not count have rows of zeros and stay so.
+rows into innovations: each row less what the rows before it tell of it, in the same approach and then
+in the same configuration (:mod:`calib.scatter.innovations`). Poses that do not count have rows of
+zeros and stay so.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,48 +20,73 @@ import numpy as np
 
 from calib.arm.kinematics import Frames, forward
 from calib.arm.se3 import cross, rotate
-from calib.arrays import Array, IntArray, Mask, stacked
+from calib.arrays import Array, IntArray, Mask, by_size, stacked
 from calib.cell import Repeatability
 from calib.model import Model
 from calib.poses import Poses
 from calib.poses.visits import visits
+from calib.scatter.innovations import Innovations, innovations
 from calib.scatter.variances import Variances, lever_of
 from calib.solver import inverse_factor
 
 
 @dataclass(frozen=True, eq=False)
-class Mixing:
-    """Inverse factors of the covariance, configuration by configuration.
+class Level:
+    """What the readings of a group share, approaches or configurations.
 
-    blocks : tuple of (poses (B, r), inverse factors (..., B, r R, r R)), of configurations with r
-        readings
+    group : ndarray of int, shape (m,); K : ndarray, shape (..., m, R, k), levers of one unit each
+    innovations : Innovations, of rows that the levels before have made independent
+    """
+
+    group: IntArray
+    K: Array
+    innovations: Innovations
+
+
+@dataclass(frozen=True, eq=False)
+class Mixing:
+    """What makes whole poses independent.
+
+    levels : tuple of Level, approaches first, of rows in the instrument's actual standard deviations
     scale : float, actual over stated standard deviation of the instrument
     """
 
-    blocks: tuple[tuple[IntArray, Array], ...]
+    levels: tuple[Level, ...]
     scale: float
 
     def __call__(self, rows: Array) -> Array:
         """Independent rows of unit variance, from whitened ones, both (..., m, R, p)."""
-        return self._applied([inverse for _, inverse in self.blocks], rows)
+        rows = rows / self.scale
+        for level in self.levels:
+            rows = level.innovations(rows)
+        return rows
 
     def back(self, gains: Array) -> Array:
         """Gains on whitened rows, from those on the independent rows made of them, (..., m, R, p)."""
-        return self._applied([np.swapaxes(i, -1, -2) for _, i in self.blocks], gains)
+        for level in reversed(self.levels):
+            gains = level.innovations.back(gains)
+        return gains / self.scale
 
     def covariance(self, gains: Array) -> Array:
         """Covariance (p, p) of what follows whitened rows by ``gains`` (m, R, p)."""
-        half = self._applied([np.swapaxes(np.linalg.inv(i), -1, -2) for _, i in self.blocks], gains)
-        flat = stacked(half)
-        return np.asarray(flat.T @ flat)
+        parts = [stacked(gains)]
+        for level in self.levels:
+            each = _t(level.K) @ gains
+            parts += [stacked(each[index].sum(axis=1)) for index in by_size(level.group)]
+        return self.scale**2 * np.asarray(sum(flat.T @ flat for flat in parts))
 
-    def _applied(self, factors: list[Array], rows: Array) -> Array:
-        out = np.empty(rows.shape)
-        for (index, _), factor in zip(self.blocks, factors, strict=True):
-            own = rows[..., index, :, :]
-            stacked = own.reshape((*own.shape[:-3], -1, own.shape[-1]))
-            out[..., index, :, :] = (factor @ stacked).reshape(own.shape)
-        return out
+    def taken(self) -> Iterator[tuple[IntArray, Array]]:
+        """What is shared in the inverse covariance, ``(I - sum over groups of G G^T) / scale^2``.
+
+        Yields groups (B, r) and their G (B, r, R, k), of levers without leading axes.
+        """
+        for i, level in enumerate(self.levels):
+            before = Mixing(self.levels[:i], 1.0)
+            W = before.back(before(level.K))
+            for index in by_size(level.group):
+                own = W[index]
+                M = np.eye(own.shape[-1]) + (_t(level.K[index]) @ own).sum(axis=1)
+                yield index, own @ _t(inverse_factor(M))[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,20 +164,15 @@ class Scatter:
 
         weighted : ndarray, shape (..., m, R, n + 6), the levers, whitened as the rows are
         """
-        groups = by_size(self.configuration)
-        blocks = tuple((index, self._inverse(index, weighted)) for index in groups)
-        return Mixing(blocks, self.variances.scale)
-
-    def _inverse(self, index: IntArray, weighted: Array) -> Array:
-        (B, r), R = index.shape, weighted.shape[-2]
-        known, own = self.variances, weighted[..., index, :, :]
-        H = own.reshape((*own.shape[:-4], B, r * R, -1))
-        V = (H * known.configuration[self.kinds]) @ np.swapaxes(H, -1, -2)
-        if known.approach.any():
-            moved = (H * known.approach[self.kinds]) @ np.swapaxes(H, -1, -2)
-            V = V + moved * _together(self.approach[index], R)
-        V = V + known.scale**2 * np.eye(r * R)
-        return inverse_factor(V)
+        v = self.variances
+        mixing = Mixing((), v.scale)
+        for group, own in ((self.approach, v.approach), (self.configuration, v.configuration)):
+            size = np.sqrt(own[self.kinds])
+            if (moves := size > 0.0).any():
+                K = weighted[..., moves] * size[moves]
+                level = Level(group, K / v.scale, innovations(mixing(K), group))
+                mixing = Mixing((*mixing.levels, level), v.scale)
+        return mixing
 
 
 def scatter_of(model: Model, values: Array, poses: Poses, variances: Variances) -> Scatter:
@@ -176,22 +198,6 @@ def scatter_of(model: Model, values: Array, poses: Poses, variances: Variances) 
     )
 
 
-def by_size(group: IntArray) -> list[IntArray]:
-    """Members (B, r) of the groups with r members, in their order, an array for each r.
-
-    group : ndarray of int, shape (m,)
-    """
-    order = np.argsort(group, kind="stable")
-    _, starts, counts = np.unique(group[order], return_index=True, return_counts=True)
-    return [order[starts[counts == r][:, None] + np.arange(r)] for r in np.unique(counts).tolist()]
-
-
-def _together(approach: IntArray, R: int) -> Array:
-    """One where two rows share an approach, shape (B, r R, r R); approach has shape (B, r)."""
-    alike = approach[:, :, None] == approach[:, None, :]
-    return np.repeat(np.repeat(alike, R, axis=1), R, axis=2).astype(float)
-
-
 def _axis(model: Model, frames: Frames, k: int) -> tuple[bool, Array, Array]:
     """Whether joint k slides, its axis (m, 3) and its origin (m, 3), base axes."""
     robot = model.robot
@@ -213,3 +219,7 @@ def _tip_levers(axes: list[tuple[bool, Array, Array]], o_tip: Array) -> Array:
         J[:, 3:, k] = 0.0 if slides else axis
     J[:, :, n:] = np.eye(6)
     return J
+
+
+def _t(a: Array) -> Array:
+    return np.swapaxes(a, -1, -2)

@@ -21,14 +21,15 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, stacked
-from calib.scatter.poses import Scatter, by_size
-from calib.solver import inverse_factor, triangle
+from calib.arrays import Array, IntArray, by_size, stacked
+from calib.scatter.blocks import Block, Half, Levers
+from calib.scatter.poses import Scatter
+from calib.solver import triangle
 
 _RIGID = 6
 _DEPENDENT = 1e-12
 _LOST = 1e-6  # share of a column's length: the root of what is left of twelve digits
-_MOVED = 1e-9  # of a lever's usual length
+_AT_ONCE = 2048  # approaches of a block: more no processor keeps at hand
 _FAINT = (
     1e-9  # of a column's length: known of each beforehand, so that none is nothing beside others
 )
@@ -36,19 +37,6 @@ _MOST_STEPS = 40
 SETTLED = 0.05
 """Fall of -2 log likelihood that is not worth another step."""
 _LEAST = 0.2**2  # nobody's instrument is five times better than its maker says
-
-
-@dataclass(frozen=True, eq=False)
-class Block:
-    """B configurations with equally many approaches, d turned rows each.
-
-    Z : ndarray, shape (B, d, q), what every variance does to them; owner : ndarray of int, (q,), whose
-    F : ndarray, shape (B, d, f), columns and, last, the readings
-    """
-
-    Z: Array
-    owner: IntArray
-    F: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,21 +110,25 @@ def turned(
     kinds, count = scatter.kinds, int(scatter.kinds.max()) + 1
     scale = np.array([np.sqrt((sizes[kinds == k] ** 2).mean()) or 1.0 for k in range(count)])
     H_in, F_in, outside, config = _by_approach(scatter, weighted / scale[kinds], F)
+    of_approach, of_place = 1 + kinds[: len(kinds) * two], 1 + count * two + kinds
     blocks = []
-    for index in by_size(config):
-        B, A = index.shape
-        H, own = H_in[index].reshape(B, A * _RIGID, -1), F_in[index].reshape(B, A * _RIGID, -1)
-        Z, owner = H, 1 + (count if two else 0) + kinds
-        if two:
-            Z = np.concatenate([_apart(H_in[index]), Z], axis=-1)
-            owner = np.concatenate([np.tile(1 + kinds, A), owner])
-        blocks.append(Block(Z, owner, own))
+    for members in by_size(config):
+        parts = min(len(members), -(-members.size // _AT_ONCE))
+        for index in np.array_split(members, parts):
+            H, F_own = H_in[index], F_in[index]
+            fresh = H[..., : len(of_approach)]
+            if index.shape[1] > 1:
+                blocks.append(Block(fresh, H, of_approach, of_place, F_own))
+            else:  # nothing comes again
+                levers = np.concatenate([fresh, H], axis=-1)
+                owner = np.concatenate([of_approach, of_place])
+                blocks.append(Block(levers, H[..., :0], owner, of_place[:0], F_own))
     lengths = np.sqrt((F[..., :-1] ** 2).sum(axis=(0, 1)) + (held[:, :-1] ** 2).sum(axis=0))
     faint = _FAINT * np.diag(np.where(lengths > 0.0, lengths, 1.0))
     held = np.concatenate([held, np.pad(faint, ((0, 0), (0, 1)))])
-    inside = sum(b.F.shape[0] * b.F.shape[1] for b in blocks)
+    inside = sum(b.rows for b in blocks)
     rows = int(np.count_nonzero(np.abs(F).sum(axis=-1)))
-    rigid = sum(int(np.count_nonzero(np.abs(b.Z).sum(axis=-1) > _MOVED)) for b in blocks)
+    rigid = sum(b.moved for b in blocks)
     units = np.concatenate([[1.0], *([1.0 / scale**2] * (2 if two else 1))])
     return Turned(tuple(blocks), outside, held, known, rows - inside, rows - rigid, units)
 
@@ -145,13 +137,13 @@ def turned(
 class Independent:
     """The rows of a problem made independent of each other at some variances.
 
-    factors : inverse factor (B, d, d) of the covariance of each block; rows : (B d, f) of each
+    halves : tuple of Half, of each block; rows : tuple of ndarray, shape (B, A, d, f), of each
     products : ndarray, shape (f, f), of all rows, those of the prior included
     """
 
     problem: Turned
     theta: Array
-    factors: tuple[Array, ...]
+    halves: tuple[Half, ...]
     rows: tuple[Array, ...]
     products: Array
 
@@ -166,7 +158,8 @@ class Independent:
         if not R.size or (np.diag(R) < _LOST * scale).any():
             # Squares have lost what is left of some column: the rows themselves have not.
             own, s = self.problem, np.sqrt(self.theta[0])
-            rows = [r[:, :count] for r in (*self.rows, own.outside / s, own.held)]
+            blocks = (stacked(rows) for rows in self.rows)
+            rows = [r[:, :count] for r in (*blocks, own.outside / s, own.held)]
             R = triangle(np.concatenate(rows))
         return np.asarray(R)
 
@@ -175,24 +168,23 @@ class Independent:
 
         combined : ndarray, shape (f,), by which columns and readings make the residuals
         """
-        found = np.zeros(len(self.theta))
         alone = self.problem.outside @ combined
+        found = np.zeros(len(self.theta))
         found[0] = float(alone @ alone) / float(self.theta[0]) ** 2
-        for block, Li, own in zip(self.problem.blocks, self.factors, self.rows, strict=True):
-            left = (own @ combined).reshape((*block.F.shape[:2], 1))
-            back = np.swapaxes(Li, -1, -2) @ left
-            each = ((np.swapaxes(block.Z, -1, -2) @ back) ** 2).sum(axis=(0, 2))
-            np.add.at(found, block.owner, each)
-            found[0] += float((back**2).sum())
+        for block, half, rows in zip(self.problem.blocks, self.halves, self.rows, strict=True):
+            found += half.pulls(block, rows @ combined[:, None], len(found))
         return found
 
 
 def independent(problem: Turned, theta: Array) -> Independent:
     """The rows of a problem made independent at variances theta (v,)."""
-    factors = tuple(_factor(b, theta) for b in problem.blocks)
-    rows = tuple(_flat(Li @ b.F) for b, Li in zip(problem.blocks, factors, strict=True))
-    products = problem.beside / theta[0] + problem.prior + sum(r.T @ r for r in rows)
-    return Independent(problem, theta, factors, rows, np.asarray(products))
+    halves = tuple(Half.of(b, theta) for b in problem.blocks)
+    rows = tuple(half(b.F) for b, half in zip(problem.blocks, halves, strict=True))
+    products = problem.beside / theta[0] + problem.prior
+    for own in rows:
+        flat = stacked(own)
+        products = products + flat.T @ flat
+    return Independent(problem, theta, halves, rows, np.asarray(products))
 
 
 def likelihood(problem: Turned, theta: Array) -> Likelihood:
@@ -214,25 +206,13 @@ def likelihood(problem: Turned, theta: Array) -> Likelihood:
     alone = problem.outside @ back_from
     gradient[0] = problem.beyond / s2 - float((alone**2).sum()) / s2**2
     information[0, 0] = problem.beyond / s2**2
-    S = np.eye(v)
-    for block, Li, own in zip(problem.blocks, rows.factors, rows.rows, strict=True):
-        value -= 2.0 * np.log(np.diagonal(Li, axis1=-2, axis2=-1)).sum()
-        F = (own @ back_from).reshape((*block.F.shape[:2], p + 1))
-        taken = F @ np.swapaxes(F, -1, -2)
-        Z, back, owner = Li @ block.Z, np.swapaxes(Li, -1, -2), S[block.owner]
-        gradient += np.einsum("bdq,bdq->q", Z, Z - taken @ Z) @ owner
-        gradient[0] += np.einsum("bij,bij->", Li, Li - taken @ Li)
-        information += owner.T @ _squares(np.swapaxes(Z, -1, -2) @ Z) @ owner
-        information[0, 0] += _squares(back @ Li).sum()
-        across = _squares(back @ Z).sum(axis=0) @ owner
-        information[0] += across
-        information[:, 0] += across
+    for block, half, own in zip(problem.blocks, rows.halves, rows.rows, strict=True):
+        value -= half.log_det
+        levers = Levers.of(block, half)
+        owner = np.eye(v)[levers.owner]
+        gradient += levers.slopes(own @ back_from) @ owner
+        information += owner.T @ levers.products() @ owner
     return Likelihood(float(value), gradient, information, diagonal)
-
-
-def _squares(a: Array) -> Array:
-    """Sums of squares over the first axis."""
-    return np.asarray(np.einsum("b...,b...->...", a, a))
 
 
 def _solution(R: Array) -> Array:
@@ -309,48 +289,30 @@ def step(found: Likelihood, theta: Array, free: IntArray) -> tuple[Array, float]
     return move, promised
 
 
-def _factor(block: Block, theta: Array) -> Array:
-    """Inverse Cholesky factors (B, d, d) of the covariance of the turned rows."""
-    V = (block.Z * theta[block.owner]) @ np.swapaxes(block.Z, -1, -2)
-    V = V + theta[0] * np.eye(V.shape[-1])
-    return inverse_factor(V)
-
-
 def _by_approach(scatter: Scatter, H: Array, F: Array) -> tuple[Array, Array, Array, IntArray]:
     """Turn the rows of every approach.
 
-    Returns what scatters, levers (a, 6, n + 6) and columns (a, 6, f), the triangle (.., f) of the
+    Returns what scatters, levers (a, d, n + 6) and columns (a, d, f), the triangle (.., f) of the
     rest, and the configuration of each of the a approaches, (a,).
     """
+    groups = by_size(scatter.approach)
+    d = min(_RIGID, max((index.shape[1] for index in groups), default=1) * H.shape[1])
     levers, columns, rest, config = [], [], [np.zeros((0, F.shape[-1]))], []
-    for index in by_size(scatter.approach):
-        B, r = index.shape
-        own = H[index].reshape(B, r * H.shape[1], -1)
-        U, _, _ = np.linalg.svd(own, full_matrices=True)
+    for index in groups:
+        B = len(index)
+        own, left = (a[index].reshape(B, -1, a.shape[-1]) for a in (H, F))
+        U = np.linalg.svd(own, full_matrices=False)[0][..., :d]
         Ut = np.swapaxes(U, -1, -2)
-        turned_H, turned_F = Ut @ own, Ut @ F[index].reshape(B, own.shape[1], -1)
-        levers.append(_six(turned_H))
-        columns.append(_six(turned_F))
-        rest.append(triangle(_flat(turned_F[:, _RIGID:])))
+        inside = Ut @ left
+        levers.append(_filled(Ut @ own, d))
+        columns.append(_filled(inside, d))
         config.append(scatter.configuration[index[:, 0]])
+        if own.shape[1] > d:
+            rest.append(triangle(stacked(left - U @ inside)))
     outside = triangle(np.concatenate(rest))
     return np.concatenate(levers), np.concatenate(columns), outside, np.concatenate(config)
 
 
-def _flat(rows: Array) -> Array:
-    return stacked(rows)
-
-
-def _six(rows: Array) -> Array:
-    """The first six rows of each approach (B, r, c), those that it lacks zero."""
-    missing = max(0, _RIGID - rows.shape[1])
-    return np.pad(rows[:, :_RIGID], ((0, 0), (0, missing), (0, 0)))
-
-
-def _apart(H: Array) -> Array:
-    """Columns of each approach's own, shape (B, A 6, A c), of levers (B, A, 6, c)."""
-    B, A, d, c = H.shape
-    out = np.zeros((B, A, d, A, c))
-    for a in range(A):
-        out[:, a, :, a] = H[:, a]
-    return out.reshape(B, A * d, A * c)
+def _filled(rows: Array, d: int) -> Array:
+    """Rows (B, r, c) of each approach, as many as d, those that it lacks zero."""
+    return np.pad(rows, ((0, 0), (0, d - rows.shape[1]), (0, 0)))

@@ -15,6 +15,7 @@ from studies.command.options import (
     json_option,
     one_line_faults,
 )
+from studies.command.progress import working
 
 
 @click.command()
@@ -56,7 +57,7 @@ def changes(
     inputs = [days.cell.path, *days.cell.robot_files, before_path, after_path]
     check_outputs([output_file(json_path)], inputs, folder)
     tolerance = None if tolerance_mm is None else tolerance_mm * 1e-3
-    with faults_in(after_path):
+    with faults_in(after_path), working("comparing the days"):
         found = compared(*days.compared, tolerance)
     record = changes_record(found, days, envelope(days.cell.name, inputs))
     deliver(record, json_path, folder)

@@ -15,6 +15,7 @@ from studies.command.options import (
     json_option,
     one_line_faults,
 )
+from studies.command.progress import working
 
 
 @click.command()
@@ -68,7 +69,7 @@ def compensate(
     if not estimate.converged:
         raise InputError(result_path, "", "did not converge", "mend the identification first")
     targets, weights = calib.load_targets(cell, targets_path)
-    with faults_in(targets_path):
+    with faults_in(targets_path), working("correcting the targets"):
         found = calib.compensate(cell, estimate, targets, weights=weights)
     record = compensate_record(cell.robot, found, envelope(cell.name, inputs, about=cell.about))
     tables = {} if plan_path is None else {plan_path: compensated_csv(cell, table, found)}

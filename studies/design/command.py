@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file
 from studies.command.options import PATH, cell_argument, faults_in, plan_names, result_options
+from studies.command.progress import working
 
 if TYPE_CHECKING:
     from calib import Cell
@@ -135,7 +136,7 @@ def design(
     check_outputs([plan_path, output_file(json_path)], inputs, folder)
     loaded = [calib.load_plan(cell, path) for path in against]
     plans = dict(zip(plan_names(against), loaded, strict=True))
-    with faults_in(cell_path):
+    with faults_in(cell_path), working("choosing poses") as say:
         result = doe.design(
             cell,
             poses=poses,
@@ -154,7 +155,7 @@ def design(
             reference_every=reference_every,
             reapproach=reapproach,
             seed=seed,
-            progress=_progress(),
+            progress=say,
         )
     record = design_record(result, envelope(cell.name, inputs, seed))
     tables = {} if plan_path is None else {plan_path: plan_table(cell, result)}
@@ -205,12 +206,3 @@ def _criteria(begun: str) -> list[str]:
     from doe.criteria import UNASKED, catalogue
 
     return [name for name in catalogue() if name.startswith(begun) and name != UNASKED]
-
-
-def _progress() -> Any:
-    """Steps on a terminal's standard error; nothing where it is no terminal."""
-    import sys
-
-    if not sys.stderr.isatty():
-        return lambda _: None
-    return lambda line: click.echo(f"  {line}", err=True)

@@ -9,6 +9,7 @@ import click
 
 from studies.command.deliver import check_outputs, deliver, output_file, show
 from studies.command.options import PATH, cell_argument, data_argument, faults_in, result_options
+from studies.command.progress import working
 from studies.command.session import read_session
 from studies.diagnose.make import NEXT
 
@@ -71,7 +72,7 @@ def diagnose(
     import calib
     from calib.errors import InputError
     from studies.diagnose.cell_out import better_cell
-    from studies.diagnose.make import diagnosed, inputs_of
+    from studies.diagnose.make import MOST, SECONDS, diagnosed, inputs_of
 
     cell = calib.load_cell(cell_path)
     if plan_only:
@@ -80,12 +81,14 @@ def diagnose(
                 raise InputError(name, "", "does not go with --plan-only", "give one of them")
         _foresee(cell, data_path, folder, json_path, seed)
         return
-    session = read_session(cell, data_path, holdout, seed)
+    with working(f"reading {data_path.name}"):
+        session = read_session(cell, data_path, holdout, seed)
     outputs = [output_file(json_path), cell_out]
     check_outputs(outputs, [*inputs_of(session), *session.named], folder)
-    found, record = diagnosed(
-        session, next_count, figures=json_path is not None or folder is not None
-    )
+    figures = json_path is not None or folder is not None
+    count = min(len(session.whole), MOST)
+    with working(f"diagnosing {count} readings", SECONDS * count):
+        found, record = diagnosed(session, next_count, figures=figures)
     texts: dict[Path, str | bytes] = {}
     notes: list[str] = []
     if cell_out is not None:
@@ -108,6 +111,6 @@ def _foresee(
     check_outputs([output_file(json_path)], inputs, folder)
     load = calib.load_measurements if holds_points(plan_path) else calib.load_plan
     plan = load(cell, plan_path)
-    with faults_in(plan_path, effects_of=cell.path):
+    with faults_in(plan_path, effects_of=cell.path), working("looking ahead"):
         found = foresee(cell, plan)
     deliver(plan_record(found, envelope(cell.name, inputs, seed)), json_path, folder)

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 
 NEXT = 8
 """Poses that are proposed where rivals are left."""
+MOST = 4000
+"""Readings of a table that are diagnosed: every candidate at each of them takes a megabyte."""
+SECONDS = 10e-3
+"""What each of them takes, s, as measured (``studies.research.benchmarks.readings``)."""
 
 
 def inputs_of(session: Session) -> list[Path]:
@@ -35,13 +39,15 @@ def diagnosed(
     """
     from calib.diagnosis.diagnose import diagnose
     from calib.diagnosis.spectra import spectra
+    from calib.poses.thinning import thinned
     from studies.diagnose.record import diagnose_record
     from studies.diagnose.shown import shown
     from studies.record import envelope
 
     cell, held = session.cell, session.held
+    data, said = thinned(held.data, MOST)
     with faults_in(session.data_path, effects_of=cell.path):
-        found = diagnose(cell, held.data, heldout=held.heldout)
+        found = diagnose(cell, data, heldout=held.heldout)
     chosen, failed = _next(cell, found, next_count, session.seed)
     record = diagnose_record(
         found,
@@ -50,7 +56,7 @@ def diagnosed(
         shown(found) if figures else None,
         session.holdout,
         envelope(cell.name, inputs_of(session), session.seed, cell.about),
-        (*held.warnings, *failed),
+        (*held.warnings, *said, *failed),
     )
     return found, record
 

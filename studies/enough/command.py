@@ -16,6 +16,7 @@ from studies.command.options import (
     faults_in,
     result_options,
 )
+from studies.command.progress import working
 
 
 @click.command()
@@ -70,7 +71,7 @@ def enough(
     data, heldout, _, warnings = held_out(cell, whole, holdout, seed, data_path)
     plan = None if plan_path is None else calib.load_plan(cell, plan_path)
     goal = None if goal_mm is None else goal_mm * 1e-3
-    with faults_in(cell_path, readings_of=data_path):
+    with faults_in(cell_path, readings_of=data_path), working("judging what was measured"):
         answer = doe.enough(cell, data, plan, heldout=heldout, goal=goal, seed=seed)
     planned = 0 if plan is None else len(plan)
     record = enough_record(answer, planned, cell.targets_source, envelope(cell.name, inputs, seed))

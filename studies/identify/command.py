@@ -15,6 +15,7 @@ from studies.command.options import (
     data_argument,
     result_options,
 )
+from studies.command.progress import working
 from studies.command.session import read_session
 
 if TYPE_CHECKING:
@@ -130,21 +131,24 @@ def identify(
       posecal identify cell.toml measurements.csv --holdout 0.3 --json result.json
     """
     import calib
-    from studies.identify.make import identified, inputs_of
+    from studies.identify.make import MOST, SECONDS, identified, inputs_of
     from studies.identify.robots import counts_of, lens_files, lens_paths, offsets_file, robot_texts
 
     cell = calib.load_cell(cell_path)
-    session = read_session(cell, data_path, holdout, seed)
+    with working(f"reading {data_path.name}"):
+        session = read_session(cell, data_path, holdout, seed)
     robots: dict[Form, Path | None] = {
         "urdf": urdf_path, "mjcf": mjcf_path, "dh": dh_path, "kinematics": kinematics_path,
     }  # fmt: skip
     counts, lenses = counts_of(counts_per_deg), lens_paths(cell, lens_texts)
     written = [*robots.values(), zeros_path, *lenses, output_file(json_path)]
     check_outputs(written, inputs_of(session), folder)
-    found, record = identified(
-        session, approach=approach, method=method, weighting=weighting, length_mm=length_mm,
-        differences=differences,
-    )  # fmt: skip
+    count = min(len(session.whole), MOST)
+    with working(f"identifying {count} readings", SECONDS * count):
+        found, record = identified(
+            session, approach=approach, method=method, weighting=weighting, length_mm=length_mm,
+            differences=differences,
+        )  # fmt: skip
     files, left_out = robot_texts(cell, found, robots, dh_convention)
     if zeros_path is not None:
         files[zeros_path], lost = offsets_file(cell, found, zeros_path, counts)

@@ -14,6 +14,11 @@ if TYPE_CHECKING:
     from calib.observations import Approach, Weighting
     from studies.identify.record import IdentifyRecord
 
+MOST = 200_000
+"""Readings of a table that are identified: they take 15 kB each."""
+SECONDS = 0.8e-3
+"""What each of them takes, s, as measured (``studies.research.benchmarks.readings``)."""
+
 
 def inputs_of(session: Session) -> list[Path]:
     """What the record is made from, the cell first."""
@@ -40,13 +45,15 @@ def identified(
     from calib.accuracy.at_targets import accuracy_at_targets
     from calib.compensation.estimate import estimate_of
     from calib.drift import drift_in
+    from calib.poses.thinning import thinned
     from studies.identify.record import Asked, identify_record
     from studies.record import envelope
 
     cell, held = session.cell, session.held
+    data, said = thinned(held.data, MOST)
     with faults_in(session.data_path, effects_of=cell.path):
         found = calib.identify(
-            cell, held.data, heldout=held.heldout, approach=approach, method=method,
+            cell, data, heldout=held.heldout, approach=approach, method=method,
             weighting=weighting, length=length_mm * 1e-3, differences=differences,
         )  # fmt: skip
     of_pose = approach == "pose"
@@ -64,7 +71,7 @@ def identified(
         estimate,
         asked,
         envelope(cell.name, inputs_of(session), session.seed, cell.about),
-        held.warnings,
+        (*held.warnings, *said),
         judged(cell, found),
     )
     return found, record

@@ -16,6 +16,7 @@ from studies.command.options import (
     json_option,
     one_line_faults,
 )
+from studies.command.progress import working
 
 
 @click.command()
@@ -56,7 +57,7 @@ def iso9283(
     results = [] if result_path is None else [result_path]
     inputs = [cell_path, *cell.robot_files, data_path, *results]
     check_outputs([output_file(json_path)], inputs, folder)
-    with faults_in(data_path, effects_of=cell.path):
+    with faults_in(data_path, effects_of=cell.path), working("predicting the criteria"):
         record = criteria(
             cell,
             data,

@@ -16,6 +16,7 @@ from studies.command.options import (
     faults_in,
     result_options,
 )
+from studies.command.progress import working
 
 if TYPE_CHECKING:
     from doe.prospect.onward import Aim
@@ -91,7 +92,7 @@ def next_(
     data = calib.load_measurements(cell, data_path)
     missed = None if missed_path is None else calib.load_plan(cell, missed_path)
     goal = None if goal_mm is None else goal_mm * 1e-3
-    with faults_in(cell_path, readings_of=data_path):
+    with faults_in(cell_path, readings_of=data_path), working("choosing the next poses"):
         found = doe.onward(
             cell, data, aim=aim, count=count, goal=goal, ahead=ahead, missed=missed, seed=seed
         )

@@ -8,6 +8,7 @@ import click
 
 from studies.command.deliver import check_outputs, deliver, output_file
 from studies.command.options import PATH, json_option, one_line_faults
+from studies.command.progress import working
 
 
 @click.command()
@@ -57,6 +58,7 @@ def report(
         for label, text in (("instrument", instrument), ("operator", operator), ("measured", date))
         if text
     }
-    text, notes = report_page(results, title, told)
+    with working("writing the page"):
+        text, notes = report_page(results, title, told)
     record = ReportRecord(**envelope("", results), page=str(page_path), notes=notes)
     deliver(record, json_path, files={page_path: text})

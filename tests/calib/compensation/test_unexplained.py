@@ -97,3 +97,28 @@ def test_instruments_that_read_no_length_do_not_speak_of_any() -> None:
     shown = at_held_out(fit, replace(data, readings=off))
     assert shown.rms == pytest.approx(1e-3, rel=1e-2)
     assert shown.unexplained == pytest.approx(1e-3, rel=1e-2)
+
+
+def test_a_configuration_read_often_is_left_out_as_by_dense_matrices() -> None:
+    """Forty readings of one pose, more rows than parameters: ``(I - Q_F Q_F^T)^-1 r_F``."""
+    cell, data = session(40, 1.0, 3, 1)
+    data = data.take(np.append(np.arange(40), np.zeros(39, dtype=int)))
+    found = calib.identify(cell, data)
+    span = np.eye(len(found.values))[:, found.std > 0.0]
+    fit = Fitted(found.model, found.values, found.covariance, span, data, found.weights, 1e-5, None)
+    errors, growth, known = left_out(fit)
+    points, J = found.model.jacobian(found.values, data.poses)
+    J = (found.weights @ (J @ span)).reshape(-1, span.shape[1])
+    Q, _ = np.linalg.qr(J / np.linalg.norm(J, axis=0))
+    r = (found.weights @ (data.readings - points)[..., None]).ravel()
+    r = (r - Q @ (Q.T @ r)).reshape(len(data), -1)
+    here = np.append(0, np.arange(40, 79))
+    own = Q.reshape(*r.shape, -1)[here].reshape(-1, Q.shape[1])
+    freedom = np.eye(len(own)) - own @ own.T
+    missed = np.linalg.solve(freedom, r[here].ravel()).reshape(len(here), -1, 3, 1)
+    expected = (np.linalg.inv(found.weights[here]) @ missed)[..., 0]
+    assert len(own) > Q.shape[1]
+    assert known.all()
+    np.testing.assert_allclose(errors[here], expected, rtol=1e-7, atol=1e-12)
+    more = np.trace(np.linalg.inv(freedom) - np.eye(len(own))) / np.trace(own @ own.T)
+    assert growth[0] == pytest.approx(more, rel=1e-6)

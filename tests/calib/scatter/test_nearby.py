@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calib.scatter.blocks import Block
 from calib.scatter.nearby import NearbyLikelihood
-from calib.scatter.restricted import Block, Turned, maximised
+from calib.scatter.restricted import Turned, maximised
 
 B, D = 200, 6  # configurations, rows of each
 
@@ -17,8 +18,10 @@ def problem(rng: np.random.Generator, size: float) -> Turned:
     known, suspect = rng.normal(size=(2, B, D, 1))
     y = rng.normal(size=(B, D, 1)) + Z * 2.0 * rng.normal(size=(B, 1, 1)) + size * suspect
     F = np.concatenate([known, suspect, y], axis=-1)
-    none = np.zeros((0, 3))
-    return Turned((Block(Z, np.array([1]), F),), none, none, 1, 0, 0, np.ones(2))
+    none, one = np.zeros((0, 3)), (B, 1, D)  # approaches of each
+    own, F = Z.reshape(*one, 1), F.reshape(*one, 3)
+    block = Block(own, own[..., :0], np.array([1]), np.zeros(0, dtype=int), F)
+    return Turned((block,), none, none, 1, 0, 0, np.ones(2))
 
 
 @pytest.mark.parametrize("size", [0.0, 0.2, 0.6])

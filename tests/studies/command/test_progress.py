@@ -1,0 +1,113 @@
+"""Signs that work goes on: on a terminal, and nowhere else."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from studies.command.progress import _duration, working
+from tests.helpers import measured_cell
+
+RUN = "from studies.cli import run; run()"
+CONTROL = re.compile(rb"\x1b\[[0-9;?]*[a-zA-Z]|\r")
+
+
+def heard(folder: Path, *arguments: str) -> tuple[str, str]:
+    """What a command says on a pseudo-terminal of 100 columns as standard error, and on a pipe."""
+    ours, theirs = pty.openpty()
+    environment = os.environ | {"TERM": "xterm", "COLUMNS": "100"}
+    with os.fdopen(ours, "rb", buffering=0) as terminal:
+        process = subprocess.Popen(
+            [sys.executable, "-c", RUN, *arguments],
+            cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=theirs,
+        )  # fmt: skip
+        os.close(theirs)
+        said = b""
+        while chunk := _read(terminal.fileno()):
+            said += chunk
+        out, _ = process.communicate()
+    assert not process.returncode, said
+    return CONTROL.sub(b"", said).decode(), out.decode()
+
+
+def _read(terminal: int) -> bytes:
+    try:
+        return os.read(terminal, 65536)
+    except OSError:  # Linux: the other end was closed
+        return b""
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (
+            ("identify", "cell.toml", "measurements.csv"),
+            ("reading measurements.csv", "identifying"),
+        ),
+        (("design", "cell.toml", "--candidates", "500"), ("choosing poses", "weighted plan")),
+    ],
+)
+def test_a_terminal_sees_what_is_being_done(
+    tmp_path: Path, command: tuple[str, ...], said: tuple[str, ...]
+) -> None:
+    measured_cell(tmp_path)
+    terminal, out = heard(tmp_path, *command)
+    for part in said:
+        assert part in terminal
+        assert part not in out
+    assert "0:00:0" in terminal  # how long it takes by now
+
+
+def test_a_pipe_sees_nothing(tmp_path: Path) -> None:
+    measured_cell(tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, "identify", "cell.toml", "measurements.csv"],
+        cwd=tmp_path, capture_output=True, check=True,
+    )  # fmt: skip
+    assert not done.stderr
+    assert b"identifying" not in done.stdout
+    assert b"\x1b" not in done.stdout
+
+
+class _Terminal:
+    """Standard error that says it is one."""
+
+    def __init__(self) -> None:
+        self.said = ""
+
+    def write(self, text: str) -> int:
+        self.said += text
+        return len(text)
+
+    def flush(self) -> None:
+        pass
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"), [(2.0, None), (42.0, "about 42 s"), (300.0, "about 5 min")]
+)
+def test_long_work_is_forecast(
+    seconds: float, said: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    terminal = _Terminal()
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(sys, "stderr", terminal)
+    with working("identifying", seconds) as say:
+        say("outliers")
+    assert "identifying" in terminal.said
+    assert ("about" in terminal.said) == (said is not None)
+    assert said is None or said in terminal.said
+    assert "outliers" in terminal.said
+
+
+def test_durations_have_one_figure() -> None:
+    assert (_duration(89.0), _duration(120.0)) == ("89 s", "2 min")

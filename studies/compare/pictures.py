@@ -46,7 +46,7 @@ def by_plan(record: CompareRecord) -> Picture:
         _units(first),
         {plan.plan: _std(plan.points) for plan in record.plans if plan.ids == first.ids},
         name="plans",
-        title="Standard deviations by plan, approach #2",
+        title="Uncertainty of each parameter, by plan (approach #2)",
     )
 
 

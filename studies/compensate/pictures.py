@@ -15,6 +15,7 @@ from studies.plots.style import (
     log_ticks,
     pose_ticks,
     sheet,
+    short,
     styled,
     tidy,
 )
@@ -44,7 +45,7 @@ def errors_by_target(record: CompensateRecord) -> Picture:
     ]  # fmt: skip
     low, high = _limits(np.concatenate([before, expected]))
     log_ticks(panel.yaxis, low, high)
-    panel.set(ylabel="error at the target [mm]", ylim=(low, high))
+    panel.set(xlabel="target", ylabel="error at the target [mm]", ylim=(low, high))
     pose_ticks(panel, names)
     legend_below(figure, lines)
     caption = (
@@ -56,7 +57,12 @@ def errors_by_target(record: CompensateRecord) -> Picture:
         (t.pose, t.before_mm, t.left_mm, t.expected_mm, t.limited_by) for t in record.targets
     )
     header = ("target", "before [mm]", "left [mm]", "expected [mm]", "limited by")
-    return Picture("errors_by_target", "Error at each target", caption, figure, header, rows)
+    return Picture("errors_by_target", _title(record), caption, figure, header, rows)
+
+
+def _title(record: CompensateRecord) -> str:
+    was, now = (short(value, 2) for value in (record.rms_mm.before, record.rms_mm.expected))
+    return f"Error at each target: {was} mm RMS before, {now} mm expected after correction"
 
 
 def _limits(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> tuple[float, float]:

@@ -39,7 +39,7 @@ def waterfall(steps: Steps, floor_mm: float) -> Picture:
     """
     values, names, low = np.array(steps.rms_mm), steps.added, floor_mm
     n, of = len(names), steps.of
-    labels = ["model as given", *names, *(["what is left"] if n else [])]
+    labels = ["before: model as given", *names, *(["after: what is left"] if n else [])]
     figure = sheet(7.2, 1.5 + 0.44 * len(labels))
     panel = figure.subplots()
     tidy(panel, "x")
@@ -69,7 +69,10 @@ def waterfall(steps: Steps, floor_mm: float) -> Picture:
         f"What is left is {values[-1] / low:.2f} times the floor, which noise alone would leave."
     )
     header = ("step", *(f"{what} [{steps.unit}]" for what in ("RMS", "change", "floor")))
-    title = "From the gap to the floor"
+    title = f"The error before, {short(values[0])} {steps.unit}, and what no cause explains"
+    if n:
+        was, now = (short(float(value), 2) for value in (values[0], values[-1]))
+        title = f"What each cause takes off: from {was} to {now} {steps.unit}"
     rows = tuple(_rows(labels, values, low))
     return Picture("waterfall", title, caption, figure, header, rows)
 

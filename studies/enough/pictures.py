@@ -45,7 +45,7 @@ def expected_by_pose(record: EnoughRecord) -> Picture:
     if record.lacking.rms_mm:
         label = "what no pose lowers"
         lines.append(panel.axhline(record.lacking.rms_mm, color=SOFT, linestyle=":", label=label))
-    panel.set(ylabel="error at the targets [mm]", ylim=(0.0, None))
+    panel.set(xlabel="after which pose", ylabel="error at the targets [mm]", ylim=(0.0, None))
     pose_ticks(panel, names)
     legend_below(figure, lines)
     caption = (
@@ -57,5 +57,5 @@ def expected_by_pose(record: EnoughRecord) -> Picture:
         for name, step in zip(names, steps, strict=True)
     )
     header = ("after", "readings", "task RMS [mm]", "worst [mm]", "19 in 20 below [mm]")
-    title = "Expected error, pose by pose"
+    title = "What the poses still to come would bring: expected error at the targets"
     return Picture("expected_by_pose", title, caption, figure, header, rows)

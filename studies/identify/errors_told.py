@@ -9,7 +9,12 @@ from typing import Any
 from studies.document import COUNT, MM, MRAD, Column, Detail, Figure, Part, Sentence, Table, mm
 from studies.identify.errors import Model, OfInstrument
 from studies.identify.outliers import Outlier, Share
-from studies.identify.pictures import distances, errors_over_image, residuals_by_pose
+from studies.identify.pictures import (
+    distances,
+    errors_by_pose,
+    errors_over_image,
+    residuals_by_pose,
+)
 from studies.identify.point_errors import point_errors
 from studies.identify.record import IdentifyRecord
 
@@ -69,6 +74,7 @@ def told_errors(record: IdentifyRecord) -> Iterator[Part]:
         yield Figure(lambda: errors_over_image(record))
     if not rows:
         return
+    yield Figure(lambda: errors_by_pose(record))
     yield Figure(lambda: residuals_by_pose(record, heldout=False))
     if record.rms_mm.heldout is not None:
         yield Figure(lambda: residuals_by_pose(record, heldout=True))

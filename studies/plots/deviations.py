@@ -44,7 +44,7 @@ def by_approach(
     std: Mapping[str, Array],
     *,
     name: str = "deviations",
-    title: str = "Standard deviations by approach",
+    title: str = "Uncertainty of each parameter, by approach",
 ) -> Picture:
     """Standard deviations on log axes, one panel a unit, the numbers at the margin.
 
@@ -129,7 +129,7 @@ def predicted_against_simulated(
     for key in predicted:
         header += [f"{look[key].label}: {what}" for what in ("predicted", "simulated", "ratio")]
         columns += [np.asarray(predicted[key]), np.asarray(simulated[key]), ratios[key]]
-    title = "Predicted and simulated standard deviations"
+    title = f"Simulation against prediction: {inside.sum()} of {counted.sum()} marks in the band"
     table = _rows(names, units, columns)
     return Picture("predicted_simulated", title, caption, figure, tuple(header), table)
 

@@ -40,7 +40,7 @@ def over_image(fields: Mapping[str, tuple[Array, Array, tuple[str, ...]]]) -> Pi
     )
     return Picture(
         "image",
-        "Errors over the image",
+        "Measured minus predicted over the image of each camera",
         f"Measured minus predicted, arrows {times:g} times as long as they are. A pattern that follows "
         "the image is the lens's; one that does not is the arm's or the board's.",
         figure,

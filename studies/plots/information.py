@@ -74,7 +74,9 @@ def by_pose(pose_names: Sequence[str], shares: Sequence[Mapping[str, float]]) ->
         (label, *map(cell, part), cell(100.0 * part.sum() / total if total else np.nan))
         for label, part in zip(pose_names, parts, strict=True)
     )
-    return Picture("information", "Information by pose", caption, figure, header, rows)
+    return Picture(
+        "information", "What each pose contributes to the parameters", caption, figure, header, rows
+    )
 
 
 @styled
@@ -117,7 +119,7 @@ def derivative(
             marks, [f"{mark:g}".replace("-", "\N{MINUS SIGN}") for mark in marks.round(2)]
         )
     panel.set_xlabel(f"{joint} [deg]")
-    panel.set_ylabel(f"derivative of {criterion}, bound = 1 [-]")
+    panel.set_ylabel(f"derivative of criterion {criterion}\n[share of its bound]")
     low, high = float(score.min()), max(float(score.max()), 1.0)
     panel.set_ylim(low - 0.12 * (high - low), high + 0.12 * (high - low))
     proved = "" if efficiency is None else f"at least {100.0 * efficiency:.1f} %"
@@ -131,7 +133,7 @@ def derivative(
     )
     header = ("chosen", f"{joint} [deg]", "derivative [-]", "bound [-]")
     rows = tuple((str(k), cell(degrees[k]), cell(score[k]), 1.0) for k in chosen)
-    title = "Directional derivative of the design"
+    title = "How much each candidate pose would improve the plan"
     return Picture("derivative", title, caption, figure, header, rows)
 
 

@@ -42,7 +42,7 @@ def by_pose_and_axis(
     outliers: NDArray[np.bool_] | None = None,
     *,
     name: str = "residuals",
-    title: str = "Residuals by pose",
+    title: str = "Residuals of each pose",
 ) -> Picture:
     """Residuals in x, y, z by pose with the band of the noise; three panels of equal limits.
 
@@ -84,14 +84,20 @@ def by_pose_and_axis(
     rows = tuple(
         _row(label, values[i], flagged[i], marker_names) for i, label in enumerate(pose_names)
     )
+    title = f"{title}: {_inside(values, flagged, sigma * _MM):.0f} % are within the noise"
     return Picture(name, title, caption, figure, header, rows)
+
+
+def _inside(values: Array, flagged: NDArray[np.bool_], sigma: float) -> float:
+    """Per cent of the coordinates in the band."""
+    counted = int(np.isfinite(values[~flagged]).sum())
+    inside = int((np.abs(values[~flagged]) <= 2.0 * sigma).sum())
+    return 100.0 * inside / counted if counted else 0.0
 
 
 def _caption(values: Array, flagged: NDArray[np.bool_], sigma: float, limit: float) -> str:
     """How many lie in the band, and what that says."""
-    counted = int(np.isfinite(values[~flagged]).sum())
-    inside = int((np.abs(values[~flagged]) <= 2.0 * sigma).sum())
-    share = 100.0 * inside / counted if counted else 0.0
+    share = _inside(values, flagged, sigma)
     but = ", outliers not counted" if flagged.any() else ""
     edge = " Triangles at the edge stand for values beyond it."
     return (

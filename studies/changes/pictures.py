@@ -11,6 +11,7 @@ from studies.plots.style import (
     BLUE,
     FAINT,
     INK,
+    PANEL,
     SOFT,
     VERMILLION,
     Cell,
@@ -38,7 +39,7 @@ def changed_parameters(record: ChangesRecord) -> Picture:
     known = [p for p in record.parameters if p.std]
     ratio = np.array([p.change / p.std for p in known if p.std])
     at, moved = np.arange(len(known)), np.array([p.moved for p in known], dtype=bool)
-    figure = sheet(6.4, max(2.4, 1.2 + 0.19 * len(known)))
+    figure = sheet(PANEL, max(2.4, 1.2 + 0.19 * len(known)))
     panel = figure.subplots()
     tidy(panel, "x")
     band = panel.axvspan(-2.0, 2.0, color=FAINT, linewidth=0, zorder=0)
@@ -91,7 +92,8 @@ def _plain_ticks(panel: Axes) -> None:
 
 def _far_ticks(panel: Axes, low: float, high: float) -> None:
     decades = math.floor(math.log10(max(-low, high, _LINEAR)))
-    far = [_LINEAR, *(10.0**k for k in range(decades, 0, -max(1, decades // 3)))]
+    far = [10.0**k for k in range(decades, 1 if decades > 1 else 0, -max(1, decades // 3))]
+    far.append(_LINEAR)  # ten is too near to it where there is more
     ticks = [0.0, *far, *(-tick for tick in far)]
     panel.set_xticks([tick for tick in ticks if low <= tick <= high])
 
@@ -101,7 +103,7 @@ def errors_at_targets(record: ChangesRecord) -> Picture:
     """The error at each target with the earlier values, and what the robot itself moved by."""
     targets = sorted(record.at_targets, key=lambda target: -target.kept_mm.value)
     at = np.arange(len(targets))
-    figure = sheet(7.2, 4.0)
+    figure = sheet(PANEL, 3.8)
     panel = figure.subplots()
     tidy(panel, "y")
     handles = []

@@ -107,7 +107,7 @@ def information_by_pose(plan: Plan) -> Picture:
 
 def _against(curve: ByNumber, of: Literal["poses", "markers"]) -> Picture:
     rms = {key: np.array(v, dtype=float) / 1e3 for key, v in curve.task_rms_mm.items()}
-    return accuracy.against_number(curve.counts, rms, of, "task RMS, median of subsets")
+    return accuracy.against_number(curve.counts, rms, of, "expected error, median of subsets")
 
 
 def _units(plan: Plan) -> list[str]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from studies.plots.style import (
     BLUE,
+    PANEL,
     VERMILLION,
     Cell,
     Picture,
@@ -33,7 +34,7 @@ def errors_by_target(record: CompensateRecord) -> Picture:
     before = np.array([target.before_mm for target in record.targets])
     expected = np.array([target.expected_mm for target in record.targets])
     at = np.arange(len(names))
-    figure = sheet(7.2, 4.0)
+    figure = sheet(PANEL, 3.8)
     panel = figure.subplots()
     tidy(panel, "y")
     panel.set_yscale("log")

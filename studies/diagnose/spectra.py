@@ -12,6 +12,7 @@ import numpy as np
 from studies.diagnose.record import Line, Spectrum
 from studies.plots.style import (
     INK,
+    PANEL,
     SERIES,
     SOFT,
     Cell,
@@ -45,7 +46,7 @@ def spectra(panels: Sequence[Spectrum]) -> Picture:
     looks = {
         line: look for family, look in zip(shared, cycle(_SHARED), strict=False) for line in family
     }
-    figure = sheet(6.2, 1.3 + 1.0 * len(panels))
+    figure = sheet(PANEL, 1.3 + 1.0 * len(panels))
     axes = figure.subplots(len(panels), 1, sharex=True, sharey=True, squeeze=False).ravel()
     for i, (axis, panel) in enumerate(zip(axes, panels, strict=True)):
         _draw(axis, panel, [looks.get((i, k), _ALONE) for k in range(len(panel.lines))])

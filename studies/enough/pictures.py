@@ -9,6 +9,7 @@ import numpy as np
 from studies.plots.style import (
     BLUE,
     INK,
+    PANEL,
     SOFT,
     VERMILLION,
     Cell,
@@ -32,7 +33,7 @@ def expected_by_pose(record: EnoughRecord) -> Picture:
     at = np.arange(len(steps))
     rms = np.array([step.task_rms_mm for step in steps], dtype=float)
     most = np.array([step.task_most_mm for step in steps], dtype=float)
-    figure = sheet(7.2, 4.0)
+    figure = sheet(PANEL, 3.8)
     panel = figure.subplots()
     tidy(panel, "y")
     lines = [

@@ -9,6 +9,7 @@ import numpy as np
 
 from studies.plots.style import (
     BLUE,
+    PANEL,
     VERMILLION,
     Cell,
     Picture,
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 @styled
 def accuracy_and_repeatability(record: Iso9283Record) -> Picture:
     """Measured poses filled, predicted ones open; the interval as a line."""
-    figure = sheet(7.2, 5.4)
+    figure = sheet(PANEL, 5.0)
     panels = figure.subplots(2, 1, sharex=True)  # AP is often a hundred times RP
     handles = []
     measured = np.array([pose.how == "measured" for pose in record.poses])

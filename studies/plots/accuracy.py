@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.arrays import Array
 from studies.plots.style import (
+    PANEL,
     SOFT,
     Picture,
     cell,
@@ -45,13 +46,13 @@ def against_number(
     scale, unit = length_unit(accuracy)
     lines = {key: np.asarray(values, dtype=float) * scale for key, values in accuracy.items()}
     sizes = iter(np.linspace(5.0 + 1.5 * (len(lines) - 1), 5.0, len(lines)))
-    figure = sheet(6.4, 4.2)
+    figure = sheet(PANEL, 3.9)
     panel = figure.subplots()
     tidy(panel)
     for key, values in lines.items():
         size = next(sizes)  # marks that coincide stand within each other
         panel.plot(n, values, **look[key].line, markersize=size, label=look[key].label)
-    panel.set(xscale="log", yscale="log", xlabel=f"number of {of} n", ylabel=f"{what} [{unit}]")
+    panel.set(xscale="log", yscale="log", xlabel=f"number of {of} n", ylabel=f"{what}\n[{unit}]")
     guide = _guide(panel, n, lines)
     known = np.concatenate([v[np.isfinite(v)] for v in lines.values()])
     if len(known):

@@ -12,6 +12,7 @@ from studies.plots.style import (
     BLUE,
     GREEN,
     INK,
+    PANEL,
     VERMILLION,
     Look,
     Picture,
@@ -28,6 +29,7 @@ from studies.plots.style import (
 )
 
 _MM = 1e3
+_A_POSE = 0.09  # inch
 _LEAST = 1e-6  # mm: below it an error is drawn as none
 _BEFORE = Look("before: nominal model", VERMILLION, "^", "", "", "▲")
 _FITTED = Look("after: identified, fitted poses", BLUE, "o", "", "", "●")
@@ -47,7 +49,7 @@ def by_pose(
     was, now = (np.maximum(own * _MM, _LEAST) for own in (before, after))
     floor = max(np.sqrt(3.0) * sigma * _MM, _LEAST)
     at = np.arange(len(was))
-    figure = sheet(min(10.5, max(6.4, 1.6 + 0.17 * len(was))), 4.2)
+    figure = sheet(min(10.5, max(PANEL, _A_POSE * len(was))), 4.0)
     panel = figure.subplots()
     tidy(panel, "y")
     panel.set_yscale("log")

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _ONE_COLUMN = 20  # more parameters stand in two columns, without numbers at the margin
-_HEAD = 2.6  # height of a panel's axis, in rows
+_HEAD = 3.0  # height of a panel's axis, in rows
 _NUMBER_PT = 50.0  # width of a number at the margin
 
 
@@ -147,7 +147,7 @@ def _panels(
     if len(names) > _ONE_COLUMN:
         columns = _halves(members)
     tallest = max(_height(column) for column in columns)
-    figure = sheet(7.2 if len(columns) == 1 else 9.6, 0.75 + 0.25 * tallest)
+    figure = sheet(7.2 if len(columns) == 1 else 9.6, 0.75 + 0.195 * tallest)
     made: list[tuple[Axes, list[int]]] = []
     halves = figure.subfigures(1, len(columns), squeeze=False)[0]
     for half, column in zip(halves, columns, strict=True):

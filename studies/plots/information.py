@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from calib.arrays import Array
 from studies.plots.style import (
     BLUE,
+    PANEL,
     VERMILLION,
     Picture,
     aside,
@@ -43,7 +44,7 @@ def by_pose(pose_names: Sequence[str], shares: Sequence[Mapping[str, float]]) ->
     parts = np.array([[own[group] for group in groups] for own in shares])
     look = looks(groups, solid=True)
     m = len(pose_names)
-    figure = sheet(min(10.5, max(4.8, 1.6 + 0.17 * m)), 3.9)
+    figure = sheet(min(10.5, max(PANEL, 1.6 + 0.17 * m)), 3.9)
     panel = figure.subplots()
     tidy(panel, "y")
     below, many = np.zeros(m), len(groups) > 1
@@ -104,7 +105,7 @@ def derivative(
     chosen = np.asarray(chosen, dtype=int)
     marks = None if levels is None else np.degrees(np.sort(levels))
     at = degrees if marks is None else _spread(degrees, marks)
-    figure = sheet(6.8, 4.3)
+    figure = sheet(PANEL, 4.0)
     panel = figure.subplots()
     tidy(panel)
     crowd = _crowd(panel, at, score, np.setdiff1d(np.arange(len(score)), chosen))

@@ -12,6 +12,7 @@ from calib.arrays import Array
 from studies.plots.style import (
     FAINT,
     INK,
+    PANEL,
     SOFT,
     Cell,
     Picture,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _MM = 1e3
+_A_POSE = 0.14  # inch
 
 
 @styled
@@ -57,7 +59,7 @@ def by_pose_and_axis(
     values[~seen] = np.nan
     limit = _limit(values, flagged, sigma * _MM)
     m = len(pose_names)
-    figure = sheet(min(10.5, max(5.2, 1.6 + 0.17 * m)), 5.6)
+    figure = sheet(min(10.5, max(PANEL, _A_POSE * m)), 4.6)
     panels = figure.subplots(3, 1, sharex=True, sharey=True)
     look = looks(marker_names)
     for axis, panel in zip("xyz", panels, strict=True):

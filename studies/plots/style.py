@@ -46,6 +46,8 @@ INK, SOFT, FAINT = "0.15", "0.45", "0.85"
 ON_LIGHT, ON_DARK = "#262627", "#fffffe"
 """Text on coloured cells: no greys, which a page turns round in dark colours."""
 DPI = 200
+PANEL = 5.0
+"""Inches: width of a figure of one panel, which a phone shows whole with its text still legible."""
 POSE = "pose:"
 """How elements of an SVG begin their id that stand for a pose."""
 _LIT = 60  # poses that are elements of their own

@@ -45,7 +45,7 @@ def test_the_fall_is_that_of_the_gap(result: Diagnosis, drawn: dict[str, Picture
     assert rows["backlash:A3"][1:3] == (pytest.approx(after), pytest.approx(after - before))
     assert picture.rows[-1][3] == pytest.approx(1e3 * result.gap.floor)
     assert "held-out poses [mm]" in picture.figure.axes[0].get_xlabel()
-    assert rows["what is left"][1] == pytest.approx(after)
+    assert rows["after: what is left"][1] == pytest.approx(after)
     assert f"{after / rows['what is left'][3]:.2f} times the floor" in picture.caption
 
 

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 _FOLDED = 16  # rows from which on a table is folded
 _SORTED = 6  # rows from which on a table can be sorted
-_JOINTS = re.compile(r"(?<=\w)[_:,](?=\w)|@(?=[\w-])|/(?=\w{4})|\.(?=[a-z]{4})|\w{16}(?=\w{8})")
-_UNIT = re.compile(r" (\[[^\[\]]*\])$")
+_JOINTS = re.compile(r"(?<=\w)[_:,](?=\w)|@(?=[\w-])|/(?=\w{4}|\()|\.(?=[a-z]{4})|\w{16}(?=\w{8})")
+_UNIT = re.compile(r" (\[[^\[\]]{1,12}\])$")  # longer ones may break
 _BROAD = 6.0  # inches: a wider figure takes a line of its own on paper
 _MINUS = str.maketrans("-", "\N{MINUS SIGN}")
 

@@ -25,7 +25,7 @@ from studies.plots.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_GUIDE = "mere repetition, 1/sqrt(n)"
+_GUIDE = "1/sqrt(n), repetition"
 
 
 @styled
@@ -52,7 +52,8 @@ def against_number(
     for key, values in lines.items():
         size = next(sizes)  # marks that coincide stand within each other
         panel.plot(n, values, **look[key].line, markersize=size, label=look[key].label)
-    panel.set(xscale="log", yscale="log", xlabel=f"number of {of} n", ylabel=f"{what}\n[{unit}]")
+    label = f"{what.split(',')[0]} [{unit}]"  # what follows stands in the caption
+    panel.set(xscale="log", yscale="log", xlabel=f"number of {of} n", ylabel=label)
     guide = _guide(panel, n, lines)
     known = np.concatenate([v[np.isfinite(v)] for v in lines.values()])
     if len(known):

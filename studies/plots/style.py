@@ -186,7 +186,7 @@ def tidy(panel: Axes, grid: str = "both") -> None:
 
 def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
     """One legend for all panels, in as many columns as fit."""
-    lengths = [0.075 * len(handle.get_label()) + 0.6 for handle in handles]  # inches, about
+    lengths = [0.07 * len(handle.get_label()) + 0.6 for handle in handles]  # inches, about
     columns = len(handles)
     while columns > 1 and _legend_width(lengths, columns) > figure.get_figwidth() - 0.3:
         columns -= 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from studies.document.parts import pictures_of
 from studies.kinds import KINDS, tell
 from studies.plots.accuracy import against_number
 from studies.plots.by_pose import by_pose
-from studies.plots.style import Picture, png_bytes, sheet, styled, svg_text
+from studies.plots.style import APPROACHES, Picture, png_bytes, sheet, styled, svg_text
 from studies.research.picture import picture as of_the_readme
 from studies.results import read
 from tests.studies.drawn_words import collisions
@@ -44,6 +45,12 @@ def test_of_the_demonstration(demo_folder: Path, name: str) -> None:
     assert drawn
     for picture in drawn:
         check(picture)
+
+
+@pytest.mark.parametrize("of", ["poses", "markers"])
+def test_of_what_compare_draws_beside_its_page(of: Literal["poses", "markers"]) -> None:
+    lines = {key: np.array([9e-5, 5e-5, 2e-5]) / n for n, key in enumerate(APPROACHES, 1)}
+    check(against_number([3, 6, 12], lines, of, "expected error, median of subsets"))
 
 
 def test_of_the_readme(demo_folder: Path) -> None:

@@ -73,7 +73,7 @@ def triangle(A: Array) -> Array:
     """
     N, k = A.shape
     stacks, rows = N // _STACK, _STACK
-    if k < rows // 2 and stacks > 1:
+    if 0 < k < rows // 2 and stacks > 1:
         cut = stacks * rows
         R = np.asarray(np.linalg.qr(A[:cut].reshape(stacks, rows, k), mode="r"))
         A = np.concatenate([R.reshape(-1, k), A[cut:]])

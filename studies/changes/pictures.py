@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from studies.plots.style import (
     BLUE,
     FAINT,
     INK,
+    PANEL,
     SOFT,
     VERMILLION,
     Cell,
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
     from studies.changes.record import ChangesRecord
 
+_NARROWEST = 3.0  # standard deviations to either side
 _LINEAR = 5.0  # standard deviations; beyond, the scale is logarithmic
 
 
@@ -37,18 +39,23 @@ def changed_parameters(record: ChangesRecord) -> Picture:
     known = [p for p in record.parameters if p.std]
     ratio = np.array([p.change / p.std for p in known if p.std])
     at, moved = np.arange(len(known)), np.array([p.moved for p in known], dtype=bool)
-    figure = sheet(6.4, max(2.4, 1.2 + 0.19 * len(known)))
+    figure = sheet(PANEL, max(2.4, 1.2 + 0.19 * len(known)))
     panel = figure.subplots()
     tidy(panel, "x")
-    panel.axvspan(-2.0, 2.0, color=FAINT, linewidth=0, zorder=0)
+    band = panel.axvspan(-2.0, 2.0, color=FAINT, linewidth=0, zorder=0)
+    band.set_label("two standard deviations")
     panel.axvline(0.0, color=SOFT, linewidth=0.8)
-    handles = [
-        *panel.plot(ratio[~moved], at[~moved], color=BLUE, marker="o", linestyle="",
-                    label="within the uncertainty"),
-        *panel.plot(ratio[moved], at[moved], color=VERMILLION, marker="^", linestyle="",
-                    label="moved"),
-    ]  # fmt: skip
+    handles: list[Any] = []
+    for chosen, color, mark, label in (
+        (~moved, BLUE, "o", "not moved for sure"), (moved, VERMILLION, "^", "moved")
+    ):  # fmt: skip
+        if chosen.any():
+            handles += panel.plot(ratio[chosen], at[chosen], color=color, marker=mark, linestyle="",
+                                  label=label)  # fmt: skip
+    handles.append(band)
     panel.set_xscale("symlog", linthresh=_LINEAR)
+    reach = max(1.15 * float(np.abs(ratio).max(initial=0.0)), _NARROWEST)
+    panel.set_xlim(-reach, reach)
     _plain_ticks(panel)
     panel.set_yticks(at, brief([p.id for p in known]), fontsize=9)
     panel.set(xlabel="after - before [standard deviations]", ylim=(len(known) - 0.4, -0.6))
@@ -62,20 +69,33 @@ def changed_parameters(record: ChangesRecord) -> Picture:
         (p.id, p.change, p.std, p.unit, p.family_p, "moved" if p.moved else "") for p in known
     )
     header = ("parameter", "after - before", "standard deviation", "unit", "p over all", "")
-    return Picture(
-        "changed_parameters", "Parameters, after minus before", caption, figure, header, rows
+    title = (
+        f"{int(moved.sum()) or 'No'} of {len(known)} parameters moved for sure: after minus before"
     )
+    return Picture("changed_parameters", title, caption, figure, header, rows)
 
 
 def _plain_ticks(panel: Axes) -> None:
-    """Numbers at zero, where the scale turns logarithmic, and at a few powers of ten beyond."""
+    """Numbers at zero, where the scale turns logarithmic, and at a few powers of ten beyond.
+
+    At each step of one or two where it does not.
+    """
     low, high = panel.get_xlim()
-    decades = math.floor(math.log10(max(-low, high, _LINEAR)))
-    far = [_LINEAR, *(10.0**k for k in range(decades, 0, -max(1, decades // 3)))]
-    ticks = [0.0, *far, *(-tick for tick in far)]
-    panel.set_xticks([tick for tick in ticks if low <= tick <= high])
+    if high <= _LINEAR:
+        panel.set_xticks(np.arange(-4.0, 5.0, 2.0 if high > _NARROWEST else 1.0))
+        panel.set_xlim(low, high)
+    else:
+        _far_ticks(panel, low, high)
     panel.xaxis.set_major_formatter("{x:g}")
     panel.minorticks_off()
+
+
+def _far_ticks(panel: Axes, low: float, high: float) -> None:
+    decades = math.floor(math.log10(max(-low, high, _LINEAR)))
+    far = [10.0**k for k in range(decades, 1 if decades > 1 else 0, -max(1, decades // 3))]
+    far.append(_LINEAR)  # ten is too near to it where there is more
+    ticks = [0.0, *far, *(-tick for tick in far)]
+    panel.set_xticks([tick for tick in ticks if low <= tick <= high])
 
 
 @styled
@@ -83,7 +103,7 @@ def errors_at_targets(record: ChangesRecord) -> Picture:
     """The error at each target with the earlier values, and what the robot itself moved by."""
     targets = sorted(record.at_targets, key=lambda target: -target.kept_mm.value)
     at = np.arange(len(targets))
-    figure = sheet(7.2, 4.0)
+    figure = sheet(PANEL, 3.8)
     panel = figure.subplots()
     tidy(panel, "y")
     handles = []
@@ -99,7 +119,7 @@ def errors_at_targets(record: ChangesRecord) -> Picture:
     if record.tolerance_mm is not None:
         line = panel.axhline(record.tolerance_mm, color=INK, linestyle="-.", label="tolerance")
         handles.append(line)
-    panel.set(ylabel="error at the target [mm]", ylim=(0.0, None))
+    panel.set(xlabel="target, the worst first", ylabel="error at the target [mm]", ylim=(0.0, None))
     pose_ticks(panel, [target.pose for target in targets])
     legend_below(figure, handles)
     caption = (
@@ -112,4 +132,11 @@ def errors_at_targets(record: ChangesRecord) -> Picture:
         for t in targets
     )  # fmt: skip
     header = ("target", "kept [mm]", "from [mm]", "to [mm]", "moved [mm]", "from [mm]", "to [mm]")
-    return Picture("changes_at_targets", "Error at each target", caption, figure, header, rows)
+    return Picture(
+        "changes_at_targets",
+        f"Error at each target today, with {record.before} and by the robot itself",
+        caption,
+        figure,
+        header,
+        rows,
+    )

@@ -103,7 +103,7 @@ def _curve(counts: IntArray, rows: list[list[dict[str, float]]]) -> Curve:
     rms = {}
     for way in WAYS:
         values = [[found.get(way.key, np.inf) for found in row] for row in rows]
-        rms[way.key] = np.array([[np.median(v), min(v), max(v)] for v in values])
+        rms[way.key] = np.array([[np.median(v), min(v), max(v)] for v in values]).reshape(-1, 3)
     known = np.any([np.isfinite(v[:, 0]) for v in rms.values()], axis=0)
     return Curve(counts[known], {key: v[known] for key, v in rms.items()})
 

@@ -21,7 +21,14 @@ from calib.poses import Poses
 from calib.threads import one_blas_thread
 from studies.compare.agreement import FEWEST, Agreement, agreement
 from studies.compare.derivatives import Derivatives, derivatives
-from studies.compare.experiment import PLAIN, POINTS, Experiment, Way, experiment_of
+from studies.compare.experiment import (
+    PLAIN,
+    POINTS,
+    Experiment,
+    Way,
+    experiment_of,
+    refuse_unseen,
+)
 from studies.compare.in_mujoco import points_in_mujoco
 from studies.compare.montecarlo import Refits, refits
 from studies.compare.noise_of_text import StatedNoise
@@ -173,7 +180,9 @@ def compare(
         cell, prior=None
     )  # what the readings tell by themselves; simulated robots are no type
     targets, weights = targets_of(cell)
-    prepared = [_prepared(cell, plan, values, stated, length, seed) for plan in plans.values()]
+    prepared = [
+        _prepared(cell, name, plan, values, stated, length, seed) for name, plan in plans.items()
+    ]
     why_not = _NOT_INSTALLED if truth is None and find_spec("mujoco") is None else ""
     if truth == "mujoco" or (truth is None and trials and not why_not):
         try:
@@ -206,6 +215,7 @@ def compare(
 
 def _prepared(
     cell: Cell,
+    name: str,
     plan: Poses,
     values: Mapping[str, float] | None,
     stated: StatedNoise | None,
@@ -215,6 +225,7 @@ def _prepared(
     """An experiment and its predictions, before anything is simulated."""
     own = None if values is None else as_vector(build(cell, plan).model, values)
     experiment = experiment_of(cell, plan, values=own, stated=stated, length=length, seed=seed)
+    refuse_unseen(experiment, name)
     predictions = [predict(experiment, way) for way in experiment.ways]
     return replace(experiment, truth=_visible_truth(experiment, predictions)), predictions
 

@@ -221,6 +221,17 @@ def _refuse_no_contact(cell: Cell, plan: Poses) -> None:
         )
 
 
+def refuse_unseen(experiment: Experiment, plan: str) -> None:
+    """Raise CalibError where nothing can be read at the poses of a plan of this name."""
+    if experiment.seen.any():
+        return
+    named = ", ".join(instrument.name for instrument in experiment.model.instruments)
+    raise CalibError(
+        f"{named} sees no point at any pose of {plan}; let posecal design choose poses for this cell, "
+        "or check where the instrument stands and looks (position_mm, rpy_deg)"
+    )
+
+
 def noise_weights(model: Model, values: Array, poses: Poses, seen: NDArray[np.bool_]) -> Array:
     """Whitening matrices of the readings of a plan, shape (m, C, r, r), zero where hidden."""
     W = whitening(model, values, poses, model.predict(values, poses))

@@ -12,7 +12,7 @@ from calib.cell.targets import targets_of
 from calib.errors import CalibError, InputError
 from calib.files.tables import load_plan
 from calib.poses import Poses
-from studies.compare.experiment import POINTS, Experiment, experiment_of
+from studies.compare.experiment import POINTS, Experiment, experiment_of, refuse_unseen
 from studies.compare.prediction import accuracy_at, predict
 
 _PERFECT = 1e4  # times as good as stated: what is left then is the arm's own scatter
@@ -49,6 +49,7 @@ def read_by_each(cells: Mapping[Path, Cell], plans: Mapping[str, Path]) -> Itera
             try:
                 plan = load_plan(cell, file)
                 experiment = experiment_of(cell, plan)
+                refuse_unseen(experiment, name)
             except InputError:
                 raise
             except CalibError as error:

@@ -46,7 +46,7 @@ def by_plan(record: CompareRecord) -> Picture:
         _units(first),
         {plan.plan: _std(plan.points) for plan in record.plans if plan.ids == first.ids},
         name="plans",
-        title="Standard deviations by plan, approach #2",
+        title="Uncertainty of each parameter, by plan (approach #2)",
     )
 
 
@@ -107,7 +107,7 @@ def information_by_pose(plan: Plan) -> Picture:
 
 def _against(curve: ByNumber, of: Literal["poses", "markers"]) -> Picture:
     rms = {key: np.array(v, dtype=float) / 1e3 for key, v in curve.task_rms_mm.items()}
-    return accuracy.against_number(curve.counts, rms, of, "task RMS, median of subsets")
+    return accuracy.against_number(curve.counts, rms, of, "expected error, median of subsets")
 
 
 def _units(plan: Plan) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, Self
@@ -261,6 +262,7 @@ def compare_record(
 
 def _read_by(own: Reading, every: Sequence[Reading]) -> ReadBy:
     first = next(one for one in every if one.plan == own.plan)
+    known = math.isfinite(first.task_rms)
     return ReadBy(
         cell=own.cell.name,
         instruments=tuple(f"{i.name} ({i.kind})" for i in own.cell.instruments),
@@ -269,7 +271,7 @@ def _read_by(own: Reading, every: Sequence[Reading]) -> ReadBy:
         task_rms_mm=own.task_rms * _MM,
         task_worst_mm=own.task_worst * _MM,
         arm_rms_mm=own.arm_rms * _MM if own.cell.scatters else None,
-        poses_to_match=own.poses * (own.task_rms / first.task_rms) ** 2,
+        poses_to_match=own.poses * (own.task_rms / first.task_rms) ** 2 if known else None,
     )
 
 

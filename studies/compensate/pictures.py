@@ -8,6 +8,7 @@ import numpy as np
 
 from studies.plots.style import (
     BLUE,
+    PANEL,
     VERMILLION,
     Cell,
     Picture,
@@ -15,6 +16,7 @@ from studies.plots.style import (
     log_ticks,
     pose_ticks,
     sheet,
+    short,
     styled,
     tidy,
 )
@@ -32,7 +34,7 @@ def errors_by_target(record: CompensateRecord) -> Picture:
     before = np.array([target.before_mm for target in record.targets])
     expected = np.array([target.expected_mm for target in record.targets])
     at = np.arange(len(names))
-    figure = sheet(7.2, 4.0)
+    figure = sheet(PANEL, 3.8)
     panel = figure.subplots()
     tidy(panel, "y")
     panel.set_yscale("log")
@@ -44,7 +46,7 @@ def errors_by_target(record: CompensateRecord) -> Picture:
     ]  # fmt: skip
     low, high = _limits(np.concatenate([before, expected]))
     log_ticks(panel.yaxis, low, high)
-    panel.set(ylabel="error at the target [mm]", ylim=(low, high))
+    panel.set(xlabel="target", ylabel="error at the target [mm]", ylim=(low, high))
     pose_ticks(panel, names)
     legend_below(figure, lines)
     caption = (
@@ -56,7 +58,12 @@ def errors_by_target(record: CompensateRecord) -> Picture:
         (t.pose, t.before_mm, t.left_mm, t.expected_mm, t.limited_by) for t in record.targets
     )
     header = ("target", "before [mm]", "left [mm]", "expected [mm]", "limited by")
-    return Picture("errors_by_target", "Error at each target", caption, figure, header, rows)
+    return Picture("errors_by_target", _title(record), caption, figure, header, rows)
+
+
+def _title(record: CompensateRecord) -> str:
+    was, now = (short(value, 2) for value in (record.rms_mm.before, record.rms_mm.expected))
+    return f"Error at each target: {was} mm RMS before, {now} mm expected after correction"
 
 
 def _limits(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> tuple[float, float]:

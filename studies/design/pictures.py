@@ -54,7 +54,7 @@ def deviations_by_plan(record: DesignRecord) -> Picture:
         [p.id for p in record.predicted_std],
         [p.unit for p in record.predicted_std],
         {name: np.array(std, dtype=float) for name, std in plans.items()},
-        title="Standard deviations by plan, approach #2",
+        title="Uncertainty of each parameter, by plan",
     )
 
 

@@ -11,6 +11,7 @@ from calib.arrays import Array
 from studies.diagnose.shown import Curve, Panel, Row
 from studies.plots.style import (
     BLUE,
+    PANEL,
     SOFT,
     VERMILLION,
     Cell,
@@ -42,7 +43,7 @@ def error_curve(curve: Curve) -> Picture:
     )
     columns = 1 if len(panels) < 3 else 2
     rows = -(-len(panels) // columns)
-    figure = sheet(6.4 if columns == 1 else 9.6, 1.0 + (3.2 if rows == 1 else 2.5) * rows)
+    figure = sheet(PANEL if columns == 1 else 9.6, 1.0 + (3.2 if rows == 1 else 2.5) * rows)
     axes = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
     handles: dict[str, Any] = {}
     for panel, shown in zip(axes, panels, strict=False):

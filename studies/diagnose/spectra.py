@@ -12,6 +12,7 @@ import numpy as np
 from studies.diagnose.record import Line, Spectrum
 from studies.plots.style import (
     INK,
+    PANEL,
     SERIES,
     SOFT,
     Cell,
@@ -45,7 +46,7 @@ def spectra(panels: Sequence[Spectrum]) -> Picture:
     looks = {
         line: look for family, look in zip(shared, cycle(_SHARED), strict=False) for line in family
     }
-    figure = sheet(6.2, 1.3 + 1.0 * len(panels))
+    figure = sheet(PANEL, 1.3 + 1.0 * len(panels))
     axes = figure.subplots(len(panels), 1, sharex=True, sharey=True, squeeze=False).ravel()
     for i, (axis, panel) in enumerate(zip(axes, panels, strict=True)):
         _draw(axis, panel, [looks.get((i, k), _ALONE) for k in range(len(panel.lines))])
@@ -56,7 +57,7 @@ def spectra(panels: Sequence[Spectrum]) -> Picture:
     axes[0].set_yticks(ticks if len(ticks) < _MOST_TICKS else [t for t in ticks if t % 3])
     axes[0].yaxis.set_major_formatter("{x:g}")
     axes[-1].set_xlabel("cycles in a turn of the joint [1/turn]")
-    figure.supylabel("line over noise [standard deviations]", fontsize=10)
+    figure.supylabel("ripple [standard deviations of the noise]", fontsize=10)
     legend_below(figure, _key(panels, shared))
     caption = (
         "By how many standard deviations of the noise a ripple of so many cycles a turn stands out at "
@@ -67,7 +68,9 @@ def spectra(panels: Sequence[Spectrum]) -> Picture:
         "joint", "cycles [1/turn]", "standard deviation [1/turn]", "amplitude [urad]",
         "gear ratio, if twice a turn", "gear ratio, if once", "or, at these poses, cycles [1/turn]",
     )  # fmt: skip
-    title = "What repeats in each joint's turn"
+    lines = sum(len(panel.lines) for panel in panels)
+    found = f"{lines} found" if lines else "none found"
+    title = f"Errors that repeat within a turn of each joint: {found}"
     return Picture("spectra", title, caption, figure, header, tuple(_rows(panels)))
 
 
@@ -155,7 +158,12 @@ def _key(panels: Sequence[Spectrum], shared: Sequence[frozenset[tuple[int, int]]
     from matplotlib.lines import Line2D
 
     alarm = Line2D(
-        [], [], color=INK, linewidth=1.1, linestyle=(0, (4, 2)), label="false alarm, 1 %"
+        [],
+        [],
+        color=INK,
+        linewidth=1.1,
+        linestyle=(0, (4, 2)),
+        label="chance passes it in 1 figure of 100",
     )
     found = [alarm]
     for family, look in zip(shared, cycle(_SHARED), strict=False):

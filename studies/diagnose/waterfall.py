@@ -12,6 +12,7 @@ from studies.diagnose.shown import Steps
 from studies.plots.style import (
     BLUE,
     INK,
+    PANEL,
     SOFT,
     VERMILLION,
     Cell,
@@ -39,8 +40,8 @@ def waterfall(steps: Steps, floor_mm: float) -> Picture:
     """
     values, names, low = np.array(steps.rms_mm), steps.added, floor_mm
     n, of = len(names), steps.of
-    labels = ["model as given", *names, *(["what is left"] if n else [])]
-    figure = sheet(7.2, 1.5 + 0.44 * len(labels))
+    labels = ["before: model as given", *names, *(["after: what is left"] if n else [])]
+    figure = sheet(PANEL, 1.5 + 0.44 * len(labels))
     panel = figure.subplots()
     tidy(panel, "x")
     most = max(float(values.max()), low)
@@ -57,7 +58,7 @@ def waterfall(steps: Steps, floor_mm: float) -> Picture:
     panel.set_yticks(range(len(labels)), labels)
     panel.tick_params(axis="y", length=0)
     panel.set(xlim=(0.0, (1.0 + _TEXT) * most), ylim=(len(labels) - 0.4, -0.6))
-    panel.set_xlabel(f"RMS distance measured \N{MINUS SIGN} predicted, {of} [{steps.unit}]")
+    panel.set_xlabel(f"RMS error at {of} [{steps.unit}]")
     legend_below(figure, [line, *_key(values)])
     caption = f"3-D root mean square error of the {of}. " + (
         "Each effect is added to those above it and the whole model fitted again, so that a bar is "
@@ -69,7 +70,10 @@ def waterfall(steps: Steps, floor_mm: float) -> Picture:
         f"What is left is {values[-1] / low:.2f} times the floor, which noise alone would leave."
     )
     header = ("step", *(f"{what} [{steps.unit}]" for what in ("RMS", "change", "floor")))
-    title = "From the gap to the floor"
+    title = f"The error before, {short(values[0])} {steps.unit}, and what no cause explains"
+    if n:
+        was, now = (short(float(value), 2) for value in (values[0], values[-1]))
+        title = f"What each cause takes off: from {was} to {now} {steps.unit}"
     rows = tuple(_rows(labels, values, low))
     return Picture("waterfall", title, caption, figure, header, rows)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import count, groupby
@@ -31,6 +32,9 @@ if TYPE_CHECKING:
 
 _FOLDED = 16  # rows from which on a table is folded
 _SORTED = 6  # rows from which on a table can be sorted
+_JOINTS = re.compile(r"(?<=\w)[_:,](?=\w)|@(?=[\w-])|/(?=\w{4}|\()|\.(?=[a-z]{4})|\w{16}(?=\w{8})")
+_UNIT = re.compile(r" (\[[^\[\]]{1,12}\])$")  # longer ones may break
+_BROAD = 6.0  # inches: a wider figure takes a line of its own on paper
 _MINUS = str.maketrans("-", "\N{MINUS SIGN}")
 
 
@@ -124,7 +128,8 @@ class Writer:
             below = self._folded(
                 title, self._table(_numbers(picture, title, figure.highlight), highlight)
             )
-        made: Markup = self.macros.figure(picture.title, picture.caption, drawn, below)
+        broad = picture.figure.get_figwidth() > _BROAD
+        made: Markup = self.macros.figure(picture.title, picture.caption, drawn, below, broad)
         return made
 
 
@@ -141,7 +146,9 @@ def _head(column: Column[Any]) -> str:
 
 def _cell(column: Column[Any], row: Any) -> str:
     text = column.cell(row)
-    return text.translate(_MINUS) if column.rule.number else text
+    if not column.rule.number:
+        return text
+    return text.translate(_MINUS).replace(" to ", "\N{NO-BREAK SPACE}to ")
 
 
 def _template() -> Template:
@@ -154,4 +161,24 @@ def _template() -> Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters |= {"breakable": breakable, "headed": _headed}
     return environment.get_template("parts.html.j2")
+
+
+def breakable(text: str) -> Markup:
+    """Text whose long names may break after a joint of theirs, and hashes anywhere.
+
+    >>> str(breakable("base_drift:base")), str(breakable("a & b"))
+    ('base_<wbr>drift:<wbr>base', 'a &amp; b')
+    """
+    parts = _JOINTS.sub(lambda joint: f"{joint[0]}\0", text.replace(" m)", "\N{NO-BREAK SPACE}m)"))
+    return Markup("<wbr>").join(parts.split("\0"))
+
+
+def _headed(text: str) -> Markup:
+    """The head of a column; its unit stays in one line."""
+    unit = _UNIT.search(text)
+    if unit is None:
+        return breakable(text)
+    whole = Markup(" <span class=unit>{}</span>").format(unit[1])
+    return breakable(text[: unit.start()]) + whole

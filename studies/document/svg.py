@@ -26,6 +26,7 @@ _GREY = re.compile(r"#([0-9a-f]{2})\1\1(?![0-9a-f])", re.IGNORECASE)
 _SMALLEST = (
     0.75  # of its width, to which a figure shrinks before it is scrolled: text stays legible
 )
+_LARGEST = 1.3  # of its width, to which it grows where there is room
 _COLOURED = ("style", "fill", "stroke")
 
 
@@ -46,7 +47,7 @@ def inline_svg(picture: Picture, key: str, names: Mapping[str, str] | None) -> M
     wide = width / 72.0 * 96.0
     root.set(
         "style",
-        f"max-width: {wide:.0f}px; min-width: {_SMALLEST * wide:.0f}px; "
+        f"max-width: {_LARGEST * wide:.0f}px; min-width: {_SMALLEST * wide:.0f}px; "
         f"aspect-ratio: {width / height:.4f}",
     )
     text = ET.tostring(root, encoding="unicode")

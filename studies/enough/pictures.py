@@ -9,6 +9,7 @@ import numpy as np
 from studies.plots.style import (
     BLUE,
     INK,
+    PANEL,
     SOFT,
     VERMILLION,
     Cell,
@@ -32,7 +33,7 @@ def expected_by_pose(record: EnoughRecord) -> Picture:
     at = np.arange(len(steps))
     rms = np.array([step.task_rms_mm for step in steps], dtype=float)
     most = np.array([step.task_most_mm for step in steps], dtype=float)
-    figure = sheet(7.2, 4.0)
+    figure = sheet(PANEL, 3.8)
     panel = figure.subplots()
     tidy(panel, "y")
     lines = [
@@ -45,7 +46,7 @@ def expected_by_pose(record: EnoughRecord) -> Picture:
     if record.lacking.rms_mm:
         label = "what no pose lowers"
         lines.append(panel.axhline(record.lacking.rms_mm, color=SOFT, linestyle=":", label=label))
-    panel.set(ylabel="error at the targets [mm]", ylim=(0.0, None))
+    panel.set(xlabel="after which pose", ylabel="error at the targets [mm]", ylim=(0.0, None))
     pose_ticks(panel, names)
     legend_below(figure, lines)
     caption = (
@@ -57,5 +58,5 @@ def expected_by_pose(record: EnoughRecord) -> Picture:
         for name, step in zip(names, steps, strict=True)
     )
     header = ("after", "readings", "task RMS [mm]", "worst [mm]", "19 in 20 below [mm]")
-    title = "Expected error, pose by pose"
+    title = "What the poses still to come would bring: expected error at the targets"
     return Picture("expected_by_pose", title, caption, figure, header, rows)

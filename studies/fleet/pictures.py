@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 _LEAST = 1e-6  # mm: below it an error is drawn as none
 _PANELS = 24
 _ACROSS = 4
+_NAMED = 12  # robots of a type that are named
+_LETTERS = 20  # of names side by side
 LOOKS = {
     "nominal": Look("nominal", VERMILLION, "^", "-", "", "▲"),
     "fitted": Look("identified", BLUE, "o", "-", "", "●"),
@@ -46,14 +48,20 @@ def errors_by_robot(record: FleetRecord) -> Picture:
     types = sorted({own.type for own in last.values()})
     groups = [_sorted([own for own in last.values() if own.type == name]) for name in types]
     figure, panels = _small(min(len(types), _PANELS))
+    names: dict[Axes, list[str]] = {}
     for panel, name, group in zip(panels, types, groups, strict=False):
         at = np.arange(1, len(group) + 1)
         for key, look in LOOKS.items():
             values = _drawn([getattr(own.rms_mm, key) for own in group])
             panel.plot(at, values, **{**look.line, "linestyle": "", "markersize": 4})
         panel.set_title(elided(name))
+        names[panel] = [own.robot for own in group]
     every = [getattr(own.rms_mm, key) for group in groups for own in group for key in LOOKS]
-    _finish(figure, panels, every, "robots, sorted", list(LOOKS))
+    keys = [key for key in LOOKS if any(getattr(own.rms_mm, key) for own in last.values())]
+    _finish(figure, panels, every, "robot, least nominal error first", keys)
+    for panel, own in names.items():
+        if len(own) <= _NAMED:
+            _name(panel, own)
     caption = (
         "RMS distance between measured and predicted points of each robot's last table, by type, in "
         "the order of the nominal model's error. A robot above its neighbours is worth a look."
@@ -64,7 +72,14 @@ def errors_by_robot(record: FleetRecord) -> Picture:
         for own in group
     )
     header = ("type", "robot", "nominal [mm]", "identified [mm]", "held out [mm]")
-    return Picture("errors_by_robot", "Errors by type and robot", caption, figure, header, rows)
+    return Picture(
+        "errors_by_robot",
+        "Error of each robot before and after identification",
+        caption,
+        figure,
+        header,
+        rows,
+    )
 
 
 @styled
@@ -95,7 +110,21 @@ def over_days(record: FleetRecord) -> Picture:
         )
     )
     header = ("robot", "table", x, "nominal [mm]", "identified [mm]")
-    return Picture("over_days", "Errors from day to day", caption, figure, header, rows)
+    return Picture(
+        "over_days",
+        "Error of each robot from day to day, before and after identification",
+        caption,
+        figure,
+        header,
+        rows,
+    )
+
+
+def _name(panel: Axes, robots: Sequence[str]) -> None:
+    """Robots by name where they are few; else their number stands."""
+    labels = [elided(name) for name in robots]
+    upright = sum(map(len, labels)) > _LETTERS
+    panel.set_xticks(range(1, len(robots) + 1), labels, rotation=90 if upright else 0, fontsize=9)
 
 
 def _sorted(robots: list[Session]) -> list[Session]:

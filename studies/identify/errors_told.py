@@ -6,20 +6,27 @@ from collections.abc import Iterator
 from operator import attrgetter, itemgetter
 from typing import Any
 
+import numpy as np
+
 from studies.document import COUNT, MM, MRAD, Column, Detail, Figure, Part, Sentence, Table, mm
 from studies.identify.errors import Model, OfInstrument
 from studies.identify.outliers import Outlier, Share
-from studies.identify.pictures import distances, errors_over_image, residuals_by_pose
+from studies.identify.pictures import (
+    distances,
+    errors_by_pose,
+    errors_over_image,
+    residuals_by_pose,
+)
 from studies.identify.point_errors import point_errors
 from studies.identify.record import IdentifyRecord
 
 _MOST = 8  # outliers that the terminal shows
 _MODELS: dict[Model, str] = {
-    "fitted_all": "identified, every pose",
-    "fitted": "identified, without the outliers",
-    "nominal": "nominal (base and markers fitted)",
-    "heldout": "held out",
-    "heldout_trimmed": "held out, without its outliers",
+    "nominal": "fitted poses, nominal model",
+    "fitted_all": "fitted poses, identified",
+    "fitted": "fitted poses without outliers, identified",
+    "heldout": "held-out poses, identified",
+    "heldout_trimmed": "held-out poses without outliers, identified",
 }
 _FIGURES: tuple[Column[Any], ...] = tuple(
     Column(title, itemgetter(k), MM, "mm") for k, title in enumerate(("RMS", "p95", "max"), 1)
@@ -69,6 +76,7 @@ def told_errors(record: IdentifyRecord) -> Iterator[Part]:
         yield Figure(lambda: errors_over_image(record))
     if not rows:
         return
+    yield Figure(lambda: errors_by_pose(record))
     yield Figure(lambda: residuals_by_pose(record, heldout=False))
     if record.rms_mm.heldout is not None:
         yield Figure(lambda: residuals_by_pose(record, heldout=True))
@@ -80,9 +88,19 @@ def told_errors(record: IdentifyRecord) -> Iterator[Part]:
 def _models(record: IdentifyRecord) -> Iterator[tuple[Any, ...]]:
     trimmed = {"fitted": record.outliers, "heldout_trimmed": record.heldout_outliers}
     for key, label in _MODELS.items():
+        if key == "heldout" and record.nominal_at_heldout_mm is not None:
+            yield "held-out poses, nominal model", *_nominal_at_heldout(record)
         row = [getattr(figures, key) for figures in (record.rms_mm, record.p95_mm, record.max_mm)]
         if row[0] is not None and trimmed.get(key, True):
             yield label, *row
+
+
+def _nominal_at_heldout(record: IdentifyRecord) -> tuple[float, float, float]:
+    """RMS, 95th percentile and largest distance, mm."""
+    rows = [row for row in record.residuals if row.heldout and row.metric]
+    lengths = np.array([np.linalg.norm(row.before) for row in rows])
+    rms = float(np.sqrt(np.mean(lengths**2)))
+    return rms, float(np.quantile(lengths, 0.95)), float(lengths.max())
 
 
 def _outliers(record: IdentifyRecord) -> Iterator[Part]:

@@ -7,6 +7,7 @@ import numpy as np
 from studies.identify.point_errors import HELD_OUT, PointErrors, point_errors
 from studies.identify.record import IdentifyRecord
 from studies.plots import ellipses, residuals
+from studies.plots.by_pose import by_pose
 from studies.plots.histogram import histogram
 from studies.plots.image import over_image
 from studies.plots.style import Picture
@@ -21,14 +22,22 @@ def distances(record: IdentifyRecord) -> Picture:
     return histogram(fitted.before[fitted.seen], fitted.after[fitted.seen], sigma)
 
 
+def errors_by_pose(record: IdentifyRecord) -> Picture:
+    """How far each pose was off and is now."""
+    found, sigma = point_errors(record), record.noise.instrument_mm / _MM
+    before, after = (found.by_pose(own) for own in (found.before, found.after))
+    return by_pose(found.poses, before, after, found.heldout, sigma)
+
+
 def residuals_by_pose(record: IdentifyRecord, heldout: bool) -> Picture:
     """Residuals by pose and axis, of the poses fitted or held out."""
     own = _part(record, heldout)
     out = {entry.pose for entry in (record.heldout_outliers if heldout else record.outliers)}
+    where = "held-out" if heldout else "fitted"
     return residuals.by_pose_and_axis(
         own.poses, own.after, own.seen, own.markers, record.noise.instrument_mm / _MM,
         np.array([pose.removesuffix(HELD_OUT) in out for pose in own.poses]),
-        name=f"residuals{'_heldout' * heldout}", title=f"Residuals by pose{', held out' * heldout}",
+        name=f"residuals{'_heldout' * heldout}", title=f"Residuals at the {where} poses",
     )  # fmt: skip
 
 

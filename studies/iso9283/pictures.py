@@ -9,6 +9,7 @@ import numpy as np
 
 from studies.plots.style import (
     BLUE,
+    PANEL,
     VERMILLION,
     Cell,
     Picture,
@@ -27,15 +28,15 @@ if TYPE_CHECKING:
 @styled
 def accuracy_and_repeatability(record: Iso9283Record) -> Picture:
     """Measured poses filled, predicted ones open; the interval as a line."""
-    figure = sheet(7.2, 4.0)
-    panel = figure.subplots()
-    tidy(panel, "y")
+    figure = sheet(PANEL, 5.0)
+    panels = figure.subplots(2, 1, sharex=True)  # AP is often a hundred times RP
     handles = []
     measured = np.array([pose.how == "measured" for pose in record.poses])
-    for name, found, color, mark in (
-        ("AP", [pose.ap_mm for pose in record.poses], VERMILLION, "^"),
-        ("RP", [pose.rp_mm for pose in record.poses], BLUE, "o"),
+    for panel, name, found, color, mark in (
+        (panels[0], "AP", [pose.ap_mm for pose in record.poses], VERMILLION, "^"),
+        (panels[1], "RP", [pose.rp_mm for pose in record.poses], BLUE, "o"),
     ):
+        tidy(panel, "y")
         value, low, high = _columns(found)
         at = np.arange(len(value))
         panel.vlines(at, low, high, color=color, linewidth=0.8, alpha=0.6)
@@ -48,8 +49,9 @@ def accuracy_and_repeatability(record: Iso9283Record) -> Picture:
                     at[here], value[here], color=color, markerfacecolor=face, marker=mark,
                     linestyle="", label=f"{name}, {how}",
                 )  # fmt: skip
-    panel.set(ylabel="AP and RP [mm]", ylim=(0.0, None))
-    pose_ticks(panel, [pose.pose for pose in record.poses])
+        panel.set(ylabel=f"{name} [mm]", ylim=(0.0, None))
+    pose_ticks(panels[-1], [pose.pose for pose in record.poses])
+    panels[-1].set_xlabel("pose")
     legend_below(figure, handles)
     caption = (
         f"Pose accuracy AP and pose repeatability RP of ISO 9283 at {record.marker}, with 95 % "
@@ -61,7 +63,14 @@ def accuracy_and_repeatability(record: Iso9283Record) -> Picture:
         for pose in record.poses
     )
     header = ("pose", "from", "how", "AP [mm]", "low", "high", "RP [mm]", "low", "high")
-    return Picture("iso9283", "Accuracy and repeatability by pose", caption, figure, header, rows)
+    return Picture(
+        "iso9283",
+        "Accuracy (AP) and repeatability (RP) of each pose, by ISO 9283",
+        caption,
+        figure,
+        header,
+        rows,
+    )
 
 
 def _numbers(found: Figure | None) -> tuple[float | None, float | None, float | None]:

@@ -38,6 +38,8 @@ _MOST = 32  # causes on the map; the others are easier to tell and stand in the 
 _HARDEST = 30.0  # times the smallest size at which the colours end
 _CELL = 0.26  # inch
 _COLUMNS = 4
+_NINE = Look("found nine times in ten", SOFT, "", (0, (4, 3)), "", "")  # type: ignore[arg-type]
+_USUAL = Look("usual size", SOFT, "^", "", "", "")
 _FAR = 100.0  # a usual size that is farther from what is found is not drawn
 
 
@@ -65,11 +67,11 @@ def look_alikes(record: PlanRecord) -> Picture:
     bar = figure.colorbar(image, ax=panel, shrink=min(1.0, 3.2 / side + 0.2), aspect=25)
     bar.ax.set_ylim(1.0, _HARDEST)
     log_ticks(bar.ax.yaxis, 1.0, _HARDEST)
-    bar.set_label("told apart from this many times\nthe smallest size that is found")
+    bar.set_label("told apart from\nthis many times\nthe smallest size\nthat is found")
     bar.outline.set_visible(False)
     return Picture(
         "look_alikes",
-        "Map of look-alikes",
+        "Causes that look alike at these poses, and from which size on they do not",
         _map_caption(record, len(members), len(shown)),
         figure,
         ("cause", "is taken for", "rho", "told apart from [times its smallest size]"),
@@ -172,8 +174,9 @@ def power(record: PlanRecord) -> Picture:
         _power_panel(panel, own, look, record.power)
     for row in axes:
         row[0].set_ylabel("found [%]")
-    if look:
-        legend_below(figure, [key_of(one, marker="", linewidth=1.8) for one in look.values()])
+    handles = [key_of(one, marker="", linewidth=1.8) for one in look.values()]
+    handles += [key_of(one, linewidth=0.9) for one in (_NINE, _USUAL)]
+    legend_below(figure, handles)
     caption = (
         "Probability that the diagnosis finds a cause of this size, among all that it asks, if it is "
         "the only one that the model lacks. The dashed line is nine in ten, where the smallest sizes "
@@ -183,7 +186,8 @@ def power(record: PlanRecord) -> Picture:
         "cause", "parameter", "unit", "found 10 %", "found 50 %", "found 90 %", "found 99 %", "usual",
     )  # fmt: skip
     rows = tuple(_power_row(cause, record.power) for cause in record.seen)
-    return Picture("detection_power", "Detection power against size", caption, figure, header, rows)
+    title = "From which size on each cause is found"
+    return Picture("detection_power", title, caption, figure, header, rows)
 
 
 def _looks(record: PlanRecord) -> dict[str, Look]:
@@ -216,11 +220,8 @@ def _power_panel(panel: Axes, own: Sequence[Seen], look: dict[str, Look], power:
             color=INK if drawn is None else drawn.color,
             linestyle="-" if drawn is None else drawn.linestyle,
         )  # fmt: skip
-    panel.plot(
-        shown, np.zeros(len(shown)), linestyle="", marker="^", color=SOFT, markersize=6,
-        clip_on=False, zorder=3,
-    )  # fmt: skip
-    panel.axhline(90.0, color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)))
+    panel.plot(shown, np.zeros(len(shown)), **_USUAL.line, markersize=6, clip_on=False, zorder=3)
+    panel.axhline(90.0, color=_NINE.color, linewidth=0.9, linestyle=_NINE.linestyle)
     panel.set_xlim(low, high)
     panel.set_ylim(0.0, 104.0)
     panel.set_yticks([0, 50, 90])

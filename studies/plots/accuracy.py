@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from calib.arrays import Array
 from studies.plots.style import (
+    PANEL,
     SOFT,
     Picture,
     cell,
@@ -24,7 +25,7 @@ from studies.plots.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_GUIDE = "1/sqrt(n)"
+_GUIDE = "1/sqrt(n), repetition"
 
 
 @styled
@@ -44,13 +45,16 @@ def against_number(
     n = np.asarray(counts, dtype=float)
     scale, unit = length_unit(accuracy)
     lines = {key: np.asarray(values, dtype=float) * scale for key, values in accuracy.items()}
-    figure = sheet(6.4, 4.2)
+    sizes = iter(np.linspace(5.0 + 1.5 * (len(lines) - 1), 5.0, len(lines)))
+    figure = sheet(PANEL, 3.9)
     panel = figure.subplots()
     tidy(panel)
     for key, values in lines.items():
-        panel.plot(n, values, **look[key].line, markersize=5.5, label=look[key].label)
-    panel.set(xscale="log", yscale="log", xlabel=f"number of {of} n", ylabel=f"{what} [{unit}]")
-    _guide(panel, n, lines)
+        size = next(sizes)  # marks that coincide stand within each other
+        panel.plot(n, values, **look[key].line, markersize=size, label=look[key].label)
+    label = f"{what.split(',')[0]} [{unit}]"  # what follows stands in the caption
+    panel.set(xscale="log", yscale="log", xlabel=f"number of {of} n", ylabel=label)
+    guide = _guide(panel, n, lines)
     known = np.concatenate([v[np.isfinite(v)] for v in lines.values()])
     if len(known):
         log_ticks(panel.yaxis, known.min(), known.max())
@@ -58,18 +62,18 @@ def against_number(
     else:  # nothing could be estimated: an empty panel, as the table says
         panel.set_ylim(1.0, 10.0)
     _count_ticks(panel, counts)
-    handles = [key_of(look[key]) for key in accuracy]
+    handles = [*(key_of(look[key]) for key in accuracy), *guide]
     legend_below(figure, handles)
     caption = (
         f"{what[0].upper()}{what[1:]} over the number of {of}, both on log scales; lower is better. "
-        f"The grey line falls as {_GUIDE}, the gain of mere repetition."
+        "The grey line falls as 1/sqrt(n), the gain of mere repetition."
     )
     header = (of, *(f"{look[key].label} [{unit}]" for key in accuracy))
     rows = tuple(
         (float(count), *(cell(values[i]) for values in lines.values()))
         for i, count in enumerate(counts)
     )
-    title = f"Accuracy against the number of {of}"
+    title = f"Expected error by the number of {of}"
     return Picture(f"accuracy_{of}", title, caption, figure, header, rows)
 
 
@@ -80,17 +84,13 @@ def length_unit(values: Mapping[str, Array]) -> tuple[float, str]:
     return (1e6, "um") if largest < 5e-4 else (1e3, "mm")
 
 
-def _guide(panel: Axes, n: Array, lines: Mapping[str, Array]) -> None:
-    """1/sqrt(n) below the lowest line, so that it crosses none of them."""
+def _guide(panel: Axes, n: Array, lines: Mapping[str, Array]) -> list[Any]:
+    """1/sqrt(n) below the lowest line, so that it crosses none of them; its entry in the legend."""
     scaled = np.array(list(lines.values())) * np.sqrt(n)
     if not np.isfinite(scaled).any():
-        return
+        return []
     guide = 0.8 * np.nanmin(scaled) / np.sqrt(n)
-    panel.plot(n, guide, color=SOFT, linewidth=1.0, zorder=1)
-    panel.annotate(
-        _GUIDE, (n[-1], guide[-1]), (-6.0, -3.0), textcoords="offset points", color=SOFT, fontsize=9,
-        ha="right", va="top",
-    )  # fmt: skip
+    return panel.plot(n, guide, color=SOFT, linewidth=1.0, zorder=1, label=_GUIDE)
 
 
 def _count_ticks(panel: Axes, counts: Sequence[int]) -> None:

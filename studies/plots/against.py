@@ -83,7 +83,7 @@ def against(
         "medians lie level near the dashed line; a slope or a bow points to what is not modelled."
     )
     header = ("against", "rank correlation [-]", "highest median [mm]", "lowest median [mm]")
-    title = "What is left, against what it may depend on"
+    title = "The error that is left, over what it may depend on"
     return Picture("against", title, caption, figure, header, tuple(rows))
 
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _ONE_COLUMN = 20  # more parameters stand in two columns, without numbers at the margin
-_HEAD = 2.6  # height of a panel's axis, in rows
+_HEAD = 3.0  # height of a panel's axis, in rows
 _NUMBER_PT = 50.0  # width of a number at the margin
 
 
@@ -44,7 +44,7 @@ def by_approach(
     std: Mapping[str, Array],
     *,
     name: str = "deviations",
-    title: str = "Standard deviations by approach",
+    title: str = "Uncertainty of each parameter, by approach",
 ) -> Picture:
     """Standard deviations on log axes, one panel a unit, the numbers at the margin.
 
@@ -129,7 +129,7 @@ def predicted_against_simulated(
     for key in predicted:
         header += [f"{look[key].label}: {what}" for what in ("predicted", "simulated", "ratio")]
         columns += [np.asarray(predicted[key]), np.asarray(simulated[key]), ratios[key]]
-    title = "Predicted and simulated standard deviations"
+    title = f"Simulation against prediction: {inside.sum()} of {counted.sum()} marks in the band"
     table = _rows(names, units, columns)
     return Picture("predicted_simulated", title, caption, figure, tuple(header), table)
 
@@ -147,7 +147,7 @@ def _panels(
     if len(names) > _ONE_COLUMN:
         columns = _halves(members)
     tallest = max(_height(column) for column in columns)
-    figure = sheet(7.2 if len(columns) == 1 else 9.6, 0.75 + 0.25 * tallest)
+    figure = sheet(7.2 if len(columns) == 1 else 9.6, 0.75 + 0.195 * tallest)
     made: list[tuple[Axes, list[int]]] = []
     halves = figure.subfigures(1, len(columns), squeeze=False)[0]
     for half, column in zip(halves, columns, strict=True):

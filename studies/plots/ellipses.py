@@ -38,6 +38,7 @@ _RADIUS = math.sqrt(-2.0 * math.log(0.05))  # of the 95 % ellipse of two normal 
 _DRAWN = 400  # points of a cloud; more only make it darker
 _LISTED = 20
 _STEPS = 145  # of an outline
+_STRONG = 0.9  # a correlation that is told of
 _WRITTEN = 12  # parameters up to which the numbers stand in the cells
 
 
@@ -93,7 +94,14 @@ def ellipses(
         for i, pair in enumerate(pairs)
         for key, covariance in covariances.items()
     )
-    return Picture("ellipses", "95 % error ellipses", caption, figure, header, rows)
+    return Picture(
+        "ellipses",
+        "Parameters that are hardest to tell apart: 95 % error ellipses",
+        caption,
+        figure,
+        header,
+        rows,
+    )
 
 
 def _prepare(panel: Axes, pair: Pair) -> None:
@@ -151,7 +159,7 @@ def correlation(names: Sequence[str], matrix: Array) -> Picture:
     """
     R = correlations(matrix)
     count = len(names)
-    side = 1.9 + max(0.165 * count, 0.42 * min(count, _WRITTEN))
+    side = 1.9 + max(0.18 * count, 0.42 * min(count, _WRITTEN))
     figure = sheet(side + 1.9, side, "compressed")
     panel = figure.subplots()
     panel.set_facecolor("0.92")  # where there is no value
@@ -176,9 +184,11 @@ def correlation(names: Sequence[str], matrix: Array) -> Picture:
         k = order[0]
         caption += (
             f"The strongest pair is {names[first[k]]} and {names[second[k]]} with {values[k]:+.2f}; "
-            f"{int(np.sum(np.abs(values) > 0.9))} of {len(values)} pairs exceed 0.9."
+            f"{int(np.sum(np.abs(values) > _STRONG))} of {len(values)} pairs exceed {_STRONG:g}."
         )
-    header, title = ("parameter", "parameter", "correlation"), "Correlation of the parameters"
+    header = ("parameter", "parameter", "correlation")
+    strong = int(np.sum(np.abs(values) > _STRONG))
+    title = f"{strong or 'No'} of {len(values)} pairs of parameters correlate beyond {_STRONG:g}"
     return Picture("correlation", title, caption, figure, header, rows)
 
 

@@ -10,6 +10,7 @@ from calib.arrays import Array
 from studies.plots.style import (
     BLUE,
     INK,
+    PANEL,
     VERMILLION,
     Cell,
     Picture,
@@ -50,7 +51,7 @@ def histogram(before: Array, after: Array, sigma: float) -> Picture:
     low, high = _limits(np.concatenate(lengths), sigma * _MM)
     count = max(6, round(_BINS_A_DECADE * np.log10(high / low)))
     edges = np.geomspace(low, high, count + 1)
-    figure = sheet(7.2, 4.4)
+    figure = sheet(PANEL, 4.0)
     panels = figure.subplots(2, 1, sharex=True, sharey=True)
     looks: Any = ({"color": VERMILLION, "hatch": "//"}, {"color": BLUE})
     for panel, own, label, look in zip(panels, lengths, _MODELS, looks, strict=True):
@@ -77,7 +78,8 @@ def histogram(before: Array, after: Array, sigma: float) -> Picture:
     rows = tuple(
         (label, float(len(own)), *figures(own)) for label, own in zip(_MODELS, lengths, strict=True)
     )
-    title = "Distances between measured and predicted points"
+    was, now = (short(float(np.quantile(own, 0.95)), 2) for own in lengths)
+    title = f"95 % of the points were within {was} mm, now within {now} mm"
     return Picture("histogram", title, caption, figure, header, rows)
 
 

@@ -31,7 +31,9 @@ def over_image(fields: Mapping[str, tuple[Array, Array, tuple[str, ...]]]) -> Pi
     for panel, (name, (at, off, _)) in zip(axes, fields.items(), strict=True):
         _field(panel, at, off, times)
         rms = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
-        panel.set_title(f"{name}: {rms:.3g} px RMS", fontsize=9, color=INK)
+        panel.set_title(
+            f"{name}: {rms:.3g} px RMS, arrows {times:g} times as long", fontsize=9, color=INK
+        )
     axes[0].set_ylabel("v [px]")
     rows: tuple[tuple[Cell, ...], ...] = tuple(
         (name, reading, float(at[i, 0]), float(at[i, 1]), float(off[i, 0]), float(off[i, 1]))
@@ -40,7 +42,7 @@ def over_image(fields: Mapping[str, tuple[Array, Array, tuple[str, ...]]]) -> Pi
     )
     return Picture(
         "image",
-        "Errors over the image",
+        "Measured minus predicted over the image of each camera",
         f"Measured minus predicted, arrows {times:g} times as long as they are. A pattern that follows "
         "the image is the lens's; one that does not is the arm's or the board's.",
         figure,

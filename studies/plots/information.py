@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from calib.arrays import Array
 from studies.plots.style import (
     BLUE,
+    PANEL,
     VERMILLION,
     Picture,
     aside,
@@ -43,7 +44,7 @@ def by_pose(pose_names: Sequence[str], shares: Sequence[Mapping[str, float]]) ->
     parts = np.array([[own[group] for group in groups] for own in shares])
     look = looks(groups, solid=True)
     m = len(pose_names)
-    figure = sheet(min(10.5, max(4.8, 1.6 + 0.17 * m)), 3.9)
+    figure = sheet(min(10.5, max(PANEL, 1.6 + 0.17 * m)), 3.9)
     panel = figure.subplots()
     tidy(panel, "y")
     below, many = np.zeros(m), len(groups) > 1
@@ -74,7 +75,9 @@ def by_pose(pose_names: Sequence[str], shares: Sequence[Mapping[str, float]]) ->
         (label, *map(cell, part), cell(100.0 * part.sum() / total if total else np.nan))
         for label, part in zip(pose_names, parts, strict=True)
     )
-    return Picture("information", "Information by pose", caption, figure, header, rows)
+    return Picture(
+        "information", "What each pose contributes to the parameters", caption, figure, header, rows
+    )
 
 
 @styled
@@ -102,7 +105,7 @@ def derivative(
     chosen = np.asarray(chosen, dtype=int)
     marks = None if levels is None else np.degrees(np.sort(levels))
     at = degrees if marks is None else _spread(degrees, marks)
-    figure = sheet(6.8, 4.3)
+    figure = sheet(PANEL, 4.0)
     panel = figure.subplots()
     tidy(panel)
     crowd = _crowd(panel, at, score, np.setdiff1d(np.arange(len(score)), chosen))
@@ -117,7 +120,7 @@ def derivative(
             marks, [f"{mark:g}".replace("-", "\N{MINUS SIGN}") for mark in marks.round(2)]
         )
     panel.set_xlabel(f"{joint} [deg]")
-    panel.set_ylabel(f"derivative of {criterion}, bound = 1 [-]")
+    panel.set_ylabel(f"derivative of criterion {criterion}\n[share of its bound]")
     low, high = float(score.min()), max(float(score.max()), 1.0)
     panel.set_ylim(low - 0.12 * (high - low), high + 0.12 * (high - low))
     proved = "" if efficiency is None else f"at least {100.0 * efficiency:.1f} %"
@@ -131,7 +134,7 @@ def derivative(
     )
     header = ("chosen", f"{joint} [deg]", "derivative [-]", "bound [-]")
     rows = tuple((str(k), cell(degrees[k]), cell(score[k]), 1.0) for k in chosen)
-    title = "Directional derivative of the design"
+    title = "How much each candidate pose would improve the plan"
     return Picture("derivative", title, caption, figure, header, rows)
 
 

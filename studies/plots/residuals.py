@@ -12,6 +12,7 @@ from calib.arrays import Array
 from studies.plots.style import (
     FAINT,
     INK,
+    PANEL,
     SOFT,
     Cell,
     Picture,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _MM = 1e3
+_A_POSE = 0.14  # inch
 
 
 @styled
@@ -42,7 +44,7 @@ def by_pose_and_axis(
     outliers: NDArray[np.bool_] | None = None,
     *,
     name: str = "residuals",
-    title: str = "Residuals by pose",
+    title: str = "Residuals of each pose",
 ) -> Picture:
     """Residuals in x, y, z by pose with the band of the noise; three panels of equal limits.
 
@@ -57,7 +59,7 @@ def by_pose_and_axis(
     values[~seen] = np.nan
     limit = _limit(values, flagged, sigma * _MM)
     m = len(pose_names)
-    figure = sheet(min(10.5, max(5.2, 1.6 + 0.17 * m)), 5.6)
+    figure = sheet(min(10.5, max(PANEL, _A_POSE * m)), 4.6)
     panels = figure.subplots(3, 1, sharex=True, sharey=True)
     look = looks(marker_names)
     for axis, panel in zip("xyz", panels, strict=True):
@@ -84,14 +86,20 @@ def by_pose_and_axis(
     rows = tuple(
         _row(label, values[i], flagged[i], marker_names) for i, label in enumerate(pose_names)
     )
+    title = f"{title}: {_inside(values, flagged, sigma * _MM):.0f} % are within the noise"
     return Picture(name, title, caption, figure, header, rows)
+
+
+def _inside(values: Array, flagged: NDArray[np.bool_], sigma: float) -> float:
+    """Per cent of the coordinates in the band."""
+    counted = int(np.isfinite(values[~flagged]).sum())
+    inside = int((np.abs(values[~flagged]) <= 2.0 * sigma).sum())
+    return 100.0 * inside / counted if counted else 0.0
 
 
 def _caption(values: Array, flagged: NDArray[np.bool_], sigma: float, limit: float) -> str:
     """How many lie in the band, and what that says."""
-    counted = int(np.isfinite(values[~flagged]).sum())
-    inside = int((np.abs(values[~flagged]) <= 2.0 * sigma).sum())
-    share = 100.0 * inside / counted if counted else 0.0
+    share = _inside(values, flagged, sigma)
     but = ", outliers not counted" if flagged.any() else ""
     edge = " Triangles at the edge stand for values beyond it."
     return (

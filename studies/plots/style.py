@@ -11,8 +11,10 @@ import functools
 import io
 import math
 import re
+import textwrap
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -43,16 +46,24 @@ INK, SOFT, FAINT = "0.15", "0.45", "0.85"
 ON_LIGHT, ON_DARK = "#262627", "#fffffe"
 """Text on coloured cells: no greys, which a page turns round in dark colours."""
 DPI = 200
+PANEL = 5.0
+"""Inches: width of a figure of one panel, which a phone shows whole with its text still legible."""
 POSE = "pose:"
 """How elements of an SVG begin their id that stand for a pose."""
 _LIT = 60  # poses that are elements of their own
 _VECTOR = 1500  # points; a larger cloud becomes a picture within the SVG
 _STROKE = 5e-4  # of a cloud's width: length of the stroke that draws a point
 _NAME, _PARAMETER = 24, 48  # letters of a name beside an axis
+_LETTERS = 10.5  # of a title, an inch
+_LINE, _LEFT = 0.21, 0.1  # inch: height of a line of the title, and room before it
 _FEWEST = 3  # ticks of a log axis
-_STEPS = ((1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0))  # in a decade
+_STEPS = (  # in a decade
+    (1.0, 2.0, 5.0),
+    (1.0, 1.5, 2.0, 3.0, 5.0, 7.0),
+    (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0),
+)
 _COARSE = ((1.0,), (1.0, 3.0))
-_NAMED = 62  # poses whose names fit below an axis
+_UPRIGHT, _LETTER = 0.15, 0.13  # inch: an upright name, and a letter with the room about it
 _NOT_IN_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")  # may stand in names
 RC: Any = {
     "font.family": "sans-serif",
@@ -175,7 +186,7 @@ def tidy(panel: Axes, grid: str = "both") -> None:
 
 def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
     """One legend for all panels, in as many columns as fit."""
-    lengths = [0.075 * len(handle.get_label()) + 0.6 for handle in handles]  # inches, about
+    lengths = [0.07 * len(handle.get_label()) + 0.6 for handle in handles]  # inches, about
     columns = len(handles)
     while columns > 1 and _legend_width(lengths, columns) > figure.get_figwidth() - 0.3:
         columns -= 1
@@ -274,9 +285,10 @@ def _within(low: float, high: float, steps: Sequence[float]) -> list[float]:
 
 def pose_ticks(panel: Axes, names: Sequence[str]) -> None:
     """Names below the axis, upright where they would meet; every k-th where even that is too tight."""
-    step = -(-len(names) // _NAMED)
+    inches = panel.get_position().width * panel.figure.get_figwidth()  # type: ignore[union-attr]
+    step = -(-len(names) // max(2, int(inches / _UPRIGHT)))
     shown = range(0, len(names), step)
-    upright = len(shown) * max(len(elided(name)) for name in names) > 40
+    upright = len(shown) * max(len(elided(name)) for name in names) * _LETTER > inches
     labels = [elided(names[i]) for i in shown]
     panel.set_xticks(list(shown), labels, rotation=90 if upright else 0, fontsize=9)
     panel.tick_params(axis="x", length=0)
@@ -337,11 +349,14 @@ def cell(value: Any) -> float | None:
 
 
 def files(picture: Picture, folder: Path) -> dict[Path, str | bytes]:
-    """``name.svg``, ``name.png`` and ``name.csv`` of a picture, for ``calib.files.write_files``."""
+    """``name.svg``, ``name.png`` and ``name.csv`` of a picture, for ``calib.files.write_files``.
+
+    A file stands alone, so its title stands in the figure; on a page it stands above.
+    """
     base = folder / picture.name
     return {
-        base.with_name(f"{picture.name}.svg"): svg_text(picture),
-        base.with_name(f"{picture.name}.png"): png_bytes(picture),
+        base.with_name(f"{picture.name}.svg"): svg_text(picture, headed=True),
+        base.with_name(f"{picture.name}.png"): png_bytes(picture, headed=True),
         base.with_name(f"{picture.name}.csv"): csv_text(picture),
     }
 
@@ -354,15 +369,18 @@ def folder_files(pictures: Iterable[Picture], folder: Path) -> dict[Path, str | 
     return made
 
 
-def svg_text(picture: Picture) -> str:
-    """The figure as SVG with title and description; equal for equal data."""
-    text = _saved(picture, "svg", Date=None, Creator="posecal").decode("utf-8")
+def svg_text(picture: Picture, headed: bool = False) -> str:
+    """The figure as SVG with title and description; equal for equal data.
+
+    headed : whether the title is drawn above it
+    """
+    text = _saved(picture, "svg", headed, Date=None, Creator="posecal").decode("utf-8")
     return _NOT_IN_XML.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
-def png_bytes(picture: Picture) -> bytes:
-    """The figure as PNG at 200 dots per inch; equal for equal data."""
-    return _saved(picture, "png", Software="posecal")
+def png_bytes(picture: Picture, headed: bool = False) -> bytes:
+    """The figure as PNG at 200 dots per inch; equal for equal data. headed : as in svg_text."""
+    return _saved(picture, "png", headed, Software="posecal")
 
 
 def csv_text(picture: Picture) -> str:
@@ -380,7 +398,7 @@ def _plain(value: Cell) -> str:
     return value if isinstance(value, str) else f"{value:.6g}"
 
 
-def _saved(picture: Picture, kind: str, **metadata: str | None) -> bytes:
+def _saved(picture: Picture, kind: str, headed: bool, **metadata: str | None) -> bytes:
     import matplotlib as mpl
 
     buffer = io.BytesIO()
@@ -394,8 +412,27 @@ def _saved(picture: Picture, kind: str, **metadata: str | None) -> bytes:
         # without measure may leave no room for the axes. Neither is news to who reads the figure.
         warnings.filterwarnings("ignore", "Glyph .* missing|constrained_layout not", UserWarning)
         settle(picture.figure)
-        picture.figure.savefig(buffer, format=kind, dpi=DPI, metadata=described)
+        with title_above(picture) if headed else nullcontext() as whole:
+            picture.figure.savefig(
+                buffer, format=kind, dpi=DPI, metadata=described, bbox_inches=whole, pad_inches=0.0
+            )
     return buffer.getvalue()
+
+
+@contextmanager
+def title_above(picture: Picture) -> Iterator[Bbox]:
+    """Its title above the figure, in as many lines as it asks, and the whole sheet, inches."""
+    from matplotlib.transforms import Bbox
+
+    figure = picture.figure
+    width, height = figure.get_size_inches()
+    lines = textwrap.wrap(picture.title, int(width * _LETTERS))
+    text = figure.text(_LEFT / width, 1.0, "\n".join(lines), va="bottom", ha="left", fontsize=11,
+                       fontweight="bold")  # fmt: skip
+    try:
+        yield Bbox.from_extents(0.0, 0.0, width, height + _LINE * len(lines) + _LEFT)
+    finally:
+        text.remove()
 
 
 def settle(figure: Figure) -> None:

@@ -45,6 +45,7 @@ def workspace(tips: Array, expected: Array) -> Picture:
         panel.plot(*tips[~known][:, [a, b]].T, marker="x", linestyle="", color=INK, zorder=3)
         panel.set(xlabel=f"{'xyz'[a]} of the tip [m]", ylabel=f"{'xyz'[b]} of the tip [m]")
         panel.set_aspect("equal", adjustable="datalim")
+        panel.locator_params(nbins=6)
         panel.set_title(("from above", "from the side")[b - 1], loc="left")
         panel.grid(True, color=FAINT, linewidth=0.6)
     caption = (
@@ -67,6 +68,8 @@ def workspace(tips: Array, expected: Array) -> Picture:
         )
     ]
     title = "Expected error over the workspace"
+    if known.any():
+        title += f": {short(shown.min(), 2)} to {short(shown.max(), 2)} mm"
     return Picture("workspace", title, caption, figure, header, tuple(rows))
 
 

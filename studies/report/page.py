@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from studies.document.page import Writer
 from studies.report.assets import asset
-from studies.report.evidence import load_evidence
+from studies.report.evidence import Evidence, load_evidence
 from studies.report.sections import Placed, sections
 
 _STYLES = ("page.css", "highlight.css", "arm_view.css")
@@ -47,13 +47,20 @@ def report_page(
     )
     evidence, writer = load_evidence(results), Writer.fresh()
     html = environment.get_template("page.html.j2").render(
-        title=title or ("Calibration" if evidence.cell is None else evidence.cell.name),
+        title=title or _name(evidence),
         told=told,
         sections=[_shown(writer, placed) for placed in sections(evidence, told)],
         styles=[asset(name) for name in _STYLES],
         scripts=[asset(name) for name in _SCRIPTS],
     )
     return html, evidence.notes
+
+
+def _name(evidence: Evidence) -> str:
+    """Of the cell, also where its file is gone."""
+    if evidence.cell is not None:
+        return evidence.cell.name
+    return next((own.record.cell for own in evidence.results if own.record.cell), "Calibration")
 
 
 def _shown(writer: Writer, placed: Placed) -> _Shown:

@@ -89,10 +89,12 @@ def _errors(panel: Axes, steps: Any, floor: float) -> None:
             f"{value:.3f} mm", (at, value), (0, 4), textcoords="offset points", ha="center"
         )
     panel.axhline(floor, color=INK, linewidth=1.2, linestyle=(0, (4, 2)))
-    panel.annotate("noise of\nthe tracker", (0.5, floor), (0, 4), textcoords="offset points",
-                   ha="center", va="bottom", color=SOFT, fontsize=9)  # fmt: skip
+    last = len(steps) - 1
+    panel.annotate("noise of\nthe tracker", (last + 0.36, floor), (0, -4), textcoords="offset points",
+                   ha="left", va="top", color=SOFT, fontsize=9)  # fmt: skip
     low, high = 0.4 * floor, 2.5 * steps[0][1]
-    panel.set(yscale="log", ylim=(low, high), ylabel="RMS error at poses never seen [mm]")
+    panel.set(yscale="log", ylim=(low, high), ylabel="RMS error at held-out poses [mm]")
+    panel.set_xlim(-0.5, last + 1.05)  # room for the name of the line
     log_ticks(panel.yaxis, low, high)
     panel.set_xticks(range(len(steps)), [label for label, _, _ in steps])
     panel.tick_params(axis="x", length=0)

@@ -40,7 +40,7 @@ def sections(evidence: Evidence, told: dict[str, str]) -> Iterator[Placed]:
     told : what the user tells of the measurement, by label
 
     """
-    yield Placed(summary(evidence), {})
+    yield Placed(summary(evidence, told), {})
     for about in OF_THE_CELL:
         section = about(evidence)
         if section is not None:

@@ -41,11 +41,11 @@ def test_the_fall_is_that_of_the_gap(result: Diagnosis, drawn: dict[str, Picture
     assert result.gap.heldout_before is not None
     assert result.gap.heldout_after is not None
     before, after = 1e3 * result.gap.heldout_before, 1e3 * result.gap.heldout_after
-    assert rows["model as given"][1] == pytest.approx(before)
+    assert rows["before: model as given"][1] == pytest.approx(before)
     assert rows["backlash:A3"][1:3] == (pytest.approx(after), pytest.approx(after - before))
     assert picture.rows[-1][3] == pytest.approx(1e3 * result.gap.floor)
     assert "held-out poses [mm]" in picture.figure.axes[0].get_xlabel()
-    assert rows["what is left"][1] == pytest.approx(after)
+    assert rows["after: what is left"][1] == pytest.approx(after)
     assert f"{after / rows['what is left'][3]:.2f} times the floor" in picture.caption
 
 
@@ -85,7 +85,7 @@ def test_what_makes_it_worse_is_marked() -> None:
     assert keys == ["floor: noise alone, 0.0500 mm", "taken off by an effect", "added by an effect"]
     assert "4.00 times the floor" in picture.caption
     alone = waterfall(Steps(of="held-out poses", added=(), rms_mm=(0.2,)), 0.2)
-    assert [row[0] for row in alone.rows] == ["model as given"]
+    assert [row[0] for row in alone.rows] == ["before: model as given"]
     assert "No effect was found" in alone.caption
 
 

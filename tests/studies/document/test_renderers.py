@@ -94,7 +94,8 @@ def test_the_terminal_shows_the_short_form() -> None:
 
 def test_the_page_shows_all() -> None:
     html = paged(document())
-    for text in ("error there [mm]", "secret", "P2", "only for the page", "<dt>Noise</dt>",
+    for text in ("error there <span class=unit>[mm]</span>", "secret", "P2",
+                 "only for the page", "<dt>Noise</dt>",
                  "<summary>Folded</summary>", "One line", "What is seen.", "The numbers: 1 row",
                  "0.6667", 'class=number'):  # fmt: skip
         assert text in html, text

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-PAGES = 12
+PAGES = 11
+MANY = 6  # columns, which a phone cannot show side by side
 WIDTHS = (1280, 390)
 
 
@@ -168,3 +169,52 @@ def test_the_arm_comes_along_and_a_tooltip_names_the_pose(
     page.wait_for_timeout(400)
     assert page.locator(".arm-afloat").count() == 0
     assert not page.locator(".tip").is_visible()
+
+
+def test_the_verdict_stands_on_the_first_screen(open_page: Callable[..., Any], html: str) -> None:
+    for width, height in ((1280, 900), (390, 844)):
+        page = open_page(html, width=width, height=height)
+        box = page.locator(".verdict .fell").bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= width
+        assert box["y"] + box["height"] <= height
+
+
+def test_tables_fit_a_phone_or_keep_their_first_column(
+    open_page: Callable[..., Any], html: str
+) -> None:
+    """Only tables of many columns scroll; what their rows are of stays, and captions are whole."""
+    page = open_page(html, width=390)
+    for details in page.query_selector_all("details"):
+        details.evaluate("element => element.open = true")
+    wide = page.evaluate(
+        """() => [...document.querySelectorAll(".wide")].filter(e => e.scrollWidth > e.clientWidth + 1)
+            .map(e => {
+                e.scrollLeft = 9999;
+                const first = e.querySelector("tbody tr > *").getBoundingClientRect();
+                const caption = e.querySelector("caption span")?.getBoundingClientRect();
+                return [e.querySelector("tr").cells.length, first.left, caption?.width ?? 0]; })"""
+    )
+    assert all(columns >= MANY for columns, *_ in wide), wide
+    assert all(0.0 <= left < 390.0 for _, left, _ in wide)
+    assert all(caption <= 390.0 for *_, caption in wide)
+
+
+def test_heads_of_columns_break_between_words(open_page: Callable[..., Any], html: str) -> None:
+    for width in WIDTHS:
+        page = open_page(html, width=width)
+        for details in page.query_selector_all("details"):
+            details.evaluate("element => element.open = true")
+        broken = page.evaluate(
+            """() => [...document.querySelectorAll("thead th")].flatMap(head => {
+                const walk = document.createTreeWalker(head, NodeFilter.SHOW_TEXT), found = [];
+                for (let node = walk.nextNode(); node; node = walk.nextNode())
+                    for (const { index, 0: word } of node.data.matchAll(/[^\\s]+/g)) {
+                        const range = new Range();
+                        range.setStart(node, index); range.setEnd(node, index + word.length);
+                        if (new Set([...range.getClientRects()].map(box => box.top)).size > 1)
+                            found.push(word);
+                    }
+                return found; })"""
+        )
+        assert broken == []

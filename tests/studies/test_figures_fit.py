@@ -1,0 +1,100 @@
+"""No words of a figure lie upon others, none leave it, and each figure says what is seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from studies.document.parts import pictures_of
+from studies.kinds import KINDS, tell
+from studies.plots.accuracy import against_number
+from studies.plots.by_pose import by_pose
+from studies.plots.style import APPROACHES, Picture, png_bytes, sheet, styled, svg_text
+from studies.research.picture import picture as of_the_readme
+from studies.results import read
+from tests.studies.drawn_words import collisions
+from tests.studies.examples import OLD
+
+_OLD = sorted(path.stem for path in OLD.glob("*.json") if path.stem in KINDS)
+_DEMO = ("design", "identify", "compare", "foresight", "diagnose")
+
+
+def pictures(path: Path) -> Iterator[Picture]:
+    return pictures_of(tell(read(path)))
+
+
+def check(picture: Picture) -> None:
+    assert collisions(picture) == [], picture.name
+    assert len(picture.title.split()) >= 3, f"{picture.name} does not say what is seen"
+
+
+@pytest.mark.parametrize("kind", _OLD)
+def test_of_results_of_every_kind(kind: str) -> None:
+    for picture in pictures(OLD / f"{kind}.json"):
+        check(picture)
+
+
+@pytest.mark.parametrize("name", _DEMO)
+def test_of_the_demonstration(demo_folder: Path, name: str) -> None:
+    drawn = list(pictures(demo_folder / f"{name}.json"))
+    assert drawn
+    for picture in drawn:
+        check(picture)
+
+
+@pytest.mark.parametrize("of", ["poses", "markers"])
+def test_of_what_compare_draws_beside_its_page(of: Literal["poses", "markers"]) -> None:
+    lines = {key: np.array([9e-5, 5e-5, 2e-5]) / n for n, key in enumerate(APPROACHES, 1)}
+    check(against_number([3, 6, 12], lines, of, "expected error, median of subsets"))
+
+
+def test_of_the_readme(demo_folder: Path) -> None:
+    assert collisions(of_the_readme(demo_folder)) == []
+
+
+@styled
+def _crowded() -> Picture:
+    figure = sheet(4.0, 3.0)
+    panel = figure.subplots()
+    panel.set_xticks([0.500, 0.501, 1.0], ["0.500", "0.501", "1"])
+    figure.text(0.95, 0.5, "beyond the sheet").set_in_layout(False)
+    return Picture("crowded", "Words that collide", "", figure, (), ())
+
+
+def test_words_that_collide_are_found() -> None:
+    found = collisions(_crowded())
+    assert ("0.500", "0.501") in found
+    assert ("beyond the sheet", "the edge") in found
+
+
+def test_a_file_holds_the_title_and_a_page_does_not() -> None:
+    picture = against_number([3, 6], {"points": np.array([2e-5, 1e-5])})
+    plain = svg_text(picture)
+    headed = svg_text(picture, headed=True)
+    assert ">Expected error by the number of poses</text>" in headed
+    assert "</text>" in plain
+    assert ">Expected error by the number of poses</text>" not in plain
+    assert svg_text(picture) == plain, "drawing a file changed the figure"
+    assert _height(png_bytes(picture, headed=True)) > _height(png_bytes(picture))
+
+
+def _height(png: bytes) -> int:
+    return int.from_bytes(png[20:24])
+
+
+def test_errors_by_pose_show_before_and_after() -> None:
+    """Root mean squares of the table, by hand."""
+    heldout = np.array([False, False, True])
+    before, after = np.array([3e-3, 4e-3, 5e-3]), np.array([1e-5, 2e-5, 3e-5])
+    picture = by_pose(("a", "b", "c"), before, after, heldout, 1e-5)
+    assert picture.rows[2] == ("c", pytest.approx(5.0), pytest.approx(0.03), "held out")
+    assert "5.0 mm before, 0.030 mm after" in picture.title
+    fitted = by_pose(("a", "b"), before[:2], after[:2], heldout[:2], 1e-5)
+    was = math.sqrt((9.0 + 16.0) / 2.0)
+    assert f"{was:.1f} mm before" in fitted.title
+    assert "fitted poses" in fitted.title

@@ -290,7 +290,7 @@ class Identification:
         if self.undecided:
             shown = ", ".join(self.undecided[:_SHOWN]) + (" .." if self.undecided[_SHOWN:] else "")
             found.append(
-                f"the fits do not agree whether {shown} are outliers: check the readings there"
+                f"the fits do not agree whether to reject {shown}: check the readings there"
             )
         if self.shared is not None:
             found.append(_signal(self.shared))

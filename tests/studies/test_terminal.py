@@ -58,7 +58,7 @@ def test_names_are_printed_as_they_are_and_name_no_files(hostile: Path) -> None:
             "--figures", "figures", "--json", "out.json", "--urdf", "out.urdf",
         )  # fmt: skip
         planned = posecal("compare", "cell.toml", "plan.csv", "--monte-carlo", "0")
-    for said, begins in ((heard, "The error at"), (planned, "plan.csv leaves")):
+    for said, begins in ((heard, "The error at"), (planned, "plan.csv: expected error")):
         assert not said.status, said.err
         assert said.out.startswith(f"{NAME}: {begins} ")
         assert JOINT in said.out

@@ -49,11 +49,11 @@ def test_whose_it_is(tmp_path: Path, scatter: float, approaches: int, gear: floa
     known = estimate_of(found)
     parts = budget_of(found, known, targets, weights).parts
     sizes = {part.source: float(np.sqrt(part.variances.mean())) for part in parts}
-    misfit = sizes.get("what the model lacks, by the fitted poses", 0.0)
+    misfit = sizes.get("what the model lacks, from the fitted poses", 0.0)
     assert (misfit > 0.0) == (of == "model")
     # RMS by which a gear error of the shoulder moves points about a metre away.
     assert misfit <= 1.5 * gear
-    arm = sizes.get("arm, anew at each pose", sizes.get("arm or model, from pose to pose", 0.0))
+    arm = sizes.get("repeatability of the arm", sizes.get("arm or model, from pose to pose", 0.0))
     assert arm == pytest.approx(scatter if approaches == 2 or not gear else 0.0, rel=0.4)
 
 

@@ -86,7 +86,7 @@ def test_nobody_is_told_to_stop_while_it_goes_on(tmp_path: Path) -> None:
         record = enough_record(answer, 0, None, made)
         said = " ".join(sentence.text for sentence in told(record).headline)
         assert record.lacking.trend_mm > 0.0
-        assert ("you may stop now" in said) == told_when
+        assert ("You may stop" in said) == told_when
         assert ("targets_after_h" in said) == (not told_when)
         assert "Run `posecal diagnose`" in said
     assert came <= answer.steps[0].task_most

@@ -117,5 +117,5 @@ def test_the_mean_of_days_is_the_truth(tmp_path: Path) -> None:
 def test_it_says_which_reading_took_no_part(tmp_path: Path) -> None:
     result = calib.identify(*Truth.drawn().day(tmp_path, 1.0))
     assert result.waiting == ("p00", "p01")
-    assert any("p00, p01, before the first move, took no part" in w for w in result.warnings)
+    assert any("p00, p01 skipped: direction unknown" in w for w in result.warnings)
     assert calib.identify(*Truth.drawn().day(tmp_path, 1.0, told=True)).waiting == ()

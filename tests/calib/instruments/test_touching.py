@@ -244,6 +244,6 @@ def test_scale_from_a_known_distance() -> None:
     assert not any("no length" in text for text in found.warnings)
     without = calib.identify(cell, data)
     assert without.rms("fitted") == pytest.approx(0.0, abs=1e-7)
-    assert any("no length is known here" in text for text in without.warnings)
+    assert any("no length is measured" in text for text in without.warnings)
     assert len(without.values) == len(found.values) - 1
     assert abs(between_c_and_d(without) / truth - 1.0) < 0.01

@@ -54,7 +54,7 @@ def test_where_the_arm_sets_the_limit_it_is_said(tmp_path: Path) -> None:
     done, (first, second) = compared(tmp_path, good, poor)
     assert first["arm_rms_mm"] == pytest.approx(second["arm_rms_mm"], rel=1e-3)
     assert 0.9 < first["arm_rms_mm"] / first["task_rms_mm"] < 1.0
-    assert "a better instrument gains little" in " ".join(done.output.split())
+    assert "A better instrument gains little" in " ".join(done.output.split())
 
 
 def test_another_robot_is_refused(tmp_path: Path) -> None:

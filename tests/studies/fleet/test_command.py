@@ -96,7 +96,7 @@ def test_every_robot_as_it_is(made: Path, done: tuple[dict[str, Any], str]) -> N
         assert by_robot[name]["status"] == "converged"
     assert "line" in by_robot["x"]["fault"]
     assert by_robot["x"]["status"] is None
-    assert "1 table at fault: x." in said
+    assert "1 table with faults: x." in said
     assert not (made / "x" / "measurements.identify.json").exists()
 
 
@@ -113,7 +113,7 @@ def test_who_is_off_and_what_rises(done: tuple[dict[str, Any], str]) -> None:
     assert trend["robot"] == "again"
     assert trend["days"] == [0, 31, 59, 90]
     assert sorted(trend["nominal_mm"]) == trend["nominal_mm"]
-    assert f"Unlike the others of their type: {FAR}, again." in said
+    assert f"Different from the others of their type: {FAR}, again." in said
     assert max(map(len, said.splitlines())) <= 120
 
 

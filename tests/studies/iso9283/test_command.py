@@ -86,7 +86,7 @@ def test_cycles_give_the_criteria_of_the_standard(folder: Path) -> None:
     seen = raw["seen"][:, 0].reshape(CYCLES, POSES, 3)
     commanded = days.points(NOMINAL, raw["q"][:POSES])[:, 0]
     assert not fields["same_data"]
-    assert "flatters" not in told
+    assert "too good" not in told
     assert [own["how"] for own in fields["poses"]] == ["measured"] * POSES
     true = days.points(days.TRUE, raw["q"][:POSES])[:, 0]
     for k, own in enumerate(fields["poses"]):
@@ -133,12 +133,12 @@ def test_angles_of_the_tip(folder: Path) -> None:
 def test_without_a_result_the_base_is_told_to_flatter(folder: Path) -> None:
     fields, told = criteria(folder, "day")
     assert fields["same_data"]
-    assert "flatters AP" in told
-    assert "No pose was reached twice" in told
+    assert "AP is too good" in told
+    assert "No pose was measured twice" in told
     assert {own["how"] for own in fields["poses"]} == {"predicted"}
     own, told = criteria(folder, "day", folder / "result.json")
     assert own["same_data"]
-    assert "flatters AP" in told
+    assert "AP is too good" in told
 
 
 def test_what_was_not_repeated_is_predicted_with_intervals(folder: Path) -> None:

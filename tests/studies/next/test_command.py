@@ -86,7 +86,7 @@ def test_where_nothing_looks_alike_no_pose_is_for_causes(cell: Path) -> None:
     assert fields["done"]
     assert fields["stops"] == ["settled"]
     assert fields["now"] is None
-    assert "Diagnosis so far: no gap" in said
+    assert "The diagnosis finds no unmodelled error so far." in said
 
 
 def test_what_is_near_a_missed_pose_is_not_proposed_again(cell: Path) -> None:

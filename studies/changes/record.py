@@ -186,7 +186,7 @@ def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRe
         hidden=tuple(
             Cause(effect=e.cause.kind, where=e.cause.where) for e in found.explanations if e.hidden
         ),
-        targets=days.cell.targets_source or f"{len(found.targets)} Sobol poses within the limits",
+        targets=days.cell.targets_in_words,
         change_rms_mm=_error(found.change.rms),
         change_worst_mm=_error(found.change.worst),
         kept_rms_mm=_error(rms),

@@ -248,7 +248,7 @@ def compare_record(
     return CompareRecord(
         **made_from,
         plans=tuple(_plan(found.cell, study, curves) for study in found.plans),
-        targets=found.cell.targets_source or "200 Sobol poses",
+        targets=found.cell.targets_in_words,
         task_at="markers" if tool else "tip origin",
         notes=_notes(found.cell),
         trials=found.trials,

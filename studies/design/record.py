@@ -270,8 +270,7 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         levels_deg={} if slides else named,
         levels_mm=named if slides else {},
         predicted_std=_predicted(found),
-        targets=problem.cell.targets_source
-        or f"{len(problem.targets)} poses spread over the joint limits",
+        targets=problem.cell.targets_in_words,
         at_targets=at_targets(robot, problem.targets, judged.at_targets),
         survives=_survives(found),
         candidates=_candidates(found),

@@ -74,5 +74,7 @@ def enough(
     with faults_in(cell_path, readings_of=data_path), working("judging what was measured"):
         answer = doe.enough(cell, data, plan, heldout=heldout, goal=goal, seed=seed)
     planned = 0 if plan is None else len(plan)
-    record = enough_record(answer, planned, cell.targets_source, envelope(cell.name, inputs, seed))
+    record = enough_record(
+        answer, planned, cell.targets_in_words, envelope(cell.name, inputs, seed)
+    )
     deliver(record, json_path, folder, warnings=warnings)

@@ -151,18 +151,16 @@ class EnoughRecord(Record):
         return tuple(None if not a or b is None else 1.0 - b / a for a, b in pairwise(values))
 
 
-def enough_record(
-    answer: Enough, planned: int, targets: str | None, made_from: Envelope
-) -> EnoughRecord:
+def enough_record(answer: Enough, planned: int, targets: str, made_from: Envelope) -> EnoughRecord:
     """The record of an answer.
 
-    planned : int, poses of the plan; targets : the cell's own, in words
+    planned : int, poses of the plan; targets : in words
     """
     found, now, coming = answer.found, answer.steps[0], answer.steps[1:]
     return EnoughRecord(
         **made_from,
         warnings=answer.match.warnings,
-        targets=targets or "200 Sobol poses within the limits",
+        targets=targets,
         status="too_few" if found is None else found.status,
         reason=answer.why or None,
         noise=Noise(

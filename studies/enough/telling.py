@@ -59,33 +59,33 @@ def _progress(record: EnoughRecord) -> Sentence:
 
 
 def _goal(record: EnoughRecord) -> Iterator[Sentence]:
-    if record.goal_mm is not None:
-        mood, said = _reached(record)
-        yield Sentence(f"The goal of {record.goal_mm:g} mm {said}.", mood)
-
-
-def _reached(record: EnoughRecord) -> tuple[Mood, str]:
     """Whether and when the goal is met, and what to do where it is not."""
-    needed, fresh = record.poses_to_goal, record.fresh_poses_to_goal
-    if needed is not None:
-        return _met(record, needed)
-    if fresh is not None:
-        return "warn", (
-            f"takes about {fresh} poses more than the plan has. Run `posecal design CELL --extend PLAN "
-            f"--poses {fresh}`"
+    if record.goal_mm is None:
+        return
+    goal, fresh = f"The goal of {record.goal_mm:g} mm", record.fresh_poses_to_goal
+    if record.poses_to_goal is not None:
+        mood, said = _met(record, record.poses_to_goal)
+        yield Sentence(f"{goal} {said}.", mood)
+    elif fresh is not None:
+        yield Sentence(
+            f"{goal} takes about {fresh} poses more than the plan has. Run `posecal design CELL "
+            f"--extend PLAN --poses {fresh}`.",
+            "warn",
         )
-    if record.goal_beyond_reach:
-        return "warn", f"is out of reach of more poses: {_beyond_reach(record.lacking)}"
-    if record.fresh:
+    elif record.goal_beyond_reach:
+        why = _beyond_reach(record.lacking)
+        yield Sentence(f"More poses will not reach {record.goal_mm:g} mm: {why}.", "warn")
+    elif record.fresh:
         most = mm(record.fresh[-1].task_most_mm)
-        return "warn", (
-            f"is out of reach: {len(record.fresh)} poses more still leave up to {most}. Use more "
-            "markers, a better instrument, or fewer parameters"
+        yield Sentence(
+            f"{goal} is out of reach: {len(record.fresh)} poses more still leave up to {most}. Use "
+            "more markers, a better instrument, or fewer parameters.",
+            "warn",
         )
-    most = mm(record.end.task_most_mm)
-    return "warn", (
-        f"is not reached by the end of the plan: the error is then below {most}, 19 times in 20"
-    )
+    else:
+        most = mm(record.end.task_most_mm)
+        said = "is not reached by the end of the plan: the error is then below"
+        yield Sentence(f"{goal} {said} {most}, 19 times in 20.", "warn")
 
 
 def _met(record: EnoughRecord, needed: int) -> tuple[Mood, str]:

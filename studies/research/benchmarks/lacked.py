@@ -70,10 +70,13 @@ def _said(kind: str, day: Day, rng: np.random.Generator) -> list[Said]:
         reached = enough(cell, data, goal=goal)
         beyond = enough(cell, data, goal=0.5 * came)
         made = envelope(cell.name, [cell.path], 0)
-        texts = [_text(told_of_poses(enough_record(e, 0, None, made))) for e in (reached, beyond)]
+        texts = [
+            _text(told_of_poses(enough_record(e, 0, "targets.csv", made)))
+            for e in (reached, beyond)
+        ]
         corrected = compensate_record(cell.robot, commands, made)
         texts.append(_text(told_of_commands(corrected)))
-    stops = "you may stop" in texts[0]
+    stops = "you may stop" in texts[0].lower()
     return [
         Said(f"lacking {kind} most", now.task_most, came, came <= now.task_most),
         Said(f"lacking {kind} stop", right=came <= goal if stops else True),

@@ -83,7 +83,7 @@ def test_nobody_is_told_to_stop_while_it_goes_on(tmp_path: Path) -> None:
         cell, data, _, came = _known(tmp_path, _warming(2, told_when))
         answer = enough(cell, data, goal=1e-2)
         made = envelope(cell.name, [cell.path], 0)
-        record = enough_record(answer, 0, None, made)
+        record = enough_record(answer, 0, "targets.csv", made)
         said = " ".join(sentence.text for sentence in told(record).headline)
         assert record.lacking.trend_mm > 0.0
         assert ("You may stop" in said) == told_when

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 _FOLDED = 16  # rows from which on a table is folded
 _SORTED = 6  # rows from which on a table can be sorted
+_COMMAND = re.compile(r"`([^`]*)`")
 _JOINTS = re.compile(r"(?<=\w)[_:,](?=\w)|@(?=[\w-])|/(?=\w{4}|\()|\.(?=[a-z]{4})|\w{16}(?=\w{8})")
 _UNIT = re.compile(r" (\[[^\[\]]{1,12}\])$")  # longer ones may break
 _BROAD = 6.0  # inches: a wider figure takes a line of its own on paper
@@ -166,11 +167,17 @@ def _template() -> Template:
 
 
 def breakable(text: str) -> Markup:
-    """Text whose long names may break after a joint of theirs, and hashes anywhere.
+    """Text whose long names may break after a joint of theirs, and hashes anywhere; commands as code.
 
-    >>> str(breakable("base_drift:base")), str(breakable("a & b"))
-    ('base_<wbr>drift:<wbr>base', 'a &amp; b')
+    >>> str(breakable("base_drift:base")), str(breakable("a & b")), str(breakable("run `posecal`"))
+    ('base_<wbr>drift:<wbr>base', 'a &amp; b', 'run <code>posecal</code>')
     """
+    code = Markup("<code>{}</code>")
+    words = _COMMAND.split(text)  # every second one is a command
+    return Markup().join(code.format(w) if k % 2 else _broken(w) for k, w in enumerate(words))
+
+
+def _broken(text: str) -> Markup:
     parts = _JOINTS.sub(lambda joint: f"{joint[0]}\0", text.replace(" m)", "\N{NO-BREAK SPACE}m)"))
     return Markup("<wbr>").join(parts.split("\0"))
 

@@ -72,7 +72,7 @@ def _facts(
         if label == "robot" and not text:
             text = result.record.cell
         if label == "measured" and not text:
-            text = _day(evidence, result) or "not given: add date to [report], or give --date"
+            text = _day(evidence, result)
         if text:
             yield label, text
 

@@ -37,7 +37,7 @@ _WORDS = {
     "base": "the robot's base or the instrument was knocked (both look the same)",
     "tool": "the tool was moved on its flange, or exchanged",
     "marker": "marker {} was moved",
-    "joint_offset": "the zero of {} slipped (a belt, a coupling, a new mastering)",
+    "joint_offset": "the zero of {} slipped",
     "link_geometry": "the link before {} was bent",
     "backlash": "the gear of {} is worn, or was adjusted",
     "transmission_scale": "the gear or encoder of {} has another ratio",
@@ -71,7 +71,7 @@ def _headline(record: ChangesRecord) -> Iterator[Sentence]:
         yield Sentence(_hidden(record))
     else:
         yield Sentence(
-            f"Something moved between {between} ({chance}): {_shown(change)} RMS at the targets.",
+            f"Something moved between {between} ({chance}): {_shown(change)} RMS.",
             "warn",
         )
         yield _cause(record)
@@ -110,7 +110,7 @@ def words(cause: Cause) -> str:
     """What happened, in words.
 
     >>> words(Cause(effect="joint_offset", where="A3"))
-    'the zero of A3 slipped (a belt, a coupling, a new mastering)'
+    'the zero of A3 slipped'
     """
     return _WORDS.get(cause.effect, f"{cause.effect} of {{}} changed").format(cause.where)
 

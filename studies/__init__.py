@@ -9,7 +9,7 @@ The way of a result, one folder a kind, ``studies/<kind>/``:
     file is refused with its place, and whatever fails later is a fault of ours that nobody catches.
 ``telling.py``
     ``told(record) -> Document``, by attributes alone: the headline (the answer: the terminal begins
-    with it, "In one look" of a page collects it), and sections of sentences, tables and figures, each
+    with it, "At a glance" of a page collects it), and sections of sentences, tables and figures, each
     written once. The terminal leaves out figures, ``Detail`` and columns of ``detail``. Every rounding
     is a rule of ``document/rules.py``, for columns and sentences alike.
 ``pictures.py``

@@ -80,7 +80,7 @@ def not_asked(entries: Iterable[NotAsked]) -> Iterator[Sentence]:
         for (kind, _, where), reason in split
     )
     said = (f"{_shortly(causes)}: {reason}" for reason, causes in reasons.items())
-    yield from labelled("not asked", said)
+    yield from labelled("not tested", said)
 
 
 def _shortly(causes: Sequence[Cause]) -> str:

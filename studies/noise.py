@@ -55,13 +55,17 @@ class Noise(Entry):
     @property
     def lacks(self) -> bool:
         """Whether more is left than the instrument's noise as stated: the diagnosis may know why."""
-        return self.source == "residual" or self.scatters
+        return self.louder or self.scatters
+
+    @property
+    def louder(self) -> bool:
+        """Whether the residual is larger than the noise as stated."""
+        return self.source == "residual" and self.sigma_mm > self.believed_sigma_mm
 
     @property
     def missing(self) -> bool:
         """Whether the residual speaks for something that the model lacks, and not for who reads."""
-        louder = self.source == "residual" and self.sigma_mm > self.believed_sigma_mm
-        alone = louder and not self.scatters and not self.instrument_seen
+        alone = self.louder and not self.scatters and not self.instrument_seen
         return self.configuration_of == "model" or alone
 
     @property
@@ -166,10 +170,9 @@ def _both(moved_mm: float | None, turned_urad: float | None) -> str:
 
 def _untold(noise: Noise) -> Iterator[str]:
     """What these data cannot tell apart, where there is something to tell."""
-    louder = noise.source == "residual" and noise.sigma_mm > noise.believed_sigma_mm
     if noise.instrument_seen is None:
         return
-    if not noise.instrument_seen and (noise.scatters or louder):
+    if not noise.instrument_seen and (noise.scatters or noise.louder):
         yield (
             "these data cannot tell the instrument from the arm. Measure more markers, or read poses "
             "twice"

@@ -163,7 +163,7 @@ def of_calibration(found: Identification, targets: Poses, weights: Array) -> Ite
     told = noise.source == "cell" and found.freedom == np.inf
     spread = _spread(J @ half(found.covariance))
     yield Part(
-        "readings, each by itself", "B" if told else "A", spread, anew(spread), found.freedom,
+        "noise of the readings", "B" if told else "A", spread, anew(spread), found.freedom,
         stated=sigma, at_reading=sigma * _numbers(found), basis=_NOISE,
     )  # fmt: skip
     if found.ignorance.any():

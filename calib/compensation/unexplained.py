@@ -173,8 +173,30 @@ def _without(fit: Fitted, end: IntArray, r: Array, Q: Array) -> Unseen | None:
     growth = float((grown**2).sum()) / max(float((F**2).sum()), 1e-300)
     share = growth * float(_shares(fit, data)[1][fit.told(data)].sum())
     own = float((spread[told] ** 2).sum())
-    return _unseen(
-        fit, data, off, spread * np.sqrt(share / max(own, 1e-300)), "the ends of the day"
+    spread = spread * np.sqrt(share / max(own, 1e-300))
+    return _by_what_is_certain(fit, data, off, spread)
+
+
+def _by_what_is_certain(fit: Fitted, data: Measurements, off: Array, spread: Array) -> Unseen:
+    """What a fit to few readings missed at others: where its parameters are uncertain tells little.
+
+    Readings of one pose err together: of M points one counts.
+    """
+    shown = _unseen(fit, data, off, spread, "the ends of the day")
+    told, seen = _told(fit, data), fit.told(data)
+    scatter = _scatter(fit, data)
+    each = np.sqrt(fit.sigma**2 + scatter / np.maximum(told.sum(axis=-1), 1))[..., None] * told
+    _, chance = _excess(
+        off[told] / each[told],
+        spread[told] / each[told][:, None],
+        1.0,
+        together=float(seen.sum() / max(seen.any(axis=1).sum(), 1)) if scatter.any() else 1.0,
+    )
+    beyond = shown.certain**2 - float(scatter[seen].mean())
+    return replace(
+        shown,
+        lacking=shown.certain,
+        unexplained=0.0 if chance else float(np.sqrt(max(0.0, beyond))),
     )
 
 
@@ -255,11 +277,13 @@ def _unseen(fit: Fitted, data: Measurements, off: Array, spread: Array, source: 
     return Unseen(rms, lacking, excess, source, certain)
 
 
-def _excess(off: Array, spread: Array, sigma: float) -> tuple[float, bool]:
+def _excess(
+    off: Array, spread: Array, sigma: float, together: float = 1.0
+) -> tuple[float, bool]:
     """Variance of errors (n,) beyond ``V = sigma^2 I + spread spread^T``, and whether it may be chance.
 
     spread : ndarray, shape (n, k). One step of Fisher's scoring from none, and its score test: what
-    the parameters leave uncertain counts little.
+    the parameters leave uncertain counts little. together : so many errors are one
     """
     if not sigma:
         return float((off**2).mean()), False
@@ -268,7 +292,7 @@ def _excess(off: Array, spread: Array, sigma: float) -> tuple[float, bool]:
     others, rest = len(off) - len(s), float(off @ off - own.sum())
     top = ((own - v) / v**2).sum() + (rest - others * sigma**2) / sigma**4
     bottom = (1.0 / v**2).sum() + others / sigma**4
-    return float(top / bottom), bool(top < _SURELY * np.sqrt(2.0 * bottom))
+    return float(top / bottom), bool(top < _SURELY * np.sqrt(2.0 * bottom * together))
 
 
 def _shares(fit: Fitted, data: Measurements) -> tuple[Array, Array]:

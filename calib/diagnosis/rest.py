@@ -29,6 +29,7 @@ Source = Literal["stated", "measured", "assumed"]
 _LEFT_OVER = 0.001  # the scatter of a few repeats is a weak witness
 _NO_LARGER = 1.25  # times the repeatability: both are estimates
 _COORDINATES = 3  # of the tip that an approach shows
+_BROKEN = 10.0  # times the worst data sheet: whatever does so is not how an arm repeats
 _BLUNDERS = 0.05  # of the poses: more that were left out are none
 
 
@@ -115,6 +116,7 @@ def _judged(finding: Finding, structure: bool, more: float = 0.0) -> Rest:
             large = fixed > _NO_LARGER * arm
         case "measured":
             large = fixed > _NO_LARGER * _at_most(stage, fit, arm, noise)
+            large = large or arm > _BROKEN * usual_repeatability(stage.model.robot.reach).worst
         case "assumed":
             arm = usual_repeatability(stage.model.robot.reach).worst
             size = size or _widened(stage, fit, noise)

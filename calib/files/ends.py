@@ -117,8 +117,8 @@ def _ends(path: Path, root: Node) -> Ends:
     arm = _arm_of(row)
     if gripping := row[len(arm) :]:
         names = ", ".join(joint for own in gripping for joint in own.joints)
-        within = f"; --tip {gripping[-1].name} takes all" if gripping[-1].name else ""
-        notes.append(f"the arm ends before {names}, which moves a gripper{within}")
+        within = f". To include it: --tip {gripping[-1].name}" if gripping[-1].name else ""
+        notes.append(f"{names} moves a gripper and is left out{within}")
     every = tuple(joint for own in _all(root) for joint in own.joints)
     return Ends(_base(before), _tip(path, arm[-1]), every, tuple(notes))
 

@@ -193,8 +193,9 @@ def _belief(record: CompareRecord) -> Iterator[Sentence]:
     low, high = found.worst_ratio_band99
     if found.chi2_p is not None and found.worst_ratio is not None and low and high:
         yield Sentence(
-            f"simulated over predicted standard deviation: {found.worst_ratio:.2f} at most off one "
-            f"({low:.2f} to {high:.2f} by chance among {found.ratios}); p = {P(found.chi2_p)}"
+            f"standard deviations, simulated over predicted: {found.worst_ratio:.2f} where they differ most "
+            f"({low:.2f} to {high:.2f} by chance among {found.ratios}); p = {P(found.chi2_p)}, refuted "
+            f"below {BELIEVED}"
         )
     drawn = "MuJoCo's arm" if record.truth == "mujoco" else "the model that is fitted"
     yield Sentence(f"readings simulated by {drawn}; {_from_scratch(record)}")

@@ -73,8 +73,8 @@ def _certificate(record: DesignRecord) -> str:
     of = f"{record.candidates.feasible} candidates"
     if record.criterion == "task" and record.bound is not None and record.value:
         better = 100.0 * max(0.0, 1.0 - record.bound / record.value)
-        return f"{certified}: no plan of these {of} has a {better:.1f} % smaller error."
-    return f"{certified} by criterion {record.criterion}: the best plan of these {of} is 100 %."
+        return f"{certified}: no plan from {of} lowers the error by more than {better:.1f} %."
+    return f"{certified} by criterion {record.criterion}: the best plan from {of} has 100 %."
 
 
 def _parts(record: DesignRecord) -> Iterator[Part]:
@@ -155,7 +155,7 @@ def _facts(record: DesignRecord) -> Iterator[Sentence]:
     by = f" (removed by {removed})" if removed else ""
     yield Sentence(f"{own.feasible} of {own.drawn} feasible{by}", label="candidates")
     yield Sentence(
-        f"{_travel(record)}, the largest joint motion of each move added up",
+        f"{_travel(record)}, the sum of the largest joint motion of every move",
         label="travel",
     )
 

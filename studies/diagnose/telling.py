@@ -308,7 +308,7 @@ def _unseen(record: DiagnoseRecord) -> Iterator[Part]:
     nowhere = [effect for effect in blind if effect not in {effect for effect, _ in groups}]
     if nowhere:
         said = ", ".join(nowhere)
-        yield Sentence(f"These poses show nothing of: {said}.")
+        yield Sentence(f"These poses cannot show: {said}.")
 
 
 # -- what to measure next ----------------------------------------------------------------------

@@ -25,7 +25,7 @@ from studies.document import (
 from studies.identify.budget import BudgetEntry, Expanded, Row
 
 _FATES = {
-    "average": "average out",
+    "average": "lower it",
     "base": "go into the base",
     "stays": "do not help",
     None: "",

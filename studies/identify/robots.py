@@ -50,9 +50,9 @@ def flange_unknown(result: Identification) -> str:
         return ""
     tip, markers = result.model.robot.tip, result.model.marker_names
     return (
-        f"KNOWN are the markers ({listed(markers)}), NOT KNOWN is the flange {tip}: its place on the "
-        "last link is the nominal one, which these readings do not show. Program to the markers, or "
-        "measure markers whose places on the flange are known"
+        f"only the markers ({listed(markers)}) are calibrated. The readings do not show where {tip} sits "
+        "on the last link: it stays nominal. Program to the markers, or measure markers whose places on "
+        f"{tip} are known"
     )
 
 

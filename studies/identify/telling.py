@@ -67,7 +67,7 @@ def _next(record: IdentifyRecord) -> Sentence:
     if after >= before:
         said = "Do not use this model. Measure more poses, or identify fewer parameters."
         return Sentence(said, "warn")
-    if noise.source == "residual" and not noise.scatters:
+    if noise.louder and not noise.scatters:
         return Sentence(
             f"{mm(noise.sigma_mm)} remains in each coordinate; the cell states "
             f"{mm(noise.believed_sigma_mm)}. Run `posecal diagnose`.",

@@ -76,7 +76,7 @@ def init(
     own_path = folder / "arm.csv" if found.dh_text else None
     for path in (cell_path, table_path, own_path):
         if path is not None and path.exists():
-            raise InputError(path, "", "is there already", "name another folder by -o, or move it")
+            raise InputError(path, "", "already exists", "name another folder by -o, or move it")
     make_folder(folder)
     outputs = [cell_path, table_path, own_path, output_file(json_path)]
     check_outputs(outputs, found.files)

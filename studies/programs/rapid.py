@@ -31,7 +31,7 @@ def rapid(name: str, cell: Cell, stops: Sequence[Stop], head: Sequence[str]) -> 
             "RAPID",
             "",
             f"needs six joints that turn, and external ones after them; this chain has {found}",
-            "begin the chain at the arm, or write KRL (.src)",
+            "begin the chain at the arm, or take the joint angles from the plan",
         )
     axes = [f"axis {k + 1}" for k in range(_ARM)] + [f"eax_{c}" for c in "abcdef"[:external]]
     lines = [

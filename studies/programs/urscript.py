@@ -28,7 +28,7 @@ def urscript(name: str, cell: Cell, stops: Sequence[Stop], head: Sequence[str]) 
             "URScript",
             "",
             f"needs six joints that turn; this chain has {found}",
-            "write another language, such as KRL (.src)",
+            "take the joint angles from the plan",
         )
     lines = [
         f"def {identifier(name)}():",

@@ -50,7 +50,7 @@ class Mistake:
         """One line: what is wrong, how that is known, what to do."""
         fits = "the nominal arm fits there" if self.poses else "the nominal arm fits"
         return (
-            f"{', or '.join(self.said)}: with that mended {fits} to {_in_mm(self.mended)} instead of "
+            f"{', or '.join(self.said)}: once corrected, {fits} to {_in_mm(self.mended)} instead of "
             f"{_in_mm(self.nominal)}; {'; or '.join(self.remedies)}"
         )
 

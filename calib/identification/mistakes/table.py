@@ -88,7 +88,7 @@ def _lengths(robot: Robot) -> Iterator[Slip]:
         (_INCH, "inches", "metres"),
         (1.0 / _INCH, "metres", "inches"),
     ):
-        what, remedy = f"{holds} under the name of {named}", f"by {factor:.6g}"
+        what, remedy = f"in {holds}, not in {named}", f"by {factor:.6g}"
         yield Slip(
             f"points in {holds} for {named}",
             f"the points are {what}",
@@ -102,7 +102,7 @@ def _lengths(robot: Robot) -> Iterator[Slip]:
             )
             yield Slip(
                 f"slides in {holds} for {named}",
-                f"{joints} holds {what}",
+                f"{joints} is {what}",
                 f"multiply {joints} {remedy}",
                 slides,
             )

@@ -29,7 +29,7 @@ def summary(evidence: Evidence, told: Mapping[str, str]) -> Section:
     mixed = [Sentence(note, "warn") for note in evidence.mixed]
     box = verdict(evidence, told)
     top = [] if box is None else [box]
-    return Section("summary", "In one look", (*mixed, *top, *_next(evidence), *fall, *said))
+    return Section("summary", "At a glance", (*mixed, *top, *_next(evidence), *fall, *said))
 
 
 def _said(several: Sequence[Result]) -> Iterator[Sentence]:

@@ -216,10 +216,10 @@ def test_many_parameters_outliers_and_effects_are_summed_up() -> None:
     assert "not identified at these poses: u0, u1, u2, u3 and 5 more" in lines
     assert "and 17 more (JSON)" in lines
     said = " ".join(" ".join(lines).split())
-    assert "not asked thermal_expansion: no temperature; add a column" in said
+    assert "not tested thermal_expansion: no temperature; add a column" in said
     (sizes,) = (line.split() for line in lines if line.startswith("backlash"))
     assert sizes == ["backlash", "10", "(A1)", "50", "(A5)", "urad", "A6"]
-    assert lines[-1] == "These poses show nothing of: tracker_scale."
+    assert lines[-1] == "These poses cannot show: tracker_scale."
     assert len(lines) < 55
 
 

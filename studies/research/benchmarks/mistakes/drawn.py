@@ -295,7 +295,7 @@ def _files_of_robots() -> Iterator[Mistake]:
     yield Mistake(
         "a flange that only markers know, exported",
         f"{IDENTIFY} --urdf out.urdf",
-        "NOT KNOWN is the flange",
+        "only the markers",
         "Program to the markers",
         refused=False,
     )

@@ -57,8 +57,8 @@ _BLOCK = 2000  # targets at a time: memory stays bounded
 _NOTHING = 1e-7  # m or rad: what remains below this is rounding
 _LARGE = np.radians(5.0)  # rad, or its share of the reach: no calibrated arm is off by as much
 _RESTING = {
-    "temperature": "the targets have no temperature: {} is left out (20 degC assumed). Add temperature_degC",
-    "time": "the targets have no time: {} is left out (first pose of the session assumed). Add time_s",
+    "temperature": "the targets have no temperature: {} is left out (20 degC). Add temperature_degC",
+    "time": "the targets have no time: {} is left out (first pose of the session). Add time_s",
     "torque": "the targets have no measured torques: {} is not corrected",
 }
 _AFTERWARDS = "the targets have no time in the session: {} counts as after it, warm and moved"

@@ -277,9 +277,7 @@ def _unseen(fit: Fitted, data: Measurements, off: Array, spread: Array, source: 
     return Unseen(rms, lacking, excess, source, certain)
 
 
-def _excess(
-    off: Array, spread: Array, sigma: float, together: float = 1.0
-) -> tuple[float, bool]:
+def _excess(off: Array, spread: Array, sigma: float, together: float = 1.0) -> tuple[float, bool]:
     """Variance of errors (n,) beyond ``V = sigma^2 I + spread spread^T``, and whether it may be chance.
 
     spread : ndarray, shape (n, k). One step of Fisher's scoring from none, and its score test: what

@@ -131,11 +131,14 @@ def read_table(
             if not row:
                 continue
             if len(row) != len(columns):
+                more = len(row) > len(columns)
                 raise InputError(
                     path,
                     f"line {reader.line_num}",
-                    f"has {len(row)} fields where the header names {len(columns)}",
-                    "complete the row",
+                    f"has {len(row)} fields, the header {len(columns)}",
+                    "write decimal points, not commas, and nothing more"
+                    if more
+                    else "complete the row",
                 )
             rows.append(row)
             lines.append(reader.line_num)

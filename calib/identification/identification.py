@@ -278,7 +278,7 @@ class Identification:
         if nominal > _FAR * self.model.robot.reach:
             found.append(
                 f"the nominal model is off by {nominal * 1e3:.0f} mm: check units, signs and order "
-                "of the joints, and the units of URDF and points"
+                "of the joints, the order of the rows, and the units of URDF and points"
             )
         if self.model.scaleless and any(p.effect == "geometry" for p in self.model.parameters):
             found.append(

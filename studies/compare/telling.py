@@ -186,6 +186,8 @@ def _loss(plan: Plan) -> float:
 
 
 def _belief(record: CompareRecord) -> Iterator[Sentence]:
+    from studies.compare.agreement import BELIEVED
+
     found = record.agreement
     if not record.trials:
         return
@@ -193,7 +195,7 @@ def _belief(record: CompareRecord) -> Iterator[Sentence]:
     low, high = found.worst_ratio_band99
     if found.chi2_p is not None and found.worst_ratio is not None and low and high:
         yield Sentence(
-            f"standard deviations, simulated over predicted: {found.worst_ratio:.2f} where they differ most "
+            f"standard deviations, simulated over predicted: {found.worst_ratio:.2f} farthest from one "
             f"({low:.2f} to {high:.2f} by chance among {found.ratios}); p = {P(found.chi2_p)}, refuted "
             f"below {BELIEVED}"
         )
@@ -221,7 +223,9 @@ def _from_scratch(record: CompareRecord) -> str:
         return "none identified from raw data"
     trials, same = sum(d.trials for d in done), sum(d.same for d in done)
     out = sum(d.with_outliers for d in done)
-    return f"{same} of {plural(trials, 'fit')} from raw data give the same, {out} reject poses"
+    return (
+        f"{same} of {plural(trials, 'fit')} from raw data reach the same result, {out} reject poses"
+    )
 
 
 def _lost(record: CompareRecord) -> Iterator[Sentence]:

@@ -96,7 +96,7 @@ _ERRORS: tuple[Column[_Error], ...] = (
 def _errors(record: CompensateRecord) -> Iterator[_Error]:
     rms, p95, most = record.rms_mm, record.p95_mm, record.max_mm
     yield _Error("nominal commands", rms.before, p95.before, most.before)
-    yield _Error("corrected commands, expected", rms.expected, p95.expected, most.expected)
+    yield _Error("corrected commands, expected", rms.expected)
     yield _Error("  of it: out of reach of any command", rms.left, p95.left, most.left)
     yield _Error("  of it: uncertainty of the parameters", rms.from_parameters)
     if rms.scatter:

@@ -33,7 +33,9 @@ def drift_section(record: IdentifyRecord) -> Iterator[Section]:
         return
     rows = [(motion, one) for one in drift.references for motion in one.moved]
     table = Table(_AGAIN, rows, "Poses read again", of_poses=True, most=_MOST)
-    yield Section("drift", "Did the setup move between repeated poses?", (table, *_moved(record, drift)))
+    yield Section(
+        "drift", "Did the setup move between repeated poses?", (table, *_moved(record, drift))
+    )
 
 
 def _moved(record: IdentifyRecord, drift: Drift) -> Iterator[Sentence]:

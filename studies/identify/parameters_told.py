@@ -118,8 +118,8 @@ def _doubts(record: IdentifyRecord) -> Iterator[Sentence]:
     worst = max((p.step_two_optimism or 0.0 for p in record.parameters), default=0.0)
     if worst > _OPTIMISM:
         yield Sentence(
-            "these uncertainties include those of base and tool. If both were known, they would be up to "
-            f"{TENTH(worst)} times smaller",
+            "these uncertainties include those of base and tool. If both were known, they would be up "
+            f"to {TENTH(worst)} times smaller",
             label="include",
         )
     if record.absorbed:

@@ -16,6 +16,13 @@ from studies.systematic import lacks
 from studies.targets import over_the_workspace
 
 
+_NO_ARM_MM = 20.0  # no arm is so wrong, and none so well placed by guesses
+_NO_ARM = (
+    "The readings do not fit this robot. Check units, signs and order of the joints, and the order of "
+    "the rows."
+)
+
+
 def told(record: IdentifyRecord) -> Document:
     """Errors before and after, what moved meanwhile, the parameters, and the accuracy elsewhere."""
     workspace = Figure(lambda: over_the_workspace(record.at_targets))
@@ -55,7 +62,9 @@ def _fell(record: IdentifyRecord) -> Sentence:
 
 def _next(record: IdentifyRecord) -> Sentence:
     """What speaks against the result first, else the accuracy to expect."""
-    before, after, _ = _before_and_after(record)
+    before, after, unit = _before_and_after(record)
+    if unit == "mm" and after > _NO_ARM_MM:
+        return Sentence(_NO_ARM, "warn")
     noise, lacking = record.noise, 0.0 if record.budget is None else record.budget.of("model")
     if record.status != "converged":
         status = record.status.replace("_", " ").capitalize()

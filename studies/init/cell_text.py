@@ -117,11 +117,12 @@ def _limits(robot: Robot) -> str:
             lines += ["", f"# [robot.{table}]           # EDIT: none given; plans use these"]
             lines += [f"# {_key(joint)} = [-{width}, {width}]" for joint in joints]
     if not lines:
+        table, width = ("limits_mm", 500) if robot.prismatic[0] else ("limits_deg", 90)
         lines = [
             "",
-            "# [robot.limits_deg]           # narrower than the robot's own, where the cell is",
+            f"# [robot.{table}]           # narrower than the robot's own, where the cell is",
+            f"# {_key(robot.joints[0])} = [-{width}, {width}]",
         ]
-        lines += [f"# {_key(robot.joints[0])} = [-90, 90]"]
     return "\n".join([*lines, ""])
 
 

@@ -29,8 +29,7 @@ _DIAGNOSED = {
 }
 _STOPS = {
     "goal": "the goal is reached, 19 times in 20",
-    "beyond_reach": "more poses will not reach the goal: the model lacks something. Run `posecal "
-    "diagnose`",
+    "beyond_reach": "more poses will not reach the goal",
     "averages": "more poses would only average noise",
     "settled": "no causes are left to tell apart",
     "nothing_found": "no cause in the catalogue explains the error",

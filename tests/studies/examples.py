@@ -241,7 +241,7 @@ def _identify() -> list[Record]:
     ]  # fmt: skip
     px = {"instrument": "cam", "unit": "px", "nominal": 3.2, "fitted_all": 0.54, "fitted": 0.54}
     pixels = {"rms_mm": none, "max_mm": none, "p95_mm": none, "pair_distances_mm": {}}
-    own = {"source": "readings, each by itself", "instrument": "", "evaluation": "A",
+    own = {"source": "noise of the readings", "instrument": "", "evaluation": "A",
            "part_of": "calibration", "distribution": "normal", "divisor": 1.0, "stated": 0.01,
            "standard_uncertainty": 0.01, "unit": "mm", "sensitivity_mm": 1.0,
            "degrees_of_freedom": 12.0, "at_one_reading_mm": 0.017, "at_targets_mm": 0.01,

@@ -145,7 +145,7 @@ def test_a_repeatability_is_proposed_and_not_taken(tmp_path: Path) -> None:
             "gripper_link>moving_jaw:gripper:revolute",
             "b",
             "gripper_link",
-            "the arm ends before gripper, which moves a gripper; --tip moving_jaw takes all",
+            "gripper moves a gripper and is left out. To include it: --tip moving_jaw",
         ),
         (
             "b>l1:joint1:revolute l1>stator:s:fixed stator>mover:jointGripper:revolute",
@@ -164,7 +164,7 @@ def test_a_repeatability_is_proposed_and_not_taken(tmp_path: Path) -> None:
             "b>l1:a:revolute l1>tool0:t:fixed l1>slider:j2:prismatic",
             "b",
             "tool0",
-            "the arm ends before j2, which moves a gripper; --tip slider takes all",
+            "j2 moves a gripper and is left out. To include it: --tip slider",
         ),
         ("b>l1:a:revolute l1>hand:HandYaw:revolute", "b", "hand", "2 joints from b to hand"),
         ("b>l1:finger_1:revolute l1>l2:finger_2:revolute", "b", "l2", "2 joints from b to l2"),
@@ -236,6 +236,6 @@ def test_nothing_of_the_users_is_written_over(tmp_path: Path) -> None:
     (tmp_path / "measurements.csv").write_text("mine")
     done = init(tmp_path / "arm.csv", "-o", tmp_path, "--dh", "classic")
     assert done.exit_code == 2
-    assert "measurements.csv: is there already; name another folder by -o" in done.stderr
+    assert "measurements.csv: already exists; name another folder by -o" in done.stderr
     assert (tmp_path / "measurements.csv").read_text() == "mine"
     assert not (tmp_path / "cell.toml").exists()

@@ -351,7 +351,7 @@ def test_commands_end_in_one_line(call: str, tmp_path: Path) -> None:
     assert heard.out == ""
     assert heard.err.count("\n") == 1
     assert (
-        "the points are mirrored (a left-handed frame): with that mended the nominal arm"
+        "the points are mirrored (a left-handed frame): once corrected, the nominal arm"
         in heard.err
     )
 

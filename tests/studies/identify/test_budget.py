@@ -68,7 +68,7 @@ def test_rows_add_up_to_the_total_and_absent_keys_change_nothing(folder: Path) -
     covered = [target["expanded_mm"] for target in fields["at_targets"]]
     assert budget["calibration"]["worst_expanded_mm"] == pytest.approx(max(covered))
     # Without the keys: one row, values as before, and smaller standard deviations.
-    assert [row["source"] for row in silent["budget"]["rows"]] == ["readings, each by itself"]
+    assert [row["source"] for row in silent["budget"]["rows"]] == ["noise of the readings"]
     assert silent["acceptance"] is None
     assert silent["about"] == {}
     for own, alone in zip(fields["parameters"], silent["parameters"], strict=True):

@@ -38,9 +38,12 @@ def test_the_markers_are_known_and_the_flange_is_not(tmp_path: Path) -> None:
         heard = posecal("identify", "cell.toml", "measurements.csv", "--urdf", "found.urdf")
     assert heard.status is None, heard.err
     said = " ".join(heard.out.split())
-    assert "KNOWN are the markers (m1, m2, m3), NOT KNOWN is the flange flange" in said
+    assert (
+        "only the markers (m1, m2, m3) are calibrated. The readings do not show where flange sits"
+        in said
+    )
     text = (tmp_path / "found.urdf").read_text()
-    assert re.search(r"<!-- KNOWN are the markers .* NOT KNOWN is the flange flange", text)
+    assert re.search(r"<!-- only the markers .* are calibrated\. .* where flange sits", text)
     q, urdf = day.targets, tmp_path / "found.urdf"
     ours = np.stack([at_link(urdf, f"marker_m{j}", q) for j in (1, 2, 3)], axis=1)
     R, p = placed(ours.reshape(-1, 3), day.reached.reshape(-1, 3))

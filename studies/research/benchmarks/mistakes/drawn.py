@@ -130,9 +130,7 @@ def _rows() -> Iterator[Mistake]:
         "turn the sign",
         _column("elbow_deg", lambda x: -x),
     )
-    yield Mistake(
-        "points in metres under mm", IDENTIFY, "metres under the name", "multiply", _metres
-    )
+    yield Mistake("points in metres under mm", IDENTIFY, "in metres, not in", "multiply", _metres)
 
 
 def _tables() -> Iterator[Mistake]:
@@ -207,7 +205,12 @@ def _files_of_robots() -> Iterator[Mistake]:
         ("one sliding finger beside tool0", robots.FINGER, "j7"),
     ):
         yield Mistake(
-            did, init, f"arm ends before {joint}", "--tip .* takes all", _file(text), refused=False
+            did,
+            init,
+            f"{joint} moves a gripper and is left out",
+            "To include it: --tip",
+            _file(text),
+            refused=False,
         )
     yield Mistake(
         "control: a wrist called HandYaw stays",

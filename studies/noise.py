@@ -147,7 +147,7 @@ def _arm(noise: Noise) -> Iterator[str]:
     again = noise.repeatability_mm is not None
     if again:
         both = _both(noise.repeatability_mm, noise.repeatability_urad)
-        yield f"arm {both}, its repeatability"
+        yield f"arm {both}, {'from visit to visit' if noise.missing else 'its repeatability'}"
     if noise.configuration_mm or noise.configuration_urad:
         of_model = again or noise.configuration_of == "model"
         what = (

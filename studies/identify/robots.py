@@ -50,9 +50,9 @@ def flange_unknown(result: Identification) -> str:
         return ""
     tip, markers = result.model.robot.tip, result.model.marker_names
     return (
-        f"only the markers ({listed(markers)}) are calibrated. The readings do not show where {tip} sits "
-        "on the last link: it stays nominal. Program to the markers, or measure markers whose places on "
-        f"{tip} are known"
+        f"only the markers ({listed(markers)}) are calibrated. The readings do not show where "
+        f"{tip} sits on the last link: it stays nominal. Program to the markers, or measure "
+        f"markers whose places on {tip} are known"
     )
 
 

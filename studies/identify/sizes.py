@@ -45,8 +45,8 @@ def told_sizes(sizes: Sizes) -> Sentence:
     """That sizes decided, and which."""
     widths = [f"{own.effect} {TWO(own.width)} {own.unit}" for own in sizes.widths]
     return Sentence(
-        f"the readings barely determine about {TENTH(sizes.parameters)} combinations of parameters. There "
-        f"the result leans on usual sizes of errors: {listed(widths)}. "
+        f"the readings barely determine about {TENTH(sizes.parameters)} combinations of "
+        f"parameters. There the result leans on usual sizes of errors: {listed(widths)}. "
         '[model] size_prior = "off" switches it off',
         "note",
         "sizes",

@@ -15,7 +15,6 @@ from studies.identify.record import IdentifyRecord
 from studies.systematic import lacks
 from studies.targets import over_the_workspace
 
-
 _NO_ARM_MM = 20.0  # no arm is so wrong, and none so well placed by guesses
 _NO_ARM = (
     "The readings do not fit this robot. Check units, signs and order of the joints, and the order of "

@@ -91,9 +91,9 @@ def _repeatability(robot: Robot) -> str:
     low, middle, high = (_rough(1e3 * std) for std in (usual.best, usual.middle, usual.worst))
     turn = _rough(1e6 * usual.middle / (0.5 * robot.reach))  # of joints, at half the arm's length
     return f"""\
-# EDIT: the arm's repeatability: RP / 3.6, with RP from its data sheet. Industrial arms of this size have
-# {low} to {high} mm. Without a data sheet leave it out. `posecal design` then plans repeat visits of
-# some poses, which measure it.
+# EDIT: the arm's repeatability: RP / 3.6, with RP from its data sheet. Industrial arms of this size
+# have {low} to {high} mm. Without a data sheet leave it out. `posecal design` then plans repeat visits
+# of some poses, which measure it.
 {f"# repeatability_mm = {middle}":<30} # one standard deviation of one coordinate of the tip
 {f"# repeatability_urad = {turn}":<30} # of one component of its rotation"""
 

@@ -94,7 +94,14 @@ def test_plan_is_read_by_the_other_commands(folder: Path, fields: dict[str, Any]
 @pytest.mark.long
 def test_tables_say_what_matters(done: Result) -> None:
     text = " ".join(done.output.split())
-    for said in ("15 poses for 9 parameters", "no plan is below", "plan.csv", "loss", "p15"):
+    for said in (
+        "15 poses. Expected error at the targets",
+        "no plan is below",
+        "plan.csv",
+        "loss",
+        "p15",
+        "9 parameters",
+    ):
         assert said in text, said
     assert "nan" not in text.lower()
     assert max(len(line) for line in done.output.splitlines() if "wrote" not in line) <= 110

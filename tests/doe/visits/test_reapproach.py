@@ -149,8 +149,8 @@ def test_the_command_and_the_cell_ask_for_them(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, [*arguments, "-o", str(tmp_path / "best.csv")])
     assert done.exit_code == 0, done.output
     said = " ".join(done.output.split())
-    assert "15 poses and 3 second visits" in said
-    assert "repeatability will be known to +-24 % (translation) and +-24 % (rotation)" in said
+    assert "15 poses and 3 repeat visits" in said
+    assert "They show the arm's repeatability to +-24 % (translation) and +-24 % (rotation)" in said
     fields = json.loads((tmp_path / "best.json").read_text())
     assert fields["reapproaches"]["dof"] == pytest.approx(18.0)
     assert len(fields["poses"]) == 18

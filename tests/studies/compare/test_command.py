@@ -103,11 +103,11 @@ def test_figures_are_consistent(fields: dict[str, Any]) -> None:
 def test_the_answer_comes_first(done: Result) -> None:
     lines = done.output.splitlines()
     said = " ".join(done.output.split())
-    assert said.startswith("kr270 milling cell: Of 2 plans plan.csv leaves least: ")
-    assert re.search(r"approach #2, at 200 Sobol poses, at the tip [^;]*; 9 parameters\.", said)
-    assert "shorter.csv would have to be measured" in said
+    assert said.startswith("kr270 milling cell: Best of 2 plans: plan.csv, with an expected error")
+    assert re.search(r"error of [\d.]+ mm RMS from marker points \(#2\)\.", said)
+    assert "shorter.csv has to be measured" in said
     assert "100 simulated experiments a plan" in said
-    assert "equals #2: the gain is in the weighting" in said
+    assert "weighted by its full covariance, #1 equals #2" in said
     assert max(map(len, lines)) <= 120
 
 
@@ -250,7 +250,7 @@ def test_a_robot_of_the_users_own(data: Path, tmp_path: Path) -> None:
         tmp_path / "o.json",
     )
     assert done.exit_code == 0, done.output
-    assert "Of 2 plans best.csv leaves least: " in done.output
+    assert "Best of 2 plans: best.csv, with an expected error of " in done.output
     found = json.loads((tmp_path / "o.json").read_text())
     assert found["agreement"]["worst_ratio"] == pytest.approx(1.0, abs=0.35)
     rms = [entry(plan, "points", "full")["task_rms_mm"] for plan in found["plans"]]

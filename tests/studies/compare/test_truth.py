@@ -195,7 +195,7 @@ def test_a_search_that_is_led_astray_is_said(
     assert not any(own.same for own in done)
     found = fields_of(result)["agreement"]
     assert found["believed"] is False
-    assert "ended elsewhere than from the true robot" in found["says"]
+    assert "elsewhere than fits that start at the true robot" in found["says"]
 
 
 @pytest.mark.long
@@ -207,4 +207,4 @@ def test_the_command(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, call)
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["truth"] == "mujoco"
-    assert "readings drawn from MuJoCo's arm; " in done.stderr
+    assert "readings simulated by MuJoCo's arm; " in done.stderr

@@ -90,8 +90,8 @@ def test_the_next_run_starts_from_the_better_model(
 ) -> None:
     first, written = one_effect
     better = written / "better.toml"
-    assert "explained by backlash:a5" in first.output
+    assert "Cause found: backlash:a5" in first.output
     assert '"backlash:a5"' in better.read_text()
     second = run("diagnose", better, data / "examples" / "one_effect" / "measurements.csv")
     assert second.exit_code == 0, second.output
-    assert "No gap beyond noise" in second.output
+    assert "No unmodelled error found: the residuals are noise" in second.output

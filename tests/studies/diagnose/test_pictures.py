@@ -46,7 +46,7 @@ def test_the_fall_is_that_of_the_gap(result: Diagnosis, drawn: dict[str, Picture
     assert picture.rows[-1][3] == pytest.approx(1e3 * result.gap.floor)
     assert "held-out poses [mm]" in picture.figure.axes[0].get_xlabel()
     assert rows["after: what is left"][1] == pytest.approx(after)
-    assert f"{after / rows['what is left'][3]:.2f} times the floor" in picture.caption
+    assert f"{after / rows['after: what is left'][3]:.2f} times the floor" in picture.caption
 
 
 @pytest.mark.long

@@ -68,7 +68,11 @@ def test_lines_are_named_and_of_a_family_alike() -> None:
     assert stems[1][1] == stems[3][0] != stems[0][0]
     assert stems[2] == []
     words = [t.get_text() for t in picture.figure.legends[0].get_texts()]
-    assert words == ["false alarm, 1 %", "lines that A1, A2 share", "line of one joint"]
+    assert words == [
+        "chance passes it in 1 figure of 100",
+        "lines that A1, A2 share",
+        "line of one joint",
+    ]
     assert [row[:2] for row in picture.rows] == [
         ("A1", 240.0), ("A2", 241.0), ("A2", 30.0), ("A3", None), ("A4", 100.0)
     ]  # fmt: skip

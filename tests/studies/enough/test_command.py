@@ -64,7 +64,7 @@ def test_it_names_the_poses_that_the_goal_needs(folder: Path) -> None:
     }  # fmt: skip
     assert all(p["std"] > 0.0 for p in fields["end"]["parameters"])
     _, said = asked(folder, *plan, "--goal-mm", 5)
-    assert "you may stop now" in said
+    assert "You may stop." in said
 
 
 @pytest.mark.long

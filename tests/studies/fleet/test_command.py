@@ -265,7 +265,7 @@ def test_a_cause_that_a_type_shares(tmp_path: Path) -> None:
     assert causes["transmission_harmonic:j3"] == 2
     said = " ".join(done.output.split())
     assert "In most robots of arm:" in said
-    assert "transmission_harmonic:j3 (named in " in said
+    assert "transmission_harmonic:j3 (found in " in said
     assert len(fields["inputs"]) == 4
     page = tmp_path / "page.html"
     assert run("report", out, "-o", page).exit_code == 0

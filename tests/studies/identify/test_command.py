@@ -224,4 +224,11 @@ def test_figures_of_an_identification(demo: Path, tmp_path: Path) -> None:
     )  # fmt: skip
     assert done.exit_code == 0, done.output
     stems = {path.stem for path in (tmp_path / "figures").iterdir()}
-    assert stems == {"residuals", "residuals_heldout", "histogram", "workspace", "correlation"}
+    assert stems == {
+        "residuals",
+        "residuals_heldout",
+        "histogram",
+        "workspace",
+        "correlation",
+        "errors_by_pose",
+    }

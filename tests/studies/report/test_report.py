@@ -109,9 +109,9 @@ def test_figures_of_the_results_stand_in_it(demo_folder: Path, html: str) -> Non
     text = re.sub(r"\s+", " ", html.replace("<wbr>", ""))
     identified = json.loads((demo_folder / "identify.json").read_text())
     designed = json.loads((demo_folder / "design.json").read_text())
-    assert f"now predicted to {identified['rms_mm']['heldout']:.4f} mm" in text
-    share = int(1e3 * designed["efficiency"]) / 10.0
-    assert f"at least {share:.1f} %" in text
+    assert f"to {identified['rms_mm']['heldout']:.4f} mm" in text
+    share = int(1e4 * designed["efficiency"]) / 100.0
+    assert f"Certified efficiency {share:.2f} %" in text
     for entry in identified["inputs"]:
         assert entry["sha256"] in text
     for p in identified["parameters"]:
@@ -297,7 +297,7 @@ def test_a_model_that_is_worse_elsewhere_is_not_praised(moved: Path) -> None:
     run("report", moved / "identify.json", "-o", moved / "page.html")
     text = (moved / "page.html").read_text()
     summary = text[text.index('<section id="summary"') : text.index('<section id="arm"')]
-    assert "Do not use the identified model" in summary
+    assert "Do not use this model." in summary
     assert "box good" not in summary
 
 

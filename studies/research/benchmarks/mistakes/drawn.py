@@ -148,7 +148,7 @@ def _tables() -> Iterator[Mistake]:
         yield Mistake(
             f"{did}, imported",
             IDENTIFY.replace(MEASURED, "new.csv"),
-            "parameters identified",
+            "The error at",
             ".",
             _text(MEASURED, edit),
             refused=False,

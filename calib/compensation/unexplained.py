@@ -184,6 +184,8 @@ def _by_what_is_certain(fit: Fitted, data: Measurements, off: Array, spread: Arr
     """
     shown = _unseen(fit, data, off, spread, "the ends of the day")
     told, seen = _told(fit, data), fit.told(data)
+    if not (fit.sigma and seen.any()):
+        return shown
     scatter = _scatter(fit, data)
     each = np.sqrt(fit.sigma**2 + scatter / np.maximum(told.sum(axis=-1), 1))[..., None] * told
     _, chance = _excess(

@@ -158,7 +158,7 @@ def test_a_repeatability_is_proposed_and_not_taken(tmp_path: Path) -> None:
             "drive>finger:inner_single_joint:revolute",
             "b",
             "ft",
-            "the arm ends before gripper_left_joint, inner_single_joint",
+            "gripper_left_joint, inner_single_joint moves a gripper and is left out",
         ),
         (
             "b>l1:a:revolute l1>tool0:t:fixed l1>slider:j2:prismatic",

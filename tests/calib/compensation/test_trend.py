@@ -88,6 +88,6 @@ def test_nobody_is_told_to_stop_while_it_goes_on(tmp_path: Path) -> None:
         assert record.lacking.trend_mm > 0.0
         assert ("You may stop" in said) == told_when
         assert ("targets_after_h" in said) == (not told_when)
-        assert "Run `posecal diagnose`" in said
+        assert "run `posecal diagnose`" in said.lower()
     assert came <= answer.steps[0].task_most
     assert enough(cell, data, goal=0.9 * came).needed is None

@@ -331,9 +331,7 @@ def test_real_days(data: Path, name: str) -> None:
 def test_verbs_refuse_with_what_is_known(tmp_path: Path) -> None:
     cell, data = day(seed=14).with_points(lambda p: p / 25.4).read(tmp_path)
     for verb in (calib.identify, calib.diagnose):
-        with pytest.raises(
-            ImplausibleData, match=r"inches .* multiply x, y and z by 25\.4"
-        ) as said:
+        with pytest.raises(ImplausibleData, match=r"inches.* multiply x, y and z by 25\.4") as said:
             verb(cell, data)
         assert said.value.mistakes == ("points in inches for millimetres",)
         assert said.value.nominal > 1.0

@@ -17,6 +17,7 @@ _NEXT = {
     "no_gap": "use the model: run `posecal compensate`",
     "explained": "add the causes to the model (`--cell-out`) and identify again",
     "structure": "check these places on the arm: no cause in the catalogue acts like this",
+    "form": "more poses would check the exact form of the causes",
     "too_large": "check that all loads, moves and times are in the table, then visit some poses again",
 }
 _CONFIRM = "measure more poses to confirm the causes"
@@ -54,9 +55,18 @@ def _verdict_alone(record: DiagnoseRecord) -> str:
     if not record.effects:
         return _somewhere(record)
     rest = record.rest
-    large = rest is not None and rest.kind == "too_large"
-    more = "too much remains" if large else "the rest has no cause in the catalogue"
+    more = "the rest has no cause in the catalogue"
+    if rest is not None and rest.kind == "too_large":
+        more = "too much remains"
+    elif _form_alone(record):
+        more = "the exact form may differ"
     return fitting((f"{own}; {more}." for own in _found(record.effects)), room)
+
+
+def _form_alone(record: DiagnoseRecord) -> bool:
+    """Whether nothing of size remains, though a cause may act by another formula."""
+    rest = record.rest
+    return bool(record.effects) and rest is not None and rest.kind == "structure" and not rest.mm
 
 
 def _no_gap(record: DiagnoseRecord) -> str:
@@ -95,6 +105,9 @@ def _unsure(effects: Sequence[Effect]) -> Iterator[str]:
     """Causes of which some are not certain, in shorter and shorter forms."""
     forms = list(_found(effects))
     if any(effect.one_of for effect in effects):
+        if all(len(effect.alike) < 2 for effect in effects if effect.one_of):
+            yield from (f"{form}. Its cycles per turn may be others." for form in forms)
+            return
         yield f"{forms[0]}. These data cannot tell which."
         yield from (f"{form}." for form in forms[1:2] if len(effects) <= _SINGLY)
         yield from (f"{form}: these data cannot tell all apart." for form in forms[1:])
@@ -188,6 +201,8 @@ def to_do(record: DiagnoseRecord) -> str:
     if record.gap.heldout_rose:
         return _ROSE
     if record.verdict == "unknown":
+        if _form_alone(record):
+            return _NEXT["form"]
         large = record.rest is not None and record.rest.kind == "too_large"
         return _NEXT["too_large" if large else "structure"]
     if record.verdict == "ambiguous":

@@ -66,6 +66,8 @@ def _goal(record: EnoughRecord) -> Iterator[Sentence]:
     if record.poses_to_goal is not None:
         mood, said = _met(record, record.poses_to_goal)
         yield Sentence(f"{goal} {said}.", mood)
+    elif fresh is not None and not record.plan.poses:
+        yield Sentence(f"{goal} takes about {fresh} poses more. Run `posecal next`.", "warn")
     elif fresh is not None:
         yield Sentence(
             f"{goal} takes about {fresh} poses more than the plan has. Run `posecal design CELL "

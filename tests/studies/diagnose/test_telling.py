@@ -94,6 +94,17 @@ def test_the_verdict_comes_first_and_the_error_next() -> None:
         ({"gap": ROSE}, "Cause found: backlash:A3. The error at held-out poses did not fall."),
         ({"verdict": "unknown"}, "backlash:A3; the rest has no cause in the catalogue."),
         (
+            {"verdict": "unknown", "rest": rest(0.0, "structure", "model", "assumed")},
+            "backlash:A3; the exact form may differ.",
+        ),
+        (
+            {
+                "verdict": "ambiguous",
+                "effects": [effect("gear_ripple", "A3", [], standing="one_of", aliases=[30.0])],
+            },
+            "gear_ripple:A3. Its cycles per turn may be others.",
+        ),
+        (
             {
                 "verdict": "ambiguous",
                 "effects": [

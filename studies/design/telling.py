@@ -103,21 +103,22 @@ def _proof(record: DesignRecord) -> Iterator[Part]:
         label=record.criterion,
     )
     rest, proof = 1.0 - record.efficiency, record.proof
+    told = [
+        Sentence(
+            "The proof does not depend on the search: the criterion is concave in the information of a "
+            "plan, so its slope at any point bounds all plans."
+        )
+    ]
     if rest > _WORTH_EXPLAINING and not proof.proved_optimal:
         solver, spread = min(proof.solver_gap, rest), 1.0 - proof.agreement_of_starts
         said = (
             f"{100.0 * solver:.2f} of the missing {100.0 * rest:.2f} % are the solver's tolerance. "
             f"Searches from different starts ended {100.0 * spread:.2f} % apart."
         )
-        yield Detail((Sentence(said),))
-    yield Detail(
-        (
-            Sentence(
-                "The proof does not depend on the search: the criterion is concave in the information "
-                "of a plan, so its slope at any point bounds all plans."
-            ),
-        )
-    )
+        told.append(Sentence(said))
+    yield Detail(tuple(told), "What the proof rests on")
+    indices = list(record.observability.items())
+    yield Detail((Table(_OBSERVABILITY, indices),), "Observability, by parameters of usual size")
 
 
 def _losses(record: DesignRecord) -> Iterator[Sentence]:
@@ -143,13 +144,6 @@ def _losses(record: DesignRecord) -> Iterator[Sentence]:
 
 
 def _facts(record: DesignRecord) -> Iterator[Sentence]:
-    indices = ", ".join(
-        f"{name} {TWO(v)} ({_INDICES[name]})" for name, v in record.observability.items()
-    )
-    yield Sentence(
-        f"observability, larger is better: {indices}; parameters scaled by their usual sizes",
-        label="indices",
-    )
     own = record.candidates
     removed = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in own.removed_by.items() if n)
     by = f" (removed by {removed})" if removed else ""
@@ -207,12 +201,19 @@ class _Plan:
 
 _TASK_RMS: Column[_Plan] = Column("task RMS", lambda row: row.task_rms, MM, "mm")
 _INDICES = {
-    "O1": "mean of the singular values",
+    "O1": "their mean",
     "O2": "smallest by largest",
     "O3": "smallest",
     "O4": "smallest squared by largest",
     "O5": "one by the sum of their inverses",
 }
+
+
+_OBSERVABILITY: tuple[Column[tuple[str, float]], ...] = (
+    Column("index", lambda row: row[0]),
+    Column("value, larger is better", lambda row: row[1], TWO),
+    Column("of the singular values", lambda row: _INDICES[row[0]]),
+)
 
 
 def _plans(record: DesignRecord) -> tuple[Column[_Plan], ...]:

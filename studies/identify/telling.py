@@ -62,7 +62,7 @@ def _fell(record: IdentifyRecord) -> Sentence:
 def _next(record: IdentifyRecord) -> Sentence:
     """What speaks against the result first, else the accuracy to expect."""
     before, after, unit = _before_and_after(record)
-    if unit == "mm" and after > _NO_ARM_MM:
+    if unit == "mm" and min(before, after) > _NO_ARM_MM:
         return Sentence(_NO_ARM, "warn")
     noise, lacking = record.noise, 0.0 if record.budget is None else record.budget.of("model")
     if record.status != "converged":

@@ -173,8 +173,8 @@ def _compared(record: ChangesRecord) -> Iterator[Sentence]:
         )
     elif record.left.excess_mm:
         yield Sentence(
-            f"both fits leave {mm(record.left.excess_mm)} beyond the instrument's noise: an error "
-            "that was there on both days is no change",
+            f"both fits leave {mm(record.left.excess_mm)} beyond the instrument's noise: the "
+            "arm's repeatability, or errors of both days. Neither is a change",
             label="model",
         )
     open_ = [p.id for p in record.parameters if p.std is None]

@@ -142,8 +142,8 @@ def _fell(record: DiagnoseRecord) -> str:
     held = gap.heldout_before_mm is not None
     before = gap.heldout_before_mm if held else gap.fit_before_mm
     after = gap.heldout_after_mm if held else gap.fit_after_mm
-    where = "held-out poses" if held else "the fitted poses"
-    noise = f"noise alone leaves {MM(gap.floor_mm)} {unit}"
+    where = "held-out poses" if held else "fitted poses"
+    noise = f"the instrument alone leaves {MM(gap.floor_mm)} {unit}"
     if not record.effects or after is None:
         return f"Error at {where}: {MM(before)} {unit}; {noise}."
     return f"Error at {where}: {MM(before)} {unit} before, {MM(after)} {unit} after; {noise}."

@@ -74,6 +74,8 @@ def _goal(record: EnoughRecord) -> Iterator[Sentence]:
             f"--extend PLAN --poses {fresh}`.",
             "warn",
         )
+    elif _perhaps(record.lacking):
+        yield Sentence(f"{goal} is not reached yet: {_by_chance(record.lacking)}.", "warn")
     elif record.goal_beyond_reach:
         why = _beyond_reach(record.lacking)
         yield Sentence(f"More poses will not reach {record.goal_mm:g} mm: {why}.", "warn")
@@ -102,11 +104,17 @@ def _met(record: EnoughRecord, needed: int) -> tuple[Mood, str]:
     return "good", f"is reached: the error is below {most}, 19 times in 20. You may stop"
 
 
+def _perhaps(lacking: Lacking) -> bool:
+    """Whether most of what no pose lowers is an error at held-out poses that may be chance."""
+    largest = max(lacking.scatter_mm, lacking.unexplained_mm, lacking.trend_mm)
+    return largest == lacking.unexplained_mm > 0.0 and not lacking.unexplained_surely
+
+
 def _beyond_reach(lacking: Lacking) -> str:
     """Why no number of poses meets a goal, and what to do: the largest of what no pose lowers."""
     largest = max(lacking.scatter_mm, lacking.unexplained_mm, lacking.trend_mm)
     if largest == lacking.unexplained_mm:
-        return lacks(largest) if lacking.unexplained_surely else _by_chance(lacking)
+        return lacks(largest)
     if largest == lacking.trend_mm:
         return "the readings drift through the day"
     if lacking.scatter_of == "arm":

@@ -173,7 +173,9 @@ def assert_shown(printed: str) -> None:
 
 def test_the_error_that_is_told_is_the_one_that_is_shown() -> None:
     (told,) = re.findall(r"The error of ([\d.]+) mm is far above", README)
-    first, *_ = re.findall(r"^held-out poses, identified +([\d.]+)", README, flags=re.M)  # of identify
+    first, *_ = re.findall(
+        r"^held-out poses, identified +([\d.]+)", README, flags=re.M
+    )  # of identify
     assert f"{float(first):.2f}" == told
 
 

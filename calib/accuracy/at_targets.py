@@ -51,5 +51,5 @@ def accuracy_at_targets(
     targets, weights = targets_of(cell)
     after = cell.design.targets_after or 0.0
     budget = budget_of(found, estimate, targets, weights, after)
-    source = cell.targets_in_words
-    return Accuracy(targets, budget, combined(budget.calibration, weights), source)
+    expected = combined(budget.calibration, weights)
+    return Accuracy(targets, budget, expected, cell.targets_in_words)

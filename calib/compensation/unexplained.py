@@ -174,13 +174,14 @@ def _without(fit: Fitted, end: IntArray, r: Array, Q: Array) -> Unseen | None:
     share = growth * float(_shares(fit, data)[1][fit.told(data)].sum())
     own = float((spread[told] ** 2).sum())
     spread = spread * np.sqrt(share / max(own, 1e-300))
-    return _by_what_is_certain(fit, data, off, spread)
+    return _score_tested(fit, data, off, spread)
 
 
-def _by_what_is_certain(fit: Fitted, data: Measurements, off: Array, spread: Array) -> Unseen:
-    """What a fit to few readings missed at others: where its parameters are uncertain tells little.
+def _score_tested(fit: Fitted, data: Measurements, off: Array, spread: Array) -> Unseen:
+    """What a fit missed at readings it was without, and by a score test whether that may be chance.
 
-    Readings of one pose err together: of M points one counts.
+    off : ndarray, shape (m, C, r), m; spread : ndarray, shape (m, C, r, k), how the parameters move
+    them. Where the parameters are uncertain tells little. Points of a pose err together: one counts.
     """
     shown = _unseen(fit, data, off, spread, "the ends of the day")
     told, seen = _told(fit, data), fit.told(data)

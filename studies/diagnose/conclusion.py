@@ -16,12 +16,14 @@ _SAYS = {
 _NEXT = {
     "no_gap": "use the model: run `posecal compensate`",
     "explained": "add the causes to the model (`--cell-out`) and identify again",
+    "apart": "measure the poses below: they tell the causes apart",
+    "alike": "correct for any of them: they act alike here",
+    "confirm": "measure more poses to confirm the causes",
+    "rose": "first find what differs between held-out and fitted poses: day, load, joint range",
     "structure": "check these places on the arm: no cause in the catalogue acts like this",
     "form": "more poses would check the exact form of the causes",
     "too_large": "check that all loads, moves and times are in the table, then visit some poses again",
 }
-_CONFIRM = "measure more poses to confirm the causes"
-_ROSE = "first find what differs between held-out and fitted poses: day, load, joint range"
 _SURE = {"established": "confirmed", "likely": "probable"}
 _SINGLY = 3  # causes that a sentence names one by one
 
@@ -196,21 +198,20 @@ def standing_words(effect: Effect) -> str:
 
 def to_do(record: DiagnoseRecord) -> str:
     """What a reader should do with this; nothing where the noise is to be looked at first."""
-    if record.noise.loud:
-        return ""
+    return "" if record.noise.loud else _NEXT[_situation(record)]
+
+
+def _situation(record: DiagnoseRecord) -> str:
+    """What the advice depends on, a key of ``_NEXT``."""
     if record.gap.heldout_rose:
-        return _ROSE
+        return "rose"
     if record.verdict == "unknown":
-        if _form_alone(record):
-            return _NEXT["form"]
         large = record.rest is not None and record.rest.kind == "too_large"
-        return _NEXT["too_large" if large else "structure"]
+        return "form" if _form_alone(record) else "too_large" if large else "structure"
     if record.verdict == "ambiguous":
-        if record.next_poses:
-            return "measure the poses below: they tell the causes apart"
         several = any(effect.one_of for effect in record.effects)
-        return "correct for any of them: they act alike here" if several else _CONFIRM
-    return _NEXT[record.verdict]
+        return "apart" if record.next_poses else "alike" if several else "confirm"
+    return record.verdict
 
 
 def _and(parts: Sequence[str]) -> str:

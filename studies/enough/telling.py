@@ -74,7 +74,7 @@ def _goal(record: EnoughRecord) -> Iterator[Sentence]:
             f"--extend PLAN --poses {fresh}`.",
             "warn",
         )
-    elif _perhaps(record.lacking):
+    elif _may_be_chance(record.lacking):
         yield Sentence(f"{goal} is not reached yet: {_by_chance(record.lacking)}.", "warn")
     elif record.goal_beyond_reach:
         why = _beyond_reach(record.lacking)
@@ -104,7 +104,7 @@ def _met(record: EnoughRecord, needed: int) -> tuple[Mood, str]:
     return "good", f"is reached: the error is below {most}, 19 times in 20. You may stop"
 
 
-def _perhaps(lacking: Lacking) -> bool:
+def _may_be_chance(lacking: Lacking) -> bool:
     """Whether most of what no pose lowers is an error at held-out poses that may be chance."""
     largest = max(lacking.scatter_mm, lacking.unexplained_mm, lacking.trend_mm)
     return largest == lacking.unexplained_mm > 0.0 and not lacking.unexplained_surely

@@ -15,8 +15,8 @@ from studies.identify.record import IdentifyRecord
 from studies.systematic import lacks
 from studies.targets import over_the_workspace
 
-_NO_ARM_MM = 20.0  # no arm is so wrong, and none so well placed by guesses
-_NO_ARM = (
+_WRONG_TABLE_MM = 20.0  # no arm is so wrong, and none so well placed by guesses
+_WRONG_TABLE = (
     "The readings do not fit this robot. Check units, signs and order of the joints, and the order of "
     "the rows."
 )
@@ -62,8 +62,8 @@ def _fell(record: IdentifyRecord) -> Sentence:
 def _next(record: IdentifyRecord) -> Sentence:
     """What speaks against the result first, else the accuracy to expect."""
     before, after, unit = _before_and_after(record)
-    if unit == "mm" and min(before, after) > _NO_ARM_MM:
-        return Sentence(_NO_ARM, "warn")
+    if unit == "mm" and min(before, after) > _WRONG_TABLE_MM:
+        return Sentence(_WRONG_TABLE, "warn")
     noise, lacking = record.noise, 0.0 if record.budget is None else record.budget.of("model")
     if record.status != "converged":
         status = record.status.replace("_", " ").capitalize()
@@ -81,10 +81,10 @@ def _next(record: IdentifyRecord) -> Sentence:
             f"{mm(noise.believed_sigma_mm)}. Run `posecal diagnose`.",
             "warn",
         )
-    return Sentence(f"{_capital(elsewhere(record))}.")
+    return Sentence(f"{_capital(_at_targets(record))}.")
 
 
-def elsewhere(record: IdentifyRecord) -> str:
+def _at_targets(record: IdentifyRecord) -> str:
     """The accuracy at the targets, as far as the parameters decide it."""
     rms, worst = mm(record.task_rms_mm), mm(record.task_worst_mm)
     only = ", if the model lacks nothing" if record.noise.missing else ""

@@ -29,13 +29,13 @@ from studies.plan.pictures import look_alikes, power
 from studies.plan.record import LookAlike, PlanRecord, Seen, Twins
 
 _MOST_PAIRS = 12
-_NEVER_SO = 1e3  # times what is usual: rounding shows it, not these poses
+_INVISIBLE = 1e3  # times what is usual: rounding shows it, not these poses
 _LONG = 8  # letters of a joint's name that a column takes
 
 
 def _shown(cause: Seen) -> str:
     size = STD(cause.size)
-    never = cause.size is not None and cause.plausible and cause.size > _NEVER_SO * cause.plausible
+    never = cause.size is not None and cause.plausible and cause.size > _INVISIBLE * cause.plausible
     return "hidden" if cause.reason or never else f"({size})" if cause.unusual else size
 
 

@@ -1,5 +1,6 @@
 """What every result is: a frozen record in the units of its JSON, one way to write it, one to read it.
 
+:meth:`Entry.from_result` fills a record from the objects of ``calib`` and ``doe``, which are in SI.
 What is wrong in a file is told with its place, as one line; what is wrong in this code is a traceback.
 """
 
@@ -7,22 +8,24 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NotRequired, TypedDict
-
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    NotRequired,
+    Self,
+    TypedDict,
+    get_args,
+    get_origin,
 )
 
-from calib.files.read import sha256
+import numpy as np
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
-if TYPE_CHECKING:
-    from calib.arrays import Array
+from calib.files.read import sha256
 
 _LARGEST = 1e30  # in any unit: nothing larger can be drawn
 
@@ -49,16 +52,124 @@ Three = tuple[Number, Number, Number]
 Count = Annotated[int, Field(ge=0, lt=2**53)]
 
 
-def three(values: Array) -> tuple[float, float, float]:
+def three(values: np.ndarray[Any, np.dtype[np.float64]]) -> tuple[float, float, float]:
     """A vector of an array, shape (3,)."""
     x, y, z = values.tolist()
     return x, y, z
+
+
+_HOUR = 3600.0
+_PER_UNIT = {
+    "nm": 1e9,
+    "um": 1e6,
+    "mm": 1e3,
+    "urad": 1e6,
+    "mrad": 1e3,
+    "rad": 1.0,
+    "deg": math.degrees(1.0),
+    "um_per_h": 1e6 * _HOUR,
+    "urad_per_h": 1e6 * _HOUR,
+    "1_turn": 1.0,
+    "px": 1.0,
+    "percent": 100.0,
+    "s": 1.0,
+    "h": 1.0 / _HOUR,
+    "si": 1.0,
+}
+"""Suffix of a field -> how many of its unit make one SI unit."""
 
 
 class Entry(BaseModel):
     """A part of a record: the names and types of its JSON, no others."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, populate_by_name=True)
+
+    @classmethod
+    def from_result(cls, *results: object, **own: Any) -> Self:
+        """An entry filled from results by the names of its fields.
+
+        results : objects in SI; of several, the first that has an attribute gives it
+        own : fields that are neither a copy nor a scaling, in the units of the entry
+
+        A field takes the attribute of its name. One whose name ends in a unit takes the attribute of
+        the name without it, times the unit: ``rms_mm`` is 1e3 ``rms``, and ``drift_um_per_h`` 3.6e9
+        ``drift``. Values take the shape of the field's type: arrays become tuples; an object that
+        stands where an entry does is filled in the same way, also within tuples and dicts; None stays
+        None, and NaN becomes None where the field may be undefined.
+
+        >>> from types import SimpleNamespace
+        >>> class Error(Entry):
+        ...     name: str
+        ...     rms_mm: Maybe
+        ...     at_mm: Three
+        ...     parts: tuple[InputFile, ...]
+        >>> part = SimpleNamespace(file="a.csv", sha256="0f")
+        >>> found = SimpleNamespace(rms=math.nan, at=np.array([0.0, 0.5, 1.0]), parts=[part])
+        >>> Error.from_result(found, name="tip").model_dump()["at_mm"]
+        (0.0, 500.0, 1000.0)
+
+        Raises TypeError where no result has what a field needs: a default is for files of earlier
+        versions and never hides a missing figure, beside constants such as ``command``.
+        """
+        values, missing = {}, []
+        for name, field in cls.model_fields.items():
+            given = own.pop(name) if name in own else _attribute(results, name)
+            if given is not _ABSENT:
+                values[name] = _shaped(given, field.annotation)
+            elif field.is_required() or get_origin(field.annotation) is not Literal:
+                missing.append(name)
+        if missing:
+            raise TypeError(f"no result tells {cls.__name__} of {', '.join(missing)}")
+        return cls(**values, **own)
+
+
+_ABSENT = object()
+
+
+def _attribute(results: Iterable[object], name: str) -> Any:
+    """What a field takes from results: the attribute of its name, or of that without the unit."""
+    units = [unit for unit in _PER_UNIT if name.endswith(f"_{unit}")]
+    names = [(name, 1.0)]
+    names += [(name.removesuffix(f"_{unit}"), _PER_UNIT[unit]) for unit in units]
+    for result in results:
+        for attribute, factor in names:
+            found = getattr(result, attribute, _ABSENT)
+            if found is not _ABSENT and not callable(found):
+                return found if factor == 1.0 else _scaled(found, factor)
+    return _ABSENT
+
+
+def _scaled(value: Any, factor: float) -> Any:
+    if value is None:
+        return None
+    if isinstance(value, Mapping):
+        return {key: _scaled(own, factor) for key, own in value.items()}
+    if isinstance(value, list | tuple):
+        return tuple(_scaled(own, factor) for own in value)
+    return value * factor
+
+
+def _shaped(value: Any, kind: Any) -> Any:
+    """A value in the shape of a field's type."""
+    if value is None or isinstance(value, str | BaseModel):
+        return value
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        return _shaped(value, inner[0])
+    if origin is tuple and isinstance(value, Iterable):
+        rows = tuple(value)
+        kinds = inner[:1] * len(rows) if inner[-1] is Ellipsis else inner
+        return tuple(map(_shaped, rows, kinds)) if len(kinds) == len(rows) else rows
+    if origin is dict and isinstance(value, Mapping):
+        return {key: _shaped(own, inner[1]) for key, own in value.items()}
+    if isinstance(kind, type) and issubclass(kind, Entry) and not isinstance(value, Mapping):
+        return kind.from_result(value)
+    others = [own for own in inner if own is not type(None)]
+    if len(others) == 1 < len(inner):
+        return _shaped(value, others[0])
+    return tuple(_shaped(own, Any) for own in value) if isinstance(value, list) else value
 
 
 class InputFile(Entry):

@@ -1,0 +1,75 @@
+"""Records filled from results: copies, units, shapes, and what no result tells."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from pydantic import Field, ValidationError
+
+from studies.record import Count, Entry, Maybe, Number, Three
+
+
+class Inner(Entry):
+    name: str
+    off_um: Maybe
+
+
+class Outer(Entry):
+    kind: Literal["outer"] = "outer"
+    count: Count
+    rms_mm: Maybe
+    shift_um_per_h: Three
+    matrix_si: tuple[tuple[Number, ...], ...] = Field(alias="matrix_SI")
+    inner: Inner | None
+    rows: tuple[Inner, ...] = ()
+    by_name: dict[str, Inner]
+    share_percent: Number
+
+
+INNER = SimpleNamespace(name="a", off=np.float64(2e-6))
+RESULT = SimpleNamespace(
+    count=np.int64(3), rms=0.5, shift=np.array([1.0, 2.0, 3.0]) / 3.6e9, matrix=np.eye(2),
+    inner=None, rows=[INNER, INNER], by_name={"x": INNER}, share=0.25,
+)  # fmt: skip
+
+
+def test_fields_are_copied_scaled_and_shaped_by_their_names() -> None:
+    made = Outer.from_result(RESULT)
+    inner = Inner(name="a", off_um=2.0)
+    assert (made.count, made.rms_mm, made.share_percent) == (3, 500.0, 25.0)
+    assert made.shift_um_per_h == pytest.approx((1.0, 2.0, 3.0))
+    assert made.matrix_si == ((1.0, 0.0), (0.0, 1.0))
+    assert (made.inner, made.rows, made.by_name) == (None, (inner, inner), {"x": inner})
+
+
+@pytest.mark.parametrize(
+    ("own", "field", "value"),
+    [
+        ({"rms_mm": float("nan")}, "rms_mm", None),
+        ({"rms_mm": 7.0}, "rms_mm", 7.0),  # in the unit of the entry
+        ({"inner": INNER}, "inner", Inner(name="a", off_um=2.0)),
+        ({"rows": iter([INNER])}, "rows", (Inner(name="a", off_um=2.0),)),
+        ({"matrix_si": np.zeros((1, 1))}, "matrix_si", ((0.0,),)),
+    ],
+)
+def test_what_is_given_stands_before_what_a_result_has(
+    own: dict[str, Any], field: str, value: Any
+) -> None:
+    assert getattr(Outer.from_result(RESULT, **own), field) == value
+
+
+def test_the_first_of_several_results_that_has_a_figure_gives_it() -> None:
+    assert Outer.from_result(SimpleNamespace(rms=1.0), RESULT).rms_mm == 1000.0
+
+
+def test_what_no_result_tells_is_an_error_and_not_a_default() -> None:
+    told = {key: value for key, value in vars(RESULT).items() if key not in ("rows", "rms")}
+    with pytest.raises(TypeError, match="tells Outer of rms_mm, rows"):
+        Outer.from_result(SimpleNamespace(**told))
+    with pytest.raises(ValidationError, match="colour"):
+        Outer.from_result(RESULT, colour="red")
+    with pytest.raises(ValidationError, match="shift_um_per_h"):
+        Outer.from_result(RESULT, shift_um_per_h=np.zeros(4))

@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.diagnosis.contest import Outcome
 from calib.diagnosis.earned import Choice, CrossValidation
-from calib.diagnosis.named import CLOSE, Named
+from calib.diagnosis.equivalence import CLOSE, Named
 from calib.diagnosis.rounds import apart
 from calib.diagnosis.stage import Stage
 

@@ -11,7 +11,7 @@ import numpy as np
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.diagnosis.curves import Curve, curves
-from calib.diagnosis.variables import Torque
+from calib.diagnosis.functions import Torque
 from calib.effects import GROUPS, Effect, catalogue
 from calib.effects.joint_coupling import JointCoupling
 from calib.effects.protocol import (
@@ -98,7 +98,7 @@ class Candidate:
         return alike and other.named and not self.named
 
     @property
-    def sparing(self) -> bool:
+    def eliminate(self) -> bool:
         """Whether it is a family of parameters of which those count that pay."""
         return self.named and len(self.amounts) > _MANY
 

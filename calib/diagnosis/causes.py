@@ -1,25 +1,156 @@
-"""What is named: its size and share, and how sure it is."""
+"""Causes, their probabilities, their places, and the verdict that follows.
+
+How likely it is that a name, or one of its class, is right is a frequency, not a p value: a logistic
+model of what speaks against a name. It is fitted by maximum likelihood to some 600 names of
+days whose errors follow other formulas than the catalogue's, or are in no catalogue at all
+(``studies.research.benchmarks.conclusions``, parts foreign, outside and hard), and of sealed cases
+(``studies.research.withheld``); ``posecal explain measured-conclusions`` has the count on fresh days.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import exp, log10
+from typing import Literal
 
 import numpy as np
 
 from calib.arrays import Array
-from calib.diagnosis.diagnosis import Cause
-from calib.diagnosis.finding import Finding
-from calib.diagnosis.located import share_of
-from calib.diagnosis.named import Named
-from calib.diagnosis.probability import Evidence
-from calib.diagnosis.refused import Refused, far_out, is_weak
-from calib.diagnosis.shape import form_matters, shape_doubt
+from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.contest import Entry, far_out
+from calib.diagnosis.equivalence import Named
+from calib.diagnosis.finding import Finding, Refused, is_weak
+from calib.diagnosis.rest import Rest
+from calib.diagnosis.shape import Doubt, form_matters, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.standing import standing_of
+from calib.effects.protocol import ARM
 from calib.identification.tuning import profiled
 from calib.model.covariance import determined
 from calib.poses import Poses
+
+VerdictName = Literal["no_gap", "explained", "ambiguous", "unknown"]
+Standing = Literal["established", "likely", "one_of"]
+
+_SURE = 0.9  # probability from which on a cause is taken for certain
+_ALONE = 0.9  # of what scatters, that one joint must hold to be named in place of the arm
+_LEAST_P = 1e-4  # of the test of its form, below which it is as doubtful as it gets
+_LEAST_RATIO = 0.9  # of a curve's evidence over its own, from which on that speaks against a name
+_NEARLY = 0.6, 0.9  # from which on, and in full, against what follows anything
+_PLIABLE = ("stiffness_vs_angle",)
+_MOMENTS = ("step", "warm_up")
+_AT_REST = ("base", "instrument")  # whose moments and warm-ups nothing else imitates
+
+_INTERCEPT = 3.24
+_WEIGHTS = (
+    0.25,  # a decade of the p value of its form
+    -3.9,  # a curve at its place does as much again
+    -11.7,  # never chosen again without a tenth of the poses
+    -0.74,  # something else is found at its place
+    -2.75,  # a compliance by angles follows what it likes, and a curve there nearly does as much
+    -2.05,  # so does a moment, or a time constant, chosen at a joint or a marker
+)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What speaks for and against a name.
+
+    key : str, ``effect:where``; form_p : of the test of its form
+    curve_ratio : evidence of the best curve at its place over its own
+    again : share of the folds without which it is chosen again
+    company : whether anything else is found at its place
+    """
+
+    key: str
+    form_p: float
+    curve_ratio: float
+    again: float
+    company: bool
+
+    @property
+    def probability(self) -> float:
+        """That the name, or one of its class, is right."""
+        log_odds = _INTERCEPT + sum(w * x for w, x in zip(_WEIGHTS, self.against, strict=True))
+        return 1.0 / (1.0 + exp(-log_odds))
+
+    @property
+    def against(self) -> tuple[float, ...]:
+        """What speaks against it, a number for each of the weights."""
+        kind, where = self.key.split(":", 1)
+        low, high = _NEARLY
+        close = min(max((self.curve_ratio - low) / (high - low), 0.0), 1.0)
+        nearly = max(close, float(self.company))
+        return (
+            log10(max(self.form_p, _LEAST_P)),
+            min(max(self.curve_ratio - _LEAST_RATIO, 0.0), 1.0),
+            1.0 - self.again,
+            float(self.company),
+            nearly * (kind in _PLIABLE),
+            nearly * (kind in _MOMENTS and where not in _AT_REST),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """An effect of the catalogue that was found.
+
+    values, std : ndarray, shape (k,), SI, std NaN where the data do not determine the value
+    p : float, over all that was asked
+    share : float, of the gap, NaN where there is none
+    evidence : Evidence, what speaks for and against it
+    standing : how sure it is
+    far_out : str, what of it is larger than such errors usually are, empty where nothing is
+    """
+
+    named: Named
+    doubt: Doubt
+    values: Array
+    std: Array
+    p: float
+    share: float
+    evidence: Evidence
+    standing: Standing
+    far_out: str = ""
+
+    @property
+    def name(self) -> str:
+        """The effect, as the catalogue calls it."""
+        return self.named.candidate.effect.kind
+
+    @property
+    def where(self) -> str:
+        """The place at which it acts."""
+        return self.named.candidate.where
+
+    @property
+    def probability(self) -> float:
+        """That it is there, by this name."""
+        return self.members[0][1]
+
+    @property
+    def members(self) -> tuple[tuple[Candidate, float], ...]:
+        """Causes that the data cannot tell apart, with probabilities, best first."""
+        return tuple((c, self.evidence.probability * share) for c, share in self.named.members)
+
+    @property
+    def misshapen(self) -> bool:
+        """Whether the cause is there in another form than the catalogue's."""
+        return self.doubt.stands
+
+    @property
+    def displaced(self) -> bool:
+        """Whether nothing of the cause is needed beside what its size varies with."""
+        return self.misshapen and not self.doubt.also_there
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a part of the gap sits, and on what it depends."""
+
+    where: str
+    depends_on: str
+    share: float
 
 
 def causes_of(
@@ -40,26 +171,25 @@ def causes_of(
         effect, entry = named.candidate.effect, named.entry
         own = after.positions(effect)
         doubt = shape_doubt(stage, after, effect, len(finding.named))
-        company = doubt.stands or _company(finding, named)
-        comes_again = again[entry.candidate.key]
+        others = (c for c in finding.outcome.active if c is not entry.candidate)
         evidence = Evidence(
-            f"{effect.kind}:{effect.where}", doubt.p, named.curve_ratio, comes_again, company
+            key=f"{effect.kind}:{effect.where}",
+            form_p=doubt.p,
+            curve_ratio=named.curve_ratio,
+            again=again[entry.candidate.key],
+            company=doubt.stands or any(c.where == effect.where for c in others),
         )
         there = stage.data.poses if effect.uses else targets  # targets have neither time nor moves
+        matters = form_matters(after, effect, there, finding.floor)
         yield Cause(
             named=named,
             doubt=doubt,
             values=after.values[own],
             std=std[own],
             p=min(1.0, entry.score.p * asked),
-            share=share_of(finding.outcome, after, entry, finding.scale),
+            share=_share_of(finding, entry),
             evidence=evidence,
-            standing=standing_of(
-                named,
-                evidence.probability,
-                doubt,
-                form_matters(after, effect, there, finding.floor),
-            ),
+            standing=standing_of(named, evidence.probability, doubt, matters),
             far_out=far_out(after, named.candidate),
         )
 
@@ -69,12 +199,6 @@ def weak_of(finding: Finding) -> Iterator[Refused]:
     for named in finding.named:
         if is_weak(finding.after, named.candidate):
             yield Refused.of(named.candidate, "weak")
-
-
-def _company(finding: Finding, named: Named) -> bool:
-    """Whether anything else is found at the place of a cause."""
-    where, own = named.candidate.where, named.entry.candidate
-    return any(c.where == where and c is not own for c in finding.outcome.active)
 
 
 def _deviations(stage: Stage, after: Fit, scale: float) -> Array:
@@ -87,3 +211,86 @@ def _deviations(stage: Stage, after: Fit, scale: float) -> Array:
     observation = replace(observation, scatter=stage.scatter.at(after.variances))
     profile = profiled(observation, after.values, after.span, std, scale)
     return np.where(np.isfinite(profile), profile, std)
+
+
+def standing_of(named: Named, probability: float, doubt: Doubt, matters: bool) -> Standing:
+    """How sure a cause is.
+
+    probability : that it, or one of its class, is there
+    matters : whether another form would differ where accuracy counts
+    A cause is one of several where these data do not tell it from others; it is established where it
+    is nearly certain, in the form of the catalogue.
+    """
+    if named.aliased or named.lead < _SURE:
+        return "one_of"
+    in_form = not doubt.stands and (doubt.tested or not matters)
+    return "established" if in_form and probability * named.lead >= _SURE else "likely"
+
+
+def verdict_of(standings: Sequence[Standing], rest: Rest) -> VerdictName:
+    """The verdict of a diagnosis."""
+    if not rest.closed:
+        return "unknown"
+    if not standings:
+        return "no_gap"
+    return "explained" if all(s == "established" for s in standings) else "ambiguous"
+
+
+def located(finding: Finding, causes: Sequence[Cause], left: bool) -> tuple[Place, ...]:
+    """Places of all that was found, largest share first.
+
+    left : whether more remains than such an arm scatters by
+    """
+    outcome, after = finding.outcome, finding.after
+    found = [
+        Place(c.where, c.named.candidate.depends_on, c.share) for c in causes if not c.displaced
+    ]
+    for c in causes:
+        if c.misshapen:
+            part = min(1.0, c.doubt.fall / max(c.named.entry.score.fall, 1e-9))
+            share = c.share if c.displaced else part * c.share
+            place = Place(c.where, c.doubt.depends_on, share)
+            if (place.where, place.depends_on) not in {(p.where, p.depends_on) for p in found}:
+                found.append(place)
+    for entry in outcome.entries:
+        if not entry.candidate.named:
+            own = entry.candidate
+            found.append(Place(own.where, own.depends_on, _share_of(finding, entry)))
+    if left and (after.variances.configuration.any() or not found):
+        # Beside a cause its share is undefined: it is no effect that could be taken out again.
+        share = np.nan if found else _unfollowed(outcome.before, after)
+        found.append(Place(_scattering(finding), "pose", share))
+    return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
+
+
+def _share_of(finding: Finding, entry: Entry) -> float:
+    """By how much the sum of squares would rise without it, over its excess before; NaN without one.
+
+    The noise left beside the estimated parameters is what it says, or less where less is left.
+    """
+    after = finding.after
+    before, left = (float((fit.r**2).sum()) for fit in (finding.outcome.before, after))
+    rows = int(np.count_nonzero(np.abs(after.J).sum(axis=-1)))
+    excess = before - min(left, (rows - after.spent) * finding.scale**2)
+    return entry.fall / excess if excess > 0.0 else np.nan
+
+
+def _scattering(finding: Finding) -> str:
+    """The joint that nearly all comes from which differs from pose to pose; else the arm."""
+    stage, after = finding.search.stage, finding.after
+    variances, robot = after.variances.configuration, after.model.robot
+    each = [
+        float(stage.scatter.point_variance(variances * (np.arange(len(variances)) == k)).mean())
+        for k in range(len(variances))
+    ]
+    first = int(np.argmax(each))
+    alone = first < robot.dof and each[first] > _ALONE * sum(each)
+    return robot.joints[first] if alone else ARM
+
+
+def _unfollowed(first: Fit, after: Fit) -> float:
+    """Share of the gap that differs from pose to pose and that nothing found follows."""
+    before, left = (float((fit.r**2).sum()) for fit in (first, after))
+    dof = int(np.count_nonzero(np.abs(after.J).sum(axis=-1))) - after.spent
+    noise = dof * after.variances.scale**2
+    return max(left - noise, 0.0) / (before - noise) if before > noise else np.nan

@@ -13,6 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.rounds import Round, apart, better, linear_scores, yields
 from calib.diagnosis.screen import Field, Score
@@ -155,3 +157,26 @@ def _entry(view: View, member: Candidate, active: Sequence[Candidate]) -> Entry:
         bare = view.by_instrument
         alone = linear_scores(bare.without(*taken), bare, [member])[member.key]
     return Entry(member, own, alone.fall, tuple(gains))
+
+
+def plausible(stage: Stage, outcome: Outcome) -> Outcome:
+    """The outcome without what is far out, one fit after the other."""
+    while True:
+        rest = [c for c in outcome.active if not (c.named and far_out(outcome.fit, c))]
+        if len(rest) == len(outcome.active):
+            return outcome
+        outcome = left_with(stage, outcome, rest)
+
+
+def far_out(fit: Fit, candidate: Candidate) -> str:
+    """What of a cause is larger than such errors usually are, empty where nothing is."""
+    amounts = candidate.amounts
+    values = fit.values[fit.positions(candidate.effect)][-len(amounts) :]
+    worst = int(np.argmax(np.abs(values) / candidate.limits))
+    p, limit = amounts[worst], float(candidate.limits[worst])
+    if abs(values[worst]) <= limit:
+        return ""
+    return (
+        f"its {p.name} of {values[worst] / p.scale:.3g} {p.unit} is far out: beyond "
+        f"{limit / p.scale:.3g} {p.unit} such an error is seldom met"
+    )

@@ -15,10 +15,10 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
-from calib.diagnosis.functions import Function, neighbours, polyline
-from calib.diagnosis.variables import (
+from calib.diagnosis.functions import (
     Angle,
     Covariate,
+    Function,
     Move,
     PoseVariable,
     Posture,
@@ -26,6 +26,8 @@ from calib.diagnosis.variables import (
     Statics,
     Torque,
     Variable,
+    neighbours,
+    polyline,
 )
 from calib.effects.drive import along_axis, error_unit
 from calib.effects.protocol import (

@@ -8,17 +8,15 @@ from calib.cell import Cell
 from calib.cell.targets import targets_of
 from calib.diagnosis.anew import chosen_anew
 from calib.diagnosis.candidates import candidates
-from calib.diagnosis.causes import causes_of, weak_of
+from calib.diagnosis.causes import causes_of, located, verdict_of, weak_of
+from calib.diagnosis.detection_limit import hidden
 from calib.diagnosis.diagnosis import Diagnosis
 from calib.diagnosis.earned import BY_TIME
 from calib.diagnosis.finding import Finding, finding_of
-from calib.diagnosis.hidden import hidden
-from calib.diagnosis.located import located
+from calib.diagnosis.prior import stated
 from calib.diagnosis.rest import rest_of
 from calib.diagnosis.searched import searched
 from calib.diagnosis.stage import Stage
-from calib.diagnosis.standing import verdict_of
-from calib.diagnosis.stated import stated
 from calib.identification.checks import check_counts
 from calib.identification.heldout import with_stations_of
 from calib.identification.identify import identify
@@ -56,7 +54,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     outlier = stage.dropped & ~waiting
     rest = rest_of(finding, any(c.misshapen for c in causes), int(outlier.sum()), heldout)
     concluded = verdict_of([c.standing for c in causes], rest)
-    places = located(stage, outcome, after, causes, finding.scale, not rest.closed)
+    places = located(finding, causes, not rest.closed)
     by_time = any(place.depends_on in BY_TIME for place in places)
     gap = finding.gap(heldout, by_time)
     if anew is not None:

@@ -6,66 +6,16 @@ from dataclasses import dataclass
 
 from calib.arrays import Array, Mask
 from calib.diagnosis.candidates import Candidate, NotAsked
+from calib.diagnosis.causes import Cause, Place, VerdictName
 from calib.diagnosis.contest import Outcome
+from calib.diagnosis.detection_limit import Hidden
+from calib.diagnosis.finding import Refused
 from calib.diagnosis.gap import Gap
-from calib.diagnosis.hidden import Hidden
-from calib.diagnosis.named import Named
-from calib.diagnosis.probability import Evidence
 from calib.diagnosis.range_noise import Growth
-from calib.diagnosis.refused import Refused
 from calib.diagnosis.rest import Rest
-from calib.diagnosis.shape import Doubt
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.standing import Standing, VerdictName
 from calib.identification.noise_level import NoiseLevel
 from calib.poses import Measurements
-
-
-@dataclass(frozen=True, eq=False)
-class Cause:
-    """An effect of the catalogue that was found.
-
-    values, std : ndarray, shape (k,), SI, std NaN where the data do not determine the value
-    p : float, over all that was asked
-    share : float, of the gap, NaN where there is none
-    evidence : Evidence, what speaks for and against it
-    standing : how sure it is
-    far_out : str, what of it is larger than such errors usually are, empty where nothing is
-    """
-
-    named: Named
-    doubt: Doubt
-    values: Array
-    std: Array
-    p: float
-    share: float
-    evidence: Evidence
-    standing: Standing
-    far_out: str = ""
-
-    @property
-    def members(self) -> tuple[tuple[Candidate, float], ...]:
-        """Causes that the data cannot tell apart, with probabilities, best first."""
-        return tuple((c, self.evidence.probability * share) for c, share in self.named.members)
-
-    @property
-    def misshapen(self) -> bool:
-        """Whether the cause is there in another form than the catalogue's."""
-        return self.doubt.stands
-
-    @property
-    def displaced(self) -> bool:
-        """Whether nothing of the cause is needed beside what its size varies with."""
-        return self.misshapen and not self.doubt.also_there
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where a part of the gap sits, and on what it depends."""
-
-    where: str
-    depends_on: str
-    share: float
 
 
 @dataclass(frozen=True, eq=False)

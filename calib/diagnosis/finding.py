@@ -1,22 +1,111 @@
-"""What is believed of what a search found, and the noise that it leaves."""
+"""What is believed of what a contest found: causes that earn nothing are dropped by cross-validation.
+
+What went is asked no more, and the others are asked again, for it may have stood for one of them. An
+effect of the whole arm keeps those of its parameters that pay, by backward elimination.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
-from calib.diagnosis.contest import Outcome
+from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.contest import Outcome, contest, left_with
+from calib.diagnosis.earned import BY_TIME, CrossValidation
+from calib.diagnosis.equivalence import Named, classes
 from calib.diagnosis.gap import Gap, gap_of
-from calib.diagnosis.named import Named
-from calib.diagnosis.refused import Refused, believed
+from calib.diagnosis.rounds import apart
+from calib.diagnosis.screen import backward_elimination
 from calib.diagnosis.searched import Searched
-from calib.diagnosis.sparing import sparing
 from calib.diagnosis.stage import Fit, Stage
+from calib.effects.protocol import ARM
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.noise import counted
 from calib.poses import Measurements
+
+Why = Literal["configurations", "time", "together", "nothing", "weak"]
+
+_MOST_ROUNDS = 30
+_REASONS: dict[Why, str] = {
+    "configurations": "configurations that are left out are predicted no better with it",
+    "time": "stretches of time that are left out are predicted no better with it",
+    "together": "all found together predict left-out configurations no better",
+    "nothing": "in the fit in full it is smaller than its own standard deviation",
+    "weak": "smaller than three of its own standard deviations: it is fitted, and not named",
+}
+_BY_CHANCE = 0.0027  # beyond three standard deviations, of a normal number
+_ASKED_AGAIN = 2  # times that all others may take the place of what went
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A candidate that was in, and why it is not named.
+
+    effect : str, of the catalogue, or ``curve over`` what a cause without a name depends on
+    """
+
+    effect: str
+    where: str
+    why: Why
+
+    @property
+    def reason(self) -> str:
+        """Why, in words."""
+        return _REASONS[self.why]
+
+    @classmethod
+    def of(cls, candidate: Candidate, why: Why) -> Refused:
+        """A candidate refused."""
+        name = candidate.effect.kind if candidate.named else f"curve over {candidate.depends_on}"
+        return cls(name, candidate.where, why)
+
+
+def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple[Candidate, Why]]:
+    """What must go next, and why; nothing where all may stay.
+
+    Of those that earn nothing the worse half, for what is left may then earn its place.
+    """
+    if not active:
+        return []
+    crossed = CrossValidation(stage, fit)
+    accounts = [
+        (c, crossed.ledger([o.effect for o in apart(c, active)], c.depends_on in BY_TIME))
+        for c in active
+    ]
+    idle = [(c, a) for c, a in accounts if not a.earns]
+    idle.sort(key=lambda pair: pair[1].without - pair[1].with_it)
+    if idle:
+        worse = [c for c, _ in idle[: (len(idle) + 1) // 2]]
+        return [(c, "time" if c.depends_on in BY_TIME else "configurations") for c in worse]
+    together = crossed.ledger([c.effect for c in active], False)
+    if len(active) > 1 and not together.earns:
+        return [(c, "together") for c in active]
+    return []
+
+
+def _is_nothing(fit: Fit, candidate: Candidate) -> bool:
+    """Whether nothing of a cause exceeds its own deviation: to first order it seemed to act."""
+    own = fit.positions(candidate.effect)[-len(candidate.amounts) :]
+    std = np.sqrt(np.diag(fit.covariance))[own]
+    return not (np.abs(fit.values[own]) > std).any()
+
+
+def is_weak(fit: Fit, candidate: Candidate) -> bool:
+    """Whether the amounts of a cause are not beyond three of their own deviations, all taken together.
+
+    Those that the readings do not determine have none.
+    """
+    from scipy.special import chdtrc
+
+    own = fit.positions(candidate.effect)[-len(candidate.amounts) :]
+    own = own[np.abs(fit.span[own]).sum(axis=1) > 0.0]
+    cov = fit.covariance[np.ix_(own, own)]
+    distance = float(fit.values[own] @ np.linalg.pinv(cov, hermitian=True) @ fit.values[own])
+    return not len(own) or float(chdtrc(len(own), distance)) > _BY_CHANCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +151,32 @@ class Finding:
 
 
 def finding_of(search: Searched) -> Finding:
-    """What of it deserves its name, fitted in full."""
-    stage, linear = search.stage, search.linear
+    """What of a search deserves its name, fitted in full.
 
-    def exact(fit: Fit) -> Fit:
-        return stage.exact(sparing(linear, fit))
-
-    outcome, named, after, refused = believed(linear, search.outcome, exact)
-    return Finding(search, outcome, named, stage.exact(outcome.before), after, refused)
+    What something stood for that goes may have another cause: the others are asked again, a few times.
+    """
+    stage, linear, outcome = search.stage, search.linear, search.outcome
+    before, refused = stage.exact(outcome.before), dict[str, Refused]()
+    for again in range(_MOST_ROUNDS):
+        fresh = _unworthy(linear, outcome.fit, outcome.active)
+        if not fresh:
+            named, after = classes(linear, outcome)
+            after = stage.exact(_with_paying_parameters(linear, after))
+            gone = [n for n in named if _is_nothing(after, n.candidate)]
+            # The best name of an entry may be another than that by which it came in.
+            fresh = [(c, "nothing") for n in gone for c in (n.candidate, n.entry.candidate)]
+            if not fresh:
+                return Finding(search, outcome, named, before, after, tuple(refused.values()))
+        refused |= {c.key: Refused.of(c, why) for c, why in fresh}
+        rest = [c for c in outcome.active if c.key not in refused]
+        lineup = outcome.lineup.without(refused)
+        if again < _ASKED_AGAIN:
+            outcome = contest(linear, lineup, rest, outcome.proved, outcome.before)
+        else:
+            outcome = left_with(linear, replace(outcome, lineup=lineup), rest)
+    view = replace(outcome.view, fit=outcome.before)
+    nothing = replace(outcome, fit=outcome.before, active=(), view=view)
+    return Finding(search, nothing, (), before, before, tuple(refused.values()))
 
 
 def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:
@@ -87,3 +194,23 @@ def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:
         return alone
     found = of_levels(fit.levels, alone)
     return replace(found, factor=found.factor * factor)
+
+
+def _with_paying_parameters(stage: Stage, fit: Fit) -> Fit:
+    """A fit whose effects of the whole arm keep those parameters that pay; itself where all do.
+
+    Sag at every joint has dozens of products, of which the readings ask for a few. Each must lower the
+    sum of squares by Schwarz's price of one direction.
+    """
+    many = [e for e in fit.model.effects if e.where == ARM and len(e.parameters) > 1]
+    own = np.array([i for e in many for i in fit.positions(e) if fit.span[i].any()], dtype=int)
+    rows = int(np.count_nonzero(np.abs(fit.J).sum(axis=-1)))
+    price = float(np.log(max(2, rows)))
+    gone, _ = backward_elimination(fit.values[own], fit.covariance[np.ix_(own, own)], price)
+    if not gone.any():
+        return fit
+    left_out = own[gone]
+    kept = np.abs(fit.span[left_out]).sum(axis=0) == 0.0
+    values = fit.values.copy()
+    values[left_out] = 0.0
+    return stage.along(replace(fit, values=values, span=fit.span[:, kept]))

@@ -296,7 +296,7 @@ def _defence(state: Round, member: Candidate, linear: Score) -> Score:
 
 def linear_scores(beside: Field, view: View, suspects: Sequence[Candidate]) -> dict[str, Score]:
     """Score of each suspect, those with a tuning counted, at the variances of the fit."""
-    asked = [Asked(view.where[c.key], c.spread, c.limits, c.sparing) for c in suspects]
+    asked = [Asked(view.where[c.key], c.spread, c.limits, c.eliminate) for c in suspects]
     found = scored(beside, asked)
     return {c.key: own.counted(c.choices) for c, own in zip(suspects, found, strict=True)}
 

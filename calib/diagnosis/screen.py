@@ -16,7 +16,6 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
-from calib.diagnosis.elimination import idle
 
 VISIBLE = 1e-3
 """Share of a column's length that must be left beside the modelled ones for it to count."""
@@ -219,13 +218,13 @@ class Asked:
     spread : ndarray, shape (k, k), covariance of a curve's coefficients a priori
     limits : ndarray, shape (k,), of a named cause's parameters, SI: one standard deviation a priori;
         any size without them
-    sparing : whether of a named cause's parameters only those count that pay
+    eliminate : whether of a named cause's parameters only those count that pay
     """
 
     columns: IntArray
     spread: Array | None = None
     limits: Array | None = None
-    sparing: bool = False
+    eliminate: bool = False
 
 
 def score(
@@ -233,10 +232,10 @@ def score(
     columns: IntArray,
     spread: Array | None = None,
     limits: Array | None = None,
-    sparing: bool = False,
+    eliminate: bool = False,
 ) -> Score:
     """Score of one candidate; arguments as of :class:`Asked`."""
-    return scored(field, [Asked(columns, spread, limits, sparing)])[0]
+    return scored(field, [Asked(columns, spread, limits, eliminate)])[0]
 
 
 def scored(field: Field, asked: Sequence[Asked]) -> list[Score]:
@@ -244,8 +243,8 @@ def scored(field: Field, asked: Sequence[Asked]) -> list[Score]:
     groups: dict[tuple[int, bool, bool], list[int]] = {}
     found = [NOTHING] * len(asked)
     for i, a in enumerate(asked):
-        if a.spread is None and a.limits is not None and a.sparing:
-            found[i] = _spared(field, a.columns, a.limits)
+        if a.spread is None and a.limits is not None and a.eliminate:
+            found[i] = _eliminated(field, a.columns, a.limits)
         else:
             kind = len(a.columns), a.spread is not None, a.limits is not None
             groups.setdefault(kind, []).append(i)
@@ -296,7 +295,7 @@ def _named(field: Field, columns: IntArray, limits: Array | None) -> list[Score]
     return [Score(*row) if some else NOTHING for row, some in zip(table, k.tolist(), strict=True)]
 
 
-def _spared(field: Field, columns: IntArray, limits: Array) -> Score:
+def _eliminated(field: Field, columns: IntArray, limits: Array) -> Score:
     """Score of the parameters that pay, and for the choice of so many among all.
 
     With the largest believable sizes as a normal prior, taking one out again lets the sum of squares
@@ -309,7 +308,7 @@ def _spared(field: Field, columns: IntArray, limits: Array) -> Score:
     values, K = cov @ Xr, len(columns)
     spread = max(field.cost, _NOTHING) / field.dof if field.noise_refuted else 1.0
     each = float(np.log(max(field.rows, 1))) + 2.0 * float(np.log(2.0))
-    gone, rise = idle(values, cov, each * spread)
+    gone, rise = backward_elimination(values, cov, each * spread)
     fall, k = float(Xr @ values) - rise, int(np.count_nonzero(~gone))
     if k == 0:
         return NOTHING
@@ -322,6 +321,27 @@ def _spared(field: Field, columns: IntArray, limits: Array) -> Score:
         )
     p = float(chdtrc(k, fall / spread)) * float(np.exp(min(choices, 700.0)))
     return Score(fall, evidence, price, min(1.0, p))
+
+
+def backward_elimination(values: Array, cov: Array, price: float) -> tuple[Mask, float]:
+    """Which parameters go, shape (k,) of bool, and by how much the sum of squares rises without them.
+
+    values : ndarray, shape (k,), estimates; cov : ndarray, shape (k, k), their covariance
+    price : float, rise of the sum of squares for which a parameter stays
+    Taking one out lets it rise by the squared estimate over its variance; the others follow by their
+    covariance. The one that is least worth goes first, as long as that costs less than its price.
+    """
+    gone, rise = np.zeros(len(values), dtype=bool), 0.0
+    while not gone.all():
+        variance = np.where(gone, 1.0, np.maximum(np.diag(cov), 1e-300))
+        worth = np.where(gone, np.inf, values**2 / variance)
+        i = int(np.argmin(worth))
+        if float(worth[i]) >= price:
+            break
+        share = cov[:, i] / variance[i]
+        values, cov = values - share * values[i], cov - np.outer(share, cov[i])
+        gone[i], rise = True, rise + float(worth[i])
+    return gone, rise
 
 
 def _curves(field: Field, columns: IntArray, spread: Array) -> list[Score]:

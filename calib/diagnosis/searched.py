@@ -9,9 +9,8 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.contest import Outcome, contest
+from calib.diagnosis.contest import Outcome, contest, plausible
 from calib.diagnosis.range_noise import Growth, growth
-from calib.diagnosis.refused import plausible
 from calib.diagnosis.screen import refuted
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.view import lineup

@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, stacked
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.power import detectable
+from calib.diagnosis.detection_limit import detectable
 from calib.diagnosis.rounds import ALPHA
 from calib.diagnosis.screen import field
 from calib.diagnosis.stage import positions

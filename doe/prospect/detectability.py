@@ -9,7 +9,7 @@ import numpy as np
 from calib.arm.statics import loads_of
 from calib.arrays import Array
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.power import Detectable, detectable
+from calib.diagnosis.detection_limit import Detectable, detectable
 from calib.diagnosis.rounds import ALPHA
 from calib.diagnosis.screen import field
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect, Parameter

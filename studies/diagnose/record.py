@@ -18,7 +18,7 @@ from studies.record import Entry, Envelope, Maybe, NotNegative, Number, Positive
 if TYPE_CHECKING:
     from calib.arm.robot import Robot
     from calib.diagnosis import Diagnosis
-    from calib.diagnosis.diagnosis import Cause as Found
+    from calib.diagnosis.causes import Cause as Found
     from calib.diagnosis.gap import Gap as Shrinkage
     from calib.diagnosis.spectra import Line as FoundLine
     from calib.diagnosis.spectra import Spectrum as FoundSpectrum

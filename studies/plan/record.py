@@ -141,7 +141,7 @@ class PlanRecord(Record):
 
 def plan_record(found: PowerAnalysis, made_from: Envelope) -> PlanRecord:
     """The record of what a plan can tell."""
-    from calib.diagnosis.power import POWER
+    from calib.diagnosis.detection_limit import POWER
     from calib.diagnosis.rounds import ALPHA
     from calib.effects.protocol import LoadEffect
     from doe.prospect.confounded import remedies_of

@@ -15,9 +15,8 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
 from calib.diagnosis import Diagnosis
-from calib.diagnosis.diagnosis import Cause
-from calib.diagnosis.modulations import chance_of, waves
-from calib.diagnosis.shape import SHAPE_ALPHA, TESTED, wave_power
+from calib.diagnosis.causes import Cause
+from calib.diagnosis.shape import SHAPE_ALPHA, TESTED, chance_of, wave_power, waves
 from calib.diagnosis.stage import positions
 from doe.prospect.likeness import SURE
 from doe.prospect.rivals.evidence import Evidence, Known

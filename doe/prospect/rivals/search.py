@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.diagnosis.named import SAME
+from calib.diagnosis.equivalence import SAME
 from doe.prospect.rivals.evidence import Evidence, Known
 from doe.prospect.situation import Offer
 

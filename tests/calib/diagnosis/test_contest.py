@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.named import _members
+from calib.diagnosis.equivalence import _members
 from calib.diagnosis.rounds import _leader
 from calib.diagnosis.screen import Score
 from calib.diagnosis.searched import replicate_factor

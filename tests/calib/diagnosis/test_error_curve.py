@@ -9,9 +9,8 @@ import pytest
 
 from calib.diagnosis import Diagnosis, error_curve
 from calib.diagnosis.curves import TwistCurve
-from calib.diagnosis.error_curve import ErrorCurve
+from calib.diagnosis.error_curve import ErrorCurve, frame_of
 from calib.diagnosis.functions import Polyline
-from calib.diagnosis.places import frame_of
 from tests.calib.diagnosis.test_diagnose import diagnosed
 
 pytestmark = pytest.mark.long

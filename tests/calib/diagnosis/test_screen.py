@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.diagnosis.power import detectable, entry_limit
+from calib.diagnosis.detection_limit import detectable, entry_limit
 from calib.diagnosis.screen import Asked, field, score, scored
 
 N, X = np.split(np.random.default_rng(0).normal(size=(300, 13)), [8], axis=1)
@@ -78,12 +78,12 @@ def test_many_at_once_are_scored_as_each_alone(sigma: float, rng: np.random.Gene
         Asked(np.array([0, 3]), limits=np.array([0.1, 3.0])),
         Asked(np.array([2, 3, 4]), spread=np.eye(3)),
         Asked(np.array([1])),
-        Asked(np.arange(5), limits=np.full(5, 9.0), sparing=True),
+        Asked(np.arange(5), limits=np.full(5, 9.0), eliminate=True),
         Asked(np.array([0, 1, 2]), spread=0.1 * np.eye(3)),
     ]
     for one, found in zip(asked, scored(view, asked), strict=True):
         fresh = field(N, whole, view.r)
-        alone = score(fresh, one.columns, one.spread, one.limits, one.sparing)
+        alone = score(fresh, one.columns, one.spread, one.limits, one.eliminate)
         assert found.fall == pytest.approx(alone.fall, rel=1e-9)
         assert found.p == pytest.approx(alone.p, rel=1e-9)
     fall = [found.fall for found in scored(view, asked)]

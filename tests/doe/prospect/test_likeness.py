@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.arrays import Array
-from calib.diagnosis.power import detection, entry_limit, needed_beyond
+from calib.diagnosis.detection_limit import detection, entry_limit, needed_beyond
 from calib.diagnosis.screen import Field, field
 from doe.prospect.likeness import SURE, likeness, plausible
 

@@ -1,4 +1,4 @@
-"""The weights of what speaks against a name (:mod:`calib.diagnosis.probability`), fitted anew.
+"""The weights of what speaks against a name (:mod:`calib.diagnosis.causes`), fitted anew.
 
     python -m studies.research.benchmarks.conclusions.weights DAYS.json .. [--sealed FOLDER ..]
 
@@ -20,7 +20,7 @@ import click
 import numpy as np
 
 from calib.arrays import Array
-from calib.diagnosis.probability import Evidence
+from calib.diagnosis.causes import Evidence
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
 from studies.research.withheld.match import is_listed, is_true, name_of

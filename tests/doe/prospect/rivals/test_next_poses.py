@@ -20,7 +20,7 @@ from calib.arrays import Array
 from calib.cell import Load
 from calib.cell.planned import Planned
 from calib.diagnosis import Diagnosis
-from calib.diagnosis.named import Named
+from calib.diagnosis.equivalence import Named
 from calib.diagnosis.stage import positions
 from calib.errors import CalibError
 from doe.constraints import constraints_of, scene_of

@@ -12,7 +12,7 @@ pytest.importorskip("mujoco")
 import calib
 from calib.arrays import Array
 from calib.diagnosis import Diagnosis
-from calib.diagnosis.hidden import Hidden
+from calib.diagnosis.detection_limit import Hidden
 from studies.research.benchmarks.day import Day, Setting, draw_day, write_day
 
 SETTING = Setting("6R", scatter=0.0, approaches=1, poses=30, markers=2)

@@ -21,7 +21,7 @@ def test_of_many_parameters_those_count_that_pay() -> None:
     X = rng.normal(size=(300, 30))
     r = X[:, [4, 17]] @ np.array([0.8, -0.6]) + rng.normal(size=300)
     field, columns, limits = field_of(X, r), np.arange(30), np.full(30, 100.0)
-    whole, few = (score(field, columns, None, limits, sparing) for sparing in (False, True))
+    whole, few = (score(field, columns, None, limits, eliminate) for eliminate in (False, True))
     alone = score(field, np.array([4, 17]), None, limits[:2])
     assert few.fall == pytest.approx(alone.fall, rel=1e-3)
     choices = 2.0 * np.log(30 * 29 / 2)

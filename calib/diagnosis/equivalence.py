@@ -1,4 +1,9 @@
-"""From the contest to names: what is named, and what only looks alike."""
+"""Observationally equivalent causes: rivals that the readings cannot tell from one that was found.
+
+The linear gain of a rival misses those that need a few directions more for the same: they lose by the
+price of these alone. So the signal that was found is also compared with its best imitation by each
+cause. Rivals that explain about as much, and such imitations, make a class with calibrated shares.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +12,70 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.diagnosis.candidates import Candidate, as_fitted
+from calib.diagnosis.candidates import PARTS, Candidate, as_fitted
 from calib.diagnosis.contest import Entry, Outcome
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.twins import Twin, twins
 from calib.effects.gear_ripple import GearRipple
+from calib.effects.protocol import ARM
 from calib.poses import Poses
+
+_EXACT = 2e-4  # of a signal that a twin may leave: columns are those of the fit, to first order
+_MORE = 3  # directions beyond those of a cause from which on anything can be imitated
+
+
+@dataclass(frozen=True, eq=False)
+class Twin:
+    """A cause that imitates another.
+
+    left : float, of the evidence for the other, what it cannot imitate
+    more : int, directions that it needs beyond those of the other
+    exact : bool, whether both stand for each other whole
+    """
+
+    candidate: Candidate
+    left: float
+    more: int
+    exact: bool
+
+
+def twins(outcome: Outcome, entry: Entry) -> list[Twin]:
+    """All causes by name beside an entry, the best imitation first."""
+    view = outcome.view
+    beside, where = view.without(entry.candidate), view.where
+    own = where[entry.candidate.key]
+    U, (_, Xr) = beside.directions(own), beside.products(own)
+    signal = U.T @ Xr
+    spread = max(beside.cost - float(signal @ signal), 0.0) / max(beside.dof - len(signal), 1)
+    noise = spread if beside.noise_refuted and spread > 0.0 else 1.0
+    active = {c.key for c in outcome.active}
+    found = []
+    for suspect in outcome.suspects:
+        if not suspect.named or suspect.key in active or suspect.is_like(entry.candidate):
+            continue
+        if suspect.echo not in ("", entry.candidate.key):
+            continue
+        if _contains(suspect, entry.candidate):
+            continue
+        V = beside.directions(where[suspect.key])
+        if V.shape[1] > U.shape[1] + _MORE:
+            continue
+        crossed = V.T @ beside.crossed(where[suspect.key], own) @ U
+        imitated = crossed @ signal
+        left = float(signal @ signal - imitated @ imitated) / noise
+        same = V.shape[1] == U.shape[1] > 0
+        worst = float(np.linalg.norm(crossed, -2)) if same else 0.0
+        exact = 1.0 - worst**2 < _EXACT
+        found.append(Twin(suspect, left, max(0, V.shape[1] - U.shape[1]), exact))
+    return sorted(found, key=lambda twin: (not twin.exact, twin.left))
+
+
+def _contains(whole: Candidate, part: Candidate) -> bool:
+    """Whether a cause is another one and more: no other name for it."""
+    if part.effect.kind in PARTS.get(whole.effect.kind, ()):
+        return whole.where == part.where
+    sag = whole.effect.kind == part.effect.kind == "gravity_sag"
+    return sag and whole.where == ARM
+
 
 _TRIED = 5  # close rivals that are looked at
 _ALIKE = 3  # twins beside them

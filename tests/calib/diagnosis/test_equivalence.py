@@ -11,8 +11,7 @@ import pytest
 import calib
 from calib import Diagnosis
 from calib.diagnosis.candidates import EXCLUDED
-from calib.diagnosis.named import classes
-from calib.diagnosis.twins import twins
+from calib.diagnosis.equivalence import classes, twins
 from tests.calib.diagnosis.days import Day, heavier_load, measured_day
 from tests.calib.diagnosis.test_diagnose import DRIFT, diagnosed
 

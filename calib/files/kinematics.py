@@ -16,7 +16,7 @@ from calib.arm.robot import Robot
 from calib.arm.se3 import displacement, from_xyz_rpy, inverse, rpy_from_rotation
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.plain_yaml import Node, Scalar, YamlText, read_yaml, rewritten
+from calib.files.yaml_text import Node, Scalar, YamlText, read_yaml, rewritten
 
 UR_JOINTS = (
     "shoulder_pan_joint",
@@ -211,14 +211,14 @@ def _origin(path: Path, scalars: dict[str, Scalar]) -> Array:
 
 def _number(path: Path, scalar: Scalar) -> float:
     try:
-        value = float(scalar.text)
+        value = float(scalar.word)
     except ValueError:
         value = math.nan
     if not abs(value) < _LARGEST:
         raise InputError(
             path,
             f"line {scalar.line}",
-            f"{scalar.text[:40]!r} is not a number in m or rad",
+            f"{scalar.word[:40]!r} is not a number in m or rad",
             "evaluate expressions first",
         )
     return value

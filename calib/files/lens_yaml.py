@@ -16,7 +16,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.plain_yaml import Node, Scalar, read_yaml
+from calib.files.yaml_text import Node, Scalar, read_yaml
 
 LensForm: TypeAlias = Literal["opencv", "ros"]
 _MATRIX = ("camera_matrix", "intrinsic_matrix", "K", "mtx")
@@ -129,11 +129,11 @@ def _scalars(node: Node) -> list[Scalar]:
 
 def _number(path: Path, scalar: Scalar) -> float:
     try:
-        value = float(scalar.text)
+        value = float(scalar.word)
     except ValueError:
         value = math.nan
     if not abs(value) < _LARGEST:
-        what = f"{scalar.text[:40]!r} is no number of plausible size"
+        what = f"{scalar.word[:40]!r} is no number of plausible size"
         raise InputError(path, f"line {scalar.line}", what)
     return value
 

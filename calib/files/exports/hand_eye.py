@@ -20,7 +20,7 @@ from calib.errors import InputError
 from calib.files.exports.bodies import NAMES, OFF_UNIT, WRITTEN, frame_of, pose_texts
 from calib.files.exports.points import MeasuredPoint, PointList
 from calib.files.exports.sheet import Sheet, made_sheet
-from calib.files.plain_yaml import Node, Scalar, read_yaml
+from calib.files.yaml_text import Node, Scalar, read_yaml
 
 YAML = (".yaml", ".yml", ".json")
 Eye = Literal["in-hand", "on-base"]

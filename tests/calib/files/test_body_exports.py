@@ -315,7 +315,7 @@ SAMPLE_FAULTS: dict[str, tuple[str, str]] = {
         "- optical:\n    translation: {x: near, y: 2, z: 3}\n",
         "line 2: 'near' is no number",
     ),
-    "a tuple of Python": ("- optical: !!python/tuple [1]\n", "is no number or word"),
+    "a tuple of Python": ("- optical: !!python/tuple [1]\n", "line 1: has the tag .*tuple"),
 }
 
 

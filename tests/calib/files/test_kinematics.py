@@ -14,9 +14,9 @@ from calib.arm.kinematics import forward
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.plain_yaml import read_yaml
 from calib.files.robot_out import corrected_robot
 from calib.files.ur_calibration import MODELS, nominal_ur, read_ur_calibration
+from calib.files.yaml_text import read_yaml
 from tests.plain_arm import dh_pose, rpy_pose, turn
 
 CELL = """schema = 1
@@ -91,7 +91,7 @@ def numbers(path: Path) -> dict[str, list[float]]:
     found = read_yaml(path).root["kinematics"]
     assert isinstance(found, dict)
     return {
-        name: [float(own[key].text) for key in KEYS]  # type: ignore[union-attr]
+        name: [float(own[key].word) for key in KEYS]  # type: ignore[union-attr]
         for name, own in found.items()
         if isinstance(own, dict)
     }

@@ -154,7 +154,7 @@ def test_what_is_written_is_read_by_others(tmp_path: Path) -> None:
         (MESSAGE.replace("x_offset: 0", "x_offset: 64"), "binned or cut"),
         (MESSAGE.replace("binning_x: 0", "binning_x: 2"), "binned or cut"),
         (ROS.replace("1920", "640"), "is of images of 640 x 1080, image_px of .*cam is another"),
-        ("words\n", "line 1: is none of the YAML"),
+        ("words\n", "line 1: holds neither 'key: value'"),
     ],
 )
 def test_calibrations_that_cannot_be_used(tmp_path: Path, text: str, said: str) -> None:

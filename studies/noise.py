@@ -25,7 +25,7 @@ class Noise(Entry):
     again at the same joints; None where the data cannot tell. Without poses that were approached again,
     and without a figure in the cell, configuration holds both. Earlier versions had one level only.
 
-    configuration_of : whose it is (:mod:`calib.accuracy.pose_to_pose`); None where nobody judged it
+    configuration_of : whose it is (:mod:`calib.uncertainty.pose_to_pose`); None where nobody judged it
     usual_mm : between what arms of this size repeat by data sheets
     """
 
@@ -96,8 +96,8 @@ def by_level(levels: Levels | None, scatter: Scatter | None, reach: float) -> By
 
     reach : m, of the arm, by which it is judged whose they are
     """
-    from calib.accuracy.pose_to_pose import pose_to_pose
     from calib.cell import Repeatability
+    from calib.uncertainty.pose_to_pose import pose_to_pose
 
     found = pose_to_pose(levels, scatter, reach)
     fixed = found.rest

@@ -6,6 +6,11 @@ of the base or a slipped belt, whole and at any poses; a worn gear in part. Caus
 marginal likelihood, c normal in plausible sizes times a factor from a thirtieth to thirty, which no
 change of a given size need fit better than another; kinds are as likely as each other before, and so
 are the places of one kind.
+
+What a model lacks on both days alike shows otherwise at other poses (:func:`shown_otherwise`): with T
+how the parameters take up errors u of the drives, ``d = e + (T_after - T_before) u``, u as large as
+what the fits leave beyond the instrument. At equal poses it adds nothing, in a model that lacks nothing
+neither.
 """
 
 from __future__ import annotations
@@ -16,13 +21,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arm.statics import loads_of
-from calib.arrays import Array
-from calib.change.difference import Difference
-from calib.change.lacking import lacked, taken_up
-from calib.change.moved import tail
-from calib.effects import Context, Effect
+from calib.arrays import Array, stacked
+from calib.change.difference import Difference, tail
+from calib.effects import Context, Effect, catalogue
 from calib.effects.geometry import Geometry
 from calib.effects.link_geometry import LinkGeometry
+from calib.effects.protocol import ARM, Parameter
 from calib.effects.tool import Tool
 from calib.model import Model
 from calib.poses import Poses
@@ -35,6 +39,7 @@ _SAME = 1e-3  # of a direction outside what another cause can do
 _NOTHING = 0.01  # standard deviations: a plausible size that moves less is not asked
 _FELT = 3.0  # standard deviations: a plausible size that moves less stays hidden
 _DRIVES = ("transmission_scale", "transmission_harmonic", "backlash", "joint_compliance")
+_LACKED = ("transmission_scale", "transmission_harmonic", "backlash", "gravity_sag")
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,16 +47,14 @@ class Cause:
     """What may have happened.
 
     kind : "base", "tool", "marker", or a kind of effect; where : its place
-    names, units : tuple of str, of its r sizes; scales : ndarray, shape (r,), SI per unit
+    parameters : tuple of Parameter, its r sizes
     columns : ndarray, shape (k, r), SI, how the compared parameters follow
     sizes : ndarray, shape (r,), SI, plausible
     """
 
     kind: str
     where: str
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    scales: Array
+    parameters: tuple[Parameter, ...]
     columns: Array
     sizes: Array
 
@@ -171,16 +174,8 @@ def _shows(found: Difference, cause: Cause) -> float:
 
 
 def _cause(kind: str, effect: Effect, columns: Array, sizes: Array) -> Cause:
-    own = effect.parameters
-    return Cause(
-        kind,
-        effect.where.removeprefix("marker:"),
-        tuple(p.name for p in own),
-        tuple(p.unit for p in own),
-        np.array([p.scale for p in own]),
-        columns,
-        sizes,
-    )
+    where = effect.where.removeprefix("marker:")
+    return Cause(kind, where, effect.parameters, columns, sizes)
 
 
 def _of_the_model(found: Difference, model: Model) -> Iterator[Cause]:
@@ -214,3 +209,54 @@ def _stressed(model: Model, poses: Poses) -> bool:
     if any(effect.kind == "stiffness_vs_angle" for effect in model.effects):
         return False
     return not loads_of(model.robot, poses, model.payload, model.gravity).absent
+
+
+def taken_up(
+    model: Model, values: Array, poses: Poses, effects: tuple[Effect, ...]
+) -> tuple[Array, float]:
+    """How the p parameters take up effects that the model lacks, shape (p, h), SI, by least squares.
+
+    Beside it what is left of all of them together at plausible sizes, RMS per reading, m.
+    """
+    whole, everything = model.extended(values, effects)
+    _, J = whole.jacobian(everything, poses)
+    readings, own = J.shape[0] * J.shape[1], len(model.parameters)
+    J = stacked(J)
+    scale = np.linalg.norm(J[:, :own], axis=0)
+    moving = scale > 0.0
+    kept = J[:, :own][:, moving] / scale[moving]
+    taken = np.zeros((own, J.shape[1] - own))
+    taken[moving] = np.linalg.lstsq(kept, J[:, own:], rcond=1e-8)[0] / scale[moving, None]
+    left = (J[:, own:] - J[:, :own] @ taken) * whole.sizes[own:]
+    return taken, float(np.sqrt((left**2).sum() / readings))
+
+
+def lacked(model: Model, context: Context, kinds: Iterable[str]) -> Iterator[Effect]:
+    """Effects of some kinds at every place where the model does not have them and they can act."""
+    known = {(effect.kind, effect.where) for effect in model.effects}
+    for kind in kinds:
+        effect = catalogue()[kind]
+        if any(name in context.lacking for name in effect.uses):
+            continue
+        for where in effect.places(context):
+            if (kind, where) not in known and where != ARM:
+                yield effect.at(context, where)
+
+
+def shown_otherwise(
+    model: Model,
+    values: Array,
+    days: tuple[Poses, Poses],
+    context: Context,
+    excess: float,
+) -> Array:
+    """How the difference of all p values follows what the model lacks, shape (p, h), SI.
+
+    days : the poses of both; excess : float, m, RMS that the fits leave beyond the instrument
+    """
+    effects = tuple(lacked(model, context, _LACKED))
+    if excess <= 0.0 or not effects:
+        return np.zeros((len(values), 0))
+    (before, one), (after, other) = (taken_up(model, values, poses, effects) for poses in days)
+    sizes = np.concatenate([[p.size for p in effect.parameters] for effect in effects])
+    return np.asarray((after - before) * sizes * excess / max(one, other, 1e-12))

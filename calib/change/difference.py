@@ -27,6 +27,10 @@ from calib.population.prior import Key
 
 SAME_PLACE = 0.02
 """m and rad: frames and markers within it are taken for the same."""
+FALSE_ALARM = 0.02
+"""How often anything is said to have changed where nothing has."""
+LEAVES_MORE = 0.005
+"""How often a later fit is said to leave more where it does not."""
 _PLACES = ("base", "tool")
 _OF_THE_DAY = ("base_drift", "step", "warm_up", "tracker_drift")
 _FELT = 0.1  # standard deviations: what an open parameter of plausible size may shift a row by
@@ -100,6 +104,46 @@ class Difference:
         open_ = (self.unseen**2).sum(axis=1)
         noise = np.diag(self.covariance)
         return np.asarray((noise > 0.0) & (open_ < _FELT**2 * noise))
+
+    @property
+    def statistic(self) -> float:
+        """The squared difference in its standard deviations, over ``len(whitened)`` rows."""
+        return float(self.whitened @ self.whitened)
+
+    @cached_property
+    def p_value(self) -> float:
+        """Probability of so large a statistic where nothing changed."""
+        return tail(self.statistic, len(self.whitened), self.dof)
+
+    @cached_property
+    def std(self) -> Array:
+        """Of each difference, shape (k,), SI; NaN where a day does not determine it."""
+        noise = np.maximum(np.diag(self.covariance), 0.0)
+        return np.where(self.determined, np.sqrt(noise), np.nan)
+
+    @cached_property
+    def family_p(self) -> Array:
+        """P value of each parameter, shape (k,), by Holm's step-down over all of them
+        (Scand. J. Statist. 6, 1979).
+        """
+        from scipy.special import stdtr
+
+        return holm(2.0 * stdtr(min(self.dof, 1e9), -np.abs(self.change) / self.std))
+
+    @property
+    def changed(self) -> bool:
+        """Whether anything changed, with false alarms held over all parameters together."""
+        return self.p_value < FALSE_ALARM
+
+    @property
+    def changed_parameters(self) -> Mask:
+        """Which parameters did, shape (k,), named only where something changed at all."""
+        return np.asarray(self.changed & (self.family_p < FALSE_ALARM))
+
+    @property
+    def leaves_more(self) -> bool:
+        """Whether the later fit leaves surely more: something came up that the model lacks."""
+        return self.grown < LEAVES_MORE
 
 
 def difference(before: Known, after: Known) -> Difference:
@@ -212,3 +256,24 @@ def _freedom(noise: list[Array], dof: tuple[float, float]) -> float:
         return max(dof)
     shares = shares / shares.sum()
     return float(1.0 / max(float((shares**2 / np.array(dof)).sum()), 1e-12))
+
+
+def tail(statistic: float, rows: int, dof: float) -> float:
+    """Probability of a larger sum of squares of so many rows, whose unit has dof degrees of freedom."""
+    from scipy.special import chdtrc, fdtrc
+
+    if not rows:
+        return 1.0
+    if dof > 1e8:
+        return float(chdtrc(rows, statistic))
+    return float(fdtrc(rows, dof, statistic / rows))
+
+
+def holm(p: Array) -> Array:
+    """P values that hold over the family, shape (k,); NaN is no member."""
+    known = np.flatnonzero(np.isfinite(p))
+    order = known[np.argsort(p[known])]
+    stepped = np.maximum.accumulate(p[order] * np.arange(len(order), 0, -1))
+    out = np.full(len(p), np.nan)
+    out[order] = np.minimum(stepped, 1.0)
+    return out

@@ -12,9 +12,12 @@ from calib.compensation.estimate import estimate_of
 from calib.identification.identification import Identification
 from calib.population.prior import Key
 from calib.poses import Poses
-from calib.uncertainty.freedom import freedom
+from calib.uncertainty.expanded import freedom
 
 _CHANCE = 3.0  # standard deviations of a mean square
+# Numbers that a parameter is taken from at one pose. Of two days that are compared fewer than the stays
+# give, so that false alarms are held (``studies.research.benchmarks.changes``).
+_COORDINATES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +45,42 @@ class Known:
     approaches: float = 1.0
     excess: float = 0.0
     poses: Poses | None = None
+
+    @classmethod
+    def of_fit(
+        cls,
+        covariance: Array,
+        *,
+        keys: tuple[Key, ...],
+        values: Array,
+        lost: Mask,
+        markers: Mapping[str, Array],
+        noise_dof: float,
+        sigma: float,
+        scatters: bool,
+        left: float,
+        counts: tuple[int, int],
+        poses: Poses | None,
+    ) -> Known:
+        """From what a fit says.
+
+        noise_dof, sigma : behind its noise level, and m, of one coordinate of the instrument as stated
+        scatters : whether poses err as a whole; counts : of poses and points that were fitted
+        """
+        free, chance = approaches(counts[0], len(keys)), np.sqrt(2.0 / (3.0 * counts[1]))
+        surely = left**2 > 3.0 * sigma**2 * (1.0 + _CHANCE * chance)
+        return cls(
+            keys,
+            values,
+            covariance,
+            lost,
+            markers,
+            dof=free if scatters else max(1.0, noise_dof),
+            left=left,
+            approaches=free,
+            excess=float(np.sqrt(left**2 - 3.0 * sigma**2)) if surely else 0.0,
+            poses=poses,
+        )
 
     def restricted(self, gone: Collection[Key]) -> Known:
         """The same data under a model without some parameters: their values are zero.
@@ -77,48 +116,25 @@ class Known:
         return np.asarray(self.covariance - V @ V.T)
 
 
-COORDINATES = 3
-"""Numbers that a parameter is taken from at one pose, in :func:`calib.uncertainty.freedom.freedom`: of
-two days that are compared fewer than the stays give, so that :func:`calib.change.moved.moved` holds its
-false alarms (``studies.research.benchmarks.changes``)."""
-
-
 def approaches(poses: int, parameters: int) -> float:
     """Degrees of freedom where the points of a pose err together."""
-    return freedom(np.inf, poses, parameters, as_a_whole=True, numbers=COORDINATES)
-
-
-def beyond(left: float, sigma: float, points: int) -> float:
-    """What a fit leaves beyond the instrument, 3-D RMS per point, m; none where chance may do it.
-
-    left : float, m; sigma : float, m, of one coordinate, as stated
-    """
-    most = 3.0 * sigma**2 * (1.0 + _CHANCE * np.sqrt(2.0 / (3.0 * points)))
-    return float(np.sqrt(left**2 - 3.0 * sigma**2)) if left**2 > most else 0.0
+    return freedom(np.inf, poses, parameters, as_a_whole=True, numbers=_COORDINATES)
 
 
 def known_of(found: Identification) -> Known:
     """What an identification knows."""
     estimate, model = estimate_of(found), found.model
-    variances = estimate.variances
     fitted = found.fit.data.take(~found.fit.outlier)
-    free = approaches(len(fitted), len(found.values))
-    left = found.rms("fitted") or found.rms("fitted_all") or 0.0
-    return Known(
+    return Known.of_fit(
+        estimate.covariance,
         keys=tuple((p.effect, p.where, p.name) for p in model.parameters),
         values=found.values,
-        covariance=estimate.covariance,
         lost=np.array([p.id in estimate.undetermined for p in model.parameters]),
         markers=dict(zip(model.marker_names, found.marker_positions, strict=True)),
-        dof=freedom(
-            found.noise.dof,
-            len(fitted),
-            len(found.values),
-            as_a_whole=variances is not None and variances.any,
-            numbers=COORDINATES,
-        ),
-        left=left,
-        approaches=free,
-        excess=beyond(left, found.noise.believed, int(fitted.seen.sum())),
+        noise_dof=found.noise.dof,
+        sigma=found.noise.believed,
+        scatters=estimate.variances is not None and estimate.variances.any,
+        left=found.rms("fitted") or found.rms("fitted_all") or 0.0,
+        counts=(len(fitted), int(fitted.seen.sum())),
         poses=fitted.poses,
     )

@@ -28,7 +28,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from calib.accuracy.pose_to_pose import Owner
 from calib.api import Plan, poses_of
 from calib.arm.kinematics import forward
 from calib.arm.se3 import rotate, so3_log
@@ -50,6 +49,7 @@ from calib.model.covariance import errors_at, working_points
 from calib.poses import Poses, hung
 from calib.poses.moves import moves, with_moves
 from calib.threads import one_blas_thread
+from calib.uncertainty.pose_to_pose import Owner
 
 Known: TypeAlias = Estimate | Identification | Diagnosis | str | Path
 

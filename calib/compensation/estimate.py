@@ -7,7 +7,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from calib.accuracy.pose_to_pose import Owner, parted, pose_to_pose
 from calib.arrays import Array, Mask
 from calib.compensation.trend import Trend, trend_of
 from calib.compensation.unexplained import Fitted, Unexplained, left_held_out, left_in_fit
@@ -19,6 +18,7 @@ from calib.model import Model
 from calib.model.covariance import ignorance
 from calib.poses import Poses
 from calib.scatter import Variances
+from calib.uncertainty.pose_to_pose import Owner, parted, pose_to_pose
 
 _HOUR = 3600.0  # s
 

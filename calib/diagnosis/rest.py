@@ -14,7 +14,6 @@ from typing import Literal
 
 import numpy as np
 
-from calib.accuracy.pose_to_pose import Owner
 from calib.arm.repeatability import usual_repeatability
 from calib.arrays import Array
 from calib.diagnosis.finding import Finding
@@ -22,6 +21,7 @@ from calib.diagnosis.gap import beyond_noise
 from calib.diagnosis.stage import Fit, Stage
 from calib.identification.noise_level import REPLICATES, NoiseLevel, replicate_spread
 from calib.poses import Measurements
+from calib.uncertainty.pose_to_pose import Owner
 
 Kind = Literal["none", "scatter", "structure", "too_large"]
 Source = Literal["stated", "measured", "assumed"]

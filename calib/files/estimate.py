@@ -11,7 +11,6 @@ from typing import Any, TypeAlias, get_args
 
 import numpy as np
 
-from calib.accuracy.pose_to_pose import Owner
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.compensation.estimate import Estimate
@@ -26,6 +25,7 @@ from calib.errors import CalibError, InputError
 from calib.model import Model
 from calib.model.build import context_of, model_of, place_effect
 from calib.scatter import Variances
+from calib.uncertainty.pose_to_pose import Owner
 
 _LARGEST_FILE = 200_000_000  # bytes
 _LARGEST_VALUE = 1e12  # SI, as in tables: times may count from 1970

@@ -24,8 +24,7 @@ from calib.poses import Measurements, Poses
 from calib.poses.visits import visits
 from calib.scatter import Levels, Scatter, Unnoticed
 from calib.uncertainty.considered import Considered
-from calib.uncertainty.expanded import LEVEL, coverage_factor, effective_freedom
-from calib.uncertainty.freedom import freedom
+from calib.uncertainty.expanded import LEVEL, coverage_factor, effective_freedom, freedom
 
 Status = Literal["converged", "not_converged", "rank_deficient"]
 Method = Literal["joint", "two-step"]

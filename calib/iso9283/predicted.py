@@ -11,9 +11,8 @@ from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.change.at_targets import lengths
 from calib.effects.protocol import ElasticEffect
-from calib.iso9283.arm import Session
 from calib.iso9283.formulas import Figure, of_scatter, repeatability_of
-from calib.iso9283.measured import AXES, Compliance
+from calib.iso9283.measured import AXES, Compliance, Session
 from calib.model.covariance import at_points_read
 from calib.scatter import Variances, scatter_of
 from calib.uncertainty.expanded import coverage_factor

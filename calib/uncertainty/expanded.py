@@ -6,6 +6,8 @@ depends on how many of them share its variance: with the covariance C of the err
 is ``tr C`` times a chi-square over its own ``n = (tr C)^2 / tr(C^2)`` degrees (Satterthwaite again, one
 for an error along a line, three for one alike in all directions), and over an F where the variance has
 nu degrees of freedom itself. For n of one this is Student's t.
+
+Degrees of freedom behind what an identification says: one rule for all who ask.
 """
 
 from __future__ import annotations
@@ -62,3 +64,25 @@ def directions(spread: Array) -> Array:
         inner = spread @ np.swapaxes(spread, -1, -2)
     total, squares = np.trace(inner, axis1=-2, axis2=-1), (inner**2).sum(axis=(-1, -2))
     return np.asarray(np.where(total > 0.0, total**2 / np.where(squares > 0.0, squares, 1.0), 1.0))
+
+
+WHOLE = 6
+"""Numbers that the readings of one stay give of a pose that errs as a whole."""
+
+
+def freedom(
+    noise: float, stays: int, rank: float, *, as_a_whole: bool, numbers: int = WHOLE
+) -> float:
+    """Degrees of freedom behind a covariance, one at least.
+
+    noise : of the noise level, infinite where it is known
+    stays : how often the arm came to a pose whose readings count; rank : parameters that were fitted
+    as_a_whole : whether poses err as a whole by what these readings show: then stays count, not points,
+        less those that the parameters took up. A stay counts as one whatever it gives, as which
+        variances there are is chosen by the same readings
+    numbers : that a parameter may be taken from at one stay; fewer are more cautious
+
+    >>> freedom(120.0, 25, 30, as_a_whole=False), freedom(120.0, 25, 30, as_a_whole=True)
+    (120.0, 20.0)
+    """
+    return max(1.0, stays - rank / numbers if as_a_whole else float(noise))

@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from calib import Cell, load_cell, load_measurements
-from calib.change import COORDINATES, Known, approaches, beyond
+from calib.change import Known
 from calib.compensation.estimate import Estimate
 from calib.errors import InputError
 from calib.files.estimate import load_estimate
 from calib.files.read import sha256
 from calib.poses import Poses
-from calib.uncertainty.freedom import freedom
 from studies.identify.record import IdentifyRecord
 from studies.report.evidence import located
 from studies.results import read_as
@@ -39,7 +38,7 @@ class Days:
 
     @property
     def compared(self) -> tuple[Cell, Known, Known, Estimate]:
-        """What :func:`calib.change.between` asks for."""
+        """What :func:`calib.change.comparison` asks for."""
         return self.cell, self.before, self.after, self.estimate
 
 
@@ -137,23 +136,17 @@ def known_of_record(record: IdentifyRecord, poses: Poses | None = None) -> Known
     rms = record.rms_mm
     # Without any length read, what scatters across the line of sight stands for it.
     left = (rms.fitted or rms.fitted_all or 2.0**0.5 * record.noise.sigma_mm) * 1e-3
-    free = approaches(record.poses, len(keys))
     lost = [f"{effect}:{where}.{name}" in estimate.undetermined for effect, where, name in keys]
-    return Known(
+    return Known.of_fit(
+        np.array(estimate.covariance_si),
         keys=keys,
         values=np.array([p.value_si for p in estimate.parameters]),
-        covariance=np.array(estimate.covariance_si),
         lost=np.array(lost),
         markers={name: np.array(at) * 1e-3 for name, at in record.markers_mm.items()},
-        dof=freedom(
-            _behind_noise(record),
-            record.poses,
-            len(keys),
-            as_a_whole=scatters,
-            numbers=COORDINATES,
-        ),
+        noise_dof=_behind_noise(record),
+        sigma=record.noise.believed_sigma_mm * 1e-3,
+        scatters=scatters,
         left=left,
-        approaches=free,
-        excess=beyond(left, record.noise.believed_sigma_mm * 1e-3, record.points),
+        counts=(record.poses, record.points),
         poses=poses,
     )

@@ -171,7 +171,7 @@ def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRe
         warnings=days.notes,
         before=days.before_path.name,
         after=days.after_path.name,
-        status="changed" if found.moved.anything else "unchanged",
+        status="changed" if found.difference.changed else "unchanged",
         test=_test(found),
         parameters=_parameters(found),
         apart=found.difference.apart,
@@ -181,7 +181,9 @@ def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRe
         ),
         left=_left(found, days),
         cause=found.told,
-        causes=tuple(map(_explained, found.explanations[:_MOST])) if found.moved.anything else (),
+        causes=tuple(map(_explained, found.explanations[:_MOST]))
+        if found.difference.changed
+        else (),
         same_as=tuple(Cause(effect=c.kind, where=c.where) for c in found.same_as),
         hidden=tuple(
             Cause(effect=e.cause.kind, where=e.cause.where) for e in found.explanations if e.hidden
@@ -206,8 +208,8 @@ def _left(found: Changes, days: Days) -> Left:
     return Left(
         before_mm=before * _MM,
         after_mm=after * _MM,
-        p=found.moved.grown,
-        grown=found.moved.beyond,
+        p=found.difference.grown,
+        grown=found.difference.leaves_more,
         excess_mm=max(days.before.excess, days.after.excess) * _MM,
     )
 
@@ -221,28 +223,28 @@ def _at_targets(found: Changes) -> tuple[AtTarget, ...]:
 
 
 def _test(found: Changes) -> Test:
-    from calib.change.moved import FALSE_ALARM
+    from calib.change.difference import FALSE_ALARM
 
-    moved, dof = found.moved, found.difference.dof
+    difference = found.difference
     return Test(
-        statistic=moved.statistic,
-        rows=moved.rows,
-        dof=dof if dof < 1e8 else None,
-        p=moved.p_value,
+        statistic=difference.statistic,
+        rows=len(difference.whitened),
+        dof=difference.dof if difference.dof < 1e8 else None,
+        p=difference.p_value,
         false_alarm=FALSE_ALARM,
     )
 
 
 def _parameters(found: Changes) -> tuple[Parameter, ...]:
-    moved = found.moved
+    difference = found.difference
     return tuple(
         Parameter(
             id=p.id, effect=p.effect, where=p.where, name=p.name, change=change / p.scale,
             std=std / p.scale, family_p=family, moved=bool(named), unit=p.unit,
         )
         for p, change, std, family, named in zip(
-            found.parameters, found.difference.change.tolist(), moved.std.tolist(),
-            moved.family_p.tolist(), moved.parameters, strict=True,
+            found.parameters, difference.change.tolist(), difference.std.tolist(),
+            difference.family_p.tolist(), difference.changed_parameters, strict=True,
         )
     )  # fmt: skip
 
@@ -258,10 +260,9 @@ def _explained(found: Explanation) -> Explained:
         explains=found.explains,
         likely=found.likely,
         sizes=tuple(
-            Size(name=name, value=value, std=std, unit=unit)
-            for name, unit, value, std in zip(
-                cause.names, cause.units, (found.values / cause.scales).tolist(),
-                (found.std / cause.scales).tolist(), strict=True,
+            Size(name=p.name, value=value / p.scale, std=std / p.scale, unit=p.unit)
+            for p, value, std in zip(
+                cause.parameters, found.values.tolist(), found.std.tolist(), strict=True,
             )
         ),
     )  # fmt: skip

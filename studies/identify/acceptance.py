@@ -9,7 +9,7 @@ from studies.document import Mood, Sentence, mm, plural
 from studies.record import Count, Entry, NotNegative, Positive
 
 if TYPE_CHECKING:
-    from calib.accuracy.acceptance import Judged
+    from calib.uncertainty.acceptance import Judged
 
 _MM = 1e3
 

@@ -12,7 +12,7 @@ from studies.record import Entry, Maybe, NotNegative, Positive
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from calib.accuracy.budget import Budget, Part
+    from calib.uncertainty.budget import Budget, Part
 
 _MM = 1e3
 _AVERAGED = 0.5  # of what a source does to one reading, or of what it does at the targets
@@ -90,22 +90,22 @@ def budget_entry(budget: Budget) -> BudgetEntry:
 
 
 def _expanded(budget: Budget, parts: Sequence[Part]) -> Expanded:
-    from calib.accuracy.budget import combined
+    from calib.uncertainty.budget import combined
 
     found = combined(parts, budget.weights)
-    u, most = found.rms(found.errors), found.rms(found.expanded)
+    u, most = budget.rms(found.errors), budget.rms(found.expanded)
     return Expanded(
         standard_uncertainty_mm=u * _MM,
         coverage_factor=most / u if u else 1.0,
         expanded_mm=most * _MM,
-        worst_expanded_mm=found.worst(found.expanded) * _MM,
+        worst_expanded_mm=budget.worst(found.expanded) * _MM,
         degrees_of_freedom=found.freedom,
     )
 
 
 def _row(budget: Budget, part: Part, total: float) -> Row:
     """total : variance of all, mm^2."""
-    at_targets, placed = budget.rms(part) * _MM, budget.placed(part) * _MM
+    at_targets, placed = (budget.rms(e) * _MM for e in (part.errors, part.errors_placed))
     at_reading = None if part.at_reading is None else part.at_reading * _MM
     own = None if part.std is None else part.std / part.scale
     return Row(

@@ -41,11 +41,11 @@ def identified(
     Raises InputError naming the file that is at fault.
     """
     import calib
-    from calib.accuracy.acceptance import judged
-    from calib.accuracy.at_targets import accuracy_at_targets
     from calib.compensation.estimate import estimate_of
     from calib.drift import drift_in
     from calib.poses.thinning import thinned
+    from calib.uncertainty.acceptance import judged
+    from calib.uncertainty.budget import accuracy_at_targets
     from studies.identify.record import Asked, identify_record
     from studies.record import envelope
 

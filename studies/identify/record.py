@@ -41,10 +41,10 @@ from studies.targets import AtTarget, at_targets
 
 if TYPE_CHECKING:
     from calib import Identification
-    from calib.accuracy.acceptance import Judged
-    from calib.accuracy.at_targets import Accuracy
     from calib.compensation.estimate import Estimate
     from calib.drift import Drift as Moved
+    from calib.uncertainty.acceptance import Judged
+    from calib.uncertainty.budget import Budget
 
 _MM = 1e3
 _MOST = 3_000_000  # points; a damaged file may name poses and markers that fill any memory
@@ -151,7 +151,7 @@ class IdentifyRecord(Record):
 
 def identify_record(
     found: Identification,
-    accuracy: Accuracy,
+    accuracy: Budget,
     drift: Moved | None,
     estimate: Estimate,
     asked: Asked,
@@ -205,13 +205,16 @@ def identify_record(
             *residual_entries(found, fit),
             *(() if held is None else residual_entries(found, held)),
         ),
-        task_rms_mm=accuracy.rms * _MM,
-        task_worst_mm=accuracy.worst * _MM,
+        task_rms_mm=accuracy.rms(accuracy.expected.errors) * _MM,
+        task_worst_mm=accuracy.worst(accuracy.expected.errors) * _MM,
         targets=accuracy.source,
         at_targets=at_targets(
-            found.model.robot, accuracy.targets, accuracy.errors, accuracy.expected.expanded
+            found.model.robot,
+            accuracy.targets,
+            accuracy.expected.errors,
+            accuracy.expected.expanded,
         ),
-        budget=budget_entry(accuracy.budget),
+        budget=budget_entry(accuracy),
         acceptance=acceptance_entry(judged),
         drift=None if drift is None else drift_entry(drift),
         of_type=None if found.of_type is None else of_type_entry(found),

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib.accuracy.pose_to_pose import Owner
 from calib.arrays import Array
 from calib.compensation.unexplained import Unexplained, Unseen
 from calib.identification import Identification
 from calib.model import Model
+from calib.uncertainty.pose_to_pose import Owner
 from doe.curve import stops_paying
 from doe.prospect.sufficiency.forecast import Step
 from doe.prospect.sufficiency.match import Match

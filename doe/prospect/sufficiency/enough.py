@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.accuracy.pose_to_pose import parted
 from calib.api import readings
 from calib.arrays import Array, IntArray, Mask, stacked
 from calib.cell import Cell
@@ -32,7 +31,8 @@ from calib.poses import Measurements, Poses, poses_at
 from calib.scatter import Variances
 from calib.scatter.poses import Mixing
 from calib.threads import one_blas_thread
-from calib.uncertainty.freedom import freedom
+from calib.uncertainty.expanded import freedom
+from calib.uncertainty.pose_to_pose import parted
 from doe.constraints import constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question
 from doe.criteria.task import Task

@@ -230,8 +230,8 @@ def _told(found: Changes, cause: Cause | None) -> dict[str, Any]:
     true = None if cause is None else (cause.kind, cause.where)
     return {
         "cause": None if true is None else ":".join(true),
-        "grown": found.moved.beyond,
-        "moved": found.moved.anything,
+        "grown": found.difference.leaves_more,
+        "moved": found.difference.changed,
         "told": found.told,
         "named": None if first is None else f"{first.cause.kind}:{first.cause.where}",
         "exact": true is not None and keys[:1] == [true],

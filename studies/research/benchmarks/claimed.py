@@ -11,11 +11,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib.accuracy.at_targets import accuracy_at_targets
 from calib.arrays import Array, Mask
 from calib.change import changes, known_of
 from calib.compensation.estimate import estimate_of
 from calib.threads import one_blas_thread
+from calib.uncertainty.budget import accuracy_at_targets
 from doe.assess import assess
 from doe.problem import problem_of
 from doe.problem.request import Request
@@ -92,7 +92,7 @@ def _foreseen(
         plan = problem_of(cell, Request(len(data), "task"))
         yield Said("design", assess(plan, data.poses.q).task_rms, came)
     accuracy, off = accuracy_at_targets(cell, found), found.predict(targets) - day.reached
-    yield Said("identify", accuracy.rms, came)
+    yield Said("identify", accuracy.rms(accuracy.expected.errors), came)
     distances = np.sqrt((off**2).sum(axis=-1).mean(axis=-1))
     within = distances <= accuracy.expected.expanded
     yield from (Said("budget 95 %", right=bool(right)) for right in within)
@@ -160,8 +160,8 @@ def _changes(
     found = changes(cell, known_of(before), known_of(after), estimate_of(after))
     moved, size = rms(then.reached - first.reached), found.change.rms
     if not moved:
-        yield Said("changes alarm", right=not found.moved.anything)
-    elif found.moved.anything:
+        yield Said("changes alarm", right=not found.difference.changed)
+    elif found.difference.changed:
         yield Said("changes size", size.value, moved, size.low <= moved <= size.high)
     else:
         yield Said("changes hidden", size.high, moved, moved <= size.high)

@@ -18,8 +18,7 @@ from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.change import Changes, Known, changes, known_of
 from calib.change.at_targets import at_targets, verdict
-from calib.change.difference import difference
-from calib.change.moved import holm, moved
+from calib.change.difference import difference, holm
 from calib.compensation.estimate import estimate_of
 from calib.errors import CalibError
 from calib.poses import poses_at
@@ -100,9 +99,9 @@ def compared(
 def test_a_robot_that_stayed_raises_no_alarm(cell: Cell, before: Known) -> None:
     for seed, instrument in ((2, INSTRUMENT), (3, ELSEWHERE)):
         found = compared(cell, before, measured(seed, instrument), 1e-4)
-        assert not found.moved.anything
+        assert not found.difference.changed
         assert (found.told, found.cause, found.verdict) == ("none", None, "holds")
-        assert not found.moved.parameters.any()
+        assert not found.difference.changed_parameters.any()
         assert found.change.rms.low == 0.0
     assert found.difference.apart == ("base:base",)
     assert all(key[0] != "base" for key in found.difference.keys)
@@ -168,9 +167,9 @@ def test_markers_and_tools(cell: Cell, before: Known) -> None:
 
 def test_a_worn_gear_leaves_more_than_before(cell: Cell, before: Known) -> None:
     found = compared(cell, before, measured(10, lost_motion=3e-4))
-    assert found.moved.beyond
+    assert found.difference.leaves_more
     quiet = compared(cell, before, measured(11))
-    assert not quiet.moved.beyond
+    assert not quiet.difference.leaves_more
 
 
 def harmonic(seed: int, joint: int, urad: float) -> tuple[Measurements, float]:
@@ -230,8 +229,8 @@ def test_what_one_day_left_open_is_no_change(cell: Cell) -> None:
     assert poor.lost.any()
     found = compared(cell, poor, measured(13, offsets=truth))
     assert len(found.difference.whitened) < len(found.difference.keys)
-    assert not found.moved.anything
-    assert not found.moved.parameters.any()
+    assert not found.difference.changed
+    assert not found.difference.changed_parameters.any()
     assert (~found.difference.determined).any()
 
 
@@ -248,17 +247,16 @@ def test_false_alarms_are_held_over_all_parameters() -> None:
     k, trials = 25, 800
     A, B = rng.normal(size=(2, k, k))
     covs = [1e-10 * (M @ M.T + 0.1 * np.eye(k)) for M in (A, B)]
-    found = [moved(difference(drawn(rng, covs[0]), drawn(rng, covs[1]))) for _ in range(trials)]
-    alarms = np.mean([one.anything for one in found])
+    found = [difference(drawn(rng, covs[0]), drawn(rng, covs[1])) for _ in range(trials)]
+    alarms = np.mean([one.changed for one in found])
     assert 0.008 < alarms < 0.034
-    assert np.mean([one.parameters.any() for one in found]) <= alarms
+    assert np.mean([one.changed_parameters.any() for one in found]) <= alarms
     # A known shift of noncentrality 60 is seen.
     total = covs[0] + covs[1]
     e = np.eye(k)[0]
     shift_ = e * np.sqrt(60.0 / (e @ np.linalg.solve(total, e)))
     seen = [
-        moved(difference(drawn(rng, covs[0]), drawn(rng, covs[1], shift_))).anything
-        for _ in range(100)
+        difference(drawn(rng, covs[0]), drawn(rng, covs[1], shift_)).changed for _ in range(100)
     ]
     assert np.mean(seen) > 0.95
 

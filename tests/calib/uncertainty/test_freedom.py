@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-import doctest
-
 import numpy as np
 import pytest
 
-from calib.change import approaches
-from calib.uncertainty import freedom as module
-from calib.uncertainty.freedom import freedom
-
-
-def test_the_example_holds() -> None:
-    assert doctest.testmod(module).failed == 0
+from calib.change.known import approaches
+from calib.uncertainty.expanded import freedom
 
 
 def test_stays_count_where_poses_err_as_a_whole() -> None:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 import calib
-from calib.accuracy.at_targets import accuracy_at_targets
 from calib.arrays import Array, Mask
 from calib.model.build import build
 from calib.poses import Poses, poses_at
+from calib.uncertainty.budget import accuracy_at_targets
 from calib.uncertainty.expanded import coverage_factor, effective_freedom
 from studies.research.benchmarks.few_poses.files import table_of
 from studies.research.benchmarks.few_poses.ridge import exact_values
@@ -78,15 +78,15 @@ def kept(cell: calib.Cell, found: calib.Identification, truth: Array, day: Day) 
     claim = accuracy_at_targets(cell, found)
     errors = _lengths(found.predict(claim.targets) - day.points(claim.targets.q))
     expected = claim.expected
-    came = expected.rms(errors)
+    came = claim.rms(errors)
     return Kept(
         parameters=_held(holds),
         points=_held(np.abs(off) <= factor * std),
         normal=_held(np.abs(off) <= _NORMAL * std),
         targets=_held(errors <= expected.expanded),
-        whole=_held(np.array([came <= expected.rms(expected.expanded)])),
+        whole=_held(np.array([came <= claim.rms(expected.expanded)])),
         outliers=int(np.count_nonzero(found.fit.outlier)),
-        promised=claim.rms,
+        promised=claim.rms(expected.errors),
         came=came,
         std=float(np.sqrt((std**2).sum(axis=-1).mean())),
         off=float(np.sqrt((off**2).sum(axis=-1).mean())),

@@ -11,12 +11,12 @@ import pytest
 
 import calib
 from calib import Cell, Poses
-from calib.accuracy.budget import Budget, budget_of, combined
 from calib.arrays import Array
 from calib.compensation.estimate import estimate_of
 from calib.identification import Identification
 from calib.instruments.common_errors import CommonError
 from calib.poses import poses_at
+from calib.uncertainty.budget import Budget, budget_of, combined
 from calib.uncertainty.expanded import coverage_factor, effective_freedom
 from studies.demo.embedded import simulated
 from tests.calib.uncertainty import common_days as days
@@ -95,10 +95,10 @@ def world(folder: Path) -> World:
 def test_total_and_intervals_hold_over_a_thousand_days(folder: Path, world: World) -> None:
     found = identified(folder / "stated")
     budget = budget_at(found, TARGETS)
-    told = combined(budget.calibration, budget.weights)
+    told = budget.expected
     errors = world.missed()
     simulated = np.sqrt((errors**2).mean())
-    assert told.rms(told.errors) == pytest.approx(simulated, rel=0.05)
+    assert budget.rms(told.errors) == pytest.approx(simulated, rel=0.05)
     np.testing.assert_allclose(told.errors, np.sqrt((errors**2).mean(axis=0)), rtol=0.08)
     held = (errors <= told.expanded).mean(axis=0)
     assert held.mean() == pytest.approx(0.95, abs=0.015)
@@ -114,7 +114,7 @@ def test_each_row_is_what_its_source_does(folder: Path, world: World, name: str)
     budget = budget_at(found, TARGETS)
     part = budget.calibration[1 + list(days.STATED).index(name)]
     errors = world.missed(name, noise=False)
-    assert budget.rms(part) == pytest.approx(np.sqrt((errors**2).mean()), rel=0.08)
+    assert budget.rms(part.errors) == pytest.approx(np.sqrt((errors**2).mean()), rel=0.08)
 
 
 def test_parameters_are_as_uncertain_as_refits_scatter(folder: Path, world: World) -> None:
@@ -199,14 +199,14 @@ def test_a_slide_by_hand(tmp_path: Path) -> None:
     (tmp_path / "data.csv").write_text("\n".join(["pose,marker,X_mm,x_mm,y_mm,z_mm", *rows, ""]))
     found = identified(tmp_path)
     budget = budget_at(found, np.array([[2.0]]))
-    um = [1e6 * budget.rms(part) for part in budget.calibration]
+    um = [1e6 * budget.rms(part.errors) for part in budget.calibration]
     np.testing.assert_allclose(um, [10.690, 6.0, 9.897], rtol=1e-4)
     np.testing.assert_allclose(
         [1e6 * (part.std or 0.0) for part in budget.calibration], [10.0, 3.0, 5.7735], rtol=1e-4
     )
-    told = combined(budget.calibration, budget.weights)
+    told = budget.expected
     assert told.freedom == pytest.approx(51.4, abs=0.1)
-    assert 1e6 * told.rms(told.expanded) == pytest.approx(31.63, abs=0.02)
+    assert 1e6 * budget.rms(told.expanded) == pytest.approx(31.63, abs=0.02)
 
 
 def test_the_gauge_block_of_the_guide() -> None:

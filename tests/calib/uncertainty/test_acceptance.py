@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import calib
-from calib.accuracy.acceptance import Judged, judged
 from calib.cell.acceptance import Acceptance
+from calib.uncertainty.acceptance import Judged, judged
 from tests.calib.uncertainty import common_days as days
 
 

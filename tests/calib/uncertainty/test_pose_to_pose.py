@@ -11,12 +11,12 @@ import pytest
 pytest.importorskip("mujoco")
 
 import calib
-from calib.accuracy.budget import budget_of
-from calib.accuracy.pose_to_pose import parted, pose_to_pose
 from calib.arm.repeatability import usual_repeatability
 from calib.arrays import Array
 from calib.compensation.estimate import estimate_of
 from calib.scatter import Variances
+from calib.uncertainty.budget import budget_of
+from calib.uncertainty.pose_to_pose import parted, pose_to_pose
 from studies.research.benchmarks.day import Setting, draw_day, write_day
 
 
@@ -48,7 +48,7 @@ def test_whose_it_is(tmp_path: Path, scatter: float, approaches: int, gear: floa
     targets, weights = calib.load_targets(cell, tmp_path / "targets.csv")
     known = estimate_of(found)
     parts = budget_of(found, known, targets, weights).parts
-    sizes = {part.source: float(np.sqrt(part.variances.mean())) for part in parts}
+    sizes = {part.source: float(np.sqrt((part.errors**2).mean())) for part in parts}
     misfit = sizes.get("what the model lacks, from the fitted poses", 0.0)
     assert (misfit > 0.0) == (of == "model")
     # RMS by which a gear error of the shoulder moves points about a metre away.

@@ -7,20 +7,22 @@ over them. A source moves them by ``spread @ z`` with independent z of unit vari
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from calib.arm.se3 import skew
 from calib.arrays import Array, stacked
+from calib.cell import Cell
+from calib.cell.targets import targets_of
 from calib.compensation.estimate import Estimate
 from calib.compensation.unexplained import scatter_at
 from calib.identification import Identification
 from calib.model.covariance import half, working_points
 from calib.poses import Poses
-from calib.uncertainty.expanded import coverage_factor, directions, effective_freedom
-from calib.uncertainty.freedom import freedom
+from calib.uncertainty.expanded import coverage_factor, directions, effective_freedom, freedom
 
 _NOISE = "noise"
 
@@ -59,9 +61,14 @@ class Part:
     of: Literal["calibration", "arm", "model", "trend"] = "calibration"
 
     @property
-    def variances(self) -> Array:
-        """Of the length of the error at each target, shape (m,), m^2."""
-        return np.asarray((self.spread**2).sum(axis=(-1, -2)))
+    def errors(self) -> Array:
+        """Standard uncertainty at each target, shape (m,), m."""
+        return np.asarray(np.linalg.norm(self.spread, axis=(-1, -2)))
+
+    @property
+    def errors_placed(self) -> Array:
+        """The same with the base placed anew."""
+        return np.asarray(np.linalg.norm(self.placed, axis=(-1, -2)))
 
     @property
     def std(self) -> float | None:
@@ -81,7 +88,31 @@ class Expected:
     errors: Array
     expanded: Array
     freedom: float
+
+
+@dataclass(frozen=True, eq=False)
+class Budget:
+    """Sources of error at m targets.
+
+    calibration, beside : parts that the parameters bring to each target, and all others
+    weights : ndarray, shape (m,), of the targets; source : str, what the targets are
+    """
+
+    targets: Poses
     weights: Array
+    calibration: tuple[Part, ...]
+    beside: tuple[Part, ...] = ()
+    source: str = ""
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """All of them."""
+        return self.calibration + self.beside
+
+    @cached_property
+    def expected(self) -> Expected:
+        """What the parameters alone leave."""
+        return combined(self.calibration, self.weights)
 
     def rms(self, lengths: Array) -> float:
         """Over the targets by their weights, of lengths (m,)."""
@@ -92,26 +123,17 @@ class Expected:
         return float(lengths[self.weights > 0.0].max())
 
 
-@dataclass(frozen=True, eq=False)
-class Budget:
-    """calibration, beside : parts that the parameters bring to each target, and all others."""
+def accuracy_at_targets(
+    cell: Cell, found: Identification, estimate: Estimate | None = None
+) -> Budget:
+    """What the uncertainty of identified parameters leaves at the cell's targets.
 
-    calibration: tuple[Part, ...]
-    beside: tuple[Part, ...]
-    weights: Array
-
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        return self.calibration + self.beside
-
-    def rms(self, part: Part) -> float:
-        """A part's standard uncertainty over the targets, m."""
-        return float(np.sqrt(self.weights @ part.variances / self.weights.sum()))
-
-    def placed(self, part: Part) -> float:
-        """The same with the base placed anew, m."""
-        variances = (part.placed**2).sum(axis=(-1, -2))
-        return float(np.sqrt(self.weights @ variances / self.weights.sum()))
+    estimate : of the same identification, for what the arm and the model's lacks add beside it
+    """
+    targets, weights = targets_of(cell)
+    after = cell.design.targets_after or 0.0
+    budget = budget_of(found, estimate, targets, weights, after)
+    return replace(budget, source=cell.targets_in_words)
 
 
 def budget_of(
@@ -128,9 +150,9 @@ def budget_of(
     """
     calibration = tuple(of_calibration(found, targets, weights))
     if estimate is None:
-        return Budget(calibration, (), weights)
+        return Budget(targets, weights, calibration)
     beside = (*_of_arm(found, estimate, targets), *_of_model(found, estimate, targets, after))
-    return Budget(calibration, beside, weights)
+    return Budget(targets, weights, calibration, beside)
 
 
 def combined(parts: Sequence[Part], weights: Array) -> Expected:
@@ -138,7 +160,7 @@ def combined(parts: Sequence[Part], weights: Array) -> Expected:
     bases: dict[str, list[Part]] = {}
     for k, part in enumerate(parts):
         bases.setdefault(part.basis or str(k), []).append(part)
-    variances = [np.sum([part.variances for part in own], axis=0) for own in bases.values()]
+    variances = [np.sum([part.errors**2 for part in own], axis=0) for own in bases.values()]
     freedoms = [own[0].freedom for own in bases.values()]
     total = np.sum(variances, axis=0)
     nu = effective_freedom(zip(variances, freedoms, strict=True))
@@ -149,7 +171,6 @@ def combined(parts: Sequence[Part], weights: Array) -> Expected:
         errors,
         coverage_factor(nu, n) * errors,
         float(effective_freedom(zip(mean, freedoms, strict=True))),
-        weights,
     )
 
 

@@ -12,12 +12,16 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.cell.targets import targets_of
 from calib.change.at_targets import AtTargets, Length, Verdict, at_targets, rows_at, verdict
-from calib.change.causes import Cause, Explanation, candidates, explanations, same_as
+from calib.change.causes import (
+    Cause,
+    Explanation,
+    candidates,
+    explanations,
+    same_as,
+    shown_otherwise,
+)
 from calib.change.difference import Difference, difference
 from calib.change.known import Known
-from calib.change.lacking import shown_otherwise
-from calib.change.moved import Moved, moved
-from calib.change.outside import outside
 from calib.compensation.estimate import Estimate
 from calib.compensation.unexplained import scatter_at
 from calib.effects.protocol import Parameter
@@ -26,7 +30,9 @@ from calib.model import Model
 from calib.model.build import context_of
 from calib.model.reduction import generic_configurations
 from calib.poses import Poses, poses_at
+from calib.uncertainty.expanded import freedom
 
+_LIMIT = 1.96  # standard deviations of the difference of two mean squares, 97.5 % from above
 Told: TypeAlias = Literal["none", "named", "ambiguous", "unclear"]
 
 _GENERIC = 100
@@ -38,7 +44,7 @@ class Changes:
     """Result of :func:`changes`.
 
     difference : Difference; parameters : tuple of Parameter, those that are compared, in its order
-    moved : Moved; explanations : tuple of Explanation, of every cause asked, the likeliest first
+    explanations : tuple of Explanation, of every cause asked, the likeliest first
     targets : Poses; change : AtTargets, what lies between the true robots of both days
     kept : AtTargets, what the earlier values err by on the later day's robot
     renewed : float, m, RMS that the later values leave by their uncertainty, 3-D per point
@@ -49,7 +55,6 @@ class Changes:
 
     difference: Difference
     parameters: tuple[Parameter, ...]
-    moved: Moved
     explanations: tuple[Explanation, ...]
     targets: Poses
     change: AtTargets
@@ -62,7 +67,7 @@ class Changes:
     @property
     def told(self) -> Told:
         """How far a single cause is known: none where nothing changed, unclear where none explains."""
-        if not self.moved.anything:
+        if not self.difference.changed:
             return "none"
         first = next(iter(self.explanations), None)
         if first is None or not first.explains:
@@ -128,7 +133,6 @@ def changes(
     return Changes(
         found,
         tuple(keys[key] for key in found.keys),
-        moved(found),
         explanations(found, causes),
         targets,
         change,
@@ -158,3 +162,25 @@ def _spread(rows: Array, cov: Array, share: Array) -> float:
     """RMS error that a covariance (k, k) leaves at the targets, m."""
     squared = np.einsum("mrp,pq,mrq->m", rows, cov, rows, optimize=True)
     return float(np.sqrt(max(float(share @ squared), 0.0)))
+
+
+def outside(before: Known, after: Known) -> float | None:
+    """Upper limit of what came up that no parameter of the model can express, RMS at other poses, 3-D
+    per point, m; None where a day tells no poses.
+
+    All that is known of it is by how much more the later fit leaves than the earlier one, which is
+    ``left^2 n / f`` a degree of freedom, n poses and f of them not spent on parameters. What is outside
+    the model errs with the pose, so poses are counted and not points.
+    """
+    if before.poses is None or after.poses is None:
+        return None
+    (then, few), (now, others) = _square(before), _square(after)
+    doubt = np.sqrt(2.0 * then**2 / few + 2.0 * now**2 / others)
+    return float(np.sqrt(max(now - then, 0.0) + _LIMIT * doubt))
+
+
+def _square(known: Known) -> tuple[float, float]:
+    """Mean square of what a fit leaves, m^2, and its degrees of freedom."""
+    poses = 0 if known.poses is None else len(known.poses)
+    free = freedom(np.inf, poses, len(known.values), as_a_whole=True)
+    return known.left**2 * poses / free, free

@@ -18,16 +18,13 @@ calib.diagnose(cell, data))`` which poses tell the causes apart that the data ca
 ``doe.onward(cell, data)`` the next few poses for either, in a loop with the robot in between.
 """
 
+from doe.ahead.enough import Enough, enough
+from doe.ahead.foresee import PowerAnalysis, foresee
+from doe.ahead.next_poses import NextPoses, next_poses
+from doe.ahead.onward import Onward, onward
 from doe.plan import Design
 from doe.planning import design
 from doe.problem.refusals import CannotIdentify
-from doe.prospect import PowerAnalysis
-from doe.prospect.foresee import foresee
-from doe.prospect.onward import Onward, onward
-from doe.prospect.rivals import NextPoses
-from doe.prospect.rivals.next_poses import next_poses
-from doe.prospect.sufficiency import Enough
-from doe.prospect.sufficiency.enough import enough
 
 __all__ = [
     "CannotIdentify",

@@ -103,7 +103,7 @@ def _foresee(
     """What a plan, or the readings of a table without their points, could show."""
     import calib
     from calib.files.tables import holds_points
-    from doe.prospect.foresee import foresee
+    from doe.ahead.foresee import foresee
     from studies.plan.record import plan_record
     from studies.record import envelope
 

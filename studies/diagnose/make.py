@@ -11,7 +11,7 @@ from studies.command.session import Session
 if TYPE_CHECKING:
     from calib import Cell
     from calib.diagnosis import Diagnosis
-    from doe.prospect.rivals.next_poses import NextPoses
+    from doe.ahead.next_poses import NextPoses
     from studies.diagnose.record import DiagnoseRecord
 
 NEXT = 8
@@ -66,7 +66,7 @@ def _next(
 ) -> tuple[NextPoses | None, tuple[str, ...]]:
     """Poses that tell rivals apart, and why there are none: the diagnosis stands without them."""
     from calib.errors import CalibError
-    from doe.prospect.rivals.next_poses import next_poses
+    from doe.ahead.next_poses import next_poses
 
     try:
         return (next_poses(cell, found, count=count, seed=seed) if count else None), ()

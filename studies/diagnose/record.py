@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from calib.diagnosis.spectra import Line as FoundLine
     from calib.diagnosis.spectra import Spectrum as FoundSpectrum
     from calib.instruments import Channels
-    from doe.prospect.rivals.next_poses import NextPoses
-    from doe.prospect.rivals.next_poses import Prediction as Predicted
+    from doe.ahead.next_poses import NextPoses
+    from doe.ahead.next_poses import Prediction as Predicted
 
 _MM, _URAD = 1e3, 1e6
 _MOST = 800  # numbers of cycles in a file: several at each pixel of a figure

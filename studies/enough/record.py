@@ -21,7 +21,7 @@ from studies.record import (
 if TYPE_CHECKING:
     from calib.model import Model
     from doe import Enough
-    from doe.prospect.sufficiency import Step as Forecast
+    from doe.ahead.forecast import Step as Forecast
 
 _MM = 1e3
 _HOUR = 3600.0

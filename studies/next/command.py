@@ -19,7 +19,7 @@ from studies.command.options import (
 from studies.command.progress import working
 
 if TYPE_CHECKING:
-    from doe.prospect.onward import Aim
+    from doe.ahead.onward import Aim
 
 
 @click.command("next")

@@ -14,9 +14,9 @@ from studies.record import Count, Entry, Envelope, Maybe, NotNegative, Number, P
 if TYPE_CHECKING:
     from calib import Cell
     from doe import Onward
-    from doe.prospect.onward import Aim
-    from doe.prospect.rivals.next_poses import Prediction
-    from doe.prospect.sufficiency import Step
+    from doe.ahead.forecast import Step
+    from doe.ahead.next_poses import Prediction
+    from doe.ahead.onward import Aim
 
 _MM = 1e3
 Stop: TypeAlias = Literal[

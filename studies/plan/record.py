@@ -12,7 +12,7 @@ from studies.causes import Cause, NotAsked, Sought
 from studies.record import Count, Entry, Envelope, Maybe, Number, Positive, Record
 
 if TYPE_CHECKING:
-    from doe.prospect import Detectability, PowerAnalysis
+    from doe.ahead.foresee import Detectability, PowerAnalysis
 
 _UM = 1e6
 _TOLD = 1e6  # noncentrality from which on anything is told
@@ -144,8 +144,8 @@ def plan_record(found: PowerAnalysis, made_from: Envelope) -> PlanRecord:
     from calib.diagnosis.detection_limit import POWER
     from calib.diagnosis.rounds import ALPHA
     from calib.effects.protocol import LoadEffect
-    from doe.prospect.confounded import remedies_of
-    from doe.prospect.likeness import SURE
+    from doe.ahead.likeness import SURE
+    from doe.ahead.remedies import remedies_of
 
     view = found.view
     poses, causes = view.data.poses, {cause.key: cause for cause in (*found.seen, *found.hidden)}

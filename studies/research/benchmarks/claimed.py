@@ -16,10 +16,10 @@ from calib.change import changes, known_of
 from calib.compensation.estimate import estimate_of
 from calib.threads import one_blas_thread
 from calib.uncertainty.budget import accuracy_at_targets
+from doe.ahead.enough import enough
 from doe.assess import assess
 from doe.problem import problem_of
 from doe.problem.request import Request
-from doe.prospect.sufficiency.enough import enough
 from studies.research.benchmarks.day import Day, Setting, draw_day, write_day
 
 POSES, MARKERS = 60, 3

@@ -43,8 +43,7 @@ import calib
 from calib.arrays import Array
 from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
-from doe.prospect.sufficiency import Enough
-from doe.prospect.sufficiency.enough import enough
+from doe.ahead.enough import Enough, enough
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
 from studies.diagnose.record import findings

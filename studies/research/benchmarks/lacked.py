@@ -11,7 +11,7 @@ import numpy as np
 import calib
 from calib.arrays import Array
 from calib.threads import one_blas_thread
-from doe.prospect.sufficiency.enough import enough
+from doe.ahead.enough import enough
 from studies.compensate.record import compensate_record
 from studies.compensate.telling import told as told_of_commands
 from studies.document import Document

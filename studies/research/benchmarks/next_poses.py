@@ -39,7 +39,7 @@ from calib.model.build import build, context_of, place_effect
 from calib.model.covariance import accuracy, covariance
 from calib.poses import Poses, poses_at
 from calib.simulation import simulate
-from doe.prospect.rivals.next_poses import next_poses
+from doe.ahead.next_poses import next_poses
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
 from studies.research.benchmarks.changes import arms

@@ -13,7 +13,7 @@ pytest.importorskip("mujoco")
 import calib
 from calib.compensation.estimate import Estimate, estimate_of
 from calib.files.estimate import load_estimate
-from doe.prospect.sufficiency.enough import enough
+from doe.ahead.enough import enough
 from studies.cli import main
 from studies.enough.record import enough_record
 from studies.enough.telling import told

@@ -11,7 +11,7 @@ import calib
 from calib import Cell, Poses
 from calib.identification import search
 from calib.identification.outliers import next_outlier, wrongly_out
-from tests.doe.prospect.sufficiency.day import RIGID, cell_of_day, of_poses, whole_day
+from tests.doe.ahead.day import RIGID, cell_of_day, of_poses, whole_day
 from tests.helpers import with_effects
 
 HALF = [2, 5, 8, 11, 14, 1]

@@ -13,9 +13,9 @@ from calib import Cell, Poses
 from calib.cell.targets import targets_of
 from calib.compensation.estimate import estimate_of
 from calib.model.covariance import accuracy, covariance, errors_at, ignorance
-from doe.prospect.sufficiency.enough import enough
+from doe.ahead.enough import enough
 from studies.demo.embedded import embedded_plan, simulated
-from tests.doe.prospect.sufficiency.day import cell_of_day, whole_day
+from tests.doe.ahead.day import cell_of_day, whole_day
 from tests.helpers import with_effects
 
 OPEN = ("gravity_compensator:A2", "gravity_sag:A2", "link_weight:A2")

@@ -10,10 +10,10 @@ import pytest
 import doe
 from calib import Cell
 from calib.diagnosis import Diagnosis
-from doe.prospect.likeness import SURE
+from doe.ahead.likeness import SURE
 from studies.diagnose.record import diagnose_record
 from studies.record import envelope
-from tests.doe.prospect.rivals.test_next_poses import alike
+from tests.doe.ahead.test_next_poses import alike
 
 __all__ = ["alike"]  # a fixture
 

@@ -15,7 +15,7 @@ from calib.files.write_tables import measurements_csv
 from studies.cli import main
 from studies.demo.embedded import INPUTS, embedded_text
 from studies.results import json_schema
-from tests.doe.prospect.sufficiency.day import MODEL, of_poses, whole_day
+from tests.doe.ahead.day import MODEL, of_poses, whole_day
 
 
 def run(*arguments: object) -> Result:

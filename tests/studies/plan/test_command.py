@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from calib import Cell, Poses
-from doe.prospect.foresee import foresee
+from doe.ahead.foresee import foresee
 from studies.cli import main
 from studies.demo.embedded import __file__ as demo_file
 from studies.plan.record import plan_record

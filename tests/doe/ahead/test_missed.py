@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.poses import poses_at
-from doe.prospect.missed import likely_read, refusal
+from doe.ahead.situation import likely_read, refusal
 from studies.demo.embedded import embedded_cell
 
 

@@ -8,7 +8,7 @@ import pytest
 from calib.arrays import Array
 from calib.diagnosis.detection_limit import detection, entry_limit, needed_beyond
 from calib.diagnosis.screen import Field, field
-from doe.prospect.likeness import SURE, likeness, plausible
+from doe.ahead.likeness import SURE, likeness, plausible
 
 ROWS = 400
 RNG = np.random.default_rng(3)

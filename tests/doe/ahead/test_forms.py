@@ -21,9 +21,9 @@ from calib.model import Model
 from calib.model.build import build, context_of, place_effect
 from calib.poses import Measurements, poses_at
 from calib.simulation import simulate
-from doe.prospect.rivals.accuracy import Accuracy, accuracy_of
-from doe.prospect.rivals.evidence import FREE
-from doe.prospect.rivals.next_poses import data_rows, situation_after
+from doe.ahead.evidence import FREE
+from doe.ahead.next_poses import data_rows, situation_after
+from doe.ahead.places import Accuracy, accuracy_of
 from studies.demo.embedded import embedded_cell
 from tests.helpers import with_effects
 

@@ -9,8 +9,8 @@ import pytest
 
 from calib import Cell, Measurements, Poses
 from calib.poses import poses_at
-from doe.prospect.sufficiency.match import match
-from tests.doe.prospect.sufficiency.day import cell_of_day, of_poses, whole_day
+from doe.ahead.to_come import match
+from tests.doe.ahead.day import cell_of_day, of_poses, whole_day
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,7 @@ import calib
 from calib.arrays import Array
 from calib.compensation.estimate import fitted_of
 from calib.compensation.unexplained import at_ends, at_held_out
-from doe.prospect.sufficiency import Enough
-from doe.prospect.sufficiency.enough import enough
+from doe.ahead.enough import Enough, enough
 from studies.research.benchmarks.day import Day, Setting, draw_day, write_day
 
 _POSES, _DAYS = 40, 10

@@ -13,11 +13,9 @@ from calib.diagnosis.diagnosis import Diagnosis
 from calib.errors import CalibError
 from calib.poses import Measurements, Poses, poses_at
 from calib.threads import one_blas_thread
-from doe.prospect.rivals import NextPoses
-from doe.prospect.rivals.next_poses import next_poses
-from doe.prospect.sufficiency.answer import Enough
-from doe.prospect.sufficiency.enough import enough
-from doe.prospect.sufficiency.forecast import Step
+from doe.ahead.enough import Enough, enough
+from doe.ahead.forecast import Step
+from doe.ahead.next_poses import NextPoses, next_poses
 
 Aim: TypeAlias = Literal["task", "causes", "both"]
 Stop: TypeAlias = Literal[
@@ -69,7 +67,7 @@ def onward(
 
     aim : "task", the expected error at the targets; "causes", the rivals that a diagnosis cannot tell
         apart, and the forms of those that stand alone; "both", poses that serve both while both are
-        open (:mod:`doe.prospect.rivals.accuracy`)
+        open (:mod:`doe.ahead.places`)
     goal : expected RMS error at the targets that is wanted, m; without one, the task is done when more
         poses only average noise
     ahead : poses that the day still has room for: those for the task are chosen as the best of so many

@@ -16,12 +16,12 @@ from calib.model.covariance import (
     task_error,
 )
 from calib.scatter.poses import Mixing
+from doe.ahead.lacking import Unnoticed
 from doe.criteria import Criterion
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.exchange import greedy
 from doe.problem.linearisation import Rows
-from doe.prospect.sufficiency.unnoticed import Unnoticed
 
 _SURE = 0.95
 _MANY = 1e6  # degrees of freedom: known

@@ -11,9 +11,8 @@ import calib
 from calib.arrays import Array, IntArray
 from calib.cell import Repeatability
 from calib.poses import Measurements, Poses, poses_at
-from doe.prospect.sufficiency import Enough
-from doe.prospect.sufficiency.enough import enough
-from doe.prospect.view import view_of
+from doe.ahead.enough import Enough, enough
+from doe.ahead.foresee import view_of
 from tests.doe.constraints.test_touching import KINDS, SITES, at, planned, settled, to_socket
 
 CELL = replace(KINDS["sockets"][0], repeatability=Repeatability(0.0, 0.0))

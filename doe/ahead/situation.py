@@ -7,15 +7,16 @@ from typing import Any, Self
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.arm.robot import Robot
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell, Load
 from calib.diagnosis.candidates import depends_on
 from calib.poses import Measurements, Poses
+from doe.ahead.conditions import Conditions, Hung, conditions_of
 from doe.constraints import constraints_of, scene_of, visible
 from doe.problem.levels import Levels, levels_of
 from doe.problem.linearisation import Linearisation
 from doe.problem.pool import in_turn_brought, rounded
-from doe.prospect.conditions import Conditions, Hung, conditions_of
 
 _DRAWN = 8192
 _CHUNK = 512
@@ -146,3 +147,33 @@ def offer_of(situation: Situation, q: Array, count: int) -> Offer:
         return Offer(q, right, None, joint)
     left = situation.read(q, conditions.alike(robot, q, -1.0, count))
     return Offer(q, 0.5 * (right + left), 0.5 * (right - left), joint)
+
+
+def likely_read(robot: Robot, q: Array, read: Poses, missed: Poses | None) -> Mask:
+    """Configurations (m, dof) whose nearest tried one, over the joints' ranges, could be read, (m,).
+
+    What hides a marker or bars the way is seldom a point; how far it goes nobody has said. All, where
+    none was missed.
+    """
+    if missed is None or not len(missed):
+        return np.ones(len(q), dtype=bool)
+    low, high = robot.sample_limits().T
+    span = np.where(high > low, high - low, 1.0)
+    return np.asarray(_nearest(q / span, read.q / span) < _nearest(q / span, missed.q / span))
+
+
+def _nearest(q: Array, others: Array) -> Array:
+    """Squared distance of each of (m, dof) to the nearest of others (n, dof), shape (m,)."""
+    if not len(others):
+        return np.full(len(q), np.inf)
+    return np.asarray(((q[:, None] - others) ** 2).sum(axis=-1).min(axis=1))
+
+
+def refusal(missed: Poses | None) -> str:
+    """Why no configuration is left to propose."""
+    if missed is None or not len(missed):
+        return "no configuration satisfies the cell's constraints; relax [design]"
+    return (
+        f"all candidates are nearer to one of {len(missed)} missed poses than to any that was read; "
+        "leave out those that were missed by accident"
+    )

@@ -1,4 +1,4 @@
-"""What the data neither show nor rule out: the arm's scatter, and a trend of the day."""
+"""What no further reading lowers: the arm's scatter, what the model lacks, and a trend of the day."""
 
 from __future__ import annotations
 

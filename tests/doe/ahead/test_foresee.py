@@ -14,9 +14,8 @@ from calib.model.build import build
 from calib.poses import Measurements, poses_at
 from calib.poses.moves import with_moves
 from calib.simulation import simulate
-from doe.prospect import PowerAnalysis
-from doe.prospect.confounded import remedies_of
-from doe.prospect.foresee import foresee
+from doe.ahead.foresee import PowerAnalysis, foresee
+from doe.ahead.remedies import remedies_of
 from tests.helpers import cell_of, random_robot, with_effects
 
 MODEL = ("base", "tool", "geometry", "joint_compliance:A2,A3,A4,A5,A6")

@@ -3,7 +3,7 @@
 Truth e moves the markers by ``X_e b``, b its fit to the data. Readings that come later enter by the
 block form of recursive least squares: with P the covariance of the modelled and D what the rivals'
 columns show beyond it, a block of rows A adds ``D^T (I + A P A^T)^-1 D`` to the rivals' Gram matrix,
-from which follows how alike they are (:mod:`doe.prospect.likeness`).
+from which follows how alike they are (:mod:`doe.ahead.likeness`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import Array, IntArray, stacked
-from doe.prospect.likeness import Likeness, directions, likeness, margins
+from doe.ahead.likeness import Likeness, directions, likeness, margins
 
 FREE = 10.0
 """Plausible sizes to which what is modelled is known beforehand."""

@@ -17,16 +17,14 @@ from calib.errors import CalibError
 from calib.instruments import Camera
 from calib.poses import Poses, poses_at
 from calib.threads import one_blas_thread
+from doe.ahead.evidence import Evidence, Known
+from doe.ahead.likeness import SURE
+from doe.ahead.places import Form, Shares, accuracy_of, forms_of, with_accuracy
+from doe.ahead.remedies import changes, easiest
+from doe.ahead.rivals import Rivalry, rivalries, suspicious
+from doe.ahead.search import Search, search_of
+from doe.ahead.situation import Offer, Situation, likely_read, offer_of, refusal, situation_of
 from doe.problem.linearisation import Linearisation, Rows, weighted
-from doe.prospect.likeness import SURE
-from doe.prospect.missed import likely_read, refusal
-from doe.prospect.remedies import changes, easiest
-from doe.prospect.rivals.accuracy import Shares, accuracy_of, with_accuracy
-from doe.prospect.rivals.evidence import Evidence, Known
-from doe.prospect.rivals.forms import Form, forms_of
-from doe.prospect.rivals.rivalry import Rivalry, rivalries, suspicious
-from doe.prospect.rivals.search import Search, search_of
-from doe.prospect.situation import Offer, Situation, offer_of, situation_of
 from doe.visits.order import visiting_order
 
 _MARGIN = 1.6448536269514722  # standard deviations of ``SURE``
@@ -116,7 +114,7 @@ def next_poses(
 
     The smallest margin of all pairs is maximised by greedy choice and exchange (T-optimality). A pair
     that the whole pool of candidates cannot separate takes no part; for it, and for what is still in
-    doubt afterwards, the interventions of :mod:`doe.prospect.remedies` are tried.
+    doubt afterwards, the interventions of :mod:`doe.ahead.remedies` are tried.
 
     Raises CalibError where count is not positive, or the cell allows no configuration at all.
     """

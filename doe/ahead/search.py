@@ -10,8 +10,8 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.diagnosis.equivalence import SAME
-from doe.prospect.rivals.evidence import Evidence, Known
-from doe.prospect.situation import Offer
+from doe.ahead.evidence import Evidence, Known
+from doe.ahead.situation import Offer
 
 _PASSES = 3  # over all places of the plan, while exchanges still help
 _BETTER = 1e-6

@@ -23,12 +23,12 @@ from calib.diagnosis import Diagnosis
 from calib.diagnosis.equivalence import Named
 from calib.diagnosis.stage import positions
 from calib.errors import CalibError
+from doe.ahead.conditions import loads_of_data
+from doe.ahead.evidence import Evidence
+from doe.ahead.next_poses import data_rows, situation_after
+from doe.ahead.search import Contested, Search
+from doe.ahead.situation import Offer
 from doe.constraints import constraints_of, scene_of
-from doe.prospect.conditions import loads_of_data
-from doe.prospect.rivals.evidence import Evidence
-from doe.prospect.rivals.next_poses import data_rows, situation_after
-from doe.prospect.rivals.search import Contested, Search
-from doe.prospect.situation import Offer
 from tests.calib.diagnosis.test_diagnose import measured
 from tests.helpers import designed, random_poses, random_robot
 

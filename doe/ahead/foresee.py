@@ -1,0 +1,300 @@
+"""What a plan can tell of causes that no model has yet, before anything is measured.
+
+The plan is seen as the diagnosis will see it: every cause beside everything modelled, and no residual
+yet. Of each cause the size that is found, or why none is; of each two whether they are told apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from calib.api import Plan
+from calib.arm.statics import loads_of
+from calib.arrays import Array, IntArray, Mask
+from calib.cell import Cell
+from calib.diagnosis.candidates import Candidate, NotAsked, candidates
+from calib.diagnosis.detection_limit import Detectable, detectable
+from calib.diagnosis.rounds import ALPHA
+from calib.diagnosis.screen import Field, field
+from calib.effects.protocol import Effect, ElasticEffect, LoadEffect, Parameter
+from calib.effects.tuned import Tuned
+from calib.identification.checks import check_counts
+from calib.identification.estimators import choose_directions
+from calib.model import Model
+from calib.model.build import build
+from calib.model.covariance import Unidentifiable
+from calib.observations import Points
+from calib.poses import Measurements, Poses
+from calib.poses.moves import before_the_first_move
+from calib.scatter import Variances
+from calib.threads import one_blas_thread
+from doe.ahead.likeness import Likeness, likeness, plausible
+from doe.ahead.to_come import readings_of
+from doe.problem.linearisation import Linearisation
+from doe.problem.nominal import soft
+
+_AT_ONCE = 1.05  # times the smallest size: who is told apart by then never looks alike
+
+
+@dataclass(frozen=True, eq=False)
+class PowerAnalysis:
+    """What a plan can tell, cause by cause and pair by pair.
+
+    view : View
+    seen : tuple of Detectability, E of them; hidden : the same of what cannot be seen
+    alike : Likeness, of those seen, None where there are none
+    times : ndarray, shape (E, E), multiple of a cause's smallest size (row) from which on it is told
+        from another (column); at most one where it always is once it is seen, infinite where never
+    """
+
+    view: View
+    seen: tuple[Detectability, ...]
+    hidden: tuple[Detectability, ...]
+    alike: Likeness | None
+    times: Array
+
+    @property
+    def confounded(self) -> tuple[tuple[int, ...], ...]:
+        """Groups of causes, by position, that stand for each other at these poses at any size."""
+        if self.alike is None:
+            return ()
+        groups = {tuple(np.flatnonzero(row).tolist()) for row in self.alike.confounded}
+        return tuple(sorted(group for group in groups if len(group) > 1))
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Causes of just visible size and what they are taken for, the hardest to tell first."""
+        found = [(int(i), int(j)) for i, j in np.argwhere(self.times > _AT_ONCE)]
+        return sorted(found, key=lambda pair: -self.times[pair])
+
+    @property
+    def order(self) -> list[int]:
+        """Those with look-alikes, each beside the causes that it is taken for."""
+        from scipy.cluster.hierarchy import leaves_list, linkage
+        from scipy.spatial.distance import squareform
+
+        members = np.unique(np.array(self.pairs, dtype=int))
+        if len(members) < 2:
+            return []
+        either = np.maximum(self.times, self.times.T)[np.ix_(members, members)]
+        distance = 1.0 / np.maximum(either, 1.0)
+        np.fill_diagonal(distance, 0.0)
+        tree = linkage(squareform(distance), method="average", optimal_ordering=True)
+        return [int(members[i]) for i in leaves_list(tree)]
+
+
+@one_blas_thread
+def foresee(cell: Cell, plan: Plan, *, values: Array | None = None) -> PowerAnalysis:
+    """Smallest sizes, hidden causes and look-alikes of a plan, before anything is measured.
+
+    plan : poses, a plan's file or joint values; read free and loaded where the cell has a [load]. Of
+        measurements the points are ignored
+    values : ndarray, shape (p,), SI, where the model is linearised; nominal, and as soft as usual,
+        without them
+
+    A size is found nine times in ten by the score test of the diagnosis, among all that it asks. A
+    cause is told from another where the right one is preferred in 95 of 100 cases.
+
+    Raises UnknownEffect, EffectCannotAct, TooFewPoses, CalibError.
+    """
+    view = view_of(cell, plan, values)
+    every = [detectability_of(view, i) for i in range(len(view.suspects))]
+    seen = tuple(found for found in every if found.directions)
+    hidden = tuple(found for found in every if not found.directions)
+    if not seen:
+        return PowerAnalysis(view, (), hidden, None, np.zeros((0, 0)))
+    columns = [own for own, found in zip(view.columns, every, strict=True) if found.directions]
+    sizes, needed = [found.sizes for found in seen], [found.needed for found in seen]
+    return PowerAnalysis(view, seen, hidden, *told_apart(view.field, columns, sizes, needed))
+
+
+def told_apart(
+    field: Field, columns: Sequence[IntArray], sizes: Sequence[Array], needed: Sequence[float]
+) -> tuple[Likeness, Array]:
+    """How alike causes with these columns are, and ``times`` of them, shape (E, E).
+
+    sizes : of each, plausible sizes of its parameters, SI; needed : noncentrality that is found
+    """
+    at = np.concatenate(list(columns))
+    X, ends = field.X[:, at], np.cumsum([0, *map(len, columns)])
+    own = [np.arange(a, b) for a, b in pairwise(ends)]
+    alike = likeness(X.T @ X, field.lengths[at], own, [plausible(size) for size in sizes])
+    times: Array = np.sqrt(alike.needed(field.rows) / np.array(needed)[:, None])
+    np.fill_diagonal(times, 0.0)
+    return alike, times
+
+
+_STILL_M = 1e-10  # largest movement of the markers by what moves nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Detectability(Detectable):
+    """What a plan can see of one cause.
+
+    moved : ndarray, shape (k,), m, RMS displacement of the markers by the smallest size
+    reason : str, why it is hidden, empty if it is not
+    """
+
+    candidate: Candidate
+    moved: Array
+    reason: str
+
+    @property
+    def key(self) -> str:
+        """``effect:where``."""
+        return self.candidate.key
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Unknowns of the cause."""
+        return self.candidate.amounts
+
+    @property
+    def sizes(self) -> Array:
+        """Plausible sizes of the parameters, shape (k,), SI."""
+        return np.array([p.size for p in self.parameters])
+
+    @property
+    def lead(self) -> int:
+        """Position of the parameter whose smallest size is least beside what is plausible."""
+        return int(np.argmin(self.smallest / self.sizes))
+
+
+def detectability_of(view: View, position: int) -> Detectability:
+    """What can be seen of one suspect."""
+    candidate, columns = view.suspects[position], view.columns[position]
+    seen = detectable(view.field, columns, view.asked * candidate.tried, ALPHA)
+    moved, finite = np.full(len(columns), np.inf), np.isfinite(seen.smallest)
+    moved[finite] = seen.smallest[finite] * view.moved[columns][finite]
+    reason = "" if seen.directions else _why_hidden(view, position)
+    return Detectability(**vars(seen), candidate=candidate, moved=moved, reason=reason)
+
+
+def _why_hidden(view: View, position: int) -> str:
+    """It moves nothing, or what the model has moves the markers alike."""
+    effect, columns = view.suspects[position].effect, view.columns[position]
+    sizes = np.array([p.size for p in view.suspects[position].amounts])
+    if (view.moved[columns] * sizes).max() < _STILL_M:
+        return _why_still(effect, view)
+    kinds = _imitators(view, position)
+    together = f"{', '.join(kinds[:-1])} and {kinds[-1]} together" if len(kinds) > 1 else kinds[0]
+    return f"{together} {'move' if len(kinds) > 1 else 'moves'} the markers in the same way"
+
+
+def _why_still(effect: Effect, view: View) -> str:
+    if effect.uses:
+        return f"{' and '.join(effect.uses)} never changes at these poses"
+    model, poses = view.model, view.data.poses
+    if isinstance(effect, LoadEffect) and not len(model.where(ElasticEffect)):
+        return "nothing in the model is elastic"
+    if not isinstance(effect, ElasticEffect | LoadEffect):
+        return "it moves no marker at these poses"
+    if loads_of(model.robot, poses, model.payload, model.gravity).absent:
+        return "nothing loads the arm"
+    elastic = isinstance(effect, ElasticEffect)
+    return "no load acts on it at these poses" if elastic else "nothing elastic feels it"
+
+
+def _imitators(view: View, position: int) -> list[str]:
+    """Kinds of modelled effect without which the cause would be seen, else all."""
+    own = [view.model.parameters[i].effect for i in view.kept]
+    kinds, columns = list(dict.fromkeys(own)), view.columns[position]
+    N, X = view.rows[:, view.kept], view.field.columns[:, columns]
+    found = []
+    for kind in kinds:
+        others = N[:, [k != kind for k in own]]
+        if field(others, X, np.zeros(len(X))).directions(np.arange(len(columns))).shape[1]:
+            found.append(kind)
+    return found or kinds
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """The causes of the catalogue that a model lacks, as a plan shows them.
+
+    model : Model; values : ndarray, shape (p,), SI, where it is linearised
+    whole : Linearisation, of the model and all suspects
+    data : Measurements, the readings to come: which markers are seen; its points are predictions
+    waiting : ndarray of bool, shape (m,), readings before the first move, which the diagnosis drops
+    suspects : tuple of Candidate, by name; missing : tuple of NotAsked
+    asked : int, all that the diagnosis will ask, curves included
+    rows : ndarray, shape (N, K), derivatives by all parameters, in independent rows of unit variance
+    kept : ndarray of int, columns of what is modelled; lost : what the plan leaves open
+    field : Field, of the suspects; columns : tuple of ndarray of int, of each suspect in it
+    moved : ndarray, shape (columns,), m per SI unit, RMS displacement of the markers
+    assumed : bool, whether compliances are taken as usual, for nobody gave them
+    """
+
+    model: Model
+    values: Array
+    whole: Linearisation
+    data: Measurements
+    waiting: Mask
+    suspects: tuple[Candidate, ...]
+    missing: tuple[NotAsked, ...]
+    asked: int
+    rows: Array
+    kept: IntArray
+    lost: tuple[Unidentifiable, ...]
+    field: Field
+    columns: tuple[IntArray, ...]
+    moved: Array
+    assumed: bool
+
+
+def view_of(cell: Cell, plan: Plan, values: Array | None = None) -> View:
+    """Linearise the model and every cause that it lacks at the readings of a plan.
+
+    plan : a plan, whose poses are read free and loaded where the cell has a [load], with the markers
+        that are in sight; or measurements, which are taken as they are but for their points
+    values : ndarray, shape (p,), SI. Without them all is nominal, but what is elastic is as soft as
+        usual: weights and springs show through compliances only
+
+    Raises UnknownEffect, EffectCannotAct, TooFewPoses, CalibError.
+    """
+    data = readings_of(cell, plan)
+    model = build(cell, data.poses).model
+    check_counts(model, data)
+    assumed = values is None
+    values = soft(model, data.poses) if values is None else values
+    data = replace(data, readings=model.predict(values, data.poses))
+    everything, missing = candidates(cell, model, data)
+    everything = [replace(c, tried=_tunings(c.effect, data.poses)) for c in everything]
+    everything = [c for c in everything if c.tried]
+    suspects = tuple(c for c in everything if c.named)
+    full, start = model.extended(values, [c.effect for c in suspects])
+    arm = Variances.of_arm(model.robot.dof, cell.repeatability)
+    whole = Linearisation(cell, full, start, arm)
+    waiting = before_the_first_move(data.poses)
+    rows = np.concatenate([whole.of(data, ~waiting).flat, full.beside(start)[1]])
+    own = Points(model, data, whole.weights(data, ~waiting), known=whole.scatter(data.poses))
+    choice = choose_directions(own, values)
+    _, J = full.jacobian(start, data.poses)
+    added = np.setdiff1d(np.arange(len(values), len(start)), full.tunings)
+    ends = np.cumsum([0, *(len(c.amounts) for c in suspects)])
+    return View(
+        model,
+        values,
+        whole,
+        data,
+        waiting,
+        suspects,
+        tuple(missing),
+        len(everything),
+        rows,
+        choice.kept,
+        choice.unidentifiable,
+        field(rows[:, choice.kept], rows[:, added], np.zeros(len(rows))),
+        tuple(np.arange(a, b) for a, b in pairwise(ends)),
+        np.sqrt((J[data.seen][..., added] ** 2).sum(axis=1).mean(axis=0)),
+        assumed,
+    )
+
+
+def _tunings(effect: Effect, poses: Poses) -> int:
+    """How many will be tried of an effect at these poses, none where they tell nothing of it."""
+    return len(effect.grid(poses)) if isinstance(effect, Tuned) else 1

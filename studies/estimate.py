@@ -13,7 +13,6 @@ from studies.record import Entry, NotNegative, Number
 
 if TYPE_CHECKING:
     from calib.compensation.estimate import Estimate
-    from calib.compensation.trend import Trend as Known
 
 Row: TypeAlias = tuple[Number, ...]
 
@@ -27,14 +26,14 @@ class EstimatedParameter(Entry):
     value_si: Number = Field(alias="value_SI")
 
 
-class Unexplained(Entry):
+class UnexplainedEntry(Entry):
     """What is left at poses that took no part, or else at those of the fit."""
 
     rms_mm: NotNegative
     source: str
 
 
-class Scatter(Entry):
+class ScatterEntry(Entry):
     """Variances of joints, of the tip's translation and of its rotation, rad^2 or m^2.
 
     configuration_of : whose those of the configurations are
@@ -45,7 +44,7 @@ class Scatter(Entry):
     configuration_of: Literal["instrument", "arm", "model", "undecided"] = "undecided"
 
 
-class Trend(Entry):
+class TrendEntry(Entry):
     """What moves on through the day: ``taken + (1 - exp(-clock / tau)) moving`` for each tau."""
 
     taus: Row
@@ -62,9 +61,9 @@ class Estimated(Entry):
     covariance_si: tuple[Row, ...] = Field(alias="covariance_SI")
     session_start_s: Number
     session_clock: str = "s"
-    unexplained: Unexplained
-    scatter_si: Scatter | None = Field(default=None, alias="scatter_SI")
-    trend: Trend | None = None
+    unexplained: UnexplainedEntry
+    scatter_si: ScatterEntry | None = Field(default=None, alias="scatter_SI")
+    trend: TrendEntry | None = None
     undetermined: tuple[str, ...]
     notes: tuple[str, ...]
     converged: bool
@@ -73,36 +72,15 @@ class Estimated(Entry):
 def estimated(estimate: Estimate) -> Estimated:
     """The entry of an estimate."""
     variances = estimate.variances
-    return Estimated(
-        parameters=tuple(
-            EstimatedParameter(effect=p.effect, where=p.where, name=p.name, value_SI=value)
-            for p, value in zip(estimate.model.parameters, estimate.values.tolist(), strict=True)
-        ),
-        covariance_SI=tuple(map(tuple, estimate.covariance.tolist())),
+    return Estimated.from_result(
+        estimate,
+        parameters=[
+            EstimatedParameter.from_result(p, value_si=value)
+            for p, value in zip(estimate.model.parameters, estimate.values, strict=True)
+        ],
         session_start_s=estimate.start,
         session_clock=estimate.clock_unit,
-        unexplained=Unexplained(
-            rms_mm=estimate.unexplained.rms * 1e3, source=estimate.unexplained.source
-        ),
-        scatter_SI=None
+        scatter_si=None
         if variances is None
-        else Scatter(
-            approach=tuple(variances.approach.tolist()),
-            configuration=tuple(variances.configuration.tolist()),
-            configuration_of=estimate.rest_of,
-        ),
-        trend=None if estimate.trend is None else _trend(estimate.trend),
-        undetermined=estimate.undetermined,
-        notes=estimate.notes,
-        converged=estimate.converged,
-    )
-
-
-def _trend(trend: Known) -> Trend:
-    return Trend(
-        taus=tuple(trend.taus.tolist()),
-        weights=tuple(trend.weights.tolist()),
-        taken_SI=tuple(map(tuple, trend.taken.tolist())),
-        moving_SI=tuple(map(tuple, trend.moving.tolist())),
-        last=trend.last,
+        else ScatterEntry.from_result(variances, configuration_of=estimate.rest_of),
     )

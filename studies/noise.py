@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Literal, TypeAlias, TypedDict
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from studies.document import FOUR, MM, mm
 from studies.record import Entry, NotNegative, Positive
@@ -11,14 +11,13 @@ from studies.record import Entry, NotNegative, Positive
 Owner: TypeAlias = Literal["instrument", "arm", "model", "undecided"]
 
 if TYPE_CHECKING:
-    from calib.cell import Repeatability
     from calib.scatter import Levels, Scatter
 
 _SAME = 1e-3  # of the stated noise
 _MM, _URAD = 1e3, 1e6
 
 
-class Noise(Entry):
+class NoiseEntry(Entry):
     """Standard deviations of a coordinate of the tip, or of a component of its rotation.
 
     ``repeatability`` is new at each approach, ``configuration`` differs from pose to pose and comes
@@ -79,20 +78,8 @@ class Noise(Entry):
         return told or self.believed_sigma_mm
 
 
-class ByLevel(TypedDict):
-    """The levels as fields of :class:`Noise`."""
-
-    repeatability_mm: float | None
-    repeatability_urad: float | None
-    configuration_mm: float | None
-    configuration_urad: float | None
-    instrument_seen: bool
-    configuration_of: Owner | None
-    usual_mm: tuple[float, float] | None
-
-
-def by_level(levels: Levels | None, scatter: Scatter | None, reach: float) -> ByLevel:
-    """The levels that an identification or a diagnosis found.
+def by_level(levels: Levels | None, scatter: Scatter | None, reach: float) -> dict[str, Any]:
+    """The levels that an identification or a diagnosis found, as fields of :class:`NoiseEntry`.
 
     reach : m, of the arm, by which it is judged whose they are
     """
@@ -103,31 +90,24 @@ def by_level(levels: Levels | None, scatter: Scatter | None, reach: float) -> By
     fixed = found.rest
     if fixed is None and levels is not None and scatter is not None:
         fixed = Repeatability(0.0, 0.0)
-    return ByLevel(
-        repeatability_mm=_moved(found.arm),
-        repeatability_urad=_turned(found.arm),
-        configuration_mm=_moved(fixed),
-        configuration_urad=_turned(fixed),
-        instrument_seen=scatter is not None and levels is not None and levels.instrument_seen,
-        configuration_of=found.of,
-        usual_mm=(found.usual.best * _MM, found.usual.worst * _MM),
-    )
+    shown: dict[str, Any] = {}
+    for name, own in (("repeatability", found.arm), ("configuration", fixed)):
+        shown[f"{name}_mm"] = None if own is None else own.translation * _MM
+        shown[f"{name}_urad"] = None if own is None else own.rotation * _URAD
+    return {
+        **shown,
+        "instrument_seen": scatter is not None and levels is not None and levels.instrument_seen,
+        "configuration_of": found.of,
+        "usual_mm": (found.usual.best * _MM, found.usual.worst * _MM),
+    }
 
 
-def _moved(found: Repeatability | None) -> float | None:
-    return None if found is None else found.translation * _MM
-
-
-def _turned(found: Repeatability | None) -> float | None:
-    return None if found is None else found.rotation * _URAD
-
-
-def noise_words(noise: Noise) -> list[str]:
+def noise_words(noise: NoiseEntry) -> list[str]:
     """Lines on the noise of a result."""
     return [_instrument(noise), *_arm(noise), *_untold(noise)]
 
 
-def _instrument(noise: Noise) -> str:
+def _instrument(noise: NoiseEntry) -> str:
     stated = f"the cell states {MM(noise.believed_sigma_mm)}"
     if not noise.scatters:
         source = {
@@ -141,7 +121,7 @@ def _instrument(noise: Noise) -> str:
     return f"instrument {mm(noise.sigma_mm)} in each coordinate ({source})"
 
 
-def _arm(noise: Noise) -> Iterator[str]:
+def _arm(noise: NoiseEntry) -> Iterator[str]:
     if not noise.scatters:
         return
     again = noise.repeatability_mm is not None
@@ -168,7 +148,7 @@ def _both(moved_mm: float | None, turned_urad: float | None) -> str:
     return " and ".join(parts or ["0 mm"])
 
 
-def _untold(noise: Noise) -> Iterator[str]:
+def _untold(noise: NoiseEntry) -> Iterator[str]:
     """What these data cannot tell apart, where there is something to tell."""
     if noise.instrument_seen is None:
         return

@@ -15,6 +15,7 @@ from typing import (
     Any,
     ClassVar,
     Literal,
+    NamedTuple,
     NotRequired,
     Self,
     TypedDict,
@@ -177,6 +178,32 @@ class InputFile(Entry):
 
     file: str
     sha256: str
+
+
+class Outlier(Entry):
+    """A pose that stands out, and why."""
+
+    pose: str
+    reason: str
+
+
+class UnidentifiableEntry(Entry):
+    """Parameters that the poses do not determine."""
+
+    names: tuple[str, ...]
+    reason: str
+
+
+class BeforeAfter(NamedTuple):
+    """The RMS error that a result begins with, and what it leaves, in a unit.
+
+    heldout : whether at poses that took no part
+    """
+
+    before: float
+    after: float
+    unit: str
+    heldout: bool
 
 
 class Record(Entry):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _MM = 1e3
 
 
-class AtTarget(Entry):
+class TargetAccuracy(Entry):
     """Where a target puts the tip (nominal model, base frame), and the error expected there.
 
     expanded_mm : within which 95 % of errors stay there
@@ -33,7 +33,7 @@ class AtTarget(Entry):
 
 def at_targets(
     robot: Robot, targets: Poses, errors: Array, expanded: Array | None = None
-) -> tuple[AtTarget, ...]:
+) -> tuple[TargetAccuracy, ...]:
     """The entries of all targets.
 
     errors, expanded : ndarray, shape (m,), m, infinite where a parameter is open
@@ -43,7 +43,7 @@ def at_targets(
     tips = forward(robot, targets.q).o[:, -1] * _MM
     covered = np.full(len(tips), np.nan) if expanded is None else expanded
     return tuple(
-        AtTarget(
+        TargetAccuracy(
             tip_x_mm=x, tip_y_mm=y, tip_z_mm=z, expected_mm=error * _MM, expanded_mm=most * _MM
         )
         for (x, y, z), error, most in zip(
@@ -52,7 +52,7 @@ def at_targets(
     )
 
 
-def over_the_workspace(rows: Sequence[AtTarget]) -> Picture:
+def over_the_workspace(rows: Sequence[TargetAccuracy]) -> Picture:
     """The error that the parameters' uncertainty leaves, where the tip is at the targets."""
     from studies.plots.workspace import workspace
 

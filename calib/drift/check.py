@@ -39,13 +39,14 @@ _SURE = 0.01  # p value below which something moved, or the noise is more than s
 class Rate:
     """Steady motion of the readings in a station's frame, at the mean of the repeated points.
 
-    shift, shift_std : ndarray, shape (3,), m/s; turn, turn_std : ndarray, shape (3,), rad/s
+    translation, translation_std : ndarray, shape (3,), m/s
+    rotation, rotation_std : ndarray, shape (3,), rad/s
     """
 
-    shift: Array
-    shift_std: Array
-    turn: Array
-    turn_std: Array
+    translation: Array
+    translation_std: Array
+    rotation: Array
+    rotation_std: Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,8 +22,8 @@ class Motion:
     """The rigid motion that carries the markers of the first reading onto those of a later one.
 
     pose : str; time : float, s since the first reading, NaN where none is given
-    shift, shift_std : ndarray, shape (3,), m, of the markers' centroid, axes of the station
-    turn, turn_std : ndarray, shape (3,), rad; zero where the markers do not show it
+    translation, translation_std : ndarray, shape (3,), m, of the markers' centroid, axes of the station
+    rotation, rotation_std : ndarray, shape (3,), rad; zero where the markers do not show it
     length : float, m, root mean square over the markers of how far they moved
     markers : int, seen in both; rank : int, of the six motions that they show: 3, 5 or 6
     p : float, probability of so much under the noise alone
@@ -31,10 +31,10 @@ class Motion:
 
     pose: str
     time: float
-    shift: Array
-    shift_std: Array
-    turn: Array
-    turn_std: Array
+    translation: Array
+    translation_std: Array
+    rotation: Array
+    rotation_std: Array
     length: float
     markers: int
     rank: int

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from studies.joints import JointValues, check_same_joints, shown_joints
 from studies.record import Count, Entry, Envelope, Maybe, MaybePositive, NotNegative, Number, Record
-from studies.targets import AtTarget, at_targets
+from studies.targets import TargetAccuracy, at_targets
 
 if TYPE_CHECKING:
     from calib.arm.robot import Robot
@@ -188,7 +188,7 @@ class DesignRecord(Record, Accuracy):
     levels_mm: dict[str, tuple[Number, ...]] = Field(default_factory=dict)
     predicted_std: tuple[Predicted, ...]
     targets: str
-    at_targets: tuple[AtTarget, ...]
+    at_targets: tuple[TargetAccuracy, ...]
     survives: Survives
     candidates: Candidates
     joint_travel_deg: NotNegative

@@ -12,7 +12,7 @@ from studies.causes import Cause, NotAsked, Sought
 from studies.diagnose.shown import Curve, Residual, Shown, Steps
 from studies.estimate import Estimated, estimated
 from studies.joints import JointValues, check_same_joints, shown_joints
-from studies.noise import Noise, by_level
+from studies.noise import NoiseEntry, by_level
 from studies.record import Entry, Envelope, Maybe, NotNegative, Number, Positive, Record
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class Growth(Entry):
     farthest: Number
 
 
-class DiagnoseNoise(Noise):
+class DiagnoseNoise(NoiseEntry):
     """The noise, which may grow with range where the cell does not say so."""
 
     grows_with_range: Growth | None = None

@@ -46,21 +46,18 @@ class AcceptanceEntry(Entry):
         )
 
 
-def acceptance_entry(judged: Judged | None) -> AcceptanceEntry | None:
-    """The entry of a judgement; None where there was none."""
-    if judged is None:
-        return None
-    count = {own: judged.verdicts.count(own) for own in ("pass", "fail", "undecided")}
-    return AcceptanceEntry(
-        tolerance_mm=judged.acceptance.tolerance * _MM,
-        rule=judged.acceptance.rule,
-        verdict=judged.verdict,
+def acceptance_entry(judged: Judged) -> AcceptanceEntry:
+    """The entry of a judgement."""
+    count = judged.verdicts.count
+    return AcceptanceEntry.from_result(
+        judged,
+        judged.acceptance,
         points=len(judged.verdicts),
-        passed=count["pass"],
-        failed=count["fail"],
-        undecided=count["undecided"],
-        largest_mm=float(judged.distances.max(initial=0.0)) * _MM,
-        expanded_mm=float(judged.expanded.max(initial=0.0)) * _MM,
+        passed=count("pass"),
+        failed=count("fail"),
+        undecided=count("undecided"),
+        largest_mm=judged.distances.max(initial=0.0) * _MM,
+        expanded_mm=judged.expanded.max(initial=0.0) * _MM,
     )
 
 

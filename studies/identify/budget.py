@@ -1,24 +1,42 @@
-"""The uncertainty budget of an identification, in mm at the targets."""
+"""The uncertainty budget of an identification at the targets: its entries, and how it is told."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 
+from studies.document import (
+    FOUR,
+    MM,
+    SHARE,
+    STD,
+    TEXT,
+    WHOLE,
+    Column,
+    Detail,
+    Part,
+    Rule,
+    Section,
+    Sentence,
+    Table,
+    labelled,
+    listed,
+    mm,
+)
 from studies.record import Entry, Maybe, NotNegative, Positive
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calib.uncertainty.budget import Budget, Part
+    from calib.uncertainty.budget import Budget
+    from calib.uncertainty.budget import Part as Source
 
 _MM = 1e3
 _AVERAGED = 0.5  # of what a source does to one reading, or of what it does at the targets
 
 
-class Row(Entry):
+class BudgetRow(Entry):
     """One source at the targets, RMS over their points and over them.
 
     instrument : whose readings share it, empty where nothing is shared
@@ -65,7 +83,7 @@ class Expanded(Entry):
 class BudgetEntry(Entry):
     """All sources; what the parameters' uncertainty leaves, and with what the arm itself adds."""
 
-    rows: tuple[Row, ...] = Field(min_length=1)
+    rows: tuple[BudgetRow, ...] = Field(min_length=1)
     calibration: Expanded
     total: Expanded
     probability: Positive
@@ -79,17 +97,16 @@ def budget_entry(budget: Budget) -> BudgetEntry:
     """The entry of a budget."""
     from calib.uncertainty.expanded import LEVEL
 
-    whole = _expanded(budget, budget.parts)
-    total = whole.standard_uncertainty_mm**2
+    total = _expanded(budget, budget.parts)
     return BudgetEntry(
-        rows=tuple(_row(budget, part, total) for part in budget.parts),
+        rows=tuple(_row(budget, part, total.standard_uncertainty_mm**2) for part in budget.parts),
         calibration=_expanded(budget, budget.calibration),
-        total=whole,
+        total=total,
         probability=LEVEL,
     )
 
 
-def _expanded(budget: Budget, parts: Sequence[Part]) -> Expanded:
+def _expanded(budget: Budget, parts: Sequence[Source]) -> Expanded:
     from calib.uncertainty.budget import combined
 
     found = combined(parts, budget.weights)
@@ -103,18 +120,19 @@ def _expanded(budget: Budget, parts: Sequence[Part]) -> Expanded:
     )
 
 
-def _row(budget: Budget, part: Part, total: float) -> Row:
+def _row(budget: Budget, part: Source, total: float) -> BudgetRow:
     """total : variance of all, mm^2."""
     at_targets, placed = (budget.rms(e) * _MM for e in (part.errors, part.errors_placed))
     at_reading = None if part.at_reading is None else part.at_reading * _MM
     own = None if part.std is None else part.std / part.scale
-    return Row(
-        source=part.source,
-        instrument=part.instrument,
-        evaluation=part.evaluation,
+    fate: Literal["average", "base", "stays"] | None = None
+    if at_reading is not None:
+        fate = "base" if placed < _AVERAGED * at_targets else "stays"
+        if not part.instrument or at_targets < _AVERAGED * at_reading:
+            fate = "average"
+    return BudgetRow.from_result(
+        part,
         part_of=part.of,
-        distribution=part.distribution,
-        divisor=part.divisor,
         stated=None if part.stated is None else part.stated / part.scale,
         standard_uncertainty=own,
         unit=part.unit if own is not None else "",
@@ -124,13 +142,87 @@ def _row(budget: Budget, part: Part, total: float) -> Row:
         at_targets_mm=at_targets,
         base_placed_anew_mm=placed,
         share=at_targets**2 / total if total else 0.0,
-        poses=None if at_reading is None else _fate(part, at_reading, at_targets, placed),
+        poses=fate,
     )
 
 
-def _fate(
-    part: Part, at_reading: float, at_targets: float, placed: float
-) -> Literal["average", "base", "stays"]:
-    if not part.instrument or at_targets < _AVERAGED * at_reading:
-        return "average"
-    return "base" if placed < _AVERAGED * at_targets else "stays"
+_FATES = {
+    "average": ("lower it", "more poses average out"),
+    "base": ("go into the base", "mostly a shift or turn of the whole frame"),
+    "stays": ("do not help", "more poses do not lower"),
+}
+_FREEDOM = Rule(lambda value: WHOLE(value), absent="known")
+_OWN = Rule(lambda value: STD(value), absent="")
+_UNIT = Rule(str, absent="")
+_SOURCE: Column[BudgetRow] = Column("source", lambda row: row.source)
+_TYPE: Column[BudgetRow] = Column("type", lambda row: row.evaluation)
+_ROWS: tuple[Column[BudgetRow], ...] = (
+    _SOURCE,
+    _TYPE,
+    Column("u", lambda row: row.standard_uncertainty, _OWN),
+    Column("unit", lambda row: row.unit, _UNIT),
+    Column("targets", lambda row: row.at_targets_mm, MM, "mm"),
+    Column("base measured\nagain", lambda row: row.base_placed_anew_mm, MM, "mm"),
+    Column("degrees of\nfreedom", lambda row: row.degrees_of_freedom, _FREEDOM),
+    Column("share", lambda row: row.share, SHARE),
+    Column("more poses", lambda row: _FATES[row.poses][0] if row.poses else "", TEXT),
+)
+_EVALUATED: tuple[Column[BudgetRow], ...] = (
+    _SOURCE,
+    Column("of", lambda row: row.instrument),
+    _TYPE,
+    Column("distribution", lambda row: row.distribution),
+    Column("stated", lambda row: row.stated, _OWN),
+    Column("divisor", lambda row: row.divisor, FOUR),
+    Column("unit", lambda row: row.unit, _UNIT),
+    Column("sensitivity", lambda row: row.sensitivity_mm, _OWN, "mm/unit"),
+    Column("one reading", lambda row: row.at_one_reading_mm, MM, "mm"),
+)
+_CAPTION = (
+    "What one standard uncertainty of each source does to the points at the targets, RMS. Also "
+    "with the base measured again there, as a user does who measures his own frame: what moves all "
+    "targets together is gone then. Errors along one line are covered by Student's t times u, "
+    "errors in space by less."
+)
+
+
+def budget_section(budget: BudgetEntry | None, targets: str, missing: bool) -> Iterator[Section]:
+    """How sure a point at a target is; nothing for results of earlier versions.
+
+    missing : whether the model surely lacks something
+    """
+    if budget is not None:
+        title = "How sure is a point at a target?"
+        yield Section("budget", title, tuple(_parts(budget, targets, missing)))
+
+
+def _parts(budget: BudgetEntry, targets: str, missing: bool) -> Iterator[Part]:
+    only = ", if the model lacks nothing" if missing else ""
+    yield Sentence(
+        f"errors up to {_covered(budget.calibration)}, from the parameters{only}", label="95 %"
+    )
+    if any(row.part_of != "calibration" for row in budget.rows):
+        yield Sentence(f"errors up to {_covered(budget.total)}, with all sources below")
+    yield Sentence(targets, label="targets")
+    yield Table(_ROWS, budget.rows, "Uncertainty budget", _CAPTION)
+    yield Detail((Table(_EVALUATED, budget.rows, "How each source was evaluated", fold=True),))
+    common = [row for row in budget.rows if row.instrument]
+    named = {fate: [row.source for row in common if row.poses == fate] for fate in _FATES}
+    said = (f"{_FATES[fate][1]}: {listed(own)}" for fate, own in named.items() if own)
+    yield from labelled("common", said)
+    if not common:
+        yield Sentence(
+            "errors that all readings share: none is stated. Those of a tracker (scale, zero point, "
+            "circles, air) go into [instrument.common]",
+            "note", "not counted",
+        )  # fmt: skip
+
+
+def _covered(found: Expanded) -> str:
+    """Both figures with their factor, as a certificate gives them."""
+    nu = found.degrees_of_freedom
+    behind = "" if nu is None else f", {nu:.0f} degrees of freedom"
+    return (
+        f"{mm(found.expanded_mm)}, {mm(found.worst_expanded_mm)} at the worst target "
+        f"(k = {found.coverage_factor:.2f}{behind})"
+    )

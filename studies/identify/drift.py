@@ -1,24 +1,24 @@
-"""What readings that were repeated say: in micrometres, microradians and hours."""
+"""What readings that were repeated say: entries in um, urad and hours, and how they are told."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
 from pydantic import Field
 
-from studies.record import Count, Entry, Maybe, NotNegative, Number, Three, three
+from studies.document import HOURS, TENTH, THREE, Column, P, Section, Sentence, Table
+from studies.record import Count, Entry, Maybe, NotNegative, Number, Three
 
 if TYPE_CHECKING:
-    from calib.drift import Drift as Moved
-    from calib.drift import Motion as Step
-    from calib.drift import Rate as Trend
-    from calib.drift import Series
+    from calib.drift import Drift, Motion, Series
+    from studies.identify.record import IdentifyRecord
 
-_UM = 1e6
 _HOUR = 3600.0
 
 
-class Motion(Entry):
+class MotionEntry(Entry):
     """How the markers stood at a later reading against the first; turns None where they show none."""
 
     pose: str
@@ -33,17 +33,17 @@ class Motion(Entry):
     p_value: Number
 
 
-class Reference(Entry):
+class RepeatedPose(Entry):
     """A configuration that was read again, by its first reading."""
 
     pose: str
     readings: Count
-    moved: tuple[Motion, ...]
+    moved: tuple[MotionEntry, ...]
     last: str | None
     largest: str | None
 
 
-class Rate(Entry):
+class DriftRate(Entry):
     """Steady motion of the readings in a station's frame."""
 
     station: str
@@ -53,7 +53,7 @@ class Rate(Entry):
     rotation_std_urad_per_h: Three
 
 
-class Drift(Entry):
+class DriftEntry(Entry):
     """Whether repeated readings moved, and whether steadily."""
 
     verdict: Literal["steady", "drift", "moved"]
@@ -62,27 +62,24 @@ class Drift(Entry):
     trend_p: Maybe
     noise_factor: Number
     one_side: bool
-    rates: tuple[Rate, ...]
-    references: tuple[Reference, ...] = Field(min_length=1)
+    rates: tuple[DriftRate, ...]
+    references: tuple[RepeatedPose, ...] = Field(min_length=1)
 
 
-def drift_entry(found: Moved) -> Drift:
+def drift_entry(found: Drift) -> DriftEntry:
     """The entry of what was found."""
-    return Drift(
-        verdict=found.verdict,
+    return DriftEntry.from_result(
+        found,
         p_value=found.p,
         degrees_of_freedom=found.dof,
-        trend_p=found.trend_p,
-        noise_factor=found.noise_factor,
-        one_side=found.one_side,
-        rates=tuple(_rate(station, rate) for station, rate in found.rates.items()),
-        references=tuple(map(_reference, found.series)),
+        rates=[DriftRate.from_result(rate, station=name) for name, rate in found.rates.items()],
+        references=map(_reference, found.series),
     )
 
 
-def _reference(series: Series) -> Reference:
+def _reference(series: Series) -> RepeatedPose:
     moved = tuple(map(_motion, series.motions()))
-    return Reference(
+    return RepeatedPose(
         pose=series.names[0],
         readings=len(series.names),
         moved=moved,
@@ -91,28 +88,93 @@ def _reference(series: Series) -> Reference:
     )
 
 
-def _motion(motion: Step) -> Motion:
-    turns = motion.rank > 3
-    return Motion(
-        pose=motion.pose,
-        hours=motion.time / _HOUR,
-        translation_um=three(motion.shift * _UM),
-        translation_std_um=three(motion.shift_std * _UM),
-        rotation_urad=three(motion.turn * _UM) if turns else None,
-        rotation_std_urad=three(motion.turn_std * _UM) if turns else None,
-        length_um=motion.length * _UM,
-        markers=motion.markers,
-        rank=motion.rank,
-        p_value=motion.p,
+def _motion(motion: Motion) -> MotionEntry:
+    turns = {} if motion.rank > 3 else {"rotation_urad": None, "rotation_std_urad": None}
+    return MotionEntry.from_result(motion, hours=motion.time / _HOUR, p_value=motion.p, **turns)
+
+
+_MOST = 8  # readings that the terminal shows
+_MODELLED = ("base_drift", "tracker_drift")
+_AGAIN: tuple[Column[tuple[MotionEntry, RepeatedPose]], ...] = (
+    Column("read again", lambda row: row[0].pose),
+    Column("first", lambda row: row[1].pose),
+    Column("since", lambda row: row[0].hours, HOURS, "h"),
+    Column("moved x, y, z", lambda row: row[0].translation_um, THREE, "um"),
+    Column("std", lambda row: _rms(row[0].translation_std_um), TENTH, "um"),
+    Column("turned", lambda row: row[0].rotation_urad, THREE, "urad"),
+    Column("std", lambda row: _rms(row[0].rotation_std_urad), TENTH, "urad"),
+    Column("distance", lambda row: row[0].length_um, TENTH, "um"),
+    Column("p", lambda row: row[0].p_value, P),
+)
+
+
+def drift_section(record: IdentifyRecord) -> Iterator[Section]:
+    """How far poses that were read again had moved; nothing without them."""
+    drift = record.drift
+    if drift is None:
+        return
+    rows = [(motion, one) for one in drift.references for motion in one.moved]
+    table = Table(_AGAIN, rows, "Poses read again", of_poses=True, most=_MOST)
+    yield Section(
+        "drift", "Did the setup move between repeated poses?", (table, *_moved(record, drift))
     )
 
 
-def _rate(station: str, rate: Trend) -> Rate:
-    scale = _UM * _HOUR
-    return Rate(
-        station=station,
-        translation_um_per_h=three(rate.shift * scale),
-        translation_std_um_per_h=three(rate.shift_std * scale),
-        rotation_urad_per_h=three(rate.turn * scale),
-        rotation_std_urad_per_h=three(rate.turn_std * scale),
+def _moved(record: IdentifyRecord, drift: DriftEntry) -> Iterator[Sentence]:
+    count, p = len(drift.references), P(drift.p_value)
+    of = f", {count} repeated poses together" if count > 1 else ""
+    if drift.verdict == "steady":
+        said = f"none: the readings differ by the noise of instrument and arm (p {p}{of})"
+    elif drift.verdict == "drift":
+        said = f"yes: a steady motion (p {P(drift.trend_p)}{of})"
+    else:
+        said = f"not steady, but the readings moved by more than instrument and arm do (p {p}{of})"
+    yield Sentence(said, "good" if drift.verdict == "steady" else "warn", "drift")
+    if drift.verdict == "drift":
+        yield from map(_rate, drift.rates)
+    if drift.noise_factor != 1.0:
+        yield Sentence(
+            f"single points scatter by {TENTH(drift.noise_factor)} times the noise of the cell"
+        )
+    if drift.verdict != "steady":
+        yield from _to_do(record, drift)
+
+
+def _rate(rate: DriftRate) -> Sentence:
+    shift, turn = (
+        " ".join(map(TENTH, values))
+        for values in (rate.translation_um_per_h, rate.rotation_urad_per_h)
     )
+    shift_std = TENTH(_rms(rate.translation_std_um_per_h))
+    turn_std = TENTH(_rms(rate.rotation_std_urad_per_h))
+    return Sentence(
+        f"{shift} um/h and {turn} urad/h in station {rate.station} (std {shift_std} and {turn_std})"
+    )
+
+
+def _rms(values: Three | None) -> float | None:
+    return None if values is None else float(np.sqrt(np.mean(np.square(values))))
+
+
+def _to_do(record: IdentifyRecord, drift: DriftEntry) -> Iterator[Sentence]:
+    if not drift.one_side:
+        yield Sentence(
+            "the approach directions differ, so it may be backlash. Come from one side each time"
+        )
+    modelled = [p.effect for p in record.parameters if p.effect in _MODELLED]
+    if drift.verdict == "moved":
+        yield Sentence(
+            "something was knocked or is loose, or the readings are too few for a trend. If one row "
+            "above stands out, measure again from there"
+        )
+    elif modelled:
+        yield Sentence(f"{modelled[0]} of the model takes it up where it is steady")
+    elif not drift.rates:
+        yield Sentence(
+            "add column time_s, and base_drift to [model] effects. Or measure again when all is warm"
+        )
+    else:
+        yield Sentence(
+            "add base_drift to [model] effects (a drift of the instrument looks the same), or measure "
+            "again when all is warm. Run `posecal diagnose` to find the cause"
+        )

@@ -1,13 +1,23 @@
-"""The errors that the nominal and the identified model leave, as figures and reading by reading."""
+"""The errors that the nominal and the identified model leave: their entries, and how they are told."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from pydantic import computed_field, model_validator
 
+from studies.document import COUNT, MM, MRAD, Column, Detail, Figure, Part, Table, mm
+from studies.identify.outliers import told_outliers
+from studies.identify.pictures import (
+    distances,
+    errors_by_pose,
+    errors_over_image,
+    point_errors,
+    residuals_by_pose,
+)
 from studies.record import Count, Entry, Maybe, NotNegative, Three
 from studies.residual import Angles, Lengths, Off, Pixels, missed
 
@@ -15,11 +25,12 @@ if TYPE_CHECKING:
     from calib import Identification
     from calib.arrays import Array
     from calib.identification import Residuals
+    from studies.identify.record import IdentifyRecord
 
 _MM = 1e3
 
 
-class Distances(Entry):
+class ErrorFigures(Entry):
     """A figure over the distances between measured and predicted points.
 
     nominal : base and markers fitted; fitted : without the outliers; None where there is no point, and
@@ -73,7 +84,7 @@ class Pairs(Entry):
     pairs: Count
 
 
-class Residual(Off):
+class IdentifyResidual(Off):
     """Measured minus predicted reading, by the identified and by the nominal model.
 
     Of a point in the instrument's frame, of one that touches a socket in the base's; of a body's pose
@@ -96,11 +107,11 @@ class Residual(Off):
         return self.nominal_mm or self.nominal_px or alone or ()
 
 
-def distances_entry(found: Identification, figure: Callable[[Array], float]) -> Distances:
+def distances_entry(found: Identification, figure: Callable[[Array], float]) -> ErrorFigures:
     """The entry of a figure; nothing where no reading is a length."""
     metric = found.fit.channels.metric
     known = {key: figure(d) * _MM for key, d in found.distances.items() if metric and len(d)}
-    return Distances.model_validate({key: known.get(key) for key in Distances.model_fields})
+    return ErrorFigures.model_validate({key: known.get(key) for key in ErrorFigures.model_fields})
 
 
 def rms_of(distances: Array) -> float:
@@ -144,11 +155,105 @@ def pair_entries(found: Identification) -> Iterator[tuple[Model, Pairs]]:
             )
 
 
-def residual_entries(found: Identification, part: Residuals) -> Iterator[Residual]:
+def residual_entries(found: Identification, part: Residuals) -> Iterator[IdentifyResidual]:
     """The entries of the readings fitted or held out."""
     nominal = found.model.off(found.nominal, part.data)
     for own in missed(found.model, part.data, nominal, part.vectors, part is found.heldout):
         numbers: dict[str, Any] = {f"nominal_{unit}": off for unit, off in own.before.items()}
         if "px" in own.before:
             numbers["at_px"] = tuple(part.data.readings[own.row][:2].tolist())
-        yield Residual(**own.entry, **own.after, **numbers)
+        yield IdentifyResidual(**own.entry, **own.after, **numbers)
+
+
+_MODELS: dict[Model, str] = {
+    "nominal": "fitted poses, nominal model",
+    "fitted_all": "fitted poses, identified",
+    "fitted": "fitted poses without outliers, identified",
+    "heldout": "held-out poses, identified",
+    "heldout_trimmed": "held-out poses without outliers, identified",
+}
+_FIGURES: tuple[Column[Any], ...] = tuple(
+    Column(title, itemgetter(k), MM, "mm") for k, title in enumerate(("RMS", "p95", "max"), 1)
+)
+_ERRORS = (Column("distance measured - predicted", itemgetter(0)), *_FIGURES)
+_PAIRS = (
+    Column("distance between two poses", itemgetter(0)),
+    *_FIGURES,
+    Column("pairs", itemgetter(4), COUNT),
+)
+_OF_INSTRUMENTS: tuple[Column[OfInstrument], ...] = (
+    Column("instrument", attrgetter("instrument")),
+    Column("unit", attrgetter("unit")),
+    Column("nominal", attrgetter("nominal"), MRAD),
+    Column("identified", attrgetter("fitted_all"), MRAD),
+    Column("held out", attrgetter("heldout"), MRAD),
+)
+
+
+def told_errors(record: IdentifyRecord) -> Iterator[Part]:
+    """How far the readings were off and are now, by model, by instrument and pose by pose."""
+    floor = mm(3.0**0.5 * record.noise.instrument_mm)
+    caption = f"Distances in space; the instrument alone would leave {floor} RMS"
+    if rows := list(_models(record)):
+        yield Table(_ERRORS, rows, "Errors by model", caption)
+        yield Figure(lambda: distances(record))
+    if len(record.instruments) > 1 or not rows:
+        caption = "Root mean squares; of whole poses, the length of the translation and of the turn"
+        yield Table(_OF_INSTRUMENTS, record.instruments, "Errors by instrument", caption)
+    every = {**_MODELS, "fitted": _MODELS["fitted_all"]}
+    pairs = [
+        (every[key], own.rms, own.p95, own.max, own.pairs)
+        for key, own in record.pair_distances_mm.items()
+    ]
+    caption = (
+        "Distances between points of two poses, measured minus predicted: a check that depends on no "
+        "frame, since distances are the same wherever the instrument stands"
+    )
+    yield Detail((Table(_PAIRS, pairs, "Distances between two poses", caption),) if pairs else ())
+    yield from told_outliers(record)
+    if any(row.at_px is not None for row in record.residuals):
+        yield Figure(lambda: errors_over_image(record))
+    if not rows:
+        return
+    yield Figure(lambda: errors_by_pose(record))
+    yield Figure(lambda: residuals_by_pose(record, heldout=False))
+    if record.rms_mm.heldout is not None:
+        yield Figure(lambda: residuals_by_pose(record, heldout=True))
+    yield Detail(
+        (Table(_POSES, _by_pose(record), "Errors pose by pose", of_poses=True, fold=True),)
+    )
+
+
+def _models(record: IdentifyRecord) -> Iterator[tuple[Any, ...]]:
+    trimmed = {"fitted": record.outliers, "heldout_trimmed": record.heldout_outliers}
+    for key, label in _MODELS.items():
+        if key == "heldout" and record.nominal_at_heldout_mm is not None:
+            yield "held-out poses, nominal model", *_nominal_at_heldout(record)
+        row = [getattr(figures, key) for figures in (record.rms_mm, record.p95_mm, record.max_mm)]
+        if row[0] is not None and trimmed.get(key, True):
+            yield label, *row
+
+
+def _nominal_at_heldout(record: IdentifyRecord) -> tuple[float, float, float]:
+    """RMS, 95th percentile and largest distance, mm."""
+    rows = [row for row in record.residuals if row.heldout and row.metric]
+    lengths = np.array([np.linalg.norm(row.before) for row in rows])
+    rms = float(np.sqrt(np.mean(lengths**2)))
+    return rms, float(np.quantile(lengths, 0.95)), float(lengths.max())
+
+
+_POSES: tuple[Column[Any], ...] = (
+    Column("pose", itemgetter(0)),
+    Column("RMS before", itemgetter(1), MM, "mm"),
+    Column("RMS after", itemgetter(2), MM, "mm"),
+    Column("markers seen", itemgetter(3), COUNT),
+    Column("use", itemgetter(4)),
+)
+
+
+def _by_pose(record: IdentifyRecord) -> list[tuple[Any, ...]]:
+    found = point_errors(record)
+    before, after = (1e3 * found.by_pose(errors) for errors in (found.before, found.after))
+    use = ["held out" if held else "fitted" for held in found.heldout]
+    seen = found.seen.sum(axis=1).tolist()
+    return list(zip(found.poses, before, after, seen, use, strict=True))

@@ -1,19 +1,28 @@
-"""From a session to the record of its identification."""
+"""From a session to its identification, and to the record of that."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from studies.command.options import faults_in
 from studies.command.session import Session
 
 if TYPE_CHECKING:
     from calib import Identification
+    from calib.arrays import Array
+    from calib.compensation.estimate import Estimate
+    from calib.drift import Drift
     from calib.identification.identification import Method
     from calib.observations import Approach, Weighting
-    from studies.identify.record import IdentifyRecord
+    from calib.uncertainty.acceptance import Judged
+    from calib.uncertainty.budget import Budget
+    from studies.identify.record import IdentifyNoise, IdentifyRecord, Placement
+    from studies.record import Envelope
 
+_MM = 1e3
 MOST = 200_000
 """Readings of a table that are identified: they take 15 kB each."""
 SECONDS = 0.8e-3
@@ -46,7 +55,6 @@ def identified(
     from calib.poses.thinning import thinned
     from calib.uncertainty.acceptance import judged
     from calib.uncertainty.budget import accuracy_at_targets
-    from studies.identify.record import Asked, identify_record
     from studies.record import envelope
 
     cell, held = session.cell, session.held
@@ -57,21 +65,145 @@ def identified(
             weighting=weighting, length=length_mm * 1e-3, differences=differences,
         )  # fmt: skip
     of_pose = approach == "pose"
-    asked = Asked(
-        weighting=weighting if of_pose else None,
-        length_mm=length_mm if of_pose and weighting == "plain" else None,
-        differences=differences,
-        holdout=session.holdout,
-    )
     estimate = estimate_of(found)
     record = identify_record(
         found,
         accuracy_at_targets(cell, found, estimate),
         drift_in(cell, found, session.whole),
         estimate,
-        asked,
-        envelope(cell.name, inputs_of(session), session.seed, cell.about),
-        (*held.warnings, *said),
         judged(cell, found),
+        envelope(cell.name, inputs_of(session), session.seed, cell.about),
+        warnings=(*held.warnings, *said, *found.warnings),
+        weighting=weighting if of_pose else None,
+        length_mm=length_mm if of_pose and weighting == "plain" else None,
+        differences=differences,
+        holdout=session.holdout,
     )
     return found, record
+
+
+def identify_record(
+    found: Identification,
+    accuracy: Budget,
+    drift: Drift | None,
+    estimate: Estimate,
+    judged: Judged | None,
+    made_from: Envelope,
+    **asked: object,
+) -> IdentifyRecord:
+    """The record of an identification.
+
+    accuracy : to expect at the targets; drift : what readings that were repeated say
+    judged : the held-out points against the cell's tolerance
+    asked : warnings, and what the caller chose beside approach and method
+    """
+    from calib.identification import ADVICE
+    from studies.estimate import estimated
+    from studies.identify.acceptance import acceptance_entry
+    from studies.identify.budget import budget_entry
+    from studies.identify.drift import drift_entry
+    from studies.identify.errors import (
+        distances_entry,
+        instrument_entries,
+        pair_entries,
+        residual_entries,
+        rms_of,
+    )
+    from studies.identify.of_type import of_type_entry
+    from studies.identify.outliers import outlier_entries, together_entry
+    from studies.identify.parameters import absorbed_entries, parameter_entries, sizes_entry
+    from studies.identify.record import IdentifyRecord
+    from studies.targets import at_targets
+
+    fit, held = found.fit, found.heldout
+    parts = [part for part in (fit, held) if part is not None]
+    return IdentifyRecord.from_result(
+        found,
+        **made_from,
+        **asked,
+        advice=ADVICE[found.status],
+        noise=_noise(found),
+        poses=len(fit.data),
+        points=int(fit.data.seen.sum()),
+        degrees_of_freedom=found.dof,
+        parameters=parameter_entries(found),
+        unused_poses=(*found.unused, *found.waiting),
+        before_the_first_move=found.waiting,
+        absorbed=absorbed_entries(found),
+        outliers=outlier_entries(fit, found.footprint),
+        outliers_share=together_entry(found.shared) if found.shared is not None else None,
+        heldout_outliers=() if held is None else outlier_entries(held, found.footprint),
+        rms_mm=distances_entry(found, rms_of),
+        max_mm=distances_entry(found, lambda d: float(d.max())),
+        p95_mm=distances_entry(found, lambda d: float(np.quantile(d, 0.95))),
+        instruments=instrument_entries(found),
+        pair_distances_mm=dict(pair_entries(found)),
+        rms_of_residuals_mm=rms_of(fit.lengths()) * _MM if fit.channels.metric else None,
+        **_placements(found),
+        correlation=np.round(found.correlation, 4),
+        residuals=[row for part in parts for row in residual_entries(found, part)],
+        task_rms_mm=accuracy.rms(accuracy.expected.errors) * _MM,
+        task_worst_mm=accuracy.worst(accuracy.expected.errors) * _MM,
+        targets=accuracy.source,
+        at_targets=at_targets(
+            found.model.robot,
+            accuracy.targets,
+            accuracy.expected.errors,
+            accuracy.expected.expanded,
+        ),
+        budget=budget_entry(accuracy),
+        acceptance=None if judged is None else acceptance_entry(judged),
+        drift=None if drift is None else drift_entry(drift),
+        of_type=None if found.of_type is None else of_type_entry(found, found.of_type),
+        sizes=None if found.sizes is None else sizes_entry(found.sizes),
+        estimate=estimated(estimate),
+    )
+
+
+def _noise(found: Identification) -> IdentifyNoise:
+    from studies.identify.record import IdentifyNoise
+    from studies.noise import by_level
+
+    noise, mm = found.noise, found.footprint * _MM
+    again = noise.replicate_factor
+    return IdentifyNoise.from_result(
+        noise,
+        sigma_mm=noise.sigma * mm,
+        believed_sigma_mm=noise.believed * mm,
+        replicate_sigma_mm=None if again is None else again * noise.believed * mm,
+        degrees_of_freedom=float(noise.dof),
+        **by_level(found.levels, found.scatter, found.model.robot.reach),
+    )
+
+
+def _placements(found: Identification) -> dict[str, object]:
+    """Where the base, the bodies, and the markers that are read by their names are."""
+    from calib.instruments import Pose as PoseInstrument
+    from studies.identify.record import Placements
+
+    model = found.model
+    stations = {where: _placement(placed) for where, placed in found.bases.items()}
+    first = next(iter(stations.values()), _placement(np.zeros(6)))
+    bodies = {
+        model.marker_names[at]: _placement(np.concatenate(body))
+        for i in model.instruments
+        if isinstance(i, PoseInstrument)
+        for at, body in i.bodies(found.marker_positions)
+    }
+    read: list[int] = np.unique(model.readout.channels.marker).tolist()
+    return {
+        "base": Placements(**dict(first), stations=stations if len(stations) > 1 else {}),
+        "bodies": bodies,
+        "markers_mm": {model.marker_names[j]: found.marker_positions[j] * _MM for j in read},
+    }
+
+
+def _placement(placed: Array) -> Placement:
+    """A placement of translation and rotation vector, shape (6,), m and rad."""
+    from calib.arm.se3 import so3_exp, so3_log
+    from studies.identify.record import Placement
+
+    return Placement(
+        rotation_vector_rad=tuple(so3_log(so3_exp(placed[3:])).tolist()),
+        translation_mm=tuple((placed[:3] * _MM).tolist()),
+    )

@@ -1,4 +1,4 @@
-"""How an identified robot stands to its type, as a record says it and as it is told."""
+"""How an identified robot stands to its type: its entries, and how they are told."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from studies.record import Count, Entry, Maybe, NotNegative, Number, Positive
 
 if TYPE_CHECKING:
     from calib import Identification
+    from calib.population import Departure
 
 _MOST = 10  # parameters that the terminal shows
 
 
-class Left(Entry):
+class ParameterOfType(Entry):
     """A parameter beside its type; std : of one robot more.
 
     score : how far it leaves the mean, in standard deviations of how far it would in a robot of the
@@ -50,39 +51,25 @@ class OfType(Entry):
     p: NotNegative
     of_the_type: bool
     widened: Positive
-    parameters: tuple[Left, ...]
+    parameters: tuple[ParameterOfType, ...]
 
 
-def of_type_entry(found: Identification) -> OfType:
+def of_type_entry(found: Identification, stood: Departure) -> OfType:
     """The entry of an identification that was made beside a type."""
-    stood, model = found.of_type, found.model
-    if stood is None:
-        raise ValueError("an identification without a type")
-    prior = stood.prior
+    prior, model = stood.prior, found.model
     rows = []
     for k, at in enumerate(model.own_prior_at[: len(prior.keys)].tolist()):
         p = model.parameters[at]
-        rows.append(
-            Left(
-                id=p.id,
-                value=float(found.values[at]) / p.scale,
-                mean=float(prior.mean[k]) / p.scale,
-                std=float(prior.std[k]) / p.scale,
-                score=float(stood.scores[k]),
-                released=prior.keys[k] in stood.released,
-                unit=p.unit,
-            )
+        row = ParameterOfType.from_result(
+            p,
+            value=found.values[at] / p.scale,
+            mean=prior.mean[k] / p.scale,
+            std=prior.std[k] / p.scale,
+            score=stood.scores[k],
+            released=prior.keys[k] in stood.released,
         )
-    return OfType(
-        type=prior.type,
-        robots=prior.robots,
-        statistic=stood.statistic,
-        rows=stood.rows,
-        p=stood.p_value,
-        of_the_type=stood.of_the_type,
-        widened=stood.factor,
-        parameters=tuple(rows),
-    )
+        rows.append(row)
+    return OfType.from_result(stood, prior, p=stood.p_value, widened=stood.factor, parameters=rows)
 
 
 def told_of_type(found: OfType) -> Iterator[Part]:
@@ -102,7 +89,7 @@ def told_of_type(found: OfType) -> Iterator[Part]:
     yield Table(_LEFT, rows, "Each parameter beside its type", caption, most=_MOST)
 
 
-_LEFT: tuple[Column[Left], ...] = (
+_LEFT: tuple[Column[ParameterOfType], ...] = (
     Column("parameter", attrgetter("id")),
     Column("value", attrgetter("value"), FOUR),
     Column("mean of the type", attrgetter("mean"), FOUR),

@@ -1,4 +1,4 @@
-"""The poses that stand out, and what they have in common."""
+"""The poses that stand out, and what they have in common: their entries, and how they are told."""
 
 from __future__ import annotations
 
@@ -7,23 +7,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from studies.record import Count, Entry, Maybe, Number
+from studies.document import Column, Detail, Part, Sentence, Table
+from studies.record import Count, Entry, Maybe, Number, Outlier
 
 if TYPE_CHECKING:
     from calib.identification import Residuals
     from calib.identification.common import Shared
+    from studies.identify.record import IdentifyRecord
 
 _MM = 1e3
+_MOST = 8  # outliers that the terminal shows
 
 
-class Outlier(Entry):
-    """A pose that stands out."""
-
-    pose: str
-    reason: str
-
-
-class Share(Entry):
+class OutliersTogether(Entry):
     """What the outliers have in common, in the unit that it names."""
 
     variable: str
@@ -51,19 +47,52 @@ def outlier_entries(part: Residuals, footprint: float) -> Iterator[Outlier]:
         yield Outlier(pose=name, reason=f"residual up to {largest:.3f} mm{allowed}")
 
 
-def share_entry(common: Shared | None) -> Share | None:
-    """The entry of what outliers share; None where they share nothing."""
-    if common is None:
-        return None
-    return Share(
-        variable=common.variable,
+def together_entry(common: Shared) -> OutliersTogether:
+    """The entry of what outliers share."""
+    return OutliersTogether.from_result(
+        common,
         low=common.low / common.scale,
         high=common.high / common.scale,
-        unit=common.unit,
         poses=common.inside,
         of_poses=common.poses,
-        outliers=common.outliers,
         of_outliers=common.of,
-        p=common.p,
         beyond_all_others=common.alone / common.scale if common.alone else None,
+    )
+
+
+_OUTLIERS: tuple[Column[tuple[Outlier, str]], ...] = (
+    Column("pose", lambda row: row[0].pose),
+    Column("what became of it", lambda row: row[1]),
+    Column("reason", lambda row: row[0].reason),
+)
+
+
+def told_outliers(record: IdentifyRecord) -> Iterator[Part]:
+    """The outliers with what became of them, and where they stand together."""
+    rows = [(entry, "left out of the fit") for entry in record.outliers]
+    rows += [(entry, "held out") for entry in record.heldout_outliers]
+    if not rows:
+        yield Detail((Sentence("No pose was rejected.", "good"),))
+        return
+    yield Table(_OUTLIERS, rows, "Poses that stand out", "Poses that stand out", True, _MOST)
+    if record.outliers_share is not None:
+        yield Detail((Sentence(_shared(record.outliers_share), "warn"),))
+
+
+def _shared(share: OutliersTogether) -> str:
+    """What outliers have in common, and what that means."""
+    name = share.variable.removeprefix("q:")
+    low, high = f"{share.low:.4g}", f"{share.high:.4g}"
+    if share.beyond_all_others is not None:
+        return (
+            f"An outlier is the only pose at {name} = {high} {share.unit}, "
+            f"{share.beyond_all_others:.3g} {share.unit} beyond every other: the model is extrapolated "
+            "there, and may be at fault."
+        )
+    span = f"{low} to {high}" if low != high else low
+    return (
+        f"Outliers with something in common are a signal, not a fault: {share.outliers} of "
+        f"{share.of_outliers} have {name} in {span} {share.unit}, where {share.poses} of "
+        f"{share.of_poses} poses are (by chance {share.p:.1g}). Believe the figures over all poses, "
+        "and look for what the model lacks there."
     )

@@ -1,4 +1,4 @@
-"""The identified parameters, and those that the readings do not tell."""
+"""The identified parameters, and what the readings leave open: entries, and how they are told."""
 
 from __future__ import annotations
 
@@ -7,15 +7,34 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from studies.record import Entry, Maybe, MaybePositive, Number
+from studies.document import (
+    CORRELATION,
+    TENTH,
+    TO_STD,
+    TWO,
+    Column,
+    Detail,
+    Figure,
+    Part,
+    Rule,
+    Sentence,
+    Table,
+    listed,
+    plural,
+)
+from studies.identify.pictures import correlation
+from studies.noise import noise_words
+from studies.record import Entry, Maybe, MaybePositive, Number, Positive
 
 if TYPE_CHECKING:
     from calib import Identification
+    from calib.population.sizes import Widths
+    from studies.identify.record import IdentifyRecord
 
 _PLACED = ("base", "tool")
 
 
-class Parameter(Entry):
+class IdentifiedParameter(Entry):
     """An identified value; what belongs to its deviation is None where it was not estimated.
 
     degrees_of_freedom : behind ci95, None where the uncertainty counts as known
@@ -41,13 +60,6 @@ class Parameter(Entry):
         return self.effect in _PLACED
 
 
-class Unidentifiable(Entry):
-    """Parameters that the poses do not determine."""
-
-    names: tuple[str, ...]
-    reason: str
-
-
 class Absorbed(Entry):
     """A constant that others stand for at any pose."""
 
@@ -55,7 +67,25 @@ class Absorbed(Entry):
     absorbed_by: tuple[str, ...]
 
 
-def parameter_entries(found: Identification) -> Iterator[Parameter]:
+class Width(Entry):
+    """Standard deviation, between such errors, of those of one effect that have one unit."""
+
+    effect: str
+    width: Positive
+    unit: str
+
+
+class SizesEntry(Entry):
+    """What holds the values that the readings leave open.
+
+    parameters : how many of them it determines in place of the readings
+    """
+
+    parameters: Positive
+    widths: tuple[Width, ...]
+
+
+def parameter_entries(found: Identification) -> Iterator[IdentifiedParameter]:
     """The entries of all parameters, in the order of the model."""
     by_pose = np.full(len(found.values), np.nan) if found.std_by_pose is None else found.std_by_pose
     for p, value, std, (low, high), dof, own, factor in zip(
@@ -64,24 +94,15 @@ def parameter_entries(found: Identification) -> Iterator[Parameter]:
         found.optimism.tolist(), strict=True,
     ):  # fmt: skip
         known = 0.0 < std < np.inf
-        yield Parameter(
-            id=p.id,
-            name=p.name,
-            effect=p.effect,
-            where=p.where,
+        yield IdentifiedParameter.from_result(
+            p,
             value=value / p.scale,
             std=std / p.scale if known else None,
             ci95=(low / p.scale, high / p.scale) if known else None,
             degrees_of_freedom=dof if known else None,
             std_by_pose=own / p.scale,
             step_two_optimism=factor,
-            unit=p.unit,
         )
-
-
-def unidentifiable_entries(found: Identification) -> tuple[Unidentifiable, ...]:
-    """The entries of what the poses do not determine."""
-    return tuple(Unidentifiable(names=u.names, reason=u.reason) for u in found.unidentifiable)
 
 
 def absorbed_entries(found: Identification) -> tuple[Absorbed, ...]:
@@ -89,4 +110,148 @@ def absorbed_entries(found: Identification) -> tuple[Absorbed, ...]:
     return tuple(
         Absorbed(id=d.id, absorbed_by=tuple(name for name, _ in d.absorbed_by))
         for d in found.absorbed
+    )
+
+
+def sizes_entry(found: Widths) -> SizesEntry:
+    """The entry of the widths that an identification found."""
+    of = found.of
+    return SizesEntry(
+        parameters=found.saved,
+        widths=tuple(
+            Width(effect=kind, width=float(width / scale), unit=unit)
+            for (kind, unit), width, scale in zip(of.classes, found.widths, of.scales, strict=True)
+        ),
+    )
+
+
+_APPROACHES = {"points": "marker points", "pose": "full poses from the marker points"}
+_METHODS = {"joint": "all parameters at once", "two-step": "base and tool in turn with the rest"}
+_TOGETHER = 0.9  # correlation worth a line
+_BY_POSE, _OPTIMISM = 1.2, 1.05  # ratios worth a line
+_INTERVAL = Rule(TO_STD.show, absent="")
+_PARAMETERS: tuple[Column[IdentifiedParameter], ...] = (
+    Column("effect", lambda row: row.effect),
+    Column("where", lambda row: row.where),
+    Column("parameter", lambda row: row.name),
+    Column("value", lambda row: (row.value, row.std), TO_STD),
+    Column("standard\ndeviation", lambda row: row.std and (row.std, row.std), TO_STD),
+    Column("95 % interval", lambda row: row.ci95 and (*row.ci95, row.std), _INTERVAL, detail=True),
+    Column("unit", lambda row: row.unit),
+)
+_CORRELATED: tuple[Column[tuple[str, str, float]], ...] = (
+    Column("parameter", lambda row: row[0]),
+    Column("parameter", lambda row: row[1]),
+    Column("correlation", lambda row: row[2], CORRELATION),
+)
+_ABSORBED: tuple[Column[Absorbed], ...] = (
+    Column("constant error", lambda row: row.id),
+    Column("does the same as", lambda row: ", ".join(row.absorbed_by)),
+)
+
+
+def told_parameters(record: IdentifyRecord) -> Iterator[Part]:
+    """The values, how sure they are, and what a reader should know of them."""
+    yield Sentence(
+        f"{record.rank} of {plural(len(record.parameters), 'parameter')} from "
+        f"{plural(record.poses, 'reading')}, {plural(record.points, 'point')}",
+        label="identified",
+    )
+    how = ", elastic parameters from differences" * record.differences
+    yield Sentence(
+        f"{_APPROACHES[record.approach]}, {_METHODS[record.method]}{how}", label="method"
+    )
+    for k, words in enumerate(noise_words(record.noise)):
+        yield Sentence(words, label="" if k else "noise")
+    caption = (
+        "Parameters of the robot. Base and tool are estimated with them, and their uncertainty is "
+        "counted; 95 of 100 such intervals hold the true value, if the model is right. The factor is "
+        "Student's t at the effective degrees of freedom"
+    )
+    robot, placed = ([p for p in record.parameters if p.placed is own] for own in (False, True))
+    yield Table(_PARAMETERS, robot, "Parameters of the robot", caption, fold=False)
+    where = Table(_PARAMETERS, placed, "Where base and markers are", fold=True, paper=True)
+    yield Detail((where,) if placed else ())
+    yield from _doubts(record)
+    caption = (
+        f"Pairs whose correlation is above {_TOGETHER}: their sum or difference is known better than "
+        "each"
+    )
+    pairs = sorted(_correlated(record), key=lambda pair: -abs(pair[2]))
+    table = Table(_CORRELATED, pairs, "Correlated pairs", caption)
+    yield Detail((table,) if pairs else ())
+    yield Detail((Figure(lambda: correlation(record)),), "Correlation of all parameters")
+    absorbed = Table(_ABSORBED, record.absorbed, "Redundant parameters",
+                     fold=True)  # fmt: skip
+    yield Detail((absorbed,) if record.absorbed else ())
+
+
+def _doubts(record: IdentifyRecord) -> Iterator[Sentence]:
+    """What a reader of the values should know."""
+    if record.noise.missing:
+        said = "they hold only if the model lacks nothing. Run `posecal diagnose`"
+        yield Sentence(said, "warn", "intervals")
+    for entry in record.unidentifiable:
+        yield Sentence(f"{listed(entry.names)}: {entry.reason}", "warn", "open")
+    if record.sizes is not None:
+        yield _told_sizes(record.sizes)
+    if record.weak:
+        said = f"{listed(record.weak)}: the uncertainty is larger than such errors usually are"
+        yield Sentence(said, "warn", "weak")
+    if any(p.effect == "backlash" for p in record.parameters):
+        yield Sentence(
+            "half_width below zero is lost motion: the joint stops short. Above zero it overshoots",
+            "note",
+            "sign",
+        )
+    few = [name for name in record.unused_poses if name not in record.before_the_first_move]
+    if few:
+        yield Sentence(f"{listed(few)}: too few markers for an orientation", "note", "unused")
+    together = _common_error(record)
+    if together > _BY_POSE:
+        yield Sentence(
+            "the points of one pose err together. Counted by pose, the standard deviations are "
+            f"{TENTH(together)} times these (median; JSON: std_by_pose)",
+            "note", "by pose",
+        )  # fmt: skip
+    worst = max((p.step_two_optimism or 0.0 for p in record.parameters), default=0.0)
+    if worst > _OPTIMISM:
+        yield Sentence(
+            "these uncertainties include those of base and tool. If both were known, they would be up "
+            f"to {TENTH(worst)} times smaller",
+            label="include",
+        )
+    if record.absorbed:
+        count = plural(len(record.absorbed), "redundant parameter")
+        merged = "was" if len(record.absorbed) == 1 else "were"
+        yield Sentence(f"{count} {merged} merged into these (JSON: absorbed)", label="merged")
+
+
+def _common_error(record: IdentifyRecord) -> float:
+    """Median ratio of standard deviations by pose to those by point; 1 where it cannot be told."""
+    ratios = [p.std_by_pose / p.std for p in record.parameters if p.std and p.std_by_pose]
+    if not ratios or record.noise.source != "residual" or record.noise.scatters:
+        return 1.0
+    return float(np.median(ratios))
+
+
+def _correlated(record: IdentifyRecord) -> Iterator[tuple[str, str, float]]:
+    """Pairs of the robot's parameters that the data hardly tell apart."""
+    own = [i for i, p in enumerate(record.parameters) if not p.placed and p.std]
+    for n, a in enumerate(own):
+        for b in own[n + 1 :]:
+            r = record.correlation[a][b]
+            if r is not None and abs(r) > _TOGETHER:
+                yield record.parameters[a].id, record.parameters[b].id, r
+
+
+def _told_sizes(sizes: SizesEntry) -> Sentence:
+    """That sizes decided, and which."""
+    widths = [f"{own.effect} {TWO(own.width)} {own.unit}" for own in sizes.widths]
+    return Sentence(
+        f"the readings barely determine about {TENTH(sizes.parameters)} combinations of "
+        f"parameters. There the result leans on usual sizes of errors: {listed(widths)}. "
+        '[model] size_prior = "off" switches it off',
+        "note",
+        "sizes",
     )

@@ -2,55 +2,38 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, Self, TypedDict
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from studies.estimate import Estimated, estimated
-from studies.identify.acceptance import AcceptanceEntry, acceptance_entry
-from studies.identify.budget import BudgetEntry, budget_entry
-from studies.identify.drift import Drift, drift_entry
-from studies.identify.errors import (
-    Distances,
-    Model,
-    OfInstrument,
-    Pairs,
-    Residual,
-    distances_entry,
-    instrument_entries,
-    pair_entries,
-    residual_entries,
-    rms_of,
+from studies.estimate import Estimated
+from studies.identify.acceptance import AcceptanceEntry
+from studies.identify.budget import BudgetEntry
+from studies.identify.drift import DriftEntry
+from studies.identify.errors import ErrorFigures, IdentifyResidual, Model, OfInstrument, Pairs
+from studies.identify.of_type import OfType
+from studies.identify.outliers import OutliersTogether
+from studies.identify.parameters import Absorbed, IdentifiedParameter, SizesEntry
+from studies.noise import NoiseEntry
+from studies.record import (
+    BeforeAfter,
+    Count,
+    Entry,
+    Maybe,
+    NotNegative,
+    Number,
+    Outlier,
+    Record,
+    Three,
+    UnidentifiableEntry,
 )
-from studies.identify.of_type import OfType, of_type_entry
-from studies.identify.outliers import Outlier, Share, outlier_entries, share_entry
-from studies.identify.parameters import (
-    Absorbed,
-    Parameter,
-    Unidentifiable,
-    absorbed_entries,
-    parameter_entries,
-    unidentifiable_entries,
-)
-from studies.identify.placement import Base, Placement, base_entry, body_entries, marker_entries
-from studies.identify.sizes import Sizes, sizes_entry
-from studies.noise import Noise, by_level
-from studies.record import Count, Envelope, Maybe, NotNegative, Number, Record, Three
-from studies.targets import AtTarget, at_targets
+from studies.targets import TargetAccuracy
 
-if TYPE_CHECKING:
-    from calib import Identification
-    from calib.compensation.estimate import Estimate
-    from calib.drift import Drift as Moved
-    from calib.uncertainty.acceptance import Judged
-    from calib.uncertainty.budget import Budget
-
-_MM = 1e3
 _MOST = 3_000_000  # points; a damaged file may name poses and markers that fill any memory
 
 
-class IdentifyNoise(Noise):
+class IdentifyNoise(NoiseEntry):
     """The noise that the standard deviations rest on, and what speaks for it."""
 
     replicate_sigma_mm: NotNegative | None
@@ -58,13 +41,17 @@ class IdentifyNoise(Noise):
     degrees_of_freedom: Maybe = None
 
 
-class Asked(TypedDict):
-    """What the caller chose, beside approach and method."""
+class Placement(Entry):
+    """The base in the frame of the readings."""
 
-    weighting: Literal["full", "normalised", "plain"] | None
-    length_mm: float | None
-    differences: bool
-    holdout: str | None
+    rotation_vector_rad: Three
+    translation_mm: Three
+
+
+class Placements(Placement):
+    """Placement at the first station, and at each where there are several."""
+
+    stations: dict[str, Placement] = Field(default_factory=dict)
 
 
 class IdentifyRecord(Record):
@@ -85,35 +72,35 @@ class IdentifyRecord(Record):
     rank: Count
     degrees_of_freedom: Count
     iterations: Count
-    parameters: tuple[Parameter, ...] = Field(min_length=1)
+    parameters: tuple[IdentifiedParameter, ...] = Field(min_length=1)
     weak: tuple[str, ...]
     unused_poses: tuple[str, ...]
     before_the_first_move: tuple[str, ...] = ()
-    unidentifiable: tuple[Unidentifiable, ...]
+    unidentifiable: tuple[UnidentifiableEntry, ...]
     absorbed: tuple[Absorbed, ...]
     outliers: tuple[Outlier, ...]
-    outliers_share: Share | None = None
+    outliers_share: OutliersTogether | None = None
     heldout_outliers: tuple[Outlier, ...]
-    rms_mm: Distances
-    max_mm: Distances
-    p95_mm: Distances
+    rms_mm: ErrorFigures
+    max_mm: ErrorFigures
+    p95_mm: ErrorFigures
     instruments: tuple[OfInstrument, ...] = ()
     pair_distances_mm: dict[Model, Pairs]
     rms_of_residuals_mm: NotNegative | None
-    base: Base
+    base: Placements
     markers_mm: dict[str, Three]
     bodies: dict[str, Placement] = Field(default_factory=dict)
     correlation: tuple[tuple[Maybe, ...], ...]
-    residuals: tuple[Residual, ...]
+    residuals: tuple[IdentifyResidual, ...]
     task_rms_mm: Maybe
     task_worst_mm: Maybe
     targets: str
-    at_targets: tuple[AtTarget, ...] = Field(min_length=1)
+    at_targets: tuple[TargetAccuracy, ...] = Field(min_length=1)
     budget: BudgetEntry | None = None
     acceptance: AcceptanceEntry | None = None
-    drift: Drift | None = None
+    drift: DriftEntry | None = None
     of_type: OfType | None = None
-    sizes: Sizes | None = None
+    sizes: SizesEntry | None = None
     estimate: Estimated
 
     @model_validator(mode="after")
@@ -148,90 +135,20 @@ class IdentifyRecord(Record):
         held = [float(np.linalg.norm(row.before)) for row in own]
         return float(np.sqrt(np.mean(np.square(held)))) if held else None
 
+    @property
+    def error(self) -> BeforeAfter:
+        """RMS by the nominal and by the identified model, held out where anything was.
 
-def identify_record(
-    found: Identification,
-    accuracy: Budget,
-    drift: Moved | None,
-    estimate: Estimate,
-    asked: Asked,
-    made_from: Envelope,
-    warnings: tuple[str, ...] = (),
-    judged: Judged | None = None,
-) -> IdentifyRecord:
-    """The record of an identification.
-
-    accuracy : to expect at the targets; drift : what readings that were repeated say
-    warnings : of the tables, beside those of the identification
-    judged : the held-out points against the cell's tolerance
-    """
-    from calib.identification import ADVICE
-
-    fit, held = found.fit, found.heldout
-    return IdentifyRecord(
-        **made_from,
-        **asked,
-        warnings=(*warnings, *found.warnings),
-        status=found.status,
-        advice=ADVICE[found.status],
-        approach=found.approach,
-        method=found.method,
-        noise=_noise(found),
-        poses=len(fit.data),
-        points=int(fit.data.seen.sum()),
-        rank=found.rank,
-        degrees_of_freedom=found.dof,
-        iterations=found.iterations,
-        parameters=tuple(parameter_entries(found)),
-        weak=found.weak,
-        unused_poses=(*found.unused, *found.waiting),
-        before_the_first_move=found.waiting,
-        unidentifiable=unidentifiable_entries(found),
-        absorbed=absorbed_entries(found),
-        outliers=tuple(outlier_entries(fit, found.footprint)),
-        outliers_share=share_entry(found.shared),
-        heldout_outliers=() if held is None else tuple(outlier_entries(held, found.footprint)),
-        rms_mm=distances_entry(found, rms_of),
-        max_mm=distances_entry(found, lambda d: float(d.max())),
-        p95_mm=distances_entry(found, lambda d: float(np.quantile(d, 0.95))),
-        instruments=instrument_entries(found),
-        pair_distances_mm=dict(pair_entries(found)),
-        rms_of_residuals_mm=rms_of(fit.lengths()) * _MM if fit.channels.metric else None,
-        base=base_entry(found),
-        markers_mm=marker_entries(found),
-        bodies=body_entries(found),
-        correlation=tuple(map(tuple, np.round(found.correlation, 4).tolist())),
-        residuals=(
-            *residual_entries(found, fit),
-            *(() if held is None else residual_entries(found, held)),
-        ),
-        task_rms_mm=accuracy.rms(accuracy.expected.errors) * _MM,
-        task_worst_mm=accuracy.worst(accuracy.expected.errors) * _MM,
-        targets=accuracy.source,
-        at_targets=at_targets(
-            found.model.robot,
-            accuracy.targets,
-            accuracy.expected.errors,
-            accuracy.expected.expanded,
-        ),
-        budget=budget_entry(accuracy),
-        acceptance=acceptance_entry(judged),
-        drift=None if drift is None else drift_entry(drift),
-        of_type=None if found.of_type is None else of_type_entry(found),
-        sizes=None if found.sizes is None else sizes_entry(found.sizes),
-        estimate=estimated(estimate),
-    )
-
-
-def _noise(found: Identification) -> IdentifyNoise:
-    noise, mm = found.noise, found.footprint * _MM
-    again = noise.replicate_factor
-    return IdentifyNoise(
-        sigma_mm=noise.sigma * mm,
-        believed_sigma_mm=noise.believed * mm,
-        source=noise.source,
-        replicate_sigma_mm=None if again is None else again * noise.believed * mm,
-        lack_of_fit_p=noise.lack_of_fit_p,
-        degrees_of_freedom=float(noise.dof),
-        **by_level(found.levels, found.scatter, found.model.robot.reach),
-    )
+        In space; where no reading is a length, of the instrument that is predicted worst.
+        """
+        rows, unit = [row for row in self.residuals if row.heldout == self.held_out], "mm"
+        if any(row.metric for row in rows):
+            rows = [row for row in rows if row.metric]
+        else:
+            worst = max(self.instruments, key=lambda own: own.heldout or own.fitted_all or 0.0)
+            rows, unit = [row for row in rows if row.instrument == worst.instrument], worst.unit
+        before, after = (
+            float(np.sqrt(np.mean([np.square(vector).sum() for vector in vectors])))
+            for vectors in ([row.before for row in rows], [row.vector for row in rows])
+        )
+        return BeforeAfter(before, after, unit, self.held_out)

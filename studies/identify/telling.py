@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 from studies.document import MRAD, Document, Figure, Section, Sentence, mm
 from studies.identify.acceptance import accepted
-from studies.identify.budget_told import budget_section
-from studies.identify.drift_told import drift_section
-from studies.identify.errors_told import told_errors
+from studies.identify.budget import budget_section
+from studies.identify.drift import drift_section
+from studies.identify.errors import told_errors
 from studies.identify.of_type import told_of_type
-from studies.identify.parameters_told import told_parameters
+from studies.identify.parameters import told_parameters
 from studies.identify.record import IdentifyRecord
 from studies.systematic import lacks
 from studies.targets import over_the_workspace
@@ -46,7 +46,7 @@ def _headline(record: IdentifyRecord) -> Iterator[Sentence]:
 
 
 def _fell(record: IdentifyRecord) -> Sentence:
-    before, after, unit = _before_and_after(record)
+    before, after, unit, _ = record.error
     where = "at held-out poses" if record.held_out else "at the fitted poses"
     old, new = (mm(own) if unit == "mm" else f"{MRAD(own)} {unit}" for own in (before, after))
     if after >= before:
@@ -61,7 +61,7 @@ def _fell(record: IdentifyRecord) -> Sentence:
 
 def _next(record: IdentifyRecord) -> Sentence:
     """What speaks against the result first, else the accuracy to expect."""
-    before, after, unit = _before_and_after(record)
+    before, after, unit, _ = record.error
     if unit == "mm" and min(before, after) > _WRONG_TABLE_MM:
         return Sentence(_WRONG_TABLE, "warn")
     noise, lacking = record.noise, 0.0 if record.budget is None else record.budget.of("model")
@@ -93,30 +93,6 @@ def _at_targets(record: IdentifyRecord) -> str:
 
 def _capital(text: str) -> str:
     return f"{text[0].upper()}{text[1:]}"
-
-
-def _before_and_after(record: IdentifyRecord) -> tuple[float, float, str]:
-    """RMS by the nominal and by the identified model, held out where anything was, and the unit.
-
-    In space; where no reading is a length, of the instrument that is predicted worst.
-    """
-    rms = record.rms_mm
-    if rms.nominal is not None and rms.fitted_all is not None:
-        unseen = record.nominal_at_heldout_mm
-        if unseen is not None and rms.heldout is not None:
-            return unseen, rms.heldout, "mm"
-        return rms.nominal, rms.fitted_all, "mm"
-    of = {own.instrument: own for own in record.instruments}
-    worst = max(of.values(), key=lambda own: own.heldout or own.fitted_all or 0.0)
-    own = [row for row in record.residuals if row.instrument == worst.instrument]
-    if record.held_out:
-        own = [row for row in own if row.heldout]
-    both = (
-        [sum(x * x for x in vector) for vector in vectors]
-        for vectors in ([row.before for row in own], [row.vector for row in own])
-    )
-    before, after = ((sum(squares) / len(squares)) ** 0.5 for squares in both)
-    return before, after, worst.unit
 
 
 def _of_type(record: IdentifyRecord) -> Iterator[Section]:

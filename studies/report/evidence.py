@@ -16,7 +16,7 @@ from calib.files.read import sha256
 from calib.poses import Poses, poses_at
 from studies.design.record import DesignRecord
 from studies.diagnose.record import DiagnoseRecord
-from studies.identify.point_errors import HELD_OUT
+from studies.identify.pictures import HELD_OUT
 from studies.identify.record import IdentifyRecord
 from studies.kinds import tell
 from studies.record import Record

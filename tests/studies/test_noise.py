@@ -10,10 +10,10 @@ import pytest
 from click.testing import CliRunner
 
 from studies.cli import main
-from studies.noise import Noise, noise_words
+from studies.noise import NoiseEntry, noise_words
 from studies.research.benchmarks.day import Setting, draw_day, write_day
 
-OLD = Noise(sigma_mm=0.01, believed_sigma_mm=0.01, source="cell")
+OLD = NoiseEntry(sigma_mm=0.01, believed_sigma_mm=0.01, source="cell")
 
 
 def told(folder: Path, command: str, setting: Setting) -> tuple[dict[str, Any], str]:

@@ -10,7 +10,7 @@ from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.poses import Poses
 from studies.document import Figure, Section
-from studies.identify.point_errors import point_errors
+from studies.identify.pictures import point_errors
 from studies.identify.record import IdentifyRecord
 from studies.plots import against as plot
 from studies.report.evidence import Evidence, Result

@@ -10,7 +10,7 @@ from studies.diagnose.record import DiagnoseRecord
 from studies.document import Section, Sentence
 from studies.identify.record import IdentifyRecord
 from studies.kinds import KINDS
-from studies.noise import Noise
+from studies.noise import NoiseEntry
 from studies.report.bars import Bar, bars
 from studies.report.evidence import Evidence, Result
 from studies.report.verdict import verdict
@@ -97,7 +97,7 @@ def _bars(evidence: Evidence) -> Iterator[Bar]:
     """Errors from the nominal model to what the diagnosis leaves, and the noise, at the same poses."""
     identified, diagnosed = _records(evidence)
     held = _held(evidence)
-    noise: Noise | None = None
+    noise: NoiseEntry | None = None
     if identified is not None:
         rms = identified.rms_mm
         before = identified.nominal_at_heldout_mm if held else rms.nominal

@@ -83,10 +83,10 @@ def test_motions_are_as_uncertain_as_instrument_and_arm() -> None:
     for series in judged(data, arm_of(poses, ARM)).series:
         (motion,) = series.motions()
         if motion.markers == MARKERS:
-            np.testing.assert_allclose(motion.shift_std, std, rtol=1e-6)
+            np.testing.assert_allclose(motion.translation_std, std, rtol=1e-6)
         else:
             unequal = np.sqrt(SIGMA**2 / 2 + ARM**2 + SIGMA**2 / 2 + ARM**2)
-            np.testing.assert_allclose(motion.shift_std, unequal, rtol=0.05)
+            np.testing.assert_allclose(motion.translation_std, unequal, rtol=0.05)
             assert motion.markers == MARKERS - 1
 
 

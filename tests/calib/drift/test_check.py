@@ -121,9 +121,9 @@ def test_a_known_motion_is_found() -> None:
     still, last = found.series[0].motions()
     assert still.length == 0.0
     assert still.p == 1.0
-    np.testing.assert_allclose(last.shift, shift, atol=1e-9)
-    np.testing.assert_allclose(last.turn, turn, atol=1e-8)
-    np.testing.assert_allclose(last.shift_std, SIGMA * np.sqrt(2.0 / 4.0), rtol=1e-9)
+    np.testing.assert_allclose(last.translation, shift, atol=1e-9)
+    np.testing.assert_allclose(last.rotation, turn, atol=1e-8)
+    np.testing.assert_allclose(last.translation_std, SIGMA * np.sqrt(2.0 / 4.0), rtol=1e-9)
     assert last.length == pytest.approx(np.sqrt(((moved - MARKERS) ** 2).sum(axis=1).mean()))
     assert (last.pose, last.time, last.rank) == ("ref3", 2400.0, 6)
     # One of three readings off by d leaves 2/3 of d^2 about their mean.
@@ -141,15 +141,15 @@ def test_standard_deviations_hold_and_two_markers_leave_a_turn_open() -> None:
         (motion,) = judged(data).series[0].motions()
         assert motion.rank == 5
         along = (data.points[0, 1] - data.points[0, 0]) / np.linalg.norm(line[1] - line[0])
-        assert abs(motion.turn @ along) < 1e-12
+        assert abs(motion.rotation @ along) < 1e-12
         z.append(
-            np.concatenate([motion.shift, motion.turn])
-            / np.append(motion.shift_std, motion.turn_std)
+            np.concatenate([motion.translation, motion.rotation])
+            / np.append(motion.translation_std, motion.rotation_std)
         )
     np.testing.assert_allclose(np.std(z, axis=0), 1.0, atol=0.2)
     (single,) = judged(readings(poses, line[:1], rng)).series[0].motions()
     assert single.rank == 3
-    assert not single.turn.any()
+    assert not single.rotation.any()
 
 
 def test_base_drift_is_found_at_its_rate() -> None:
@@ -175,7 +175,10 @@ def test_base_drift_is_found_at_its_rate() -> None:
         rate = found.rates["base"]
         deviations.append(
             np.concatenate(
-                [(rate.shift - shift) / rate.shift_std, (rate.turn - turn) / rate.turn_std]
+                [
+                    (rate.translation - shift) / rate.translation_std,
+                    (rate.rotation - turn) / rate.rotation_std,
+                ]
             )
         )
     assert verdicts.count("drift") >= 58

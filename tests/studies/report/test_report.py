@@ -16,7 +16,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from studies.cli import main
-from studies.identify.point_errors import point_errors
+from studies.identify.pictures import point_errors
 from studies.identify.record import IdentifyRecord
 from studies.report.evidence import load_evidence
 from studies.results import read_as

@@ -114,13 +114,14 @@ def kinds_of_lines(text: str) -> Counter[str]:
         if token.type == tokenize.COMMENT and lines[row].strip().startswith("#"):
             kinds[row] = "comment"
     for node in ast.walk(ast.parse(text)):
-        kind = None
         if isinstance(node, ast.Import | ast.ImportFrom):
             kind = "imports"
         elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-            kind = "docstring" if isinstance(node.value.value, str) else None
-        if kind and node.end_lineno:
-            kinds[node.lineno - 1 : node.end_lineno] = [kind] * (node.end_lineno - node.lineno + 1)
+            kind = "docstring" if isinstance(node.value.value, str) else "code"
+        else:
+            continue
+        end = node.end_lineno or node.lineno
+        kinds[node.lineno - 1 : end] = [kind] * (end - node.lineno + 1)
     return Counter(kinds)
 
 

@@ -83,7 +83,7 @@ def _no_targets(design: Design) -> Iterator[str]:
 
 def _unguarded(design: Design) -> Iterator[str]:
     cell = design.problem.cell
-    bare = not set(cell.capsules) - {"base"}
+    bare = not set(cell.shapes.capsules) - {"base"}
     if bare and cell.design.obstacles:
         yield "the arm is not checked against the obstacles: [robot.capsules_mm] is missing"
     elif bare and cell.design.floor is not None:
@@ -93,15 +93,15 @@ def _unguarded(design: Design) -> Iterator[str]:
 def _shapes(design: Design) -> Iterator[str]:
     """What was taken from the robot's file without a line in the cell, and how to change it."""
     cell = design.problem.cell
-    if cell.own_shapes:
-        count = sum(len(own) for own in cell.capsules.values())
+    if cell.shapes.own:
+        count = sum(len(own) for own in cell.shapes.capsules.values())
         yield (
             f"the arm is checked against itself by {count} capsules around the shapes in the robot's "
             "file. [robot.capsules_mm] replaces them"
         )
-    if len(cell.unread) > 1:
-        more = f" and {len(cell.unread) - 3} more" if len(cell.unread) > 3 else ""
-        yield f"shapes that cannot be read: {', '.join(cell.unread[:3])}{more}"
+    if len(cell.shapes.unread) > 1:
+        more = f" and {len(cell.shapes.unread) - 3} more" if len(cell.shapes.unread) > 3 else ""
+        yield f"shapes that cannot be read: {', '.join(cell.shapes.unread[:3])}{more}"
     for floor in design.problem.constraints:
         if isinstance(floor, Floor) and floor.assumed:
             yield (
@@ -117,7 +117,7 @@ def _exempt(design: Design) -> Iterator[str]:
         if isinstance(constraint, SelfCollision) and constraint.exempt:
             pairs = ", ".join(f"{a} with {b}" for a, b in constraint.exempt)
             where = (
-                "at every pose or at zero:" if design.problem.cell.own_shapes else "at every pose:"
+                "at every pose or at zero:" if design.problem.cell.shapes.own else "at every pose:"
             )
             yield f"not checked against each other, as they touch {where} {pairs}"
 

@@ -125,23 +125,7 @@ def central_difference(function: Callable[[Array], Array], at: Array, steps: Arr
 
 def cell_of(robot: Robot, markers: Array, effects: Sequence[str], sigma: float = 1e-5) -> Cell:
     """A cell without files."""
-    count = len(markers)
-    return Cell(
-        name="test",
-        path=Path("cell.toml"),
-        robot_form="urdf",
-        robot_files=(Path("robot.urdf"),),
-        robot=robot,
-        marker_names=tuple(f"m{j + 1}" for j in range(count)),
-        markers=np.asarray(markers, dtype=float),
-        marker_normals=np.full((count, 3), np.nan),
-        marker_acceptance=np.full(count, np.nan),
-        instruments=read_by(Noise.isotropic(sigma)),
-        gravity=GRAVITY,
-        payload=Payload(),
-        load=None,
-        effects=tuple(effects),
-    )
+    return Cell(robot, markers, Tracker(sigma=sigma), effects, name="test")
 
 
 def read_by(noise: Noise | None = None, stands: Array | None = None) -> tuple[Instrument, ...]:

@@ -9,15 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import reduce
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
 
-from calib.arm.robot import Robot
+from calib.arm.robot import Convention, Robot
 from calib.arm.se3 import transform
 from calib.arrays import Array
-
-Convention: TypeAlias = Literal["classic", "modified"]
 
 
 @dataclass(frozen=True, eq=False)

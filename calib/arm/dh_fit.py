@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arm.dh import Convention, DhTable, frames_at_zero, joint, link
-from calib.arm.robot import Robot
+from calib.arm.dh import DhTable, frames_at_zero, joint, link
+from calib.arm.robot import Convention, Robot
 from calib.arm.se3 import displacement, inverse, rotate, so3_exp, so3_log, transform
 from calib.arrays import Array
 

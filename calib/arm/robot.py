@@ -2,18 +2,73 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
 from calib.arm.mimic import Mimic, Ties, reachable, ties_of
 from calib.arrays import Array, Mask
 
+Form: TypeAlias = Literal["urdf", "mjcf", "dh", "kinematics"]
+Convention: TypeAlias = Literal["classic", "modified"]
+"""Of a DH table."""
+FORMS: tuple[Form, ...] = get_args(Form)
+_IN_WORDS = {
+    "urdf": "URDF",
+    "mjcf": "MJCF",
+    "dh": "DH table",
+    "kinematics": "maker's kinematics file",
+}
 _FOLLOWS = 1e-7  # rad or m
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
+class Capsule:
+    """A cylinder with round ends: start, end and radius in metres, in the frame that carries it."""
+
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    radius: float
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """The shape of the arm, as its own file or the user states it.
+
+    capsules : dict, joint name or ``base`` or ``tool`` -> tuple of Capsule
+    unread : tuple of str, shapes of the robot's file that could not be read, with the reason
+    stands_at : float, m, lowest point of the base's shapes in its frame, or None
+    own : whether they are those of the robot's file
+    """
+
+    capsules: Mapping[str, tuple[Capsule, ...]] = field(default_factory=dict)
+    unread: tuple[str, ...] = ()
+    stands_at: float | None = None
+    own: bool = False
+
+
+@dataclass(frozen=True)
+class Source:
+    """The file that holds a robot.
+
+    form : ``urdf``, ``mjcf``, ``dh`` or ``kinematics``
+    files : tuple of Path, the file, and those that it includes; none where no file holds the robot
+    convention : ``classic`` or ``modified``, of a DH table
+    """
+
+    form: Form = "urdf"
+    files: tuple[Path, ...] = ()
+    convention: Convention | None = None
+
+    def __str__(self) -> str:
+        return _IN_WORDS[self.form]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Robot:
     """A serial chain, ``T_base_tip(q) = prod_k [C_k exp(a_k q_k)] C_tip``; SI and radians.
 
@@ -31,6 +86,7 @@ class Robot:
     masses : ndarray, shape (n,), kg of the link that moves with each joint
     coms : ndarray, shape (n, 3), m, centres of mass in the frames that move with the joints
     mimics : tuple of Mimic, joints that follow another
+    shapes : Shapes; source : Source
     """
 
     name: str
@@ -45,6 +101,35 @@ class Robot:
     masses: Array
     coms: Array
     mimics: tuple[Mimic, ...] = ()
+    shapes: Shapes = field(default_factory=Shapes)
+    source: Source = field(default_factory=Source)
+
+    @classmethod
+    def from_urdf(cls, path: str | Path, base: str = "", tip: str = "") -> Robot:
+        """The chain between two links of a URDF, or between two bodies of an MJCF.
+
+        base, tip : names of its ends; without them, those that ``posecal init`` would choose
+
+        Raises InputError.
+        """
+        from calib.files.proposal import propose
+
+        return propose(Path(path), base=base, tip=tip).robot
+
+    from_mjcf = from_urdf
+
+    @classmethod
+    def from_dh(cls, path: str | Path, convention: Convention) -> Robot:
+        """The chain of a DH table, ``joint, alpha_deg, a_mm, theta_deg, d_mm``.
+
+        Raises InputError.
+        """
+        from calib.files.proposal import propose
+
+        return propose(Path(path), convention).robot
+
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r}, {self.base} to {self.tip}: {', '.join(self.joints)})"
 
     @property
     def dof(self) -> int:

@@ -13,6 +13,8 @@ from calib.arm.se3 import by_one, cross, double_cross, rotate, skew
 from calib.arrays import Array, room
 from calib.poses import Poses
 
+STANDARD_GRAVITY = (0.0, 0.0, -9.80665)
+
 
 @dataclass(frozen=True)
 class Payload:

@@ -2,32 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from calib.arm.dh import Convention
-from calib.arm.robot import Robot
-from calib.arm.statics import Payload
+from calib.arm.robot import Robot, Shapes
+from calib.arm.statics import STANDARD_GRAVITY, Payload
 from calib.arrays import Array
 from calib.cell.acceptance import Acceptance
 from calib.cell.planned import Planned
+from calib.errors import CalibError
 from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
 from calib.noise import Noise
 from calib.population.prior import Prior
-
-Form: TypeAlias = Literal["urdf", "mjcf", "dh", "kinematics"]
-FORMS: tuple[Form, ...] = get_args(Form)
-
-_SOURCES = {
-    "urdf": "URDF",
-    "mjcf": "MJCF",
-    "dh": "DH table",
-    "kinematics": "maker's kinematics file",
-}
 
 
 @dataclass(frozen=True)
@@ -39,28 +29,6 @@ class Load:
     mass: float
     com: tuple[float, float, float]
     max_tilt: float = np.pi / 2
-
-
-@dataclass(frozen=True)
-class Capsule:
-    """A cylinder with round ends: from, to and radius in metres, in the frame that carries it."""
-
-    start: tuple[float, float, float]
-    end: tuple[float, float, float]
-    radius: float
-
-
-@dataclass(frozen=True)
-class Shapes:
-    """What the robot's own file says of its shape.
-
-    capsules : by carrier; unread : shapes that could not be read, with the reason
-    stands_at : float, m, lowest point of the base's shapes in its frame, or None
-    """
-
-    capsules: Mapping[str, tuple[Capsule, ...]]
-    unread: tuple[str, ...] = ()
-    stands_at: float | None = None
 
 
 @dataclass(frozen=True)
@@ -77,29 +45,26 @@ SizePrior: TypeAlias = Literal["estimated", "off"] | Mapping[str, float]
 """Of the sizes of errors: found from the data, not counted, or widths by ``kind_unit``."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class Cell:
-    """Everything that a cell file says, in SI and radians.
+    """What stands in a measurement cell, and what is asked of it; SI and radians.
 
-    path : Path of the cell file
-    robot_form : ``urdf``, ``mjcf``, ``dh`` or ``kinematics``, the form of the nominal model
-    dh_convention : ``classic`` or ``modified`` where that is ``dh``, else None
-    robot_files : tuple of Path, the file of the nominal model, then those that it includes, then
-        calibrations of cameras
+        robot = Robot.from_urdf("arm.urdf", base="base_link", tip="tool0")
+        cell = Cell(robot, {"m1": (0.1, 0.0, 0.05)}, Tracker(sigma=1e-5), ["base", "tool", "geometry"])
+
     robot : Robot, limits already narrowed by the cell
+    markers : ndarray, shape (M, 3), m, first guesses in the tip frame
     marker_names : tuple of str
-    markers : ndarray, shape (M, 3), m, tip frame
+    instruments : tuple of Instrument
+    effects : tuple of str, ``name`` or ``name:where[,where]``: what the user's model contains
+    name : str; path : Path of the cell file; without one, how faults name the cell
     marker_normals : ndarray, shape (M, 3), unit vectors in the tip frame, NaN where not given
     marker_acceptance : ndarray, shape (M,), rad, largest angle to the beam, NaN where not given
-    instruments : tuple of Instrument
     gravity : ndarray, shape (3,), m/s^2, base axes
-    effects : tuple of str, ``name`` or ``name:where[,where]``
-    knots : dict, joint -> ndarray, rad
+    payload : Payload, carried at every pose; load : Load, hung on for the second reading of a plan
+    knots : dict, joint -> ndarray, rad, where ``stiffness_vs_angle`` has coefficients
     anchors : dict, joint -> ndarray, shape (2, 3), m, of a gravity compensator's spring
-    capsules : dict, joint name or ``base`` or ``tool`` -> tuple of Capsule
-    unread : tuple of str, shapes of the robot's file that could not be read, with the reason
-    own_shapes : whether the capsules are those of the robot's file, and none of the cell's
-    stands_at : float, m, where the shape of the base ends below, base frame; None where nobody says
+    shapes : Shapes, those of the robot unless the cell states others
     design : Planned, the [design] table
     repeatability : Repeatability, or None where it is to be estimated
     excluded : tuple of str, ``name`` or ``name:where``, causes that this robot cannot have
@@ -110,46 +75,114 @@ class Cell:
     prior : Prior or None, what the robot's type says of it; prior_file : Path or None, where it stands
     size_prior : SizePrior, how large errors usually are: found from the data, said, or not counted
     acceptance : Acceptance, or None without a tolerance
+    lens_files : tuple of Path, calibrations of cameras
     about : dict, what the cell's [report] tells of robot, operator and environment, for the reader
     """
 
+    robot: Robot
+    markers: Array
+    marker_names: tuple[str, ...]
+    instruments: tuple[Instrument, ...]
+    effects: tuple[str, ...]
     name: str
     path: Path
-    robot_form: Form
-    robot_files: tuple[Path, ...]
-    robot: Robot
-    marker_names: tuple[str, ...]
-    markers: Array
     marker_normals: Array
     marker_acceptance: Array
-    instruments: tuple[Instrument, ...]
     gravity: Array
     payload: Payload
     load: Load | None
-    effects: tuple[str, ...]
-    knots: Mapping[str, Array] = field(default_factory=dict)
-    anchors: Mapping[str, Array] = field(default_factory=dict)
-    capsules: Mapping[str, tuple[Capsule, ...]] = field(default_factory=dict)
-    unread: tuple[str, ...] = ()
-    own_shapes: bool = False
-    stands_at: float | None = None
-    design: Planned = field(default_factory=Planned)
-    repeatability: Repeatability | None = None
-    excluded: tuple[str, ...] = ()
-    gear_ratios: Mapping[str, float] = field(default_factory=dict)
-    dh_convention: Convention | None = None
-    known_distances: tuple[KnownDistance, ...] = ()
-    bodies: Mapping[str, slice] = field(default_factory=dict)
-    prior: Prior | None = None
-    prior_file: Path | None = None
-    size_prior: SizePrior = "estimated"
-    acceptance: Acceptance | None = None
-    about: Mapping[str, str] = field(default_factory=dict)
+    knots: Mapping[str, Array]
+    anchors: Mapping[str, Array]
+    shapes: Shapes
+    design: Planned
+    repeatability: Repeatability | None
+    excluded: tuple[str, ...]
+    gear_ratios: Mapping[str, float]
+    known_distances: tuple[KnownDistance, ...]
+    bodies: Mapping[str, slice]
+    prior: Prior | None
+    prior_file: Path | None
+    size_prior: SizePrior
+    acceptance: Acceptance | None
+    lens_files: tuple[Path, ...]
+    about: Mapping[str, str]
+
+    def __init__(
+        self,
+        robot: Robot,
+        markers: Array | Mapping[str, Sequence[float]],
+        instrument: Instrument | Sequence[Instrument] = TRACKER,
+        effects: Sequence[str] = ("base", "tool", "geometry"),
+        **more: Any,
+    ) -> None:
+        """Make a cell of what is known; every further field has a default and is given by its name.
+
+        markers : dict, name -> point (3,), m, in the tip frame; or ndarray, shape (M, 3), m, which are
+            named m1, m2 ..
+        instrument : what reads them; several in a sequence, each with a ``name`` of its own
+
+        Raises CalibError for a marker that is no point and for a name that is no field.
+        """
+        if isinstance(markers, Mapping):
+            names, points = tuple(markers), list(markers.values())
+        else:
+            points = list(markers)
+            names = tuple(f"m{j + 1}" for j in range(len(points)))
+        if any(np.shape(point) != (3,) for point in points):
+            raise CalibError("a marker is three coordinates in metres, in the tip frame")
+        count = len(points)
+        several = (instrument,) if isinstance(instrument, Instrument) else tuple(instrument)
+        given = {
+            "robot": robot,
+            "markers": np.array(points, dtype=float).reshape(-1, 3),
+            "marker_names": names,
+            "instruments": several,
+            "effects": (effects,) if isinstance(effects, str) else tuple(effects),
+            "name": robot.name,
+            "path": Path("cell"),
+            "marker_normals": np.full((count, 3), np.nan),
+            "marker_acceptance": np.full(count, np.nan),
+            "gravity": np.array(STANDARD_GRAVITY),
+            "payload": Payload(),
+            "load": None,
+            "knots": {},
+            "anchors": {},
+            "shapes": robot.shapes,
+            "design": Planned(),
+            "repeatability": None,
+            "excluded": (),
+            "gear_ratios": {},
+            "known_distances": (),
+            "bodies": {},
+            "prior": None,
+            "prior_file": None,
+            "size_prior": "estimated",
+            "acceptance": None,
+            "lens_files": (),
+            "about": {},
+        }
+        unknown = sorted({*more} - {*given})
+        if unknown:
+            raise CalibError(f"a cell has no {unknown[0]!r}; it has {', '.join(given)}")
+        for name, value in (given | more).items():
+            object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        read = ", ".join(f"{own.name} ({own.kind})" for own in self.instruments)
+        return (
+            f"Cell({self.name!r}: {self.robot!r}\n"
+            f"  markers {', '.join(self.marker_names)}; read by {read}\n"
+            f"  effects {', '.join(self.effects)})"
+        )
+
+    def with_effects(self, *effects: str) -> Cell:
+        """The cell whose model contains these effects as well, ``name`` or ``name:where[,where]``."""
+        return replace(self, effects=(*self.effects, *effects))
 
     @property
-    def robot_source(self) -> str:
-        """What holds the nominal model, in words."""
-        return _SOURCES[self.robot_form]
+    def robot_files(self) -> tuple[Path, ...]:
+        """The robot's files, and calibrations of cameras."""
+        return (*self.robot.source.files, *self.lens_files)
 
     @property
     def named_files(self) -> tuple[Path, ...]:

@@ -31,14 +31,13 @@ import numpy as np
 from calib.arm.kinematics import Frames
 from calib.arm.robot import Robot
 from calib.arm.se3 import displaced_shape, so3_exp
-from calib.arm.statics import Loads, Payload, Transmitted
+from calib.arm.statics import STANDARD_GRAVITY, Loads, Payload, Transmitted
 from calib.arrays import Array
 from calib.errors import EffectCannotAct
 from calib.instruments import TRACKER, Instrument
 from calib.instruments.protocol import MOTION, SCALE
 from calib.poses import Poses
 
-STANDARD_GRAVITY = (0.0, 0.0, -9.80665)
 ARM = "arm"
 """The place that stands for all links, or all joints, at once."""
 

@@ -14,10 +14,10 @@ from typing import Any, get_args
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from calib.arm.robot import Robot
+from calib.arm.robot import Capsule, Robot, Shapes
 from calib.arm.statics import Payload
 from calib.arrays import Array
-from calib.cell import Capsule, Cell, Load, Repeatability, Shapes
+from calib.cell import Cell, Load, Repeatability
 from calib.cell.acceptance import Acceptance
 from calib.errors import InputError, UnknownEffect
 from calib.files.instruments import bodies_of, instruments_of, known_distances
@@ -25,7 +25,7 @@ from calib.files.lenses import with_lenses
 from calib.files.planned import planned, with_targets
 from calib.files.prior import load_prior
 from calib.files.read import ORDER, read_text
-from calib.files.robot import load_robot, robot_files, shapes_of
+from calib.files.robot import load_robot
 from calib.files.schema import (
     KINDS,
     AcceptanceTable,
@@ -61,15 +61,12 @@ def load_cell(path: str | Path) -> Cell:
         for name, m in table.markers_mm.items()
     }
     given = "capsules_mm" in table.robot.model_fields_set
-    shapes = Shapes(_capsules(table.robot)) if given else shapes_of(form, file, robot)
     bodies = bodies_of(path, table)
     every = [*markers.values(), *len(bodies.names) * [MarkerTable(position=(0.0, 0.0, 0.0))]]
     positions = np.array([m.position for m in markers.values()]).reshape(-1, 3)
     cell = Cell(
         name=table.name or path.stem,
         path=path,
-        robot_form=form,
-        robot_files=(*robot_files(form, file), *lenses),
         robot=_narrowed(path, robot, table.robot),
         marker_names=(*markers, *bodies.names),
         markers=np.concatenate([positions * _MM, bodies.markers]),
@@ -84,14 +81,11 @@ def load_cell(path: str | Path) -> Cell:
         anchors={
             j: np.array([a.before, a.after]) * _MM for j, a in table.robot.compensators_mm.items()
         },
-        capsules=shapes.capsules,
-        unread=shapes.unread,
-        own_shapes=not given and bool(shapes.capsules),
-        stands_at=shapes.stands_at,
+        shapes=Shapes(_capsules(table.robot)) if given else robot.shapes,
+        lens_files=lenses,
         design=planned(path, robot, table.design),
         repeatability=_repeatability(table.robot),
         gear_ratios=dict(table.robot.gear_ratio),
-        dh_convention=convention,
         known_distances=known_distances(path, table),
         bodies=bodies.parts,
         acceptance=_acceptance(table.acceptance),

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calib.cell import FORMS, Cell
+from calib.arm.robot import FORMS
+from calib.cell import Cell
 from calib.diagnosis.candidates import PARTS
 from calib.effects import Effect
 from calib.effects.protocol import ARM

@@ -8,9 +8,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from calib.arm.enclosing import enclosing_capsule
+from calib.arm.robot import Capsule, Shapes
 from calib.arm.se3 import rotate
 from calib.arrays import Array
-from calib.cell import Capsule, Shapes
 from calib.errors import InputError
 from calib.files.mesh import mesh_vertices
 from calib.files.urdf import (

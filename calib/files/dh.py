@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.arm.dh import Convention, DhTable, robot_of_dh
-from calib.arm.robot import Robot
+from calib.arm.dh import DhTable, robot_of_dh
+from calib.arm.robot import Convention, Robot
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.columns import ANGLES, LENGTHS

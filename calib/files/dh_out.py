@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.arm.dh import Convention, robot_of_dh
+from calib.arm.dh import robot_of_dh
 from calib.arm.dh_fit import DhFit, dh_of_robot
 from calib.arm.kinematics import forward
-from calib.arm.robot import Robot
+from calib.arm.robot import Convention, Robot
 from calib.arm.se3 import rotate, so3_log
 from calib.arrays import Array
 from calib.cell import Cell
@@ -29,7 +29,7 @@ def corrected_dh(cell: Cell, corrections: Array, convention: Convention) -> tupl
 
     Raises InputError where the cell's table cannot be read any more.
     """
-    if cell.dh_convention != convention:
+    if cell.robot.source.convention != convention:
         fit = dh_of_robot(cell.robot, corrections, convention)
         return fit, dh_text(fit.table)
     own = read_dh(cell.robot_files[0], convention)

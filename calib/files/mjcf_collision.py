@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from calib.arm.robot import Capsule, Shapes
 from calib.arm.se3 import rotate
 from calib.arrays import Array
-from calib.cell import Capsule, Shapes
 from calib.errors import InputError
 from calib.files.collision import capsule_about, corners, rims
 from calib.files.in_mujoco import mujoco_for

@@ -35,7 +35,7 @@ def load_prior(path: Path, cell: Cell) -> Prior:
     raise InputError(
         path,
         "types",
-        f"holds {names or 'none'}, and none with the {cell.robot_source} {cell.robot_files[0]} as it "
+        f"holds {names or 'none'}, and none with the {cell.robot.source} {cell.robot_files[0]} as it "
         "stands",
         f"values count from one nominal model; {_LEARN} from robots of this one, or take "
         "[model.prior] out",

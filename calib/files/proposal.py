@@ -8,10 +8,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from calib.arm.dh import Convention, robot_of_dh
+from calib.arm.dh import robot_of_dh
 from calib.arm.odd_limits import odd_limits
-from calib.arm.robot import Robot
-from calib.cell import Form
+from calib.arm.robot import Convention, Form, Robot
 from calib.errors import InputError
 from calib.files.collision import urdf_shapes
 from calib.files.dh import dh_text

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from calib.arm.dh import Convention
-from calib.arm.robot import Robot
-from calib.cell import Form, Shapes
+from calib.arm.robot import Convention, Form, Robot, Source
 from calib.errors import InputError
 from calib.files.collision import urdf_shapes
 from calib.files.dh import load_dh
@@ -19,12 +18,13 @@ from calib.files.urdf import load_urdf
 
 _FARTHEST = 50.0  # m: no link is as long
 READERS = {"urdf": load_urdf, "mjcf": load_mjcf, "kinematics": load_kinematics}
+_SHAPES = {"urdf": urdf_shapes, "mjcf": mjcf_shapes}
 
 
 def load_robot(
     form: Form, path: Path, base: str, tip: str, convention: Convention | None = None
 ) -> Robot:
-    """The chain from ``base`` to ``tip`` of a file.
+    """The chain from ``base`` to ``tip`` of a file, with its shapes; a DH table has none.
 
     convention : of a DH table, whose ends have no names but these words
 
@@ -35,13 +35,11 @@ def load_robot(
     else:
         robot = READERS[form](path, base, tip)
     _refuse_far_origins(path, robot)
-    return robot
-
-
-def shapes_of(form: Form, path: Path, robot: Robot) -> Shapes:
-    """What the robot's file says of its shape; a DH table says nothing."""
-    read = {"urdf": urdf_shapes, "mjcf": mjcf_shapes}.get(form)
-    return Shapes({}) if read is None else read(path, robot.base, robot.tip)
+    robot = replace(robot, source=Source(form, robot_files(form, path), convention))
+    if form not in _SHAPES:
+        return robot
+    shapes = _SHAPES[form](path, robot.base, robot.tip)
+    return replace(robot, shapes=replace(shapes, own=bool(shapes.capsules)))
 
 
 def _refuse_far_origins(path: Path, robot: Robot) -> None:

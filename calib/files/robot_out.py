@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from calib.arm.dh import Convention
+from calib.arm.robot import Convention, Form
 from calib.arrays import Array
-from calib.cell import Cell, Form
+from calib.cell import Cell
 from calib.effects.base import Base
 from calib.effects.protocol import Constant
 from calib.effects.tool import Tool
@@ -63,16 +63,16 @@ def corrected_robot(
     for an arm whose maker has no kinematics file.
     """
     lacks = []
-    if form != cell.robot_form:
-        lacks.append(f"is made anew from the {cell.robot_source}: {LACKS[form]}")
+    if form != cell.robot.source.form:
+        lacks.append(f"is made anew from the {cell.robot.source}: {LACKS[form]}")
         lacks += [f"{_MIMICS[form]}: {m.joint} by {m.master}" for m in cell.robot.mimics]
     if form == "dh":
-        convention = convention or cell.dh_convention or "classic"
+        convention = convention or cell.robot.source.convention or "classic"
         fit, text = corrected_dh(cell, corrections, convention)
         notes = dh_lacks(fit, cell.robot, markers)
         return Written(text, (*lacks, f"is {convention}; name it so in the cell", *notes))
     if form == "kinematics":
-        own = cell.robot_form == "kinematics"
+        own = cell.robot.source.form == "kinematics"
         text = (
             corrected_kinematics(cell.robot_files[0], corrections)
             if own
@@ -87,10 +87,10 @@ def _tree(
 ) -> str:
     """The text of a URDF or an MJCF."""
     source = cell.robot_files[0]
-    if cell.robot_form == "urdf":
+    if cell.robot.source.form == "urdf":
         text = corrected_urdf(source, cell.robot, corrections, markers)
         return text if form == "urdf" else mjcf_of_urdf(source, text, cell.robot.tip)
-    if cell.robot_form == "mjcf":
+    if cell.robot.source.form == "mjcf":
         if form == "mjcf":
             return corrected_mjcf(source, cell.robot, corrections, markers, target)
         whole = load_robot("mjcf", source, cell.robot.base, cell.robot.tip)  # limits as in the file

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,11 +15,12 @@ from calib.instruments.protocol import Column, Instrument, Linear, Nominal, Star
 from calib.noise import Noise
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Tracker(Instrument):
     """Points in the frame of its station, turned and shifted against the base anyhow.
 
     The place is ``T_station_base`` = [exp(rx, ry, rz) | x, y, z]; at zero the frames coincide.
+    ``Tracker(sigma=1e-5)`` is one with the same standard deviation [m] in every coordinate.
 
     noise : Noise, along and across the beam
     stands : ndarray, shape (3,), m, base frame, where the beams start; None for the origin of the
@@ -38,6 +39,23 @@ class Tracker(Instrument):
     )
     columns: ClassVar[tuple[Column, ...]] = tuple(Column(c, "length") for c in "xyz")
     stationed: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        sigma: float = 1.0,
+        noise: Noise | None = None,
+        stands: Array | None = None,
+        common: tuple[CommonError, ...] = (),
+        **named: Any,
+    ) -> None:
+        """Make a tracker of its noise; the other fields are those of any instrument.
+
+        sigma : m, of every coordinate at any range, where no ``noise`` is given
+        """
+        super().__init__(**named)
+        object.__setattr__(self, "noise", noise or Noise.isotropic(sigma))
+        object.__setattr__(self, "stands", stands)
+        object.__setattr__(self, "common", common)
 
     @staticmethod
     def placement(place: Array) -> tuple[Array, Array]:

@@ -65,5 +65,5 @@ def assumed_height(cell: Cell) -> float | None:
     """
     pull = float(np.linalg.norm(cell.gravity))
     upright = bool(pull) and -cell.gravity[2] > _UPRIGHT * pull
-    assumable = upright and cell.own_shapes and not cell.design.floorless
-    return cell.stands_at if assumable else None
+    assumable = upright and cell.shapes.own and not cell.design.floorless
+    return cell.shapes.stands_at if assumable else None

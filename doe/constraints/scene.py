@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.arm.kinematics import Frames, forward, link_origins
+from calib.arm.robot import Capsule
 from calib.arrays import Array
-from calib.cell import Capsule, Cell
+from calib.cell import Cell
 from calib.errors import CalibError
 
 BASE = 0
@@ -111,7 +112,7 @@ def scene_of(cell: Cell, q: Array) -> Scene:
 def named_capsules(cell: Cell) -> Iterator[tuple[int, str, Capsule]]:
     """Body number, name and shape of every capsule, from the base to the tool."""
     for body, carrier in enumerate(("base", *cell.robot.joints, "tool")):
-        capsules = cell.capsules.get(carrier, ())
+        capsules = cell.shapes.capsules.get(carrier, ())
         for i, capsule in enumerate(capsules, 1):
             yield body, carrier if len(capsules) == 1 else f"{carrier} #{i}", capsule
 

@@ -54,7 +54,7 @@ def clear_of_itself(cell: Cell) -> SelfCollision | None:
     for i, j in pairs:
         a, b = probe.capsules[i], probe.capsules[j]
         at_zero = zero.capsules[i], zero.capsules[j]
-        touch_there = cell.own_shapes and bool(overlap(*at_zero, np.ones(1, dtype=bool))[0])
+        touch_there = cell.shapes.own and bool(overlap(*at_zero, np.ones(1, dtype=bool))[0])
         if touch_there or overlap(a, b, everywhere).mean() >= _ALWAYS:
             exempt.append((a.name, b.name))
         else:

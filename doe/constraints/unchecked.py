@@ -10,9 +10,9 @@ _REMEDY = "Put the meshes where the robot file says, or give robot.capsules_mm i
 
 def unchecked(cell: Cell) -> str:
     """That poses are not checked for collisions, or only in part, and what to do; "" where they are."""
-    if cell.unread:
-        more = f", and {len(cell.unread) - 1} more" if len(cell.unread) > 1 else ""
-        what = f"shapes cannot be read: {cell.unread[0]}{more}"
+    if cell.shapes.unread:
+        more = f", and {len(cell.shapes.unread) - 1} more" if len(cell.shapes.unread) > 1 else ""
+        what = f"shapes cannot be read: {cell.shapes.unread[0]}{more}"
         how = "only in part" if moving_capsules(cell) else "not"
         return f"The poses are {how} checked for collisions, as {what}. {_REMEDY}"
     if not moving_capsules(cell):

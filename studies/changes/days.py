@@ -108,7 +108,7 @@ def _check_robot(cell: Cell, path: Path, record: IdentifyRecord) -> None:
             raise InputError(
                 path,
                 "inputs",
-                f"was not made with the {cell.robot_source} {file} as it stands",
+                f"was not made with the {cell.robot.source} {file} as it stands",
                 "compare results of one robot, identified from one nominal model",
             )
 

@@ -19,8 +19,7 @@ from studies.command.progress import working
 from studies.command.session import read_session
 
 if TYPE_CHECKING:
-    from calib.arm.dh import Convention
-    from calib.cell import Form
+    from calib.arm.robot import Convention, Form
     from calib.identification.identification import Method
     from calib.observations import Approach, Weighting
 

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from calib import Cell, Identification
-from calib.arm.dh import Convention
-from calib.cell import Form
+from calib.arm.robot import Convention, Form
 from calib.effects.tool import Tool
 from calib.errors import InputError
 from calib.files.lenses import camera_named, lens_found

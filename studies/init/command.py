@@ -11,7 +11,7 @@ from studies.command.deliver import check_outputs, deliver, output_file
 from studies.command.options import PATH, json_option, one_line_faults
 
 if TYPE_CHECKING:
-    from calib.arm.dh import Convention
+    from calib.arm.robot import Convention
 
 
 @click.command()

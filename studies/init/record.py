@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 from pydantic import Field
 
-from calib.cell import Form
+from calib.arm.robot import Form
 from studies.record import Entry, Envelope, Record
 
 if TYPE_CHECKING:

@@ -81,7 +81,7 @@ def axis_names(cell: Cell) -> tuple[str, ...]:
             "KRL",
             f"joints {', '.join(robot.joints)}",
             "do not tell which are the axes A1 to A6 and which the external ones E1 to E6",
-            f"let the {cell.robot_source}'s names end so, as in joint_a1 or rail_e1",
+            f"let the {cell.robot.source}'s names end so, as in joint_a1 or rail_e1",
         )
     arm, external = min(robot.dof, _MOST_AXES), max(robot.dof - _MOST_AXES, 0)
     return tuple([f"A{k + 1}" for k in range(arm)] + [f"E{k + 1}" for k in range(external)])

@@ -82,7 +82,7 @@ def head_lines(cell: Cell, axes: Sequence[str]) -> list[str]:
     )
     return [
         f"Axes: {pairs}",
-        f"Taken from the {cell.robot_source} and to be checked: zero positions and senses of "
+        f"Taken from the {cell.robot.source} and to be checked: zero positions and senses of "
         "rotation of all axes.",
         "The way from pose to pose is not checked for collisions: look at it first.",
         "Tool and load data of the controller are not set here: select them first.",
@@ -108,5 +108,5 @@ def _check_limits(cell: Cell, q: Array, pose: str, source: str) -> None:
             source,
             f"pose {pose}",
             f"joint {robot.joints[j]} at {shown} is beyond its limits",
-            f"take the pose out or mend the limits in {cell.robot_source} and cell",
+            f"take the pose out or mend the limits in {cell.robot.source} and cell",
         )

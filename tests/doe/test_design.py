@@ -15,7 +15,8 @@ import pytest
 import doe
 from calib import CalibError, Cell, Poses, observation, parameters
 from calib.api import readings
-from calib.cell import Capsule, Load
+from calib.arm.robot import Capsule, Shapes
+from calib.cell import Load
 from calib.cell.planned import Planned
 from calib.cell.targets import targets_of
 from calib.model.build import build
@@ -347,7 +348,7 @@ def test_obstacles_sight_and_load_are_kept(elastic: Cell) -> None:
     post = {"type": "sphere", "center_mm": (1500, 800, 800), "radius_mm": 500}
     cell = replace(
         designed(elastic, obstacle=[wall, post]),
-        capsules=capsules,
+        shapes=Shapes(capsules),
         instruments=read_by(stands=np.array([4.0, 0.0, 1.5])),
         marker_normals=np.tile([1.0, 0.0, 0.0], (3, 1)),
         marker_acceptance=np.full(3, np.radians(60)),
@@ -453,7 +454,7 @@ REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
     "nothing feasible": (
         lambda c: replace(
             designed(c, obstacle=[{"type": "sphere", "center_mm": (0, 0, 0), "radius_mm": 9000}]),
-            capsules={"tool": (Capsule((0, 0, 0), (0.1, 0, 0), 0.1),)},
+            shapes=Shapes({"tool": (Capsule((0, 0, 0), (0.1, 0, 0), 0.1),)}),
         ),
         {"levels": LEVELS},
         "obstacle 1 (sphere) removed",
@@ -463,7 +464,7 @@ REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
             designed(
                 c, obstacle=[{"type": "halfspace", "point_mm": (0, 0, 900), "normal": (0, 0, -1)}]
             ),
-            capsules={"A3": (Capsule((0, 0, 0), (0.1, 0, 0), 0.1),)},
+            shapes=Shapes({"A3": (Capsule((0, 0, 0), (0.1, 0, 0), 0.1),)}),
         ),
         {"levels": LEVELS},
         "at A2 = -0.01",

@@ -72,7 +72,7 @@ def test_the_cell_loads_and_the_table_fits_it(tmp_path: Path, name: str) -> None
     assert len(calib.load_measurements(cell, folder / "measurements.csv", every_marker=False)) == 1
     said = json.loads((tmp_path / "out.json").read_text(), parse_constant=pytest.fail)
     assert said["command"] == "init"
-    assert said["robot"] == {"form": cell.robot_form, "base": base, "tip": tip}
+    assert said["robot"] == {"form": cell.robot.source.form, "base": base, "tip": tip}
     assert any("no limits" in w for w in said["warnings"]) is (name not in ("arm.urdf", "arm.xml"))
     assert any("no link masses" in w for w in said["warnings"]) is (
         name not in ("arm.urdf", "arm.xml")
@@ -211,7 +211,7 @@ def test_a_controllers_file_becomes_a_table(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert "its DH table was written anew" in done.stdout
     cell = calib.load_cell(tmp_path / "cell" / "cell.toml")
-    assert (cell.robot_form, cell.dh_convention) == ("dh", "classic")
+    assert (cell.robot.source.form, cell.robot.source.convention) == ("dh", "classic")
     assert cell.robot.joints[5] == "wrist_3_joint"
 
 

@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 import calib
+from calib.arm.robot import Source
 from calib.errors import InputError
 from calib.poses import poses_at
 from studies.cli import main
@@ -109,7 +110,7 @@ def test_a_cell_without_load_has_one_stop_a_pose(folder: Path) -> None:
 @pytest.mark.parametrize("ending", [".src", ".script", ".mod", ".ls"])
 def test_poses_that_nothing_checked_are_said_in_the_first_line(folder: Path, ending: str) -> None:
     cell, urdf = folder / "cell.toml", folder / "kr270.urdf"
-    assert not calib.load_cell(cell).capsules.keys() - {"base"}
+    assert not calib.load_cell(cell).shapes.capsules.keys() - {"base"}
     done = run(cell, folder / "plan.csv", "-o", folder / f"p{ending}")
     assert "The poses are not checked for collisions, as the arm has no shape" in done.output
     mesh = '<collision><geometry><mesh filename="one; HALT.stl"/></geometry></collision>'
@@ -209,8 +210,8 @@ def test_rapid_and_fanuc_have_limits_of_their_own() -> None:
 
 
 def test_a_cell_with_mjcf_is_told_of_its_mjcf() -> None:
-    robot = random_robot(np.random.default_rng(0), 6)
-    cell = replace(cell_of(robot, np.zeros((1, 3)), ()), robot_form="mjcf")
+    robot = replace(random_robot(np.random.default_rng(0), 6), source=Source("mjcf"))
+    cell = cell_of(robot, np.zeros((1, 3)), ())
     for language in LANGUAGES.values():
         text = language("plan", cell, [Stop("p", np.zeros(6), ("measure",))], ()).text
         text = re.sub(r" ;\n *\d+:  !", " ", text)
@@ -218,7 +219,8 @@ def test_a_cell_with_mjcf_is_told_of_its_mjcf() -> None:
         assert "URDF" not in text
     with pytest.raises(InputError, match="limits in MJCF and cell"):
         plan_stops(cell, poses_at(np.full((1, 6), 100.0)), "plan.csv")
-    many = replace(cell, robot=random_robot(np.random.default_rng(0), 13))
+    chain = replace(random_robot(np.random.default_rng(0), 13), source=Source("mjcf"))
+    many = replace(cell, robot=chain)
     with pytest.raises(InputError, match="let the MJCF's names end so"):
         axis_names(many)
 

@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from calib.cell import FORMS, Form
+from calib.arm.robot import FORMS, Form
 from calib.files.schema.values import NotNegative, Positive, Range, Table, Vector, plain
 
 

@@ -133,8 +133,8 @@ def surface(model: object, data: object, g: int, rng: np.random.Generator) -> Ar
 
 def test_every_shape_lies_in_a_capsule_at_every_pose(folder: Path) -> None:
     cell, rng = load(folder), np.random.default_rng(0)
-    assert not cell.unread
-    assert {name: len(own) for name, own in cell.capsules.items()} == {
+    assert not cell.shapes.unread
+    assert {name: len(own) for name, own in cell.shapes.capsules.items()} == {
         **dict.fromkeys(("base", "j1", "j2", "j3"), 1),
         "j4": 2,
     }
@@ -194,7 +194,7 @@ def test_pairs_that_meet_at_the_zero_pose_are_named_and_not_checked(folder: Path
 
 def test_the_floor_is_where_the_base_ends(folder: Path) -> None:
     cell = load(folder)
-    assert cell.stands_at == pytest.approx(0.0, abs=1e-9)
+    assert cell.shapes.stands_at == pytest.approx(0.0, abs=1e-9)
     floor = constraint(cell, Floor)
     assert isinstance(floor, Floor)
     assert floor.assumed
@@ -227,7 +227,7 @@ def test_the_cell_says_otherwise(folder: Path, said: dict[str, str], height: flo
     cell = load(folder, **said)
     floor = constraint(cell, Floor)
     assert (floor.height if isinstance(floor, Floor) else None) == height
-    assert bool(cell.capsules) is ("robot" not in said)
+    assert bool(cell.shapes.capsules) is ("robot" not in said)
 
 
 def test_what_cannot_be_read_is_named_and_left_out(folder: Path) -> None:
@@ -236,9 +236,9 @@ def test_what_cannot_be_read_is_named_and_left_out(folder: Path) -> None:
     text = text.replace('<sphere radius="0.09"/>', '<sphere radius="much"/>')
     (folder / "arm.urdf").write_text(text)
     cell = load(folder)
-    assert set(cell.capsules) == {"base", "j2", "j4"}
-    assert [own.split(" ")[0] for own in cell.unread] == ["shoulder", "elbow"]
-    assert "is not there" in cell.unread[1]
+    assert set(cell.shapes.capsules) == {"base", "j2", "j4"}
+    assert [own.split(" ")[0] for own in cell.shapes.unread] == ["shoulder", "elbow"]
+    assert "is not there" in cell.shapes.unread[1]
 
 
 @pytest.mark.parametrize(

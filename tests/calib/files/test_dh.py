@@ -87,7 +87,7 @@ def test_the_chain_is_that_of_the_table(tmp_path: Path, table: str, convention: 
         np.testing.assert_allclose(frames.R[i, -1], T[:3, :3], atol=1e-14)
         np.testing.assert_allclose(frames.o[i, -1], T[:3, 3], atol=1e-14)
     assert (cell.robot.base, cell.robot.tip) == ("base", "tip")
-    assert cell.robot_source == "DH table"
+    assert str(cell.robot.source) == "DH table"
 
 
 @pytest.mark.parametrize("convention", BOTH)

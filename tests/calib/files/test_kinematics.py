@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import calib
 from calib import Cell
 from calib.arm.dh import robot_of_dh
 from calib.arm.kinematics import forward
-from calib.arm.robot import Robot
+from calib.arm.robot import Robot, Source
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.robot_out import corrected_robot
@@ -175,7 +176,7 @@ def test_other_arms_have_no_such_file(tmp_path: Path) -> None:
     robot = robot_of_dh(nominal_ur("UR5e"), "arm", "base", "tip")
     cell = cell_of_file(tmp_path, ur_text())
     renamed = Robot(**{**robot.__dict__, "joints": tuple("abcdef")})
-    cell = type(cell)(**{**cell.__dict__, "robot": renamed, "robot_form": "urdf"})
+    cell = replace(cell, robot=replace(renamed, source=Source("urdf")))
     with pytest.raises(InputError, match="neither those of Universal Robots"):
         corrected_robot(cell, "kinematics", np.zeros((8, 6)), {}, tmp_path / "o.yaml")
 

@@ -315,7 +315,7 @@ def test_a_cell_names_one_of_both(tmp_path: Path) -> None:
     path = tmp_path / "cell.toml"
     path.write_text(CELL.format(robot='mjcf = "arm.xml"'))
     cell = calib.load_cell(path)
-    assert (cell.robot_form, cell.robot_files) == ("mjcf", (tmp_path / "arm.xml",))
+    assert (cell.robot.source.form, cell.robot_files) == ("mjcf", (tmp_path / "arm.xml",))
     for robot in ("", 'mjcf = "arm.xml"\nurdf = "arm.urdf"'):
         path.write_text(CELL.format(robot=robot))
         with pytest.raises(

@@ -82,8 +82,8 @@ def test_what_touches_a_geom_is_in_a_capsule(tmp_path: Path, base: str) -> None:
     """Balls about the arm: where MuJoCo says that one meets a geom, it meets a capsule, and no capsule
     is far about its geom."""
     cell = load(tmp_path, base)
-    assert not cell.unread
-    sizes = {name: len(own) for name, own in cell.capsules.items()}
+    assert not cell.shapes.unread
+    sizes = {name: len(own) for name, own in cell.shapes.capsules.items()}
     assert sizes == {"base": 1, "j1": 1, "j2": 2, "j3": 1, "j4": 3}
     rng, count = np.random.default_rng(0), 40
     model = with_probes(ARM, count)
@@ -137,4 +137,4 @@ def test_a_plane_on_the_arm_is_named(tmp_path: Path) -> None:
     arm = ARM.replace(
         '<geom name="picture"', '<geom type="plane" size="1 1 1"/><geom name="picture"'
     )
-    assert load(tmp_path, "base", arm).unread == ("base (plane has no end)",)
+    assert load(tmp_path, "base", arm).shapes.unread == ("base (plane has no end)",)

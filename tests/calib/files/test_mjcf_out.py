@@ -12,7 +12,7 @@ import pytest
 
 from calib import Cell
 from calib.arm.kinematics import forward
-from calib.arm.robot import Robot
+from calib.arm.robot import Robot, Source
 from calib.arrays import Array
 from calib.files.mjcf import load_mjcf
 from calib.files.robot_out import corrected_robot
@@ -28,8 +28,8 @@ MARKERS = {"m1": np.array([0.1, 0.0, 0.2]), "m2": np.array([0.0, -0.3, 0.0])}
 
 def mjcf_cell(path: Path, base: str = "base", tip: str = "tip") -> Cell:
     robot = load_mjcf(path, base, tip)
-    cell = cell_of(robot, np.zeros((1, 3)), ["base"])
-    return replace(cell, robot_form="mjcf", robot_files=(path,))
+    robot = replace(robot, source=Source("mjcf", (path,)))
+    return cell_of(robot, np.zeros((1, 3)), ["base"])
 
 
 def displaced_markers(robot: Robot, q: Array, corrections: Array) -> Array:
@@ -145,7 +145,7 @@ def test_a_urdf_as_mjcf(kr270: Cell, tmp_path: Path) -> None:
     path = tmp_path / "arm.urdf"
     path.write_text(urdf.replace('<link name="link_3">', f'<link name="link_3">{shape}'))
     assert shape in path.read_text()
-    cell = replace(kr270, robot_files=(path,))
+    cell = replace(kr270, robot=replace(kr270.robot, source=Source("urdf", (path,))))
     corrections = rng.normal(size=(8, 6)) * 1e-2
     text = corrected_robot(cell, "mjcf", corrections, MARKERS, tmp_path / "out.xml").text
     model = mujoco.MjModel.from_xml_string(text)

@@ -10,11 +10,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calib import Cell
-from calib.arm.robot import Robot
+from calib.arm.robot import Capsule, Robot, Shapes
 from calib.arm.se3 import transform
 from calib.arm.statics import Payload
 from calib.arrays import Array
-from calib.cell import Capsule, Load
+from calib.cell import Load
 from calib.cell.planned import Ball, Box
 from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.constraints.scene import Scene
@@ -52,7 +52,7 @@ def shaped(seed: int, prismatic: tuple[int, ...] = ()) -> Cell:
     carriers = {"base": 1, "j1": 1, "j3": 2, "j4": 1, "j5": 1, "tool": 2}
     return replace(
         designed(cell_of(robot, rng.uniform(-0.3, 0.3, (3, 3)), ("base",)), obstacle=obstacles),
-        capsules={name: capsules(count) for name, count in carriers.items()},
+        shapes=Shapes({name: capsules(count) for name, count in carriers.items()}),
         instruments=read_by(stands=np.array([3.0, 1.0, 0.5])),
         payload=Payload(4.0, (0.05, 0.0, 0.1)),
         load=Load(12.0, (0.1, 0.05, -0.02), np.radians(40.0)),
@@ -73,7 +73,7 @@ def in_mujoco(cell: Cell) -> mujoco.MjModel:
     def shapes(carrier: str) -> str:
         return "".join(
             f'<geom type="capsule" fromto="{text((*c.start, *c.end))}" size="{c.radius}"/>'
-            for c in cell.capsules.get(carrier, ())
+            for c in cell.shapes.capsules.get(carrier, ())
         )
 
     def weight(mass: float, com: Any) -> str:

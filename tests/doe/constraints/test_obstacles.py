@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from calib.arm.robot import Shapes
 from doe.constraints import constraints_of
 from tests.doe.constraints.arms import LINK, allowed, only, planar
 from tests.helpers import designed
@@ -33,8 +34,8 @@ from tests.helpers import designed
 )
 def test_obstacles(obstacle: dict[str, Any], name: str) -> None:
     """All three begin 1.5 m from the base along y: two links reach it, less than 1.4 m does not."""
-    cell = designed(planar(2, capsules={"j1": (LINK,), "j2": (LINK,)}), obstacle=[obstacle])
-    assert only(replace(cell, capsules={"j2": (LINK,)})).name == name
+    cell = designed(planar(2, shapes=Shapes({"j1": (LINK,), "j2": (LINK,)})), obstacle=[obstacle])
+    assert only(replace(cell, shapes=Shapes({"j2": (LINK,)}))).name == name
     found = allowed(cell, (90, 0), (90, 180), (-90, 0), (90, 90), (90, 70), (90, 66))
     # One metre up and then 1 m at 20 or 24 degrees: 0.34 or 0.41 m further up, 0.1 m thick.
     sideways = obstacle["type"] == "halfspace"
@@ -43,7 +44,7 @@ def test_obstacles(obstacle: dict[str, Any], name: str) -> None:
 
 def test_base_may_touch_obstacles() -> None:
     floor = {"type": "halfspace", "point_mm": (0, 0, -50), "normal": (0, 0, -1)}
-    on_floor = designed(planar(capsules={"base": (LINK,)}), obstacle=[floor])
+    on_floor = designed(planar(shapes=Shapes({"base": (LINK,)})), obstacle=[floor])
     assert constraints_of(on_floor) == ()
-    touching = replace(on_floor, capsules={"base": (LINK,), "j1": (LINK,)})
+    touching = replace(on_floor, shapes=Shapes({"base": (LINK,), "j1": (LINK,)}))
     assert allowed(touching, (0, 0, 0)) == [False]

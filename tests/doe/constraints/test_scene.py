@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from calib import Cell
+from calib.arm.robot import Capsule, Shapes
 from calib.arm.se3 import so3_exp, transform
-from calib.cell import Capsule
 from calib.cell.planned import Ball, Box, HalfSpace
 from calib.errors import CalibError
 from doe.constraints import constraints_of, scene_of, visible
@@ -59,7 +59,7 @@ def test_answers_do_not_depend_on_the_base_axes() -> None:
     )
     origins = cell.robot.origins.copy()
     origins[0] = T @ origins[0]
-    (post,) = cell.capsules["base"]
+    (post,) = cell.shapes.capsules["base"]
     post = Capsule(
         tuple(R @ np.array(post.start) + p), tuple(R @ np.array(post.end) + p), post.radius
     )
@@ -68,7 +68,7 @@ def test_answers_do_not_depend_on_the_base_axes() -> None:
         cell,
         robot=replace(cell.robot, origins=origins),
         design=replace(cell.design, obstacles=obstacles),
-        capsules=dict(cell.capsules, base=(post,)),
+        shapes=Shapes(dict(cell.shapes.capsules, base=(post,))),
         instruments=read_by(stands=R @ cell.instrument + p),
         gravity=R @ cell.gravity,
     )

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from calib import Cell
-from calib.cell import Capsule
+from calib.arm.robot import Capsule, Shapes
 from doe.constraints import constraints_of, scene_of
 from doe.constraints.scene import Scene
 from doe.constraints.self_collision import SelfCollision
@@ -55,7 +55,7 @@ def test_collisions_are_those_of_mujoco(arm: tuple[Cell, Scene, mujoco.MjModel])
 
 
 def test_self_collision_spares_neighbours() -> None:
-    cell = planar(capsules=LINKS)
+    cell = planar(shapes=Shapes(LINKS))
     crossing = only(cell)
     assert isinstance(crossing, SelfCollision)
     assert [crossing.pairs, crossing.exempt] == [((0, 2),), ()]
@@ -68,7 +68,7 @@ def test_self_collision_of_prismatic_joint() -> None:
     """A slide along z lifts the third link over the first."""
     cell = planar(
         4,
-        capsules={"j1": (LINK,), "j4": (LINK,)},
+        shapes=Shapes({"j1": (LINK,), "j4": (LINK,)}),
         prismatic=np.array([False, False, True, False]),
         limits=np.array([[-np.pi, np.pi], [-np.pi, np.pi], [-1.0, 1.0], [-np.pi, np.pi]]),
     )
@@ -84,7 +84,7 @@ def test_pairs_that_always_overlap_are_exempt() -> None:
     crossing = only(
         planar(
             origins=np.tile(np.eye(4), (4, 1, 1)),
-            capsules={"j1": (arm, ball), "j3": (ball, arm)},
+            shapes=Shapes({"j1": (arm, ball), "j3": (ball, arm)}),
         )
     )
     assert isinstance(crossing, SelfCollision)

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from calib import Cell
-from calib.cell import Capsule
+from calib.arm.robot import Capsule, Shapes
 from doe.constraints import scene_of, visible
 from doe.constraints.scene import Scene
 from tests.doe.constraints.arms import (
@@ -51,7 +51,7 @@ def test_marker_behind_a_link() -> None:
     """The instrument looks along -x: folded back, the marker hides behind the first link."""
     cell = planar(
         2,
-        capsules={"j1": (LINK,)},
+        shapes=Shapes({"j1": (LINK,)}),
         instruments=read_by(stands=np.array([5.0, 0.0, 0.0])),
         markers=np.array([[-0.5, 0.0, 0.0], [-0.5, 0.0, 0.5]]),
     )
@@ -63,7 +63,7 @@ def test_marker_behind_a_link() -> None:
 def test_marker_behind_the_base() -> None:
     post = Capsule((0.0, 0.0, -1.0), (0.0, 0.0, 1.0), 0.2)
     cell = planar(
-        2, capsules={"base": (post,)}, instruments=read_by(stands=np.array([5.0, 0.0, 0.0]))
+        2, shapes=Shapes({"base": (post,)}), instruments=read_by(stands=np.array([5.0, 0.0, 0.0]))
     )
     assert sees(cell, (0, 0), (180, 0), (170, 0), (90, 0)) == [[True], [False], [True], [True]]
 
@@ -73,7 +73,7 @@ def test_marker_in_the_capsule_of_the_tool() -> None:
     tool = Capsule((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), 0.1)
     cell = planar(
         2,
-        capsules={"tool": (tool,)},
+        shapes=Shapes({"tool": (tool,)}),
         instruments=read_by(stands=np.array([2.1, 5.0, 0.0])),
         markers=np.array([[0.1, -0.1, 0.0], [0.1, 0.0, 0.0], [0.1, -0.11, 0.0], [0.1, 0.11, 0.0]]),
     )

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from calib import Cell
-from calib.cell import Capsule
+from calib.arm.robot import Capsule, Shapes
 from calib.cell.planned import Planned
 from tests.helpers import designed, read_by
 
@@ -31,15 +31,17 @@ def shaped(cell: Cell) -> Cell:
         cell,
         design=replace(cell.design, obstacles=designed(cell, obstacle=obstacles).design.obstacles),
         instruments=read_by(stands=np.array([3.4, -2.6, 1.5])),
-        capsules={
-            "base": (Capsule((0.0, 0.0, 0.1), (0.0, 0.0, 0.5), 0.33),),
-            "A2": (Capsule((0.0, 0.0, 0.0), (1.25, 0.0, 0.0), 0.2),),
-            "A3": (
-                Capsule((0.0, 0.0, 0.0), (0.6, 0.0, -0.05), 0.22),
-                Capsule((0.6, 0.0, -0.05), (1.1, 0.0, -0.055), 0.14),
-            ),
-            "tool": (Capsule((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), 0.1),),
-        },
+        shapes=Shapes(
+            {
+                "base": (Capsule((0.0, 0.0, 0.1), (0.0, 0.0, 0.5), 0.33),),
+                "A2": (Capsule((0.0, 0.0, 0.0), (1.25, 0.0, 0.0), 0.2),),
+                "A3": (
+                    Capsule((0.0, 0.0, 0.0), (0.6, 0.0, -0.05), 0.22),
+                    Capsule((0.6, 0.0, -0.05), (1.1, 0.0, -0.055), 0.14),
+                ),
+                "tool": (Capsule((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), 0.1),),
+            }
+        ),
     )
 
 

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from calib import CalibError, Cell, Measurements, Poses
+from calib.arm.robot import Capsule, Shapes
 from calib.arm.se3 import displacement, rotate, so3_exp
 from calib.arrays import Array
-from calib.cell import Capsule
 from calib.cell.planned import Planned
 from calib.cell.targets import sobol_poses
 from calib.poses import poses_at
@@ -73,7 +73,7 @@ def test_prismatic_joints_and_capsules_by_products_of_matrices() -> None:
     robot = random_robot(rng, 5, prismatic=[1, 3])
     capsule = Capsule((0.1, 0.0, 0.2), (0.4, -0.1, 0.0), 0.05)
     cell = replace(
-        cell_of(robot, rng.uniform(-0.2, 0.2, (2, 3)), ["base"]), capsules={"j2": (capsule,)}
+        cell_of(robot, rng.uniform(-0.2, 0.2, (2, 3)), ["base"]), shapes=Shapes({"j2": (capsule,)})
     )
     q = rng.uniform(-0.5, 0.5, (4, 5))
     found = scene(cell, poses_at(q))
@@ -121,7 +121,7 @@ def test_why_a_marker_is_hidden(kr270: Cell) -> None:
     assert all(j == 1 for (_, j), w in why.items() if w == "turned away")
     for cause, without in (
         ("behind obstacle 1 (box)", replace(cell, design=Planned())),
-        ("behind A2", replace(cell, capsules={**cell.capsules, "A2": ()})),
+        ("behind A2", replace(cell, shapes=Shapes({**cell.shapes.capsules, "A2": ()}))),
     ):
         hidden = [key for key, w in why.items() if w == cause]
         assert hidden, cause

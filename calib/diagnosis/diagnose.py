@@ -17,12 +17,10 @@ from calib.diagnosis.prior import stated
 from calib.diagnosis.rest import rest_of
 from calib.diagnosis.searched import searched
 from calib.diagnosis.stage import Stage
-from calib.identification.checks import check_counts
-from calib.identification.heldout import with_stations_of
 from calib.identification.identify import identify
-from calib.identification.initial import initial_values
 from calib.identification.mistakes import refuse_mistakes
-from calib.identification.whitening import whitening
+from calib.identification.residuals import with_stations_of
+from calib.identification.start import check_counts, initial_values, whitening
 from calib.model import Model
 from calib.model.build import build
 from calib.poses import Measurements

@@ -15,9 +15,8 @@ from calib.diagnosis.prior import curves_in, fitted_amplitudes, held_rows, weak
 from calib.diagnosis.screen import orthonormal
 from calib.effects.protocol import Effect
 from calib.errors import Unsolvable
-from calib.identification.alone import lack_alone
 from calib.identification.estimators import choose_directions
-from calib.identification.outliers import fit_statistics
+from calib.identification.outliers import fit_statistics, lack_alone
 from calib.model import Model
 from calib.model.covariance import covariance, gain
 from calib.observations import Points

@@ -20,7 +20,7 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.drift.series import Series, columns_about, flat, inverse, series_of
 from calib.identification import Identification
-from calib.identification.whitening import whitening
+from calib.identification.start import whitening
 from calib.model import Model
 from calib.observations import Points
 from calib.observations.rigid import rigid_motions

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -11,18 +11,19 @@ from calib.arrays import Array, Mask, by_size, stacked
 from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
-from calib.identification.identification import Method
-from calib.identification.two_step import alternate
 from calib.model import Model
 from calib.model.covariance import Identifiable, gain, identifiable
 from calib.observations import Observation, points_of
-from calib.solver import Minimum, levenberg_marquardt
+from calib.solver import Linearise, Minimum, levenberg_marquardt, normal_equations
 
 # A valley along which poses of narrow joint ranges tell little takes hundreds.
 _MOST_ITERATIONS = 400
 _TURNS = 12  # rigid parameters and elastic differences in turn: each gains three digits
-_SETTLED = 1e-6  # of a plausible size
+_SETTLED = 1e-6  # of a plausible size, or of the standard deviations of the estimate
 _STIFF = 0.03  # of the plausible size of a compliance: as the drives of a heavy arm yield
+
+
+Method = Literal["joint", "two-step"]
 
 
 class Judged(NamedTuple):
@@ -33,50 +34,19 @@ class Judged(NamedTuple):
     span: Array
 
 
-class Estimator(Protocol):
-    """A way from readings to values and their covariance."""
-
-    def fit(
-        self, observation: Observation, start: Array, span: Array, most: int = _MOST_ITERATIONS
-    ) -> Minimum:
-        """Least-squares values, moving along ``span`` (p, k), in at most so many iterations."""
-        ...
-
-    def judged(
-        self, observation: Observation, values: Array, span: Array, kept: Mask | None = None
-    ) -> Judged:
-        """The marker residuals by which poses and noise are judged.
-
-        values : ndarray, shape (p,), SI; span : ndarray, shape (p, k), directions that were estimated
-        kept : ndarray of bool, shape (m,), the poses that were fitted, all without
-        """
-        ...
-
-    def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
-        """Covariance (p, p) for the noise as stated."""
-        ...
-
-    def followed(self, observation: Observation, values: Array, span: Array, moved: Array) -> Array:
-        """How values follow readings displaced by ``moved`` (m, C, r, b), shape (p, b), SI."""
-        ...
-
-    def dof(self, observation: Observation, span: Array) -> int:
-        """Degrees of freedom of the residuals; negative where the readings do not suffice.
-
-        span : ndarray, shape (p, k), directions that are estimated
-        """
-        ...
-
-
 @dataclass(frozen=True)
-class Readings:
-    """Every reading as it is, all parameters at once or the paper's two steps in turn."""
+class Estimator:
+    """Values and their covariance from every reading as it is.
+
+    method : all parameters at once, or the paper's two steps in turn
+    """
 
     method: Method = "joint"
 
     def fit(
         self, observation: Observation, start: Array, span: Array, most: int = _MOST_ITERATIONS
     ) -> Minimum:
+        """Least-squares values, moving along ``span`` (p, k), in at most so many iterations."""
         if self.method == "two-step":
             return alternate(observation.flat, start, *steps(observation.model, span))
         return levenberg_marquardt(observation.flat, start, span, most)
@@ -84,9 +54,13 @@ class Readings:
     def judged(
         self, observation: Observation, values: Array, span: Array, kept: Mask | None = None
     ) -> Judged:
-        """At the minimum of the points themselves, from which another weighting keeps the estimate.
+        """The marker residuals by which poses and noise are judged.
 
-        Elsewhere residuals are longer than their spread says, and right poses would stand out.
+        At the minimum of the points themselves, from which another weighting keeps the estimate:
+        elsewhere residuals are longer than their spread says, and right poses would stand out.
+
+        values : ndarray, shape (p,), SI; span : ndarray, shape (p, k), directions that were estimated
+        kept : ndarray of bool, shape (m,), the poses that were fitted, all without
         """
         if not observation.efficient or observation.weighing is not None:
             counted = observation if kept is None else observation.only(kept)
@@ -94,18 +68,21 @@ class Readings:
         return Judged(*points_of(observation).linearise(values), span)
 
     def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
+        """Covariance (p, p) for the noise as stated."""
         return observation.covariance(values, span)
 
     def followed(self, observation: Observation, values: Array, span: Array, moved: Array) -> Array:
+        """How values follow readings displaced by ``moved`` (m, C, r, b), shape (p, b), SI."""
         return observation.followed(values, span, moved)
 
     def dof(self, observation: Observation, span: Array) -> int:
+        """Degrees of freedom of the residuals; negative where the readings do not suffice."""
         known = observation.model.known_rows
         return int(observation.numbers.sum()) + known - int(span.shape[1])
 
 
 @dataclass(frozen=True)
-class Differences:
+class Differences(Estimator):
     """Elastic parameters from differences between readings at equal joints.
 
     Errors of geometry, the same with and without load, drop out of the differences. Base, tool and
@@ -177,19 +154,13 @@ class Differences:
         return spare - soft if soft else -1
 
 
-def of_prior(observation: Observation, values: Array, span: Array) -> Array:
-    """How least-squares values follow the rows of the robot's type, shape (p, k)."""
-    follow = gain(observation.flat(values)[1], span)
-    return follow[:, follow.shape[1] - observation.model.prior_rows :]
-
-
 def unspent(observation: Observation, values: Array, span: Array) -> float:
     """Rows of the robot's type beyond the parameters that they determine: no residuals of readings."""
     rows = observation.model.prior_rows
     if not rows:
         return 0.0
     own = observation.beside(values)[1][-rows:]
-    return rows - float(np.trace(own @ of_prior(observation, values, span)))
+    return rows - float(np.trace(own @ gain(observation.flat(values)[1], span)[:, -rows:]))
 
 
 def steps(model: Model, span: Array) -> tuple[Array, Array]:
@@ -230,3 +201,64 @@ def choose_directions(
         sizes.append(model.sizes[members].max())
         names.append(ids[members[0]] if alone else "tool (as one body)")
     return identifiable(J @ span, np.array(sizes), tuple(names))
+
+
+# -- the paper's two steps -------------------------------------------------------------------------
+
+# Equations (11) to (15) hold to first order only when taken once, because they exchange R_base and
+# R_robot; here step 1 uses the exact derivative at the present base, and the base is renewed through
+# the exponential. Alternation is block coordinate descent. It needs many turns where base and tool
+# correlate with joint offsets, so the turns are made on the normal equations and the model is
+# linearised anew only when they have settled; the minimum is that of the joint solver.
+
+_SINGULAR = 1e-13  # of the largest eigenvalue
+_MOST_TURNS = 200_000
+_MOST_LINEARISATIONS = 60
+
+
+def alternate(linearise: Linearise, start: Array, placement: Array, rest: Array) -> Minimum:
+    """Minimise by turns over two sets of directions.
+
+    start : ndarray, shape (p,); placement : ndarray, shape (p, a), base and tool (step 1)
+    rest : ndarray, shape (p, b), geometric and elastostatic parameters (step 2)
+    """
+    span = np.column_stack([placement, rest])
+    a = placement.shape[1]
+    blocks = [part for part in (slice(0, a), slice(a, span.shape[1])) if part.stop > part.start]
+    values, turns, converged = np.array(start, dtype=float), 0, False
+    for _ in range(_MOST_LINEARISATIONS):
+        r, J = linearise(values)
+        cost, g, A = normal_equations(r, J @ span)
+        step, used, settled = _turns(A, g, blocks, _MOST_TURNS - turns)
+        turns += used
+        values = values + span @ step
+        if settled and step @ A @ step <= _SETTLED**2 * max(1.0, float(cost) / max(len(step), 1)):
+            converged = True
+            break
+    r, _ = linearise(values)
+    return Minimum(values, np.sum(r**2, axis=-1), np.array(converged), turns)
+
+
+def _turns(A: Array, g: Array, blocks: list[slice], most: int) -> tuple[Array, int, bool]:
+    """Solve ``A step = g`` block by block in turn (Gauss-Seidel): step, turns, whether it settled."""
+    inverse = [_inverse(A[part, part]) for part in blocks]
+    step, gradient = np.zeros_like(g), g.copy()
+    for turn in range(1, most + 1):
+        before = step.copy()
+        for part, solve in zip(blocks, inverse, strict=True):
+            move = solve @ gradient[part]
+            step[part] += move
+            gradient = gradient - A[:, part] @ move
+        change = step - before
+        length, moved = float(step @ A @ step), float(change @ A @ change)
+        if len(blocks) == 1 or moved <= (1e-3 * _SETTLED) ** 2 * max(1.0, length):
+            return step, turn, True
+    return step, most, False
+
+
+def _inverse(A: Array) -> Array:
+    """Inverse of a symmetric matrix, columns scaled to one; what rounding alone tells stays put."""
+    scale = np.sqrt(np.diag(A))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    inner = np.linalg.pinv(A / np.outer(scale, scale), rcond=_SINGULAR, hermitian=True)
+    return np.asarray(inner / np.outer(scale, scale))

@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
-from calib.arrays import Array, Mask
+from calib.arrays import Array
 from calib.effects.base import Base
-from calib.identification.common import Shared, shared, variables_of
-from calib.identification.noise_level import NoiseLevel
-from calib.instruments import Channels, Instrument
-from calib.model import Model
+from calib.identification.estimators import Method
+from calib.identification.fit import Estimation
+from calib.identification.pattern import Shared, shared, variables_of
+from calib.identification.residuals import Residuals
 from calib.model.covariance import Unidentifiable, correlation
 from calib.model.reduction import Dropped
 from calib.observations import Approach
 from calib.population import Departure
-from calib.population.sizes import Widths
-from calib.poses import Measurements, Poses
+from calib.poses import Poses
 from calib.poses.visits import visits
-from calib.scatter import Levels, Scatter, Unnoticed
+from calib.scatter import Scatter, Unnoticed
 from calib.uncertainty.considered import Considered
 from calib.uncertainty.expanded import LEVEL, coverage_factor, effective_freedom, freedom
 
 Status = Literal["converged", "not_converged", "rank_deficient"]
-Method = Literal["joint", "two-step"]
 
 _SHOWN = 6  # poses named in a warning
 _FAR = 0.05  # of the arm's size: no nominal model is off by as much
@@ -41,84 +38,15 @@ ADVICE: dict[Status, str] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Residuals:
-    """Measured minus predicted readings.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Identification(Estimation):
+    """Result of :func:`calib.identify`: the estimate, and how good it is.
 
-    channels : Channels; data : Measurements
-    vectors : ndarray, shape (m, C, r), of a tracker m, zero where hidden
-    outlier : ndarray of bool, shape (m,)
-    statistic : ndarray, shape (m,), what outliers are judged by; limit : float
-    """
+    ``values``, shape (p,), SI, are in the order of ``model.parameters``.
 
-    channels: Channels
-    data: Measurements
-    vectors: Array
-    outlier: Mask
-    statistic: Array
-    limit: float
-
-    @classmethod
-    def of(
-        cls,
-        model: Model,
-        data: Measurements,
-        values: Array,
-        outlier: Mask | None = None,
-        statistic: Array | None = None,
-        limit: float = np.inf,
-    ) -> Residuals:
-        """Those of a data set under values (p,), SI; no pose is an outlier unless it is said."""
-        return cls(
-            model.readout.channels,
-            data,
-            model.off(values, data),
-            np.zeros(len(data), dtype=bool) if outlier is None else outlier,
-            np.zeros(len(data)) if statistic is None else statistic,
-            limit,
-        )
-
-    def lengths(self, poses: Mask | None = None) -> Array:
-        """Lengths of the visible readings' residuals, shape (n,), m; of those that have one.
-
-        poses : ndarray of bool, shape (m,), whose points; all by default
-        """
-        measured = self.channels.lengths
-        distance = np.linalg.norm(np.where(measured, self.vectors, 0.0), axis=-1)
-        chosen = self.data.seen & measured.any(axis=-1)
-        return np.asarray(distance[chosen if poses is None else chosen & poses[:, None]])
-
-    def errors(self, poses: Mask | None = None) -> Iterator[tuple[str, str, Array]]:
-        """Instrument, unit and lengths (n,) of its errors in that unit, of the visible readings.
-
-        poses : ndarray of bool, shape (m,), whose readings; all by default
-        """
-        for instrument, part in self.channels.blocks:
-            seen = self.data.seen[:, part]
-            seen = seen if poses is None else seen & poses[:, None]
-            shown = self.shown(instrument, part)
-            for name in instrument.names:
-                here = seen & self.data.poses.touching(name, instrument.sites)[:, None]
-                for unit in dict.fromkeys(n.unit for n in instrument.numbers):
-                    own = [i for i, n in enumerate(instrument.numbers) if n.unit == unit]
-                    scale = instrument.numbers[own[0]].scale
-                    yield name, unit, np.linalg.norm(shown[here][..., own], axis=-1) / scale
-
-    def shown(self, instrument: Instrument, part: slice) -> Array:
-        """Errors of an instrument's channels as people read them, shape (m, c, k), SI."""
-        measured = self.data.readings[:, part, : instrument.rows]
-        return instrument.shown(measured, self.vectors[:, part, : instrument.rows])
-
-
-@dataclass(frozen=True, eq=False)
-class Identification:
-    """Result of :func:`calib.identify`.
-
-    model : Model; values : ndarray, shape (p,), SI, in the order of ``model.parameters``
     covariance : ndarray, shape (p, p), SI, base and tool included; zero for what was not estimated
     ignorance : ndarray, shape (p, p), SI, what values that were not estimated add to it, at their
         plausible sizes (:func:`calib.model.covariance.ignorance`)
-    unidentifiable : tuple of Unidentifiable, what the poses do not determine
     absorbed : tuple of Dropped, constants that others stand for at any pose
     undecided : tuple of str, poses that are outliers by one fit and none by the next
     unused : tuple of str, poses whose markers are too few for approach pose
@@ -130,7 +58,6 @@ class Identification:
         they do under a model that lacks something; None where the poses are too few to tell
     step_two_std : ndarray, shape (p,), standard deviations that would follow if base and tool were
         known (the paper's step 2), NaN for base and tool
-    weights : ndarray, shape (m, C, r, r), whitening matrices of the readings, zero for hidden ones
     profiled : ndarray, shape (p,), standard deviations of tunings by the profile of the likelihood, NaN
         where the covariance holds, or None
     footprint : float, metres to one unit of distances and noise: 1 unless no reading is a length
@@ -138,25 +65,13 @@ class Identification:
         ``covariance``, and that scatter; None where it was found, or is known
     common : tuple of Considered, errors that all readings share, which the cell states; their part of
         the uncertainty is no part of ``covariance``
-    scatter : Scatter or None, how whole poses err together; levels : Levels or None, how that was found
-    of_type : Departure or None, how the robot stands to its type where the cell names one
-    sizes : Widths or None, how large errors are by these readings, where that holds what they leave
-        open; pull : float, what is known beside the readings weighs so many times more, as they err
-        so many times more than is stated
     """
 
-    model: Model
-    values: Array
     covariance: Array
     ignorance: Array
     status: Status
     approach: Approach
     method: Method
-    noise: NoiseLevel
-    dof: int
-    rank: int
-    iterations: int
-    unidentifiable: tuple[Unidentifiable, ...]
     absorbed: tuple[Dropped, ...]
     undecided: tuple[str, ...]
     unused: tuple[str, ...]
@@ -167,16 +82,45 @@ class Identification:
     by_instrument: dict[tuple[str, str], dict[str, float]]
     std_by_pose: Array | None
     step_two_std: Array
-    weights: Array
-    scatter: Scatter | None = None
-    levels: Levels | None = None
     profiled: Array | None = None
     footprint: float = 1.0
-    of_type: Departure | None = None
-    sizes: Widths | None = None
-    pull: float = 1.0
     unnoticed: tuple[Array, Unnoticed] | None = None
     common: tuple[Considered, ...] = ()
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of the residuals."""
+        return self.left[1]
+
+    @property
+    def rank(self) -> int:
+        """How many directions the readings determine."""
+        return self.choice.rank
+
+    @property
+    def unidentifiable(self) -> tuple[Unidentifiable, ...]:
+        """What the poses do not determine."""
+        return self.choice.unidentifiable
+
+    @property
+    def iterations(self) -> int:
+        """Of the last search."""
+        return self.best.iterations
+
+    @property
+    def weights(self) -> Array:
+        """Whitening matrices of the readings, shape (m, C, r, r), zero for hidden ones."""
+        return self.observation.weights
+
+    @property
+    def scatter(self) -> Scatter | None:
+        """How whole poses err together."""
+        return self.observation.scatter
+
+    @property
+    def pull(self) -> float:
+        """What is known beside the readings weighs so many times more, as they err so much more."""
+        return self.observation.pull
 
     @property
     def std(self) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 
 import numpy as np
@@ -12,15 +12,14 @@ from calib.cell import Cell
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.errors import CalibError, Unsolvable
-from calib.identification.checks import check_counts, check_options, check_orientable
-from calib.identification.estimators import Differences, Estimator, Readings, steps
-from calib.identification.fitted import Fitted, by_unnoticed, fitted
-from calib.identification.heldout import predicted
-from calib.identification.identification import Identification, Method, Residuals, Status
-from calib.identification.initial import initial_values, strayed
+from calib.identification.estimators import Differences, Estimator, Method, steps
+from calib.identification.fit import Estimation, fitted
+from calib.identification.identification import Identification, Status
 from calib.identification.mistakes import refuse_mistakes
+from calib.identification.residuals import Residuals, predicted
+from calib.identification.start import check_counts, initial_values, strayed, whitening
 from calib.identification.tuning import profiled, with_tunings
-from calib.identification.whitening import whitening
+from calib.instruments import Tracker
 from calib.model import Model
 from calib.model.build import Built, build, refuse_idle_effects
 from calib.model.covariance import clustered, covariance, ignorance
@@ -31,6 +30,7 @@ from calib.observations import (
     Points,
     Weighting,
     as_poses,
+    orientable,
     points_of,
     with_measured_shape,
 )
@@ -80,7 +80,7 @@ def identify(
     asked = cell.size_prior == "estimated" and not differences
     check_counts(built.model, data, _SHARE if asked else 1.0)
     refuse_idle_effects(cell, built.model, data.poses)
-    estimator: Estimator = Differences() if differences else Readings(method)
+    estimator = Differences() if differences else Estimator(method)
     try:
         points, start = _points(cell, built.model, data, approach, differences)
         observation: Observation = (
@@ -93,7 +93,7 @@ def identify(
     except np.linalg.LinAlgError:
         raise Unsolvable from None
     held = predicted(cell, fit, heldout) if heldout is not None else None
-    hidden = by_unnoticed(cell, fit)
+    hidden = fit.by_unnoticed(cell)
     return _identification(built, fit, start, held, approach, method, hidden)
 
 
@@ -104,7 +104,7 @@ def _errors(cell: Cell, built: Built) -> Elementary:
 
 def _identification(
     built: Built,
-    fit: Fitted,
+    fit: Estimation,
     start: Array,
     held: Residuals | None,
     approach: Approach,
@@ -112,28 +112,22 @@ def _identification(
     hidden: tuple[Array, Unnoticed] | None,
 ) -> Identification:
     """What is told of an estimate that began at ``start`` (p,)."""
-    model, values, span, found = fit.model, fit.values, fit.span, fit.found
+    model, values, span = fit.model, fit.values, fit.span
     observation, counted, data = fit.observation, fit.counted, fit.observation.data
-    stated, widening = fit.covariance(), fit.widening
-    residuals = Residuals.of(model, data, values, ~found.kept, found.statistics, found.limit)
+    stated, widening = fit.stated_covariance, fit.widening
+    residuals = Residuals.of(model, data, values, ~fit.kept, fit.statistics, fit.limit)
     nominal = _nominal(observation, start)
     parts = _parts(fit, residuals, nominal, held)
     follow = partial(fit.estimator.followed, counted, values, span)
     return Identification(
-        model=model,
-        values=values,
+        **{own.name: getattr(fit, own.name) for own in fields(fit)},
         covariance=stated * widening**2 + (0.0 if hidden is None else hidden[0]),
         ignorance=ignorance(counted.flat(values)[1], span, model.sizes, np.diag(stated) <= 0.0),
         status=_status(fit),
         approach=approach,
         method=method,
-        noise=fit.noise,
-        dof=fit.left[1],
-        rank=fit.choice.rank,
-        iterations=found.best.iterations,
-        unidentifiable=fit.choice.unidentifiable,
         absorbed=built.dropped,
-        undecided=tuple(data.poses.names[i] for i in np.flatnonzero(found.undecided)),
+        undecided=tuple(data.poses.names[i] for i in np.flatnonzero(fit.unsettled)),
         unused=_unused(observation),
         fit=residuals,
         heldout=held,
@@ -142,28 +136,22 @@ def _identification(
         by_instrument=_by_instrument(parts),
         std_by_pose=_std_by_pose(fit),
         step_two_std=_step_two_std(counted, values, span) * widening,
-        weights=observation.weights,
-        scatter=observation.scatter,
-        levels=fit.levels,
         profiled=profiled(counted, values, span, np.sqrt(np.diag(stated)), widening),
         footprint=model.footprint(values, data),
-        of_type=fit.of_type,
-        sizes=fit.sizes,
-        pull=fit.observation.pull,
         unnoticed=hidden,
         common=considered(model, values, data, follow),
     )
 
 
 def _parts(
-    fit: Fitted, residuals: Residuals, nominal: Array, held: Residuals | None
+    fit: Estimation, residuals: Residuals, nominal: Array, held: Residuals | None
 ) -> dict[str, tuple[Residuals, Mask | None]]:
     """Residuals whose lengths are told, and the poses (m,) they are of, all where None."""
     model, data = fit.model, fit.observation.data
     parts: dict[str, tuple[Residuals, Mask | None]] = {
         "nominal": (Residuals.of(model, data, nominal), None),
-        "fitted": (residuals, fit.found.kept),
-        "fitted_all": (Residuals.of(model, data, fit.found.first.values), None),
+        "fitted": (residuals, fit.kept),
+        "fitted_all": (Residuals.of(model, data, fit.first.values), None),
     }
     if held is not None:
         parts |= {"heldout": (held, None), "heldout_trimmed": (held, ~held.outlier)}
@@ -205,8 +193,8 @@ def after_the_first_move(model: Model, data: Measurements) -> Measurements:
     return replace(data, seen=data.seen & ~uncounted(model, data.poses)[:, None])
 
 
-def _status(fit: Fitted) -> Status:
-    if not (bool(fit.found.best.converged) and fit.found.regular):
+def _status(fit: Estimation) -> Status:
+    if not (bool(fit.best.converged) and fit.regular):
         return "not_converged"
     return "rank_deficient" if fit.choice.unidentifiable else "converged"
 
@@ -242,9 +230,9 @@ def _by_instrument(
     return found
 
 
-def _std_by_pose(fit: Fitted) -> Array | None:
+def _std_by_pose(fit: Estimation) -> Array | None:
     """Standard deviations from the scatter of whole poses, None where they are few."""
-    kept, counted, span = fit.found.kept, fit.counted, fit.span
+    kept, counted, span = fit.kept, fit.counted, fit.span
     if isinstance(fit.estimator, Differences) or not counted.efficient:
         return None
     if not 0 < _POSES_PER_DIRECTION * span.shape[1] <= int(kept.sum()):
@@ -263,3 +251,34 @@ def _step_two_std(observation: Observation, values: Array, span: Array) -> Array
     _, J = observation.flat(values)
     std = np.sqrt(np.diag(covariance(J, rest)))
     return np.where(std > 0.0, std, np.nan)
+
+
+def check_options(
+    approach: str, method: str, weighting: str, length: float, differences: bool
+) -> None:
+    """Refuse options that are unknown or do not go together."""
+    for value, known in (
+        (approach, ("points", "pose")),
+        (method, ("joint", "two-step")),
+        (weighting, ("full", "normalised", "plain")),
+    ):
+        if value not in known:
+            raise CalibError(f"{value!r} is unknown; choose {' or '.join(known)}")
+    if not 0.0 < length < np.inf:
+        raise CalibError(f"the characteristic length {length} must be a length above zero")
+    if differences and (approach != "points" or method != "joint"):
+        raise CalibError("differences go with approach points and method joint; drop one of them")
+
+
+def check_orientable(model: Model, data: Measurements, start: Array) -> None:
+    """Refuse approach pose where no orientation can be had."""
+    if not all(type(i) is Tracker for i in model.instruments):
+        raise CalibError(
+            "approach pose makes poses of the points that a tracker reads of several markers; here "
+            "readings are of other kinds, so use approach points"
+        )
+    if not orientable(model.marker_positions(start), data.seen).any():
+        raise CalibError(
+            "approach pose needs three visible markers that are not in line; "
+            "measure more markers, or use approach points"
+        )

@@ -16,7 +16,7 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.cell.acceptance import Acceptance, Verdict
 from calib.identification import Identification, Residuals
-from calib.identification.whitening import whitening
+from calib.identification.start import whitening
 from calib.uncertainty.considered import common_displacements
 from calib.uncertainty.expanded import coverage_factor, directions, effective_freedom
 

@@ -22,8 +22,8 @@ from calib.diagnosis.rounds import ALPHA
 from calib.diagnosis.screen import Field, field
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect, Parameter
 from calib.effects.tuned import Tuned
-from calib.identification.checks import check_counts
 from calib.identification.estimators import choose_directions
+from calib.identification.start import check_counts
 from calib.model import Model
 from calib.model.build import build
 from calib.model.covariance import Unidentifiable

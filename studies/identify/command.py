@@ -20,7 +20,7 @@ from studies.command.session import read_session
 
 if TYPE_CHECKING:
     from calib.arm.robot import Convention, Form
-    from calib.identification.identification import Method
+    from calib.identification.estimators import Method
     from calib.observations import Approach, Weighting
 
 

@@ -129,7 +129,7 @@ def instrument_entries(found: Identification) -> tuple[OfInstrument, ...]:
 
 def pair_entries(found: Identification) -> Iterator[tuple[Model, Pairs]]:
     """The entries of the errors between points of two poses, by model."""
-    from calib.identification.pairs import pair_errors
+    from calib.identification.residuals import pair_errors
     from calib.instruments import Tracker
 
     fit, held = found.fit, found.heldout

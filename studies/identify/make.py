@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from calib.arrays import Array
     from calib.compensation.estimate import Estimate
     from calib.drift import Drift
-    from calib.identification.identification import Method
+    from calib.identification.estimators import Method
     from calib.observations import Approach, Weighting
     from calib.uncertainty.acceptance import Judged
     from calib.uncertainty.budget import Budget

@@ -12,7 +12,7 @@ from studies.record import Count, Entry, Maybe, Number, Outlier
 
 if TYPE_CHECKING:
     from calib.identification import Residuals
-    from calib.identification.common import Shared
+    from calib.identification.pattern import Shared
     from studies.identify.record import IdentifyRecord
 
 _MM = 1e3

@@ -12,7 +12,7 @@ from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.effects.base import Base
 from calib.errors import CalibError
-from calib.identification.initial import initial_values
+from calib.identification.start import initial_values
 from calib.instruments import (
     Camera,
     Distance,

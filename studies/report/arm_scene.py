@@ -12,7 +12,7 @@ from calib.arm.se3 import rotate
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import CalibError
-from calib.identification.initial import initial_values
+from calib.identification.start import initial_values
 from calib.instruments import Socket, Tracker
 from calib.model.build import build, parse_effect
 from calib.poses import Measurements, Poses

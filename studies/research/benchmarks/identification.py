@@ -43,7 +43,7 @@ from calib.arm.se3 import so3_exp, transform
 from calib.arrays import Array
 from calib.effects.base import Base
 from calib.files.write import json_text, write_files
-from calib.identification.initial import initial_values
+from calib.identification.start import initial_values
 from calib.model.build import build
 from studies.command.options import one_line_faults
 from studies.research.benchmarks.real import folder_of, read

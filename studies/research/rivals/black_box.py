@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 import calib
 from calib import Cell, Identification, Measurements
 from calib.arrays import Array
-from calib.identification.identification import Residuals
+from calib.identification.residuals import Residuals
 from calib.poses import Poses
 from studies.research.rivals.answer import answer
 

@@ -19,7 +19,7 @@ from calib import Cell, Identification, Measurements
 from calib.arrays import Array, IntArray
 from calib.effects import EFFECTS, GROUPS, Effect
 from calib.errors import CalibError, EffectCannotAct
-from calib.identification.whitening import whitening
+from calib.identification.start import whitening
 from calib.model.build import context_of, place_effect
 from calib.observations import Points
 from studies.research.rivals.answer import answer

@@ -73,8 +73,7 @@ def test_a_curve_is_shrunk_by_as_much_as_the_data_leave_open() -> None:
 
 
 def _stage_with_curve(cell: Cell, data: Measurements) -> tuple[Stage, Curve]:
-    from calib.identification.initial import initial_values
-    from calib.identification.whitening import whitening
+    from calib.identification.start import initial_values, whitening
 
     model: Model = build(cell, data.poses).model
     start = initial_values(model, data)

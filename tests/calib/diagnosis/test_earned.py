@@ -11,8 +11,7 @@ from calib.cell import Cell
 from calib.diagnosis.candidates import Candidate, candidates
 from calib.diagnosis.earned import Choice, CrossValidation, _folds
 from calib.diagnosis.stage import Stage
-from calib.identification.initial import initial_values
-from calib.identification.whitening import whitening
+from calib.identification.start import initial_values, whitening
 from calib.instruments import KnownDistance, Socket
 from calib.model.build import build
 from calib.poses import Measurements

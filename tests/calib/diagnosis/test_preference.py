@@ -16,8 +16,7 @@ from calib.diagnosis.rounds import ALPHA
 from calib.diagnosis.screen import Field, Score, field, score
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.view import lineup
-from calib.identification.initial import initial_values
-from calib.identification.whitening import whitening
+from calib.identification.start import initial_values, whitening
 from calib.model.build import build
 from calib.poses import Measurements, poses_at
 from calib.poses.moves import with_moves

@@ -14,8 +14,7 @@ from calib.diagnosis.screen import field, score
 from calib.diagnosis.stage import Stage
 from calib.effects.gear_ripple import GearRipple
 from calib.effects.tuned import Tuned
-from calib.identification.initial import initial_values
-from calib.identification.whitening import whitening
+from calib.identification.start import initial_values, whitening
 from calib.model.build import build, context_of, place_effect
 from calib.scatter import Variances
 from tests.calib.diagnosis.test_diagnose import measured

@@ -16,8 +16,7 @@ from calib.arrays import Array
 from calib.diagnosis.shape import SHAPE_ALPHA, _modulated, _power, question, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Effect
-from calib.identification.initial import initial_values
-from calib.identification.whitening import whitening
+from calib.identification.start import initial_values, whitening
 from calib.model.build import build, context_of, place_effect
 from calib.poses import Poses, poses_at
 from calib.poses.moves import with_moves

@@ -13,8 +13,7 @@ from calib.arrays import Array
 from calib.diagnosis.spectra import Spectrum, spectra_of
 from calib.diagnosis.stage import Stage
 from calib.effects.gear_ripple import GearRipple
-from calib.identification.initial import initial_values
-from calib.identification.whitening import whitening
+from calib.identification.start import initial_values, whitening
 from calib.model.build import build, context_of, place_effect
 from calib.poses import Poses
 from tests.calib.identification.test_identify_tunings import arm, read, session

@@ -9,8 +9,7 @@ from calib.diagnosis.candidates import candidates
 from calib.diagnosis.screen import field
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.view import lineup
-from calib.identification.initial import initial_values
-from calib.identification.whitening import whitening
+from calib.identification.start import initial_values, whitening
 from calib.model.build import build
 from tests.calib.diagnosis.test_diagnose import measured
 

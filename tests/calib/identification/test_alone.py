@@ -10,14 +10,14 @@ import pytest
 import calib
 from calib import Cell, Measurements
 from calib.diagnosis.stage import Stage
-from calib.identification.alone import _alone, lack_alone
-from calib.identification.initial import initial_values
 from calib.identification.outliers import (
+    _alone,
     fit_statistics,
+    lack_alone,
     pose_statistics,
     prediction_statistics,
 )
-from calib.identification.whitening import whitening
+from calib.identification.start import initial_values, whitening
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import poses_at

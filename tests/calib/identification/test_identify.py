@@ -13,7 +13,7 @@ from calib.arm.se3 import displacement, so3_exp
 from calib.arrays import Array
 from calib.cell import Repeatability
 from calib.errors import CalibError, TooFewPoses
-from calib.identification.initial import initial_values
+from calib.identification.start import initial_values
 from calib.model.build import build
 from calib.model.covariance import accuracy
 from calib.noise import Noise

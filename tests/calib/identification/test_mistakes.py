@@ -13,8 +13,8 @@ import pytest
 import calib
 from calib.arrays import Array
 from calib.errors import ImplausibleData, Unsolvable
-from calib.identification.initial import initial_values
 from calib.identification.mistakes import Mistake, recognised
+from calib.identification.start import initial_values
 from calib.model.build import build
 from calib.model.covariance import identifiable
 from studies.research.withheld.robots import HEAVY, Arm

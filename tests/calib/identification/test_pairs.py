@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from calib.identification.pairs import _MOST, _pairs, pair_errors
+from calib.identification.residuals import _MOST, _pairs, pair_errors
 from calib.poses import Measurements, poses_at
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import calib
 from calib import Cell, Poses
-from calib.identification import search
+from calib.identification import fit
 from calib.identification.outliers import next_outlier, wrongly_out
 from tests.doe.ahead.day import RIGID, cell_of_day, of_poses, whole_day
 from tests.helpers import with_effects
@@ -48,7 +48,7 @@ def test_a_judgement_that_does_not_settle_is_said(
     settled = calib.identify(cell, data)
     assert list(np.flatnonzero(settled.fit.outlier)) == [3, 8]
     assert (settled.undecided, settled.warnings) == ((), ())
-    monkeypatch.setattr(search, "_ROUNDS", 1)
+    monkeypatch.setattr(fit, "_ROUNDS", 1)
     ended = calib.identify(cell, data)
     assert list(np.flatnonzero(ended.fit.outlier)) == [3]
     assert ended.undecided == (data.poses.names[8],)

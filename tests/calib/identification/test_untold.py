@@ -10,7 +10,7 @@ import pytest
 import calib
 from calib import Cell, Identification, Measurements
 from calib.arrays import Array
-from calib.identification import search
+from calib.identification import fit
 from tests.calib.identification.test_identify import MARKERS, measured, random_configurations
 from tests.calib.instruments.test_pose import cell_with, frame, noisy, rows, tips
 from tests.calib.instruments.test_pose import measured as of_bodies
@@ -109,7 +109,7 @@ def test_what_runs_away_is_told_and_stays(kr270: Cell, monkeypatch: pytest.Monke
         )
         return out
 
-    monkeypatch.setattr(search, "strayed", lost)
+    monkeypatch.setattr(fit, "strayed", lost)
     found = calib.identify(cell, data)
     (lost_one,) = found.unidentifiable
     assert lost_one.names == ("tool:marker:m1.x",)

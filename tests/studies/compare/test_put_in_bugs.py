@@ -18,7 +18,7 @@ from calib.arrays import Array
 from calib.cell import Repeatability
 from calib.files import cell as cell_files
 from calib.files import instruments as instrument_files
-from calib.identification.estimators import Readings
+from calib.identification.estimators import Estimator
 from calib.model import Model
 from calib.noise import Noise
 from calib.poses import Poses
@@ -186,7 +186,7 @@ def test_exchanged_markers_end_in_one_line(
 def test_degrees_of_freedom_that_are_too_many_are_refuted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    changed(Readings, "dof", lambda dof, *_: dof + 40)(monkeypatch)
+    changed(Estimator, "dof", lambda dof, *_: dof + 40)(monkeypatch)
     _, found = compared(tmp_path, "--monte-carlo", "200")
     assert found["chi2_p"] > 1e-3, "the refits take their noise as stated"
     assert refuted(found, "fits from raw data (do not agree|estimate another noise)")

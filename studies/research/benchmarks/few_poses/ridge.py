@@ -11,7 +11,7 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from calib.effects.base import Base
 from calib.effects.tool import Tool
-from calib.identification.initial import initial_values
+from calib.identification.start import initial_values
 from calib.model import Model
 from calib.poses import Measurements
 

@@ -11,8 +11,8 @@ import numpy as np
 import calib
 from calib.arrays import Array
 from calib.errors import CalibError
-from calib.identification.initial import initial_values
 from calib.identification.mistakes import recognised
+from calib.identification.start import initial_values
 from calib.model.build import build
 from calib.threads import one_blas_thread
 from studies.research.benchmarks.placement import placement

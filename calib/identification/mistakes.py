@@ -7,11 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import Array
-from calib.errors import CalibError, ImplausibleData
-from calib.identification.mistakes.exchanged import exchanged
-from calib.identification.mistakes.placed import Placed, missed_by, placed, some, telling
-from calib.identification.mistakes.shifted import shifted
-from calib.identification.mistakes.table import Slip, slips, taken_as_known, two_zeros
+from calib.errors import ImplausibleData
+from calib.identification.misplaced import (
+    Placed,
+    exchanged,
+    missed_by,
+    placed,
+    shifted,
+    some,
+    telling,
+)
+from calib.identification.slips import Slip, slips, taken_as_known, two_zeros
+from calib.identification.start import refuse_unreachable
 from calib.model import Model
 from calib.poses import Measurements
 
@@ -75,19 +82,6 @@ def refuse_mistakes(model: Model, data: Measurements, start: Array) -> None:
     if found is not None:
         raise ImplausibleData(found.text, found.names, found.nominal, found.mended, found.poses)
     refuse_unreachable(model, data, _UNREACHED)
-
-
-def refuse_unreachable(model: Model, data: Measurements, lengths: float) -> None:
-    """Refuse points that lie more than so many arm lengths apart. Raises CalibError."""
-    points = data.points[data.seen]
-    if not len(points):  # the counts say what is missing
-        return
-    spread = float(np.ptp(points, axis=0).max())
-    if spread > lengths * model.robot.reach:
-        raise CalibError(
-            f"the points lie {spread:.0f} m apart and the arm is {model.robot.reach:.1f} m long; check "
-            "the units of the points' columns and of the robot's file"
-        )
 
 
 def recognised(model: Model, data: Measurements, missed: Array) -> Mistake | None:

@@ -11,7 +11,7 @@ import pytest
 
 import calib
 from calib.arrays import Array
-from calib.identification.common import SURELY, Shared, Variable, shared, variables_of, within
+from calib.identification.pattern import SURELY, Shared, Variable, shared, variables_of, within
 from calib.poses import Measurements, Poses, poses_at
 from tests.helpers import cell_of, random_robot
 

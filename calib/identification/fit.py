@@ -1,0 +1,460 @@
+"""The fit of a model to readings: its values, the poses that do not belong, and the levels of noise.
+
+A fit judges every pose, and what it rejects stays out of the next, until the judgement stands. What is
+known of the robot's type, or of the size of errors, is weighed in afterwards, by how loud the readings
+turned out to be.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from calib.arm.repeatability import usual_repeatability
+from calib.arrays import Array, Mask
+from calib.cell import Cell
+from calib.errors import CalibError
+from calib.identification.estimators import (
+    Differences,
+    Estimator,
+    choose_directions,
+    rigid_directions,
+    unspent,
+)
+from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
+from calib.identification.outliers import (
+    independent_share,
+    judge,
+    lack_alone,
+    next_outlier,
+    pose_statistics,
+    small_set,
+    threshold,
+    wrongly_out,
+)
+from calib.identification.start import outnumbered, strayed
+from calib.model import Model
+from calib.model.covariance import Identifiable, Unidentifiable
+from calib.observations import Observation, points_of
+from calib.population import Departure, adapted, departure, loosened
+from calib.population.prior import Prior
+from calib.population.sizes import Elementary, Widths, widths_of
+from calib.scatter import Levels, Scatter, Unnoticed, Variances, levels_of, scatter_of, unnoticed
+from calib.scatter.search import problem_of
+from calib.solver import Minimum
+
+# Of a fit that gross errors bend only the size of what it leaves is told: five digits of it.
+_TOLD = 30
+_ROUNDS = 12  # times that outliers are judged anew
+_STRAYED = "these poses tell so little of it that its estimate ran away"
+_WIDTH_ROUNDS = 4  # of widths and fit in turn
+_SETTLED = 0.05  # of a width
+_RANK = 1e-9  # share of a column that others leave, below which it is one of them
+
+
+@dataclass(frozen=True, eq=False)
+class Estimation:
+    """An estimate and what it was made of.
+
+    observation : Observation, under the levels of noise that were found
+    first : Minimum over every pose; best : Minimum over the poses kept
+    kept : ndarray of bool, shape (m,); statistics : ndarray, shape (m,), under the last fit, judged by
+        ``limit``
+    unsettled : ndarray of bool, shape (m,), poses of which the last fit says other than was fitted
+    choice : Identifiable, what the readings determine; span : ndarray, shape (p, k), the directions
+        that were estimated: more of them where the sizes of errors hold what the readings leave open
+    regular : whether the kept poses still determine them where the search ended
+    levels : Levels, how whole poses err together; None for differences, where that drops out
+    of_type : Departure, where the cell names the robot's type
+    sizes : Widths, of errors, where they hold what the readings leave open
+    """
+
+    estimator: Estimator
+    observation: Observation
+    first: Minimum
+    best: Minimum
+    kept: Mask
+    statistics: Array
+    limit: float
+    unsettled: Mask
+    choice: Identifiable
+    span: Array
+    regular: bool
+    levels: Levels | None = None
+    of_type: Departure | None = None
+    sizes: Widths | None = None
+
+    @property
+    def model(self) -> Model:
+        """As it was fitted."""
+        return self.observation.model
+
+    @property
+    def values(self) -> Array:
+        """The estimate, shape (p,), SI."""
+        return self.best.values
+
+    @cached_property
+    def counted(self) -> Observation:
+        """Of the poses that were kept."""
+        return self.observation.only(self.kept)
+
+    @cached_property
+    def stated_covariance(self) -> Array:
+        """Covariance of the values for the noise as stated, shape (p, p), SI."""
+        return self.estimator.covariance(self.counted, self.values, self.span)
+
+    @cached_property
+    def left(self) -> tuple[float, int]:
+        """What the kept poses leave, in the noise as stated, and its degrees of freedom.
+
+        What is known beside the readings counts as readings do, but for the robot's type: a robot that
+        left it is no louder.
+        """
+        judged = self.estimator.judged(self.counted, self.values, self.span)
+        known = self.model.known_rows - self.model.prior_rows
+        beside = self.model.beside(self.values)[0][:known]
+        cost = float((judged.r**2).sum()) + float((beside**2).sum())
+        return cost, _spare(self.estimator, self.counted, self.values, self.span)
+
+    @cached_property
+    def noise(self) -> NoiseLevel:
+        """How loud the readings are, by the poses that were kept."""
+        data, weights = self.observation.data.take(self.kept), self.observation.weights[self.kept]
+        alone = noise_level(*self.left, data, weights, self.model.readout.channels.lengths)
+        if self.observation.mixing is None or self.levels is None:
+            return alone
+        return of_levels(self.levels, alone)
+
+    @property
+    def widening(self) -> float:
+        """Actual over stated deviations of the values; one where the levels hold what the arm adds."""
+        return self.noise.factor if self.observation.mixing is None else 1.0
+
+    @property
+    def loudness(self) -> float:
+        """Actual over believed noise of the rows that the estimate is made of."""
+        if self.observation.mixing is None:
+            return self.noise.factor
+        r, _ = self.counted.linearise(self.values)
+        spent = int(self.counted.numbers.sum()) - self.left[1]
+        dof = int(np.count_nonzero(r)) - spent
+        return max(1.0, float(np.sqrt((r**2).sum() / max(dof, 1))))
+
+    @cached_property
+    def _problem(self) -> tuple[Scatter, Array, Array, Array, Array]:
+        """The linear problem of a fit, as :func:`calib.scatter.levels_of` takes it."""
+        model, values, poses = self.model, self.values, self.observation.data.poses
+        scatter = scatter_of(model, values, poses, Variances.none(model.robot.dof))
+        judged = self.estimator.judged(self.counted, values, self.span)
+        off, by_known = model.beside(values)
+        held = np.column_stack([by_known @ judged.span, off])
+        levers = points_of(self.counted).rows(scatter.levers)
+        return scatter, levers, judged.r, judged.J @ judged.span, held
+
+    def under_levels(self, cell: Cell) -> Estimation:
+        """The same with how whole poses err together, as the poses kept show it."""
+        if isinstance(self.estimator, Differences):
+            return self
+        problem = self._problem
+        levels = levels_of(*problem, known=cell.repeatability)
+        observation = replace(self.observation, scatter=problem[0].at(levels.variances))
+        return replace(self, observation=observation, levels=levels)
+
+    def by_unnoticed(self, cell: Cell) -> tuple[Array, Unnoticed] | None:
+        """Covariance (p, p) that scatter adds which was not found, and that scatter.
+
+        None where scatter was found or is stated, and where the residual has widened everything.
+        """
+        levels, noise = self.levels, self.noise
+        known = cell.repeatability is not None or levels is None or levels.variances.any
+        if known or noise.source == "residual":
+            return None
+        scatter = self._problem[0]
+        usual = usual_repeatability(self.model.robot.reach)
+        found = unnoticed(scatter, problem_of(*self._problem)[0], usual, noise.divisor)
+        if found is None:
+            return None
+        counted = replace(self.counted, scatter=scatter.at(found.variances))
+        whole = self.estimator.covariance(counted, self.values, self.span)
+        return whole - self.stated_covariance * self.widening**2, found
+
+
+def _spare(estimator: Estimator, observation: Observation, values: Array, span: Array) -> int:
+    """Degrees of freedom of the residuals, less what the robot's type says of itself."""
+    return estimator.dof(observation, span) - round(unspent(observation, values, span))
+
+
+# -- outliers ----------------------------------------------------------------------------------
+
+
+def search(
+    estimator: Estimator, observation: Observation, start: Array, kept: Mask | None = None
+) -> Estimation:
+    """Fit without the outliers, each round judged by the fit before.
+
+    kept : ndarray of bool, shape (m,), poses that an earlier search kept: this one goes on from there
+
+    With something elastic in the model, gross outliers are first looked for under the rigid part
+    alone: a bent arm can follow a wrong point a long way. What only bent is taken back after.
+
+    Raises CalibError where the estimator lacks the readings that it needs.
+    """
+    choice = _Choice.at(observation, start)
+    if estimator.dof(observation, choice.span) < 0:
+        raise CalibError(
+            "too few readings at equal joints for differences: each configuration must be measured "
+            "free and loaded, and the model must hold something elastic"
+        )
+    if kept is None:
+        kept = _stiffly_kept(estimator, observation, start, choice.span)
+    best, choice = _fit(estimator, observation.only(kept), start, start, choice)
+    first = best if kept.all() else None
+    judged = _judged(estimator, observation, best.values, kept, choice.span)
+    for _ in range(_ROUNDS):
+        if np.array_equal(judged.kept, kept):
+            break
+        kept = judged.kept
+        counted = observation.only(kept)
+        best, choice = _fit(estimator, counted, start, best.values, _Choice.at(counted, start))
+        judged = _judged(estimator, observation, best.values, kept, choice.span)
+    if first is None:
+        first = estimator.fit(observation, best.values, choice.span, _TOLD)
+    counted, regular = observation.only(kept), False
+    for _ in range(_ROUNDS):
+        at_end = choice.anew(counted, best.values)
+        regular = at_end.span.shape[1] >= choice.span.shape[1]
+        if regular:
+            break
+        # The start was where more is told: a marker on an axis tells less than one beside it.
+        best, choice = _fit(estimator, counted, start, start, at_end)
+        judged = _judged(estimator, observation, best.values, kept, choice.span)
+    return Estimation(
+        estimator,
+        observation,
+        first,
+        best,
+        kept,
+        judged.statistics,
+        judged.limit,
+        judged.kept != kept,
+        choice.told,
+        choice.span,
+        regular,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Choice:
+    """What is estimated.
+
+    among : ndarray, shape (p, n), directions to choose from; chosen : Identifiable, of them
+    strayed : tuple of Unidentifiable, that are not among them, for a fit lost them
+    """
+
+    among: Array
+    chosen: Identifiable
+    strayed: tuple[Unidentifiable, ...] = ()
+
+    @classmethod
+    def at(cls, observation: Observation, values: Array) -> _Choice:
+        """What the data determine at some values."""
+        among = observation.span()
+        return cls(among, choose_directions(observation, values, among))
+
+    def anew(self, observation: Observation, values: Array) -> _Choice:
+        """The same at other values."""
+        return replace(self, chosen=choose_directions(observation, values, self.among))
+
+    def without(self, observation: Observation, values: Array, strayed: Mask) -> _Choice:
+        """The same without the values (p,) that a fit lost."""
+        names = tuple(observation.model.parameters[i].id for i in np.flatnonzero(strayed))
+        among = self.among[:, np.abs(self.among[strayed]).sum(axis=0) == 0.0]
+        lost = Unidentifiable(names, _STRAYED)
+        return replace(self, among=among, strayed=(*self.strayed, lost)).anew(observation, values)
+
+    @property
+    def span(self) -> Array:
+        return self.among[:, self.chosen.kept]
+
+    @property
+    def told(self) -> Identifiable:
+        return replace(self.chosen, unidentifiable=(*self.chosen.unidentifiable, *self.strayed))
+
+
+def _fit(
+    estimator: Estimator, observation: Observation, start: Array, begun: Array, choice: _Choice
+) -> tuple[Minimum, _Choice]:
+    """The fit from ``begun`` (p,), and what it estimates: what strays from ``start`` stays there."""
+
+    def lost(values: Array) -> Mask:
+        return strayed(observation.model, observation.data, start, values)
+
+    best = estimator.fit(observation, begun, choice.span)
+    while (out := lost(best.values)).any():
+        choice = choice.without(observation, start, out)
+        best = estimator.fit(observation, start, choice.span, _TOLD)
+        if not lost(best.values).any():
+            best = estimator.fit(observation, best.values, choice.span)
+    return best, choice
+
+
+@dataclass(frozen=True, eq=False)
+class _Judgement:
+    """Poses to keep, the statistic of every pose, both (m,), and its limit."""
+
+    kept: Mask
+    statistics: Array
+    limit: float
+
+
+def _stiffly_kept(
+    estimator: Estimator, observation: Observation, start: Array, span: Array
+) -> Mask:
+    """Poses to keep by a fit in which nothing yields, all where nothing can."""
+    every = np.ones(len(observation.data), dtype=bool)
+    rigid = rigid_directions(observation.model, span)
+    if not 0 < rigid.shape[1] < span.shape[1]:
+        return every
+    stiff = estimator.fit(observation, start, rigid)
+    return _judged(estimator, observation, stiff.values, every, rigid).kept
+
+
+def _judged(
+    estimator: Estimator, observation: Observation, values: Array, kept: Mask, span: Array
+) -> _Judgement:
+    """What the fit to the poses kept says of every pose."""
+    judged = estimator.judged(observation, values, span, kept)
+    known = observation.beside(values)
+    statistics, rows = pose_statistics(judged.r, judged.J, kept, judged.span, known[1])
+    poses = observation.data.poses
+    lack = lack_alone(poses, judged.r, judged.J, kept, judged.span, known, statistics)
+    statistics = statistics / lack
+    if not small_set(len(kept)):
+        limit = threshold(statistics, judged.r.shape[-1])
+        return _Judgement(~judge(statistics, limit), statistics, limit)
+    cost = float((judged.r[kept] ** 2).sum())
+    dof = _spare(estimator, observation.only(kept), values, span)
+    tested = statistics, rows, kept, cost, dof, independent_share(judged.r, kept)
+    fresh = kept.copy()
+    if (back := wrongly_out(*tested)) is not None:
+        fresh[back] = True
+    elif (worst := next_outlier(*tested)) is not None:
+        fresh[worst] = False
+    return _Judgement(fresh, statistics, float(statistics[fresh].max(initial=0.0)))
+
+
+# -- what is known beforehand ------------------------------------------------------------------
+
+
+def fitted(
+    cell: Cell,
+    estimator: Estimator,
+    observation: Observation,
+    start: Array,
+    errors: Elementary | None = None,
+) -> Estimation:
+    """The estimate from ``start`` (p,) on, beside the robot's type where the cell names one.
+
+    errors : whose sizes are found from the readings, and hold what those leave open
+    """
+    prior = observation.model.own_prior
+    if prior is not None and prior.robots:
+        fit = _beside_type(cell, estimator, observation, start, prior)
+    else:
+        bare = replace(observation, model=replace(observation.model, prior=None))
+        fit = search(estimator, bare, start).under_levels(cell)
+        if prior is not None:
+            return _beside(cell, fit, prior)
+    return fit if errors is None else _beside_sizes(cell, fit, errors)
+
+
+def _beside(cell: Cell, fit: Estimation, prior: Prior, lost: tuple[int, ...] = ()) -> Estimation:
+    """The estimate with a prior of sizes, gone on with from one without, or with others.
+
+    lost : positions of values that stay where they are
+    """
+    observation = replace(
+        fit.observation,
+        model=replace(fit.model, prior=prior),
+        scatter=None,
+        pull=fit.loudness,
+        lost=lost,
+    )
+    found = search(fit.estimator, observation, fit.values, fit.kept)
+    return replace(found, of_type=fit.of_type, choice=fit.choice).under_levels(cell)
+
+
+def _beside_sizes(cell: Cell, alone: Estimation, errors: Elementary) -> Estimation:
+    """The estimate with a prior of the sizes that errors have by the readings themselves.
+
+    Fit and widths follow from each other. Where the readings leave nothing open, as it is. What such
+    poses do not show at all stays where it was, unless there are fewer readings than parameters.
+    """
+    fit, known = alone, alone.model
+    lost: tuple[int, ...] = ()
+    if alone.choice.unidentifiable and not outnumbered(known, alone.observation.data):
+        gone = {name for entry in alone.choice.unidentifiable for name in entry.names}
+        lost = tuple(i for i, p in enumerate(known.parameters) if p.id in gone)
+        errors = errors.without(lost)
+    if not errors.keys:
+        return alone
+    for _ in range(_WIDTH_ROUNDS):
+        sizes = _widths(fit, errors, known)
+        if not sizes.shows:
+            return fit
+        if fit.sizes is not None and np.allclose(sizes.widths, fit.sizes.widths, rtol=_SETTLED):
+            break
+        prior = sizes.prior if known.prior is None else known.prior.beside(sizes.prior)
+        fit = replace(_beside(cell, fit, prior, lost), sizes=sizes)
+    return fit
+
+
+def _widths(fit: Estimation, of: Elementary, known: Model) -> Widths:
+    """How large errors are by the readings of a fit, the noise as it found that.
+
+    known : Model, without sizes: what it knows beside the readings counts as they do
+    """
+    observation, values = fit.counted, fit.values
+    r, J = observation.whitened(values)
+    if observation.mixing is None:
+        r, J = r / fit.noise.divisor, J / fit.noise.divisor
+    else:
+        r, J = observation.mixing(r[..., None])[..., 0], observation.mixing(J)
+    off, beside = known.beside(values)
+    J = np.concatenate([J.reshape(-1, J.shape[-1]), beside])
+    y = np.append(r, off) + J @ values
+    Q = _basis(np.delete(J, of.at, axis=1))
+    used = int(np.count_nonzero(np.abs(J).any(axis=1)))
+    own = J[:, of.at]
+    return widths_of(of, own - Q @ (Q.T @ own), y - Q @ (Q.T @ y), used - Q.shape[1])
+
+
+def _basis(columns: Array) -> Array:
+    """Orthonormal directions of columns (N, k), shape (N, rank)."""
+    from scipy.linalg import qr
+
+    scale = np.linalg.norm(columns, axis=0)
+    columns = columns[:, scale > 0.0] / scale[scale > 0.0]
+    if not columns.shape[1]:
+        return np.zeros((len(columns), 0))
+    Q, R, _ = qr(columns, mode="economic", pivoting=True)
+    pivots = np.abs(np.diag(R))
+    return np.asarray(Q[:, pivots > _RANK * pivots.max(initial=0.0)])
+
+
+def _beside_type(
+    cell: Cell, estimator: Estimator, observation: Observation, start: Array, prior: Prior
+) -> Estimation:
+    """The estimate with the robot's type, as far as the readings by themselves are of that type."""
+    model = observation.model
+    at, sizes = model.own_prior_at, model.sizes[model.own_prior_at]
+    loose = replace(observation, model=replace(model, prior=loosened(prior, sizes)))
+    alone = search(estimator, loose, start).under_levels(cell)
+    own = (alone.stated_covariance * alone.widening**2)[np.ix_(at, at)]
+    found = replace(departure(prior, alone.values[at], own, sizes), pull=alone.loudness)
+    believed = replace(model, prior=adapted(found, sizes))
+    beside = replace(observation, model=believed, pull=alone.loudness)
+    return replace(search(estimator, beside, alone.values).under_levels(cell), of_type=found)

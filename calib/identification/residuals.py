@@ -1,0 +1,190 @@
+"""Measured minus predicted readings: of what was fitted, and of poses that took no part."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.arrays import Array, IntArray, Mask
+from calib.cell import Cell
+from calib.errors import CalibError, NoEquilibrium
+from calib.identification.fit import Estimation
+from calib.identification.outliers import pose_statistics, prediction_statistics, threshold
+from calib.identification.start import whitening
+from calib.instruments import Channels, Instrument
+from calib.model import Model
+from calib.model.build import lacking
+from calib.observations import Points, points_of
+from calib.poses import Measurements
+from calib.poses.moves import of_one_clock
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Measured minus predicted readings.
+
+    channels : Channels; data : Measurements
+    vectors : ndarray, shape (m, C, r), of a tracker m, zero where hidden
+    outlier : ndarray of bool, shape (m,)
+    statistic : ndarray, shape (m,), what outliers are judged by; limit : float
+    """
+
+    channels: Channels
+    data: Measurements
+    vectors: Array
+    outlier: Mask
+    statistic: Array
+    limit: float
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        data: Measurements,
+        values: Array,
+        outlier: Mask | None = None,
+        statistic: Array | None = None,
+        limit: float = np.inf,
+    ) -> Residuals:
+        """Those of a data set under values (p,), SI; no pose is an outlier unless it is said."""
+        return cls(
+            model.readout.channels,
+            data,
+            model.off(values, data),
+            np.zeros(len(data), dtype=bool) if outlier is None else outlier,
+            np.zeros(len(data)) if statistic is None else statistic,
+            limit,
+        )
+
+    def lengths(self, poses: Mask | None = None) -> Array:
+        """Lengths of the visible readings' residuals, shape (n,), m; of those that have one.
+
+        poses : ndarray of bool, shape (m,), whose points; all by default
+        """
+        measured = self.channels.lengths
+        distance = np.linalg.norm(np.where(measured, self.vectors, 0.0), axis=-1)
+        chosen = self.data.seen & measured.any(axis=-1)
+        return np.asarray(distance[chosen if poses is None else chosen & poses[:, None]])
+
+    def errors(self, poses: Mask | None = None) -> Iterator[tuple[str, str, Array]]:
+        """Instrument, unit and lengths (n,) of its errors in that unit, of the visible readings.
+
+        poses : ndarray of bool, shape (m,), whose readings; all by default
+        """
+        for instrument, part in self.channels.blocks:
+            seen = self.data.seen[:, part]
+            seen = seen if poses is None else seen & poses[:, None]
+            shown = self.shown(instrument, part)
+            for name in instrument.names:
+                here = seen & self.data.poses.touching(name, instrument.sites)[:, None]
+                for unit in dict.fromkeys(n.unit for n in instrument.numbers):
+                    own = [i for i, n in enumerate(instrument.numbers) if n.unit == unit]
+                    scale = instrument.numbers[own[0]].scale
+                    yield name, unit, np.linalg.norm(shown[here][..., own], axis=-1) / scale
+
+    def shown(self, instrument: Instrument, part: slice) -> Array:
+        """Errors of an instrument's channels as people read them, shape (m, c, k), SI."""
+        measured = self.data.readings[:, part, : instrument.rows]
+        return instrument.shown(measured, self.vectors[:, part, : instrument.rows])
+
+
+_REMEDIES = {"time": "add time_s to both tables, hold out a share of one table"}
+
+
+def predicted(cell: Cell, fit: Estimation, heldout: Measurements) -> Residuals:
+    """Residuals of poses that took no part, judged as those that did: by the instrument's noise alone.
+
+    Raises CalibError where they do not say what the model asks, or stood at a station of their own.
+    """
+    model, values, observation = fit.model, fit.values, fit.observation
+    r, J = points_of(observation).linearise(values)
+    held = observation.beside(values)[1]
+    limit = threshold(pose_statistics(r, J, fit.kept, fit.span, held)[0], r.shape[-1])
+    heldout = with_stations_of(observation.data, heldout)
+    _check_covariates(model, observation.data, heldout)
+    points = Points(model, heldout, whitening(cell, model, values, heldout))
+    cov = fit.estimator.covariance(replace(fit.counted, scatter=None), values, fit.span)
+    r, J = points.linearise(values)
+    if not np.isfinite(r).all():
+        raise NoEquilibrium(" at the held-out poses")
+    statistics, _ = prediction_statistics(r, J, cov)
+    return Residuals.of(model, heldout, values, statistics > limit, statistics, limit)
+
+
+def _check_covariates(model: Model, data: Measurements, heldout: Measurements) -> None:
+    """Refuse to predict what the held-out poses do not say."""
+    missing = lacking(heldout.poses)
+    if not of_one_clock(data.poses, heldout.poses):
+        missing |= {"time"}
+    for effect in model.effects:
+        for covariate in effect.uses:
+            if covariate in missing:
+                raise CalibError(
+                    f"held-out poses have no {covariate}, which {effect.kind}:{effect.where} needs; "
+                    f"{_REMEDIES.get(covariate, 'add its column to their table')}, or leave these "
+                    "poses out"
+                )
+
+
+def with_stations_of(data: Measurements, heldout: Measurements) -> Measurements:
+    """Held-out poses with their stations numbered as in the data that are fitted.
+
+    Raises CalibError for a station that no fitted pose uses.
+    """
+    known, own = data.poses.stations, heldout.poses.stations
+    for name in own:
+        if name not in known:
+            raise CalibError(
+                f"held-out poses were measured from station {name!r}, which no fitted pose uses; "
+                "its place is unknown, so leave these poses out"
+            )
+    number = np.array([known.index(name) for name in own])
+    poses = replace(heldout.poses, station=number[heldout.poses.station], stations=known)
+    return replace(heldout, poses=poses)
+
+
+# How far two measured points are from each other depends neither on where the instrument stands nor
+# on how it is turned: errors of these distances are the arm's and the marker's own.
+
+
+_NEAR_M = 0.05  # pairs closer than this say little of the arm
+_MOST = 400_000
+
+
+def pair_errors(data: Measurements, predicted: Array) -> Array:
+    """Measured minus predicted distances of the pairs of poses, marker by marker, shape (n,), m.
+
+    predicted : ndarray, shape (m, M, 3), m
+    Pairs within one station, 50 mm apart and more; of very many an even part.
+    """
+    first, second = _pairs(data.poses.station, _MOST // data.seen.shape[1])
+    found = []
+    for j in range(data.seen.shape[1]):
+        both = data.seen[first, j] & data.seen[second, j]
+        a, b = first[both], second[both]
+        measured = np.linalg.norm(data.points[a, j] - data.points[b, j], axis=-1)
+        expected = np.linalg.norm(predicted[a, j] - predicted[b, j], axis=-1)
+        found.append((measured - expected)[measured >= _NEAR_M])
+    return np.concatenate(found)
+
+
+def _pairs(station: IntArray, most: int) -> tuple[IntArray, IntArray]:
+    """Pairs (i, j), i < j, of poses of one station, each once: all, or an even choice of very many.
+
+    station : ndarray of int, shape (m,)
+    Pair k of n poses numbered as (0,1), (0,2), (1,2), (0,3), .. is ``j = (1 + sqrt(1 + 8 k)) / 2``
+    rounded down and ``i = k - j (j - 1) / 2``: no more of them are made than are taken.
+    """
+    members = [np.flatnonzero(station == s) for s in np.unique(station)]
+    counts = [len(own) * (len(own) - 1) // 2 for own in members]
+    step = max(1, -(-sum(counts) // most))
+    first, second, before = [], [], 0
+    for own, count in zip(members, counts, strict=True):
+        k = np.arange(-before % step, count, step)
+        j = ((1.0 + np.sqrt(1.0 + 8.0 * k)) / 2.0).astype(int)
+        first.append(own[k - j * (j - 1) // 2])
+        second.append(own[j])
+        before += count
+    return np.concatenate(first), np.concatenate(second)

@@ -20,10 +20,10 @@ from calib.arrays import Array
 from calib.cell import Cell, Load, Repeatability
 from calib.cell.acceptance import Acceptance
 from calib.errors import InputError, UnknownEffect
+from calib.files.estimate import load_prior
 from calib.files.instruments import bodies_of, instruments_of, known_distances
 from calib.files.lenses import with_lenses
 from calib.files.planned import planned, with_targets
-from calib.files.prior import load_prior
 from calib.files.read import ORDER, read_text
 from calib.files.robot import load_robot
 from calib.files.schema import (

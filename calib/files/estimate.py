@@ -1,10 +1,11 @@
-"""An identified model, read back from the entry ``estimate`` of a result."""
+"""What earlier results say: identified values, a whole model, and what a type of robots knows."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias, get_args
@@ -18,16 +19,18 @@ from calib.compensation.trend import Trend
 from calib.compensation.unexplained import Unexplained
 from calib.effects import catalogue
 from calib.effects.gear_ripple import GearRipple
-from calib.effects.protocol import ConstantTwist, Context, Effect
+from calib.effects.protocol import ConstantTwist, Context, Effect, Parameter
 from calib.effects.tool import Tool
 from calib.effects.tuned import Tuned
 from calib.errors import CalibError, InputError
+from calib.files.read import read_text, sha256
 from calib.model import Model
 from calib.model.build import context_of, model_of, place_effect
+from calib.population.prior import Prior
 from calib.scatter import Variances
 from calib.uncertainty.pose_to_pose import Owner
 
-_LARGEST_FILE = 200_000_000  # bytes
+_LARGEST_FILE = 200_000_000  # bytes; residuals of every point stand in it
 _LARGEST_VALUE = 1e12  # SI, as in tables: times may count from 1970
 _LARGEST_SQUARE = _LARGEST_VALUE**2  # a spring that nothing showed has a variance of 1e10
 _SHORTEST_TAU = 1e-6  # s
@@ -206,3 +209,95 @@ def _changed(cell: Cell, path: Path, result: dict[str, Any]) -> list[str]:
         for file in (cell.path, *cell.robot_files)
         if file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() not in known
     ]
+
+
+_LARGEST_NUMBER = 1e12  # in any unit
+
+
+def load_values(path: Path, parameters: Sequence[Parameter]) -> dict[str, float]:
+    """Values in SI by parameter id, from the JSON of ``posecal identify``.
+
+    parameters : of the model at hand; the result must know each of them, in the same unit
+
+    Raises InputError.
+    """
+    text = read_text(path, _LARGEST_FILE)
+    try:
+        result = json.loads(text)
+        found = {entry["id"]: (entry["value"], entry["unit"]) for entry in result["parameters"]}
+    except (ValueError, TypeError, KeyError, RecursionError):
+        raise InputError(
+            path, "", "is not a result of posecal identify", "write one with identify --json"
+        ) from None
+    values = {}
+    for p in parameters:
+        value, unit = found.get(p.id, (None, None))
+        if type(value) not in (int, float) or not abs(value) < _LARGEST_NUMBER or unit != p.unit:
+            raise InputError(
+                path,
+                f"parameter {p.id}",
+                f"has no value in {p.unit}",
+                "identify with the same [model], knots included",
+            )
+        values[p.id] = value * p.scale
+    return values
+
+
+_LARGEST = 1e12  # SI
+_LEARN = "learn one with posecal fleet --prior"
+
+
+def load_prior(path: Path, cell: Cell) -> Prior:
+    """Read what robots of the cell's nominal model have in common.
+
+    Raises InputError: no such file, nothing of this nominal model in it, figures that are damaged.
+    """
+    entries = _types(path)
+    own = [sha256(file) for file in cell.robot_files]
+    for k, entry in enumerate(entries):
+        if entry.get("nominal_sha256") == own:
+            try:
+                return _prior(entry)
+            except (KeyError, TypeError, ValueError, OverflowError, np.linalg.LinAlgError):
+                raise InputError(path, f"types[{k}]", "is damaged", _LEARN) from None
+    names = ", ".join(dict.fromkeys(str(entry.get("type"))[:40] for entry in entries))
+    raise InputError(
+        path,
+        "types",
+        f"holds {names or 'none'}, and none with the {cell.robot.source} {cell.robot_files[0]} as it "
+        "stands",
+        f"values count from one nominal model; {_LEARN} from robots of this one, or take "
+        "[model.prior] out",
+    )
+
+
+def _types(path: Path) -> list[dict[str, Any]]:
+    try:
+        found = json.loads(read_text(path, _LARGEST_FILE))
+    except (ValueError, RecursionError):
+        found = None
+    entries = found.get("types") if isinstance(found, dict) else None
+    if not isinstance(entries, list) or found.get("command") != "prior":
+        raise InputError(path, "", "is nothing that a type knows", _LEARN)
+    if found.get("schema") != 1:
+        raise InputError(path, "schema", "is not 1", _LEARN)
+    return [entry for entry in entries if isinstance(entry, dict)]
+
+
+def _prior(entry: dict[str, Any]) -> Prior:
+    """Raises KeyError, TypeError, ValueError, LinAlgError."""
+    rows = entry["parameters"]
+    keys = tuple((str(p["effect"]), str(p["where"]), str(p["name"])) for p in rows)
+    mean = np.array([p["mean_SI"] for p in rows], dtype=float)
+    cov = np.array(entry["covariance_SI"], dtype=float)
+    robots = entry["robots"]
+    right = cov.shape == 2 * mean.shape and len(set(keys)) == len(keys) > 0
+    small = (np.abs(mean) <= _LARGEST).all() and (np.abs(cov) <= _LARGEST**2).all()
+    if not (right and small and isinstance(robots, int) and robots >= 1):
+        raise ValueError
+    if not np.allclose(cov, cov.T, rtol=1e-6, atol=0.0) or not (np.diag(cov) > 0.0).all():
+        raise ValueError
+    prior = Prior(str(entry["type"]), keys, mean, cov, robots)
+    if not np.isfinite(prior.whitening).all():
+        raise ValueError
+    return prior

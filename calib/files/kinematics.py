@@ -1,21 +1,29 @@
 """Kinematics files of robot makers, in and out: six numbers a joint, as in the origin of a URDF.
 
 Universal Robots (ROS ``default_kinematics.yaml``, one of each arm from its own calibration) and Franka
-(``kinematics.yaml``). They hold neither limits nor masses.
+(``kinematics.yaml``). They hold neither limits nor masses. The ``calibration.conf`` of a controller of
+Universal Robots is read too: it holds differences to a classic DH table. Between the parallel axes 2, 3
+and 4 they follow the common normals, which lie where they please: d of hundreds of metres that cancel.
+The arm is the same with d where the nominal table has it, and Hayati's beta for the tilt.
 """
 
 from __future__ import annotations
 
+import configparser
+import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from calib.arm.dh import DhTable, robot_of_dh
+from calib.arm.dh_fit import dh_of_robot
 from calib.arm.robot import Robot
 from calib.arm.se3 import displacement, from_xyz_rpy, inverse, rpy_from_rotation
 from calib.arrays import Array
 from calib.errors import InputError
+from calib.files.read import read_text
 from calib.files.yaml_text import Node, Scalar, YamlText, read_yaml, rewritten
 
 UR_JOINTS = (
@@ -226,3 +234,77 @@ def _number(path: Path, scalar: Scalar) -> float:
 
 def _texts(T: Array) -> list[str]:
     return [f"{v + 0.0:.17g}" for v in (*T[:3, 3], *rpy_from_rotation(T[:3, :3]))]
+
+
+_LARGEST_FILE = 1_000_000  # bytes
+_FARTHEST = 1e5  # m or rad
+_SECTION = "mounting"
+_ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
+
+MODELS: dict[str, tuple[tuple[float, float], tuple[float, float, float, float]]] = {
+    "UR3": ((-0.24365, -0.21325), (0.1519, 0.11235, 0.08535, 0.0819)),
+    "UR5": ((-0.425, -0.39225), (0.089159, 0.10915, 0.09465, 0.0823)),
+    "UR10": ((-0.612, -0.5723), (0.1273, 0.163941, 0.1157, 0.0922)),
+    "UR3e": ((-0.24355, -0.2132), (0.15185, 0.13105, 0.08535, 0.0921)),
+    "UR5e": ((-0.425, -0.3922), (0.1625, 0.1333, 0.0997, 0.0996)),
+    "UR10e": ((-0.6127, -0.57155), (0.1807, 0.17415, 0.11985, 0.11655)),
+    "UR16e": ((-0.4784, -0.36), (0.1807, 0.17415, 0.11985, 0.11655)),
+    "UR20": ((-0.862, -0.7287), (0.2363, 0.201, 0.1593, 0.1543)),
+    "UR30": ((-0.637, -0.5037), (0.2363, 0.201, 0.1593, 0.1543)),
+}
+"""(a of rows 2 and 3, d of rows 1, 4, 5 and 6) [m] as the maker publishes them; all others are 0."""
+
+
+def nominal_ur(model: str) -> DhTable:
+    """The classic table of a model. Raises InputError for one that is not known."""
+    known = {name.lower(): name for name in MODELS}
+    if model.lower() not in known:
+        raise InputError("--model", "", f"{model!r} is not known", f"use {', '.join(MODELS)}")
+    (a2, a3), (d1, d4, d5, d6) = MODELS[known[model.lower()]]
+    return DhTable(
+        convention="classic",
+        joints=UR_JOINTS,
+        prismatic=np.zeros(6, dtype=bool),
+        alpha=np.array(_ALPHA),
+        a=np.array([0.0, a2, a3, 0.0, 0.0, 0.0]),
+        theta=np.zeros(6),
+        d=np.array([d1, 0.0, 0.0, d4, d5, d6]),
+        beta=np.zeros(6),
+    )
+
+
+def read_ur_calibration(path: Path, model: str) -> DhTable:
+    """The calibrated table of an arm, its numbers near the nominal ones. Raises InputError."""
+    nominal = nominal_ur(model)
+    deltas = _deltas(path)
+    names = ("theta", "a", "d", "alpha")
+    exact = replace(nominal, **{name: getattr(nominal, name) + deltas[name] for name in names})
+    robot = robot_of_dh(exact, model, "base", "tool0")
+    return dh_of_robot(robot, np.zeros((robot.dof + 2, 6)), nominal).table
+
+
+def _deltas(path: Path) -> dict[str, Array]:
+    parser = configparser.RawConfigParser(strict=False)
+    try:
+        parser.read_string(read_text(path, _LARGEST_FILE))
+    except configparser.Error:
+        parser.clear()
+    if not parser.has_section(_SECTION):
+        raise InputError(
+            path, "", f"has no [{_SECTION}]", "is it the calibration.conf of a UR controller?"
+        )
+    return {
+        name: _six(path, f"delta_{name}", parser.get(_SECTION, f"delta_{name}", fallback=""))
+        for name in ("theta", "a", "d", "alpha")
+    }
+
+
+def _six(path: Path, key: str, text: str) -> Array:
+    try:
+        values: Array = np.array(json.loads(text.split("#")[0]), dtype=float)
+    except (ValueError, TypeError, RecursionError):
+        values = np.array([])
+    if values.shape != (6,) or not (np.abs(values) < _FARTHEST).all():
+        what = f"is missing in [{_SECTION}]" if not text else "is no list of six numbers"
+        raise InputError(path, key, what, "copy the file from the controller again")
+    return values

@@ -1,23 +1,189 @@
-"""Lenses of a cell's cameras from their calibration files, and such files of lenses that were found."""
+"""Lenses of cameras: calibrations as OpenCV and ROS (``camera_info``) write them, in and out.
+
+Both hold the pinhole of OpenCV. Of its models of distortion those are read that are k1, k2, p1, p2, k3:
+what is bent otherwise would be taken for the arm's.
+"""
 
 from __future__ import annotations
 
+import math
+import re
 import tomllib
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
+from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects.base import Base
 from calib.errors import InputError
-from calib.files.lens_yaml import LensForm, lens_yaml, read_lens
 from calib.files.read import read_text
 from calib.files.schema import CameraTable, CellFile
+from calib.files.yaml_text import Node, Scalar, read_yaml
 from calib.instruments import Camera
 
 if TYPE_CHECKING:
     from calib.identification.identification import Identification
+
+
+LensForm: TypeAlias = Literal["opencv", "ros"]
+_MATRIX = ("camera_matrix", "intrinsic_matrix", "K", "mtx")
+_DISTORTION = ("distortion_coefficients", "dist_coeffs", "D", "dist")
+_PLAIN = ("plumb_bob", "radtan", "brown", "none", "")
+_MORE = {8: "rational", 12: "thin prism", 14: "tilted"}  # coefficients, OpenCV's models
+_LARGEST = 1e6  # px, or of a coefficient
+_REMEDY = "calibrate with the five coefficients k1, k2, p1, p2, k3, or undistort the images first"
+
+
+@dataclass(frozen=True, eq=False)
+class LensFile:
+    """What a calibration says.
+
+    values : ndarray, shape (9,), fx, fy, cx, cy [px], k1, k2, p1, p2, k3
+    image : ndarray, shape (2,), px, its size, or None
+    """
+
+    form: LensForm
+    values: Array
+    image: Array | None
+
+
+def read_lens(path: Path) -> LensFile:
+    """The calibration in a YAML file. Raises InputError, naming a model of distortion not read here."""
+    root = {_plain(key): node for key, node in read_yaml(path).root.items()}
+    K = _numbers(path, "camera matrix", _of(root, _MATRIX))
+    if K is None:
+        what = "holds no camera matrix (camera_matrix, cameraMatrix or K)"
+        raise InputError(path, "", what, "is it the calibration of one camera?")
+    if len(K) != 9 or not (K[[0, 4]] > 0.0).all() or K[[3, 6, 7]].any() or K[8] != 1.0:
+        what = "is not [fx, 0, cx, 0, fy, cy, 0, 0, 1]"
+        raise InputError(path, "camera matrix", what, "is the camera calibrated?")
+    if K[1]:
+        raise InputError(path, "camera matrix", f"has a skew of {K[1]:g}", "calibrate without one")
+    _refuse_parts(path, root)
+    model = _word(root.get("distortionmodel"))
+    _refuse_model(path, "fisheye" if _word(root.get("fisheyemodel")) in ("1", "true") else model)
+    D = _numbers(path, "distortion", _of(root, _DISTORTION))
+    if D is None:
+        what = "names no distortion (distortion_coefficients, distCoeffs or D)"
+        raise InputError(path, "", what, "write zeros for a lens without")
+    bent = _five(path, D, model)
+    form: LensForm = "ros" if "distortionmodel" in root else "opencv"
+    return LensFile(form, np.array([K[0], K[4], K[2], K[5], *bent]), _image(path, root))
+
+
+def lens_yaml(name: str, form: LensForm, values: Array, image: Array | None) -> str:
+    """The text of a calibration, values as in :class:`LensFile`."""
+    fx, fy, cx, cy, *bent = (float(v) for v in values)
+    K = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
+    size = (
+        [] if image is None else [f"image_{k}: {v:.0f}" for k, v in zip(_SIZE, image, strict=True)]
+    )
+    if form == "opencv":
+        matrices = [("camera_matrix", 3, 3, K), ("distortion_coefficients", 5, 1, bent)]
+        lines = [
+            line for own in matrices for line in _matrix(*own, " !!opencv-matrix", ["   dt: d"])
+        ]
+        return "\n".join(["%YAML:1.0", "---", *size, *lines, ""])
+    P = [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]
+    lines = [*size, f"camera_name: {re.sub(r'[^A-Za-z0-9_]', '_', name)}"]
+    lines += [*_matrix("camera_matrix", 3, 3, K), "distortion_model: plumb_bob"]
+    lines += _matrix("distortion_coefficients", 1, 5, bent)
+    lines += _matrix("rectification_matrix", 3, 3, [float(v) for v in np.eye(3).flat])
+    return "\n".join([*lines, *_matrix("projection_matrix", 3, 4, P), ""])
+
+
+_SIZE = ("width", "height")
+
+
+def _matrix(
+    name: str, rows: int, cols: int, data: list[float], tag: str = "", more: list[str] | None = None
+) -> list[str]:
+    numbers = ", ".join(repr(value) for value in data)
+    size = [f"   rows: {rows}", f"   cols: {cols}"]
+    return [f"{name}:{tag}", *size, *(more or []), f"   data: [{numbers}]"]
+
+
+def _plain(key: str) -> str:
+    """``cameraMatrix`` and ``Camera_Matrix`` are ``camera_matrix``."""
+    return key.lower().replace("_", "")
+
+
+def _of(root: dict[str, Node], names: tuple[str, ...]) -> Node | None:
+    return next((root[_plain(name)] for name in names if _plain(name) in root), None)
+
+
+def _word(node: Node | None) -> str:
+    return node.word.strip().lower() if isinstance(node, Scalar) else ""
+
+
+def _numbers(path: Path, what: str, node: Node | None) -> Array | None:
+    """The numbers of a list, of lists in a list, or of the ``data`` of a matrix."""
+    if node is None:
+        return None
+    if isinstance(node, dict):
+        node = node.get("data", [])
+    found = np.array([_number(path, own) for own in _scalars(node)])
+    if not len(found) and not isinstance(node, list):
+        raise InputError(path, what, "is no list of numbers", "write them as data: [..]")
+    return found
+
+
+def _scalars(node: Node) -> list[Scalar]:
+    if isinstance(node, list):
+        return [own for part in node for own in _scalars(part)]
+    return [node] if isinstance(node, Scalar) else []
+
+
+def _number(path: Path, scalar: Scalar) -> float:
+    try:
+        value = float(scalar.word)
+    except ValueError:
+        value = math.nan
+    if not abs(value) < _LARGEST:
+        what = f"{scalar.word[:40]!r} is no number of plausible size"
+        raise InputError(path, f"line {scalar.line}", what)
+    return value
+
+
+def _refuse_model(path: Path, model: str) -> None:
+    if model not in (*_PLAIN, "rational_polynomial"):
+        what = f"has the distortion model {model[:40]!r}, where plumb_bob is read"
+        raise InputError(path, "distortion_model", what, _REMEDY)
+
+
+def _five(path: Path, D: Array, model: str) -> Array:
+    """k1, k2, p1, p2, k3: coefficients beyond these must be zero."""
+    name = _MORE.get(len(D), "")
+    if len(D) not in (0, 1, 4, 5, *_MORE):
+        raise InputError(path, "distortion", f"has {len(D)} coefficients", _REMEDY)
+    if D[5:].any():
+        own = f" ({model})" if model else ""
+        raise InputError(
+            path, "distortion", f"has {len(D)} coefficients, of the {name} model{own}", _REMEDY
+        )
+    return np.pad(D[:5], (0, 5 - len(D[:5])))
+
+
+def _refuse_parts(path: Path, root: dict[str, Node]) -> None:
+    """A message of ROS may say that its images are a part of those for which the matrix holds."""
+    roi = root.get("roi")
+    offsets = [roi.get(k) for k in ("x_offset", "y_offset")] if isinstance(roi, dict) else []
+    cut = any(_word(own) not in ("", "0") for own in offsets)
+    if cut or any(_word(root.get(k)) not in ("", "0", "1") for k in ("binningx", "binningy")):
+        what = "is of images that are binned or cut (binning, roi)"
+        raise InputError(path, "", what, "give the camera matrix of the images as they are read")
+
+
+def _image(path: Path, root: dict[str, Node]) -> Array | None:
+    found = [_of(root, (f"image_{key}", key)) for key in _SIZE]
+    if not all(isinstance(own, Scalar) for own in found):
+        return None
+    size = np.array([_number(path, own) for own in found if isinstance(own, Scalar)])
+    return size if (size >= 1.0).all() else None
+
 
 _LARGEST_FILE = 2_000_000  # bytes
 

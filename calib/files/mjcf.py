@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import copy
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,10 +18,30 @@ from calib.arm.robot import Robot
 from calib.arm.se3 import rotate, so3_about, transform
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.in_mujoco import mujoco_for
-from calib.files.mjcf_mesh import mesh_files
-from calib.files.mjcf_strip import strip
-from calib.files.mjcf_tree import Chain, chain_of, joints_of, label, read_mjcf
+from calib.files.mjcf_tree import Chain, chain_of, joints_of, label, mesh_files, read_mjcf, strip
+
+
+@contextmanager
+def mujoco_for(path: Path) -> Iterator[Any]:
+    """The module, to compile what stands in a file.
+
+    Raises InputError where it is not installed, and for what it refuses.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise InputError(
+            path, "", "needs MuJoCo, which is not installed", "pip install 'posecal[sim]'"
+        ) from None
+    mujoco.set_mju_user_warning(lambda _: None)  # its own handler writes MUJOCO_LOG.TXT
+    try:
+        yield mujoco
+    except (ValueError, mujoco.FatalError) as error:
+        said = re.sub(r"(, id \d+)?, line \d+", "", str(error))
+        said = "; ".join(line.strip() for line in said.splitlines() if line.strip())
+        raise InputError(path, "", f"is refused by MuJoCo: {said}") from None
+    finally:
+        mujoco.set_mju_user_warning(None)
 
 
 @dataclass(frozen=True, eq=False)

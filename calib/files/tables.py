@@ -23,9 +23,8 @@ from calib.files.columns import (
     joint_warnings,
     torque_columns,
 )
-from calib.files.copies import without_copies
 from calib.files.csv_table import LONGEST_LINE, Table, read_table
-from calib.files.payload_twice import refuse_payload_twice
+from calib.files.duplicates import refuse_payload_twice, without_copies
 from calib.files.readings import reading_columns, reading_names, readings_of, sites_of
 from calib.poses import Measurements, Poses, hung, poses_at
 from calib.poses.moves import with_moves

@@ -15,8 +15,7 @@ from calib.arm.robot import Robot
 from calib.arm.se3 import from_xyz_rpy, rotate
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.read import fault_of_name
-from calib.files.xml import read_xml
+from calib.files.read import fault_of_name, read_xml
 
 _LARGEST_NUMBER = 1e9  # in SI units
 _ROUNDED = 1e-9  # rad or m: limits that are as wide but for rounding

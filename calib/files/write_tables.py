@@ -1,9 +1,10 @@
-"""Write the CSV tables that ``calib.files.tables`` reads."""
+"""Write the CSV tables that ``calib.files.tables`` reads, and corrected commands."""
 
 from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -13,7 +14,11 @@ from calib.arm.robot import Robot
 from calib.arm.statics import wrench_with_load
 from calib.arrays import Array
 from calib.cell import Cell
+from calib.compensation.commands import Compensation
+from calib.errors import InputError
+from calib.files.cartesian import is_cartesian
 from calib.files.columns import WRENCH, joint_columns, torque_columns
+from calib.files.csv_table import Table, read_table
 from calib.files.readings import written_columns
 from calib.instruments import Instrument
 from calib.poses import Measurements, Poses
@@ -134,3 +139,61 @@ def plan_csv(cell: Cell, poses: Poses, level: Array) -> str:
         row = [name, *(texts[i] for texts in joints.values())]
         rows.append([*row, f"{own:.9g}"] if with_level else row)
     return csv_text(header, rows)
+
+
+_MM = 1e3
+_CHANGE = "change"
+
+
+def nominal_table(cell: Cell, path: Path) -> Table:
+    """The table of targets as text. Raises InputError, also for one that was corrected before."""
+
+    def check(columns: tuple[str, ...]) -> None:
+        for joint in cell.robot.joints:
+            if any(name.startswith(f"{_CHANGE}_{joint}_") for name in columns):
+                raise InputError(
+                    path,
+                    "line 1",
+                    "holds corrected commands already",
+                    "give the nominal targets, or take out the columns of changes",
+                )
+
+    return read_table(path, (), check)
+
+
+def compensated_csv(cell: Cell, table: Table, found: Compensation) -> str:
+    """The targets' own table with corrected joints, in its own units, and columns for what changed.
+
+    table : Table, the targets that were compensated
+    """
+    if is_cartesian(cell.robot, table.columns):
+        header = joint_header(cell.robot)
+        named = joint_columns(table.path, cell.robot, tuple(header))
+    else:
+        named = joint_columns(table.path, cell.robot, table.columns)
+    joints = {
+        column.name: [f"{value:.9g}" for value in column.numbers(q)]
+        for column, q in zip(named, found.q.T, strict=True)
+    }
+    columns = {"pose": list(found.targets.names), **joints}
+    columns |= {name: joints.get(name) or table.text(name) for name in table.columns}
+    columns |= _added(cell, found)
+    return csv_text(list(columns), zip(*columns.values(), strict=True))
+
+
+def _added(cell: Cell, found: Compensation) -> dict[str, list[str]]:
+    """Change of each joint, and errors at the target before and after."""
+    columns = {}
+    for joint, slides, change in zip(
+        cell.robot.joints, cell.robot.prismatic, found.correction.T, strict=True
+    ):
+        unit, scale = ("um", 1e-6) if slides else ("mdeg", math.pi / 180e3)
+        columns[f"{_CHANGE}_{joint}_{unit}"] = [f"{value / scale:.3f}" for value in change]
+    for name, errors in (
+        ("before", found.before),
+        ("left", found.left),
+        ("expected", found.expected),
+    ):
+        columns[f"{name}_mm"] = [f"{value * _MM:.5f}" for value in errors]
+    columns["limited_by"] = list(found.limited_by)
+    return columns

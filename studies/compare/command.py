@@ -89,7 +89,7 @@ def compare(
     """
     import calib
     from calib.errors import InputError
-    from calib.files.values import load_values
+    from calib.files.estimate import load_values
     from calib.model.build import build
     from studies.compare.compare import compare as compare_plans
     from studies.compare.instruments import read_by_each

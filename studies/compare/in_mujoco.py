@@ -28,7 +28,7 @@ from calib.effects.tool import Tool
 from calib.effects.transmission_harmonic import TransmissionHarmonic
 from calib.effects.transmission_scale import TransmissionScale
 from calib.errors import CalibError, InputError
-from calib.files.in_mujoco import mujoco_for
+from calib.files.mjcf import mujoco_for
 from calib.instruments import Tracker
 from calib.model import Model
 from calib.poses import Poses

@@ -56,8 +56,8 @@ def compensate(
     import calib
     from calib.errors import InputError
     from calib.files.cartesian import is_cartesian, solution_said
-    from calib.files.compensation import compensated_csv, nominal_table
     from calib.files.estimate import load_estimate
+    from calib.files.write_tables import compensated_csv, nominal_table
     from studies.compensate.record import compensate_record
     from studies.record import envelope
 

@@ -10,8 +10,7 @@ from calib.arm.robot import Convention, Form
 from calib.effects.tool import Tool
 from calib.errors import InputError
 from calib.files.lenses import camera_named, lens_found
-from calib.files.robot_out import corrected_robot, not_rigid
-from calib.files.zero_offsets import zero_offsets, zero_offsets_csv
+from calib.files.robot import corrected_robot, not_rigid, zero_offsets, zero_offsets_csv
 from calib.instruments import Camera
 from studies.document import listed
 

@@ -164,7 +164,7 @@ def _import_whole(
 ) -> None:
     """Write one whole table anew, as ``measurements.csv`` is written. Raises InputError."""
     from calib.errors import InputError
-    from calib.files.exports.whole import read_whole
+    from calib.files.exports.joints import read_whole
     from calib.files.write_tables import csv_text
     from studies.imports.record import whole_record
     from studies.record import envelope

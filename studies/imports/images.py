@@ -8,8 +8,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.files.exports import JointTable, PointList
-from calib.files.exports.images import IMAGES, read_images
-from calib.files.exports.patterns import pattern_of
+from calib.files.exports.images import IMAGES, pattern_of, read_images
 
 
 def image_files(paths: Sequence[Path]) -> list[Path]:

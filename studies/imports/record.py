@@ -13,7 +13,7 @@ from studies.record import Count, Entry, Envelope, Record
 
 if TYPE_CHECKING:
     from calib.files.exports import Joined, JointTable, PointList
-    from calib.files.exports.whole import WholeTable
+    from calib.files.exports.joints import WholeTable
 
 
 class ReadList(Entry):

@@ -1,6 +1,6 @@
 """What the types of a fleet know, as the file that a cell names: ``[model.prior] file = ".."``.
 
-It is read by :func:`calib.files.prior.load_prior`.
+It is read by :func:`calib.files.estimate.load_prior`.
 """
 
 from __future__ import annotations

@@ -4,16 +4,57 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
+import numpy as np
+
+from calib.arm.se3 import inverse, nearest_rotation, so3_log
+from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.exports.frames import averaged
+from calib.files.exports.bodies import pose_of_texts, pose_texts
 from calib.files.exports.joints import JointRow, JointTable
-from calib.files.exports.matching import Matching, NamedPoint, matched
-from calib.files.exports.names import BY_FILE
+from calib.files.exports.matching import BY_FILE, Matching, NamedPoint, matched
 from calib.files.exports.points import PointList
 from calib.files.exports.sheet import NUMBER
+
+
+def averaged(points: Sequence[NamedPoint]) -> tuple[list[NamedPoint], list[str]]:
+    """The mean of the frames of every body at every pose, and what is said of their scatter."""
+    groups: dict[tuple[str, str], list[NamedPoint]] = {}
+    for own in points:
+        groups.setdefault((own.pose, own.marker), []).append(own)
+    counts = [len(group) for group in groups.values()]
+    if max(counts) == 1:
+        return list(points), []
+    found, apart = [], []
+    for group in groups.values():
+        mean, *scatter = _mean(np.array([pose_of_texts(own.point.values) for own in group]))
+        point = replace(group[0].point, values=pose_texts(mean))
+        found.append(replace(group[0], point=point))
+        apart.append(scatter)
+    mm, mrad = 1e3 * np.array(apart).T
+    worst = found[
+        int(np.argmax(mm / mm.max() + mrad / mrad.max() if mm.max() * mrad.max() else mm))
+    ]
+    most = f"{mm.max():.2g} mm, {mrad.max():.2g} mrad at most, as at pose {worst.pose[:40]}"
+    few = f"{min(counts)} to {max(counts)}" if min(counts) < max(counts) else f"{max(counts)}"
+    typical = f"{np.median(mm):.2g} mm and {np.median(mrad):.2g} mrad (RMS, median of the poses)"
+    return found, [f"{few} frames of a pose are averaged; they scatter by {typical}; {most}"]
+
+
+def _mean(frames: Array) -> tuple[Array, float, float]:
+    """The mean of frames (n, 4, 4), and their RMS distance from it, m and rad."""
+    mean = np.eye(4)
+    mean[:3, :3] = nearest_rotation(frames[:, :3, :3].mean(axis=0))
+    mean[:3, 3] = frames[:, :3, 3].mean(axis=0)
+    off = inverse(mean) @ frames
+    return mean, _rms(off[:, :3, 3]), _rms(so3_log(off[:, :3, :3]))
+
+
+def _rms(vectors: Array) -> float:
+    return float(np.sqrt((vectors**2).sum(axis=1).mean()))
+
 
 _SHOWN = 5  # names in one line
 
@@ -55,9 +96,9 @@ def join(
 ) -> Joined:
     """Join lists of readings with the joint values of their poses, in the order of the joint file.
 
-    names : pattern of :mod:`calib.files.exports.names`; None tries the usual ones; of recordings, the
-        file's name is the pose where there are several or the joint file knows it, else the frame's
-        number
+    names : pattern of :mod:`calib.files.exports.matching`; None tries the usual ones; of
+        recordings the file's name is the pose where there are several or the joint file knows it, else
+        the frame's number
     marker : the only marker, where names tell only the pose
     by_order : the k-th pose of the lists stands in the k-th row of the joint file
     partial : leave out what has no counterpart instead of refusing it

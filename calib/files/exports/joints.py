@@ -1,4 +1,8 @@
-"""Joint values of each pose, as a controller or a spreadsheet lists them."""
+"""Joint values in exports: tables with a header, KUKA's lists of axes, joint states of MoveIt.
+
+KUKA controllers write ``P001 {A1 10.0, A2 -90.0, ..}``: A1 to A6 are degrees; external axes turn or
+slide, so that E1 to E6 carry no unit.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +15,49 @@ from calib.arm.robot import Robot
 from calib.errors import InputError
 from calib.files.columns import ANGLES, LENGTHS, OTHERS, TORQUES, WRENCH
 from calib.files.exports.hand_eye import YAML, joint_states
-from calib.files.exports.krl_axes import axis_sheet
-from calib.files.exports.sheet import Sheet, read_sheet, text_lines
+from calib.files.exports.sheet import Sheet, made_sheet, read_sheet, text_lines
 from calib.files.readings import reading_names
 from calib.instruments import TRACKER
+
+_AXIS = re.compile(r"([AE][1-6])\s+([+-]?[\d.]+(?:[eE][+-]?\d+)?)", re.ASCII)
+_LIST = rf"\{{?\s*{_AXIS.pattern}(?:\s*,\s*{_AXIS.pattern})*\s*\}}?"
+_LISTED = re.compile(_LIST)
+_DECLARED = re.compile(r"(?:DECL\s+)?(?:GLOBAL\s+)?(?:E6AXIS\s+|AXIS\s+)?")
+_AFTER_NAME = " \t=:;,"
+
+
+def axis_sheet(path: Path, lines: list[tuple[int, str]]) -> Sheet | None:
+    """The list as a sheet with a header, None where a line is of another kind. Raises InputError."""
+    rows: list[list[str]] = []
+    axes: list[str] | None = None
+    for _, line in lines:
+        start = _start(line)
+        if _LISTED.fullmatch(line, start) is None:
+            return None
+        pairs = _AXIS.findall(line, start)
+        axes = axes or [axis for axis, _ in pairs]
+        if [axis for axis, _ in pairs] != axes:
+            return None
+        name = _DECLARED.sub("", line[:start], count=1).rstrip(_AFTER_NAME)
+        rows.append([name, *(value for _, value in pairs)])
+    if axes is None:
+        return None
+    named = any(row[0] for row in rows)
+    titles = [f"{axis}_deg" if axis[0] == "A" else axis for axis in axes]
+    header = ["pose", *titles] if named else titles
+    rows = rows if named else [row[1:] for row in rows]
+    numbers = [number for number, _ in lines]
+    return made_sheet(path, [], [header, *rows], [numbers[0], *numbers], ",")
+
+
+def _start(line: str) -> int:
+    """Where the list begins, the end of the line where there is none. Takes linear time."""
+    brace = line.find("{")
+    if brace >= 0:
+        return brace
+    first = _AXIS.search(line)
+    return len(line) if first is None else first.start()
+
 
 UNITS = (*ANGLES, *LENGTHS)
 _POSE = ("pose", "name", "id")
@@ -209,3 +252,25 @@ def _check_names(path: Path, rows: Sequence[JointRow]) -> None:
             what = f"pose {row.pose!r} stands in line {seen[row.pose]} already"
             raise InputError(path, f"line {row.line}", what, "give each reading its own name")
         seen[row.pose] = row.line
+
+
+@dataclass(frozen=True)
+class WholeTable:
+    """Columns as ``measurements.csv`` names them, and rows of text with decimal points."""
+
+    path: Path
+    columns: tuple[str, ...]
+    rows: list[list[str]]
+
+
+def read_whole(path: Path) -> WholeTable:
+    """Read a table of measurements or a plan, whatever separates its columns.
+
+    Raises InputError where it is a list of points or joints alone.
+    """
+    sheet = read_sheet(path)
+    columns = tuple(titled(text) for text in sheet.header or ())
+    if "pose" not in columns:
+        what = "has no column 'pose', as a table of measurements or a plan has"
+        raise InputError(path, "header", what, "name it so, or give the joints by --joints FILE")
+    return WholeTable(path, columns, [[sheet.pointed(text) for text in row] for row in sheet.rows])

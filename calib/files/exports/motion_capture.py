@@ -1,20 +1,189 @@
 """Rigid bodies as motion capture exports them: OptiTrack's Motive, Vicon's Tracker and Nexus, as CSV.
 
-A row is a frame; empty fields are bodies that it did not see.
+A row is a frame; empty fields are bodies that it did not see. Motive's first line says how it writes,
+titles stand in columns. Vicon has a section ``Segments`` or ``Objects``: RX, RY, RZ are a rotation
+vector, with RW a quaternion, and TX, TY, TZ the place; units stand below the titles, names above them.
 """
 
 from __future__ import annotations
 
 import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from calib.arm.se3 import so3_exp
+from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.exports.bodies import NAMES, WRITTEN, pose_texts
-from calib.files.exports.motive import motive_layout
+from calib.files.exports.bodies import NAMES, OFF_UNIT, WRITTEN, frame_of, pose_texts
 from calib.files.exports.points import MeasuredPoint, PointList
-from calib.files.exports.recording import Row, body_frame
 from calib.files.exports.sheet import text_lines
-from calib.files.exports.vicon import SECTIONS, vicon_layout
+
+METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048}
+RADIANS = {"deg": math.pi / 180.0, "rad": 1.0}
+_TURN = 2.0 * math.pi
+Row = tuple[int, list[str]]
+"""A line's number and its fields."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """A body's name, and the columns of its rotation (x, y, z and maybe w) and of its place."""
+
+    name: str
+    rotation: tuple[int, ...]
+    place: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The bodies of a file, its first row of numbers, and the units in which they are."""
+
+    bodies: list[Body]
+    first: int
+    unit: str
+    angle: str = "rad"
+
+
+def body_frame(path: Path, row: Row, body: Body, layout: Layout, pointed: bool) -> Array | None:
+    """The frame (4, 4), m, of a body in a row; None where it was not seen.
+
+    pointed : whether decimals follow a point, not a comma
+
+    Raises InputError.
+    """
+    line, fields = f"line {row[0]}", row[1]
+    texts = [fields[k] if k < len(fields) else "" for k in (*body.rotation, *body.place)]
+    if not any(texts):
+        return None
+    numbers = [_number(text if pointed else text.replace(",", ".")) for text in texts]
+    for text, number in zip(texts, numbers, strict=True):
+        if not math.isfinite(number):
+            what = f"{text[:40]!r} of {body.name} is no number"
+            raise InputError(path, line, what, "export it again")
+    turn = numbers[: len(body.rotation)]
+    place = [METRES[layout.unit] * v for v in numbers[len(body.rotation) :]]
+    if len(turn) == 3:
+        vector = np.array(turn) * RADIANS[layout.angle]
+        if np.linalg.norm(vector) > _TURN:
+            what = f"{body.name} turns by more than a whole turn: no rotation vector"
+            raise InputError(path, line, what, "export quaternions")
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = so3_exp(vector), place
+        return T
+    if not abs(math.hypot(*turn) - 1.0) < OFF_UNIT:
+        what = f"the quaternion of {body.name} has a length of {math.hypot(*turn):.4g}"
+        raise InputError(path, line, what, "export it again")
+    x, y, z, w = turn
+    return frame_of(place, [w, x, y, z])
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+_UNITS = {
+    "millimeters": "mm", "centimeters": "cm", "meters": "m", "inches": "in", "feet": "ft",
+}  # fmt: skip
+
+
+def motive_layout(path: Path, rows: list[Row]) -> Layout:
+    """Where the bodies of Motive stand. Raises InputError for another rotation, space or unit."""
+    unit = _unit(path, rows[0][1])
+    titles = next((k for k, (_, row) in enumerate(rows) if row[0].lower() == "frame"), 0)
+    label = {row[1].lower(): row for _, row in rows[:titles] if len(row) > 1 and row[1]}
+    if titles < 3 or not {"type", "name"} <= label.keys():
+        raise InputError(path, "", "has no header of types and names", "export with its header")
+    kinds, names = label["type"], label["name"]
+    quantities, axes = rows[titles - 1][1], rows[titles][1]
+    columns: dict[str, dict[tuple[str, str], int]] = {}
+    for k, (kind, name, quantity, axis) in enumerate(
+        zip(kinds, names, quantities, axes, strict=False)
+    ):
+        if kind.lower() == "rigid body":
+            columns.setdefault(name, {}).setdefault((quantity.lower(), axis.lower()), k)
+    found = []
+    for name, own in columns.items():
+        wanted = [("rotation", axis) for axis in "xyzw"], [("position", axis) for axis in "xyz"]
+        if not {*wanted[0], *wanted[1]} <= own.keys():
+            raise InputError(
+                path, f"body {name}", "has not all of rotation X Y Z W and position X Y Z"
+            )
+        found.append(Body(name, *(tuple(own[key] for key in keys) for keys in wanted)))
+    if not found:
+        raise InputError(path, "", "holds no rigid body", "export with Rigid Bodies")
+    return Layout(found, titles + 1, unit)
+
+
+def _unit(path: Path, head: list[str]) -> str:
+    """The unit of length that the first line states. Raises InputError for what is not read."""
+    said = {k.lower(): v.lower() for k, v in zip(head[::2], head[1::2], strict=False)}
+    if said.get("rotation type") != "quaternion":
+        what = f"has the rotation type {said.get('rotation type', '')[:20]!r}"
+        raise InputError(path, "line 1", what, "export with rotation type Quaternion")
+    if said.get("coordinate space", "global") != "global":
+        what = f"has {said['coordinate space'][:20]} coordinates"
+        raise InputError(path, "line 1", what, "export in global coordinate space")
+    unit = _UNITS.get(said.get("length units", ""), "")
+    if not unit:
+        what = f"states no known unit of length ({said.get('length units', '')[:20]!r})"
+        raise InputError(path, "line 1", what, "export in Meters or Millimeters")
+    return unit
+
+
+def vicon_layout(path: Path, rows: list[Row]) -> Layout:
+    """Where the segments of Vicon stand. Raises InputError for other columns, and for no units."""
+    section = next((k for k, (_, row) in enumerate(rows) if row[0].lower() in SECTIONS), 0)
+    below = range(section, len(rows))
+    titles = next((k for k in below if rows[k][1][0].lower() == "frame"), 0)
+    head = [title.upper() for title in rows[titles][1]]
+    if titles < 1 or "RX" not in head or len(rows) < titles + 2:
+        what = "has no columns Frame, Sub Frame, RX, RY, RZ, TX, TY, TZ"
+        raise InputError(path, "", what, "export the segments, or objects")
+    names, units = rows[titles - 1][1], [unit.lower() for unit in rows[titles + 1][1]]
+    wanted = ("RX", "RY", "RZ", "RW", "TX", "TY", "TZ") if "RW" in head else _SIX
+    found: list[Body] = []
+    for k in (k for k, title in enumerate(head) if title == "RX"):
+        part = tuple(head[k : k + len(wanted)])
+        if part != wanted:
+            what = f"has the columns {' '.join(part)}, where {' '.join(wanted)} are read"
+            raise InputError(
+                path, f"line {rows[titles][0]}", what, "export the segments, or objects"
+            )
+        name = names[k] if k < len(names) and names[k] else f"body{len(found) + 1}"
+        columns = tuple(range(k, k + len(wanted)))
+        found.append(Body(_single(name), columns[:-3], columns[-3:]))
+    angle = _unit_of(path, rows[titles + 1][0], units, found, "rotation")
+    unit = _unit_of(path, rows[titles + 1][0], units, found, "place")
+    return Layout(found, titles + 2, unit, angle or "rad")
+
+
+SECTIONS = ("segments", "objects")
+_SIX = ("RX", "RY", "RZ", "TX", "TY", "TZ")
+
+
+def _single(name: str) -> str:
+    """An object is a subject with one segment of the same name."""
+    subject, _, segment = name.partition(":")
+    return subject if subject == segment else name
+
+
+def _unit_of(path: Path, line: int, units: list[str], bodies: Sequence[Body], part: str) -> str:
+    """The one unit of all columns of a part. Raises InputError."""
+    known = RADIANS if part == "rotation" else METRES
+    quaternion = part == "rotation" and len(bodies[0].rotation) == 4
+    found = {units[k] if k < len(units) else "" for own in bodies for k in getattr(own, part)}
+    if len(found) == 1 and (quaternion or found <= known.keys()):
+        return found.pop()
+    what = f"states no one unit of the {part} ({', '.join(sorted(found))[:40]!r})"
+    raise InputError(path, f"line {line}", what, f"export in {' or '.join(known)}")
+
 
 _VECTOR_NOTE = (
     "RX, RY, RZ are read as rotation vectors (helical); where the export was set to Euler angles, "

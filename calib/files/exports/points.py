@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.files.exports.sheet import Sheet, read_sheet
-from calib.files.exports.units import in_mm, known_unit, stated_units
+from calib.files.exports.sheet import Sheet, in_mm, known_unit, read_sheet, stated_units
 
 _ROLES = {
     "collection": ("collection", "collectionname"),

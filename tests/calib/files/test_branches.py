@@ -17,7 +17,7 @@ from calib.arm.kinematics import forward, link_origins
 from calib.arm.robot import Robot
 from calib.arm.statics import Payload, loads_of, transmitted
 from calib.arrays import Array
-from calib.files.collision import urdf_shapes
+from calib.files.shapes import urdf_shapes
 from calib.files.urdf import load_urdf
 from calib.poses import poses_at
 from tests.calib.arm.test_mujoco import in_mujoco

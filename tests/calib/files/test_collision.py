@@ -13,7 +13,7 @@ from calib.arm.enclosing import enclosing_capsule
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import InputError
-from calib.files.mesh import mesh_vertices
+from calib.files.shapes import mesh_vertices
 from doe.constraints import constraints_of, scene_of
 from doe.constraints.floor import Floor
 from doe.constraints.self_collision import SelfCollision

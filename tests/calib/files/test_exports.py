@@ -11,7 +11,7 @@ import pytest
 from calib.errors import InputError
 from calib.files.exports import PointList, read_joints, read_points
 from calib.files.exports.join import join
-from calib.files.exports.names import name_pattern
+from calib.files.exports.matching import name_pattern
 from calib.files.exports.points import MeasuredPoint
 
 ROWS = [

@@ -15,8 +15,7 @@ import pytest
 
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.exports.images import read_images
-from calib.files.exports.patterns import pattern_of
+from calib.files.exports.images import pattern_of, read_images
 from tests.camera_cells import PINHOLE, camera_cell
 from tests.photographs import DOTS, cv2, facing, photograph, pixels
 

@@ -15,8 +15,8 @@ from calib.arm.kinematics import forward
 from calib.arm.robot import Robot, Source
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.robot_out import corrected_robot
-from calib.files.ur_calibration import MODELS, nominal_ur, read_ur_calibration
+from calib.files.kinematics import MODELS, nominal_ur, read_ur_calibration
+from calib.files.robot import corrected_robot
 from calib.files.yaml_text import read_yaml
 from tests.plain_arm import dh_pose, rpy_pose, turn
 

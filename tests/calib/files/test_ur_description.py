@@ -14,7 +14,7 @@ import pytest
 
 import calib
 from calib import Cell
-from calib.files.robot_out import corrected_robot
+from calib.files.robot import corrected_robot
 from tests.calib.files.test_kinematics import CELL, cell_of_file, numbers, poses
 from tests.plain_arm import rpy_pose
 

@@ -1,4 +1,4 @@
-"""Readings that are another reading again, to the last digit: copied rows, or an instrument that stuck.
+"""What a table of readings holds twice: the payload's weight, or readings copied to the last digit.
 
 An instrument repeats each digit only by chance. Where the digits are finer than its noise, that chance
 is known, and what is far below it was not measured anew.
@@ -12,12 +12,42 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import binom
 
+from calib.arm.statics import wrench_with_load
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
+from calib.errors import InputError
 from calib.files.csv_table import Table
 from calib.files.readings import reading_columns
 from calib.instruments import Tracker
-from calib.poses import Measurements
+from calib.poses import Measurements, Poses, hung
+
+_SAME = 0.01  # of the weight
+
+
+def refuse_payload_twice(cell: Cell, path: Path, poses: Poses) -> None:
+    """Refuse readings that bear the cell's payload as their wrench. Raises InputError."""
+    loaded = poses.take(poses.wrench.any(axis=1))
+    if not cell.payload.mass or not len(loaded):
+        return
+    free = replace(loaded, wrench=np.zeros_like(loaded.wrench))
+    carried = hung(free, cell.payload.mass, cell.payload.com)
+    weight = wrench_with_load(cell.robot, cell.gravity, carried)
+    moment = loaded.wrench[:, 3:]
+    if _alike(loaded.wrench[:, :3], weight[:, :3]) and (
+        not moment.any() or _alike(moment, weight[:, 3:])
+    ):
+        raise InputError(
+            path,
+            "columns of the wrench",
+            f"hold the weight of the cell's [payload], {cell.payload.mass:g} kg, once more",
+            "a load counts once: take [payload] out of the cell, or these columns out of the table",
+        )
+
+
+def _alike(found: Array, expected: Array) -> bool:
+    off = np.linalg.norm(found - expected, axis=1)
+    return bool((off <= _SAME * np.linalg.norm(expected, axis=1)).all())
+
 
 _QUIETER = 10.0  # times less noise than stated: cells state limits, and repeats share errors
 _CHANCE = 1e-6  # that an honest table is called copied

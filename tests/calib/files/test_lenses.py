@@ -11,7 +11,7 @@ from click.testing import CliRunner
 import calib
 from calib.errors import InputError
 from calib.files.cell_out import extended_cell
-from calib.files.lens_yaml import lens_yaml, read_lens
+from calib.files.lenses import lens_yaml, read_lens
 from calib.instruments import Camera
 from studies.cli import main
 from tests.camera_cells import camera_cell

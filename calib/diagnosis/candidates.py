@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,25 +12,17 @@ from calib.cell import Cell
 from calib.diagnosis.curves import Curve, curves
 from calib.diagnosis.functions import Torque
 from calib.effects import GROUPS, Effect, catalogue
-from calib.effects.joint_coupling import JointCoupling
 from calib.effects.protocol import (
     ARM,
-    ElasticEffect,
-    LoadEffect,
     Parameter,
-    PoseEffect,
-    ReadingEffect,
 )
 from calib.effects.tuned import Tuned
 from calib.errors import CalibError
 from calib.model import Model
 from calib.model.build import context_of, place_effect, placed_effects
-from calib.poses import Measurements, Poses
+from calib.poses import Measurements
 
 _MANY = 6  # parameters: more are a family
-_BY_ANGLE = ("gravity_compensator", "stiffness_vs_angle")  # beside all that is known of the pose
-PARTS = {"geometry": ("joint_offset", "link_geometry"), "stiffness_vs_angle": ("joint_compliance",)}
-"""What an active effect contains already."""
 EXCLUDED = "excluded by the cell"
 """Why a cause is not asked that the user knows the robot not to have."""
 
@@ -140,14 +131,14 @@ def candidates(
     """
     context = context_of(cell, data.poses)
     # What was left out of the model is in it by what absorbs it.
-    wholes = [*model.effects, *(e for e in placed_effects(cell, context) if e.kind in PARTS)]
+    wholes = [*model.effects, *(e for e in placed_effects(cell, context) if e.parts)]
     found, missing = [], []
     second: dict[str, tuple[Candidate, ...]] = {}
     for kind, effect_type in catalogue().items():
         if kind in GROUPS:
             continue
         for where in effect_type.places(context):
-            if _contained(wholes, kind, where):
+            if any((e.kind, e.where) == (kind, where) or e.contains(kind, where) for e in wholes):
                 continue
             if kind in cell.excluded or f"{kind}:{where}" in cell.excluded:
                 missing.append(NotAsked(f"{kind}:{where}", EXCLUDED))
@@ -165,62 +156,16 @@ def candidates(
             own = Candidate(
                 effect,
                 True,
-                depends_on(effect),
+                effect.depends_on,
                 odds=expected.odds,
                 twin_odds=expected.twin_odds,
             )
-            if not _renamed(model.effects, kind, where):
+            repeated = effect_type.repeats(where, model.effects)
+            if repeated is None:
                 found.append(own)
-            elif _compliant(model.effects, where):
-                second[f"backlash:{where}"] = (own,)
+            elif repeated:
+                second[f"{repeated}:{where}"] = (own,)
     found = [replace(c, also=second.get(c.key, ())) for c in found]
     ranges = np.linalg.norm(data.points[data.seen], axis=-1)
     unnamed = [Candidate(c, False, c.variable.name) for c in curves(context, data.poses, ranges)]
     return found + unnamed, missing
-
-
-def _contained(active: Sequence[Effect], kind: str, where: str) -> bool:
-    """Whether the model has this cause, or one that contains it."""
-    for effect in active:
-        if effect.kind == kind and effect.where == where:
-            return True
-        if kind in PARTS.get(effect.kind, ()) and effect.where == where:
-            return True
-    return False
-
-
-def _renamed(active: Sequence[Effect], kind: str, where: str) -> bool:
-    """Whether a cause is another by a second name: friction at a constant compliance is a backlash."""
-    varying = any(e.kind == "stiffness_vs_angle" and e.where == where for e in active)
-    return kind == "friction_windup" and not varying
-
-
-def _compliant(active: Sequence[Effect], where: str) -> bool:
-    """Whether a joint yields in the model, so that friction winds it up."""
-    return any(e.kind == "joint_compliance" and e.where == where for e in active)
-
-
-def depends_on(effect: Effect) -> str:
-    """On what an effect's displacement depends most, as named in the results."""
-    if isinstance(effect, Curve):
-        return effect.variable.name
-    if effect.uses:
-        first = effect.uses[0]
-        return f"{first}:{effect.where}" if first in ("approach", "motion") else first
-    if isinstance(effect, ReadingEffect):
-        return "range" if effect.of == "points" else "none"
-    if isinstance(effect, PoseEffect) or effect.kind in _BY_ANGLE:
-        return "load" if effect.where == ARM else f"q:{effect.where}"
-    return "load" if isinstance(effect, ElasticEffect | LoadEffect) else "none"
-
-
-def as_fitted(candidate: Candidate, values: Array, poses: Poses) -> Candidate:
-    """The candidate, a coupling with the joint that drives it most.
-
-    values : ndarray, shape (k,), of its parameters
-    """
-    effect = candidate.effect
-    if not isinstance(effect, JointCoupling):
-        return candidate
-    driver = effect.others[int(np.argmax(np.abs(values) * np.ptp(effect.shares(poses), axis=0)))]
-    return replace(candidate, depends_on=f"q:{effect.robot.joints[driver]}")

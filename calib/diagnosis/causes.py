@@ -24,7 +24,9 @@ from calib.diagnosis.finding import Finding, Refused, is_weak
 from calib.diagnosis.rest import Rest
 from calib.diagnosis.shape import Doubt, form_matters, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
+from calib.effects import catalogue
 from calib.effects.protocol import ARM
+from calib.effects.timed import Timed
 from calib.identification.tuning import profiled
 from calib.model.covariance import determined
 from calib.poses import Poses
@@ -37,8 +39,6 @@ _ALONE = 0.9  # of what scatters, that one joint must hold to be named in place 
 _LEAST_P = 1e-4  # of the test of its form, below which it is as doubtful as it gets
 _LEAST_RATIO = 0.9  # of a curve's evidence over its own, from which on that speaks against a name
 _NEARLY = 0.6, 0.9  # from which on, and in full, against what follows anything
-_PLIABLE = ("stiffness_vs_angle",)
-_MOMENTS = ("step", "warm_up")
 _AT_REST = ("base", "instrument")  # whose moments and warm-ups nothing else imitates
 
 _INTERCEPT = 3.24
@@ -78,6 +78,8 @@ class Evidence:
     def against(self) -> tuple[float, ...]:
         """What speaks against it, a number for each of the weights."""
         kind, where = self.key.split(":", 1)
+        effect = catalogue()[kind]
+        timed = issubclass(effect, Timed)
         low, high = _NEARLY
         close = min(max((self.curve_ratio - low) / (high - low), 0.0), 1.0)
         nearly = max(close, float(self.company))
@@ -86,8 +88,8 @@ class Evidence:
             min(max(self.curve_ratio - _LEAST_RATIO, 0.0), 1.0),
             1.0 - self.again,
             float(self.company),
-            nearly * (kind in _PLIABLE),
-            nearly * (kind in _MOMENTS and where not in _AT_REST),
+            nearly * (effect.flexible and not timed),
+            nearly * (effect.flexible and timed and where not in _AT_REST),
         )
 
 
@@ -128,6 +130,9 @@ class Cause:
         """That it is there, by this name."""
         return self.members[0][1]
 
+    def __repr__(self) -> str:
+        return f"{self.name} at {self.where}, probability {self.probability:.2f} ({self.standing})"
+
     @property
     def members(self) -> tuple[tuple[Candidate, float], ...]:
         """Causes that the data cannot tell apart, with probabilities, best first."""
@@ -151,6 +156,10 @@ class Place:
     where: str
     depends_on: str
     share: float
+
+    def __repr__(self) -> str:
+        share = "" if np.isnan(self.share) else f", {self.share:.0%} of the gap"
+        return f"{self.where} by {self.depends_on}{share}"
 
 
 def causes_of(

@@ -83,6 +83,10 @@ class Curve(Effect):
         )
 
     @property
+    def depends_on(self) -> str:
+        return self.variable.name
+
+    @property
     def spread(self) -> Array:
         """Covariance of the coefficients a priori, shape (p, p), of unit amplitude."""
         return np.asarray(np.kron(np.eye(len(self.units)), self.function.spread))

@@ -17,6 +17,8 @@ from calib.diagnosis.stage import Fit, Stage
 from calib.identification.noise_level import NoiseLevel
 from calib.poses import Measurements
 
+_MOST_SHOWN = 12  # causes, or places
+
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
@@ -58,3 +60,24 @@ class Diagnosis:
     heldout: Measurements | None
     growth: Growth | None
     scale: float
+
+    def __repr__(self) -> str:
+        """Verdict, causes with places and probabilities, errors before and after: at most 20 lines."""
+        found = [repr(cause) for cause in self.causes[:_MOST_SHOWN]]
+        more = len(self.causes) - len(found)
+        found += [f"and {more} more causes"] if more else []
+        found += [f"no cause named: {p!r}" for p in self.located[:_MOST_SHOWN] if not found]
+        gap = self.gap
+        errors = [f"fitted poses {_shrinks(gap.fit_before, gap.fit_after)}"]
+        if gap.heldout_before is not None:
+            errors.append(f"held out {_shrinks(gap.heldout_before, gap.heldout_after)}")
+        if gap.crossed is not None:
+            errors.append(f"cross-validated {_shrinks(*gap.crossed)}")
+        rms = f"RMS error: {', '.join(errors)}; noise {1e3 * gap.floor:.3g} mm"
+        return "\n  ".join([f"Diagnosis: {self.verdict}", *found, rms, f"rest: {self.rest.kind}"])
+
+
+def _shrinks(before: float, after: float | None) -> str:
+    return (
+        f"{1e3 * before:.3g} mm" if after is None else f"{1e3 * before:.3g} -> {1e3 * after:.3g} mm"
+    )

@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.diagnosis.candidates import PARTS, Candidate, as_fitted
+from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contest import Entry, Outcome
 from calib.diagnosis.stage import Fit, Stage
-from calib.effects.gear_ripple import GearRipple
-from calib.effects.protocol import ARM
+from calib.effects.tuned import Tuned
 from calib.poses import Poses
 
 _EXACT = 2e-4  # of a signal that a twin may leave: columns are those of the fit, to first order
@@ -54,8 +53,8 @@ def twins(outcome: Outcome, entry: Entry) -> list[Twin]:
             continue
         if suspect.echo not in ("", entry.candidate.key):
             continue
-        if _contains(suspect, entry.candidate):
-            continue
+        if suspect.effect.contains(entry.candidate.effect.kind, entry.candidate.where):
+            continue  # the cause itself and more is no other name for it
         V = beside.directions(where[suspect.key])
         if V.shape[1] > U.shape[1] + _MORE:
             continue
@@ -67,14 +66,6 @@ def twins(outcome: Outcome, entry: Entry) -> list[Twin]:
         exact = 1.0 - worst**2 < _EXACT
         found.append(Twin(suspect, left, max(0, V.shape[1] - U.shape[1]), exact))
     return sorted(found, key=lambda twin: (not twin.exact, twin.left))
-
-
-def _contains(whole: Candidate, part: Candidate) -> bool:
-    """Whether a cause is another one and more: no other name for it."""
-    if part.effect.kind in PARTS.get(whole.effect.kind, ()):
-        return whole.where == part.where
-    sag = whole.effect.kind == part.effect.kind == "gravity_sag"
-    return sag and whole.where == ARM
 
 
 _TRIED = 5  # close rivals that are looked at
@@ -173,8 +164,9 @@ def _close(entry: Entry, others: Sequence[Twin]) -> list[Candidate]:
 def _as_fitted(named: Named, fit: Fit, poses: Poses) -> Named:
     first, share = named.members[0]
     values, effect = fit.values[fit.positions(first.effect)], first.effect
-    aliased = isinstance(effect, GearRipple) and len(effect.images(poses, values)) > 0
-    members = ((as_fitted(first, values, poses), share), *named.members[1:])
+    aliased = isinstance(effect, Tuned) and len(effect.aliases(poses, values)) > 0
+    first = replace(first, depends_on=effect.driven_by(values, poses))
+    members = ((first, share), *named.members[1:])
     return replace(named, members=members, aliased=aliased)
 
 

@@ -24,7 +24,6 @@ from calib.diagnosis.prior import curves_in, prior_rows
 from calib.diagnosis.screen import field
 from calib.diagnosis.stage import determined_by, positions
 from calib.effects.drive import along_axis
-from calib.effects.gear_ripple import GearRipple
 from calib.effects.protocol import PoseEffect, State, TwistEffect, displaced
 from calib.model import Model
 from calib.model.covariance import covariance
@@ -173,12 +172,12 @@ def error_curve(result: Diagnosis, candidate: Candidate) -> ErrorCurve | None:
     """The curve of one candidate that was found.
 
     None where its place is no single frame (the arm as a whole, the instrument), where it depends on
-    nothing that varies, or for a gear ripple, which is too fine to be drawn and stands in the spectra.
+    nothing that varies, or for what is too fine to be drawn: a gear ripple stands in the spectra.
     """
     after, poses = result.after, result.data.poses
     robot = after.model.robot
     frame = frame_of(candidate.where, robot)
-    if frame is None or isinstance(candidate.effect, GearRipple):
+    if frame is None or not candidate.effect.drawn:
         return None
     state = after.model.state(after.values, poses)
     values = after.values[positions(after.model, candidate.effect)]

@@ -7,7 +7,7 @@ A full scan leaves a short list of tunings, among which later rounds choose.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,7 +16,6 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.scan import Carried, scores
-from calib.effects.gear_ripple import FEWEST, GearRipple
 from calib.effects.tuned import Tuned
 from calib.poses import Poses
 
@@ -61,7 +60,12 @@ class Bank:
         """The same with a short list of tunings; of richer forms, those and their halves."""
         first = self.forms[0]
         short = first.only(_peaks(_falls(first, carried))[:_LISTED])
-        return replace(self, forms=(short, *_richer(short, self.poses)))
+        richer = short.effect.richer(short.tunings)
+        if richer is None:
+            return replace(self, forms=(short,))
+        effect, tunings = richer
+        more = Form(effect, tunings, effect.functions(self.poses, tunings))
+        return replace(self, forms=(short, more))
 
     def best(self, carried: Carried, rows: int) -> tuple[Candidate, Array]:
         """The best of all forms and tunings that are looked at, and its functions (m, f).
@@ -88,18 +92,9 @@ def banks(suspects: Sequence[Candidate], poses: Poses) -> tuple[Bank, ...]:
             continue
         form = Form(effect, grid, effect.functions(poses, grid))
         # Beside the grid, the richer forms at what is listed of it.
-        tried = len(grid) + (2 * _LISTED if isinstance(effect, GearRipple) else 0)
+        tried = len(grid) + (2 * _LISTED if effect.richer(grid) is not None else 0)
         found.append(Bank(replace(suspect, tried=tried), poses, (form,)))
     return tuple(found)
-
-
-def _richer(short: Form, poses: Poses) -> Iterator[Form]:
-    """A ripple with its second harmonic, which may be the line that was found."""
-    if isinstance(short.effect, GearRipple):
-        tunings = np.concatenate([short.tunings, 0.5 * short.tunings])
-        tunings = tunings[tunings >= FEWEST]
-        effect = short.effect.with_harmonics(2)
-        yield Form(effect, tunings, effect.functions(poses, tunings))
 
 
 def _falls(form: Form, carried: Carried) -> Array:

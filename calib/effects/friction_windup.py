@@ -7,6 +7,7 @@ equivalent to ``backlash``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.drive import along_axis
-from calib.effects.protocol import Context, Parameter, SpringEffect, joint_index
+from calib.effects.protocol import Context, Effect, Parameter, SpringEffect, joint_index
 from calib.poses import Poses
 
 # N m or N: small arms wind up by 0.1 N m, large ones by tens, most of it lost in the gear.
@@ -43,6 +44,13 @@ class FrictionWindup(SpringEffect):
     def at(cls, context: Context, where: str) -> Self:
         joint, robot = joint_index(context, where), context.robot
         return cls(where, joint + 1, robot.dof + 2, along_axis(robot, joint))
+
+    @classmethod
+    def repeats(cls, where: str, active: Sequence[Effect]) -> str | None:
+        here = {effect.kind for effect in active if effect.where == where}
+        if "stiffness_vs_angle" in here:
+            return None
+        return "backlash" if "joint_compliance" in here else ""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -45,6 +45,7 @@ class GearRipple(TunedTwist):
     ratio: float | None
     kind: ClassVar[str] = "gear_ripple"
     turns: ClassVar[bool] = True
+    drawn: ClassVar[bool] = False
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
@@ -99,11 +100,13 @@ class GearRipple(TunedTwist):
         width = self.width(poses)
         return np.arange(FEWEST, _MOST, _STEP * width) if np.isfinite(width) else np.zeros(0)
 
-    def images(self, poses: Poses, values: Array) -> Array:
-        """Other cycles at which these poses, a joint at equal steps, show the same ripple, shape (k,).
+    def richer(self, tunings: Array) -> tuple[Self, Array]:
+        """With its second harmonic, which may be the line that was found."""
+        cycles = np.concatenate([tunings, 0.5 * tunings])
+        return self.with_harmonics(2), cycles[cycles >= FEWEST]
 
-        values : ndarray, shape (p,)
-        """
+    def aliases(self, poses: Poses, values: Array) -> Array:
+        # Of a joint at equal steps.
         width = self.width(poses)
         if not np.isfinite(width):
             return np.zeros(0)

@@ -19,6 +19,7 @@ class Geometry(ConstantTwist):
     """Displacement of the frame at the end of a segment: a joint's name, or the tip link's."""
 
     kind: ClassVar[str] = "geometry"
+    parts: ClassVar[tuple[str, ...]] = ("joint_offset", "link_geometry")
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:

@@ -84,6 +84,10 @@ class GravityCompensator(SpringEffect):
             Parameter(self.kind, self.where, "preload", "N", 1.0, 1e4),
         )
 
+    @property
+    def varies_with(self) -> str:
+        return f"q:{self.where}"
+
     def spring_length(self, q: Array) -> Array:
         """Length of the spring, m, at joint angles q, rad; both of one shape."""
         before, after = self.anchors

@@ -86,6 +86,9 @@ class GravitySag(PoseEffect):
                 )
         return tuple(found)
 
+    def contains(self, kind: str, where: str) -> bool:
+        return kind == self.kind and self.where == ARM != where
+
     def _moments(self, k: int) -> list[tuple[str, bool]]:
         """Names of the products at joint k, and whether a joint's travel multiplies them."""
         robot = self.robot

@@ -12,8 +12,6 @@ from calib.effects.drift import drift_parameters, drift_rate, since_the_first
 from calib.effects.protocol import Context, Parameter, PartEffect, motion_of
 from calib.poses import Poses
 
-_OWN = ("camera", "pose", "distance", "plane")
-
 
 @dataclass(frozen=True, eq=False)
 class InstrumentDrift(PartEffect):
@@ -29,7 +27,8 @@ class InstrumentDrift(PartEffect):
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
-        return tuple(where for where in context.parts if where.partition(":")[0] in _OWN)
+        own = (i for i in context.instruments if not i.sites)  # one with sites moves at each alone
+        return tuple(w for i in own if (w := f"{i.kind}:{i.name}") in i.parts)
 
     @classmethod
     def at(cls, context: Context, where: str) -> Self:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
+import numpy as np
+
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.effects.drive import DriveError, along_axis, error_unit, variable_unit
@@ -52,6 +54,10 @@ class JointCoupling(DriveError):
             )
             for k in self.others
         )
+
+    def driven_by(self, values: Array, poses: Poses) -> str:
+        reach = np.abs(values) * np.ptp(self.shares(poses), axis=0)
+        return f"q:{self.robot.joints[self.others[int(np.argmax(reach))]]}"
 
     def shares(self, poses: Poses) -> Array:
         return poses.q[:, self.others]

@@ -13,3 +13,4 @@ class LinkGeometry(Geometry):
     """The six errors of the segment that ends at a joint, or at the tip."""
 
     kind: ClassVar[str] = "link_geometry"
+    parts: ClassVar[tuple[str, ...]] = ()

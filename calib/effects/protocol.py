@@ -166,6 +166,9 @@ class Effect(ABC):
     uses : what it needs to know of each pose beyond joints and loads, by the names of ``Poses``;
         where a pose does not say, the effect rests
     turns : whether its places are joints that turn, not slide
+    parts : kinds of effects that it contains, at the same place
+    flexible : whether at its place it can follow nearly any curve
+    drawn : whether its error can be drawn as a curve over a few knots
     allowance : None, or for a suspect how many times the limits of its parameters stand for one
         standard deviation a priori
     """
@@ -175,6 +178,9 @@ class Effect(ABC):
     kind: ClassVar[str]
     uses: ClassVar[tuple[str, ...]] = ()
     turns: ClassVar[bool] = False
+    parts: ClassVar[tuple[str, ...]] = ()
+    flexible: ClassVar[bool] = False
+    drawn: ClassVar[bool] = True
 
     @classmethod
     @abstractmethod
@@ -190,6 +196,35 @@ class Effect(ABC):
     def expected(cls, context: Context, where: str) -> Expected:
         """How often, and how large, it is met at a place of the robot at hand."""
         return Expected()
+
+    @classmethod
+    def repeats(cls, where: str, active: Sequence[Effect]) -> str | None:
+        """Kind of the cause that it is by another name, None where it is one of its own.
+
+        active : effects of the model beside which it is asked; empty where it would move nothing
+        """
+        return None
+
+    def contains(self, kind: str, where: str) -> bool:
+        """Whether another cause is a part of this one, so that a model needs it no more."""
+        return kind in self.parts and where == self.where
+
+    @property
+    def depends_on(self) -> str:
+        """On what its displacement depends most, as named in the results."""
+        if not self.uses:
+            return self.varies_with
+        first = self.uses[0]
+        return f"{first}:{self.where}" if first in ("approach", "motion") else first
+
+    @property
+    def varies_with(self) -> str:
+        """The same of what needs no more than joints and loads."""
+        return "none"
+
+    def driven_by(self, values: Array, poses: Poses) -> str:
+        """The same at fitted values (p,), where they decide it."""
+        return self.depends_on
 
     @property
     @abstractmethod
@@ -286,12 +321,20 @@ class PoseEffect(TwistEffect):
         """By how much it displaces which frames at values (..., p)."""
         return displaced(self.twists_at(poses), values)
 
+    @property
+    def varies_with(self) -> str:
+        return "load" if self.where == ARM else f"q:{self.where}"
+
 
 @dataclass(frozen=True, eq=False)
 class ElasticEffect(TwistEffect):
     """A displacement in proportion to the wrench that the frame transmits."""
 
     frame: int
+
+    @property
+    def varies_with(self) -> str:
+        return "load"
 
     @abstractmethod
     def flexibility(self, poses: Poses) -> Array:
@@ -312,6 +355,10 @@ class ElasticEffect(TwistEffect):
 @dataclass(frozen=True, eq=False)
 class LoadEffect(Effect):
     """Adds a wrench to what the frames transmit."""
+
+    @property
+    def varies_with(self) -> str:
+        return "load"
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,6 +415,10 @@ class ReadingEffect(Effect):
     def changes(self, instrument: Instrument) -> bool:
         """Whether it changes the rows of an instrument."""
         return instrument.kind == self.of
+
+    @property
+    def varies_with(self) -> str:
+        return "range" if self.of == "points" else "none"
 
     @abstractmethod
     def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:

@@ -19,6 +19,8 @@ class StiffnessVsAngle(ElasticDrive):
 
     knots: Array
     kind: ClassVar[str] = "stiffness_vs_angle"
+    parts: ClassVar[tuple[str, ...]] = ("joint_compliance",)
+    flexible: ClassVar[bool] = True
 
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
@@ -41,6 +43,10 @@ class StiffnessVsAngle(ElasticDrive):
             Parameter(self.kind, self.where, f"compliance@{knot:.6g}", unit, scale, size)
             for knot in np.round(shown, 6) + 0.0
         )
+
+    @property
+    def varies_with(self) -> str:
+        return f"q:{self.where}"
 
     def shares(self, poses: Poses) -> Array:
         q = poses.q[:, self.frame - 1]

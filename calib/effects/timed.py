@@ -29,6 +29,7 @@ class Timed(Tuned):
     clock: str
     units: tuple[str, ...]
     uses: ClassVar[tuple[str, ...]] = ("time",)
+    flexible: ClassVar[bool] = True
     size: ClassVar[float]
     largest: ClassVar[float]
 

@@ -73,6 +73,14 @@ class Tuned(Effect):
     def grid(self, poses: Poses) -> Array:
         """Tunings worth trying at these poses, shape (C,), ascending; empty where they tell nothing."""
 
+    def richer(self, tunings: Array) -> tuple[Self, Array] | None:
+        """The same with more functions, and tunings (C,) at which to try it where these are best."""
+        return None
+
+    def aliases(self, poses: Poses, values: Array) -> Array:
+        """Other tunings at which the effect is the same at these poses, shape (k,); values (p,)."""
+        return np.zeros(0)
+
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         return (self.tuning_parameter, *self.amplitudes)

@@ -12,9 +12,7 @@ import numpy as np
 
 from calib.arm.robot import FORMS
 from calib.cell import Cell
-from calib.diagnosis.candidates import PARTS
 from calib.effects import Effect
-from calib.effects.protocol import ARM
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from calib.errors import CalibError, InputError
 from calib.model.build import build, parse_effect
@@ -59,7 +57,7 @@ def extended_cell(cell: Cell, effects: Sequence[Effect], poses: Poses, target: P
     added: list[Effect] = []
     refused: list[tuple[str, str]] = []
     for effect in effects:
-        if any(contains(other, effect.kind, effect.where) for other in effects):
+        if any(other.contains(effect.kind, effect.where) for other in effects):
             continue
         extended = [*(e and _without(e, effect, cell) for e in entries), _name(effect)]
         tried = replace(
@@ -79,14 +77,6 @@ def extended_cell(cell: Cell, effects: Sequence[Effect], poses: Poses, target: P
     return Extended(document.as_string(), tuple(map(_name, added)), parts, tuple(refused))
 
 
-def contains(effect: Effect, kind: str, where: str) -> bool:
-    """Whether another effect is part of this one, so that a model needs it no more."""
-    if kind in PARTS.get(effect.kind, ()):
-        return where == effect.where
-    whole = kind == effect.kind == "gravity_sag" and effect.where == ARM
-    return whole and where != ARM
-
-
 def _name(effect: Effect) -> str:
     return f"{effect.kind}:{effect.where}"
 
@@ -102,14 +92,14 @@ def _parts(entry: str, added: Sequence[Effect], cell: Cell) -> list[str]:
     """What of an entry of the model is now part of something added."""
     name, given = parse_effect(entry)
     places = cell.robot.joints if given is None else given
-    return [f"{name}:{p}" for p in places if any(contains(effect, name, p) for effect in added)]
+    return [f"{name}:{p}" for p in places if any(effect.contains(name, p) for effect in added)]
 
 
 def _without(entry: str, effect: Effect, cell: Cell) -> str | None:
     """An entry of the model without what is part of the effect; None where nothing is left."""
     name, given = parse_effect(entry)
     places = cell.robot.joints if given is None else given
-    left = [place for place in places if not contains(effect, name, place)]
+    left = [place for place in places if not effect.contains(name, place)]
     if len(left) == len(places):
         return entry
     return f"{name}:{','.join(left)}" if left else None

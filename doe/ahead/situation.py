@@ -10,7 +10,6 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell, Load
-from calib.diagnosis.candidates import depends_on
 from calib.poses import Measurements, Poses
 from doe.ahead.conditions import Conditions, Hung, conditions_of
 from doe.constraints import constraints_of, scene_of, visible
@@ -139,7 +138,7 @@ def offer_of(situation: Situation, q: Array, count: int) -> Offer:
     joint = np.zeros(len(model.parameters), dtype=int)
     sided = False
     for effect, part in zip(model.effects, model.slices, strict=True):
-        variable, _, name = depends_on(effect).partition(":")
+        variable, _, name = effect.depends_on.partition(":")
         if variable == "approach" and name in robot.joints:
             joint[part], sided = robot.joints.index(name), True
     right = situation.read(q, conditions.alike(robot, q, 1.0, count))

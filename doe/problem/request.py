@@ -8,7 +8,6 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
-from calib.diagnosis.candidates import PARTS
 from calib.effects import catalogue
 from calib.errors import CalibError
 from calib.model import Model
@@ -72,8 +71,8 @@ def _check_rival(
             f"rival {text!r} depends on {known}, which no choice of poses settles; "
             "judge a plan in its order, as posecal diagnose does of a plan"
         )
-    for whole, parts in PARTS.items():
-        if name in parts and (whole in everywhere or (whole, place) in present):
+    for whole, kind in catalogue().items():
+        if name in kind.parts and (whole in everywhere or (whole, place) in present):
             raise CalibError(f"rival {text!r} is a part of {whole}, which the model has already")
 
 

@@ -114,8 +114,10 @@ def test_a_cause_is_named_and_measured(effect: str, values: tuple[float, ...]) -
     assert found.gap.heldout_after < 1.25 * found.gap.floor
     assert found.gap.closed is not None
     assert found.gap.closed > 0.8
-    cause = next(c for c in found.causes if c.named.candidate.where == where)
-    if cause.named.candidate.effect.kind == kind:
+    cause = next(c for c in found.causes if c.where == where)
+    assert f"{cause.name} at {where}, probability {cause.probability:.2f}" in repr(found)
+    assert len(repr(found).splitlines()) <= 20
+    if cause.name == kind:
         error = (cause.values - values) / cause.std
         assert np.abs(error).max() < 4.5
 

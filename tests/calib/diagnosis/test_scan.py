@@ -93,10 +93,10 @@ def test_a_joint_read_at_equal_steps_shows_images_of_a_ripple() -> None:
     assert isinstance(ripple, GearRipple)
     values = np.array([100.0, 5e-5, -3e-5])
     poses = stage.data.poses
-    assert not len(ripple.images(poses, values))
+    assert not len(ripple.aliases(poses, values))
     step = np.radians(10.0)
     grid = replace(poses, q=np.round(poses.q / step) * step)
-    images = ripple.images(grid, values)
+    images = ripple.aliases(grid, values)
     away = np.abs(images[:, None] - np.array([100.0 + 36.0 * k for k in range(-5, 10)]))
     mirrored = np.abs(images[:, None] - np.array([36.0 * k - 100.0 for k in range(3, 16)]))
     near = np.minimum(away.min(axis=1), mirrored.min(axis=1))

@@ -12,7 +12,7 @@ import pytest
 import calib
 from calib import Cell, Poses
 from calib.effects import Effect
-from calib.files.cell_out import contains, extended_cell
+from calib.files.cell_out import extended_cell
 from calib.model.build import build, context_of, place_effect
 from studies import demo
 
@@ -122,10 +122,10 @@ def test_what_the_model_cannot_hold_is_left_out_and_said(tmp_path: Path, table_t
 def test_what_contains_what(tmp_path: Path, table_two: Poses) -> None:
     cell = written(tmp_path)
     whole, angle = effects(cell, table_two, "gravity_sag:arm", "stiffness_vs_angle:A3")
-    assert contains(whole, "gravity_sag", "A2")
-    assert not contains(whole, "gravity_sag", "arm")
-    assert contains(angle, "joint_compliance", "A3")
-    assert not contains(angle, "joint_compliance", "A4")
+    assert whole.contains("gravity_sag", "A2")
+    assert not whole.contains("gravity_sag", "arm")
+    assert angle.contains("joint_compliance", "A3")
+    assert not angle.contains("joint_compliance", "A4")
     both = [*effects(cell, table_two, "gravity_sag:A2"), whole]
     made = extended_cell(cell, both, table_two, cell.path.with_name("new.toml"))
     assert made.added == ("gravity_sag:arm",)

@@ -32,13 +32,13 @@ from calib.diagnosis.functions import (
 from calib.effects.drive import along_axis, error_unit
 from calib.effects.protocol import (
     Context,
+    DirectedEffect,
     Effect,
+    FrameEffect,
     MarkerEffect,
     Parameter,
     PartEffect,
-    PoseEffect,
     ReadingEffect,
-    Twist,
     motion_of,
 )
 from calib.errors import EffectCannotAct
@@ -93,7 +93,7 @@ class Curve(Effect):
 
 
 @dataclass(frozen=True, eq=False)
-class PoseCurve(Curve):
+class PoseCurve(Curve, DirectedEffect):
     """A curve over what is known of the pose."""
 
     variable: PoseVariable
@@ -102,24 +102,17 @@ class PoseCurve(Curve):
         """Values of the basis functions at poses, shape (m, K)."""
         return self.function.at(self.variable.at(poses))
 
+    def response(self, poses: Poses, values: Array) -> Array:
+        return np.asarray(np.kron(np.eye(len(self.units)), self.basis(poses)[:, None, :]))
+
 
 @dataclass(frozen=True, eq=False)
-class TwistCurve(PoseCurve, PoseEffect):
-    """Displacement of a frame along given directions.
-
-    frame : int; directions : ndarray, shape (6, c)
-    """
-
-    frame: int
-    directions: Array
+class TwistCurve(PoseCurve, FrameEffect):
+    """Displacement of a frame along given directions."""
 
     @property
     def units(self) -> tuple[str, ...]:
         return tuple(error_unit(bool(d[:3].any())) for d in self.directions.T)
-
-    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
-        basis = self.directions[:, :, None] * self.basis(poses)[:, None, None, :]
-        return ((self.frame, basis.reshape((*basis.shape[:-2], -1))),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,9 +123,6 @@ class MarkerCurve(PoseCurve, MarkerEffect):
     def units(self) -> tuple[str, ...]:
         return ("um", "um", "um")
 
-    def offsets(self, poses: Poses) -> Array:
-        return np.asarray(np.kron(np.eye(3), self.basis(poses)[:, None, :]))
-
 
 @dataclass(frozen=True, eq=False)
 class PartCurve(PoseCurve, PartEffect):
@@ -142,13 +132,6 @@ class PartCurve(PoseCurve, PartEffect):
     def units(self) -> tuple[str, ...]:
         own: tuple[str, ...] = ("um",) * 3 + ("urad",) * 3
         return own[self.numbers]
-
-    def amounts(self, poses: Poses, values: Array) -> Array:
-        return np.asarray((self.shares(poses, values) @ values[..., None, :, None])[..., 0])
-
-    def shares(self, poses: Poses, values: Array) -> Array:
-        del values  # linear
-        return np.asarray(np.kron(np.eye(len(self.units)), self.basis(poses)[:, None, :]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +174,7 @@ def curves(context: Context, poses: Poses, ranges: Array) -> Iterator[Curve]:
         posture = Posture(f"q:{joint}", spread)
         around = neighbours(posture.at(poses))
         if len(around.centres) > _KNOTS:
-            yield TwistCurve(joint, posture, around, k + 1, axis[:, None])
+            yield TwistCurve(joint, k + 1, axis[:, None], posture, around)
         across = _across(axis)
         if across is not None:
             loads = [Torque("load", statics, k + 1, column) for column in across.T]
@@ -244,4 +227,4 @@ def _twists(
     for variable in variables:
         line = polyline(variable.at(poses), most)
         if line is not None:
-            yield TwistCurve(where, variable, line, frame, directions)
+            yield TwistCurve(where, frame, directions, variable, line)

@@ -189,7 +189,7 @@ def error_curve(result: Diagnosis, candidate: Candidate) -> ErrorCurve | None:
     if variable is None or function is None:
         return None
     given = _Given(candidate.depends_on, variable)
-    line = TwistCurve(candidate.where, given, function, frame, directions)
+    line = TwistCurve(candidate.where, frame, directions, given, function)
     hats, knots = line.basis(poses), function.knots
     effect = _alike(result, candidate, line) if moved is None else moved @ directions
     h = np.asarray(np.linalg.lstsq(hats, effect, rcond=None)[0].T.ravel(), dtype=np.float64)

@@ -123,7 +123,7 @@ def _views(stage: Stage, fit: Fit, scale: float) -> list[_View]:
 
 def _ripple(robot: Robot, joint: int) -> GearRipple:
     axis = along_axis(robot, joint)[:, None]
-    return GearRipple(robot.joints[joint], FEWEST, joint + 1, axis, 1, None)
+    return GearRipple(robot.joints[joint], joint + 1, axis, FEWEST, 1, None)
 
 
 def _own(fit: Fit, joint: str) -> list[IntArray]:

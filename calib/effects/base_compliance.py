@@ -7,22 +7,20 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from calib.arrays import Array
-from calib.effects.bearing_compliance import tilt_across
-from calib.effects.protocol import Context, ElasticEffect, Expected, Parameter
+from calib.effects.bearing_compliance import BearingCompliance
+from calib.effects.protocol import Context, Expected
 from calib.effects.usual import softer
-from calib.poses import Poses
-
-# rad/(N m): a robot on a table or a light pedestal has up to 10, one on a telescopic column 15 to 25
-# (base of the Hilti construction robot on five kinds of ground)
-_LARGEST = 3e-5
 
 
 @dataclass(frozen=True, eq=False)
-class BaseCompliance(ElasticEffect):
+class BaseCompliance(BearingCompliance):
     """Tilt about the horizontal directions of the base frame (across its z axis)."""
 
     kind: ClassVar[str] = "base_compliance"
+    turns: ClassVar[bool] = False
+    # rad/(N m): a robot on a table or a light pedestal has up to 10, one on a telescopic column 15 to
+    # 25 (base of the Hilti construction robot on five kinds of ground)
+    largest: ClassVar[float] = 3e-5
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
@@ -30,15 +28,8 @@ class BaseCompliance(ElasticEffect):
 
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
-        return cls(where, 0)
+        return cls(where, 0, np.array([0.0, 0.0, 1.0]))
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expected:
         return Expected(allowance=softer(context))
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter(self.kind, self.where, "tilt", "urad/(N m)", 1e-6, 1e-7, _LARGEST),)
-
-    def flexibility(self, poses: Poses) -> Array:
-        return tilt_across(np.array([0.0, 0.0, 1.0]))

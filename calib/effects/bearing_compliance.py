@@ -19,17 +19,7 @@ from calib.effects.protocol import (
 from calib.effects.usual import softer
 from calib.poses import Poses
 
-# rad/(N m): crossed roller bearings of small gears tilt by 5 to 20 urad/(N m) (makers' catalogues),
-# large ones by less than one.
-_LARGEST = 2e-4
 _BESIDE_A_GEAR = 0.02  # which yields ten times as much under the same moment (makers' catalogues)
-
-
-def tilt_across(axis: Array) -> Array:
-    """Flexibility of a tilt about every direction across an axis, shape (1, 6, 6, 1)."""
-    K = np.zeros((6, 6))
-    K[3:, 3:] = np.eye(3) - np.outer(axis, axis)
-    return K[None, :, :, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +29,9 @@ class BearingCompliance(ElasticEffect):
     axis: Array
     kind: ClassVar[str] = "bearing_compliance"
     turns: ClassVar[bool] = True
+    # rad/(N m): crossed roller bearings of small gears tilt by 5 to 20 urad/(N m) (makers' catalogues),
+    # large ones by less than one.
+    largest: ClassVar[float] = 2e-4
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
@@ -55,7 +48,9 @@ class BearingCompliance(ElasticEffect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter(self.kind, self.where, "tilt", "urad/(N m)", 1e-6, 1e-7, _LARGEST),)
+        return (Parameter(self.kind, self.where, "tilt", "urad/(N m)", 1e-6, 1e-7, self.largest),)
 
     def flexibility(self, poses: Poses) -> Array:
-        return tilt_across(self.axis)
+        K = np.zeros((6, 6))
+        K[3:, 3:] = np.eye(3) - np.outer(self.axis, self.axis)
+        return K[None, :, :, None]

@@ -34,8 +34,5 @@ class BoardScale(PartEffect):
     def parameters(self) -> tuple[Parameter, ...]:
         return (Parameter(self.kind, self.where, "scale", "ppm", 1e-6, 1e-3, 5e-2),)
 
-    def amounts(self, poses: Poses, values: Array) -> Array:
-        return np.repeat(values[..., None, :], len(poses), axis=-2)
-
-    def shares(self, poses: Poses, values: Array) -> Array:
-        return np.ones((1, 1, 1))
+    def response(self, poses: Poses, values: Array) -> Array:
+        return np.ones((len(poses), 1, 1))

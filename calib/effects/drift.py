@@ -1,25 +1,40 @@
-"""Rigid motion that grows with the session's clock: what both drifts share."""
+"""What grows with the session's clock: rates that all drifts share, and motions at such rates."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.protocol import Parameter
+from calib.effects.protocol import DirectedEffect, Parameter
 from calib.poses import Poses
 
 _HOUR = 3600.0  # s
 _READINGS_AN_HOUR = 100.0  # of a plausible session
 
 
-def drift_parameters(kind: str, where: str, clock: str) -> tuple[Parameter, ...]:
-    """Three velocities and three turn rates, SI per second or per reading.
+@dataclass(frozen=True, eq=False)
+class Drift(DirectedEffect):
+    """Motion at constant rates from the first pose in time.
 
     clock : str, unit of the session's clock (:attr:`calib.poses.Poses.clock_unit`)
     """
-    shift = [drift_rate(kind, where, c, "um", clock) for c in "xyz"]
-    turn = [drift_rate(kind, where, f"r{c}", "urad", clock) for c in "xyz"]
-    return (*shift, *turn)
+
+    clock: str
+    uses: ClassVar[tuple[str, ...]] = ("time",)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Rates, SI per second or per reading."""
+        shift = [(c, "um") for c in "xyz"]
+        turn = [(f"r{c}", "urad") for c in "xyz"]
+        return tuple(drift_rate(self.kind, self.where, *own, self.clock) for own in (*shift, *turn))
+
+    def response(self, poses: Poses, values: Array) -> Array:
+        elapsed = since_the_first(poses, self.clock)
+        return elapsed[:, None, None] * np.eye(len(self.parameters))
 
 
 def drift_rate(kind: str, where: str, name: str, unit: str, clock: str) -> Parameter:

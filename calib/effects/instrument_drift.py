@@ -5,25 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-import numpy as np
-
-from calib.arrays import Array
-from calib.effects.drift import drift_parameters, drift_rate, since_the_first
+from calib.effects.drift import Drift, drift_rate
 from calib.effects.protocol import Context, Parameter, PartEffect, motion_of
-from calib.poses import Poses
 
 
 @dataclass(frozen=True, eq=False)
-class InstrumentDrift(PartEffect):
+class InstrumentDrift(Drift, PartEffect):
     """A part of an instrument moves at constant rates from where it stood at the first pose in time.
 
     A gauge and a wire have one rate, that of their zero. A tracker's is ``tracker_drift``.
-    clock : str, unit of the session's clock
     """
 
-    clock: str
     kind: ClassVar[str] = "instrument_drift"
-    uses: ClassVar[tuple[str, ...]] = ("time",)
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
@@ -39,11 +32,4 @@ class InstrumentDrift(PartEffect):
     def parameters(self) -> tuple[Parameter, ...]:
         if self.numbers.stop == 1:
             return (drift_rate(self.kind, self.where, "zero", "um", self.clock),)
-        return drift_parameters(self.kind, self.where, self.clock)
-
-    def amounts(self, poses: Poses, values: Array) -> Array:
-        return since_the_first(poses, self.clock)[:, None] * values[..., None, :]
-
-    def shares(self, poses: Poses, values: Array) -> Array:
-        elapsed = since_the_first(poses, self.clock)
-        return elapsed[:, None, None] * np.eye(len(self.parameters))
+        return super().parameters

@@ -4,14 +4,15 @@ An effect acts in one of seven ways on the paper's product ``T_base T_robot T_to
 
 - :class:`TwistEffect`: displaces frames of the arm by ``xi = basis @ parameters``. A
   :class:`Constant` one does so alike at every pose, a :class:`PoseEffect` by what is known of the pose
-  before the arm bends: angles as read, approach, time, temperature;
+  before the arm bends: angles as read, approach, time, temperature (a :class:`FrameEffect` one frame);
 - :class:`ElasticEffect`: a twist whose basis is a flexibility times the wrench that the frame
   transmits, ``xi = K(parameters) w`` (equation 2 with the terms of k_theta it stands for);
 - :class:`LoadEffect`: adds to the wrench that frames transmit, and so moves what is elastic: a
   :class:`SpringEffect` beside a joint, or a :class:`WeightEffect` by what hangs on the arm;
 - :class:`MarkerEffect`: displaces one marker in the tip frame;
 - :class:`~calib.effects.base.Base` and :class:`~calib.effects.tool.Tool`: the outer factors;
-- :class:`ReadingEffect`: the instrument reads a point elsewhere than it is;
+- :class:`ReadingEffect`: the instrument reads a point elsewhere than it is, a
+  :class:`RigidReading` all points of a pose as one body;
 - :class:`PartEffect`: an instrument, or what it looks at, stands elsewhere or is larger than it was.
 
 From the basis follow, in :mod:`calib.model`, the exact displacement, its Jacobian and its score. An
@@ -30,7 +31,7 @@ import numpy as np
 
 from calib.arm.kinematics import Frames
 from calib.arm.robot import Robot
-from calib.arm.se3 import displaced_shape, so3_exp
+from calib.arm.se3 import displaced_shape, moved_as_one, so3_exp
 from calib.arm.statics import STANDARD_GRAVITY, Loads, Payload, Transmitted
 from calib.arrays import Array
 from calib.errors import EffectCannotAct
@@ -260,6 +261,19 @@ def displaced(twists: Sequence[Twist], values: Array) -> tuple[Displacement, ...
 
 
 @dataclass(frozen=True, eq=False)
+class DirectedEffect(Effect):
+    """Displaces something along b constant directions by amounts that follow from the pose."""
+
+    @abstractmethod
+    def response(self, poses: Poses, values: Array) -> Array:
+        """D amounts / d value at values (..., p), shape (..., m, b, p)."""
+
+    def amounts(self, poses: Poses, values: Array) -> Array:
+        """By how much each direction is displaced at values (..., p), shape (..., m, b), SI."""
+        return np.asarray((self.response(poses, values) @ values[..., None, :, None])[..., 0])
+
+
+@dataclass(frozen=True, eq=False)
 class TwistEffect(Effect):
     """Displaces frames of the arm, each in its own axes."""
 
@@ -327,6 +341,26 @@ class PoseEffect(TwistEffect):
 
 
 @dataclass(frozen=True, eq=False)
+class FrameEffect(DirectedEffect, PoseEffect):
+    """Displaces one frame.
+
+    frame : int; directions : ndarray, shape (6, b), in the frame's axes
+    """
+
+    frame: int
+    directions: Array
+
+    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
+        return ((self.frame, self.directions @ self.response(poses, self.initial)),)
+
+    def twists(self, state: State, values: Array) -> tuple[Twist, ...]:
+        return ((self.frame, self.directions @ self.response(state.poses, values)),)
+
+    def displacements(self, poses: Poses, values: Array) -> tuple[Displacement, ...]:
+        return ((self.frame, self.amounts(poses, values) @ self.directions.T),)
+
+
+@dataclass(frozen=True, eq=False)
 class ElasticEffect(TwistEffect):
     """A displacement in proportion to the wrench that the frame transmits."""
 
@@ -380,21 +414,8 @@ class WeightEffect(LoadEffect):
 
 
 @dataclass(frozen=True, eq=False)
-class MarkerEffect(Effect):
-    """Displaces one marker, ``where``, by what is known of the pose."""
-
-    @abstractmethod
-    def offsets(self, poses: Poses) -> Array:
-        """D position / d parameter in the tip frame, shape (m, 3, p), at its initial values."""
-
-    def columns(self, poses: Poses, values: Array) -> Array:
-        """The same at values (..., p), shape (..., m, 3, p)."""
-        return self.offsets(poses)
-
-    def displacements(self, poses: Poses, values: Array) -> Array:
-        """By how much it moves the marker in the tip frame at values (..., p), (..., m, 3), m."""
-        moved: Array = self.offsets(poses) @ values[..., None, :, None]
-        return moved[..., 0]
+class MarkerEffect(DirectedEffect):
+    """Displaces one marker, ``where``, along the axes of the tip frame."""
 
     def marker(self, names: Sequence[str]) -> slice:
         """The marker among those of a model; none where that looks at other points."""
@@ -439,7 +460,16 @@ class ReadingEffect(Effect):
 
 
 @dataclass(frozen=True, eq=False)
-class PartEffect(Effect):
+class RigidReading(DirectedEffect, ReadingEffect):
+    """Moves all readings of a pose as one body, along and about the axes of their station."""
+
+    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
+        readings, R, rigid = moved_as_one(self.amounts(poses, values), points)
+        return readings, R, rigid @ self.response(poses, values)[..., None, :, :]
+
+
+@dataclass(frozen=True, eq=False)
+class PartEffect(DirectedEffect):
     """Displaces a part, ``where``: an instrument, a board, a socket, from where it is found to stand.
 
     A camera sees everything displaced along and about its own axes; a board in the world moves and
@@ -453,14 +483,6 @@ class PartEffect(Effect):
 
     numbers: slice
     body: slice | None
-
-    @abstractmethod
-    def amounts(self, poses: Poses, values: Array) -> Array:
-        """By how much each number is displaced at values (..., p), shape (..., m, b), SI."""
-
-    @abstractmethod
-    def shares(self, poses: Poses, values: Array) -> Array:
-        """D amounts / d value at values (..., p), shape (..., m or 1, b, p)."""
 
     def site(self, instrument: Instrument) -> str | None:
         """At which of an instrument's sites it acts, None for all."""
@@ -477,7 +499,7 @@ class PartEffect(Effect):
         middle = markers.mean(axis=-2, keepdims=True)
         placed, columns = displaced_shape(by, markers - middle)
         A = so3_exp(by[..., MOTION][..., 3:]) * (1.0 + by[..., SCALE])[..., None]
-        columns = columns[..., self.numbers] @ self.shares(poses, values)[..., None, :, :]
+        columns = columns[..., self.numbers] @ self.response(poses, values)[..., None, :, :]
         return middle + placed, A[..., None, :, :], columns
 
 

@@ -40,11 +40,6 @@ class SocketSeat(PartEffect):
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(Parameter(self.kind, self.where, c, "um", 1e-6, 1e-4, 5e-3) for c in "xyz")
 
-    def amounts(self, poses: Poses, values: Array) -> Array:
-        return self._here(poses) * values[..., None, :]
-
-    def shares(self, poses: Poses, values: Array) -> Array:
-        return self._here(poses)[..., None] * np.eye(3)
-
-    def _here(self, poses: Poses) -> Array:
-        return poses.touching(self.where.partition(":")[2], self.sites)[:, None].astype(float)
+    def response(self, poses: Poses, values: Array) -> Array:
+        here = poses.touching(self.where.partition(":")[2], self.sites).astype(float)
+        return here[:, None, None] * np.eye(3)

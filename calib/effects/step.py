@@ -12,21 +12,17 @@ from typing import ClassVar
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.protocol import Context, Effect, Parameter
+from calib.effects.protocol import Context, Parameter
 from calib.effects.timed import (
-    MARKER,
     SECONDS,
     Timed,
     everything,
     function_of,
     markers,
-    placement,
 )
 from calib.effects.tuned import ANY_TUNING, TunedMarker, TunedPart, TunedReading, TunedTwist
 from calib.poses import Poses
 
-_USUAL = {SECONDS: 3600.0}
-_USUAL_READINGS = 100.0
 _EITHER_SIDE = 2  # readings: fewer are an outlier
 
 
@@ -42,19 +38,6 @@ class Step(Timed):
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
         return (*everything(context), *markers(context), *context.parts)
-
-    @classmethod
-    def at(cls, context: Context, where: str) -> Effect:
-        moment = _USUAL.get(context.clock_unit, _USUAL_READINGS)
-        kind: type[Step] = StepOfFrame
-        if where == "instrument":
-            kind = StepOfReadings
-        elif where.startswith(MARKER):
-            kind = StepOfMarker
-        elif where in context.parts:
-            kind = StepOfPart
-        own = placement(context, where)
-        return kind(where=where, tuning=moment, clock=context.clock_unit, **own)
 
     @property
     def tuning_parameter(self) -> Parameter:

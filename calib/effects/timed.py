@@ -10,17 +10,30 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.drive import along_axis, error_unit
-from calib.effects.protocol import ConstantTwist, Context, Parameter, joint_index, motion_of
+from calib.effects.protocol import (
+    ConstantTwist,
+    Context,
+    Effect,
+    FrameEffect,
+    MarkerEffect,
+    Parameter,
+    PartEffect,
+    RigidReading,
+    joint_index,
+    motion_of,
+)
 from calib.effects.tuned import Tuned
 from calib.poses import Poses
 
 SECONDS = "s"
 MARKER = "marker:"
+_USUAL = 3600.0  # s: where the search for a tuning begins
+_USUAL_READINGS = 100.0
 
 
 @dataclass(frozen=True, eq=False)
 class Timed(Tuned):
-    """One function of the clock, times what its place can do.
+    """One function of the clock, times what its place can do; a subclass of it for each kind of place.
 
     clock : str, unit of the session's clock (:attr:`calib.poses.Poses.clock_unit`)
     units : tuple of str, unit of the error in each direction
@@ -33,6 +46,13 @@ class Timed(Tuned):
     size: ClassVar[float]
     largest: ClassVar[float]
 
+    @classmethod
+    def at(cls, context: Context, where: str) -> Effect:
+        slot, directions = _placement(context, where)
+        kind = next(own for own in cls.__subclasses__() if issubclass(own, slot))
+        tuning = _USUAL if context.clock_unit == SECONDS else _USUAL_READINGS
+        return kind(where=where, tuning=tuning, clock=context.clock_unit, **directions)
+
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:
         names = ("offset",) if len(self.units) == 1 else ConstantTwist.names
@@ -42,24 +62,24 @@ class Timed(Tuned):
         )
 
 
-def placement(context: Context, where: str) -> Mapping[str, Any]:
-    """Directions in which a place moves, as the fields of a timed effect there."""
+def _placement(context: Context, where: str) -> tuple[type[Effect], Mapping[str, Any]]:
+    """What moves at a place, and its directions as the fields of a timed effect there."""
     robot = context.robot
     units = ("um",) * 3 + ("urad",) * 3
     part = context.parts.get(where)
     if part is not None:
         numbers = motion_of(part)
-        return {"units": units[numbers], "numbers": numbers, "body": part.body}
+        return PartEffect, {"units": units[numbers], "numbers": numbers, "body": part.body}
     if where == "instrument":
-        return {"units": units}
+        return RigidReading, {"units": units}
     if where.startswith(MARKER):
-        return {"units": units[:3]}
+        return MarkerEffect, {"units": units[:3]}
     if where == "base":
-        return {"units": units, "frame": 0, "directions": np.eye(6)}
+        return FrameEffect, {"units": units, "frame": 0, "directions": np.eye(6)}
     joint = joint_index(context, where)
     unit = error_unit(bool(robot.prismatic[joint]))
     along = along_axis(robot, joint)[:, None]
-    return {"units": (unit,), "frame": joint + 1, "directions": along}
+    return FrameEffect, {"units": (unit,), "frame": joint + 1, "directions": along}
 
 
 def everything(context: Context) -> tuple[str, ...]:

@@ -14,19 +14,16 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from calib.arm.se3 import moved_as_one
 from calib.arrays import Array
 from calib.effects.protocol import (
     Context,
-    Displacement,
+    DirectedEffect,
     Effect,
+    FrameEffect,
     MarkerEffect,
     Parameter,
     PartEffect,
-    PoseEffect,
-    ReadingEffect,
-    State,
-    Twist,
+    RigidReading,
 )
 from calib.errors import EffectCannotAct
 from calib.poses import Poses
@@ -36,7 +33,7 @@ ANY_TUNING = 1e9
 
 
 @dataclass(frozen=True, eq=False)
-class Tuned(Effect):
+class Tuned(DirectedEffect):
     """Functions of the pose with one tuning, times directions that are constant.
 
     tuning : float, SI, where its search begins
@@ -97,12 +94,10 @@ class Tuned(Effect):
         return replace(self, tuning=float(value))
 
     def amounts(self, poses: Poses, values: Array) -> Array:
-        """By how much each direction is displaced at values (..., p), shape (..., m, b)."""
         F = self.functions(poses, values[..., 0])
         return np.asarray(F @ self._table(values, F))
 
-    def shares(self, poses: Poses, values: Array) -> Array:
-        """D amounts / d value at values (..., p), shape (..., m, b, p)."""
+    def response(self, poses: Poses, values: Array) -> Array:
         F = self.functions(poses, values[..., 0])
         table = self._table(values, F)
         slope = self.slopes(poses, values[..., 0]) @ table
@@ -117,59 +112,31 @@ class Tuned(Effect):
 
 
 @dataclass(frozen=True, eq=False)
-class TunedTwist(Tuned, PoseEffect):
-    """Displaces one frame.
-
-    frame : int; directions : ndarray, shape (6, b), in the frame's axes
-    """
-
-    frame: int
-    directions: Array
+class TunedTwist(Tuned, FrameEffect):
+    """Displaces one frame."""
 
     @property
     def carrier(self) -> Effect:
         own = self.amplitudes[: self.directions.shape[1]]
-        return SteadyTwist(self.where, own, self.frame, self.directions)
-
-    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
-        return ((self.frame, self.directions @ self.shares(poses, self.initial)),)
-
-    def twists(self, state: State, values: Array) -> tuple[Twist, ...]:
-        return ((self.frame, self.directions @ self.shares(state.poses, values)),)
-
-    def displacements(self, poses: Poses, values: Array) -> tuple[Displacement, ...]:
-        return ((self.frame, self.amounts(poses, values) @ self.directions.T),)
+        return SteadyTwist(self.where, self.frame, self.directions, own)
 
 
 @dataclass(frozen=True, eq=False)
 class TunedMarker(Tuned, MarkerEffect):
-    """Displaces one marker along the axes of the tip frame."""
+    """Displaces one marker."""
 
     @property
     def carrier(self) -> Effect:
-        return SteadyOffset(self.where, self.amplitudes[:3])
-
-    def offsets(self, poses: Poses) -> Array:
-        return self.shares(poses, self.initial)
-
-    def columns(self, poses: Poses, values: Array) -> Array:
-        return self.shares(poses, values)
-
-    def displacements(self, poses: Poses, values: Array) -> Array:
-        return self.amounts(poses, values)
+        return SteadyMarker(self.where, self.amplitudes[:3])
 
 
 @dataclass(frozen=True, eq=False)
-class TunedReading(Tuned, ReadingEffect):
-    """Moves all readings of a pose as one body, along and about the axes of their station."""
+class TunedReading(Tuned, RigidReading):
+    """Moves all readings of a pose."""
 
     @property
     def carrier(self) -> Effect:
         return SteadyReading(self.where, self.amplitudes[:6])
-
-    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
-        readings, R, rigid = moved_as_one(self.amounts(poses, values), points)
-        return readings, R, rigid @ self.shares(poses, values)[..., None, :, :]
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,11 +146,11 @@ class TunedPart(Tuned, PartEffect):
     @property
     def carrier(self) -> Effect:
         own = self.amplitudes[: self.numbers.stop - self.numbers.start]
-        return SteadyPart(where=self.where, numbers=self.numbers, body=self.body, own=own)
+        return SteadyPart(self.where, self.numbers, self.body, own)
 
 
 @dataclass(frozen=True, eq=False)
-class Steady(Effect):
+class Steady(DirectedEffect):
     """What carries a tuned effect: its directions alone, constant over the poses.
 
     own : tuple of Parameter, of the tuned effect's first function
@@ -204,41 +171,25 @@ class Steady(Effect):
     def parameters(self) -> tuple[Parameter, ...]:
         return self.own
 
+    def response(self, poses: Poses, values: Array) -> Array:
+        return np.broadcast_to(np.eye(len(self.own)), (len(poses), len(self.own), len(self.own)))
+
 
 @dataclass(frozen=True, eq=False)
-class SteadyTwist(Steady, PoseEffect):
+class SteadyTwist(Steady, FrameEffect):
     """A constant displacement of one frame."""
 
-    frame: int
-    directions: Array
-
-    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
-        return ((self.frame, self.directions[None]),)
-
 
 @dataclass(frozen=True, eq=False)
-class SteadyOffset(Steady, MarkerEffect):
+class SteadyMarker(Steady, MarkerEffect):
     """A constant displacement of one marker."""
 
-    def offsets(self, poses: Poses) -> Array:
-        return np.broadcast_to(np.eye(3), (len(poses), 3, 3))
-
 
 @dataclass(frozen=True, eq=False)
-class SteadyReading(Steady, ReadingEffect):
+class SteadyReading(Steady, RigidReading):
     """A constant displacement of all readings."""
-
-    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
-        xi = np.broadcast_to(values[..., None, :], (*values.shape[:-1], len(poses), 6))
-        return moved_as_one(xi, points)
 
 
 @dataclass(frozen=True, eq=False)
 class SteadyPart(Steady, PartEffect):
-    """Of a part of an instrument, or of what it looks at."""
-
-    def amounts(self, poses: Poses, values: Array) -> Array:
-        return np.repeat(values[..., None, :], len(poses), axis=-2)
-
-    def shares(self, poses: Poses, values: Array) -> Array:
-        return np.eye(len(self.own))[None]
+    """A constant displacement of a part of an instrument, or of what it looks at."""

@@ -12,13 +12,11 @@ from typing import ClassVar
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.protocol import Context, Effect, Parameter
-from calib.effects.timed import SECONDS, Timed, everything, function_of, placement
+from calib.effects.protocol import Context, Parameter
+from calib.effects.timed import SECONDS, Timed, everything, function_of
 from calib.effects.tuned import ANY_TUNING, TunedReading, TunedTwist
 from calib.poses import Poses
 
-_USUAL = {SECONDS: 3600.0}
-_USUAL_READINGS = 100.0
 _SHORTEST, _LONGEST, _STEPS = 0.02, 2.0, 10  # of the session
 _AT_ONCE = 1e-9  # s or readings: shorter is zero, and the sign of a time constant says nothing
 
@@ -34,13 +32,6 @@ class WarmUp(Timed):
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
         return everything(context)
-
-    @classmethod
-    def at(cls, context: Context, where: str) -> Effect:
-        tau = _USUAL.get(context.clock_unit, _USUAL_READINGS)
-        kind = WarmUpOfReadings if where == "instrument" else WarmUpOfFrame
-        own = placement(context, where)
-        return kind(where=where, tuning=tau, clock=context.clock_unit, **own)
 
     @property
     def tuning_parameter(self) -> Parameter:

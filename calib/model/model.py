@@ -283,7 +283,7 @@ class Model:
         if moved or self._bodies:
             markers = np.repeat(markers, len(poses), axis=-3)
         for effect, part in moved:
-            offset = effect.displacements(poses, values[..., part])
+            offset = effect.amounts(poses, values[..., part])
             markers[..., effect.marker(self.marker_names), :] += offset[..., None, :]
         return markers
 
@@ -457,7 +457,7 @@ class Model:
                 J[..., effect.markers, :, part] = R_tip[..., None, :, :] @ by_values
             elif isinstance(effect, MarkerEffect):
                 R_tip, marker = state.frames.R[..., -1, :, :], effect.marker(self.marker_names)
-                by_values = effect.columns(poses, values[..., part])
+                by_values = effect.response(poses, values[..., part])
                 J[..., marker, :, part] = (R_tip @ by_values)[..., None, :, :]
         if self._bodies:
             self._follow_bodies(values, poses, state.frames.R[..., -1, :, :], J)

@@ -190,7 +190,7 @@ class Readout:
             here = np.ones(len(poses)) if site is None else poses.touching(site, instrument.sites)
             at = slice(first + effect.numbers.start, first + effect.numbers.stop)
             own = np.zeros((*by.shape, part.stop - part.start))
-            own[..., at, :] = effect.shares(poses, values[..., part]) * here[:, None, None]
+            own[..., at, :] = effect.response(poses, values[..., part]) * here[:, None, None]
             by[..., at] += effect.amounts(poses, values[..., part]) * here[:, None]
             columns.append(own)
         return [by, np.concatenate(columns, axis=-1)]

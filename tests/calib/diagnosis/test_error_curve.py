@@ -89,7 +89,7 @@ def test_the_markers_tell_the_same_as_the_frame() -> None:
     result, curve = found("backlash:A3", (HALF,))
     joint = result.after.model.robot.joints.index("A3")
     given = error_curve._Given("approach:A3", curve.variable)
-    line = TwistCurve("A3", given, Polyline(curve.knots), joint + 1, curve.directions)
+    line = TwistCurve("A3", joint + 1, curve.directions, given, Polyline(curve.knots))
     alike = error_curve._alike(result, curve.candidate, line)[:, 0]
     expected = result.causes[0].values[0] * result.data.poses.approach[:, joint]  # type: ignore[index]
     np.testing.assert_allclose(alike, expected, rtol=1e-3)

@@ -11,7 +11,7 @@ from studies.document import Sentence, labelled
 from studies.record import Entry, Maybe
 
 
-class Cause(Entry):
+class CauseEntry(Entry):
     """An effect at a place."""
 
     effect: str
@@ -23,11 +23,11 @@ class Cause(Entry):
         return f"{self.effect}:{self.where}"
 
 
-C = TypeVar("C", bound=Cause)
+C = TypeVar("C", bound=CauseEntry)
 _PLACES = 3  # that are worth naming one by one
 
 
-class Sought(Cause):
+class Sought(CauseEntry):
     """A cause with the smallest size that is found nine times in ten, None where no size would be.
 
     left_mm : what it leaves at the targets if it hides, at the most that such an error plausibly is
@@ -38,26 +38,26 @@ class Sought(Cause):
     left_mm: Maybe = None
 
 
-class NotAsked(Entry):
+class NotAskedEntry(Entry):
     """A cause, ``effect:where``, that the columns of the table cannot speak of, and why."""
 
     effect: str
     reason: str
 
 
-def gathered(causes: Iterable[Cause], of: Mapping[str, int] | None = None) -> str:
+def gathered(causes: Iterable[CauseEntry], of: Mapping[str, int] | None = None) -> str:
     """``effect:where,where`` of each effect; its name alone where those are all of several places.
 
     of : effect -> the number of places that were asked
 
-    >>> both = [Cause(effect="backlash", where=joint) for joint in ("A1", "A2")]
+    >>> both = [CauseEntry(effect="backlash", where=joint) for joint in ("A1", "A2")]
     >>> gathered(both), gathered(both, {"backlash": 2})
     ('backlash:A1,A2', 'backlash')
     """
     return ", ".join(_gathered(causes, of or {}))
 
 
-def _gathered(causes: Iterable[Cause], of: Mapping[str, int]) -> Iterator[str]:
+def _gathered(causes: Iterable[CauseEntry], of: Mapping[str, int]) -> Iterator[str]:
     for effect, group in groupby(causes, key=lambda cause: cause.effect):
         places = [cause.where for cause in group]
         everywhere = len(places) == of.get(effect) and len(places) > 1
@@ -72,18 +72,18 @@ def by_reason(pairs: Iterable[tuple[C, str]]) -> dict[str, list[C]]:
     return found
 
 
-def not_asked(entries: Iterable[NotAsked]) -> Iterator[Sentence]:
+def not_asked(entries: Iterable[NotAskedEntry]) -> Iterator[Sentence]:
     """What could not be asked, by what is missing."""
     split = ((entry.effect.partition(":"), entry.reason) for entry in entries)
     reasons = by_reason(
-        (Cause(effect=kind, where=where), reason.partition(" cannot act: ")[2] or reason)
+        (CauseEntry(effect=kind, where=where), reason.partition(" cannot act: ")[2] or reason)
         for (kind, _, where), reason in split
     )
     said = (f"{_shortly(causes)}: {reason}" for reason, causes in reasons.items())
     yield from labelled("not tested", said)
 
 
-def _shortly(causes: Sequence[Cause]) -> str:
+def _shortly(causes: Sequence[CauseEntry]) -> str:
     """Effects with their places, or without where there are many."""
     places = Counter(cause.effect for cause in causes)
     many = {effect: count for effect, count in places.items() if count > _PLACES}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from pydantic import Field
 
@@ -23,19 +23,15 @@ class JointValues(Entry):
     joints_mm: dict[str, Number] = Field(default_factory=dict)
 
 
-class Shown(NamedTuple):
-    """Values by joint: those that turn, and those that slide."""
+def shown_joints(robot: Robot, q: Array, what: str = "") -> dict[str, dict[str, float]]:
+    """Joint values, shape (n,), rad or m, as the fields of :class:`JointValues`.
 
-    deg: dict[str, float]
-    mm: dict[str, float]
-
-
-def shown_joints(robot: Robot, q: Array) -> Shown:
-    """Joint values, shape (n,), rad or m, in degrees and millimetres."""
-    found = Shown({}, {})
+    what : before the names of the fields, as in ``nominal_joints_deg``
+    """
+    found: dict[str, dict[str, float]] = {f"{what}joints_deg": {}, f"{what}joints_mm": {}}
     for joint, slides, value in zip(robot.joints, robot.prismatic, q.tolist(), strict=True):
-        own, shown = (found.mm, value * 1e3) if slides else (found.deg, math.degrees(value))
-        own[joint] = round(shown, 6) + 0.0
+        shown = value * 1e3 if slides else math.degrees(value)
+        found[f"{what}joints_{'mm' if slides else 'deg'}"][joint] = round(shown, 6) + 0.0
     return found
 
 

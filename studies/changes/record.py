@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from studies.causes import Cause
+from studies.causes import CauseEntry
 from studies.record import (
     Count,
     Entry,
@@ -87,7 +87,7 @@ class Size(Entry):
     unit: str
 
 
-class Explained(Cause):
+class Explained(CauseEntry):
     """A cause beside the difference.
 
     effect : ``base`` and ``tool`` moved as a whole, ``marker``, or an effect
@@ -137,8 +137,8 @@ class ChangesRecord(Record):
     left: Left
     cause: Literal["none", "named", "ambiguous", "unclear"]
     causes: tuple[Explained, ...]
-    same_as: tuple[Cause, ...]
-    hidden: tuple[Cause, ...]
+    same_as: tuple[CauseEntry, ...]
+    hidden: tuple[CauseEntry, ...]
     targets: str
     change_rms_mm: Error
     change_worst_mm: Error
@@ -184,9 +184,11 @@ def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRe
         causes=tuple(map(_explained, found.explanations[:_MOST]))
         if found.difference.changed
         else (),
-        same_as=tuple(Cause(effect=c.kind, where=c.where) for c in found.same_as),
+        same_as=tuple(CauseEntry(effect=c.kind, where=c.where) for c in found.same_as),
         hidden=tuple(
-            Cause(effect=e.cause.kind, where=e.cause.where) for e in found.explanations if e.hidden
+            CauseEntry(effect=e.cause.kind, where=e.cause.where)
+            for e in found.explanations
+            if e.hidden
         ),
         targets=days.cell.targets_in_words,
         change_rms_mm=_error(found.change.rms),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from studies.causes import Cause, gathered
+from studies.causes import CauseEntry, gathered
 from studies.changes.pictures import changed_parameters, errors_at_targets
 from studies.changes.record import ChangesRecord, Error, Explained, Parameter, Size, Test
 from studies.document import (
@@ -106,10 +106,10 @@ def _cause(record: ChangesRecord) -> Sentence:
     return Sentence(f"{lead}: {said}.", "note")
 
 
-def words(cause: Cause) -> str:
+def words(cause: CauseEntry) -> str:
     """What happened, in words.
 
-    >>> words(Cause(effect="joint_offset", where="A3"))
+    >>> words(CauseEntry(effect="joint_offset", where="A3"))
     'the zero of A3 slipped'
     """
     return _WORDS.get(cause.effect, f"{cause.effect} of {{}} changed").format(cause.where)

@@ -129,17 +129,11 @@ def _distances(found: Compensation, share: float) -> Distances:
 
 
 def _target(robot: Robot, found: Compensation, i: int) -> Target:
-    corrected, nominal, correction = (
-        shown_joints(robot, q[i]) for q in (found.q, found.targets.q, found.correction)
-    )
     return Target(
         pose=found.targets.names[i],
-        joints_deg=corrected.deg,
-        joints_mm=corrected.mm,
-        nominal_joints_deg=nominal.deg,
-        nominal_joints_mm=nominal.mm,
-        correction_joints_deg=correction.deg,
-        correction_joints_mm=correction.mm,
+        **shown_joints(robot, found.q[i]),
+        **shown_joints(robot, found.targets.q[i], "nominal_"),
+        **shown_joints(robot, found.correction[i], "correction_"),
         before_mm=float(found.before[i]) * _MM,
         left_mm=float(found.left[i]) * _MM,
         from_parameters_mm=float(found.spread[i]) * _MM,

@@ -11,7 +11,7 @@ from studies.plots import accuracy, deviations, information
 from studies.plots.style import Picture
 
 if TYPE_CHECKING:
-    from studies.design.record import DesignRecord, Landscape
+    from studies.design.record import DesignRecord, LandscapeEntry
 
 
 def pictures(record: DesignRecord) -> Iterator[Callable[[], Picture]]:
@@ -26,7 +26,7 @@ def pictures(record: DesignRecord) -> Iterator[Callable[[], Picture]]:
         yield lambda: against_poses(record)
 
 
-def derivative(record: DesignRecord, landscape: Landscape) -> Picture:
+def derivative(record: DesignRecord, landscape: LandscapeEntry) -> Picture:
     """What the criterion would gain towards each candidate."""
     levels = landscape.levels_rad
     return information.derivative(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal, Self, TypedDict
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -14,10 +13,7 @@ from studies.record import Count, Entry, Envelope, Maybe, MaybePositive, NotNega
 from studies.targets import TargetAccuracy, at_targets
 
 if TYPE_CHECKING:
-    from calib.arm.robot import Robot
-    from calib.arrays import Array
     from doe import Design
-    from doe.assess import Assessment
 
 _MM = 1e3
 _CANDIDATES = 2000  # of the landscape that are kept; more only darken its cloud
@@ -31,7 +27,7 @@ class BeforePolish(Entry):
     efficiency: Number
 
 
-class Proof(Entry):
+class ProofEntry(Entry):
     """The certificate: what no plan surpasses, and how it was found."""
 
     weighted_value: Maybe
@@ -46,14 +42,14 @@ class Proof(Entry):
     rounds: Count
 
 
-class Pose(JointValues):
+class DesignPose(JointValues):
     """A pose of the plan; level : deg or mm, None without levels."""
 
     pose: str
     level: Maybe
 
 
-class Predicted(Entry):
+class PredictedStd(Entry):
     """How well the plan determines a parameter."""
 
     name: str
@@ -64,7 +60,7 @@ class Predicted(Entry):
     unit: str
 
 
-class Accuracy(Entry):
+class PlanAccuracy(Entry):
     """What a plan is worth."""
 
     task_rms_mm: Maybe
@@ -90,7 +86,7 @@ class Survives(Entry):
     loss_of_marker: dict[str, Maybe]
 
 
-class Candidates(Entry):
+class CandidatesEntry(Entry):
     """From how many poses the plan was chosen, and what removed the others."""
 
     drawn: Count
@@ -98,7 +94,7 @@ class Candidates(Entry):
     removed_by: dict[str, Count]
 
 
-class Reference(JointValues):
+class ReferenceEntry(JointValues):
     """The pose that is repeated to see drift, and the names of its repeats."""
 
     pose: str
@@ -114,7 +110,7 @@ class RelativeStd(Entry):
     rotation: Maybe
 
 
-class Reapproaches(Entry):
+class ReapproachesEntry(Entry):
     """Poses that are visited again, and the names of their second visits.
 
     task_rms_instead_mm : with as many new poses in their place; asked : else planned by default
@@ -128,7 +124,7 @@ class Reapproaches(Entry):
     asked: bool = True
 
 
-class Rival(Accuracy):
+class RivalPlan(PlanAccuracy):
     """A plan judged beside the result, by the same bound; std : of each parameter, in its unit."""
 
     poses: Count
@@ -137,7 +133,7 @@ class Rival(Accuracy):
     std: tuple[Maybe, ...] = ()
 
 
-class Step(Entry):
+class CurveStep(Entry):
     """The best plan found of so many poses."""
 
     poses: int = Field(gt=0, lt=10**6)
@@ -146,14 +142,14 @@ class Step(Entry):
     efficiency: Maybe
 
 
-class Share(Entry):
+class InformationShare(Entry):
     """What a pose tells of the parameters of each effect."""
 
     pose: str
     effects: dict[str, Number]
 
 
-class Landscape(Entry):
+class LandscapeEntry(Entry):
     """Derivative of the criterion towards candidates, over the value of a joint.
 
     levels_rad : where the joint may stand; chosen : how many candidates, the first, are the plan's
@@ -172,7 +168,7 @@ class Landscape(Entry):
         return self
 
 
-class DesignRecord(Record, Accuracy):
+class DesignRecord(Record, PlanAccuracy):
     """The poses to measure, and the proof of how good they are."""
 
     command: Literal["design"] = "design"
@@ -182,29 +178,29 @@ class DesignRecord(Record, Accuracy):
     value: Maybe
     bound: Maybe
     efficiency: Number
-    proof: Proof
-    poses: tuple[Pose, ...] = Field(min_length=1)
+    proof: ProofEntry
+    poses: tuple[DesignPose, ...] = Field(min_length=1)
     levels_deg: dict[str, tuple[Number, ...]] = Field(default_factory=dict)
     levels_mm: dict[str, tuple[Number, ...]] = Field(default_factory=dict)
-    predicted_std: tuple[Predicted, ...]
+    predicted_std: tuple[PredictedStd, ...]
     targets: str
     at_targets: tuple[TargetAccuracy, ...]
     survives: Survives
-    candidates: Candidates
+    candidates: CandidatesEntry
     joint_travel_deg: NotNegative
     joint_travel_mm: NotNegative = 0.0
-    reference: Reference | None
-    reapproaches: Reapproaches | None
+    reference: ReferenceEntry | None
+    reapproaches: ReapproachesEntry | None
     extends: Count | None
-    against: dict[str, Rival]
-    curve: tuple[Step, ...]
+    against: dict[str, RivalPlan]
+    curve: tuple[CurveStep, ...]
     notes: tuple[str, ...]
     seconds: NotNegative
     seconds_by_part: dict[str, NotNegative]
     pays_until: Count | None = None
     matches: dict[str, Count | None] = Field(default_factory=dict)
-    landscape: Landscape | None = None
-    by_pose: tuple[Share, ...] = ()
+    landscape: LandscapeEntry | None = None
+    by_pose: tuple[InformationShare, ...] = ()
     unchecked: str = ""
 
     @model_validator(mode="after")
@@ -249,39 +245,40 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
     from doe.visits.order import travel
 
     problem, judged = found.problem, found.assessment
-    robot, criterion = problem.cell.robot, problem.criterion
+    robot, criterion, fixed = problem.cell.robot, problem.criterion, problem.request.fixed
+    units = [p.scale for p in problem.model.parameters]
     levels = shown_levels(found)
-    slides = found.levels is not None and bool(robot.prismatic[found.levels.joint])
-    named = {} if found.levels is None else {
-        robot.joints[found.levels.joint]: tuple(sorted(set(levels)))
-    }  # fmt: skip
     counts, errors = [s.poses for s in found.curve], [s.task_rms for s in found.curve]
-    return DesignRecord(
+    return DesignRecord.from_result(
+        found,
+        judged,
         **made_from,
-        **_accuracy(judged),
+        warnings=(),
         criterion=criterion.name,
         criterion_unit=criterion.unit,
         larger_is_better=criterion.larger_is_better,
-        value=found.value,
-        bound=found.bound,
-        efficiency=found.efficiency,
         proof=_proof(found),
-        poses=_poses(found, levels),
-        levels_deg={} if slides else named,
-        levels_mm=named if slides else {},
-        predicted_std=_predicted(found),
+        poses=[
+            DesignPose(pose=name, level=level, **shown_joints(robot, q))
+            for name, q, level in zip(found.poses.names, found.poses.q, levels, strict=True)
+        ],
+        **_levels(found, levels),
+        predicted_std=[
+            PredictedStd.from_result(p, std=own / p.scale)
+            for p, own in zip(problem.model.parameters, judged.std, strict=True)
+        ],
         targets=problem.cell.targets_in_words,
         at_targets=at_targets(robot, problem.targets, judged.at_targets),
         survives=_survives(found),
-        candidates=_candidates(found),
         joint_travel_deg=math.degrees(travel(found.poses.q[:, ~robot.prismatic])),
         joint_travel_mm=_MM * travel(found.poses.q[:, robot.prismatic]),
         reference=_reference(found),
         reapproaches=_reapproaches(found),
-        extends=None if problem.request.fixed is None else len(problem.request.fixed),
-        against={name: _rival(found, name) for name in found.rivals},
-        curve=_curve(found),
-        notes=found.notes,
+        extends=None if fixed is None else len(fixed),
+        against={
+            name: RivalPlan.from_result(rival, rival.assessment, std=rival.assessment.std / units)
+            for name, rival in found.rivals.items()
+        },
         seconds=sum(found.seconds.values()),
         seconds_by_part=found.seconds,
         pays_until=stops_paying(counts, errors),
@@ -289,41 +286,6 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         landscape=_landscape(found),
         by_pose=_by_pose(found),
         unchecked=unchecked(problem.cell),
-    )
-
-
-def _poses(found: Design, levels: Sequence[float]) -> tuple[Pose, ...]:
-    robot, poses = found.problem.cell.robot, found.poses
-    return tuple(
-        Pose(pose=name, level=level, **_joints(robot, q))
-        for name, q, level in zip(poses.names, poses.q, levels, strict=True)
-    )
-
-
-def _predicted(found: Design) -> tuple[Predicted, ...]:
-    std: list[float] = found.assessment.std.tolist()
-    return tuple(
-        Predicted(
-            name=p.name, effect=p.effect, where=p.where, id=p.id, std=own / p.scale, unit=p.unit
-        )
-        for p, own in zip(found.problem.model.parameters, std, strict=True)
-    )
-
-
-def _candidates(found: Design) -> Candidates:
-    own = found.candidates
-    return Candidates(drawn=own.drawn, feasible=own.feasible, removed_by=own.removed_by)
-
-
-def _curve(found: Design) -> tuple[Step, ...]:
-    return tuple(
-        Step(
-            poses=step.poses,
-            value=step.value,
-            task_rms_mm=step.task_rms * _MM,
-            efficiency=step.efficiency,
-        )
-        for step in found.curve
     )
 
 
@@ -336,35 +298,21 @@ def shown_levels(found: Design) -> list[float]:
     return [float(value) for value in np.round(shown, 6) + 0.0]
 
 
-def _joints(robot: Robot, q: Array) -> dict[str, dict[str, float]]:
-    shown = shown_joints(robot, q)
-    return {"joints_deg": shown.deg, "joints_mm": shown.mm}
+def _levels(found: Design, levels: list[float]) -> dict[str, dict[str, tuple[float, ...]]]:
+    """The values of the joint that stands at levels, in the unit of its kind."""
+    fields: dict[str, dict[str, tuple[float, ...]]] = {"levels_deg": {}, "levels_mm": {}}
+    if found.levels is not None:
+        robot, joint = found.problem.cell.robot, found.levels.joint
+        unit = "levels_mm" if robot.prismatic[joint] else "levels_deg"
+        fields[unit][robot.joints[joint]] = tuple(sorted(set(levels)))
+    return fields
 
 
-class _Worth(TypedDict):
-    """Fields of an accuracy."""
-
-    task_rms_mm: float
-    task_worst_mm: float
-    determinant: float
-    trace: float
-    observability: dict[str, float | None]
-
-
-def _accuracy(judged: Assessment) -> _Worth:
-    return _Worth(
-        task_rms_mm=judged.task_rms * _MM,
-        task_worst_mm=judged.task_worst * _MM,
-        determinant=judged.determinant,
-        trace=judged.trace,
-        observability=dict(judged.observability),
-    )
-
-
-def _proof(found: Design) -> Proof:
+def _proof(found: Design) -> ProofEntry:
     proof, criterion = found.certificate, found.problem.criterion
     fresh = not math.isnan(proof.fresh)
-    return Proof(
+    return ProofEntry.from_result(
+        proof,
         weighted_value=criterion.shown(proof.weighted),
         solver_gap=proof.solver_share,
         before_polish=BeforePolish(
@@ -373,77 +321,54 @@ def _proof(found: Design) -> Proof:
             efficiency=min(1.0, proof.pool_value / proof.pool_bound),
         ),
         proved_optimal=proof.optimal,
-        nodes=proof.nodes,
         fresh_bound=criterion.shown(proof.fresh) if fresh else None,
         efficiency_fresh=min(1.0, proof.value / proof.fresh) if fresh else None,
         agreement_of_starts=proof.agreement,
         surviving_candidates=found.candidates.survivors,
-        rounds=proof.rounds,
     )
 
 
 def _survives(found: Design) -> Survives:
     judged, proof, request = found.assessment, found.certificate, found.problem.request
-    without = judged.without_pose
+    without, again = judged.without_pose, found.reapproaches
     alone = request.fixed is None and not found.problem.model.prior_rows
     return Survives(
         loss_of_pose=LossOfPose(
             worst=found.poses.names[int(without.argmax())] if len(without) else None,
             task_rms_mm=without.max(initial=0.0) * _MM,
             criterion=found.problem.criterion.shown(proof.left) if proof.left > 0.0 else None,
-            efficiency=proof.kept(request.poses + len(_again(found)), alone),
+            efficiency=proof.kept(request.poses + (len(again.again) if again else 0), alone),
         ),
         loss_of_marker={name: rms * _MM for name, rms in judged.without_marker.items()},
     )
 
 
-def _reference(found: Design) -> Reference | None:
+def _reference(found: Design) -> ReferenceEntry | None:
     own = found.reference
     if own is None:
         return None
     q = found.poses.q[found.poses.names.index(own.pose)]
-    joints = _joints(found.problem.cell.robot, q)
-    return Reference(pose=own.pose, poses=tuple(own.repeats), every=own.every, **joints)
+    joints = shown_joints(found.problem.cell.robot, q)
+    return ReferenceEntry.from_result(own, poses=own.repeats, **joints)
 
 
-def _reapproaches(found: Design) -> Reapproaches | None:
+def _reapproaches(found: Design) -> ReapproachesEntry | None:
     own = found.reapproaches
     if own is None:
         return None
-    return Reapproaches(
-        poses=tuple(own.poses),
-        again=tuple(own.again),
-        dof=own.dof,
-        repeatability_relative_std=RelativeStd(
-            common=own.common, translation=own.translation, rotation=own.rotation
-        ),
+    return ReapproachesEntry.from_result(
+        own,
+        repeatability_relative_std=RelativeStd.from_result(own),
         task_rms_instead_mm=own.instead * _MM,
-        asked=own.asked,
     )
 
 
-def _again(found: Design) -> tuple[str, ...]:
-    return () if found.reapproaches is None else found.reapproaches.again
-
-
-def _rival(found: Design, name: str) -> Rival:
-    rival = found.rivals[name]
-    scales = np.array([p.scale for p in found.problem.model.parameters])
-    return Rival(
-        **_accuracy(rival.assessment),
-        poses=rival.poses,
-        value=rival.assessment.value,
-        efficiency=rival.efficiency,
-        std=tuple((rival.assessment.std / scales).tolist()),
-    )
-
-
-def _landscape(found: Design) -> Landscape:
+def _landscape(found: Design) -> LandscapeEntry:
     """The plan's own poses and the best of the others."""
     robot, view = found.problem.cell.robot, found.landscape
     joint = found.levels.joint if found.levels is not None else min(1, robot.dof - 1)
     order = np.argsort(~view.chosen, kind="stable")[:_CANDIDATES]
-    return Landscape(
+    return LandscapeEntry(
         joint=robot.joints[joint],
         levels_rad=None if found.levels is None else tuple(found.levels.values.tolist()),
         value_rad=tuple(view.q[order, joint].round(6).tolist()),
@@ -452,7 +377,7 @@ def _landscape(found: Design) -> Landscape:
     )
 
 
-def _by_pose(found: Design) -> tuple[Share, ...]:
+def _by_pose(found: Design) -> tuple[InformationShare, ...]:
     from studies.compare.anatomy import influence_by_effect
     from studies.compare.experiment import POINTS, experiment_of
     from studies.compare.prediction import predict
@@ -461,6 +386,6 @@ def _by_pose(found: Design) -> tuple[Share, ...]:
     prediction = predict(experiment, POINTS)
     shares, effects = influence_by_effect(experiment, prediction, len(found.poses))
     return tuple(
-        Share(pose=name, effects=dict(zip(effects, own.tolist(), strict=True)))
+        InformationShare(pose=name, effects=dict(zip(effects, own.tolist(), strict=True)))
         for name, own in zip(found.poses.names, shares, strict=True)
     )

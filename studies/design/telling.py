@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from studies.design.pictures import pictures
-from studies.design.record import DesignRecord, Pose, Predicted, Step
+from studies.design.record import CurveStep, DesignPose, DesignRecord, PredictedStd
 from studies.document import (
     FOUR,
     HUNDREDTH,
@@ -160,14 +160,14 @@ def _travel(record: DesignRecord) -> str:
     return " and ".join([*said, *([f"{slid:.0f} mm"] if slid else [])])
 
 
-def _poses(record: DesignRecord) -> tuple[Column[Pose], ...]:
-    named: Column[Pose] = Column("pose", lambda row: row.pose)
-    level: Column[Pose] = Column("level", lambda row: row.level, FOUR, detail=True)
+def _poses(record: DesignRecord) -> tuple[Column[DesignPose], ...]:
+    named: Column[DesignPose] = Column("pose", lambda row: row.pose)
+    level: Column[DesignPose] = Column("level", lambda row: row.level, FOUR, detail=True)
     joints = joint_columns(record.poses, HUNDREDTH, detail=False)
     return (named, *joints, level) if record.level_joint else (named, *joints)
 
 
-_DETERMINED: tuple[Column[Predicted], ...] = (
+_DETERMINED: tuple[Column[PredictedStd], ...] = (
     Column("effect", lambda row: row.effect, TEXT),
     Column("where", lambda row: row.where, TEXT),
     Column("parameter", lambda row: row.name, TEXT),
@@ -237,10 +237,10 @@ def _judged(record: DesignRecord) -> Iterator[_Plan]:
         yield _Plan(name, plan.poses, plan.value, plan.efficiency, *rest)
 
 
-_STEP_RMS: Column[Step] = Column("task RMS", lambda row: row.task_rms_mm, MM, "mm")
+_STEP_RMS: Column[CurveStep] = Column("task RMS", lambda row: row.task_rms_mm, MM, "mm")
 
 
-def _steps(record: DesignRecord) -> tuple[Column[Step], ...]:
+def _steps(record: DesignRecord) -> tuple[Column[CurveStep], ...]:
     return (
         Column("poses", lambda row: row.poses, FOUR),
         Column(record.criterion, lambda row: row.value, FOUR),

@@ -71,8 +71,7 @@ def diagnose(
     """
     import calib
     from calib.errors import InputError
-    from studies.diagnose.cell_out import better_cell
-    from studies.diagnose.make import MOST, SECONDS, diagnosed, inputs_of
+    from studies.diagnose.make import MOST, SECONDS, better_cell, diagnosed, inputs_of
 
     cell = calib.load_cell(cell_path)
     if plan_only:

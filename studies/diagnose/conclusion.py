@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
-from studies.diagnose.record import DiagnoseRecord, Effect
+from studies.diagnose.record import DiagnoseRecord, FoundCause
 from studies.document import LINE, MM, PROBABILITY, SHARE, Sentence, fitting, mm, plural
 
 _SAYS = {
@@ -79,14 +79,14 @@ def _no_gap(record: DiagnoseRecord) -> str:
     return f"No unmodelled error found: the residuals are noise{arm}."
 
 
-def _found(effects: Sequence[Effect]) -> Iterator[str]:
+def _found(effects: Sequence[FoundCause]) -> Iterator[str]:
     """The causes after what they are."""
     lead = "Cause found" if len(effects) == 1 else f"{len(effects)} causes found"
     yield from (f"{lead}: {own}" for own in _causes(effects))
     yield lead
 
 
-def _causes(effects: Sequence[Effect]) -> Iterator[str]:
+def _causes(effects: Sequence[FoundCause]) -> Iterator[str]:
     """The causes in shorter and shorter forms: names, kinds with the count of places, a count."""
     if len(effects) <= _SINGLY:
         yield _and([effect.names for effect in effects])
@@ -98,12 +98,12 @@ def _causes(effects: Sequence[Effect]) -> Iterator[str]:
         yield _and([*kinds[:most], *([f"{left} more"] if left else [])])
 
 
-def _others(effect: Effect) -> str:
+def _others(effect: FoundCause) -> str:
     others = len(effect.alike) - 1
     return f" (or {plural(others, 'other')})" if others > 0 else ""
 
 
-def _unsure(effects: Sequence[Effect]) -> Iterator[str]:
+def _unsure(effects: Sequence[FoundCause]) -> Iterator[str]:
     """Causes of which some are not certain, in shorter and shorter forms."""
     forms = list(_found(effects))
     if any(effect.one_of for effect in effects):
@@ -140,13 +140,10 @@ def _somewhere(record: DiagnoseRecord) -> str:
 
 def _fell(record: DiagnoseRecord) -> str:
     """The error before and after, at poses held out where there are any."""
-    gap, unit = record.gap, record.gap.unit
-    held = gap.heldout_before_mm is not None
-    before = gap.heldout_before_mm if held else gap.fit_before_mm
-    after = gap.heldout_after_mm if held else gap.fit_after_mm
-    where = "held-out poses" if held else "fitted poses"
-    noise = f"the instrument alone leaves {MM(gap.floor_mm)} {unit}"
-    if not record.effects or after is None:
+    before, after, unit, heldout = record.error
+    where = "held-out poses" if heldout else "fitted poses"
+    noise = f"the instrument alone leaves {MM(record.gap.floor_mm)} {unit}"
+    if not record.effects:
         return f"Error at {where}: {MM(before)} {unit}; {noise}."
     return f"Error at {where}: {MM(before)} {unit} before, {MM(after)} {unit} after; {noise}."
 
@@ -188,7 +185,7 @@ def rest_words(record: DiagnoseRecord) -> Iterator[str]:
             yield f"{size}, as large as the repeatability of such an arm: {arm}"
 
 
-def standing_words(effect: Effect) -> str:
+def standing_words(effect: FoundCause) -> str:
     """How sure a cause is, and its share."""
     several = f"one of {len(effect.alike)}" if len(effect.alike) > 1 else "probable"
     how = several if effect.one_of else _SURE.get(effect.standing or "", "found")

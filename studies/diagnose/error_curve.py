@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calib.arrays import Array
-from studies.diagnose.shown import Curve, Panel, Row
+from studies.diagnose.record import CurvePanel, ErrorCurveEntry, Row
 from studies.plots.style import (
     BLUE,
     PANEL,
@@ -31,7 +31,7 @@ _TWO_SIDED = 1.959964  # 95 % of a normal distribution
 
 
 @styled
-def error_curve(curve: Curve) -> Picture:
+def error_curve(curve: ErrorCurveEntry) -> Picture:
     """A panel for each direction, one above the other or in two columns."""
     from matplotlib.ticker import MaxNLocator
 
@@ -79,7 +79,9 @@ def _array(values: Row) -> Array:
     return np.array(values, dtype=np.float64)
 
 
-def _fitted(panel: Axes, shown: Panel, grid: Array, variable: Array, levels: bool) -> list[Any]:
+def _fitted(
+    panel: Axes, shown: CurvePanel, grid: Array, variable: Array, levels: bool
+) -> list[Any]:
     """What each pose says, and the curve through it with its band; entries of the legend."""
     value, half = _array(shown.value), _TWO_SIDED * _array(shown.std)
     at = aside(variable, 0.22 * float(np.diff(grid).min())) if levels else variable
@@ -104,7 +106,9 @@ def _fitted(panel: Axes, shown: Panel, grid: Array, variable: Array, levels: boo
     return [points, curve, band]
 
 
-def _named(panel: Axes, shown: Panel, grid: Array, variable: Array, curve: Curve) -> Any:
+def _named(
+    panel: Axes, shown: CurvePanel, grid: Array, variable: Array, curve: ErrorCurveEntry
+) -> Any:
     """The effect: a line where it is a function of the variable, else a cross for each pose."""
     values, effect = _array(shown.effect or ()), curve.effect
     look: Any = {"color": VERMILLION, "zorder": 4}
@@ -127,7 +131,7 @@ def _named(panel: Axes, shown: Panel, grid: Array, variable: Array, curve: Curve
     return handle
 
 
-def _limits(shown: Panel) -> tuple[float, float]:
+def _limits(shown: CurvePanel) -> tuple[float, float]:
     """What the curve, its band and the effect need, and most of the points."""
     value, half = _array(shown.value), _TWO_SIDED * _array(shown.std)
     parts = [value - half, value + half, _array(shown.effect or ())]
@@ -142,7 +146,7 @@ def _limits(shown: Panel) -> tuple[float, float]:
     return low - room, high + room
 
 
-def _rows(curve: Curve) -> Iterator[tuple[Cell, ...]]:
+def _rows(curve: ErrorCurveEntry) -> Iterator[tuple[Cell, ...]]:
     parts: list[Sequence[Cell]] = [curve.pose_names, curve.variable]
     for shown in curve.panels:
         parts += [shown.at_poses, shown.std_at_poses, shown.single]

@@ -1,19 +1,40 @@
-"""From a session to the record of its diagnosis."""
+"""From a session to its diagnosis, to the record of that, and to a cell with what was found."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from studies.command.options import faults_in
 from studies.command.session import Session
 
 if TYPE_CHECKING:
     from calib import Cell
+    from calib.arm.robot import Robot
+    from calib.arrays import Array
     from calib.diagnosis import Diagnosis
-    from doe.ahead.next_poses import NextPoses
-    from studies.diagnose.record import DiagnoseRecord
+    from calib.diagnosis.causes import Cause
+    from calib.diagnosis.gap import Gap
+    from calib.diagnosis.spectra import Spectrum
+    from calib.instruments import Channels
+    from doe.ahead.next_poses import NextPoses, Prediction
+    from studies.diagnose.record import (
+        DiagnoseRecord,
+        Findings,
+        FoundCause,
+        GapEntry,
+        NextPose,
+        RivalPrediction,
+        SpectrumEntry,
+    )
+    from studies.diagnose.shown import DiagnosisShown
+    from studies.record import Envelope, Outlier
 
+_MM = 1e3
+_MOST_CYCLES = 800  # in a file: several at each pixel of a figure
 NEXT = 8
 """Poses that are proposed where rivals are left."""
 MOST = 4000
@@ -40,7 +61,6 @@ def diagnosed(
     from calib.diagnosis.diagnose import diagnose
     from calib.diagnosis.spectra import spectra
     from calib.poses.thinning import thinned
-    from studies.diagnose.record import diagnose_record
     from studies.diagnose.shown import shown
     from studies.record import envelope
 
@@ -72,3 +92,239 @@ def _next(
         return (next_poses(cell, found, count=count, seed=seed) if count else None), ()
     except CalibError as error:
         return None, (f"no next poses: {error}",)
+
+
+def diagnose_record(
+    found: Diagnosis,
+    spectra: Sequence[Spectrum],
+    chosen: NextPoses | None,
+    shown: DiagnosisShown | None,
+    holdout: str | None,
+    made_from: Envelope,
+    warnings: tuple[str, ...] = (),
+) -> DiagnoseRecord:
+    """The record of a diagnosis.
+
+    chosen : the next poses, None where none were asked for; shown : for figures, None for none
+    holdout : as the user gave it; warnings : of the tables
+    """
+    from calib.compensation.estimate import estimate_of
+    from doe.ahead.next_poses import NextPoses
+    from studies.diagnose.record import DiagnoseRecord
+    from studies.diagnose.shown import DiagnosisShown
+    from studies.estimate import estimated
+
+    further = chosen or NextPoses(found.data.poses.take(slice(0, 0)))
+    return DiagnoseRecord.from_result(
+        findings(found, spectra),
+        shown or DiagnosisShown(None, (), ()),
+        **made_from,
+        warnings=warnings,
+        holdout=holdout,
+        next_poses=_next_poses(further, found.after.model.robot),
+        next_poses_predicted=map(_prediction, further.predictions),
+        next_poses_assume=further.assumptions,
+        estimate=estimated(estimate_of(found)),
+    )
+
+
+def findings(found: Diagnosis, spectra: Sequence[Spectrum] = ()) -> Findings:
+    """The diagnosis without what it was made from; spectra : of it, where they are asked for."""
+    from studies.causes import Sought
+    from studies.diagnose.record import (
+        DiagnoseNoise,
+        Findings,
+        LocatedPlace,
+        RefusedCause,
+        RestEntry,
+    )
+    from studies.noise import by_level
+
+    noise, rest, tip, poses = found.noise, found.rest, found.after.model.robot.tip, found.data.poses
+    mm = found.after.model.footprint(found.after.values, found.data) * _MM
+    return Findings.from_result(
+        found,
+        noise=DiagnoseNoise.from_result(
+            noise,
+            sigma_mm=noise.sigma * mm,
+            believed_sigma_mm=noise.believed * mm,
+            grows_with_range=found.growth,
+            **by_level(found.after.levels, found.stage.scatter, found.after.model.robot.reach),
+        ),
+        effects=[_effect(cause, spectra, tip) for cause in found.causes],
+        rest=RestEntry.from_result(rest, mm=rest.size * _MM, repeatability_source=rest.source),
+        located=[
+            LocatedPlace.from_result(p, where=_at(p.where, tip), share_of_gap=p.share)
+            for p in found.located
+        ],
+        gap=_gap(found.gap, found.after.model.readout.channels),
+        could_not_see=[
+            Sought.from_result(
+                entry,
+                where=_at(entry.where, tip),
+                minimum_detectable=entry.smallest / entry.scale,
+            )
+            for entry in found.hidden
+        ],
+        refused=[RefusedCause.from_result(own, where=_at(own.where, tip)) for own in found.refused],
+        approach_derived=bool(poses.approach is not None and poses.approach_derived),
+        not_fitted=[name for name, waits in zip(poses.names, found.waiting, strict=True) if waits],
+        outliers=_outliers(found),
+        spectra=map(spectrum_entry, spectra),
+    )
+
+
+def _at(where: str, tip: str) -> str:
+    """The place in the words of the results: what ends at the tip belongs to the tool."""
+    return "tool" if where == tip else where
+
+
+def _gap(gap: Gap, channels: Channels) -> GapEntry:
+    """The errors, all in the unit of the readings."""
+    from studies.diagnose.record import GapEntry
+
+    errors = {
+        key: getattr(gap, key)
+        for key in ("floor", "fit_before", "fit_after", "heldout_before", "heldout_after")
+    }
+    for key, pair in (("crossvalidated", gap.crossed), ("over_time", gap.over_time)):
+        errors[f"{key}_before"], errors[f"{key}_after"] = pair or (None, None)
+    shown = {
+        f"{key}_mm": None if error is None else error / channels.shown.scale
+        for key, error in errors.items()
+    }
+    return GapEntry.from_result(gap, unit=channels.shown.unit, **shown)
+
+
+def _effect(cause: Cause, spectra: Sequence[Spectrum], tip: str) -> FoundCause:
+    from studies.diagnose.record import FoundCause, LikelyCause, Value
+
+    effect, doubt, evidence = cause.named.candidate.effect, cause.doubt, cause.evidence
+    values = zip(effect.parameters, cause.values, cause.std, strict=True)
+    return FoundCause.from_result(
+        cause,
+        effect=effect.kind,
+        where=_at(cause.named.candidate.where, tip),
+        probability=cause.members[0][1],
+        chosen_again=evidence.again,
+        curve_ratio=evidence.curve_ratio,
+        p_value=cause.p,
+        shape_p_value=doubt.p,
+        shape_power=doubt.power,
+        shape_tested=doubt.tested,
+        alike=[
+            LikelyCause(effect=own.effect.kind, where=_at(own.where, tip), probability=probability)
+            for own, probability in cause.members
+        ],
+        parameters=[
+            Value.from_result(p, value=value / p.scale, std=std / p.scale)
+            for p, value, std in values
+        ],
+        share_of_gap=cause.share,
+        aliases=_aliases(cause, spectra),
+        far_out=cause.far_out or None,
+    )
+
+
+def _aliases(cause: Cause, spectra: Sequence[Spectrum]) -> tuple[float, ...]:
+    effect = cause.named.candidate.effect
+    if effect.kind != "gear_ripple":
+        return ()
+    own = [p.name for p in effect.parameters].index("cycles")
+    cycles = float(cause.values[own]) / effect.parameters[own].scale
+    return aliases_of(effect.where, cycles, spectra)
+
+
+def aliases_of(joint: str, cycles: float, spectra: Sequence[Spectrum]) -> tuple[float, ...]:
+    """The cycles a turn that these poses cannot tell from those of a ripple of a joint."""
+    for spectrum in spectra:
+        for named, aliases in spectrum.named if spectrum.joint == joint else ():
+            if abs(named - cycles) < 0.01 * spectrum.width:
+                return _rounded(aliases)
+    return ()
+
+
+def _rounded(values: Sequence[float] | Array) -> tuple[float, ...]:
+    return tuple(round(float(value), 2) for value in values)
+
+
+def _outliers(found: Diagnosis) -> Iterator[Outlier]:
+    from studies.record import Outlier
+
+    for i in np.flatnonzero(found.outlier):
+        reason = f"mean square {found.statistic[i]:.1f} of its own spread, limit {found.limit:.1f}"
+        yield Outlier(pose=found.data.poses.names[i], reason=reason)
+
+
+def spectrum_entry(spectrum: Spectrum) -> SpectrumEntry:
+    """Thinned to the highest of every few that follow each other, so that every peak stays."""
+    from studies.diagnose.record import SpectrumEntry, SpectrumLine
+
+    cycles, fall = spectrum.cycles, spectrum.fall
+    step = -(-len(cycles) // _MOST_CYCLES)
+    kept = [i + int(np.argmax(fall[i : i + step])) for i in range(0, len(cycles), max(step, 1))]
+    return SpectrumEntry.from_result(
+        spectrum,
+        cycles_1_turn=_rounded(cycles[kept]),
+        fall=_rounded(fall[kept]),
+        lines=[
+            SpectrumLine.from_result(line, aliases=_rounded(line.aliases))
+            for line in spectrum.lines
+        ],
+    )
+
+
+def _next_poses(chosen: NextPoses, robot: Robot) -> Iterator[NextPose]:
+    from studies.diagnose.record import NextPose
+    from studies.joints import shown_joints
+
+    for name, q, splits in zip(chosen.poses.names, chosen.poses.q, chosen.splits, strict=True):
+        yield NextPose(pose=name, **shown_joints(robot, q), splits=splits)
+
+
+def _prediction(predicted: Prediction) -> RivalPrediction:
+    from studies.diagnose.record import RemedyEntry, RivalPrediction
+
+    return RivalPrediction.from_result(
+        predicted,
+        probability_now=predicted.now,
+        probability_after=predicted.after,
+        interventions=[
+            RemedyEntry.from_result(own, intervention=own.name) for own in predicted.remedies
+        ],
+    )
+
+
+def better_cell(cell: Cell, result: Diagnosis, target: Path) -> tuple[str, list[str]]:
+    """The text of the cell for a target file, and a line for everything the reader must know.
+
+    Raises InputError where the cell file cannot be read any more.
+    """
+    from calib.files.cell_out import extended_cell
+
+    found = [cause.named.candidate.effect for cause in result.causes]
+    made = extended_cell(cell, found, result.data.poses, target)
+    notes = [
+        f"{target}: model with {', '.join(made.added)}"
+        if made.added
+        else f"{target}: the model as it was; no effect was found that could be added"
+    ]
+    if made.replaced:
+        notes.append(f"{target}: they contain, and replace, {', '.join(made.replaced)}")
+    notes += [f"{target}: without {effect}; {reason}" for effect, reason in made.refused]
+    for cause in result.causes:
+        alike = [f"{c.effect.kind}:{c.where}" for c, _ in cause.named.members[1:]]
+        if alike:
+            first = cause.named.candidate
+            notes.append(
+                f"{target}: {first.effect.kind}:{first.where} stands for {' or '.join(alike)} too, "
+                "which these data cannot tell from it"
+            )
+    unnamed = [
+        f"{entry.candidate.where} by {entry.candidate.depends_on}"
+        for entry in result.outcome.entries
+        if not entry.candidate.named
+    ]
+    if unnamed:
+        notes.append(f"{target}: without {', '.join(unnamed)}; a curve without a name is no effect")
+    return made.text, notes

@@ -1,37 +1,32 @@
-"""What ``posecal diagnose`` finds."""
+"""What ``posecal diagnose`` finds, with what its figures show."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Literal, Self
+from typing import Literal, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
-from studies.causes import Cause, NotAsked, Sought
-from studies.diagnose.shown import Curve, Residual, Shown, Steps
-from studies.estimate import Estimated, estimated
-from studies.joints import JointValues, check_same_joints, shown_joints
-from studies.noise import NoiseEntry, by_level
-from studies.record import Entry, Envelope, Maybe, NotNegative, Number, Positive, Record
+from studies.causes import CauseEntry, NotAskedEntry, Sought
+from studies.estimate import Estimated
+from studies.joints import JointValues, check_same_joints
+from studies.noise import NoiseEntry
+from studies.record import (
+    BeforeAfter,
+    Entry,
+    Maybe,
+    NotNegative,
+    Number,
+    Outlier,
+    Positive,
+    Record,
+)
+from studies.residual import Angles, Lengths, Off, Pixels
 
-if TYPE_CHECKING:
-    from calib.arm.robot import Robot
-    from calib.diagnosis import Diagnosis
-    from calib.diagnosis.causes import Cause as Found
-    from calib.diagnosis.gap import Gap as Shrinkage
-    from calib.diagnosis.spectra import Line as FoundLine
-    from calib.diagnosis.spectra import Spectrum as FoundSpectrum
-    from calib.instruments import Channels
-    from doe.ahead.next_poses import NextPoses
-    from doe.ahead.next_poses import Prediction as Predicted
-
-_MM, _URAD = 1e3, 1e6
-_MOST = 800  # numbers of cycles in a file: several at each pixel of a figure
 _LOUD = 4.0  # times the stated noise that no instrument exceeds by itself
+Row = tuple[Maybe, ...]
 
 
-class Growth(Entry):
+class NoiseGrowth(Entry):
     """Standard deviation at the ends of the range, over the mean one."""
 
     nearest: Number
@@ -41,7 +36,7 @@ class Growth(Entry):
 class DiagnoseNoise(NoiseEntry):
     """The noise, which may grow with range where the cell does not say so."""
 
-    grows_with_range: Growth | None = None
+    grows_with_range: NoiseGrowth | None = None
 
     @property
     def loud(self) -> str:
@@ -55,7 +50,7 @@ class DiagnoseNoise(NoiseEntry):
         )
 
 
-class Likely(Cause):
+class LikelyCause(CauseEntry):
     """A cause that may be it."""
 
     probability: Maybe
@@ -70,7 +65,7 @@ class Value(Entry):
     unit: str
 
 
-class Effect(Likely):
+class FoundCause(LikelyCause):
     """A cause that was found, what these data cannot tell from it, and the cycles that a ripple may
     have as well.
 
@@ -84,7 +79,7 @@ class Effect(Likely):
     shape_p_value: Maybe
     shape_power: Maybe = None
     shape_tested: bool = True
-    alike: tuple[Likely, ...] = Field(validation_alias="class", serialization_alias="class")
+    alike: tuple[LikelyCause, ...] = Field(validation_alias="class", serialization_alias="class")
     parameters: tuple[Value, ...]
     share_of_gap: Maybe
     aliases: tuple[Number, ...] = ()
@@ -104,7 +99,7 @@ class Effect(Likely):
         return " or ".join(one.key for one in self.alike or (self,))
 
 
-class Place(Entry):
+class LocatedPlace(Entry):
     """Where a part of the gap sits, and on what it depends."""
 
     where: str
@@ -117,7 +112,7 @@ class Place(Entry):
         return self.depends_on == "pose"
 
 
-class Gap(Entry):
+class GapEntry(Entry):
     """RMS errors before and after.
 
     crossvalidated : each tenth of the configurations by the others, names chosen anew without it
@@ -143,7 +138,7 @@ class Gap(Entry):
     closed_ci95: tuple[Number, Number] | None
 
 
-class Rest(Entry):
+class RestEntry(Entry):
     """What remains beside the causes: a standard deviation of one coordinate, beyond the instrument's.
 
     repeatability_mm : of the arm, against which it is held; stated, measured by second approaches, or
@@ -157,20 +152,13 @@ class Rest(Entry):
     repeatability_source: Literal["stated", "measured", "assumed"]
 
 
-class Refused(Cause):
+class RefusedCause(CauseEntry):
     """A cause that the contest held and that is not named all the same."""
 
     reason: str
 
 
-class Outlier(Entry):
-    """A pose that was left out."""
-
-    pose: str
-    reason: str
-
-
-class Line(Entry):
+class SpectrumLine(Entry):
     """A line of a spectrum with the gear ratios that it would mean, and what else it might be."""
 
     cycles: Number
@@ -182,7 +170,7 @@ class Line(Entry):
     aliases: tuple[Number, ...]
 
 
-class Spectrum(Entry):
+class SpectrumEntry(Entry):
     """The residual along a joint's axis; repeats is None where its steps are not equal."""
 
     joint: str
@@ -191,7 +179,7 @@ class Spectrum(Entry):
     false_alarm: Positive
     width_1_turn: NotNegative
     repeats_1_turn: Positive | None
-    lines: tuple[Line, ...]
+    lines: tuple[SpectrumLine, ...]
 
     @model_validator(mode="after")
     def _one_each(self) -> Self:
@@ -207,7 +195,7 @@ class NextPose(JointValues):
     splits: tuple[tuple[str, str], ...]
 
 
-class Remedy(Entry):
+class RemedyEntry(Entry):
     """What would tell two causes apart, and how likely then the true one is preferred."""
 
     intervention: str
@@ -215,14 +203,98 @@ class Remedy(Entry):
     probability: Number
 
 
-class Prediction(Entry):
+class RivalPrediction(Entry):
     """Two causes in doubt, and how likely the true one is preferred, now and after the next poses."""
 
     rivals: tuple[str, str]
     probability_now: Number
     probability_after: Number
-    interventions: tuple[Remedy, ...]
+    interventions: tuple[RemedyEntry, ...]
     inseparable: bool
+
+
+class Steps(Entry):
+    """RMS error before and after each effect, added one to the other by their share of the gap."""
+
+    of: str
+    unit: Literal["mm", "mrad", "px"] = "mm"
+    added: tuple[str, ...]
+    rms_mm: tuple[NotNegative, ...]
+
+    @model_validator(mode="after")
+    def _one_each(self) -> Self:
+        if len(self.rms_mm) != len(self.added) + 1:
+            raise ValueError("rms_mm has not one figure more than added has effects")
+        return self
+
+
+class CurvePanel(Entry):
+    """One direction of an error, in the units shown.
+
+    value, std : the curve on the grid, and at_poses, std_at_poses at the poses
+    single : what each pose says by itself; effect : what was named, at the poses, None where nothing
+    line : whether that is a line over the variable; else it is a point at each pose
+    """
+
+    label: str
+    value: Row
+    std: Row
+    at_poses: Row
+    std_at_poses: Row
+    single: Row
+    effect: Row | None
+    line: bool
+
+
+class ErrorCurveEntry(Entry):
+    """The error of one place over what it depends on.
+
+    levels : whether the variable takes a few values only, between which there is nothing
+    """
+
+    name: str
+    title: str
+    caption: str
+    effect: str | None
+    levels: bool
+    variable_label: str
+    grid: tuple[Number, ...] = Field(min_length=2)
+    variable: Row
+    pose_names: tuple[str, ...]
+    panels: tuple[CurvePanel, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _one_each(self) -> Self:
+        poses, grid = len(self.pose_names), len(self.grid)
+        for p in self.panels:
+            at_poses = (
+                p.at_poses,
+                p.std_at_poses,
+                p.single,
+                *([] if p.effect is None else [p.effect]),
+            )
+            if any(len(row) != grid for row in (p.value, p.std)):
+                raise ValueError("value and std of a panel are not on the grid")
+            if any(len(row) != poses for row in (self.variable, *at_poses)):
+                raise ValueError("variable and panels are not of the poses")
+            if any((std or 0.0) < 0.0 for std in (*p.std, *p.std_at_poses)):
+                raise ValueError("a standard deviation of a panel is below zero")
+            if (p.effect is None) != (self.effect is None):
+                raise ValueError("effect is of the curve or of a panel only")
+        return self
+
+
+class DiagnoseResidual(Off):
+    """Measured minus predicted reading, with what was found and before."""
+
+    before_mm: Lengths | None = None
+    before_px: Pixels | None = None
+    before_mrad: Angles | None = None
+
+    @property
+    def before(self) -> tuple[float, ...]:
+        """The residual of the model as given."""
+        return self.before_mm or self.before_px or self.before_mrad or ()
 
 
 class Findings(Entry):
@@ -230,17 +302,17 @@ class Findings(Entry):
 
     verdict: Literal["no_gap", "explained", "ambiguous", "unknown"]
     noise: DiagnoseNoise
-    effects: tuple[Effect, ...]
-    rest: Rest | None = None
-    located: tuple[Place, ...]
-    gap: Gap
+    effects: tuple[FoundCause, ...]
+    rest: RestEntry | None = None
+    located: tuple[LocatedPlace, ...]
+    gap: GapEntry
     could_not_see: tuple[Sought, ...]
-    refused: tuple[Refused, ...] = ()
-    not_asked: tuple[NotAsked, ...]
+    refused: tuple[RefusedCause, ...] = ()
+    not_asked: tuple[NotAskedEntry, ...]
     approach_derived: bool = False
     not_fitted: tuple[str, ...] = ()
     outliers: tuple[Outlier, ...]
-    spectra: tuple[Spectrum, ...] = ()
+    spectra: tuple[SpectrumEntry, ...] = ()
 
 
 class DiagnoseRecord(Findings, Record):
@@ -249,12 +321,12 @@ class DiagnoseRecord(Findings, Record):
     command: Literal["diagnose"] = "diagnose"
     holdout: str | None
     next_poses: tuple[NextPose, ...] = ()
-    next_poses_predicted: tuple[Prediction, ...] = ()
+    next_poses_predicted: tuple[RivalPrediction, ...] = ()
     next_poses_assume: tuple[str, ...] = ()
     estimate: Estimated
     steps: Steps | None = None
-    curves: tuple[Curve, ...] = ()
-    residuals: tuple[Residual, ...] = ()
+    curves: tuple[ErrorCurveEntry, ...] = ()
+    residuals: tuple[DiagnoseResidual, ...] = ()
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -269,224 +341,15 @@ class DiagnoseRecord(Findings, Record):
         return self
 
     @property
+    def error(self) -> BeforeAfter:
+        """RMS before and after, at poses held out where there are any."""
+        gap = self.gap
+        if gap.heldout_before_mm is not None and gap.heldout_after_mm is not None:
+            return BeforeAfter(gap.heldout_before_mm, gap.heldout_after_mm, gap.unit, True)
+        return BeforeAfter(gap.fit_before_mm, gap.fit_after_mm, gap.unit, False)
+
+    @property
     def worst_hidden(self) -> Sought | None:
         """What would leave most of all that these data could not have shown; None in old files."""
         known = [entry for entry in self.could_not_see if entry.left_mm is not None]
         return max(known, key=lambda entry: entry.left_mm or 0.0, default=None)
-
-
-def diagnose_record(
-    found: Diagnosis,
-    spectra: Sequence[FoundSpectrum],
-    chosen: NextPoses | None,
-    shown: Shown | None,
-    holdout: str | None,
-    made_from: Envelope,
-    warnings: tuple[str, ...] = (),
-) -> DiagnoseRecord:
-    """The record of a diagnosis.
-
-    chosen : the next poses, None where none were asked for; shown : for figures, None for none
-    holdout : as the user gave it; warnings : of the tables
-    """
-    from calib.compensation.estimate import estimate_of
-
-    return DiagnoseRecord(
-        **made_from,
-        **dict(findings(found, spectra)),
-        warnings=warnings,
-        holdout=holdout,
-        next_poses=() if chosen is None else _next_poses(chosen, found.after.model.robot),
-        next_poses_predicted=() if chosen is None else tuple(map(_prediction, chosen.predictions)),
-        next_poses_assume=() if chosen is None else chosen.assumptions,
-        estimate=estimated(estimate_of(found)),
-        **({} if shown is None else shown._asdict()),
-    )
-
-
-def findings(found: Diagnosis, spectra: Sequence[FoundSpectrum] = ()) -> Findings:
-    """The diagnosis without what it was made from; spectra : of it, where they are asked for."""
-    noise, tip, poses = found.noise, found.after.model.robot.tip, found.data.poses
-    mm = found.after.model.footprint(found.after.values, found.data) * _MM
-    return Findings(
-        verdict=found.verdict,
-        noise=DiagnoseNoise(
-            sigma_mm=noise.sigma * mm,
-            believed_sigma_mm=noise.believed * mm,
-            source=noise.source,
-            grows_with_range=None
-            if found.growth is None
-            else Growth(nearest=found.growth.nearest, farthest=found.growth.farthest),
-            **by_level(found.after.levels, found.stage.scatter, found.after.model.robot.reach),
-        ),
-        effects=tuple(_effect(cause, spectra, tip) for cause in found.causes),
-        rest=Rest(
-            mm=found.rest.size * _MM,
-            kind=found.rest.kind,
-            of=found.rest.of,
-            repeatability_mm=found.rest.repeatability * _MM,
-            repeatability_source=found.rest.source,
-        ),
-        located=tuple(
-            Place(where=_at(p.where, tip), depends_on=p.depends_on, share_of_gap=p.share)
-            for p in found.located
-        ),
-        gap=_gap(found.gap, found.after.model.readout.channels),
-        could_not_see=tuple(
-            Sought(
-                effect=entry.effect,
-                where=_at(entry.where, tip),
-                minimum_detectable=entry.smallest / entry.scale,
-                unit=entry.unit,
-                left_mm=entry.left * _MM,
-            )
-            for entry in found.hidden
-        ),
-        refused=tuple(
-            Refused(effect=r.effect, where=_at(r.where, tip), reason=r.reason)
-            for r in found.refused
-        ),
-        not_asked=tuple(NotAsked(effect=n.effect, reason=n.reason) for n in found.not_asked),
-        approach_derived=bool(poses.approach is not None and poses.approach_derived),
-        not_fitted=tuple(n for n, waits in zip(poses.names, found.waiting, strict=True) if waits),
-        outliers=tuple(_outliers(found)),
-        spectra=tuple(map(spectrum_entry, spectra)),
-    )
-
-
-def _at(where: str, tip: str) -> str:
-    """The place in the words of the results: what ends at the tip belongs to the tool."""
-    return "tool" if where == tip else where
-
-
-def _gap(gap: Shrinkage, channels: Channels) -> Gap:
-    each = [gap.crossed or (None, None), gap.over_time or (None, None)]
-    scale = 1.0 / channels.shown.scale
-
-    def shown(error: float | None) -> float | None:
-        return None if error is None else error * scale
-
-    return Gap(
-        unit=channels.shown.unit,
-        floor_mm=gap.floor * scale,
-        fit_before_mm=gap.fit_before * scale,
-        fit_after_mm=gap.fit_after * scale,
-        heldout_before_mm=shown(gap.heldout_before),
-        heldout_after_mm=shown(gap.heldout_after),
-        heldout_rose=gap.heldout_rose,
-        crossvalidated_before_mm=shown(each[0][0]),
-        crossvalidated_after_mm=shown(each[0][1]),
-        over_time_before_mm=shown(each[1][0]),
-        over_time_after_mm=shown(each[1][1]),
-        closed=gap.closed,
-        closed_ci95=gap.closed_ci95,
-    )
-
-
-def _effect(cause: Found, spectra: Sequence[FoundSpectrum], tip: str) -> Effect:
-    candidate, doubt = cause.named.candidate, cause.doubt
-    values = zip(
-        candidate.effect.parameters, cause.values.tolist(), cause.std.tolist(), strict=True
-    )
-    return Effect(
-        effect=candidate.effect.kind,
-        where=_at(candidate.where, tip),
-        probability=cause.members[0][1],
-        standing=cause.standing,
-        chosen_again=cause.evidence.again,
-        curve_ratio=cause.evidence.curve_ratio,
-        p_value=cause.p,
-        shape_p_value=doubt.p,
-        shape_power=doubt.power,
-        shape_tested=doubt.tested,
-        alike=tuple(
-            Likely(effect=own.effect.kind, where=_at(own.where, tip), probability=probability)
-            for own, probability in cause.members
-        ),
-        parameters=tuple(
-            Value(name=p.name, value=value / p.scale, std=std / p.scale, unit=p.unit)
-            for p, value, std in values
-        ),
-        share_of_gap=cause.share,
-        aliases=_aliases(cause, spectra),
-        far_out=cause.far_out or None,
-    )
-
-
-def _aliases(cause: Found, spectra: Sequence[FoundSpectrum]) -> tuple[float, ...]:
-    effect = cause.named.candidate.effect
-    if effect.kind != "gear_ripple":
-        return ()
-    own = [p.name for p in effect.parameters].index("cycles")
-    cycles = float(cause.values[own]) / effect.parameters[own].scale
-    return aliases_of(effect.where, cycles, spectra)
-
-
-def aliases_of(joint: str, cycles: float, spectra: Sequence[FoundSpectrum]) -> tuple[float, ...]:
-    """The cycles a turn that these poses cannot tell from those of a ripple of a joint."""
-    for spectrum in spectra:
-        for named, aliases in spectrum.named if spectrum.joint == joint else ():
-            if abs(named - cycles) < 0.01 * spectrum.width:
-                return _rounded(aliases)
-    return ()
-
-
-def _rounded(
-    values: Sequence[float] | np.ndarray[tuple[int], np.dtype[np.float64]],
-) -> tuple[float, ...]:
-    return tuple(round(float(value), 2) for value in values)
-
-
-def _outliers(found: Diagnosis) -> Iterator[Outlier]:
-    for i in np.flatnonzero(found.outlier):
-        reason = f"mean square {found.statistic[i]:.1f} of its own spread, limit {found.limit:.1f}"
-        yield Outlier(pose=found.data.poses.names[i], reason=reason)
-
-
-def spectrum_entry(spectrum: FoundSpectrum) -> Spectrum:
-    """Thinned to the highest of every few that follow each other, so that every peak stays."""
-    cycles, fall = spectrum.cycles, spectrum.fall
-    step = -(-len(cycles) // _MOST)
-    kept = [i + int(np.argmax(fall[i : i + step])) for i in range(0, len(cycles), max(step, 1))]
-    return Spectrum(
-        joint=spectrum.joint,
-        cycles_1_turn=_rounded(cycles[kept]),
-        fall=_rounded(fall[kept]),
-        false_alarm=spectrum.false_alarm,
-        width_1_turn=spectrum.width,
-        repeats_1_turn=spectrum.repeats,
-        lines=tuple(map(_line, spectrum.lines)),
-    )
-
-
-def _line(line: FoundLine) -> Line:
-    return Line(
-        cycles=line.cycles,
-        std=line.std,
-        amplitude_urad=line.amplitude * _URAD,
-        amplitude_std_urad=line.amplitude_std * _URAD,
-        fall=line.fall,
-        ratios=line.ratios,
-        aliases=_rounded(line.aliases),
-    )
-
-
-def _next_poses(chosen: NextPoses, robot: Robot) -> tuple[NextPose, ...]:
-    found = []
-    for name, q, splits in zip(chosen.poses.names, chosen.poses.q, chosen.splits, strict=True):
-        at = shown_joints(robot, q)
-        found.append(NextPose(pose=name, joints_deg=at.deg, joints_mm=at.mm, splits=splits))
-    return tuple(found)
-
-
-def _prediction(predicted: Predicted) -> Prediction:
-    return Prediction(
-        rivals=predicted.rivals,
-        probability_now=predicted.now,
-        probability_after=predicted.after,
-        interventions=tuple(
-            Remedy(intervention=r.name, says=r.says, probability=r.probability)
-            for r in predicted.remedies
-        ),
-        inseparable=predicted.inseparable,
-    )

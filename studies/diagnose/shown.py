@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from pydantic import Field, model_validator
 
 from calib.threads import one_blas_thread
-from studies.record import Entry, Maybe, NotNegative, Number
-from studies.residual import Angles, Lengths, Off, Pixels, missed
+from studies.diagnose.record import CurvePanel, DiagnoseResidual, ErrorCurveEntry, Steps
+from studies.residual import missed
 
 if TYPE_CHECKING:
     from calib.arm.robot import Robot
@@ -26,111 +25,26 @@ if TYPE_CHECKING:
 
 _LEVELS = 3  # knots up to which a variable takes a few values only
 _LEAVES_ZERO = 3.0  # standard deviations by which a direction must leave zero to be shown
-_MM, _MICRO = 1e3, 1e6
+_MICRO = 1e6
 _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
-Row = tuple[Maybe, ...]
 
 
-class Steps(Entry):
-    """RMS error before and after each effect, added one to the other by their share of the gap."""
-
-    of: str
-    unit: Literal["mm", "mrad", "px"] = "mm"
-    added: tuple[str, ...]
-    rms_mm: tuple[NotNegative, ...]
-
-    @model_validator(mode="after")
-    def _one_each(self) -> Self:
-        if len(self.rms_mm) != len(self.added) + 1:
-            raise ValueError("rms_mm has not one figure more than added has effects")
-        return self
-
-
-class Panel(Entry):
-    """One direction of an error, in the units shown.
-
-    value, std : the curve on the grid, and at_poses, std_at_poses at the poses
-    single : what each pose says by itself; effect : what was named, at the poses, None where nothing
-    line : whether that is a line over the variable; else it is a point at each pose
-    """
-
-    label: str
-    value: Row
-    std: Row
-    at_poses: Row
-    std_at_poses: Row
-    single: Row
-    effect: Row | None
-    line: bool
-
-
-class Curve(Entry):
-    """The error of one place over what it depends on.
-
-    levels : whether the variable takes a few values only, between which there is nothing
-    """
-
-    name: str
-    title: str
-    caption: str
-    effect: str | None
-    levels: bool
-    variable_label: str
-    grid: tuple[Number, ...] = Field(min_length=2)
-    variable: Row
-    pose_names: tuple[str, ...]
-    panels: tuple[Panel, ...] = Field(min_length=1)
-
-    @model_validator(mode="after")
-    def _one_each(self) -> Self:
-        poses, grid = len(self.pose_names), len(self.grid)
-        for p in self.panels:
-            at_poses = (
-                p.at_poses,
-                p.std_at_poses,
-                p.single,
-                *([] if p.effect is None else [p.effect]),
-            )
-            if any(len(row) != grid for row in (p.value, p.std)):
-                raise ValueError("value and std of a panel are not on the grid")
-            if any(len(row) != poses for row in (self.variable, *at_poses)):
-                raise ValueError("variable and panels are not of the poses")
-            if any((std or 0.0) < 0.0 for std in (*p.std, *p.std_at_poses)):
-                raise ValueError("a standard deviation of a panel is below zero")
-            if (p.effect is None) != (self.effect is None):
-                raise ValueError("effect is of the curve or of a panel only")
-        return self
-
-
-class Residual(Off):
-    """Measured minus predicted reading, with what was found and before."""
-
-    before_mm: Lengths | None = None
-    before_px: Pixels | None = None
-    before_mrad: Angles | None = None
-
-    @property
-    def before(self) -> tuple[float, ...]:
-        """The residual of the model as given."""
-        return self.before_mm or self.before_px or self.before_mrad or ()
-
-
-class Shown(NamedTuple):
+class DiagnosisShown(NamedTuple):
     """All of it, by the names that it has in the record."""
 
-    steps: Steps
-    curves: tuple[Curve, ...]
-    residuals: tuple[Residual, ...]
+    steps: Steps | None
+    curves: tuple[ErrorCurveEntry, ...]
+    residuals: tuple[DiagnoseResidual, ...]
 
 
 @one_blas_thread
-def shown(found: Diagnosis) -> Shown:
+def shown(found: Diagnosis) -> DiagnosisShown:
     """Fit the model again with one more effect each time, and a free curve in place of each."""
     added = _by_share(found)
     residuals = list(_residuals(found, found.data, False))
     if found.heldout is not None:
         residuals += _residuals(found, found.heldout, True)
-    return Shown(_steps(found, added), tuple(_curves(found, added)), tuple(residuals))
+    return DiagnosisShown(_steps(found, added), tuple(_curves(found, added)), tuple(residuals))
 
 
 def _by_share(found: Diagnosis) -> list[Candidate]:
@@ -162,14 +76,14 @@ def _steps(found: Diagnosis, added: list[Candidate]) -> Steps:
     )
 
 
-def _residuals(found: Diagnosis, data: Measurements, heldout: bool) -> Iterator[Residual]:
+def _residuals(found: Diagnosis, data: Measurements, heldout: bool) -> Iterator[DiagnoseResidual]:
     """Measured minus predicted at each point, before and after the found effects; no turns."""
     before, after = (fit.model.off(fit.values, data) for fit in (found.before, found.after))
     for own in missed(found.before.model, data, before, after, heldout):
         unit, off = next(iter(own.before.items()))
         numbers: dict[str, Any] = {k: x for k, x in own.after.items() if k.endswith(f"_{unit}")}
         numbers[f"before_{unit}"] = off
-        yield Residual(**own.entry, **numbers)
+        yield DiagnoseResidual(**own.entry, **numbers)
 
 
 def label(candidate: Candidate) -> str:
@@ -179,7 +93,7 @@ def label(candidate: Candidate) -> str:
     return f"{candidate.where} by {candidate.depends_on}, no name"
 
 
-def _curves(result: Diagnosis, added: list[Candidate]) -> Iterator[Curve]:
+def _curves(result: Diagnosis, added: list[Candidate]) -> Iterator[ErrorCurveEntry]:
     from calib.diagnosis.error_curve import error_curve
 
     for number, candidate in enumerate(added, 1):
@@ -188,7 +102,7 @@ def _curves(result: Diagnosis, added: list[Candidate]) -> Iterator[Curve]:
             yield _curve(found, number, result.before.model.robot)
 
 
-def _curve(found: ErrorCurve, number: int, robot: Robot) -> Curve:
+def _curve(found: ErrorCurve, number: int, robot: Robot) -> ErrorCurveEntry:
     candidate = found.candidate
     variable, named = candidate.depends_on, candidate.named
     scale, variable_label = _variable(found, robot)
@@ -199,7 +113,7 @@ def _curve(found: ErrorCurve, number: int, robot: Robot) -> Curve:
         return tuple((values[:, c] * _MICRO).tolist())
 
     plain = re.sub(r"[^A-Za-z0-9]+", "_", f"{candidate.where} by {variable}")
-    return Curve(
+    return ErrorCurveEntry(
         name=f"error_{number}_{plain}",
         title=f"Error of {candidate.where} over {variable}",
         caption=_caption(found),
@@ -210,7 +124,7 @@ def _curve(found: ErrorCurve, number: int, robot: Robot) -> Curve:
         variable=tuple((found.variable * scale).tolist()),
         pose_names=found.poses.names,
         panels=tuple(
-            Panel(
+            CurvePanel(
                 label=_axis_label(found, c, robot),
                 value=shown(found.value[on_grid], c),
                 std=shown(found.std[on_grid], c),

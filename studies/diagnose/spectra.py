@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies.diagnose.record import Line, Spectrum
+from studies.diagnose.record import SpectrumEntry, SpectrumLine
 from studies.plots.style import (
     INK,
     PANEL,
@@ -40,7 +40,7 @@ _OCTAVE = 2.0  # a gear errs once and twice a turn of its fast side
 
 
 @styled
-def spectra(panels: Sequence[Spectrum]) -> Picture:
+def spectra(panels: Sequence[SpectrumEntry]) -> Picture:
     """A row for each joint, all on one scale; lines that may be of one type of gear look alike."""
     shared = families(panels)
     looks = {
@@ -74,7 +74,7 @@ def spectra(panels: Sequence[Spectrum]) -> Picture:
     return Picture("spectra", title, caption, figure, header, tuple(_rows(panels)))
 
 
-def families(panels: Sequence[Spectrum]) -> list[frozenset[tuple[int, int]]]:
+def families(panels: Sequence[SpectrumEntry]) -> list[frozenset[tuple[int, int]]]:
     """Lines, as (panel, mark), that agree between joints within their widths, or are 2:1."""
     lines = [(i, k) for i, panel in enumerate(panels) for k in range(len(panel.lines))]
     groups = [{line} for line in lines]
@@ -87,13 +87,13 @@ def families(panels: Sequence[Spectrum]) -> list[frozenset[tuple[int, int]]]:
     return sorted(shared, key=lambda group: min(group))
 
 
-def _akin(panels: Sequence[Spectrum], one: tuple[int, int], other: tuple[int, int]) -> bool:
+def _akin(panels: Sequence[SpectrumEntry], one: tuple[int, int], other: tuple[int, int]) -> bool:
     low, high = sorted(panels[i].lines[k].cycles for i, k in (one, other))
     within = 0.5 * (panels[one[0]].width_1_turn + panels[other[0]].width_1_turn)
     return high - low < within or abs(high - _OCTAVE * low) < within
 
 
-def _draw(axis: Axes, panel: Spectrum, own: Sequence[Look]) -> None:
+def _draw(axis: Axes, panel: SpectrumEntry, own: Sequence[Look]) -> None:
     """One joint; own : the look of each of its lines."""
     tidy(axis, "none")
     alarm = panel.false_alarm**0.5
@@ -118,7 +118,7 @@ def _draw(axis: Axes, panel: Spectrum, own: Sequence[Look]) -> None:
             words.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.85})
 
 
-def _places(panel: Spectrum) -> list[tuple[float, str, str] | None]:
+def _places(panel: SpectrumEntry) -> list[tuple[float, str, str] | None]:
     """Where the words of each line stand, the strongest first; None where there is no room."""
     taken = [(mark.cycles - 0.5 * _ASIDE, mark.cycles + 0.5 * _ASIDE) for mark in panel.lines]
     found: list[tuple[float, str, str] | None] = []
@@ -138,14 +138,14 @@ def _places(panel: Spectrum) -> list[tuple[float, str, str] | None]:
     return found
 
 
-def _words(mark: Line) -> str:
+def _words(mark: SpectrumLine) -> str:
     """A line with the gear ratios that it would mean, or with what else it might be."""
     if mark.aliases:
         return f"{mark.cycles:.1f}, or {len(mark.aliases)} others"
     return f"{mark.cycles:.1f}: ratio {' or '.join(f'{ratio:.1f}' for ratio in mark.ratios)}"
 
 
-def _highest(panels: Sequence[Spectrum]) -> float:
+def _highest(panels: Sequence[SpectrumEntry]) -> float:
     """What the lines and the false alarm need; what is slow may leave the panel."""
     tops = [panel.false_alarm for panel in panels]
     for p in panels:
@@ -154,7 +154,9 @@ def _highest(panels: Sequence[Spectrum]) -> float:
     return 1.6 * float(np.sqrt(max(tops)))
 
 
-def _key(panels: Sequence[Spectrum], shared: Sequence[frozenset[tuple[int, int]]]) -> list[Any]:
+def _key(
+    panels: Sequence[SpectrumEntry], shared: Sequence[frozenset[tuple[int, int]]]
+) -> list[Any]:
     from matplotlib.lines import Line2D
 
     alarm = Line2D(
@@ -180,7 +182,7 @@ def _entry(look: Look, label: str) -> Any:
     return Line2D([], [], color=look.color, marker=look.marker, linewidth=1.6, label=label)
 
 
-def _rows(panels: Sequence[Spectrum]) -> Iterator[tuple[Cell, ...]]:
+def _rows(panels: Sequence[SpectrumEntry]) -> Iterator[tuple[Cell, ...]]:
     for panel in panels:
         for mark in panel.lines:
             others = ", ".join(f"{cycles:.1f}" for cycles in mark.aliases)

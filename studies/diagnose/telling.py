@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from studies.causes import Sought, not_asked
 from studies.diagnose.conclusion import headline, rest_words, standing_words, to_do
-from studies.diagnose.pictures import pictures
+from studies.diagnose.error_curve import error_curve
 from studies.diagnose.record import (
     DiagnoseRecord,
-    Effect,
-    Gap,
-    Line,
+    FoundCause,
+    GapEntry,
+    LocatedPlace,
     NextPose,
-    Outlier,
-    Place,
-    Prediction,
-    Refused,
-    Spectrum,
+    RefusedCause,
+    RivalPrediction,
+    SpectrumEntry,
+    SpectrumLine,
     Value,
 )
+from studies.diagnose.spectra import spectra
+from studies.diagnose.waterfall import waterfall
 from studies.document import (
     FOUR,
     HUNDREDTH,
@@ -47,6 +49,7 @@ from studies.document import (
 )
 from studies.joints import joint_columns
 from studies.noise import noise_words
+from studies.record import Outlier
 
 _MOST_PARAMETERS = 8  # of one cause; sag of a whole arm has fifty
 _MOST_OUTLIERS = 3  # that are worth a line each
@@ -76,12 +79,15 @@ def _parts(record: DiagnoseRecord) -> Iterator[Part]:
     yield Table(_of_gap(record.gap.unit), list(_gap(record.gap)), "The error before and after")
     for effect in record.effects:
         yield from _effect(effect)
-    for draw in pictures(record):
-        yield Figure(draw)
+    if record.steps is not None:
+        yield Figure(partial(waterfall, record.steps, record.gap.floor_mm))
+    yield from (Figure(partial(error_curve, curve)) for curve in record.curves)
+    if record.spectra:
+        yield Figure(partial(spectra, record.spectra))
     yield Table(_LOCATED, list(_located(record)), caption="Where the unmodelled error is")
     if record.refused:
         yield Sentence("Found, but not sure enough to be named:")
-        yield Table(_REFUSED, list(_refused(record.refused)), "Refused")
+        yield Table(_REFUSED, list(_refused(record.refused)), "RefusedCause")
     yield Table(_OUTLIERS, record.outliers, "Poses left out", of_poses=True, most=_MOST_OUTLIERS)
     yield from _notes(record)
 
@@ -120,7 +126,7 @@ def _of_gap(unit: str) -> tuple[Column[_Error], ...]:
     )
 
 
-def _gap(gap: Gap) -> Iterator[_Error]:
+def _gap(gap: GapEntry) -> Iterator[_Error]:
     floor = gap.floor_mm
     yield _Error("fitted poses", gap.fit_before_mm, gap.fit_after_mm, floor)
     if gap.heldout_before_mm is not None:
@@ -134,7 +140,7 @@ def _gap(gap: Gap) -> Iterator[_Error]:
         yield _Error("cross-validated in time", before, after, floor)
 
 
-def _closed(gap: Gap) -> str:
+def _closed(gap: GapEntry) -> str:
     if gap.closed is None:
         return "nothing to remove"
     if gap.closed_ci95 is None or gap.heldout_before_mm == gap.heldout_after_mm:
@@ -153,7 +159,7 @@ _VALUES: tuple[Column[Value], ...] = (
 )
 
 
-def _effect(effect: Effect) -> Iterator[Part]:
+def _effect(effect: FoundCause) -> Iterator[Part]:
     """A line for the cause, whose name may be long, and its parameters below it."""
     yield Sentence(f"{effect.key}: {standing_words(effect)}")
     for other in effect.alike[1:]:
@@ -173,7 +179,7 @@ def _effect(effect: Effect) -> Iterator[Part]:
 class _Located:
     """A place with the cause that is named for it."""
 
-    place: Place
+    place: LocatedPlace
     cause: str
 
 
@@ -201,7 +207,7 @@ _REFUSED: tuple[Column[tuple[str, str]], ...] = (
 )
 
 
-def _refused(entries: Sequence[Refused]) -> Iterator[tuple[str, str]]:
+def _refused(entries: Sequence[RefusedCause]) -> Iterator[tuple[str, str]]:
     """Those of one reason and kind in one line."""
     groups: dict[tuple[str, str], list[str]] = {}
     for entry in entries:
@@ -216,7 +222,7 @@ _OUTLIERS: tuple[Column[Outlier], ...] = (
 )
 
 
-def _aliasing(spectra: Sequence[Spectrum]) -> Iterator[str]:
+def _aliasing(spectra: Sequence[SpectrumEntry]) -> Iterator[str]:
     """What the poses cannot tell of a ripple's cycles: equal steps, and lines that might be others."""
     for spectrum in spectra:
         lines = [line for line in spectrum.lines if line.aliases]
@@ -228,7 +234,7 @@ def _aliasing(spectra: Sequence[Spectrum]) -> Iterator[str]:
         yield f"{spectrum.joint}{steps}: {said}. Vary the steps"
 
 
-def _might_be(line: Line) -> str:
+def _might_be(line: SpectrumLine) -> str:
     named = [TENTH(cycles) for cycles in line.aliases[:_MOST_ALIASES]]
     rest = len(line.aliases) - len(named)
     last = f"{rest} more" if rest else named.pop()
@@ -313,7 +319,7 @@ def _unseen(record: DiagnoseRecord) -> Iterator[Part]:
 
 # -- what to measure next ----------------------------------------------------------------------
 
-_DOUBTS: tuple[Column[Prediction], ...] = (
+_DOUBTS: tuple[Column[RivalPrediction], ...] = (
     Column("cause", lambda row: row.rivals[0]),
     Column("or", lambda row: row.rivals[1]),
     Column("right choice\nnow", lambda row: row.probability_now, PROBABILITY),
@@ -349,7 +355,7 @@ def _further(record: DiagnoseRecord) -> Iterator[Part]:
             yield Sentence(f"Read {'; '.join(record.next_poses_assume)}.")
 
 
-def _remedies(doubt: Prediction) -> Iterator[Sentence]:
+def _remedies(doubt: RivalPrediction) -> Iterator[Sentence]:
     pair = " or ".join(doubt.rivals)
     for remedy in doubt.interventions:
         yield Sentence(f"{pair}: {remedy.says} ({PROBABILITY(remedy.probability)})")

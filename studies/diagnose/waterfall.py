@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calib.arrays import Array
-from studies.diagnose.shown import Steps
+from studies.diagnose.record import Steps
 from studies.plots.style import (
     BLUE,
     INK,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, Self
 
@@ -21,20 +20,20 @@ from studies.record import (
 if TYPE_CHECKING:
     from calib.model import Model
     from doe import Enough
-    from doe.ahead.forecast import Step as Forecast
+    from doe.ahead.forecast import Step as SufficiencyStep
 
 _MM = 1e3
 _HOUR = 3600.0
 
 
-class Noise(Entry):
+class NoiseSoFar(Entry):
     """Standard deviation of a coordinate, as the data show it."""
 
     sigma_mm: NotNegative
     source: Literal["cell", "replicates", "residual"]
 
 
-class Seen(Entry):
+class SeenElsewhere(Entry):
     """What poses showed that the fit was without: their error less the instrument's noise, 3-D RMS.
 
     ``heldout_mm`` is what was read there, noise included, None where no poses were held out.
@@ -45,7 +44,7 @@ class Seen(Entry):
     heldout_mm: Maybe
 
 
-class Lacking(Entry):
+class LackingEntry(Entry):
     """The error at the targets that no more poses lower.
 
     scatter_mm : of ``scatter_of``, the arm, or undecided: the arm or what the model lacks
@@ -64,7 +63,7 @@ class Lacking(Entry):
     trend_mm: NotNegative = 0.0
     trend_an_hour_later_mm: Maybe = None
     targets_after_h: NotNegative | None = None
-    seen: Seen | None = None
+    seen: SeenElsewhere | None = None
 
     @property
     def open_end(self) -> bool:
@@ -81,7 +80,7 @@ class Progress(Entry):
     to_measure: Count
 
 
-class Step(Entry):
+class ExpectedStep(Entry):
     """What is expected after one more pose; ``pose`` is None for now."""
 
     pose: str | None
@@ -93,7 +92,7 @@ class Step(Entry):
     unidentifiable: tuple[str, ...]
 
 
-class Parameter(Entry):
+class KnownParameter(Entry):
     """How well a parameter is known; ``share`` is the share of the size that such errors have."""
 
     id: str
@@ -105,10 +104,10 @@ class Parameter(Entry):
     share: Maybe
 
 
-class State(Step):
+class StateEntry(ExpectedStep):
     """A step with all that is known by then."""
 
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[KnownParameter, ...]
 
 
 class EnoughRecord(Record):
@@ -118,17 +117,17 @@ class EnoughRecord(Record):
     targets: str
     status: str
     reason: str | None
-    noise: Noise
-    lacking: Lacking
+    noise: NoiseSoFar
+    lacking: LackingEntry
     plan: Progress
-    now: State
-    order: tuple[Step, ...]
-    end: State
+    now: StateEntry
+    order: tuple[ExpectedStep, ...]
+    end: StateEntry
     goal_mm: Positive | None
     goal_beyond_reach: bool
     poses_to_goal: Count | None
     fresh_poses_to_goal: Count | None
-    fresh: tuple[Step, ...]
+    fresh: tuple[ExpectedStep, ...]
     pays_until: Count | None
 
     @model_validator(mode="after")
@@ -156,82 +155,54 @@ def enough_record(answer: Enough, planned: int, targets: str, made_from: Envelop
 
     planned : int, poses of the plan; targets : in words
     """
-    found, now, coming = answer.found, answer.steps[0], answer.steps[1:]
-    return EnoughRecord(
+    found, coming = answer.found, answer.steps[1:]
+    return EnoughRecord.from_result(
+        answer,
         **made_from,
         warnings=answer.match.warnings,
         targets=targets,
         status="too_few" if found is None else found.status,
         reason=answer.why or None,
-        noise=Noise(
-            sigma_mm=answer.sigma * _MM, source="cell" if found is None else found.noise.source
+        noise=NoiseSoFar.from_result(
+            answer, source="cell" if found is None else found.noise.source
         ),
         lacking=_lacking(answer),
         plan=Progress(poses=planned, measured=answer.match.poses, to_measure=len(coming)),
-        now=_state(answer.model, now),
-        order=tuple(map(_step, coming)),
+        now=_state(answer.model, answer.steps[0]),
+        order=map(_step, coming),
         end=_state(answer.model, answer.steps[-1]),
-        goal_mm=None if answer.goal is None else answer.goal * _MM,
         goal_beyond_reach=answer.beyond_reach,
         poses_to_goal=answer.needed,
         fresh_poses_to_goal=answer.fresh_needed,
-        fresh=tuple(map(_step, answer.fresh)),
-        pays_until=answer.pays_until,
+        fresh=map(_step, answer.fresh),
     )
 
 
-def _lacking(answer: Enough) -> Lacking:
-    found = answer.lacking
-    return Lacking(
-        rms_mm=found.rms * _MM,
-        scatter_mm=found.scatter * _MM,
-        scatter_of="undecided" if found.rest_of == "undecided" else "arm",
-        unexplained_mm=found.of_model * _MM,
-        unexplained_from=found.unexplained.source,
-        unexplained_surely=found.surely,
-        trend_mm=found.trend * _MM,
-        trend_an_hour_later_mm=None if found.an_hour_on is None else found.an_hour_on * _MM,
-        targets_after_h=None if found.after is None else found.after / _HOUR,
-        seen=_seen(answer),
+def _lacking(answer: Enough) -> LackingEntry:
+    own, found = answer.lacking, answer.found
+    seen = None
+    if found is not None and own.seen.source:
+        read = found.rms("heldout")
+        seen = SeenElsewhere.from_result(own.seen, heldout_mm=None if read is None else read * _MM)
+    return LackingEntry.from_result(
+        own,
+        scatter_of="undecided" if own.rest_of == "undecided" else "arm",
+        unexplained_mm=own.of_model * _MM,
+        unexplained_from=own.unexplained.source,
+        unexplained_surely=own.surely,
+        trend_an_hour_later_mm=None if own.an_hour_on is None else own.an_hour_on * _MM,
+        targets_after_h=None if own.after is None else own.after / _HOUR,
+        seen=seen,
     )
 
 
-def _seen(answer: Enough) -> Seen | None:
-    seen, found = answer.lacking.seen, answer.found
-    if found is None or not seen.source:
-        return None
-    read = found.rms("heldout")
-    return Seen(
-        rms_mm=seen.rms * _MM,
-        source=seen.source,
-        heldout_mm=None if read is None else read * _MM,
-    )
+def _step(step: SufficiencyStep) -> ExpectedStep:
+    return ExpectedStep.from_result(step, pose=step.pose or None, unidentifiable=step.open)
 
 
-def _step(step: Forecast) -> Step:
-    return Step(
-        pose=step.pose or None,
-        readings=step.readings,
-        task_rms_mm=step.task_rms * _MM,
-        task_worst_mm=step.task_worst * _MM,
-        task_most_mm=step.task_most * _MM,
-        from_parameters_mm=step.from_parameters * _MM,
-        unidentifiable=step.open,
-    )
-
-
-def _state(model: Model, step: Forecast) -> State:
-    parameters = tuple(
-        Parameter(
-            id=p.id,
-            effect=p.effect,
-            where=p.where,
-            name=p.name,
-            std=std / p.scale if math.isfinite(std) else None,
-            unit=p.unit,
-            share=std / p.size if math.isfinite(std) else None,
-        )
-        for p, std in zip(model.parameters, step.std.tolist(), strict=True)
-    )
-    own = _step(step)
-    return State(**own.model_dump(), parameters=parameters)
+def _state(model: Model, step: SufficiencyStep) -> StateEntry:
+    parameters = [
+        KnownParameter.from_result(p, std=std / p.scale, share=std / p.size)
+        for p, std in zip(model.parameters, step.std, strict=True)
+    ]
+    return StateEntry(**dict(_step(step)), parameters=tuple(parameters))

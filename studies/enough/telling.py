@@ -24,7 +24,13 @@ from studies.document import (
     plural,
 )
 from studies.enough.pictures import expected_by_pose
-from studies.enough.record import EnoughRecord, Lacking, Parameter, State, Step
+from studies.enough.record import (
+    EnoughRecord,
+    ExpectedStep,
+    KnownParameter,
+    LackingEntry,
+    StateEntry,
+)
 from studies.systematic import counts, lacks, moves_on, undecided
 
 _WEAKEST = 5
@@ -104,13 +110,13 @@ def _met(record: EnoughRecord, needed: int) -> tuple[Mood, str]:
     return "good", f"is reached: the error is below {most}, 19 times in 20. You may stop"
 
 
-def _may_be_chance(lacking: Lacking) -> bool:
+def _may_be_chance(lacking: LackingEntry) -> bool:
     """Whether most of what no pose lowers is an error at held-out poses that may be chance."""
     largest = max(lacking.scatter_mm, lacking.unexplained_mm, lacking.trend_mm)
     return largest == lacking.unexplained_mm > 0.0 and not lacking.unexplained_surely
 
 
-def _beyond_reach(lacking: Lacking) -> str:
+def _beyond_reach(lacking: LackingEntry) -> str:
     """Why no number of poses meets a goal, and what to do: the largest of what no pose lowers."""
     largest = max(lacking.scatter_mm, lacking.unexplained_mm, lacking.trend_mm)
     if largest == lacking.unexplained_mm:
@@ -122,7 +128,7 @@ def _beyond_reach(lacking: Lacking) -> str:
     return undecided(largest)
 
 
-def _by_chance(lacking: Lacking) -> str:
+def _by_chance(lacking: LackingEntry) -> str:
     return (
         f"{lacking.unexplained_from} are off by {mm(lacking.unexplained_mm)} more than expected, "
         "perhaps by chance. Measure more poses and hold them out"
@@ -164,7 +170,7 @@ def _facts(record: EnoughRecord) -> Iterator[Sentence]:
         yield from _pays(record)
 
 
-def _expected(state: State) -> str:
+def _expected(state: StateEntry) -> str:
     lost = len(state.unidentifiable)
     left = f", {plural(lost, 'parameter')} not identifiable" if lost else ""
     rms, worst = mm(state.task_rms_mm), mm(state.task_worst_mm)
@@ -217,7 +223,7 @@ def _pays(record: EnoughRecord) -> Iterator[Sentence]:
 class _Coming:
     """A pose to come; gain : share by which it lowers the error; meets : it meets the goal."""
 
-    step: Step
+    step: ExpectedStep
     gain: float | None
     meets: bool
 
@@ -241,8 +247,8 @@ def _coming(record: EnoughRecord) -> list[_Coming]:
 class _Known:
     """A parameter now and at the end of the plan."""
 
-    now: Parameter
-    end: Parameter
+    now: KnownParameter
+    end: KnownParameter
 
 
 _WORST: tuple[Column[_Known], ...] = (

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, Self, TypeAlias
 import numpy as np
 from pydantic import Field, model_validator
 
-from studies.causes import Cause
+from studies.causes import CauseEntry
 from studies.record import (
     Count,
     Entry,
@@ -38,7 +38,7 @@ class Distances(Entry):
     heldout: NotNegative | None = None
 
 
-class Named(Cause):
+class Named(CauseEntry):
     """A cause that was found, and what the data cannot tell from it, itself first."""
 
     alike: tuple[str, ...]
@@ -71,7 +71,7 @@ class Session(Entry):
         return self
 
 
-class Shared(Cause):
+class Shared(CauseEntry):
     """A cause among the robots of a type.
 
     robots : in which it is named; possible : in which it is named or cannot be told from what is

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Literal, Self, TypeAlias
 
 import numpy as np
@@ -14,8 +13,6 @@ from studies.record import Count, Entry, Envelope, Maybe, NotNegative, Number, P
 if TYPE_CHECKING:
     from calib import Cell
     from doe import Onward
-    from doe.ahead.forecast import Step
-    from doe.ahead.next_poses import Prediction
     from doe.ahead.onward import Aim
 
 _MM = 1e3
@@ -24,14 +21,14 @@ Stop: TypeAlias = Literal[
 ]
 
 
-class Proposed(JointValues):
+class ProposedPose(JointValues):
     """A pose to be read next; serves : what it is for."""
 
     pose: str
     serves: Literal["task", "causes", "both"]
 
 
-class Expected(Entry):
+class ExpectedAccuracy(Entry):
     """The error at the targets; most : what it exceeds once in twenty."""
 
     readings: Count
@@ -40,7 +37,7 @@ class Expected(Entry):
     open: tuple[str, ...]
 
 
-class Pair(Entry):
+class RivalPair(Entry):
     """Two rivals, and how likely the true one is preferred: now, and with the poses read."""
 
     rivals: tuple[str, str]
@@ -48,7 +45,7 @@ class Pair(Entry):
     after: Number
 
 
-class Shares(Entry):
+class NextShares(Entry):
     """What poses for both do, as shares of what as many for one alone would."""
 
     causes: Number
@@ -74,14 +71,14 @@ class NextRecord(Record):
         Literal["goal", "beyond_reach", "averages", "settled", "nothing_found", "no_pose_helps"],
         ...,
     ]
-    poses: tuple[Proposed, ...]
-    now: Expected | None
-    after: Expected | None
+    poses: tuple[ProposedPose, ...]
+    now: ExpectedAccuracy | None
+    after: ExpectedAccuracy | None
     lacking_mm: Maybe
     verdict: Literal["no_gap", "explained", "ambiguous", "unknown"] | None
-    doubts: tuple[Pair, ...]
-    forms: tuple[Pair, ...] = ()
-    shares: Shares | None = None
+    doubts: tuple[RivalPair, ...]
+    forms: tuple[RivalPair, ...] = ()
+    shares: NextShares | None = None
     missed: Count = 0
 
     @model_validator(mode="after")
@@ -101,41 +98,25 @@ def next_record(
 ) -> NextRecord:
     """The record of a proposal; goal : m; missed : poses that could not be read."""
     poses, answer, doubts = found.poses, found.enough, found.doubts
-    return NextRecord(
+    shares = None if doubts is None else doubts.shares
+    return NextRecord.from_result(
+        found,
         **made_from,
+        warnings=(),
         aim=aim,
         goal_mm=None if goal is None else goal * _MM,
-        done=found.done,
-        stops=found.stops,
-        poses=tuple(
-            Proposed(pose=name, serves=found.serves, joints_deg=at.deg, joints_mm=at.mm)
-            for name, at in zip(
-                poses.names, (shown_joints(cell.robot, q) for q in poses.q), strict=True
-            )
-        ),
-        now=None if answer is None else _expected(answer.steps[0]),
-        after=None if answer is None or not answer.fresh else _expected(answer.fresh[-1]),
+        poses=[
+            ProposedPose(pose=name, serves=found.serves, **shown_joints(cell.robot, q))
+            for name, q in zip(poses.names, poses.q, strict=True)
+        ],
+        now=None if answer is None else answer.steps[0],
+        after=None if answer is None or not answer.fresh else answer.fresh[-1],
         lacking_mm=None if answer is None else answer.lacking.rms * _MM,
         verdict=None if found.diagnosis is None else found.diagnosis.verdict,
-        doubts=() if doubts is None else _pairs(doubts.predictions),
-        forms=() if doubts is None else _pairs(doubts.forms),
-        shares=None
-        if doubts is None or doubts.shares is None
-        else Shares(causes=doubts.shares[0], task=doubts.shares[1]),
+        doubts=() if doubts is None else doubts.predictions,
+        forms=() if doubts is None else doubts.forms,
+        shares=None if shares is None else NextShares(causes=shares[0], task=shares[1]),
         missed=missed,
-    )
-
-
-def _pairs(found: Iterable[Prediction]) -> tuple[Pair, ...]:
-    return tuple(Pair(rivals=p.rivals, now=p.now, after=p.after) for p in found)
-
-
-def _expected(step: Step) -> Expected:
-    return Expected(
-        readings=step.readings,
-        task_rms_mm=step.task_rms * _MM,
-        task_most_mm=step.task_most * _MM,
-        open=step.open,
     )
 
 

@@ -19,7 +19,7 @@ from studies.document import (
     plural,
 )
 from studies.joints import joint_columns
-from studies.next.record import NextRecord, Pair, Proposed
+from studies.next.record import NextRecord, ProposedPose, RivalPair
 
 _DIAGNOSED = {
     "no_gap": "The diagnosis finds no unmodelled error so far.",
@@ -83,14 +83,14 @@ def _parts(record: NextRecord) -> Iterator[Part]:
 
 
 _SERVES_BOTH = {"both": ("causes", "task")}
-_POSE: Column[Proposed] = Column("next pose", lambda row: row.pose)
-_SERVES: Column[Proposed] = Column("for", lambda row: row.serves)
-_DOUBTS: tuple[Column[Pair], ...] = (
+_POSE: Column[ProposedPose] = Column("next pose", lambda row: row.pose)
+_SERVES: Column[ProposedPose] = Column("for", lambda row: row.serves)
+_DOUBTS: tuple[Column[RivalPair], ...] = (
     Column("causes to tell apart", lambda row: " or ".join(row.rivals)),
     Column("right choice now", lambda row: row.now, PROBABILITY),
     Column("with these poses", lambda row: row.after, PROBABILITY),
 )
-_FORMS: tuple[Column[Pair], ...] = (
+_FORMS: tuple[Column[RivalPair], ...] = (
     Column("cause found", lambda row: row.rivals[0]),
     Column("form checked now", lambda row: row.now, PROBABILITY),
     Column("with these poses", lambda row: row.after, PROBABILITY),

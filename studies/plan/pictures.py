@@ -32,7 +32,7 @@ from studies.plots.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from studies.plan.record import PlanRecord, Seen
+    from studies.plan.record import PlanRecord, SeenCause
 
 _MOST = 32  # causes on the map; the others are easier to tell and stand in the table
 _HARDEST = 30.0  # times the smallest size at which the colours end
@@ -144,7 +144,7 @@ def _map_caption(record: PlanRecord, members: int, shown: int) -> str:
         caption += f" The {shown} hardest of {members} are drawn; the table has all."
     if record.twins:
         groups = "; ".join(" and ".join(m.key for m in twins.members) for twins in record.twins)
-        caption += f" Twins: {groups}."
+        caption += f" EquivalentCauses: {groups}."
     return caption
 
 
@@ -160,7 +160,7 @@ def _label(key: str) -> str:
 @styled
 def power(record: PlanRecord) -> Picture:
     """Probability that a cause is found against its size, one panel a kind of cause."""
-    panels: dict[tuple[str, str], list[Seen]] = {}
+    panels: dict[tuple[str, str], list[SeenCause]] = {}
     for cause in record.seen:
         panels.setdefault((cause.effect, cause.unit), []).append(cause)
     look = _looks(record)
@@ -199,7 +199,9 @@ def _looks(record: PlanRecord) -> dict[str, Look]:
     return look
 
 
-def _power_panel(panel: Axes, own: Sequence[Seen], look: dict[str, Look], power: float) -> None:
+def _power_panel(
+    panel: Axes, own: Sequence[SeenCause], look: dict[str, Look], power: float
+) -> None:
     """All causes of one kind whose sizes have one unit."""
     from scipy.special import chndtr
 
@@ -233,14 +235,14 @@ def _power_panel(panel: Axes, own: Sequence[Seen], look: dict[str, Look], power:
     panel.tick_params(labelsize=9)
 
 
-def _limit(cause: Seen, power: float) -> float:
+def _limit(cause: SeenCause, power: float) -> float:
     """The score beyond which a cause is believed: its smallest size is found with this power."""
     from scipy.special import chndtrix
 
     return float(chndtrix(1.0 - power, cause.directions, cause.noncentrality))
 
 
-def _power_row(cause: Seen, power: float) -> tuple[Cell, ...]:
+def _power_row(cause: SeenCause, power: float) -> tuple[Cell, ...]:
     from scipy.special import chndtrinc
 
     limit, needed = _limit(cause, power), cause.noncentrality or 1.0

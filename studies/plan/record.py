@@ -8,8 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from studies.causes import Cause, NotAsked, Sought
-from studies.record import Count, Entry, Envelope, Maybe, Number, Positive, Record
+from studies.causes import CauseEntry, NotAskedEntry, Sought
+from studies.record import (
+    Count,
+    Entry,
+    Envelope,
+    Maybe,
+    Number,
+    Positive,
+    Record,
+    UnidentifiableEntry,
+)
 
 if TYPE_CHECKING:
     from doe.ahead.foresee import Detectability, PowerAnalysis
@@ -19,7 +28,7 @@ _TOLD = 1e6  # noncentrality from which on anything is told
 Probability = Annotated[float, Field(gt=0, lt=1)]
 
 
-class Size(Entry):
+class DetectableSize(Entry):
     """A parameter taken alone, with the part of its signal that is left beside the model."""
 
     name: str
@@ -28,7 +37,7 @@ class Size(Entry):
     left: Number
 
 
-class Seen(Sought):
+class SeenCause(Sought):
     """The smallest size of one parameter, the best seen, or the reason why none would be found.
 
     plausible : a usual size; rms_um : how far the smallest moves the markers
@@ -41,7 +50,7 @@ class Seen(Sought):
     noncentrality: Annotated[float, Field(gt=0, lt=_TOLD)] | None
     directions: Count
     reason: str | None
-    parameters: tuple[Size, ...] = Field(min_length=1)
+    parameters: tuple[DetectableSize, ...] = Field(min_length=1)
 
     @model_validator(mode="after")
     def _seen_or_not(self) -> Self:
@@ -61,14 +70,14 @@ class Seen(Sought):
         return self.size > self.plausible
 
 
-class LookAlike(Cause):
+class LookAlike(CauseEntry):
     """A cause and what it is taken for at its smallest size.
 
     rho : correlation over plausible parameters, and in the worst direction
     told_apart_from : the size from which on that is sure, and as a multiple; None where none would do
     """
 
-    like: Cause
+    like: CauseEntry
     rho: Number
     rho_worst: Maybe
     probability_at_minimum: Number
@@ -78,18 +87,11 @@ class LookAlike(Cause):
     unit: str
 
 
-class Twins(Entry):
+class EquivalentCauses(Entry):
     """Causes that stand for each other at these poses at any size, and what would split them."""
 
-    members: tuple[Cause, ...]
+    members: tuple[CauseEntry, ...]
     split_by: tuple[str, ...]
-
-
-class Unidentifiable(Entry):
-    """Parameters of the model that the plan leaves open."""
-
-    names: tuple[str, ...]
-    reason: str
 
 
 class PlanRecord(Record):
@@ -111,11 +113,11 @@ class PlanRecord(Record):
     sure: Probability
     approach_derived: bool
     elastic_assumed: bool
-    unidentifiable: tuple[Unidentifiable, ...]
-    could_not_see: tuple[Seen, ...]
+    unidentifiable: tuple[UnidentifiableEntry, ...]
+    could_not_see: tuple[SeenCause, ...]
     look_alikes: tuple[LookAlike, ...]
-    twins: tuple[Twins, ...]
-    not_asked: tuple[NotAsked, ...]
+    twins: tuple[EquivalentCauses, ...]
+    not_asked: tuple[NotAskedEntry, ...]
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -134,7 +136,7 @@ class PlanRecord(Record):
         return "plan"
 
     @property
-    def seen(self) -> tuple[Seen, ...]:
+    def seen(self) -> tuple[SeenCause, ...]:
         """Causes that are found where they are large enough."""
         return tuple(cause for cause in self.could_not_see if not cause.reason)
 
@@ -150,45 +152,47 @@ def plan_record(found: PowerAnalysis, made_from: Envelope) -> PlanRecord:
     view = found.view
     poses, causes = view.data.poses, {cause.key: cause for cause in (*found.seen, *found.hidden)}
     through = any(isinstance(cause.candidate.effect, LoadEffect) for cause in found.seen)
-    return PlanRecord(
+    return PlanRecord.from_result(
+        found,
         **made_from,
-        joints=tuple(view.model.robot.joints),
+        warnings=(),
+        joints=view.model.robot.joints,
         readings=len(view.data),
         points=int(view.data.seen.sum()),
         hidden_markers=int((~view.data.seen).sum()),
-        before_the_first_move=tuple(
+        before_the_first_move=[
             name for name, waits in zip(poses.names, view.waiting, strict=True) if waits
-        ),
+        ],
         asked=view.asked,
         alpha=ALPHA,
         power=POWER,
         sure=SURE,
         approach_derived=bool(poses.approach_derived),
         elastic_assumed=view.assumed and through,
-        unidentifiable=tuple(Unidentifiable(names=u.names, reason=u.reason) for u in view.lost),
-        could_not_see=tuple(_seen(causes[suspect.key]) for suspect in view.suspects),
-        look_alikes=tuple(_look_alikes(found)),
-        twins=tuple(
-            Twins(
+        unidentifiable=view.lost,
+        could_not_see=[_seen(causes[suspect.key]) for suspect in view.suspects],
+        look_alikes=_look_alikes(found),
+        twins=[
+            EquivalentCauses(
                 members=tuple(_cause(found.seen[i]) for i in group),
                 split_by=tuple(way.says for way in ways),
             )
             for group, ways in zip(found.confounded, remedies_of(found), strict=True)
-        ),
-        not_asked=tuple(NotAsked(effect=n.effect, reason=n.reason) for n in view.missing),
+        ],
+        not_asked=view.missing,
     )
 
 
-def _cause(cause: Detectability) -> Cause:
-    return Cause(effect=cause.candidate.effect.kind, where=cause.candidate.where)
+def _cause(cause: Detectability) -> CauseEntry:
+    return CauseEntry(effect=cause.candidate.effect.kind, where=cause.candidate.where)
 
 
-def _seen(cause: Detectability) -> Seen:
+def _seen(cause: Detectability) -> SeenCause:
     lead, parameters = cause.lead, cause.parameters
     main = parameters[lead]
-    sizes = zip(parameters, cause.smallest.tolist(), cause.share.tolist(), strict=True)
-    return Seen(
-        **_cause(cause).model_dump(),
+    sizes = zip(parameters, cause.smallest, cause.share, strict=True)
+    return SeenCause(
+        **dict(_cause(cause)),
         parameter=main.name,
         minimum_detectable=cause.smallest[lead] / main.scale,
         unit=main.unit,
@@ -198,7 +202,7 @@ def _seen(cause: Detectability) -> Seen:
         directions=cause.directions,
         reason=cause.reason or None,
         parameters=tuple(
-            Size(name=p.name, minimum_detectable=size / p.scale, unit=p.unit, left=share)
+            DetectableSize.from_result(p, minimum_detectable=size / p.scale, left=share)
             for p, size, share in sizes
         ),
     )
@@ -212,14 +216,14 @@ def _look_alikes(found: PowerAnalysis) -> Iterator[LookAlike]:
     chance = found.alike.preferred(needed, found.view.field.rows)
     for i, j in found.pairs:
         cause, times = found.seen[i], float(found.times[i, j])
-        main, told = cause.parameters[cause.lead], times < float("inf")
+        main = cause.parameters[cause.lead]
         yield LookAlike(
-            **_cause(cause).model_dump(),
+            **dict(_cause(cause)),
             like=_cause(found.seen[j]),
             rho=float(rho[i, j]),
             rho_worst=float(worst[i, j]),
             probability_at_minimum=float(chance[i, j]),
-            told_apart_times=times if told else None,
+            told_apart_times=times if times < float("inf") else None,
             told_apart_from=times * float(cause.smallest[cause.lead]) / main.scale,
             parameter=main.name,
             unit=main.unit,

@@ -26,14 +26,14 @@ from studies.document import (
     plural,
 )
 from studies.plan.pictures import look_alikes, power
-from studies.plan.record import LookAlike, PlanRecord, Seen, Twins
+from studies.plan.record import EquivalentCauses, LookAlike, PlanRecord, SeenCause
 
 _MOST_PAIRS = 12
 _INVISIBLE = 1e3  # times what is usual: rounding shows it, not these poses
 _LONG = 8  # letters of a joint's name that a column takes
 
 
-def _shown(cause: Seen) -> str:
+def _shown(cause: SeenCause) -> str:
     size = STD(cause.size)
     never = cause.size is not None and cause.plausible and cause.size > _INVISIBLE * cause.plausible
     return "hidden" if cause.reason or never else f"({size})" if cause.unusual else size
@@ -113,7 +113,7 @@ class _Effect:
 
     effect: str
     of: str
-    own: dict[str, Seen]
+    own: dict[str, SeenCause]
 
 
 def _by_effect(record: PlanRecord) -> Iterator[_Effect]:
@@ -131,7 +131,7 @@ def _by_effect(record: PlanRecord) -> Iterator[_Effect]:
 def _by_joint(joints: Sequence[str]) -> tuple[Column[_Effect], ...]:
     """Names of joints stand in narrow columns, the long ones broken at underscores."""
 
-    def at(joint: str) -> Callable[[_Effect], Seen | None]:
+    def at(joint: str) -> Callable[[_Effect], SeenCause | None]:
         return lambda row: row.own.get(joint)
 
     heads = ((joint, joint.replace("_", "\n") if len(joint) > _LONG else joint) for joint in joints)
@@ -142,7 +142,7 @@ def _by_joint(joints: Sequence[str]) -> tuple[Column[_Effect], ...]:
     )
 
 
-_CAUSES: tuple[Column[Seen], ...] = (
+_CAUSES: tuple[Column[SeenCause], ...] = (
     Column("cause", lambda row: row.key),
     Column("of", lambda row: row.parameter),
     Column("limit", lambda row: row, _SIZE),
@@ -151,7 +151,7 @@ _CAUSES: tuple[Column[Seen], ...] = (
 )
 
 
-def _hidden(causes: Sequence[Seen]) -> Iterator[str]:
+def _hidden(causes: Sequence[SeenCause]) -> Iterator[str]:
     """Hidden causes, by reason."""
     of = Counter(cause.effect for cause in causes)
     hidden = ((cause, cause.reason) for cause in causes if cause.reason)
@@ -162,7 +162,7 @@ def _hidden(causes: Sequence[Seen]) -> Iterator[str]:
 # -- what looks alike --------------------------------------------------------------------------
 
 
-def _twins(group: Twins) -> str:
+def _twins(group: EquivalentCauses) -> str:
     names = " = ".join(member.key for member in group.members)
     if group.split_by:
         return f"{names}: equivalent at these poses. Told apart by {' or by '.join(group.split_by)}"
@@ -180,7 +180,7 @@ _ALIKE: tuple[Column[LookAlike], ...] = (
 
 
 def _alike(record: PlanRecord) -> Iterator[Part]:
-    """Twins, and each other two causes once, the harder way round, which comes first."""
+    """EquivalentCauses, and each other two causes once, the harder way round, which comes first."""
     yield from labelled("equivalent", map(_twins, record.twins))
     if record.look_alikes:
         yield Detail((Figure(lambda: look_alikes(record)),), "Map of similar causes")

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from studies.fleet.types import Learnt
 
 
-class Common(Entry):
+class ParameterOfPrior(Entry):
     """A parameter of a type, in its unit.
 
     spread : standard deviation between robots; std : of one robot more, the mean's doubt in it
@@ -39,7 +39,7 @@ class Common(Entry):
         return f"{self.effect}:{self.where}.{self.name}"
 
 
-class Aside(Entry):
+class RobotAside(Entry):
     """A robot that is not of the type; p : of one so far off."""
 
     robot: str
@@ -56,10 +56,10 @@ class TypePrior(Entry):
     type: str
     nominal_sha256: tuple[str, ...]
     robots: Count
-    aside: tuple[Aside, ...]
+    aside: tuple[RobotAside, ...]
     unlike: tuple[str, ...]
     leaning: tuple[str, ...]
-    parameters: tuple[Common, ...] = Field(min_length=1)
+    parameters: tuple[ParameterOfPrior, ...] = Field(min_length=1)
     covariance_si: tuple[tuple[Number, ...], ...] = Field(alias="covariance_SI")
 
     @model_validator(mode="after")
@@ -85,29 +85,23 @@ def prior_record(types: Sequence[Learnt], folder: str, made_from: Envelope) -> P
 
 
 def _type(own: Learnt) -> TypePrior:
-    prior = own.found.prior
-    rows = zip(own.parameters, prior.mean.tolist(), own.found.spread.tolist(), prior.std.tolist(),
-               strict=True)  # fmt: skip
-    return TypePrior(
-        type=prior.type,
+    prior, found = own.found.prior, own.found
+    rows = zip(own.parameters, prior.mean, found.spread, prior.std, strict=True)
+    return TypePrior.from_result(
+        own,
+        prior,
         nominal_sha256=own.nominal,
-        robots=prior.robots,
-        aside=tuple(Aside(robot=one.name, p=one.p_value) for one in own.found.aside),
-        unlike=own.unlike,
-        leaning=own.leaning,
-        parameters=tuple(
-            Common(
-                effect=p.effect,
-                where=p.where,
-                name=p.name,
+        aside=[RobotAside(robot=one.name, p=one.p_value) for one in found.aside],
+        parameters=[
+            ParameterOfPrior.from_result(
+                p,
                 mean=mean / p.scale,
                 spread=spread / p.scale,
                 std=std / p.scale,
                 shrunk=std / p.size,
-                unit=p.unit,
-                mean_SI=mean,
+                mean_si=mean,
             )
             for p, mean, spread, std in rows
-        ),
-        covariance_SI=tuple(map(tuple, prior.covariance.tolist())),
+        ],
+        covariance_si=prior.covariance,
     )

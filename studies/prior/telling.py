@@ -20,7 +20,7 @@ from studies.document import (
     listed,
     plural,
 )
-from studies.prior.record import Aside, Common, PriorRecord
+from studies.prior.record import ParameterOfPrior, PriorRecord, RobotAside
 
 _MOST = 20  # lines of a table that a terminal shows
 _FEW = 10  # robots below which plausible sizes still count
@@ -62,7 +62,7 @@ def _parts(record: PriorRecord) -> Iterator[Part]:
         yield Table(_ASIDE, own.aside, f"Not of the type {own.type}", most=_MOST)
 
 
-_COMMON: tuple[Column[Common], ...] = (
+_COMMON: tuple[Column[ParameterOfPrior], ...] = (
     Column("parameter", attrgetter("id")),
     Column("mean", attrgetter("mean"), FOUR),
     Column("between robots", attrgetter("spread"), FOUR),
@@ -70,7 +70,7 @@ _COMMON: tuple[Column[Common], ...] = (
     Column("unit", attrgetter("unit")),
     Column("of the plausible size", attrgetter("shrunk"), HUNDREDTH),
 )
-_ASIDE: tuple[Column[Aside], ...] = (
+_ASIDE: tuple[Column[RobotAside], ...] = (
     Column("robot not of the type", attrgetter("robot")),
     Column("p", attrgetter("p"), P),
 )

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from statistics import fmean, median
+from statistics import median
 from typing import Any, Literal
 
 from studies.changes.record import ChangesRecord
@@ -47,20 +46,9 @@ def fall(record: Record) -> Fall | None:
 
 def _identified(record: IdentifyRecord) -> Fall:
     """Of lengths; where no reading is one, of the instrument that is predicted worst."""
-    rows = [row for row in record.residuals if row.heldout == record.held_out]
-    unit = "mm"
-    if any(row.metric for row in rows):
-        rows = [row for row in rows if row.metric]
-    else:
-        worst = max(record.instruments, key=lambda own: own.heldout or own.fitted_all or 0.0)
-        rows, unit = [row for row in rows if row.instrument == worst.instrument], worst.unit
-    where = "held-out poses" if record.held_out else "the fitted poses"
-    before, after = _rms(row.before for row in rows), _rms(row.vector for row in rows)
+    before, after, unit, heldout = record.error
+    where = "held-out poses" if heldout else "the fitted poses"
     return Fall(f"RMS error at {where}", before, after, unit, *_accepted(record.acceptance))
-
-
-def _rms(vectors: Iterable[Iterable[float]]) -> float:
-    return math.sqrt(fmean(sum(x * x for x in vector) for vector in vectors))
 
 
 def _accepted(entry: AcceptanceEntry | None) -> tuple[Outcome | None, str]:
@@ -74,13 +62,10 @@ def _accepted(entry: AcceptanceEntry | None) -> tuple[Outcome | None, str]:
 
 
 def _diagnosed(record: DiagnoseRecord) -> Fall:
-    gap = record.gap
-    if gap.heldout_before_mm is not None and gap.heldout_after_mm is not None:
-        errors, where = (gap.heldout_before_mm, gap.heldout_after_mm), "held-out poses"
-    else:
-        errors, where = (gap.fit_before_mm, gap.fit_after_mm), "the fitted poses"
-    return Fall(f"RMS error at {where}, with the model as given and with the causes found", *errors,
-                gap.unit)  # fmt: skip
+    before, after, unit, heldout = record.error
+    where = "held-out poses" if heldout else "the fitted poses"
+    of = f"RMS error at {where}, with the model as given and with the causes found"
+    return Fall(of, before, after, unit)
 
 
 def _compensated(record: CompensateRecord) -> Fall:

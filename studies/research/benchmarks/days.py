@@ -46,7 +46,7 @@ from calib.threads import one_blas_thread
 from doe.ahead.enough import Enough, enough
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
-from studies.diagnose.record import findings
+from studies.diagnose.make import findings
 from studies.research.benchmarks.day import ARMS, Day, Setting, draw_day, write_day
 from studies.research.withheld.figures import wilson
 from studies.tables import plain_table

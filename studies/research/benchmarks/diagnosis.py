@@ -26,7 +26,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.files.write import json_text, write_files
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
-from studies.diagnose import record
+from studies.diagnose import make
 from studies.tables import plain_table
 
 HELD_OUT = 0.3
@@ -44,7 +44,7 @@ def one_split(folder: Path, seed: int) -> dict[str, Any]:
     data = calib.load_measurements(cell, folder / "measurements.csv")
     kept, held = data.split(HELD_OUT, np.random.default_rng(seed))
     begun = time.process_time()
-    found = record.findings(diagnose(cell, kept, heldout=held)).model_dump(by_alias=True)
+    found = make.findings(diagnose(cell, kept, heldout=held)).model_dump(by_alias=True)
     return {**found, "seconds": time.process_time() - begun, "poses": len(kept), "seed": seed}
 
 

@@ -32,7 +32,7 @@ from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
-from studies.diagnose.record import findings
+from studies.diagnose.make import findings
 from studies.research.benchmarks.day import Setting, draw_day, write_day
 from studies.tables import plain_table
 

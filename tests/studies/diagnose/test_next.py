@@ -11,7 +11,7 @@ import doe
 from calib import Cell
 from calib.diagnosis import Diagnosis
 from doe.ahead.likeness import SURE
-from studies.diagnose.record import diagnose_record
+from studies.diagnose.make import diagnose_record
 from studies.record import envelope
 from tests.doe.ahead.test_next_poses import alike
 

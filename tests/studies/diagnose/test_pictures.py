@@ -10,8 +10,9 @@ import pytest
 
 from calib.diagnosis import Diagnosis
 from studies.diagnose.error_curve import error_curve
-from studies.diagnose.record import diagnose_record
-from studies.diagnose.shown import Curve, Panel, Steps, shown
+from studies.diagnose.make import diagnose_record
+from studies.diagnose.record import CurvePanel, ErrorCurveEntry, Steps
+from studies.diagnose.shown import shown
 from studies.diagnose.waterfall import waterfall
 from studies.document import pictures_of
 from studies.kinds import tell
@@ -94,7 +95,7 @@ def test_panels_for_each_direction() -> None:
     grid, variable = np.linspace(0.0, 1.0, 71), rng.uniform(0.0, 1.0, 40)
     single = [float(np.sin(v)) if v > 0.1 else None for v in variable]
     panels = tuple(
-        Panel(
+        CurvePanel(
             label=f"base {axis} [um]",
             value=tuple(np.sin(grid).tolist()),
             std=(0.1,) * 71,
@@ -106,7 +107,7 @@ def test_panels_for_each_direction() -> None:
         )
         for axis, line in zip("xyz", (True, False, True), strict=True)
     )
-    curve = Curve(
+    curve = ErrorCurveEntry(
         name="error",
         title="Error",
         caption="A caption.",

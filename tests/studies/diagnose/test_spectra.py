@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from studies.diagnose.record import aliases_of, spectrum_entry
+from studies.diagnose.make import aliases_of, spectrum_entry
 from tests.calib.diagnosis.test_spectra import mirrored, on_grid, spectra_at, with_ripple
 from tests.calib.identification.test_identify_tunings import arm, read, session
 

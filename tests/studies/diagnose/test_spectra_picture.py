@@ -7,19 +7,19 @@ import re
 import numpy as np
 import pytest
 
-from studies.diagnose.record import Line, Spectrum
+from studies.diagnose.record import SpectrumEntry, SpectrumLine
 from studies.diagnose.spectra import families, spectra
 from studies.plots.style import svg_text
 
 
-def panel(joint: str, *cycles: float, repeats: float | None = None) -> Spectrum:
+def panel(joint: str, *cycles: float, repeats: float | None = None) -> SpectrumEntry:
     grid = np.arange(0.25, 450.0, 0.3)
     fall = np.random.default_rng(0).chisquare(2, grid.size)
     lines = []
     for height, c in zip((150.0, 80.0, 40.0), cycles, strict=False):
         fall[np.argmin(np.abs(grid - c))] = height
         lines.append(
-            Line(
+            SpectrumLine(
                 cycles=c,
                 std=0.1,
                 amplitude_urad=50.0,
@@ -29,7 +29,7 @@ def panel(joint: str, *cycles: float, repeats: float | None = None) -> Spectrum:
                 aliases=() if repeats is None else (8.0, 28.0),
             )
         )
-    return Spectrum(
+    return SpectrumEntry(
         joint=joint,
         cycles_1_turn=tuple(grid.tolist()),
         fall=tuple(fall.tolist()),

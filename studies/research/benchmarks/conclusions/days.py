@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import calib
-from studies.diagnose.record import findings
+from studies.diagnose.make import findings
 from studies.research.benchmarks.conclusions.sizing import NoSuchDay
 from studies.research.benchmarks.conclusions.true_causes import TrueCause
 from studies.research.withheld.case_files import write_case

@@ -16,7 +16,6 @@ from typing import (
     ClassVar,
     Literal,
     NamedTuple,
-    NotRequired,
     Self,
     TypedDict,
     get_args,
@@ -243,7 +242,7 @@ class Envelope(TypedDict):
     seed: int
     inputs: tuple[InputFile, ...]
     cell: str
-    about: NotRequired[dict[str, str]]
+    about: dict[str, str]
 
 
 def envelope(

@@ -153,5 +153,5 @@ def measured_cell(folder: Path) -> Path:
     return folder
 
 
-MADE_FROM = Envelope(version="0", seed=0, inputs=(), cell="")
+MADE_FROM = Envelope(version="0", seed=0, inputs=(), cell="", about={})
 """Of a record that no command made."""

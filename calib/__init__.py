@@ -22,7 +22,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from calib.api import observation, parameters, predict, readings
+    from calib.api import observation, parameters, predict, readings, simulate
     from calib.cell import Cell
     from calib.cell.planned import AskedLevels
     from calib.compensation.commands import Compensation, compensate
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from calib.identification.identify import identify
     from calib.poses import Measurements, Poses
     from calib.poses.moves import in_one_session
-    from calib.simulation import simulate
 
 __all__ = [
     "AskedLevels",
@@ -82,7 +81,7 @@ _HOMES = {  # imported when first asked for: a part of the package does not wait
     "parameters": "calib.api",
     "predict": "calib.api",
     "readings": "calib.api",
-    "simulate": "calib.simulation",
+    "simulate": "calib.api",
 }
 
 

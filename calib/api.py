@@ -1,4 +1,4 @@
-"""The questions that need no result object: parameters, observation matrices, predictions."""
+"""What needs no result object: parameters, observation matrices, predicted and drawn readings."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from calib.model import Model
 from calib.model.build import build
 from calib.observations import Approach, orientable, pose_from_points
 from calib.poses import Measurements, Poses, hung, poses_at
+from calib.poses.moves import with_moves
+from calib.simulation import drawn_readings
 
 Plan: TypeAlias = Poses | Measurements | str | Path | Array
 """Poses, measurements, a plan's file, or joint values (m, n) in rad and m."""
@@ -87,6 +89,35 @@ def predict(cell: Cell, measurements: Plan, values: Sequence[float] | Mapping[st
     if not np.isfinite(points).all():
         raise NoEquilibrium
     return points
+
+
+def simulate(
+    cell: Cell,
+    plan: Plan,
+    values: Sequence[float] | Mapping[str, float] | None = None,
+    *,
+    rng: np.random.Generator | int = 0,
+) -> Measurements:
+    """Measurements of a robot that is known, with the noise of the cell's instruments and arm.
+
+    plan : read in its order, of a cell with a [load] every pose free and loaded; measurements, as they
+        were read
+    values : the truth, as for :func:`predict`; the nominal robot by default
+    rng : a generator, or the seed of one
+
+    Raises CalibError where an elastic arm finds no equilibrium.
+    """
+    if isinstance(plan, Measurements):
+        poses = plan.poses
+    else:
+        poses = with_moves(in_turn(cell, poses_of(cell, plan)))
+    model = build(cell, poses).model
+    generator = np.random.default_rng(rng)
+    truth = as_vector(model, values)
+    data = drawn_readings(model, truth, poses, None, generator, arm=cell.repeatability)
+    if not np.isfinite(data.points).all():
+        raise NoEquilibrium
+    return data
 
 
 def readings(cell: Cell, plan: Poses) -> Poses:

@@ -16,7 +16,7 @@ from calib.poses import Measurements, Poses
 from calib.poses.visits import visits
 
 
-def simulate(
+def drawn_readings(
     model: Model,
     values: Array,
     poses: Poses,

@@ -18,7 +18,7 @@ from calib.model import Model
 from calib.model.build import build, context_of, place_effect
 from calib.poses import Poses, poses_at
 from calib.poses.moves import with_moves
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 
 INPUTS = ("cell.toml", "kr270.urdf", "plan.csv")
 _CHECKS = 8  # poses that take no part in the fit
@@ -70,7 +70,7 @@ def simulated(cell: Cell, plan: Poses, seed: int) -> tuple[Measurements, Model, 
     poses = replace(poses, wrench=wrench, load_mass=np.zeros(len(poses)))
     model = build(cell, poses).model
     values = true_values(model, rng)
-    return simulate(model, values, poses, cell.noise, rng), model, values
+    return drawn_readings(model, values, poses, cell.noise, rng), model, values
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ def session(cell: Cell, plan: Poses, seed: int) -> Session:
     model, values = model.extended(values, [own])
     sizes = [given.get(p.name, 0.0) * p.scale for p in own.parameters]
     values[len(values) - len(sizes) :] = sizes
-    data = simulate(model, values, poses, cell.noise, rng)
+    data = drawn_readings(model, values, poses, cell.noise, rng)
     of_plan = np.arange(len(data)) < len(readings(cell, plan))
     return Session(data.take(of_plan), data.take(~of_plan), model, values, effect)
 

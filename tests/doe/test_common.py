@@ -19,7 +19,7 @@ from calib.cell.planned import Planned
 from calib.cell.targets import targets_of
 from calib.instruments.common_errors import CommonError
 from calib.poses import poses_at
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 from doe.assess import assess
 from studies.demo.embedded import embedded_cell
 from tests.helpers import with_effects
@@ -99,7 +99,7 @@ def test_what_is_enough_knows_them(plain: Cell, stated: Cell, plan: doe.Design) 
     model = plan.problem.model
     truth = np.zeros(len(model.parameters))
     poses = poses_at(q, names=[f"p{i}" for i in range(len(q))])
-    data = simulate(model, truth, poses, plain.noise, np.random.default_rng(0))
+    data = drawn_readings(model, truth, poses, plain.noise, np.random.default_rng(0))
     now = doe.enough(stated, data, fresh=1)
     step, further = now.steps[0], now.fresh[0]
     assert step.common == pytest.approx(plan.assessment.common, rel=0.01)

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from calib import load_cell, load_plan
 from calib.files.write_tables import measurements_csv
 from calib.model.build import build
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 from studies.cli import main
 
 _CELL = """\
@@ -103,7 +103,7 @@ def _data(folder: Path) -> str:
     cell, rng = load_cell(folder / "cell.toml"), np.random.default_rng(1)
     poses = load_plan(cell, folder / "plan.csv")
     model = build(replace(cell, effects=(*cell.effects, "transmission_scale:X1")), poses).model
-    data = simulate(
+    data = drawn_readings(
         model, rng.normal(size=len(model.parameters)) * model.sizes, poses, cell.noise, rng
     )
     data.seen[1, 1] = False

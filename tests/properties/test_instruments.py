@@ -13,6 +13,7 @@ from calib.effects.tuned import Tuned
 from calib.instruments import Instrument
 from calib.model import Model
 from calib.poses import Poses
+from calib.simulation import drawn_readings
 from tests.helpers import central_difference
 from tests.properties.every_instrument import scene
 
@@ -90,7 +91,7 @@ def test_the_bound_of_a_kind_is_reached(kind: str) -> None:
     values[-len(TRUE) :] = TRUE
     cell, rng, total = here.cell(kind, "base", f"joint_offset:{','.join(OFFSETS)}"), RNG(7), 0.0
     for _ in range(_TRIALS):
-        data = calib.simulate(true, values, here.poses, None, rng)
+        data = drawn_readings(true, values, here.poses, None, rng)
         found = calib.identify(cell, data)
         assert found.rank == len(values) == len(found.model.parameters)
         own = [p.id for p in found.model.parameters]

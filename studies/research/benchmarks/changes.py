@@ -49,7 +49,7 @@ from calib.model import Model
 from calib.model.build import build, context_of
 from calib.model.covariance import covariance
 from calib.poses import Poses, poses_at
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
 from studies.demo.embedded import embedded_cell
@@ -142,7 +142,7 @@ def full_day(
     """A day simulated in full and identified."""
     whole, values = model.extended(truth, () if effect is None else (effect,))
     values = values if size is None else np.concatenate([truth, size])
-    data = simulate(whole, values, poses, cell.noise, rng, arm=arm)
+    data = drawn_readings(whole, values, poses, cell.noise, rng, arm=arm)
     found = calib.identify(cell, data)
     return Day(known_of(found), estimate_of(found), data.poses)
 

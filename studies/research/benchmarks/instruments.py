@@ -23,6 +23,7 @@ import numpy as np
 import calib
 from calib.model.build import build
 from calib.poses import Measurements, poses_at
+from calib.simulation import drawn_readings
 from studies.command.deliver import console_for
 from studies.demo.embedded import embedded_text
 from studies.tables import plain_table
@@ -104,7 +105,7 @@ def images(count: int) -> str:
     placed = [k for k, p in enumerate(model.parameters) if p.effect in ("base", "tool")]
     truth = 0.3 * model.sizes * rng.normal(size=len(model.parameters))
     truth[placed] = model.initial[placed]
-    data: Measurements = calib.simulate(model, truth, poses, None, rng)
+    data: Measurements = drawn_readings(model, truth, poses, None, rng)
     begun = time.perf_counter()
     found = calib.identify(cell, data)
     seconds = time.perf_counter() - begun

@@ -38,7 +38,7 @@ from calib.model import Model
 from calib.model.build import build, context_of, place_effect
 from calib.model.covariance import accuracy, covariance
 from calib.poses import Poses, poses_at
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 from doe.ahead.next_poses import next_poses
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
@@ -134,7 +134,7 @@ def day(rng: np.random.Generator, kind: str) -> Day:
     seed = int(rng.integers(2**32))
     while len(q) < LENGTH:
         out = barred(q)
-        data = simulate(
+        data = drawn_readings(
             robot.model, robot.truth, named(q[~out]), robot.cell.noise, np.random.default_rng(seed)
         )
         found = doe.onward(
@@ -214,7 +214,9 @@ def _until_named(
     way: Callable[[Array, Diagnosis], Array],
 ) -> int | None:  # fmt: skip
     while True:
-        data = simulate(whole, values, named(q), robot.cell.noise, np.random.default_rng(len(q)))
+        data = drawn_readings(
+            whole, values, named(q), robot.cell.noise, np.random.default_rng(len(q))
+        )
         seen = diagnose(robot.cell, data)
         causes = [(c.named.candidate.effect.kind, c.named.candidate.where) for c in seen.causes]
         if seen.verdict == "explained" and causes == [cause]:

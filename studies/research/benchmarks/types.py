@@ -37,7 +37,7 @@ from calib.noise import Noise
 from calib.population import Prior, population
 from calib.population.hierarchy import Robot
 from calib.poses import Poses, poses_at
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
 from studies.research.benchmarks.changes import arms
@@ -169,7 +169,7 @@ def outcome(
     bounds = [predicted(of, prior, order.take(slice(n))) for n in POSES]
     errors, held, strange, knocked = list[float](), list[bool](), list[bool](), list[bool]()
     for n in POSES:
-        data = simulate(of.model, truth, order.take(slice(n)), of.cell.noise, rng)
+        data = drawn_readings(of.model, truth, order.take(slice(n)), of.cell.noise, rng)
         try:
             found = calib.identify(cell, data)
         except CalibError:
@@ -184,7 +184,7 @@ def outcome(
     hit[of.own[[keys[i][1] == "A3" and keys[i][2].startswith("r") for i in of.own]][0]] += _KNOCK
     for n in POSES[-2:]:
         found = calib.identify(
-            cell, simulate(of.model, hit, order.take(slice(n)), of.cell.noise, rng)
+            cell, drawn_readings(of.model, hit, order.take(slice(n)), of.cell.noise, rng)
         )
         knocked.append(found.of_type is not None and not found.of_type.of_the_type)
     first = partial(_first_below, goal=goal)

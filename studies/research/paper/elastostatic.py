@@ -26,7 +26,7 @@ from calib.model import Model
 from calib.model.build import build
 from calib.observations import Points
 from calib.poses import hung
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 from studies.command.deliver import console_for
 from studies.demo.embedded import embedded_cell, embedded_plan
 from studies.research.paper.plan import EFFECTS
@@ -91,7 +91,7 @@ def measured(cell: Cell, seed: int = 0) -> tuple[Measurements, Model, Array]:
     model = build(cell, poses).model
     truth = truth_of(model)
     rng = np.random.default_rng(seed)
-    return simulate(model, truth, poses, cell.noise, rng), model, truth
+    return drawn_readings(model, truth, poses, cell.noise, rng), model, truth
 
 
 def identified(data: Measurements, cell: Cell) -> dict[str, calib.Identification]:

@@ -21,7 +21,7 @@ from calib.compensation.unexplained import Unexplained
 from calib.model.build import build
 from calib.model.covariance import errors_at, ignorance
 from calib.poses import poses_at
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 from studies.demo.embedded import embedded_plan, simulated
 from tests.helpers import cell_of, random_robot
 
@@ -149,7 +149,7 @@ def test_what_the_model_lacks_is_part_of_what_is_expected() -> None:
     true = build(replace(cell, effects=(*GEOMETRY, "transmission_harmonic:j3"))).model
     values = true.sizes * rng.uniform(-0.3, 0.3, len(true.parameters))
     measured = poses_at(rng.uniform(*robot.limits.T, (120, 6)))
-    data = simulate(true, values, measured, cell.noise, rng)
+    data = drawn_readings(true, values, measured, cell.noise, rng)
     targets = rng.uniform(*robot.limits.T, (80, 6))
     for heldout in (None, data.take(slice(80, None))):
         result = calib.identify(cell, data.take(slice(80)), heldout=heldout)
@@ -173,7 +173,7 @@ def test_held_out_poses_that_stand_out_count_too(kr270: Cell) -> None:
     """After identify and after diagnose alike: one held-out pose in six is 2 mm off."""
     data, model, values = simulated(kr270, embedded_plan(kr270), 0)
     again = data.poses.take(np.arange(0, len(data), 5))
-    held = simulate(model, values, again, kr270.noise, np.random.default_rng(1))
+    held = drawn_readings(model, values, again, kr270.noise, np.random.default_rng(1))
     held.points[0] += [0.0, 0.002, 0.0]
     identified = calib.identify(kr270, data, heldout=held)
     assert identified.heldout is not None
@@ -290,7 +290,7 @@ def test_what_was_not_identified_counts_only_where_it_shows() -> None:
     still = rng.uniform(-1.5, 1.5, (30, 6))
     still[:, 3:] = 0.3  # joints 4 to 6 never move: their offsets are those of the markers
     values = np.zeros(len(model.parameters))
-    data = simulate(model, values, poses_at(still), cell.noise, rng)
+    data = drawn_readings(model, values, poses_at(still), cell.noise, rng)
     lost = np.array([p.effect == "joint_offset" for p in model.parameters])
     _, J = model.jacobian(values, data.poses)
     span = np.eye(len(lost))[:, ~lost]

@@ -15,7 +15,7 @@ from calib.effects import EFFECTS
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Measurements, poses_at
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 from tests.helpers import cell_of, random_robot
 from tests.properties.every_instrument import scene
 
@@ -32,7 +32,7 @@ def session(poses: int, louder: float, markers: int, seed: int) -> tuple[Cell, M
     values = model.sizes * rng.uniform(-0.3, 0.3, len(model.parameters))
     noise = Noise(*(louder * s for s in (cell.noise.along, cell.noise.across, 0.0, 0.0)))
     measured = poses_at(rng.uniform(*robot.limits.T, size=(poses, 6)))
-    return cell, simulate(model, values, measured, noise, rng)
+    return cell, drawn_readings(model, values, measured, noise, rng)
 
 
 def test_left_out_configurations_are_those_of_refits() -> None:
@@ -85,7 +85,7 @@ def test_instruments_that_read_no_length_do_not_speak_of_any() -> None:
     context = replace(here.context, instruments=read)
     base = [EFFECTS["base"].at(context, w) for w in EFFECTS["base"].places(context)]
     model = replace(here.model(), instruments=read, effects=(*base, offset))
-    data = calib.simulate(model, here.at(model), here.poses, None, np.random.default_rng(0))
+    data = drawn_readings(model, here.at(model), here.poses, None, np.random.default_rng(0))
     wire = next(part for i, part in model.readout.channels.blocks if i.kind == "distance")
     weights = model.readout.whitening(here.at(model), data.poses, data.readings, data.sigma)
     size = len(here.at(model))

@@ -15,7 +15,7 @@ from calib import Cell, Measurements
 from calib.model.build import build
 from calib.poses import poses_at
 from calib.poses.moves import with_moves
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 from studies.cli import main
 from studies.demo.embedded import embedded_cell
 from tests.helpers import read_by, with_effects
@@ -63,7 +63,7 @@ def measured(
     truth[own] = values
     index = np.sort(np.concatenate([np.arange(len(poses)), np.arange(twice)]))
     names = tuple(f"r{i:03d}" for i in range(len(index)))
-    data = simulate(model, truth, replace(poses.take(index), names=names), cell.noise, rng)
+    data = drawn_readings(model, truth, replace(poses.take(index), names=names), cell.noise, rng)
     kept = index < 2 * CONFIGURATIONS
     return cell, data.take(kept), data.take(~kept)
 

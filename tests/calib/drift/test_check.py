@@ -14,7 +14,7 @@ from calib.drift import Drift, drift_of
 from calib.model.build import build
 from calib.poses import Measurements, Poses, poses_at
 from calib.poses.moves import with_moves
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 from tests.helpers import cell_of, random_robot
 
 SIGMA = 1e-5
@@ -165,7 +165,7 @@ def test_base_drift_is_found_at_its_rate() -> None:
     values[6:] = rates
     deviations, verdicts = [], []
     for _ in range(60):
-        data = simulate(model, values, poses, cell.noise, rng)
+        data = drawn_readings(model, values, poses, cell.noise, rng)
         found = judged(data)
         verdicts.append(found.verdict)
         R = so3_exp(values[3:6])

@@ -22,6 +22,7 @@ from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import poses_at
 from calib.poses.moves import with_moves
+from calib.simulation import drawn_readings
 from tests.helpers import cell_of, random_robot, with_effects
 
 SIGMA = 2e-5
@@ -41,7 +42,7 @@ def day(seed: int, m: int, lacking: float = 0.0) -> tuple[Cell, Measurements]:
     model = build(with_effects(cell, *cell.effects, "joint_coupling"), poses).model
     of = [p.effect == "joint_coupling" for p in model.parameters]
     values = np.where(of, lacking * rng.normal(size=len(of)), 0.0)
-    return cell, calib.simulate(model, values, poses, Noise.isotropic(SIGMA), rng)
+    return cell, drawn_readings(model, values, poses, Noise.isotropic(SIGMA), rng)
 
 
 @pytest.mark.parametrize("m", [24, 40])

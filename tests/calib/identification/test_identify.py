@@ -18,6 +18,7 @@ from calib.model.build import build
 from calib.model.covariance import accuracy
 from calib.noise import Noise
 from calib.poses import poses_at
+from calib.simulation import drawn_readings
 from studies.demo.embedded import simulated
 from tests.helpers import cell_of, random_robot, read_by, with_effects
 
@@ -42,7 +43,7 @@ def measured(
             truth[part] = rng.uniform(-0.2, 0.2, len(effect.parameters))
         if "compliance" in effect.kind or effect.kind == "stiffness_vs_angle":
             truth[part] = np.abs(truth[part]) + model.sizes[part]
-    return calib.simulate(model, truth, poses, Noise.isotropic(noise), rng), truth
+    return drawn_readings(model, truth, poses, Noise.isotropic(noise), rng), truth
 
 
 def random_configurations(
@@ -165,7 +166,7 @@ def test_covariance_of_differences_is_that_of_repeated_experiments(
     rng = np.random.default_rng(1)
     squared = []
     for _ in range(60):
-        again = calib.simulate(model, truth, data.poses, cell.noise, rng)
+        again = drawn_readings(model, truth, data.poses, cell.noise, rng)
         found = calib.identify(cell, again, differences=True)
         error = found.values - truth
         information = np.linalg.inv(found.covariance / found.noise.factor**2)
@@ -183,7 +184,7 @@ def test_standard_deviations_when_points_err_together(kr270: Cell) -> None:
     truth = np.zeros(len(model.parameters))
     by_levels, by_pose = [], []
     for _ in range(60):
-        data = calib.simulate(model, truth, poses, cell.noise, rng)
+        data = drawn_readings(model, truth, poses, cell.noise, rng)
         common = rng.normal(size=(80, 1, 3)) * 1e-4
         found = calib.identify(cell, replace(data, readings=data.points + common))
         by_levels.append((found.values / found.std) ** 2)
@@ -324,7 +325,7 @@ def test_instrument_noise_weights_the_points(kr270: Cell) -> None:
     truth[:6] = [4.0, 1.0, 0.5, 0.1, 0.2, 2.0]
     weighted, plain = [], []
     for _ in range(30):
-        data = calib.simulate(model, truth, poses, tracker, rng)
+        data = drawn_readings(model, truth, poses, tracker, rng)
         found = calib.identify(cell, data)
         information = np.linalg.inv(found.covariance / found.noise.factor**2)
         other = calib.identify(replace(cell, instruments=read_by(Noise.isotropic(3e-5))), data)
@@ -344,7 +345,7 @@ def test_expected_accuracy_at_targets_matches_what_is_left(kr270: Cell) -> None:
     truth = np.zeros(len(model.parameters))
     squared = []
     for _ in range(40):
-        data = calib.simulate(model, truth, poses, cell.noise, rng)
+        data = drawn_readings(model, truth, poses, cell.noise, rng)
         result = calib.identify(cell, data)
         error = model.predict(result.values, targets) - model.predict(truth, targets)
         squared.append(np.mean(np.sum(error**2, axis=-1)))

@@ -18,6 +18,7 @@ from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import hung, poses_at
 from calib.poses.moves import with_moves
+from calib.simulation import drawn_readings
 from tests.helpers import cell_of, random_poses, random_robot, with_effects
 
 ARM = ("base", "tool", "geometry", "joint_compliance:A2,A3,A4,A5,A6")
@@ -72,7 +73,7 @@ def simulated(
     truth[model.where(EFFECTS["base"])] = [3.0, -1.0, 0.5, 0.2, -0.1, 2.0]
     soft = [p.effect == "joint_compliance" for p in model.parameters]
     truth[soft] = SOFT
-    return cell, calib.simulate(model, truth, poses, Noise.isotropic(1e-5), rng), truth
+    return cell, drawn_readings(model, truth, poses, Noise.isotropic(1e-5), rng), truth
 
 
 def pulls(result: Identification, truth: Array, effect: str) -> Array:
@@ -125,7 +126,7 @@ def test_recovered_on_an_arm_with_a_slide_and_known_geometry(effect: str) -> Non
     poses = with_moves(random_poses(rng, robot, 60))
     model = build(cell, poses).model
     truth = model.sizes * rng.normal(size=len(model.parameters))
-    data = calib.simulate(model, truth, poses, Noise.isotropic(1e-5), rng)
+    data = drawn_readings(model, truth, poses, Noise.isotropic(1e-5), rng)
     result = calib.identify(cell, data)
     assert result.status == "converged"
     assert np.abs(pulls(result, truth, effect)).max() < 4.0

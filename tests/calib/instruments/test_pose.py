@@ -21,6 +21,7 @@ from calib.instruments.pose import corners_of
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import poses_at
+from calib.simulation import drawn_readings
 from tests.calib.instruments.ballbar import Ballbar
 from tests.calib.instruments.test_slot import arm, drawn, turn
 from tests.helpers import cell_of, central_difference, random_robot
@@ -238,7 +239,7 @@ def test_simulated_as_it_is_whitened() -> None:
     poses = poses_at(drawn(4000, 7))
     model = build(cell_with(arm()), poses).model
     exact = model.predict(model.initial, poses)
-    data = calib.simulate(model, model.initial, poses, None, np.random.default_rng(8))
+    data = drawn_readings(model, model.initial, poses, None, np.random.default_rng(8))
     error = eye().shown(data.readings, data.readings - exact)[:, 0]
     correlation = np.cov(error.T) / np.outer(SIGMA, SIGMA)
     np.testing.assert_allclose(correlation, MIXED, atol=6.0 * 1.3 / np.sqrt(4000))

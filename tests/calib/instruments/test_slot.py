@@ -24,6 +24,7 @@ from calib.model.build import build
 from calib.model.covariance import errors_at
 from calib.noise import Noise
 from calib.poses import poses_at
+from calib.simulation import drawn_readings
 from tests.calib.instruments.ballbar import Ballbar, Level
 from tests.helpers import cell_of, central_difference, random_robot
 
@@ -209,7 +210,7 @@ def test_simulated_as_it_is_whitened() -> None:
     cell = cell_with(LASER, Ballbar(name="bar", sigma=SIGMA))
     poses = poses_at(drawn(400, 7))
     model = build(cell, poses).model
-    data = calib.simulate(model, model.initial, poses, None, np.random.default_rng(8))
+    data = drawn_readings(model, model.initial, poses, None, np.random.default_rng(8))
     off = model.off(model.initial, data)
     assert off[:, :2].std() == pytest.approx(3e-5, rel=0.08)
     assert off[:, 2:, 0].std() == pytest.approx(SIGMA, rel=0.12)

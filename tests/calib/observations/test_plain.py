@@ -11,7 +11,7 @@ import calib
 from calib import Cell
 from calib.model.build import build
 from calib.poses import poses_at
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 from tests.helpers import with_effects
 
 DAYS = 15
@@ -30,7 +30,7 @@ def test_days_of_plain_poses_scatter_as_predicted(kr270: Cell) -> None:
     truth[-2:] = 3e-7, 4e-7
     squares, rank, outliers = 0.0, 0, 0
     for seed in range(DAYS):
-        data = simulate(model, truth, poses, cell.noise, np.random.default_rng(seed))
+        data = drawn_readings(model, truth, poses, cell.noise, np.random.default_rng(seed))
         found = calib.identify(cell, data, approach="pose", weighting="plain")
         outliers += int(found.fit.outlier.sum())
         error = (found.values - truth) / found.std

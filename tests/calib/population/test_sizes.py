@@ -20,6 +20,7 @@ from calib.noise import Noise
 from calib.population import sizes
 from calib.population.sizes import Elementary, widths_of
 from calib.poses import poses_at
+from calib.simulation import drawn_readings
 from tests.helpers import cell_of, random_robot
 
 RIGID = ("base", "tool", "geometry")
@@ -126,7 +127,7 @@ def test_few_poses_predict_better_with_sizes(scale: float) -> None:
         values = built.model.initial
         values[of.at] = of.G @ (scale * 5e-4 * rng.normal(size=of.G.shape[1]))
         q = rng.uniform(*cell.robot.sample_limits().T, (60, 6))
-        data = calib.simulate(built.model, values, poses_at(q), Noise.isotropic(2e-4), rng)
+        data = drawn_readings(built.model, values, poses_at(q), Noise.isotropic(2e-4), rng)
         few, held = data.take(slice(0, 13)), data.take(slice(20, 60))
         by = {
             prior: calib.identify(replace(cell, size_prior=prior), few, heldout=held).rms("heldout")
@@ -142,7 +143,7 @@ def test_many_poses_decide_alone() -> None:
     model = build(cell).model
     q = rng.uniform(*cell.robot.sample_limits().T, (80, 6))
     truth = model.initial + 1e-3 * rng.normal(size=len(model.parameters))
-    data = calib.simulate(model, truth, poses_at(q), cell.noise, rng)
+    data = drawn_readings(model, truth, poses_at(q), cell.noise, rng)
     found, alone = (calib.identify(replace(cell, size_prior=p), data) for p in ("estimated", "off"))
     assert found.sizes is None
     np.testing.assert_array_equal(found.values, alone.values)

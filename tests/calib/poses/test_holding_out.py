@@ -14,6 +14,7 @@ from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Poses, poses_at
 from calib.poses.moves import in_one_session, with_moves
+from calib.simulation import drawn_readings
 from tests.calib.poses.test_moves import as_data
 from tests.helpers import cell_of, random_robot, with_effects
 
@@ -79,7 +80,7 @@ def day(rng: np.random.Generator) -> tuple[Cell, Measurements, Measurements]:
     model = build(truth, with_moves(poses)).model
     values = np.zeros(len(model.parameters))
     values[-1] = 2e-4
-    whole = calib.simulate(model, values, with_moves(poses), Noise.isotropic(2e-5), rng)
+    whole = drawn_readings(model, values, with_moves(poses), Noise.isotropic(2e-5), rng)
     own = np.isin(np.arange(60), rng.permutation(60)[:20])
 
     def table(chosen: Array) -> Measurements:

@@ -17,6 +17,7 @@ from calib.noise import Noise
 from calib.poses import Measurements, poses_at
 from calib.poses.moves import before_the_first_move, in_one_session, moves, with_moves
 from calib.poses.visits import visits
+from calib.simulation import drawn_readings
 from tests.helpers import cell_of, random_robot, with_effects
 
 Q = np.array([[0.0, 0.0], [0.5, 0.0], [0.5, 0.0], [0.2, 1.0], [0.2, 1.0], [0.2, 0.7]])
@@ -117,7 +118,7 @@ def test_a_share_is_held_out_after_the_moves_are_known(kr270: Cell, tmp_path: Pa
     q, day = rng.uniform(*kr270.robot.limits.T, (12, 6)), np.array(["Mon 1", "Tue"])
     poses = poses_at(q, time=rng.permutation(12) * 60.0, session=day[rng.integers(0, 2, 12)])
     model = build(cell, poses).model
-    data = calib.simulate(model, np.zeros(len(model.parameters)), poses, cell.noise, rng)
+    data = drawn_readings(model, np.zeros(len(model.parameters)), poses, cell.noise, rng)
     path = tmp_path / "measurements.csv"
     path.write_text(measurements_csv(cell, data))
     loaded = calib.load_measurements(cell, path)
@@ -137,7 +138,7 @@ def session(cell: Cell, rng: np.random.Generator, effect: str, size: float) -> M
     model = build(with_effects(cell, *cell.effects, effect), poses).model
     truth = np.zeros(len(model.parameters))
     truth[[p.effect == effect.partition(":")[0] for p in model.parameters]] = size
-    return calib.simulate(model, truth, poses, Noise.isotropic(1e-5), rng)
+    return drawn_readings(model, truth, poses, Noise.isotropic(1e-5), rng)
 
 
 def test_backlash_from_the_order_alone_and_said_so() -> None:

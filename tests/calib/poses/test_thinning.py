@@ -14,7 +14,7 @@ from calib.poses import Measurements, poses_at
 from calib.poses.moves import with_moves
 from calib.poses.thinning import thinned
 from calib.poses.visits import visits
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 from tests.helpers import cell_of, random_robot
 
 MARKER = np.array([[0.2, 0.0, 0.05]])
@@ -30,7 +30,7 @@ def stays(*counts: int, scale: float = 0.0) -> Measurements:
     )
     model = build(CELL, poses).model
     true = replace(poses, q=poses.q * np.array([1.0, 1.0 + scale, 1.0, 1.0, 1.0, 1.0]))
-    data = simulate(model, model.initial, true, CELL.noise, rng)
+    data = drawn_readings(model, model.initial, true, CELL.noise, rng)
     return replace(data, poses=poses)
 
 

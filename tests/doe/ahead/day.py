@@ -14,7 +14,7 @@ from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Poses
 from calib.poses.moves import with_moves
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 from tests.helpers import with_effects
 
 RIGID = ("base", "tool", "joint_offset:A2,A3")
@@ -42,7 +42,7 @@ def whole_day(cell: Cell, plan: Poses, seed: int = 1, louder: float = 1.0) -> Me
     values[:6] = [2.0, -1.0, 0.5, 0.1, -0.2, 0.7]
     n = cell.noise
     noise = Noise(*(louder * s for s in (n.along, n.across, n.along_per_m, n.across_per_m)))
-    return simulate(model, values, poses, noise, np.random.default_rng(seed))
+    return drawn_readings(model, values, poses, noise, np.random.default_rng(seed))
 
 
 def of_poses(data: Measurements, poses: list[int], count: int) -> Measurements:

@@ -13,7 +13,7 @@ from calib.diagnosis.screen import score
 from calib.model.build import build
 from calib.poses import Measurements, poses_at
 from calib.poses.moves import with_moves
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 from doe.ahead.foresee import PowerAnalysis, foresee
 from doe.ahead.remedies import remedies_of
 from tests.helpers import cell_of, random_robot, with_effects
@@ -79,7 +79,7 @@ def test_a_diagnosis_finds_what_is_larger_and_no_less(
     poses = found.view.data.poses
     model = build(with_effects(cell, *MODEL, cause.key), poses).model
     truth = np.concatenate([found.view.values, times * cause.smallest])
-    data = simulate(model, truth, poses, cell.noise, np.random.default_rng(4))
+    data = drawn_readings(model, truth, poses, cell.noise, np.random.default_rng(4))
     assert [place.where for place in calib.diagnose(cell, data).located] == places
 
 

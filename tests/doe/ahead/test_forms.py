@@ -20,7 +20,7 @@ from calib.effects.protocol import Effect
 from calib.model import Model
 from calib.model.build import build, context_of, place_effect
 from calib.poses import Measurements, poses_at
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 from doe.ahead.evidence import FREE
 from doe.ahead.next_poses import data_rows, situation_after
 from doe.ahead.places import Accuracy, accuracy_of
@@ -48,7 +48,9 @@ class Session:
 
     def read(self, q: Array) -> Measurements:
         poses = poses_at(q, names=[f"p{i}" for i in range(len(q))])
-        return simulate(self.model, self.truth, poses, self.cell.noise, np.random.default_rng(1))
+        return drawn_readings(
+            self.model, self.truth, poses, self.cell.noise, np.random.default_rng(1)
+        )
 
     def diagnosed(self, q: Array) -> Diagnosis:
         """Asked of few causes only: the contest is tested elsewhere."""

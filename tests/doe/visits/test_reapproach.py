@@ -20,6 +20,7 @@ from calib.errors import CalibError
 from calib.files.cell import load_cell
 from calib.model.build import build
 from calib.poses.visits import visits
+from calib.simulation import drawn_readings
 from doe.assess import assess
 from doe.visits.reapproach import reapproaches_of, with_reapproaches
 from studies.cli import main
@@ -127,7 +128,7 @@ def test_repeatability_is_found_as_well_as_promised(cell: Cell) -> None:
     values, rng = np.zeros(len(model.parameters)), np.random.default_rng(11)
     found = []
     for _ in range(120):  # on one day in forty a joint is held responsible for all
-        data = calib.simulate(model, values, plan.poses, cell.noise, rng, arm=ARM)
+        data = drawn_readings(model, values, plan.poses, cell.noise, rng, arm=ARM)
         levels = calib.identify(cell, data).levels
         assert levels is not None
         found.append(np.sqrt(levels.variances.approach[-2]) / ARM.translation)

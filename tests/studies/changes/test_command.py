@@ -16,7 +16,7 @@ import calib
 from calib.files.write_tables import measurements_csv
 from calib.model.build import build
 from calib.poses import poses_at
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 from studies.cli import main
 from studies.demo.embedded import INPUTS, embedded_text
 from studies.results import json_schema
@@ -49,7 +49,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         truth[:6] = [2.0, -1.0, 0.3, 0.1, -0.2, 0.5]
         slipped = [p.id for p in model.parameters].index("geometry:A3.ry")
         truth[slipped] = 1e-3 + SLIP * (month == "june")
-        data = simulate(model, truth, poses, cell.noise, rng)
+        data = drawn_readings(model, truth, poses, cell.noise, rng)
         (path / f"{month}.csv").write_text(measurements_csv(cell, data))
         done = run("identify", path / "cell.toml", path / f"{month}.csv", "--json",
                    path / f"{month}.json")  # fmt: skip

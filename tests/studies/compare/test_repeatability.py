@@ -18,6 +18,7 @@ from calib.cell.planned import Planned
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import poses_at
+from calib.simulation import drawn_readings
 from studies.compare.agreement import agreement
 from studies.compare.compare import compare
 from studies.compare.experiment import experiment_of
@@ -126,7 +127,7 @@ def test_simulate_displaces_the_tip_at_each_approach(cell: Cell, plan: Poses) ->
     model = build(cell, poses).model
     values = np.zeros(len(model.parameters))
     quiet, rng = Noise.isotropic(1e-12), np.random.default_rng(3)
-    data = calib.simulate(model, values, poses, quiet, rng, arm=ARM)
+    data = drawn_readings(model, values, poses, quiet, rng, arm=ARM)
     state = model.state(values, poses)
     o, exact = state.frames.o[:, -1:], model.predict(values, poses)
     shifts, turns = [], []
@@ -142,8 +143,8 @@ def test_simulate_displaces_the_tip_at_each_approach(cell: Cell, plan: Poses) ->
         low, high = chi2.ppf([1e-4, 1.0 - 1e-4], free)
         assert low < (found[::2] ** 2).sum() / std**2 < high
     np.testing.assert_array_equal(
-        calib.simulate(model, values, poses, cell.noise, np.random.default_rng(0)).points,
-        calib.simulate(
+        drawn_readings(model, values, poses, cell.noise, np.random.default_rng(0)).points,
+        drawn_readings(
             model, values, poses, cell.noise, np.random.default_rng(0), arm=Repeatability(0.0, 0.0)
         ).points,
     )

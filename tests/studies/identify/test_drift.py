@@ -16,7 +16,7 @@ from calib.arm.statics import wrench_with_load
 from calib.files.write_tables import measurements_csv
 from calib.model.build import build
 from calib.poses.moves import with_moves
-from calib.simulation import simulate
+from calib.simulation import drawn_readings
 from studies.cli import main
 from studies.demo.embedded import INPUTS, embedded_text
 
@@ -54,7 +54,7 @@ def measured(folder: Path, rates: np.ndarray, timed: bool = True) -> Path:
     values = np.zeros(len(model.parameters))
     values[-6:] = rates * 1e-6 / 3600.0
     values[model.where(type(model.effects[4]))] = 1e-6
-    data = simulate(model, values, poses, cell.noise, np.random.default_rng(0))
+    data = drawn_readings(model, values, poses, cell.noise, np.random.default_rng(0))
     data = replace(data, poses=replace(data.poses, approach=None))
     if not timed:
         data = replace(data, poses=replace(data.poses, time=None))

@@ -1,8 +1,7 @@
 """Levenberg-Marquardt on many independent problems at once.
 
 SciPy's ``least_squares`` solves one problem a call; Monte Carlo studies need a thousand small ones,
-and array operations over all of them are seven to fifty times faster than a loop
-(``studies.research.benchmarks.montecarlo``).
+and array operations over all of them are seven to fifty times faster than a loop.
 """
 
 from __future__ import annotations

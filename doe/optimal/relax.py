@@ -3,9 +3,9 @@
 Column generation. A master program over a few hundred candidates gives weights and with them M. The
 supergradient at M scores every candidate of the pool in one product; those that would pay enter the
 master, until the certified bound and the value agree. The master is an interior point method for the
-smooth criteria, measured faster at every size (studies/research/benchmarks), and a cone program for the
-others and where levels are chosen; tests hold the one against the other. (Closest relative: Pillai,
-Ponte, Fampa, Lee, Singh and Xie, arXiv 2411.01405, 2024.)
+smooth criteria, measured faster at every size, and a cone program for the others and where levels are
+chosen; tests hold the one against the other. (Closest relative: Pillai, Ponte, Fampa, Lee, Singh and
+Xie, arXiv 2411.01405, 2024.)
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ ASKED = [["--help"], ["--version"], ["nonsense"], *([name, "--help"] for name in
 
 @pytest.mark.parametrize("arguments", ASKED, ids=" ".join)
 def test_nothing_heavy_is_imported_for(arguments: list[str]) -> None:
-    """So that it comes at once; `python -m studies.research.benchmarks.startup` measures how fast."""
+    """So that it comes at once; `python -m studies.research.benchmarks.speeds` measures it."""
     code = f"""
 import atexit, sys
 atexit.register(lambda: print("loaded", *sys.modules))

@@ -24,10 +24,8 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 
 import calib
@@ -44,16 +42,13 @@ from calib.compensation.unexplained import Unexplained
 from calib.effects import catalogue
 from calib.effects.link_geometry import LinkGeometry
 from calib.effects.protocol import Effect
-from calib.files.write import json_text, write_files
 from calib.model import Model
 from calib.model.build import build, context_of
 from calib.model.covariance import covariance
 from calib.poses import Poses, poses_at
 from calib.simulation import drawn_readings
-from studies.command.deliver import console_for
-from studies.command.options import one_line_faults
 from studies.demo.embedded import embedded_cell
-from studies.tables import plain_table
+from studies.research.bench import Output, Row, bench, count, each, table
 
 POSES = 25
 NONCENTRALITY = (60.0, 400.0)
@@ -61,12 +56,6 @@ VISIBLE = (
     2.0  # standard deviations that a plausible size shifts: ten times that is the largest drawn
 )
 SCATTER = Repeatability(2e-5, 2e-5)
-_HEADINGS = (
-    ("pairs", "left"), ("no change", "right"), ("alarms", "right"), ("changes", "right"),
-    ("seen", "right"), ("exact", "right"), ("class", "right"), ("interval holds", "right"),
-    ("below 60", "right"), ("seen", "right"), ("fit worse: no change", "right"),
-    ("change", "right"),
-)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,9 +252,9 @@ def _holds(
     return found.change.rms.low <= rms + 1e-12 and rms <= found.change.rms.high
 
 
-def rows(pairs: list[dict[str, Any]]) -> Iterator[list[str]]:
+def rows(pairs: list[Row]) -> Iterator[Row]:
     """One row for all pairs of a kind, and one for each cause."""
-    groups: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    groups: dict[str, list[Row]] = defaultdict(list)
     for one in pairs:
         groups["drawn to first order" if not one["full"] else
                f"identified{', arm scatters' * one['scatters']}"].append(one)  # fmt: skip
@@ -276,35 +265,37 @@ def rows(pairs: list[dict[str, Any]]) -> Iterator[list[str]]:
         every = [one for one in own if one["cause"] is not None]
         changed = [one for one in every if one["noncentrality"] >= NONCENTRALITY[0]]
         below = [one for one in every if one not in changed]
-        held = [one["holds"] for one in own if one["holds"] is not None]
-        yield [name, str(len(still)), _share([one["moved"] for one in still]), str(len(changed)),
-               *(_share([one[key] for one in changed]) for key in ("moved", "exact", "class")),
-               _share(held), str(len(below) or ""), _share([one["moved"] for one in below]),
-               *(_share([one["grown"] for one in of]) for of in (still, every))]  # fmt: skip
+        yield {
+            "pairs": name,
+            "no change": len(still),
+            "alarms": _share(still, "moved"),
+            "changes": len(changed),
+            "seen": _share(changed, "moved"),
+            "exact": _share(changed, "exact"),
+            "class": _share(changed, "class"),
+            "interval holds": _share([one for one in own if one["holds"] is not None], "holds"),
+            "below 60": str(len(below) or ""),
+            "below 60, seen": _share(below, "moved"),
+            "fit worse: no change": _share(still, "grown"),
+            "change": _share(every, "grown"),
+        }
 
 
-def _share(said: list[bool]) -> str:
-    return f"{100.0 * np.mean(said):.1f} %" if said else ""
+def _share(pairs: list[Row], key: str) -> str:
+    return f"{100.0 * np.mean([one[key] for one in pairs]):.1f} %" if pairs else ""
 
 
-@click.command()
-@click.option("--pairs", default=500, show_default=True, help="Pairs drawn to first order.")
-@click.option("--identified", default=60, show_default=True, help="Pairs identified in full.")
-@click.option("--seed", default=0, show_default=True)
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Every pair.")
-@one_line_faults
-def main(pairs: int, identified: int, seed: int, json_path: Path | None) -> None:
+@bench(
+    count("--pairs", 500, least=0, help="Drawn to first order."),
+    count("--identified", 60, least=0, help="Pairs identified in full."),
+    workers=True,
+)
+def main(pairs: int, identified: int, seed: int, workers: int) -> Output:
     """False alarms and named causes on simulated pairs of days."""
     cells = arms()
-    found = [
-        pair(cells[k // 2 % 2], 100_000 * seed + k, k >= pairs) for k in range(pairs + identified)
-    ]
-    table = plain_table(*_HEADINGS)
-    for row in rows(found):
-        table.add_row(*row)
-    console_for(None).print(table)
-    if json_path is not None:
-        write_files({json_path: json_text(found)})
+    tasks = [(cells[k // 2 % 2], 100_000 * seed + k, k >= pairs) for k in range(pairs + identified)]
+    found = each(pair, tasks, workers)
+    return [table(rows(found))], found
 
 
 if __name__ == "__main__":

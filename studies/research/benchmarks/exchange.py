@@ -15,16 +15,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, TypeVar
 
-import click
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calib.arrays import Array, IntArray
-from calib.files.write import json_text, write_files
-from calib.threads import one_blas_thread
 from doe.criteria import Criterion
 from doe.criteria.average import Average
 from doe.criteria.determinant import Determinant
@@ -35,10 +31,8 @@ from doe.optimal.packed import pack
 from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
 from doe.problem import RIDGE
-from studies.command.deliver import console_for
-from studies.command.options import one_line_faults
-from studies.research.benchmarks.design_runs import any_of
-from studies.tables import plain_table
+from studies.research.bench import Output, Row, bench, count, each, table
+from studies.research.benchmarks.design import any_of
 
 T = TypeVar("T")
 _CRITERIA = ("D", "A", "E", "task")
@@ -217,7 +211,7 @@ class Plain:
         return value, np.array([value for _, value in found])
 
 
-def one(index: int, seed: int, starts: int) -> dict[str, Any]:
+def one(index: int, seed: int, starts: int) -> Row:
     """Both ways on one problem."""
     drawn = draw(index, seed)
     criterion, (n, rank, p) = drawn.form, drawn.rows.shape
@@ -244,42 +238,41 @@ def _timed(work: Callable[[], T]) -> tuple[T, float]:
     return work(), time.process_time() - begun
 
 
-@click.command(help=__doc__.split("\n\n")[0] if __doc__ else None)
-@click.option("--problems", type=click.IntRange(min=1), default=50, show_default=True)
-@click.option("--first", type=click.IntRange(min=0), default=0, show_default=True)
-@click.option("--starts", type=click.IntRange(min=0), default=60, show_default=True,
-              help="Of the plain exchange, 0 for ours alone.")  # fmt: skip
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="All problems.")
-@one_line_faults
-@one_blas_thread
-def main(problems: int, first: int, starts: int, seed: int, json_path: Path | None) -> None:
+@bench(
+    count("--problems", 50),
+    count("--first", 0, least=0),
+    count("--starts", 60, least=0, help="Of the plain exchange, 0 for ours alone."),
+    workers=True,
+)
+def main(problems: int, first: int, starts: int, seed: int, workers: int) -> Output:
     """Compare value and time."""
-    rows = [one(index, seed, starts) for index in range(first, first + problems)]
-    table = plain_table(
-        ("problem", "left"), ("p", "right"), ("poses", "right"), ("candidates", "right"),
-        ("efficiency\nproved", "right"), ("over plain\nexchange [%]", "right"),
-        ("relaxation\n[s]", "right"), ("search\n[s]", "right"), ("plain\n[s]", "right"),
-    )  # fmt: skip
-    for r in rows:
-        over = f"{100.0 * (r['ours'] / r['plain'] - 1.0):+.2f}" if starts else "-"
-        table.add_row(
-            f"{r['problem']} {r['criterion']}", str(r["p"]), str(r["poses"]), str(r["candidates"]),
-            f"{r['ours'] / r['bound']:.4f}", over, f"{r['relaxation_s']:.2f}",
-            f"{r['search_s']:.2f}", f"{r['plain_s']:.1f}" if starts else "-",
-        )  # fmt: skip
-    console = console_for(None)
-    console.print(table)
+    tasks = ((index,) for index in range(first, first + problems))
+    rows = each(one, tasks, workers, seed=seed, starts=starts)
+    parts: list[Any] = [table(map(_line, rows))]
     if starts:
         gains = np.array([r["ours"] / r["plain"] - 1.0 for r in rows])
         ours = sum(r["relaxation_s"] + r["search_s"] for r in rows)
-        console.print(
+        parts.append(
             f"worse by more than {100.0 * _WORSE:g} %: {(gains < -_WORSE).sum()} of {len(rows)}, "
             f"worst {100.0 * gains.min():+.2f} %, median {100.0 * np.median(gains):+.2f} %; "
             f"CPU {ours:.0f} s against {sum(r['plain_s'] for r in rows):.0f} s"
         )
-    if json_path is not None:
-        write_files({json_path: json_text({"seed": seed, "starts": starts, "problems": rows})})
+    return parts, {"seed": seed, "starts": starts, "problems": rows}
+
+
+def _line(row: Row) -> Row:
+    plain = row.get("plain")
+    return {
+        "problem": f"{row['problem']} {row['criterion']}",
+        "p": row["p"],
+        "poses": row["poses"],
+        "candidates": row["candidates"],
+        "efficiency\nproved": f"{row['ours'] / row['bound']:.4f}",
+        "over plain\nexchange [%]": plain and f"{100.0 * (row['ours'] / plain - 1.0):+.2f}",
+        "relaxation\n[s]": f"{row['relaxation_s']:.2f}",
+        "search\n[s]": f"{row['search_s']:.2f}",
+        "plain\n[s]": plain and f"{row['plain_s']:.1f}",
+    }
 
 
 if __name__ == "__main__":

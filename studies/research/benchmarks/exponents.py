@@ -13,24 +13,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from pathlib import Path
 
 import click
 import numpy as np
 
 import calib
-from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
 from doe.optimal.blocks import Blocks
 from doe.optimal.packed import packed_size
 from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
-from studies.command.deliver import console_for
-from studies.command.options import one_line_faults
-from studies.research.benchmarks import design_runs
-from studies.research.benchmarks.design_runs import any_of, timed
-from studies.research.benchmarks.real import folder_of, read
-from studies.tables import number, plain_table
+from studies.research.bench import Output, Row, bench, data_folder, real_data, table
+from studies.research.benchmarks import design
+from studies.research.benchmarks.design import any_of, timed
 
 _BASE, _POSES = 20_000, 20  # candidates and poses while something else grows
 _CASES = ("elastic", "elastic + base", "elastic + base, tool", "geometric", "all")
@@ -98,9 +93,9 @@ def pools(quick: bool) -> Iterator[Line]:
     """Candidates linearised: each row times each, and every matrix written."""
 
     def run(case: str, count: int, size: float) -> Run:
-        posed = design_runs.problem(case, "D")
-        design_runs.pool(posed, 4096)
-        found, seconds = timed(lambda: design_runs.pool(posed, count))
+        posed = design.problem(case, "D")
+        design.pool(posed, 4096)
+        found, seconds = timed(lambda: design.pool(posed, count))
         p = posed.regressor.T.shape[1]
         rows = posed.regressor.rank
         return Run(size, seconds, float(found.packed.nbytes), float(count * rows * packed_size(p)))
@@ -114,12 +109,12 @@ def plans(quick: bool) -> Iterator[Line]:
     """Weights: every candidate read in every round. Plans: each priced once in place of each pose."""
 
     def relaxed(blocks: Blocks, case: str, poses: int, size: float) -> Run:
-        posed, rules = design_runs.problem(case, "D"), any_of(len(blocks), poses)
+        posed, rules = design.problem(case, "D"), any_of(len(blocks), poses)
         found, seconds = timed(lambda: relax(posed.criterion, blocks, rules))
         return Run(size, seconds, float(found.rounds * blocks.packed.nbytes))
 
     def searched(blocks: Blocks, case: str, poses: int, size: float) -> Run:
-        posed, rules = design_runs.problem(case, "D"), any_of(len(blocks), poses)
+        posed, rules = design.problem(case, "D"), any_of(len(blocks), poses)
         found = relax(posed.criterion, blocks, rules)
         _, seconds = timed(lambda: best_plan(posed.criterion, blocks, rules, found, seed=0))
         return Run(size, seconds, 0.0, float(poses * blocks.packed.size))
@@ -137,9 +132,9 @@ def plans(quick: bool) -> Iterator[Line]:
 
 def identifications(quick: bool) -> Iterator[Line]:
     """Real readings of a UR10: each row times each parameters' pair in every step of the last fit."""
-    if not folder_of("ur10_leica_b").exists():
+    if not data_folder("ur10_leica_b").exists():
         return
-    cell, data = read("ur10_leica_b")
+    cell, data = real_data("ur10_leica_b")
 
     def run(effects: Sequence[str], count: int) -> tuple[int, Run]:
         own, chosen = replace(cell, effects=tuple(effects)), np.linspace(0, len(data) - 1, count)
@@ -155,12 +150,12 @@ def identifications(quick: bool) -> Iterator[Line]:
 
 
 def _blocks(case: str, count: int) -> Blocks:
-    posed = design_runs.problem(case, "D")
-    return posed.blocks(design_runs.pool(posed, count))
+    posed = design.problem(case, "D")
+    return posed.blocks(design.pool(posed, count))
 
 
 def _parameters(case: str) -> int:
-    return len(design_runs.problem(case, "D").model.parameters)
+    return len(design.problem(case, "D").model.parameters)
 
 
 def _first(blocks: Blocks, count: int) -> Blocks:
@@ -174,42 +169,43 @@ LINES: dict[str, Callable[[bool], Iterator[Line]]] = {
 }
 
 
-@click.command()
-@click.option("--only", "names", multiple=True, type=click.Choice(list(LINES)), help="These alone.")
-@click.option("--quick", is_flag=True, help="Three sizes of each.")
-@click.option("--json", "path", type=click.Path(path_type=Path), help="Write the figures as JSON.")
-@one_line_faults
+@bench(
+    click.option(
+        "--only", "names", multiple=True, type=click.Choice(list(LINES)), help="These alone."
+    ),
+    click.option("--quick", is_flag=True, help="Three sizes of each."),
+)
 @one_blas_thread
-def main(names: tuple[str, ...], quick: bool, path: Path | None) -> None:
+def main(names: tuple[str, ...], quick: bool, seed: int) -> Output:
     """Measure how cost grows; some minutes."""
+    del seed
     machine = Machine.measured()
     found = [line for name in names or LINES for line in LINES[name](quick)]
-    console = console_for(None)
-    console.print(
+    rates = (
         f"one thread reads {machine.read / 1e9:.1f} GB/s and makes {machine.multiplied / 1e9:.1f} "
         "billion multiplications a second\n"
     )
-    shown = plain_table(
-        ("what", "left"), ("grows", "left"), ("from .. to", "right"), ("seconds", "right"),
-        ("exponent", "right"), ("limit [s]", "right"), ("times the limit", "right"),
-    )  # fmt: skip
-    for line in found:
-        first, last = line.runs[0], line.runs[-1]
-        slope, error = line.exponent
-        limit = machine.limit(last)
-        shown.add_row(
-            line.what, line.grows, f"{first.size:g} .. {last.size:g}",
-            f"{number(first.seconds)} .. {number(last.seconds)}", f"{slope:.2f} +- {error:.2f}",
-            number(limit), number(last.seconds / limit),
-        )  # fmt: skip
-    console.print(shown)
-    if path is not None:
-        rows = [
-            {"what": line.what, "grows": line.grows, "exponent": line.exponent,
-             "runs": [vars(r) | {"limit": machine.limit(r)} for r in line.runs]}
-            for line in found
-        ]  # fmt: skip
-        write_files({path: json_text({"machine": vars(machine), "lines": rows})})
+    rows = [
+        {"what": line.what, "grows": line.grows, "exponent": line.exponent,
+         "runs": [vars(r) | {"limit": machine.limit(r)} for r in line.runs]}
+        for line in found
+    ]  # fmt: skip
+    shown = table(_told(line, machine) for line in found)
+    return [rates, shown], {"machine": vars(machine), "lines": rows}
+
+
+def _told(line: Line, machine: Machine) -> Row:
+    first, last = line.runs[0], line.runs[-1]
+    slope, error = line.exponent
+    return {
+        "what": line.what,
+        "grows": line.grows,
+        "from .. to": f"{first.size:g} .. {last.size:g}",
+        "seconds": f"{first.seconds:.4g} .. {last.seconds:.4g}",
+        "exponent": f"{slope:.2f} +- {error:.2f}",
+        "limit [s]": machine.limit(last),
+        "times the limit": last.seconds / machine.limit(last),
+    }
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ and largest memory.
 
 from __future__ import annotations
 
-import os
 import resource
 import tempfile
 import time
@@ -22,11 +21,10 @@ import numpy as np
 
 import calib
 from calib.model.build import build
-from calib.poses import Measurements, poses_at
+from calib.poses import poses_at
 from calib.simulation import drawn_readings
-from studies.command.deliver import console_for
 from studies.demo.embedded import embedded_text
-from studies.tables import plain_table
+from studies.research.bench import Output, Row, bench, count, data_folder, each, table
 
 HELD_OUT = 0.3
 SETS: tuple[tuple[str, tuple[str, ...]], ...] = (
@@ -38,10 +36,6 @@ SETS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("ma1400_cameras", ()),
 )
 """Folder, and what is identified beside the cell's own effects."""
-_HEADINGS = (
-    ("data", "left"), ("instrument", "left"), ("unit", "left"), ("nominal", "right"),
-    ("fitted", "right"), ("held out", "right"), ("parameters", "right"), ("[s]", "right"),
-)  # fmt: skip
 _CAMERA = """
 [boards.b]
 on = "tip"
@@ -62,7 +56,7 @@ effects = ["base", "tool", "geometry"]
 """
 
 
-def rows_of(folder: Path, more: tuple[str, ...], splits: int) -> list[list[str]]:
+def rows_of(folder: Path, more: tuple[str, ...], splits: int) -> list[Row]:
     """A row for each instrument and unit: medians over the splits."""
     cell = calib.load_cell(folder / "cell.toml")
     cell = replace(cell, effects=(*cell.effects, *more))
@@ -78,19 +72,27 @@ def rows_of(folder: Path, more: tuple[str, ...], splits: int) -> list[list[str]]
         for key, rms in result.by_instrument.items():
             own = [rms.get(name, np.nan) for name in ("nominal", "fitted_all", "heldout")]
             found.setdefault(key, []).append(own)
-    name = " + ".join([folder.name, *more])
-    last = [f"{np.median(ranks):.0f}", f"{np.median(seconds):.1f}"]
-    shown = list(found.items())[:_MOST]
     return [
-        [name, instrument, unit, *(f"{x:.3f}" for x in np.median(rms, axis=0)), *last]
-        for (instrument, unit), rms in shown
+        {
+            "data": " + ".join([folder.name, *more]),
+            "instrument": instrument,
+            "unit": unit,
+            **dict(zip(("nominal", "fitted", "held out"), _medians(rms), strict=True)),
+            "parameters": f"{np.median(ranks):.0f}",
+            "[s]": f"{np.median(seconds):.1f}",
+        }
+        for (instrument, unit), rms in list(found.items())[:_MOST]
     ]
+
+
+def _medians(rms: list[list[float]]) -> list[str]:
+    return [f"{x:.3f}" for x in np.median(rms, axis=0)]
 
 
 _MOST = 4  # instruments of one set that are shown: a socket is one
 
 
-def images(count: int) -> str:
+def simulated_images(count: int) -> str:
     """Seconds and memory of one identification of a KR 270 from simulated images."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -105,7 +107,7 @@ def images(count: int) -> str:
     placed = [k for k, p in enumerate(model.parameters) if p.effect in ("base", "tool")]
     truth = 0.3 * model.sizes * rng.normal(size=len(model.parameters))
     truth[placed] = model.initial[placed]
-    data: Measurements = drawn_readings(model, truth, poses, None, rng)
+    data = drawn_readings(model, truth, poses, None, rng)
     begun = time.perf_counter()
     found = calib.identify(cell, data)
     seconds = time.perf_counter() - begun
@@ -119,23 +121,20 @@ def images(count: int) -> str:
     )
 
 
-@click.command()
-@click.option("--splits", type=click.IntRange(min=1), default=10, show_default=True)
-@click.option("--only", multiple=True, help="Folders, by their names.")
-@click.option(
-    "--images", "count", type=click.IntRange(min=20), help="Time simulated images instead."
+@bench(
+    count("--splits", 10),
+    click.option("--only", multiple=True, help="Folders, by their names."),
+    click.option("--images", type=click.IntRange(min=20), help="Time simulated images instead."),
+    workers=True,
 )
-def main(splits: int, only: tuple[str, ...], count: int | None) -> None:
+def main(splits: int, only: tuple[str, ...], images: int | None, seed: int, workers: int) -> Output:
     """Identify each set, or time simulated images."""
-    if count is not None:
-        click.echo(images(count))
-        return
-    root = Path(os.environ["POSECAL_DATA"])
-    table = plain_table(*_HEADINGS)
-    for name, more in SETS:
-        for row in rows_of(root / name, more, splits) if not only or name in only else ():
-            table.add_row(*row)
-    console_for(None).print(table)
+    del seed
+    if images is not None:
+        return [simulated_images(images)], None
+    tasks = [(data_folder(name), more, splits) for name, more in SETS if name in (only or (name,))]
+    rows = [row for own in each(rows_of, tasks, workers) for row in own]
+    return [table(rows)], rows
 
 
 if __name__ == "__main__":

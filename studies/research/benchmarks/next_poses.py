@@ -21,9 +21,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from pathlib import Path
+from itertools import product
 
-import click
 import numpy as np
 
 import doe
@@ -33,32 +32,20 @@ from calib.cell.targets import targets_of
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.diagnosis import Diagnosis
 from calib.effects.protocol import Effect
-from calib.files.write import json_text, write_files
 from calib.model import Model
 from calib.model.build import build, context_of, place_effect
 from calib.model.covariance import accuracy, covariance
 from calib.poses import Poses, poses_at
 from calib.simulation import drawn_readings
 from doe.ahead.next_poses import next_poses
-from studies.command.deliver import console_for
-from studies.command.options import one_line_faults
+from studies.research.bench import Output, Row, bench, count, each, median_or_more, table
 from studies.research.benchmarks.changes import arms
-from studies.tables import plain_table
 
 START, STEP, LENGTH = 6, 2, 20
 CAUSES = (("transmission_scale", "A3"), ("transmission_scale", "A2"), ("joint_coupling", "A3"))
 _START_CAUSES, _STEP_CAUSES, _LENGTH_CAUSES = 12, 4, 32
 _SHOWN = 8.0  # standard deviations by which the starting poses show a cause
 _BARRED = 0.25  # of the joint box
-_HEADINGS = (
-    ("day", "left"), ("against", "left"), ("days", "right"), ("error of the day", "right"),
-    ("of the plan [mm]", "right"), ("lost by the day", "right"), ("by the plan", "right"),
-    ("poses saved", "right"), ("of", "right"),
-)  # fmt: skip
-_CAUSES = (
-    ("poses", "left"), ("days", "right"), (f"named within {_LENGTH_CAUSES}", "right"),
-    ("after", "right"),
-)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +109,9 @@ class Day:
         return LENGTH - START - STEP * reached[0] if reached else 0
 
 
-def day(rng: np.random.Generator, kind: str) -> Day:
+def day(kind: str, index: int, seed: int) -> Day:
     """A day that chooses its poses for the task, and fixed plans beside it."""
+    rng = np.random.default_rng([seed, index])
     robot = Robot.drawn(rng)
     barred = robot.barred(rng) if kind == "barred" else lambda q: np.zeros(len(q), dtype=bool)
     fixed = doe.design(
@@ -131,11 +119,11 @@ def day(rng: np.random.Generator, kind: str) -> Day:
     ).poses.q
     q = fixed[:START]
     errors = [robot.expected(q[~barred(q)])]
-    seed = int(rng.integers(2**32))
+    noise = int(rng.integers(2**32))
     while len(q) < LENGTH:
         out = barred(q)
         data = drawn_readings(
-            robot.model, robot.truth, named(q[~out]), robot.cell.noise, np.random.default_rng(seed)
+            robot.model, robot.truth, named(q[~out]), robot.cell.noise, np.random.default_rng(noise)
         )
         found = doe.onward(
             robot.cell, data, count=STEP, goal=1e-9, ahead=LENGTH - len(q), missed=named(q[out])
@@ -160,8 +148,9 @@ class Found:
     random: int | None
 
 
-def found(kind: str, where: str, rng: np.random.Generator) -> Found:
+def found(kind: str, where: str, index: int, seed: int) -> Found:
     """A day until its cause is named: by chosen poses, by those of a plan, and by random ones."""
+    rng = np.random.default_rng([seed, 1, index])
     robot = Robot.drawn(rng)
     effect = place_effect(kind, where, context_of(robot.cell, named(robot.random(20, rng))))
     whole, values = robot.model.extended(robot.truth, (effect,))
@@ -226,58 +215,47 @@ def _until_named(
         q = np.concatenate([q, way(q, seen)])
 
 
-def _rows(days: list[Day]) -> Iterator[tuple[str, ...]]:
+def _rows(days: list[Day]) -> Iterator[Row]:
     for kind in dict.fromkeys(own.kind for own in days):
         these = [own for own in days if own.kind == kind]
-        end = float(np.median([own.errors[-1] for own in these])) * 1e3
         for plan in these[0].plans:
-            other = float(np.median([own.plans[plan] for own in these])) * 1e3
-            saved = float(np.median([own.saved(plan) for own in these]))
-            lost = [float(np.median([own.lost[name] for own in these])) for name in ("day", plan)]
-            yield (
-                kind, plan, str(len(these)), f"{end:.4f}", f"{other:.4f}",
-                f"{lost[0]:g}", f"{lost[1]:g}", f"{saved:g}", str(LENGTH),
-            )  # fmt: skip
+            yield {
+                "day": kind,
+                "against": plan,
+                "days": len(these),
+                "error of the day": f"{1e3 * np.median([d.errors[-1] for d in these]):.4f}",
+                "of the plan [mm]": f"{1e3 * np.median([d.plans[plan] for d in these]):.4f}",
+                "lost by the day": f"{np.median([d.lost['day'] for d in these]):g}",
+                "by the plan": f"{np.median([d.lost[plan] for d in these]):g}",
+                "poses saved": f"{np.median([d.saved(plan) for d in these]):g}",
+                "of": LENGTH,
+            }
 
 
-def _middle(counts: list[int | None]) -> str:
-    middle = float(np.median([np.inf if n is None else n for n in counts]))
-    return f"{middle:g}" if np.isfinite(middle) else f"> {_LENGTH_CAUSES}"
-
-
-def _told(rivals: list[Found]) -> Iterator[tuple[str, ...]]:
+def _told(rivals: list[Found]) -> Iterator[Row]:
     for way in ("chosen", "planned", "random"):
         counts = [getattr(own, way) for own in rivals]
-        within = sum(n is not None for n in counts)
-        yield way, str(len(rivals)), str(within), _middle(counts)
+        yield {
+            "poses": way,
+            "days": len(rivals),
+            f"named within {_LENGTH_CAUSES}": sum(n is not None for n in counts),
+            "after": median_or_more(counts, _LENGTH_CAUSES),
+        }
 
 
-@click.command()
-@click.option("--days", default=20, show_default=True, help="For the task, of each kind.")
-@click.option("--causes", default=6, show_default=True, help="Days with a cause.")
-@click.option("--first", default=0, show_default=True, help="Number of the first day.")
-@click.option("--seed", default=0, show_default=True)
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Every day.")
-@one_line_faults
-def main(days: int, causes: int, first: int, seed: int, json_path: Path | None) -> None:
+@bench(
+    count("--causes", 6, least=0, help="Days with a cause."),
+    count("--first", 0, least=0, help="Number of the first day."),
+    count("--days", 20, least=0, help="For the task, of each kind."),
+    workers=True,
+)
+def main(days: int, causes: int, first: int, seed: int, workers: int) -> Output:
     """Poses that a day saves which plans itself."""
-    console = console_for(None)
-    own = [
-        day(np.random.default_rng([seed, k]), kind)
-        for kind in ("all read", "barred")
-        for k in range(first, first + days)
-    ]
-    rivals = [
-        found(*CAUSES[k % len(CAUSES)], np.random.default_rng([seed, 1, k]))
-        for k in range(first, first + causes)
-    ]
-    for headings, rows in ((_HEADINGS, _rows(own)), (_CAUSES, _told(rivals))):
-        table = plain_table(*headings)
-        for row in rows:
-            table.add_row(*row)
-        console.print(table)
-    if json_path is not None:
-        write_files({json_path: json_text([*map(asdict, own), *map(asdict, rivals)])})
+    own = each(day, product(("all read", "barred"), range(first, first + days)), workers, seed=seed)
+    numbers = range(first, first + causes)
+    rivals = each(found, ((*CAUSES[k % len(CAUSES)], k) for k in numbers), workers, seed=seed)
+    figures = [*map(asdict, own), *map(asdict, rivals)]
+    return [table(_rows(own)), *([table(_told(rivals))] if rivals else ())], figures
 
 
 if __name__ == "__main__":

@@ -19,19 +19,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import click
-from rich.table import Table
 
-from calib.files.write import json_text, write_files
-from studies.command.deliver import console_for
-from studies.command.options import one_line_faults
-from studies.tables import number, plain_table
+from studies.research.bench import Output, Row, bench, count, table
 
 RUN = "from studies.cli import run; run()"
 TRIALS, WORKERS = 1000, 2
@@ -105,7 +101,7 @@ def curve(repeats: int) -> list[Sample]:
 def paper_cell(folder: Path, p: int) -> Path:
     """The embedded cell as a file."""
     from studies.demo.embedded import embedded_text
-    from studies.research.benchmarks.design_runs import ELASTIC
+    from studies.research.benchmarks.design import ELASTIC
 
     lines = embedded_text("cell.toml").splitlines()
     if p == 9:
@@ -140,48 +136,61 @@ def clocked(work: Callable[[], Any]) -> Sample:
 
 def pool(repeats: int) -> list[Sample]:
     """A million candidates of the paper's problem, weights of the links included."""
-    from studies.research.benchmarks import design_runs
+    from studies.research.benchmarks import design
 
-    posed = design_runs.problem("paper", "D")
-    return [clocked(lambda: design_runs.pool(posed, 1_000_000)) for _ in range(repeats)]
+    posed = design.problem("paper", "D")
+    return [clocked(lambda: design.pool(posed, 1_000_000)) for _ in range(repeats)]
 
 
 def identify(repeats: int) -> list[Sample]:
     """1495 poses of three markers, of a real UR10; poses remember results, so each run has its own."""
     import calib
-    from studies.research.benchmarks.real import read
+    from studies.research.bench import real_data
 
-    cell, data = read("ur10_leica_b")
+    cell, data = real_data("ur10_leica_b")
     fresh = [data.take(slice(None)) for _ in range(repeats + 1)]
     return [clocked(partial(calib.identify, cell, own)) for own in fresh][1:]
 
 
 def refits(repeats: int) -> list[Sample]:
     """1000 simulated experiments of 15 poses and 9 parameters."""
-    case = _case()
-    case.run(TRIALS // 10)
-    return [clocked(lambda: case.run(TRIALS)) for _ in range(repeats)]
+    run = _refits()
+    run(TRIALS // 10)
+    return [clocked(lambda: run(TRIALS)) for _ in range(repeats)]
 
 
 def two_workers(repeats: int) -> list[Sample]:
     """The same on one worker as a multiple of two that are started."""
     from studies.engines import engine
 
-    case, samples = _case(), []
+    run, samples = _refits(), []
     with engine(WORKERS) as pool:
-        case.run(TRIALS // 10), case.run(TRIALS, pool)
+        run(TRIALS // 10), run(TRIALS, pool)
         for _ in range(repeats):
-            alone = clocked(lambda: case.run(TRIALS))
-            samples.append(alone.over(clocked(lambda: case.run(TRIALS, pool))))
+            alone = clocked(lambda: run(TRIALS))
+            samples.append(alone.over(clocked(lambda: run(TRIALS, pool))))
     return [
         Sample(wall, float("nan")) for wall, *_ in samples
     ]  # workers' time is not this process's
 
 
-def _case() -> Any:
-    from studies.research.benchmarks.montecarlo import cases
+def _refits() -> Callable[..., Any]:
+    """Simulated experiments of Table II of the paper, so many, on an executor or here."""
+    from studies.compare.experiment import POINTS, experiment_of
+    from studies.compare.montecarlo import refits
+    from studies.compare.prediction import predict
+    from studies.demo.embedded import embedded_plan
+    from studies.research.paper.elastostatic import cell_of_section_five
 
-    return next(cases())
+    cell = cell_of_section_five()
+    experiment = experiment_of(cell, embedded_plan(cell))
+    found = [predict(experiment, POINTS)]
+
+    def run(trials: int, executor: Any = None) -> Any:
+        fresh = replace(experiment, model=replace(experiment.model))  # remembers nothing
+        return refits(fresh, found, trials, seed=0, executor=executor)
+
+    return run
 
 
 LIBRARY = {f.__name__: f for f in (pool, identify, refits, two_workers)}
@@ -214,51 +223,41 @@ def row(name: str, repeats: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def table(rows: list[dict[str, Any]]) -> Table:
-    """One line a figure."""
-    shown = plain_table(
-        ("what", "left"), ("asked", "right"), ("median", "right"), ("least .. most", "right"),
-        ("CPU", "right"), ("least .. most", "right"), ("MB", "right"), ("met", "left"),
-    )  # fmt: skip
-    for own in rows:
-        asked, figures = SPEEDS[own["name"]], []
-        for key in ("wall", "cpu"):
-            values = own[key]
-            figures += [number(statistics.median(values)), _range(values)]
-        sign = ">=" if asked.at_least else "<="
-        peak = "" if asked.most_mb is None else f"{own['peak_mb']:.0f} of {asked.most_mb:.0f}"
-        met = "yes" if own["met"] else "no"
-        shown.add_row(own["says"], f"{sign} {asked.limit:g} {asked.unit}", *figures, peak, met)
-    return shown
+def _told(row: Row) -> Row:
+    asked = SPEEDS[row["name"]]
+    wall, cpu = row["wall"], row["cpu"]
+    return {
+        "what": row["says"],
+        "asked": f"{'>=' if asked.at_least else '<='} {asked.limit:g} {asked.unit}",
+        "median": statistics.median(wall),
+        "least .. most": f"{min(wall):.4g} .. {max(wall):.4g}",
+        "CPU": statistics.median(cpu),
+        "its least .. most": f"{min(cpu):.4g} .. {max(cpu):.4g}",
+        "MB": asked.most_mb and f"{row['peak_mb']:.0f} of {asked.most_mb:.0f}",
+        "met": row["met"],
+    }
 
 
-def _range(values: Sequence[float]) -> str:
-    return f"{number(min(values))} .. {number(max(values))}"
-
-
-@click.command()
-@click.option(
-    "--only", "names", multiple=True, type=click.Choice(list(SPEEDS)), help="These alone."
+@bench(
+    click.option(
+        "--only", "names", multiple=True, type=click.Choice(list(SPEEDS)), help="These alone."
+    ),
+    count("--repeats", 5),
+    click.option("--inside", "own", type=click.Choice(list(LIBRARY)), hidden=True),
 )
-@click.option("--repeats", type=click.IntRange(min=1), default=5, show_default=True)
-@click.option("--json", "path", type=click.Path(path_type=Path), help="Write the figures as JSON.")
-@click.option("--inside", "own", type=click.Choice(list(LIBRARY)), hidden=True)
-@one_line_faults
-def main(names: tuple[str, ...], repeats: int, path: Path | None, own: str | None) -> None:
+def main(names: tuple[str, ...], repeats: int, own: str | None, seed: int) -> Output:
     """Measure every speed that is asked for; some minutes."""
+    del seed
     if own is not None:
-        click.echo(json.dumps(LIBRARY[own](repeats)))
-        return
+        return [json.dumps(LIBRARY[own](repeats))], None
     load = os.getloadavg()
     with TemporaryDirectory() as folder:
         os.environ.setdefault("PYTHONPYCACHEPREFIX", folder)
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
         rows = [row(name, repeats) for name in names or SPEEDS]
-    console = console_for(None)
-    console.print(f"{repeats} runs each; {os.cpu_count()} processors, load {load[0]:.1f} before\n")
-    console.print(table(rows))
-    if path is not None:
-        write_files({path: json_text({"cores": os.cpu_count(), "load": list(load), "rows": rows})})
+    head = f"{repeats} runs each; {os.cpu_count()} processors, load {load[0]:.1f} before\n"
+    found = {"cores": os.cpu_count(), "load": list(load), "rows": rows}
+    return [head, table(map(_told, rows))], found
 
 
 if __name__ == "__main__":

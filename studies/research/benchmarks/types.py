@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -29,7 +29,6 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.cell.targets import targets_of
 from calib.errors import CalibError
-from calib.files.write import json_text, write_files
 from calib.model import Model
 from calib.model.build import build
 from calib.model.covariance import accuracy, covariance
@@ -38,10 +37,8 @@ from calib.population import Prior, population
 from calib.population.hierarchy import Robot
 from calib.poses import Poses, poses_at
 from calib.simulation import drawn_readings
-from studies.command.deliver import console_for
-from studies.command.options import one_line_faults
+from studies.research.bench import Output, Row, bench, count, each, median_or_more, rate, table
 from studies.research.benchmarks.changes import arms
-from studies.tables import plain_table
 
 LEARNT = (0, 1, 3, 10, 100)
 POSES = (2, 3, 4, 5, 6, 8, 11, 15, 20, 28)
@@ -49,10 +46,6 @@ DAY = 20
 _MEAN, _SPREAD = 1 / 3, (1 / 30, 1 / 10)  # plausible sizes
 _KNOCK = 2e-3
 _FAR = 0.95
-_HEADINGS = (
-    ("robots before", "right"), ("poses predicted", "right"), ("poses simulated", "right"),
-    ("held", "right"), ("tail", "right"), ("strangers", "right"), ("knocked", "right"),
-)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,56 +192,49 @@ def _first_below(errors: list[float], goal: float) -> int | None:
     return POSES[after] if after < len(POSES) else None
 
 
-def _median(counts: list[int | None]) -> str:
-    middle = float(np.median([np.inf if n is None else n for n in counts]))
-    return f"{middle:g}" if np.isfinite(middle) else f"> {max(POSES)}"
-
-
-def _row(own: list[Outcome]) -> tuple[str, ...]:
+def _row(own: list[Outcome]) -> Row:
     far = sorted(own, key=lambda one: -one.distance)[: len(own) // 2]
-    held, tail = (sum(o.held for o in of) / sum(o.intervals for o in of) for of in (own, far))
+    held, tail = (
+        sum(o.held for o in of) / max(sum(o.intervals for o in of), 1) for of in (own, far)
+    )
     strange = [s for o in own for s in o.strange]
     knocked = [s for o in own for s in o.knocked]
-    return (
-        str(own[0].before), _median([o.predicted for o in own]), _median([o.needed for o in own]),
-        f"{held:.3f}", f"{tail:.3f}", f"{sum(strange)} of {len(strange)}",
-        f"{sum(knocked)} of {len(knocked)}",
-    )  # fmt: skip
+    return {
+        "robots before": own[0].before,
+        "poses predicted": median_or_more([o.predicted for o in own], max(POSES)),
+        "poses simulated": median_or_more([o.needed for o in own], max(POSES)),
+        "held": f"{held:.3f}",
+        "tail": f"{tail:.3f}",
+        "strangers": rate(sum(strange), len(strange), ends=False),
+        "knocked": rate(sum(knocked), len(knocked), ends=False),
+    }
 
 
-@click.command()
-@click.option("--robots", default=8, show_default=True, help="After each number of others.")
-@click.option("--sigma-mm", default=0.1, show_default=True, help="Of a coordinate of a point.")
-@click.option("--goal-mm", default=0.2, show_default=True, help="RMS error at the targets.")
-@click.option("--seed", default=0, show_default=True)
-@click.option(
-    "--together", default=0.0, show_default=True, help="Correlation of any two parameters."
+def after_others(
+    before: int, *, robots: int, sigma: float, goal: float, seed: int, together: float, far: bool
+) -> list[Outcome]:
+    """Robots after so many others, each of a type of its own; sigma, goal : m."""
+    rng = np.random.default_rng([seed, before])
+    own = []
+    for _ in range(robots):
+        of = drawn_type(sigma, rng, together)
+        own.append(outcome(of, learnt(of, before, rng), before, goal, rng, far))
+    return own
+
+
+@bench(
+    count("--robots", 8, help="After each number of others."),
+    click.option("--sigma-mm", default=0.1, show_default=True, help="Of a coordinate of a point."),
+    click.option("--goal-mm", default=0.2, show_default=True, help="RMS error at the targets."),
+    click.option("--together", default=0.0, show_default=True, help="Correlation of parameters."),
+    click.option("--far", is_flag=True, help="Robots that one in twenty stands farther out than."),
+    workers=True,
 )
-@click.option("--far", is_flag=True, help="Robots that one in twenty stands farther out than.")
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Every robot.")
-@one_line_faults
-def main(
-    robots: int,
-    sigma_mm: float,
-    goal_mm: float,
-    seed: int,
-    together: float,
-    far: bool,
-    json_path: Path | None,
-) -> None:
+def main(workers: int, sigma_mm: float, goal_mm: float, **options: Any) -> Output:
     """Poses that one robot more needs, by how many of its type are known."""
-    table, found = plain_table(*_HEADINGS), list[Outcome]()
-    for before in LEARNT:
-        rng = np.random.default_rng([seed, before])
-        own = []
-        for _ in range(robots):
-            of = drawn_type(sigma_mm * 1e-3, rng, together)
-            own.append(outcome(of, learnt(of, before, rng), before, goal_mm * 1e-3, rng, far))
-        table.add_row(*_row(own))
-        found += own
-    console_for(None).print(table)
-    if json_path is not None:
-        write_files({json_path: json_text([asdict(one) for one in found])})
+    sizes = {"sigma": sigma_mm * 1e-3, "goal": goal_mm * 1e-3}
+    found = each(after_others, ((before,) for before in LEARNT), workers, **sizes, **options)
+    return [table(map(_row, found))], [asdict(one) for own in found for one in own]
 
 
 if __name__ == "__main__":

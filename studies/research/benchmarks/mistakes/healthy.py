@@ -15,8 +15,8 @@ from calib.identification.mistakes import recognised
 from calib.identification.start import initial_values
 from calib.model.build import build
 from calib.threads import one_blas_thread
+from studies.research.bench import data_folder
 from studies.research.benchmarks.placement import placement
-from studies.research.benchmarks.real import folder_of
 from studies.research.fuzz_days.arms import draw_arm, draw_joints, posed
 from studies.research.withheld.robots import Arm
 from studies.research.withheld.texts import urdf
@@ -106,7 +106,7 @@ def alarms(cell_path: Path, table: Path, noisy: bool = True) -> list[str]:
 
 def real() -> Iterator[tuple[str, list[str]]]:
     """The real days at hand, each with what it is called."""
-    for cell in sorted(folder_of("").glob("**/*.toml")):
+    for cell in sorted(data_folder("").glob("**/*.toml")):
         for table in sorted(cell.parent.glob("*.csv")):
             name = f"{cell.parent.name}/{table.name}"
             try:

@@ -13,10 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from studies.research.benchmarks.design_runs import one_thread
+from studies.research.bench import Row, rms
 from studies.research.benchmarks.peers.work import Work
 
-Row = dict[str, Any]  # heading -> figure
 HERE = Path(__file__).parent
 INSTALL_S, RUN_S = 420.0, 240.0  # after which one is left out
 REQUIRED = {
@@ -51,16 +50,11 @@ def environment(folder: Path, name: str) -> Path | Left:
     made = _finished([sys.executable, "-m", "venv", str(where)], INSTALL_S, name)
     if made is None:
         # Not from source: a build that works today says little about tomorrow.
-        run = [
-            "-m",
-            "pip",
-            "install",
-            "-q",
-            "--disable-pip-version-check",
-            "--prefer-binary",
-            wanted,
+        pip = [
+            str(python),
+            *["-m", "pip", "install", "-q", "--disable-pip-version-check", "--prefer-binary"],
         ]
-        made = _finished([str(python), *run], INSTALL_S, name)
+        made = _finished([*pip, wanted], INSTALL_S, name)
     if made is not None:
         return made
     done.write_text(wanted)
@@ -103,15 +97,11 @@ def rows_of(name: str, answer: dict[str, Any], work: Work) -> Iterator[Row]:
             "free": run["free"],
             "seconds": float(np.median(run["seconds"])),
             "runs": run["seconds"],
-            "fitted [mm]": _rms(fit),
-            "held out, marker 1 [mm]": _rms(held[:, 0]),
-            "held out [mm]": _rms(held) if held.shape[1] == work.heldout.shape[1] else None,
+            "fitted [mm]": rms(fit),
+            "held out, marker 1 [mm]": rms(held[:, 0]),
+            "held out [mm]": rms(held) if held.shape[1] == work.heldout.shape[1] else None,
             "held out, median [mm]": float(np.median(held[:, 0])),
         }
-
-
-def _rms(lengths: Any) -> float:
-    return float(np.sqrt(np.mean(lengths**2)))
 
 
 def with_ratios(rows: Iterable[Row], to: Row) -> list[Row]:
@@ -142,3 +132,9 @@ def markdown(rows: list[Row]) -> str:
         own = [row["program"], row["way"], str(row["free"]), f"{row['seconds']:.3g}", ratio]
         lines.append([*own, *figures])
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def one_thread() -> dict[str, str]:
+    """The environment for peers, with one thread for their linear algebra."""
+    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+    return {**os.environ, **dict.fromkeys(names, "1")}

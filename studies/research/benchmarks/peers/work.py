@@ -16,7 +16,7 @@ import numpy as np
 import calib
 from calib.arrays import Array
 from calib.files.write import json_text, write_files
-from studies.research.benchmarks.real import folder_of, read
+from studies.research.bench import data_folder, real_data
 
 NAME, FIT = "irb120_faro", 100
 MASSES = (3.1, 3.9, 2.9, 1.3, 0.5, 0.1)  # kg, assumed, of the links that the joints move
@@ -44,8 +44,8 @@ def write_work(folder: Path, fit: int = FIT, enough_s: float = 20.0) -> Work:
 
     enough_s : s after which a run is not repeated
     """
-    source = folder_of(NAME)
-    cell, data = read(NAME)
+    source = data_folder(NAME)
+    cell, data = real_data(NAME)
     order = np.random.default_rng(0).permutation(len(data))
     given, kept = data.take(np.sort(order[:fit])), data.take(np.sort(order[fit:]))
     joints, markers = (

@@ -1,6 +1,6 @@
 """Other programs on blocks from a file; run by an interpreter that has them, posecal is not needed.
 
-    python design_peer.py NAME BLOCKS.npz POSES
+    python drive_designs.py NAME BLOCKS.npz POSES
 
 prints one JSON line: version, and seconds and results of every run. What is timed is the optimisation
 alone, with the blocks in memory.

@@ -1,9 +1,8 @@
-"""posecal beside other programs, on the same blocks."""
+"""Optimal plans by posecal and by other programs, from the same information of the candidates."""
 
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 import tempfile
 from collections.abc import Mapping
@@ -21,44 +20,12 @@ from doe.optimal.exchange import exchange, greedy, rounded_weights
 from doe.optimal.packed import unpack
 from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
-from studies.research.benchmarks.design_runs import (
-    Row,
-    any_of,
-    blocks_of,
-    master,
-    one_thread,
-    pool,
-    problem,
-    rank_one,
-    timed,
-)
+from studies.research.bench import Row
+from studies.research.benchmarks.design import any_of, blocks_of, pool, problem, timed
+from studies.research.benchmarks.peers.judge import one_thread
 
 LIMIT = 1800.0  # seconds for one peer
 OWN = ("relax + best_plan", "relax, one start + exchange", "greedy + exchange")
-
-_R = """
-given <- commandArgs(trailingOnly = TRUE)
-Fx <- unname(as.matrix(read.csv(given[1], header = FALSE)))
-N <- as.integer(given[2])
-limit <- as.numeric(given[3])
-set.seed(1)
-report <- function(package, way, run) {
-  if (!requireNamespace(package, quietly = TRUE)) {
-    cat("MISSING", package, "\\n", sep = "|")
-  } else {
-    seconds <- system.time(chosen <- run())[["elapsed"]]
-    version <- as.character(packageVersion(package))
-    cat("FOUND", package, version, way, seconds, paste(chosen, collapse = " "), "\\n", sep = "|")
-  }
-}
-report("AlgDesign", "optFederov", function() {
-  AlgDesign::optFederov(data = Fx, nTrials = N, criterion = "D")$rows
-})
-report("OptimalDesign", paste("od_KL,", limit, "s"), function() {
-  w <- OptimalDesign::od_KL(Fx, N, bin = TRUE, t.max = limit, echo = FALSE, track = FALSE)$w.best
-  which(w > 0.5)
-})
-"""
 
 
 @dataclass
@@ -69,37 +36,14 @@ class Comparison:
     skipped: list[str] = field(default_factory=list)
 
 
-def geometric(count: int) -> Array:
-    """Blocks of the geometric problem, shape (n, 33, 33)."""
-    return _matrices("geometric", count)
-
-
-def _matrices(case: str, count: int) -> Array:
-    posed = problem(case, "D")
-    return unpack(pool(posed, count).packed)
-
-
 @one_blas_thread
-def compare(python: str, quick: bool) -> Comparison:
-    """All peers, each skipped with a line where it is not installed."""
+def beside(pythons: Mapping[str, Path], count: int = 200) -> Comparison:
+    """Those peers that have an interpreter of their own, by name."""
     found = Comparison()
-    count = 200 if quick else 1000
-    with master(None):
-        _beside_figaroh(found, python, geometric(count))
-        _beside_pydex(found, python, _matrices("elastic", count))
-        _beside_r(found, count if quick else 10_000, 2.0 if quick else 15.0)
-    return found
-
-
-@one_blas_thread
-def beside(pythons: Mapping[str, Path], quick: bool) -> Comparison:
-    """Those peers that have an interpreter of their own, by name; R is not asked."""
-    found, count = Comparison(), 200 if quick else 1000
     asked = {"figaroh": ("geometric", _beside_figaroh), "pydex": ("elastic", _beside_pydex)}
-    with master(None):
-        for name, (case, run) in asked.items():
-            if name in pythons:
-                run(found, str(pythons[name]), _matrices(case, count))
+    for name, (case, run) in asked.items():
+        if name in pythons:
+            run(found, str(pythons[name]), _matrices(case, count))
     return found
 
 
@@ -155,48 +99,9 @@ def _beside_pydex(found: Comparison, python: str, matrices: Array) -> None:
         )
 
 
-def _beside_r(found: Comparison, count: int, limit: float, poses: int = 18) -> None:
-    posed = problem("elastic", "D")
-    q = pool(posed, count).q
-    rng = np.random.default_rng(0)
-    rows = np.concatenate([posed.regressor.rows(part) for part in np.array_split(q, 10)])
-    rows = rows[np.arange(count), rng.integers(rows.shape[1], size=count)]
-    blocks, rules = rank_one(rows), any_of(count, poses)
-    task = f"D, rank one, p {rows.shape[1]}, choose {poses} of {count}"
-    own = _own_rows(blocks, rules, task)
-    found.rows += own
-    program = shutil.which("Rscript")
-    if program is None:
-        found.skipped.append("AlgDesign, OptimalDesign: Rscript is not installed")
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        table, script = Path(folder) / "rows.csv", Path(folder) / "peers.R"
-        np.savetxt(table, rows, delimiter=",")
-        script.write_text(_R)
-        done = subprocess.run(  # noqa: S603
-            [program, str(script), str(table), str(poses), str(limit)],
-            capture_output=True,
-            text=True,
-            timeout=LIMIT,
-            env=one_thread(),
-        )
-    lines = [line.split("|") for line in done.stdout.splitlines()]
-    found.skipped += [f"{line[1]}: not installed in R" for line in lines if line[0] == "MISSING"]
-    if done.returncode:
-        found.skipped.append(f"R: {done.stderr.strip().splitlines()[-1]}")
-    for _, package, version, way, seconds, chosen, *_ in (x for x in lines if x[0] == "FOUND"):
-        value = _value(blocks, np.array(chosen.split(), dtype=int) - 1)
-        found.rows.append(
-            {
-                "task": task,
-                "program": f"{package} {version}",
-                "way": way,
-                "seconds": float(seconds),
-                "det(M)^(1/p)": value,
-                "time [x posecal]": float(seconds) / own[0]["seconds"],
-                "value [x posecal]": value / own[0]["det(M)^(1/p)"],
-            }
-        )
+def _matrices(case: str, count: int) -> Array:
+    """Information of each candidate of a case, shape (n, p, p)."""
+    return unpack(pool(problem(case, "D"), count).packed)
 
 
 def _own_rows(blocks: Blocks, rules: Allowed, task: str) -> list[Row]:
@@ -251,18 +156,12 @@ def _value(blocks: Blocks, plan: IntArray) -> float:
 
 def _peer(found: Comparison, python: str, name: str, matrices: Array, poses: int) -> Row:
     """What the peer answers; empty, with a line said, where it cannot be run."""
-    script = Path(__file__).with_name("design_peer.py")
+    script = Path(__file__).with_name("drive_designs.py")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "blocks.npz"
         np.savez(path, matrices=matrices)
-        run = [
-            python,
-            "-P",
-            str(script),
-            name,
-            str(path),
-            str(poses),
-        ]  # -P: ours is not its `types`
+        # -P: what stands beside the script is not what the program imports.
+        run = [python, "-P", str(script), name, str(path), str(poses)]
         try:
             done = subprocess.run(  # noqa: S603
                 run, capture_output=True, text=True, timeout=LIMIT, cwd=folder, env=one_thread()

@@ -1,0 +1,187 @@
+"""What all benchmarks share: arguments, many days on some processors, tables, rates, and the file.
+
+A benchmark states what its day is and what is measured of it. Its function is decorated with
+:func:`bench`, draws its days with :func:`each`, and returns what is printed and what ``--json`` writes.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from numpy.typing import ArrayLike
+from rich.table import Table
+
+import calib
+from calib.files.write import json_text, write_files
+from calib.threads import one_blas_thread
+from studies.command.deliver import console_for
+from studies.command.options import one_line_faults
+from studies.research.withheld.figures import wilson
+from studies.tables import plain_table
+
+Row = dict[str, Any]
+Option = Callable[[Any], Any]
+Output = tuple[Iterable[Any], Any]
+"""What is printed, one after another, and what the file holds."""
+
+_BESIDE = Path(__file__).parents[3] / "shared" / "data"
+
+
+def bench(
+    *options: Option, days: int | None = None, days_help: str = "", workers: bool = False
+) -> Callable[[Callable[..., Output]], click.Command]:
+    """A command from a function that measures: --json and --seed, and where asked --days, --workers.
+
+    options : further ones; days : the default of ``--days``, None without it
+    """
+
+    def command(measure: Callable[..., Output]) -> click.Command:
+        @functools.wraps(measure)
+        def run(json_path: Path | None, **given: Any) -> None:
+            parts, found = measure(**given)
+            console = console_for(None)
+            for part in parts:
+                console.print(part)
+            if json_path is not None:
+                write_files({json_path: json_text(found)})
+
+        shared = [
+            count("--seed", 0, least=0),
+            click.option(
+                "--json", "json_path", type=click.Path(path_type=Path), help="All figures."
+            ),
+        ]
+        if days is not None:
+            shared.append(count("--days", days, help=days_help))
+        if workers:
+            shared.append(count("--workers", 1, help="Processes that share the days."))
+        made = one_line_faults(run)
+        for option in (*shared, *reversed(options)):
+            made = option(made)
+        return click.command()(made)
+
+    return command
+
+
+def count(name: str, default: int, least: int = 1, **more: Any) -> Option:
+    """An option that is a whole number."""
+    return click.option(
+        name, type=click.IntRange(min=least), default=default, show_default=True, **more
+    )
+
+
+def several(name: str, values: Sequence[Any], default: Sequence[Any] = (), **more: Any) -> Option:
+    """An option that may be given several times: one of some words, or any number."""
+    kind = click.Choice(values) if isinstance(values[0], str) else type(values[0])
+    default = tuple(default or values)
+    return click.option(name, multiple=True, default=default, show_default=True, type=kind, **more)
+
+
+def each(
+    work: Callable[..., Any], tasks: Iterable[Sequence[Any]], workers: int = 1, **options: Any
+) -> list[Any]:
+    """Results of all tasks in their order, one thread of linear algebra each, progress on stderr.
+
+    tasks : arguments of each; options : those that all have in common
+    """
+    tasks = list(tasks)
+    one = functools.partial(_one, work, options)
+    bar = click.progressbar(length=len(tasks), file=sys.stderr, label=work.__name__)
+    with bar, ProcessPoolExecutor(workers) if workers > 1 else _Here() as pool:
+        found = []
+        for result in pool.map(one, tasks):
+            found.append(result)
+            bar.update(1)
+    return found
+
+
+@one_blas_thread
+def _one(work: Callable[..., Any], options: Mapping[str, Any], task: Sequence[Any]) -> Any:
+    return work(*task, **options)
+
+
+class _Here:
+    """What runs tasks in the same process."""
+
+    def __enter__(self) -> _Here:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return None
+
+    map = staticmethod(map)
+
+
+def table(rows: Iterable[Mapping[str, Any]]) -> Table:
+    """Rows under their headings; the first column and columns of words stand left, figures right."""
+    rows = list(rows)
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    texts = {key: [shown(row.get(key)) for row in rows] for key in keys}
+    lines = max((key.count("\n") for key in keys), default=0)
+    columns = []
+    for k, (key, own) in enumerate(texts.items()):
+        figures = k > 0 and all(map(_figure, own))
+        above = "\n" * (lines - key.count("\n"))
+        columns.append((above + key, "right" if figures else "left"))
+    made = plain_table(*columns)
+    for row in zip(*texts.values(), strict=True):
+        made.add_row(*row)
+    return made
+
+
+def shown(value: object) -> str:
+    """A cell of a table: four digits of a number, a dash where there is none."""
+    if value is None:
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _figure(text: str) -> bool:
+    return not text or text[0].isdigit() or text[0] in "-+<>"
+
+
+def rate(hits: int, n: int, ends: bool = True) -> str:
+    """So many of so many, and where asked the share with Wilson's interval, in percent."""
+    if not n:
+        return "-"
+    if not ends:
+        return f"{hits} of {n}"
+    low, high = wilson(hits, n)
+    return f"{hits} of {n}\n{100 * hits / n:.0f} % ({100 * low:.0f}-{100 * high:.0f})"
+
+
+def median_or_more(counts: Sequence[int | None], most: int) -> str:
+    """Median of counts of which None stands for more than were tried."""
+    middle = float(np.median([np.inf if n is None else n for n in counts]))
+    return f"{middle:g}" if np.isfinite(middle) else f"> {most}"
+
+
+def rms(values: ArrayLike) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def rms_3d(vectors: ArrayLike) -> float:
+    """3-D root mean square per point of vectors (.., 3)."""
+    return float(np.sqrt(np.mean(np.sum(np.square(vectors), axis=-1))))
+
+
+def data_folder(name: str) -> Path:
+    """Where a set of real measurements is, or would be: in POSECAL_DATA, or beside the project."""
+    return Path(os.environ.get("POSECAL_DATA", _BESIDE)) / name
+
+
+def real_data(name: str) -> tuple[calib.Cell, calib.Measurements]:
+    """Cell and measurements of a set. Raises InputError where it is not there."""
+    cell = calib.load_cell(data_folder(name) / "cell.toml")
+    return cell, calib.load_measurements(cell, data_folder(name) / "measurements.csv")

@@ -20,9 +20,10 @@ from calib.cell import Cell
 from calib.effects.base import Base
 from calib.errors import InputError
 from calib.files.read import read_text
-from calib.files.schema import CameraTable, CellFile
+from calib.files.schema import CellFile
 from calib.files.yaml_text import Node, Scalar, read_yaml
 from calib.instruments import Camera
+from calib.instruments.camera_table import CameraTable
 
 if TYPE_CHECKING:
     from calib.identification.identification import Identification

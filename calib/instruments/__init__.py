@@ -1,18 +1,31 @@
 """The instruments that posecal knows: one file each, all behind one protocol."""
 
-from calib.instruments.angle import Angle
+from calib.instruments.angle import Angle, AngleTable
 from calib.instruments.camera import ArmCamera, Camera, FixedCamera
-from calib.instruments.channels import Channels
-from calib.instruments.distance import Distance
-from calib.instruments.known_distances import KnownDistance
-from calib.instruments.plane import Plane
-from calib.instruments.points import TRACKER, Tracker
-from calib.instruments.pose import Pose
-from calib.instruments.protocol import Instrument
-from calib.instruments.socket import Socket
-from calib.instruments.sphere import Sphere
+from calib.instruments.camera_table import CameraTable
+from calib.instruments.channels import Channels, KnownDistance
+from calib.instruments.distance import Distance, DistanceTable
+from calib.instruments.plane import Plane, PlaneTable
+from calib.instruments.points import TRACKER, PointsTable, Tracker
+from calib.instruments.pose import Pose, PoseTable
+from calib.instruments.protocol import Instrument, KeysTable, Surroundings
+from calib.instruments.socket import Socket, SocketTable
+from calib.instruments.sphere import Sphere, SphereTable
+
+TABLES: tuple[type[KeysTable], ...] = (
+    PointsTable,
+    PoseTable,
+    CameraTable,
+    AngleTable,
+    DistanceTable,
+    PlaneTable,
+    SphereTable,
+    SocketTable,
+)
+"""The keys of every kind, which make the instrument."""
 
 __all__ = [
+    "TABLES",
     "TRACKER",
     "Angle",
     "ArmCamera",
@@ -21,10 +34,12 @@ __all__ = [
     "Distance",
     "FixedCamera",
     "Instrument",
+    "KeysTable",
     "KnownDistance",
     "Plane",
     "Pose",
     "Socket",
     "Sphere",
+    "Surroundings",
     "Tracker",
 ]

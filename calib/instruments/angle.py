@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from calib.arm.se3 import cross, rotate, skew, so3_exp, so3_log, so3_right_jacobian
 from calib.arrays import Array, Mask
+from calib.files.values import URAD, Positive
 from calib.instruments.points import Tracker
 from calib.instruments.protocol import (
     Column,
     Instrument,
+    KeysTable,
     Linear,
     Nominal,
     Number,
     Start,
+    Surroundings,
     Unknown,
 )
 from calib.instruments.resection import resected
@@ -107,3 +110,13 @@ class Angle(Instrument):
         R, t, markers = resected(ideal, near, arm, (), None)
         told = arm.free & np.any(seen, axis=0)[:, None]
         return Start(np.concatenate([Q.T @ t, so3_log(Q.T @ R)]), markers, told)
+
+
+class AngleTable(KeysTable):
+    """A theodolite: its keys in a cell."""
+
+    kind: Literal["angle"]
+    sigma_urad: Positive
+
+    def instrument(self, name: str, cell: Surroundings) -> Angle:
+        return Angle(name=name, markers=cell.own, sigma=self.sigma_urad * URAD)

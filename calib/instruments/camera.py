@@ -20,8 +20,8 @@ from calib.arm.se3 import (
     so3_right_jacobian,
 )
 from calib.arrays import Array, IntArray, Mask
-from calib.instruments.hand_eye import hand_eye
 from calib.instruments.lens import CENTER, DISTORTION, FOCAL, Lens
+from calib.instruments.placing import hand_eye
 from calib.instruments.points import Tracker
 from calib.instruments.pose import CORNERS, DIFFERENCES, corners_of
 from calib.instruments.protocol import (
@@ -35,8 +35,7 @@ from calib.instruments.protocol import (
     Start,
     Unknown,
 )
-from calib.instruments.resection import Seen, resected
-from calib.instruments.seen_boards import board_poses
+from calib.instruments.resection import Seen, board_poses, resected
 
 _LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 _ENOUGH = 4  # images of a board that fix it: three, and one to spare

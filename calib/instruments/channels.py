@@ -85,3 +85,15 @@ class Channels:
     def width(self) -> int:
         """Numbers of the widest row."""
         return max(i.rows for i in self.instruments)
+
+
+@dataclass(frozen=True)
+class KnownDistance:
+    """A length known between two sockets or two markers, by their names: it reads no pose.
+
+    length, sigma : float, m
+    """
+
+    between: tuple[str, str]
+    length: float
+    sigma: float

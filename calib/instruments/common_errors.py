@@ -6,12 +6,16 @@ of another size read alike (Tapley, Schutz and Born, Statistical Orbit Determina
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from calib.arrays import Array
+from calib.files.values import NotNegative, Number, Positive, Table
 
 _REFRACTION = (
     2.71e-4  # n - 1 of air at 20 degC and 1013.25 hPa, red light; as pressure over temperature
@@ -110,3 +114,63 @@ COMMON_KINDS: dict[str, CommonKind] = {
     "level_urad": CommonKind("levelling, direction of gravity", "urad", 1e-6, None),
 }
 """By the key of the cell."""
+
+
+DIVISORS = {"normal": 2.0, "rectangular": 3.0**0.5, "triangular": 6.0**0.5, "arcsine": 2.0**0.5}
+"""By which a limit becomes one standard uncertainty (JCGM 100, 4.3); a normal one may have its own."""
+
+
+class LimitTable(Table):
+    """A limit with its distribution, which makes a standard uncertainty."""
+
+    limit: Positive
+    distribution: Literal["normal", "rectangular", "triangular", "arcsine"] = "rectangular"
+    divisor: Positive | None = None
+    degrees_of_freedom: Annotated[Number, Field(ge=1)] | None = None
+
+    @model_validator(mode="after")
+    def _own_divisor(self) -> Self:
+        if self.divisor is not None and self.distribution != "normal":
+            raise ValueError(
+                f"divisor of a {self.distribution} distribution is {DIVISORS[self.distribution]:.4g}; "
+                "take it out, or write distribution = 'normal'"
+            )
+        return self
+
+
+def _kind_of_common(value: Any) -> str:
+    return "table" if isinstance(value, dict) else "number"
+
+
+Uncertainty = Annotated[
+    Annotated[NotNegative, Tag("number")] | Annotated[LimitTable, Tag("table")],
+    Discriminator(_kind_of_common),
+]
+"""One standard uncertainty, or a limit with its distribution."""
+
+
+class CommonTable(Table):
+    """Errors that all readings share: their keys in a cell."""
+
+    scale_um_m: Uncertainty | None = None
+    r0_um: Uncertainty | None = None
+    transverse_um: Uncertainty | None = None
+    transverse_um_m: Uncertainty | None = None
+    eccentricity_urad: Uncertainty | None = None
+    temperature_degC: Uncertainty | None = None  # noqa: N815
+    pressure_hPa: Uncertainty | None = None  # noqa: N815
+    level_urad: Uncertainty | None = None
+
+    def errors(self) -> tuple[CommonError, ...]:
+        """Those that are stated; a number is one standard uncertainty."""
+        found = []
+        for key, kind in COMMON_KINDS.items():
+            stated = getattr(self, key)
+            if isinstance(stated, LimitTable):
+                divisor = stated.divisor or DIVISORS[stated.distribution]
+                freedom = stated.degrees_of_freedom or math.inf
+                limit = stated.limit * kind.scale
+                found.append(CommonError(key, limit, stated.distribution, divisor, freedom))
+            elif stated:
+                found.append(CommonError(key, stated * kind.scale))
+        return tuple(found)

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
+from pydantic import AfterValidator, Strict, model_validator
 
 from calib.arrays import Array, Mask
+from calib.files.values import MM, NotNegative, Positive, Vector, ordered
 from calib.instruments.even import POINT, Even, around, best, contacts, mirrored
-from calib.instruments.protocol import ZERO, Column, Linear, Nominal, Start, Unknown
+from calib.instruments.protocol import (
+    ZERO,
+    Column,
+    KeysTable,
+    Linear,
+    Nominal,
+    Start,
+    Surroundings,
+    Unknown,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,3 +114,32 @@ class Distance(Even):
             offset = np.median(d - np.linalg.norm(p - anchor, axis=-1))
             starts.append([*([] if self.known else anchor), *([offset] if self.offset else [])])
         return best(self, rows, seen, arm, np.array(starts, dtype=float))
+
+
+class DistanceTable(KeysTable):
+    """A ballbar or wire: its keys in a cell."""
+
+    kind: Literal["distance"]
+    sigma_mm: Positive
+    anchor_mm: Vector | None = None
+    offset: Annotated[bool, Strict()] = False
+    reach_mm: Annotated[tuple[NotNegative, NotNegative], AfterValidator(ordered)] | None = None
+
+    @model_validator(mode="after")
+    def _reach_from_somewhere(self) -> Self:
+        if self.reach_mm is not None and self.anchor_mm is None:
+            raise ValueError("has reach_mm, which counts from anchor_mm; add that")
+        return self
+
+    def instrument(self, name: str, cell: Surroundings) -> Distance:
+        anchor = None if self.anchor_mm is None else np.array(self.anchor_mm) * MM
+        nearest, farthest = self.reach_mm or (0.0, np.inf)
+        return Distance(
+            name=name,
+            markers=cell.own,
+            sigma=self.sigma_mm * MM,
+            anchor=anchor,
+            known=anchor is not None and not cell.placed,
+            offset=self.offset,
+            reach=(nearest * MM, farthest * MM),
+        )

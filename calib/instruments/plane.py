@@ -4,14 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal, Self
 
 import numpy as np
+from pydantic import model_validator
 
 from calib.arm.se3 import skew, so3_exp, so3_right_jacobian
 from calib.arrays import Array, Mask
+from calib.files.values import MM, Direction, Positive, Vector
 from calib.instruments.even import Surface, best, contacts
-from calib.instruments.protocol import ZERO, Column, Linear, Nominal, Start, Unknown
+from calib.instruments.protocol import (
+    ZERO,
+    Column,
+    KeysTable,
+    Linear,
+    Nominal,
+    Start,
+    Surroundings,
+    Unknown,
+)
 
 _UP = np.array([0.0, 0.0, 1.0])
 _LEAST_TURN = 1e-3  # rad: of a normal from straight down, where two tilts are one
@@ -95,3 +106,25 @@ def _tilt(normal: Array) -> tuple[float, float]:
     if across == 0.0:
         return (0.0, 0.0) if angle == 0.0 else (np.pi - _LEAST_TURN, 0.0)
     return -angle * float(normal[1]) / across, angle * float(normal[0]) / across
+
+
+class PlaneTable(KeysTable):
+    """A plane: its keys in a cell."""
+
+    kind: Literal["plane"]
+    sigma_mm: Positive
+    position_mm: Vector | None = None
+    normal: Direction | None = None
+
+    @model_validator(mode="after")
+    def _whole_plane(self) -> Self:
+        if (self.position_mm is None) != (self.normal is None):
+            raise ValueError("position_mm, a point of it, and normal go together")
+        return self
+
+    def instrument(self, name: str, cell: Surroundings) -> Plane:
+        standing = None
+        if self.position_mm is not None and self.normal is not None:
+            standing = place_of(np.array(self.position_mm) * MM, np.array(self.normal))[None]
+        sigma = self.sigma_mm * MM
+        return Plane(name=name, markers=cell.own, sigma=sigma, standing=standing)

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
+from pydantic import Discriminator, Tag
 
 from calib.arm.se3 import rotate, skew, so3_exp, so3_log, so3_right_jacobian
 from calib.arrays import Array, Mask
-from calib.instruments.common_errors import CommonError
+from calib.files.values import MM, NotNegative, Positive, Table, Vector
+from calib.instruments.common_errors import CommonError, CommonTable
 from calib.instruments.placing import placed
-from calib.instruments.protocol import Column, Instrument, Linear, Nominal, Start, Unknown
+from calib.instruments.protocol import (
+    Column,
+    Instrument,
+    KeysTable,
+    Linear,
+    Nominal,
+    Start,
+    Surroundings,
+    Unknown,
+)
 from calib.noise import Noise
 
 
@@ -105,3 +116,71 @@ class Tracker(Instrument):
 
 TRACKER = Tracker()
 """A tracker of unknown noise: its rows count in metres."""
+
+
+class PolarSigma(Table):
+    """Standard deviations along and across the beam."""
+
+    range_mm: Positive
+    transverse_mm: Positive
+    range_mm_per_m: NotNegative = 0.0
+    transverse_mm_per_m: NotNegative = 0.0
+
+
+class MpeSigma(Table):
+    """A maximum permissible error, and what makes a standard deviation of it."""
+
+    mpe_mm: Positive
+    mpe_mm_per_m: NotNegative = 0.0
+    divisor: Positive
+
+
+def _kind_of_sigma(value: Any) -> str:
+    if not isinstance(value, dict):
+        return "number"
+    of_mpe = any(str(key).startswith("mpe") or key == "divisor" for key in value)
+    return "mpe" if of_mpe else "polar"
+
+
+Sigma: TypeAlias = Annotated[
+    Annotated[Positive, Tag("number")]
+    | Annotated[PolarSigma, Tag("polar")]
+    | Annotated[MpeSigma, Tag("mpe")],
+    Discriminator(_kind_of_sigma),
+]
+
+
+class TrackerTable(Table):
+    """``[instrument]``, the only one of a cell."""
+
+    sigma_mm: Sigma
+    position_mm: Vector | None = None
+    common: CommonTable = CommonTable()
+
+    def tracker(self, name: str, reads: tuple[int, ...] | None) -> Tracker:
+        """One that reads these markers, or all."""
+        stands = None if self.position_mm is None else np.array(self.position_mm) * MM
+        noise, common = _noise(self.sigma_mm), self.common.errors()
+        return Tracker(name=name, markers=reads, noise=noise, stands=stands, common=common)
+
+
+class PointsTable(TrackerTable, KeysTable):
+    """A tracker among several instruments: its keys in a cell."""
+
+    kind: Literal["points"]
+
+    def instrument(self, name: str, cell: Surroundings) -> Tracker:
+        return self.tracker(name, cell.own)
+
+
+def _noise(sigma: Sigma) -> Noise:
+    if isinstance(sigma, PolarSigma):
+        return Noise(
+            sigma.range_mm * MM,
+            sigma.transverse_mm * MM,
+            sigma.range_mm_per_m * MM,
+            sigma.transverse_mm_per_m * MM,
+        )
+    if isinstance(sigma, MpeSigma):
+        return Noise.maximum_permissible(sigma.mpe_mm * MM, sigma.mpe_mm_per_m * MM, sigma.divisor)
+    return Noise.isotropic(sigma * MM)

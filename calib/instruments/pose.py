@@ -9,15 +9,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, Literal, Self
 
 import numpy as np
+from pydantic import model_validator
 
 from calib.arm.se3 import moved_as_one, rotate, so3_log
 from calib.arrays import Array, IntArray, Mask
-from calib.instruments.hand_eye import hand_eye
+from calib.files.values import MM, SMALLEST, URAD, Positive, Row
+from calib.instruments.placing import hand_eye
 from calib.instruments.points import Tracker
-from calib.instruments.protocol import MOTION, Column, Linear, Nominal, Number, Start
+from calib.instruments.protocol import (
+    MOTION,
+    Column,
+    KeysTable,
+    Linear,
+    Nominal,
+    Number,
+    Start,
+    Surroundings,
+)
+from calib.noise import Noise
 
 _OFF_UNIT = 0.01  # that a quaternion's length may be off by, from rounding
 _CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -185,3 +197,53 @@ def _tangent(R: Array) -> Array:
     T[..., 4, 3:6] = -z
     T[..., 5, 3:6], T[..., 5, 6:] = y / 2.0, -x / 2.0
     return T
+
+
+_SYMMETRIC = 1e-6  # of the deviations
+
+
+class PoseTable(KeysTable):
+    """What reads poses of bodies: its keys in a cell."""
+
+    kind: Literal["pose"]
+    sigma_mm: Positive | None = None
+    sigma_urad: Positive | None = None
+    covariance: tuple[Row, Row, Row, Row, Row, Row] | None = None  # mm and urad, body axes
+
+    @model_validator(mode="after")
+    def _one_noise(self) -> Self:
+        stated = (self.sigma_mm is not None, self.sigma_urad is not None)
+        if self.covariance is None and not all(stated):
+            raise ValueError("needs its noise, sigma_mm and sigma_urad, or covariance")
+        if self.covariance is not None:
+            if any(stated):
+                raise ValueError("has both sigma and covariance; keep one of them")
+            _refuse_no_covariance(np.array(self.covariance))
+        return self
+
+    def instrument(self, name: str, cell: Surroundings) -> Pose:
+        parts = [cell.parts[body] for body in cell.read_as_poses]
+        units = np.repeat([MM, URAD], 3)
+        if self.covariance is not None:
+            covariance = np.array(self.covariance) * np.outer(units, units)
+        else:
+            sigma = np.repeat([self.sigma_mm or np.nan, self.sigma_urad or np.nan], 3)
+            covariance = np.diag((sigma * units) ** 2)
+        alone = float(np.sqrt(np.trace(covariance[:3, :3]) / 3.0))
+        return Pose(
+            name=name,
+            markers=tuple(i for own in parts for i in range(own.start, own.stop)),
+            noise=Noise.isotropic(alone),
+            covariance=covariance,
+        )
+
+
+def _refuse_no_covariance(C: Array) -> None:
+    size = np.sqrt(np.maximum(np.diag(C), 0.0))
+    if not (size > 0.0).all():
+        raise ValueError("covariance needs variances above zero on its diagonal")
+    scaled = C / np.outer(size, size)
+    if np.abs(scaled - scaled.T).max() > _SYMMETRIC:
+        raise ValueError("covariance is not symmetric")
+    if np.linalg.eigvalsh(scaled)[0] < SMALLEST:
+        raise ValueError("covariance is not positive definite")

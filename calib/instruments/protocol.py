@@ -11,6 +11,9 @@ frame, which an instrument may read, or ride on. How it stands against the robot
     columns             how a row stands in a table
     numbers             what it says of an error, by which figures are grouped
     position            where the picture shows it, and lines of sight end
+    a KeysTable         its keys in a cell, and the instrument that they make
+
+and one entry in ``calib.instruments.TABLES``.
 
 Of C readings a pose the points are (m, C, 3), or (m, C, 3 k) where each takes k, the rows (m, C, r).
 """
@@ -26,6 +29,7 @@ from typing import ClassVar, Literal, NamedTuple, Self
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
+from calib.files.values import BoardTable, Table
 
 
 class Unknown(NamedTuple):
@@ -262,3 +266,35 @@ class Instrument(ABC):
     def read_of(self, markers: int) -> IntArray:
         """Positions of the markers that it reads, of so many."""
         return np.arange(markers) if self.markers is None else np.array(self.markers, dtype=int)
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What of a cell an instrument may read or stand by.
+
+    markers : int, of the cell's own; parts : dict, body -> slice, its points among all markers
+    read_as_poses : tuple of str, the bodies that are frames
+    boards : dict, board -> its table, the names of its points, and these points (n, 3), m, in its frame
+    placed : whether the model has places of instruments: what a cell gives of them is a guess
+    """
+
+    markers: int
+    parts: Mapping[str, slice]
+    read_as_poses: tuple[str, ...]
+    boards: Mapping[str, tuple[BoardTable, tuple[str, ...], Array]]
+    placed: bool
+
+    @property
+    def own(self) -> tuple[int, ...] | None:
+        """Positions of the cell's own markers among all, None where there are no others."""
+        return tuple(range(self.markers)) if self.parts else None
+
+
+class KeysTable(Table, ABC):
+    """The table ``[instruments.NAME]`` of one kind, in the units of its keys."""
+
+    kind: str
+
+    @abstractmethod
+    def instrument(self, name: str, cell: Surroundings) -> Instrument:
+        """The instrument, in SI."""

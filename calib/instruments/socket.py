@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from calib.arrays import Array, Mask
+from calib.files.values import MM, Positive, Vector
 from calib.instruments.even import POINT, Surface, contacts
-from calib.instruments.protocol import Column, Linear, Nominal, Start, Unknown
+from calib.instruments.protocol import (
+    Column,
+    Instrument,
+    KeysTable,
+    Linear,
+    Nominal,
+    Start,
+    Surroundings,
+    Unknown,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,3 +69,33 @@ class Socket(Surface):
 
 
 _SINGULAR = 0.05  # of the largest lever: below, a nominal arm's error would look like a marker's
+
+
+class SocketTable(KeysTable):
+    """A socket: its keys in a cell."""
+
+    kind: Literal["socket"]
+    sigma_mm: Positive
+    position_mm: Vector | None = None
+
+    def instrument(self, name: str, cell: Surroundings) -> Socket:
+        standing = None if self.position_mm is None else np.array(self.position_mm)[None] * MM
+        return Socket(name=name, markers=cell.own, sigma=self.sigma_mm * MM, standing=standing)
+
+
+def joined_sockets(instruments: Sequence[Instrument]) -> tuple[Instrument, ...]:
+    """Sockets of one uncertainty as one that stands elsewhere each time, behind all others.
+
+    Foreseen where the places of all of them are given.
+    """
+    groups: dict[float, list[Socket]] = {}
+    for own in instruments:
+        if isinstance(own, Socket):
+            groups.setdefault(own.sigma, []).append(own)
+    joined = []
+    for group in groups.values():
+        given = [own.standing for own in group if own.standing is not None]
+        whole = np.concatenate(given) if len(given) == len(group) else None
+        sites = tuple(own.name for own in group) if len(group) > 1 else ()
+        joined.append(replace(group[0], sites=sites, standing=whole))
+    return (*(own for own in instruments if not isinstance(own, Socket)), *joined)

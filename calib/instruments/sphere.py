@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal, Self
 
 import numpy as np
+from pydantic import model_validator
 
 from calib.arrays import Array, Mask
+from calib.files.values import MM, Positive, Vector
 from calib.instruments.even import POINT, Surface, around, best, contacts, mirrored
-from calib.instruments.protocol import Column, Linear, Nominal, Start, Unknown
+from calib.instruments.protocol import (
+    Column,
+    KeysTable,
+    Linear,
+    Nominal,
+    Start,
+    Surroundings,
+    Unknown,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,3 +73,34 @@ class Sphere(Surface):
             away = np.linalg.norm(p - centres[:, None], axis=-1)
             centres = np.column_stack([centres, np.median(away - d, axis=-1)])
         return best(self, rows, seen, arm, centres)
+
+
+class SphereTable(KeysTable):
+    """A sphere: its keys in a cell."""
+
+    kind: Literal["sphere"]
+    sigma_mm: Positive
+    radius_mm: Positive | None = None
+    about_radius_mm: Positive | None = None
+    position_mm: Vector | None = None
+
+    @model_validator(mode="after")
+    def _one_radius(self) -> Self:
+        if self.radius_mm is not None and self.about_radius_mm is not None:
+            raise ValueError(
+                "radius_mm is a known radius, about_radius_mm one to be found; give one"
+            )
+        return self
+
+    def instrument(self, name: str, cell: Surroundings) -> Sphere:
+        standing = None
+        if self.position_mm is not None and (self.radius_mm or self.about_radius_mm) is not None:
+            about = () if self.radius_mm is not None else (self.about_radius_mm,)
+            standing = np.array([[*self.position_mm, *about]]) * MM
+        return Sphere(
+            name=name,
+            markers=cell.own,
+            sigma=self.sigma_mm * MM,
+            radius=None if self.radius_mm is None else self.radius_mm * MM,
+            standing=standing,
+        )

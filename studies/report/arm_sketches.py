@@ -135,7 +135,7 @@ def _arm_camera(sketch: _Sketch, camera: ArmCamera, _: slice) -> Iterator[Fixtur
 
 
 def _bodies(sketch: _Sketch, instrument: Pose, _: slice) -> Iterator[Fixture]:
-    yield from _tracker(sketch, instrument, _)
+    yield from _stand(sketch, instrument, _)
     own = sketch.found.markers[instrument.read_of(len(sketch.found.markers))].reshape(-1, 3, 3)
     names = [
         sketch.cell.marker_names[j] for j in instrument.read_of(len(sketch.found.markers))[::3]
@@ -147,12 +147,13 @@ def _bodies(sketch: _Sketch, instrument: Pose, _: slice) -> Iterator[Fixture]:
         yield _moving("frame", name, lines, centre, centre)
 
 
-def _tracker(sketch: _Sketch, instrument: Tracker, _: slice) -> Iterator[Fixture]:
-    """Where it stands; a tracker whose place the cell gives is drawn with its lines of sight."""
+def _stand(sketch: _Sketch, instrument: Instrument, _: slice) -> Iterator[Fixture]:
+    """Where its axes stand; one whose place the cell gives is drawn with its lines of sight."""
     place = sketch.found.places.get(instrument.name)
-    if place is None or instrument.position is not None:
+    framed = instrument.unknowns[:6] == Tracker.unknowns
+    if place is None or instrument.position is not None or not framed:
         return
-    R, p = instrument.placement(place)
+    R, p = Tracker.placement(place[:6])
     ends = R * _TRIAD * sketch.length
     centre = -R.T @ p
     yield _still("instrument", instrument.name, [np.stack([centre, centre + e]) for e in ends],
@@ -224,9 +225,9 @@ _DRAWN: dict[type[Instrument], _Draw] = {
     FixedCamera: _fixed_camera,
     ArmCamera: _arm_camera,
     Pose: _bodies,
-    Tracker: _tracker,
     Socket: _sockets,
     Sphere: _sphere,
     Plane: _plane,
     Distance: _wire,
+    Instrument: _stand,  # of any other kind
 }

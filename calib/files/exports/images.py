@@ -16,8 +16,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.errors import InputError
-from calib.files.boards import shape_of
-from calib.files.cell import cell_table
+from calib.files.cell_table import cell_table
 from calib.files.exports.bodies import NAMES
 from calib.files.exports.points import MeasuredPoint, PointList
 from calib.files.read import read_bytes
@@ -53,7 +52,7 @@ def pattern_of(cell_path: Path, name: str) -> Pattern:
         known = f"boards are {', '.join(table.boards)}" if table.boards else "it has no [boards]"
         raise InputError("--board", "", f"{name!r} is not in {cell_path}", known)
     board = table.boards[name]
-    names, points = shape_of(board)
+    names, points = board.shape()
     if board.tags is not None and board.dictionary is None:
         what = "has tags and no dictionary"
         raise InputError(cell_path, f"boards.{name}", what, "name it, as apriltag_36h11")

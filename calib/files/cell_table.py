@@ -1,0 +1,137 @@
+"""Read ``cell.toml`` as a checked table; what is wrong with it is one line that names the key."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from calib.errors import InputError
+from calib.files.read import ORDER, read_text
+from calib.files.schema import KINDS, CellFile
+
+_LARGEST_FILE = 2_000_000  # bytes; the parser of the standard library is slow
+_DEEPEST = 50  # parts of a key
+
+
+def cell_table(path: Path) -> CellFile:
+    """The checked tables of a cell file, as they stand in it. Raises InputError."""
+    return _validated(path, _read_toml(path))
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    text = read_text(path, _LARGEST_FILE)
+    if text.startswith("{"):
+        raise InputError(path, "", "is a JSON and no cell", ORDER)
+    _refuse_long_keys(path, text)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(path, "", f"is not valid TOML: {_first_line(error)}") from None
+    except ValueError:  # an integer of thousands of digits
+        raise InputError(path, "", "holds a number with too many digits") from None
+    except RecursionError:
+        raise InputError(path, "", "is nested too deeply") from None
+
+
+def _refuse_long_keys(path: Path, text: str) -> None:
+    """A key of thousands of parts, ``a.a.a``, would keep the parser busy for hours."""
+    for number, line in enumerate(text.splitlines(), 1):
+        longest = max(
+            sum(bool(word.strip()) for word in piece.split("."))
+            for piece in re.split(r"[,=\[\]{}#]", line)
+        )
+        if max(longest, len(re.findall(r"[\"']\s*\.", line))) > _DEEPEST:
+            raise InputError(path, f"line {number}", "is nested too deeply")
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0]
+
+
+def _validated(path: Path, raw: dict[str, Any]) -> CellFile:
+    try:
+        return CellFile.model_validate(raw)
+    except ValidationError as error:
+        # A misspelt key is both unknown and missing: the unknown one is what the user sees.
+        problems = sorted(
+            error.errors(include_url=False), key=lambda p: p["type"] != "extra_forbidden"
+        )
+        first = problems[0]
+        keys = _keys(first["loc"])
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise InputError(path, ".".join(keys), _plain(first, keys) + more) from None
+
+
+def _keys(location: tuple[int | str, ...]) -> list[str]:
+    """Keys of the file; a union's tag (number, position, box ..) stands in the location alone."""
+    named = (
+        "markers_mm",
+        "instruments",
+        "bodies",
+        "boards",
+    )  # below these, keys are the user's own names
+    return [
+        str(key)
+        for before, key in zip((None, *location), location, strict=False)
+        if key != "[key]" and (key not in _TAGS or before in named)
+    ]
+
+
+_TAGS = KINDS | frozenset(
+    ("number", "polar", "mpe", "position", "table", "box", "sphere", "halfspace")
+)
+
+
+_PLAINLY = {
+    "tuple_type": "should be a list of numbers in brackets",
+    "list_type": "should be a list in brackets",
+    "dict_type": "should be a table of its own",
+    "model_type": "should be a table of its own",
+    "too_short": "has no entry; at least one is needed",
+}
+
+
+def _plain(problem: Mapping[str, Any], keys: list[str]) -> str:
+    kind = problem["type"]
+    if kind == "missing" and keys[-1].isdigit():
+        return "is missing: the list has too few numbers"
+    if kind == "missing":
+        return "is missing; add it, as in the cell that `posecal demo` writes"
+    if kind == "extra_forbidden":
+        close = difflib.get_close_matches(keys[-1], _known_keys(CellFile), n=1)
+        return "is not a known key" + (f"; did you mean {close[0]!r}?" if close else "")
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        of = problem.get("ctx", {}).get("discriminator", "type").strip("'")
+        known = "box, sphere or halfspace" if of == "type" else ", ".join(sorted(KINDS))
+        return (
+            f"{'has no known' if kind == 'union_tag_invalid' else 'lacks its'} {of}; write {known}"
+        )
+    if kind in _PLAINLY:
+        return _PLAINLY[kind]
+    text = str(problem["msg"]).removeprefix("Value error, ")
+    text = text[0].lower() + text[1:]
+    value = problem.get("input")
+    return text + (f", found {value!r}" if isinstance(value, str | int | float) else "")
+
+
+def _known_keys(model: type[BaseModel]) -> set[str]:
+    keys: set[str] = set()
+    for name, entry in model.model_fields.items():
+        keys.add(entry.alias or name)
+        for below in _models(entry.annotation):
+            keys |= _known_keys(below)
+    return keys
+
+
+def _models(annotation: object) -> Iterator[type[BaseModel]]:
+    """Tables that a key may hold, by themselves or in lists, dictionaries and unions."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _models(part)

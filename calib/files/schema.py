@@ -1,0 +1,349 @@
+"""The cell file as it is written: units in the names, checked before anything is computed."""
+
+from __future__ import annotations
+
+import math
+from datetime import date, time
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, Union, get_args
+
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Strict,
+    Tag,
+    model_validator,
+)
+
+from calib.arm.robot import FORMS, Form
+from calib.files.values import (
+    BoardTable,
+    BodyTable,
+    Count,
+    Direction,
+    Name,
+    NotNegative,
+    Number,
+    Positive,
+    Range,
+    Table,
+    Vector,
+    plain,
+)
+from calib.instruments import TABLES
+from calib.instruments.camera_table import CameraTable
+from calib.instruments.points import TrackerTable
+from calib.instruments.protocol import KeysTable
+
+if TYPE_CHECKING:
+    AnyInstrument: TypeAlias = KeysTable
+else:
+    AnyInstrument = Annotated[Union[TABLES], Field(discriminator="kind")]  # noqa: UP007
+
+
+class CapsuleTable(Table):
+    start: Vector = Field(alias="from")
+    end: Vector = Field(alias="to")
+    radius: Positive
+
+
+class AnchorTable(Table):
+    before: Vector
+    after: Vector
+
+
+class RobotTable(Table):
+    urdf: str | None = None
+    mjcf: str | None = None
+    dh: str | None = None
+    dh_convention: Literal["classic", "modified"] | None = None
+    kinematics: str | None = None
+    base: str = ""
+    tip: str = ""
+    repeatability_mm: NotNegative | None = None
+    repeatability_urad: NotNegative | None = None
+    limits_deg: dict[str, Range] = {}
+    limits_mm: dict[str, Range] = {}
+    capsules_mm: dict[str, list[CapsuleTable]] = {}
+    compensators_mm: dict[str, AnchorTable] = {}
+    gear_ratio: dict[str, Positive] = {}
+
+    @model_validator(mode="after")
+    def _one_file(self) -> Self:
+        if len(self._files) != 1:
+            raise ValueError(f"needs the robot's file, one of {', '.join(FORMS)}, and no second")
+        if (self.dh is None) != (self.dh_convention is None):
+            raise ValueError(
+                "dh and dh_convention go together; write dh_convention = 'classic' or 'modified': the "
+                "same numbers are another arm in the other"
+            )
+        for key in ("base", "tip"):
+            if self.form in ("urdf", "mjcf") and not getattr(self, key):
+                raise ValueError(
+                    f"lacks {key}; name the {'first' if key == 'base' else 'last'} link or body"
+                )
+            if getattr(self, key):
+                plain(getattr(self, key))
+        return self
+
+    @property
+    def _files(self) -> dict[Form, str]:
+        return {form: getattr(self, form) for form in FORMS if getattr(self, form) is not None}
+
+    @property
+    def form(self) -> Form:
+        return next(iter(self._files))
+
+    @property
+    def file(self) -> str:
+        return next(iter(self._files.values()))
+
+
+_HEAVIEST = 2500.0  # kg: the largest arms on the market carry 2300
+_PULLS_MOST = 30.0  # m/s^2
+_STANDARD = 9.80665
+_GRAVITIES = {"cm/s^2": 100.0, "mm/s^2": 1000.0, "ft/s^2": 3.28084, "in/s^2": 39.3701}
+
+
+def _mass(kilograms: float) -> float:
+    if kilograms > _HEAVIEST:
+        grams = f"; if these are grams, write {kilograms / 1e3:g}"
+        raise ValueError(f"no arm carries so many kilograms{grams}")
+    return kilograms
+
+
+def _gravity(m_s2: tuple[float, float, float]) -> tuple[float, float, float]:
+    pull = math.hypot(*m_s2)
+    if pull > _PULLS_MOST:
+        unit = min(_GRAVITIES, key=lambda u: abs(math.log(pull / _GRAVITIES[u] / _STANDARD)))
+        raise ValueError(
+            f"is no gravity in m/s^2; if it is in {unit}, divide by {_GRAVITIES[unit]:g}"
+        )
+    return m_s2
+
+
+Mass = Annotated[NotNegative, AfterValidator(_mass)]
+
+
+class GravityTable(Table):
+    m_s2: Annotated[Vector, AfterValidator(_gravity)] = (0.0, 0.0, -9.80665)
+
+
+class PayloadTable(Table):
+    mass_kg: Mass = 0.0
+    com_mm: Vector = (0.0, 0.0, 0.0)
+
+
+class LoadTable(Table):
+    mass_kg: Mass
+    com_mm: Vector
+    max_tilt_deg: Annotated[Number, Field(ge=0, le=90)] = 90.0
+
+
+class MarkerTable(Table):
+    position: Vector
+    normal: Direction | None = None
+    acceptance_deg: Annotated[Number, Field(gt=0, le=180)] | None = None
+
+
+def _kind_of_marker(value: Any) -> str:
+    return "table" if isinstance(value, dict) else "position"
+
+
+Marker = Annotated[
+    Annotated[Vector, Tag("position")] | Annotated[MarkerTable, Tag("table")],
+    Discriminator(_kind_of_marker),
+]
+
+
+class KnownDistanceTable(Table):
+    between: tuple[Name, Name]
+    mm: Positive
+    sigma_mm: Positive
+
+
+class LevelsTable(Table):
+    poses_per_level: Count
+    count: Count | None = None
+    min_separation_deg: NotNegative = 0.0
+    values_deg: list[Number] | None = None
+
+
+class Box(Table):
+    type: Literal["box"]
+    center_mm: Vector
+    size_mm: tuple[Positive, Positive, Positive]
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+
+
+class Sphere(Table):
+    type: Literal["sphere"]
+    center_mm: Vector
+    radius_mm: Positive
+
+
+class HalfSpace(Table):
+    type: Literal["halfspace"]
+    point_mm: Vector
+    normal: Direction
+
+
+def _kind_of_floor(value: Any) -> str:
+    return "none" if value is False else "number"
+
+
+FloorHeight = Annotated[
+    Annotated[Number, Tag("number")] | Annotated[Literal[False], Tag("none")],
+    Discriminator(_kind_of_floor),
+]
+
+
+class DesignTable(Table):
+    poses: Count | None = None
+    levels: dict[str, LevelsTable] = {}
+    targets: str | None = None
+    targets_after_h: NotNegative | None = None
+    repeats: Annotated[bool, Strict()] = False
+    reference_every: Count | None = None
+    reapproaches: Count | None = None
+    floor_mm: FloorHeight | None = None
+    obstacle: list[Annotated[Box | Sphere | HalfSpace, Field(discriminator="type")]] = []
+
+
+class DiagnosisTable(Table):
+    exclude: list[str] = []
+
+
+class PriorTable(Table):
+    file: Annotated[str, Field(min_length=1)]
+
+
+class AcceptanceTable(Table):
+    tolerance_mm: Positive
+    rule: Literal["simple", "guarded"] = "guarded"
+
+
+def _widths(value: object) -> object:
+    """What stands for widths, or the one line that says what would."""
+    numbers = value.values() if isinstance(value, dict) else ()
+    right = all(type(n) in (int, float) and 0.0 < n < math.inf for n in numbers)
+    if value in ("estimated", "off") or (isinstance(value, dict) and numbers and right):
+        return value
+    raise ValueError(
+        'must be "estimated", "off", or widths above zero, as { geometry_mrad = 10, geometry_mm = 3 }'
+    )
+
+
+class ModelTable(Table):
+    effects: Annotated[list[str], Field(min_length=1)]
+    knots_deg: dict[str, list[Number]] = {}
+    prior: PriorTable | None = None
+    size_prior: Annotated[
+        Literal["estimated", "off"] | dict[str, Positive], BeforeValidator(_widths)
+    ] = "estimated"
+
+
+_LONGEST_TEXT = 300
+
+
+def _told(value: object) -> object:
+    if isinstance(value, bool) or not isinstance(value, str | int | float | date | time):
+        raise ValueError("is no text, number or date")
+    if len(str(value)) > _LONGEST_TEXT or not str(value).isprintable():
+        raise ValueError(f"is no line of text, of {_LONGEST_TEXT} characters at most")
+    return value
+
+
+Told = Annotated[Any, AfterValidator(_told)]
+"""What a reader is told as it stands."""
+
+
+KINDS = frozenset(get_args(own.model_fields["kind"].annotation)[0] for own in TABLES)
+"""Of instruments, as a cell writes them."""
+
+
+class CellFile(Table):
+    """The whole file."""
+
+    format: Literal[1] = Field(alias="schema")
+    name: Name | None = None
+    robot: RobotTable
+    markers_mm: dict[Name, Marker] = {}
+    bodies: dict[Name, BodyTable] = {}
+    boards: dict[Name, BoardTable] = {}
+    instrument: TrackerTable | None = None
+    instruments: dict[Name, AnyInstrument] = {}
+    known_distances: list[KnownDistanceTable] = []
+    gravity: GravityTable = GravityTable()
+    payload: PayloadTable = PayloadTable()
+    load: LoadTable | None = None
+    design: DesignTable = DesignTable()
+    diagnosis: DiagnosisTable = DiagnosisTable()
+    acceptance: AcceptanceTable | None = None
+    report: dict[Name, Told] = {}
+    model: ModelTable
+
+    @model_validator(mode="after")
+    def _load_once(self) -> Self:
+        own, load = self.payload, self.load
+        if load is None or not own.mass_kg or own.com_mm != load.com_mm:
+            return self
+        if math.isclose(own.mass_kg, load.mass_kg, rel_tol=0.01):
+            raise ValueError(
+                "[payload] and [load] are the same mass at the same place; it counts once: keep "
+                "[payload] if it is carried at every pose, [load] if it is hung on for a second reading"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _something_read(self) -> Self:
+        if self.instrument is None and not self.instruments:
+            raise ValueError(
+                "has no [instrument]; add it, as in the cell that `posecal demo` writes"
+            )
+        if self.instrument is not None and self.instruments:
+            raise ValueError(
+                "has [instrument] and [instruments]; make [instrument] one of these, too"
+            )
+        kinds = {entry.kind for entry in self.instruments.values()} or {"points"}
+        touching = kinds - {"pose", "camera"}
+        if touching and not self.markers_mm:
+            raise ValueError(f"reads {min(touching)} and has no [markers_mm]; add what is read")
+        if "pose" in kinds and not self.bodies:
+            raise ValueError("reads pose and has no [bodies]; add what is read")
+        if self.bodies and "pose" not in kinds:
+            raise ValueError("has [bodies] and no instrument of kind pose that reads them")
+        if self.markers_mm and not touching and not self._cameras("world"):
+            raise ValueError("has [markers_mm] and no instrument that reads them")
+        self._check_boards()
+        return self
+
+    def _cameras(self, on: str) -> list[str]:
+        tables = self.instruments.items()
+        return [name for name, own in tables if isinstance(own, CameraTable) and own.on == on]
+
+    def _check_boards(self) -> None:
+        """Each camera sees what stands on the other side, and each board is seen."""
+        boards = {
+            on: [n for n, own in self.boards.items() if own.on == on] for on in ("tip", "world")
+        }
+        if (seeing := self._cameras("world")) and not boards["tip"] and not self.markers_mm:
+            raise ValueError(
+                f"has camera {seeing[0]} in the world and nothing on the tip; add [boards.NAME] with "
+                "on = 'tip', or [markers_mm]"
+            )
+        if (seeing := self._cameras("tip")) and not boards["world"]:
+            raise ValueError(
+                f"has camera {seeing[0]} on the tip and nothing in the world; add [boards.NAME] with "
+                "on = 'world'"
+            )
+        for on, other in (("tip", "world"), ("world", "tip")):
+            if boards[on] and not self._cameras(other):
+                raise ValueError(
+                    f"has board {boards[on][0]} on the {on} and no camera on the {other} that sees it"
+                )
+        named = [*self.markers_mm, *self.bodies, *self.boards, *self._cameras("tip")]
+        if len(named) > len(set(named)):
+            twice = next(name for name in named if named.count(name) > 1)
+            raise ValueError(f"{twice!r} names two things; rename one")

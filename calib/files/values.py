@@ -1,0 +1,146 @@
+"""Values of the cell file, each with what it must be: numbers, names, frames, boards."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
+
+from calib.arm.se3 import from_xyz_rpy
+from calib.arrays import Array
+from calib.files.read import fault_of_name
+
+_LARGEST = 1e9  # in any unit
+MM, URAD = 1e-3, 1e-6
+"""SI of the units of most keys."""
+SMALLEST = 1e-9
+
+
+def _plausible(value: float) -> float:
+    if abs(value) > _LARGEST:
+        raise ValueError("is of no plausible size")
+    return value
+
+
+def _not_vanishing(value: float) -> float:
+    if value < SMALLEST:
+        raise ValueError("is too small to mean anything")
+    return value
+
+
+Number = Annotated[float, Strict(), Field(allow_inf_nan=False), AfterValidator(_plausible)]
+Positive = Annotated[Number, Field(gt=0), AfterValidator(_not_vanishing)]
+NotNegative = Annotated[Number, Field(ge=0)]
+Count = Annotated[int, Strict(), Field(ge=1, le=1_000_000)]
+Vector = tuple[Number, Number, Number]
+Row = tuple[Number, Number, Number, Number, Number, Number]
+
+
+def plain(name: str) -> str:
+    if fault := fault_of_name(name):
+        raise ValueError(f"the name {fault}")
+    return name
+
+
+Name = Annotated[str, AfterValidator(plain)]
+
+
+def ordered(limits: tuple[float, float]) -> tuple[float, float]:
+    if limits[0] > limits[1]:
+        raise ValueError(f"lower limit {limits[0]:g} is above upper limit {limits[1]:g}")
+    return limits
+
+
+def _direction(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    if max(map(abs, vector)) < SMALLEST:
+        raise ValueError("a direction must not be zero")
+    return vector
+
+
+Range = Annotated[tuple[Number, Number], AfterValidator(ordered)]
+Direction = Annotated[Vector, AfterValidator(_direction)]
+
+
+class Table(BaseModel):
+    """A TOML table without unknown keys."""
+
+    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+
+
+class BodyTable(Table):
+    position_mm: Vector = (0.0, 0.0, 0.0)
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+
+    @property
+    def frame(self) -> Array:
+        """Where it stands, shape (4, 4), m."""
+        return from_xyz_rpy(np.array(self.position_mm) * MM, np.radians(self.rpy_deg))
+
+    @property
+    def stated(self) -> bool:
+        """Whether the cell says where it stands."""
+        return {"position_mm", "rpy_deg"} <= self.model_fields_set
+
+
+Anywhere = Annotated[float, Strict(), Field(allow_inf_nan=False)]
+"""A coordinate that need not be plausible as long as nobody measures the point."""
+
+
+class BoardTable(BodyTable):
+    on: Literal["tip", "world"]
+    points_mm: dict[Name, tuple[Anywhere, Anywhere, Anywhere]] = {}
+    squares: tuple[Count, Count] | None = None
+    pitch_mm: Positive | None = None
+    marker_mm: Positive | None = None  # of the markers in its white squares
+    tags: tuple[Count, Count] | None = None
+    tag_mm: Positive | None = None
+    gap_mm: Positive | None = None
+    first_tag: Annotated[int, Strict(), Field(ge=0, le=1_000_000)] = 0
+    dictionary: str | None = None  # of markers or tags, as OpenCV calls it
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Self:
+        shapes = [bool(self.points_mm), self.squares is not None, self.tags is not None]
+        if sum(shapes) != 1:
+            raise ValueError(
+                "needs its shape: either points_mm, or squares and pitch_mm, or tags, tag_mm and gap_mm"
+            )
+        if (self.squares is None) != (self.pitch_mm is None):
+            raise ValueError("squares and pitch_mm go together")
+        if not (self.tags is None) == (self.tag_mm is None) == (self.gap_mm is None):
+            raise ValueError("tags, tag_mm and gap_mm go together")
+        if (self.marker_mm is None) != (self.dictionary is None) and self.tags is None:
+            raise ValueError(
+                "marker_mm and dictionary go together: they make squares a ChArUco board"
+            )
+        if self.marker_mm is not None and self.marker_mm >= (self.pitch_mm or 0.0):
+            raise ValueError("marker_mm belongs to squares, and is smaller than pitch_mm")
+        if self.tags is not None and math.prod(self.tags) > 2500:
+            raise ValueError("tags are as many as the board has, [across, down], at most 2500")
+        if self.squares is not None and not 4 <= math.prod(n - 1 for n in self.squares) <= 10_000:
+            raise ValueError(
+                "squares are as many as the board has, [across, down], with four corners"
+            )
+        return self
+
+    def shape(self) -> tuple[tuple[str, ...], Array]:
+        """Names and points (n, 3), m, x to the right and y down as one looks at it.
+
+        Of squares the inner corners, row by row; of tags the corners of each, from its upper left one
+        in the direction of the clock, ``3_0`` the first one of tag 3; else the points as given.
+        """
+        if self.squares is not None:
+            across, down = (n - 1 for n in self.squares)
+            grid = [(x + 1, y + 1, 0) for y in range(down) for x in range(across)]
+            points = np.array(grid, dtype=float) * (self.pitch_mm or 0.0)
+            return tuple(map(str, range(len(points)))), points * MM
+        if self.tags is not None:
+            across, down = self.tags
+            side, pitch = self.tag_mm or 0.0, (self.tag_mm or 0.0) + (self.gap_mm or 0.0)
+            corners = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]) * side
+            at = np.array([(x, y, 0) for y in range(down) for x in range(across)]) * pitch
+            names = [f"{self.first_tag + k}_{c}" for k in range(across * down) for c in range(4)]
+            return tuple(names), (at[:, None] + corners).reshape(-1, 3) * MM
+        return tuple(self.points_mm), np.array(list(self.points_mm.values())) * MM

@@ -1,0 +1,111 @@
+"""The table of a camera in a cell: its lens and where it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from calib.arm.se3 import inverse, so3_log
+from calib.arrays import Array
+from calib.files.values import BodyTable, Number, Positive, Table
+from calib.instruments.camera import FREE, ArmCamera, Board, Camera, FixedCamera
+from calib.instruments.lens import Lens
+from calib.instruments.protocol import KeysTable, Surroundings
+
+Pixels = tuple[Positive, Positive]
+Coefficients = tuple[Number, Number, Number, Number] | tuple[Number, Number, Number, Number, Number]
+
+
+class IntrinsicsStd(Table):
+    """Standard deviations of parts of a lens."""
+
+    focal_px: Positive | None = None
+    center_px: Positive | None = None
+    distortion: Positive | Annotated[list[Positive], Field(min_length=4, max_length=5)] | None = (
+        None
+    )
+
+
+class CameraTable(BodyTable, KeysTable):
+    """A camera: its keys in a cell."""
+
+    kind: Literal["camera"]
+    on: Literal["world", "tip"] = "world"
+    calibration: str | None = None  # a file in place of the next three
+    focal_px: Positive | Pixels = 1.0
+    center_px: tuple[Number, Number] = (0.0, 0.0)
+    distortion: Coefficients = (0.0, 0.0, 0.0, 0.0, 0.0)
+    image_px: Pixels | None = None
+    sigma_px: Positive
+    free: list[Literal["focal", "center", "distortion"]] = []
+    intrinsics_std: (
+        IntrinsicsStd | Annotated[list[Positive], Field(min_length=1, max_length=9)] | None
+    ) = None  # in a list: fx, fy, cx, cy, k1, k2, p1, p2, k3
+
+    @model_validator(mode="after")
+    def _one_lens(self) -> Self:
+        own = [k for k in ("focal_px", "center_px", "distortion") if k in self.model_fields_set]
+        if self.calibration is not None and own:
+            raise ValueError(f"has calibration and {own[0]}; keep one of them")
+        for key in ("focal_px", "center_px"):
+            if self.calibration is None and key not in own:
+                raise ValueError(f"lacks {key}; add it, or calibration = a YAML of OpenCV or ROS")
+        return self
+
+    def instrument(self, name: str, cell: Surroundings) -> Camera:
+        """One that sees all boards on the other side, one in the world the markers too."""
+        on_tip = self.on == "tip"
+        boards: list[Board] = []
+        reads = [] if on_tip else list(range(cell.markers))
+        targets: list[str] = []
+        for own, (table, points_named, points) in cell.boards.items():
+            if table.on != self.on:
+                first = len(targets) + (0 if on_tip else cell.markers)
+                boards.append(Board(own, slice(first, first + len(points)), points))
+                targets += points_named
+                if not on_tip:
+                    reads += range(cell.parts[own].start, cell.parts[own].stop)
+        if on_tip:
+            reads = [*range(cell.parts[name].start, cell.parts[name].stop)] * len(targets)
+        believed = _believed(self.intrinsics_std or IntrinsicsStd())
+        free = np.isfinite(believed)
+        for part in self.free:
+            free[FREE[part]] = True
+        focal = self.focal_px if isinstance(self.focal_px, tuple) else (self.focal_px,) * 2
+        return (ArmCamera if on_tip else FixedCamera)(
+            name=name,
+            markers=tuple(reads),
+            targets=tuple(targets) if on_tip else (),
+            lens=Lens(np.array([*focal, *self.center_px, *(*self.distortion, 0.0)[:5]])),
+            sigma=self.sigma_px,
+            image=None if self.image_px is None else np.array(self.image_px),
+            free=np.flatnonzero(free),
+            believed=believed,
+            boards=tuple(boards),
+            standing=self._standing([cell.boards[board.name][0] for board in boards]),
+        )
+
+    def _standing(self, boards: Sequence[BodyTable]) -> Array | None:
+        """The place of a camera in the world, or of the boards that one on the tip sees, if given."""
+        in_world = boards if self.on == "tip" else [self]
+        if not all(own.stated for own in in_world):
+            return None
+        places = [own.frame if self.on == "tip" else inverse(own.frame) for own in in_world]
+        return np.concatenate([np.concatenate([T[:3, 3], so3_log(T[:3, :3])]) for T in places])
+
+
+def _believed(given: IntrinsicsStd | list[float]) -> Array:
+    """Standard deviations of a lens's values, shape (9,), NaN where none is given."""
+    found = np.full(9, np.nan)
+    if isinstance(given, list):
+        found[: len(given)] = given
+        return found
+    parts = zip(FREE.values(), (given.focal_px, given.center_px, given.distortion), strict=True)
+    for part, std in parts:
+        if std is not None:
+            several = [*std, *std[-1:] * 5] if isinstance(std, list) else [std] * 5
+            found[part] = several[: part.stop - part.start]
+    return found

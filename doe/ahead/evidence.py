@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, stacked
+from calib.arrays import Array, IntArray
 from doe.ahead.likeness import Likeness, directions, likeness, margins
 
 FREE = 10.0
@@ -22,16 +22,17 @@ FREE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
-    """Normal equations of all readings so far, the modelled parameters projected out of the rivals.
+class ReducedEquations:
+    """Normal equations of all readings so far, with the modelled parameters eliminated.
 
-    P : ndarray, shape (n, n), covariance of what is modelled, in coordinates in which it was the
-        identity after the data; B : ndarray, shape (n, K), how it imitates the rivals' columns
+    half : ndarray, shape (n, n), H with ``P = H H^T`` the covariance of what is modelled, in
+        coordinates in which it was the identity after the data
+    B : ndarray, shape (n, K), how what is modelled imitates the rivals' columns
     S : ndarray, shape (K, K), Gram matrix of what is left of the rivals
     lengths : ndarray, shape (K,), squared lengths of their columns; rows : int, readings
     """
 
-    P: Array
+    half: Array
     B: Array
     S: Array
     lengths: Array
@@ -43,38 +44,26 @@ class Known:
 
     def tried(self, blocks: Array) -> Array:
         """S with one of m further blocks (m, r, n + K) each, shape (m, K, K)."""
-        n = len(self.P)
+        n = len(self.B)
         A, Y = blocks[..., :n], blocks[..., n:]
-        D = Y - A @ self.B
-        V = (A @ self.P) @ np.swapaxes(A, -1, -2) + np.eye(A.shape[-2])
+        D, H = Y - A @ self.B, A @ self.half
+        V = H @ np.swapaxes(H, -1, -2) + np.eye(A.shape[-2])
         return np.asarray(self.S + np.swapaxes(D, -1, -2) @ np.linalg.solve(V, D))
 
-    def added(self, block: Array) -> Known:
-        """What is known with a further block of rows (r, n + K)."""
-        n = len(self.P)
-        A, Y = block[:, :n], block[:, n:]
-        D, AP = Y - A @ self.B, A @ self.P
-        gain = np.linalg.solve(AP @ A.T + np.eye(len(A)), np.column_stack([AP, D]))
-        return Known(
-            self.P - AP.T @ gain[:, :n],
-            self.B + AP.T @ gain[:, n:],
-            self.S + D.T @ gain[:, n:],
-            self.lengths + (Y**2).sum(axis=0),
-            self.rows + int(np.count_nonzero(np.abs(block).sum(axis=1))),
-        )
-
-    def merged(self, blocks: Array) -> Known:
-        """With all of m further blocks (m, r, n + K) at once, by the normal equations."""
-        n = len(self.P)
-        flat = stacked(blocks)
+    def added(self, blocks: Array) -> ReducedEquations:
+        """What is known with further rows (..., n + K), all of them."""
+        n = len(self.B)
+        flat = blocks.reshape(-1, blocks.shape[-1])
         A, Y = flat[:, :n], flat[:, n:]
-        D = Y - A @ self.B
-        P = np.asarray(np.linalg.inv(np.linalg.inv(self.P) + A.T @ A), dtype=float)
-        C = A.T @ D
-        return Known(
-            P,
-            self.B + P @ C,
-            self.S + D.T @ D - C.T @ P @ C,
+        D = np.concatenate([np.zeros_like(self.B), Y - A @ self.B])
+        Q, R = np.linalg.qr(np.concatenate([np.linalg.inv(self.half), A]))
+        half = np.asarray(np.linalg.inv(R), dtype=float)
+        along = Q.T @ D
+        left = D - Q @ along
+        return ReducedEquations(
+            half,
+            self.B + half @ along,
+            self.S + left.T @ left,
             self.lengths + (Y**2).sum(axis=0),
             self.rows + int(np.count_nonzero(np.abs(flat).sum(axis=1))),
         )
@@ -84,15 +73,15 @@ class Known:
 class Evidence:
     """Rivals beside all that is modelled, as the data know them.
 
-    Z : ndarray, shape (p, n + K), from whitened rows to coordinates of ``Known``
-    data : Known, after the data
+    Z : ndarray, shape (p, n + K), from whitened rows to coordinates of ``ReducedEquations``
+    data : ReducedEquations, after the data
     columns : tuple of ndarray of int, of each rival among the K
     b : tuple of ndarray, shape (k,), values of each rival in its place, in plausible sizes
     pairs : tuple of (int, int)
     """
 
     Z: Array
-    data: Known
+    data: ReducedEquations
     columns: tuple[IntArray, ...]
     b: tuple[Array, ...]
     pairs: tuple[tuple[int, int], ...]
@@ -128,7 +117,7 @@ class Evidence:
         Z[rest, :n] = sizes[rest, None] * solve_triangular(R, np.eye(n))
         Z[own, np.arange(n, n + K)] = sizes[own]
         count = int(np.count_nonzero(np.abs(rows).sum(axis=1)))
-        data = Known(np.eye(n), B, left.T @ left, (X**2).sum(axis=0), count)
+        data = ReducedEquations(np.eye(n), B, left.T @ left, (X**2).sum(axis=0), count)
         ends = np.cumsum([0, *map(len, rivals)])
         columns = tuple(np.arange(a, b) for a, b in itertools.pairwise(ends))
         score, seen = left[: len(y)].T @ y, [data.directions(at) for at in columns]
@@ -136,14 +125,14 @@ class Evidence:
         return cls(Z, data, columns, b, tuple(pairs))
 
     def blocks(self, rows: Array) -> Array:
-        """Whitened rows (..., r, p) in the coordinates of ``Known``, (..., r, n + K).
+        """Whitened rows (..., r, p) in the coordinates of ``ReducedEquations``, (..., r, n + K).
 
         A pose at which a rival lets the arm stand no more tells nothing.
         """
         stands = np.isfinite(rows).all(axis=(-1, -2), keepdims=True)
         return np.asarray(np.where(stands, rows, 0.0) @ self.Z)
 
-    def likeness(self, known: Known, S: Array | None = None) -> Likeness:
+    def likeness(self, known: ReducedEquations, S: Array | None = None) -> Likeness:
         """How alike the rivals are as they were fitted; S : other Gram matrices (..., K, K)."""
         lengths, values = np.sqrt(known.lengths), [b[:, None] for b in self.b]
         return likeness(known.S if S is None else S, lengths, self.columns, values)
@@ -153,13 +142,13 @@ class Evidence:
         first, second = np.array(self.pairs, dtype=int).reshape(-1, 2).T
         return np.stack([found[..., first, second], found[..., second, first]], axis=-1)
 
-    def separation(self, known: Known) -> Array:
+    def separation(self, known: ReducedEquations) -> Array:
         """What is left of each rival beside the other, in noise variances, shape (..., pairs, 2)."""
         return self.of_pairs(self.likeness(known).beside[..., 0])
 
     def margins(
         self,
-        known: Known,
+        known: ReducedEquations,
         S: Array | None = None,
         rows: int | None = None,
         lead: float = 0.0,
@@ -173,12 +162,12 @@ class Evidence:
         found = margins(alike.beside, alike.directions, alike.shared, N, lead)[..., 0]
         return np.asarray(self.of_pairs(found).min(axis=-1))
 
-    def preferences(self, known: Known) -> Array:
+    def preferences(self, known: ReducedEquations) -> Array:
         """Probability that the truth is preferred, shape (pairs, 2): the first one, the second one."""
         alike = self.likeness(known)
         return self.of_pairs(alike.preferred(alike.size[:, 0], known.rows))
 
-    def probabilities(self, known: Known) -> Array:
+    def probabilities(self, known: ReducedEquations) -> Array:
         """The same, whichever of the two it is, shape (pairs,)."""
         return np.asarray(self.preferences(known).min(axis=-1))
 
@@ -189,8 +178,8 @@ class Evidence:
         the blocks: the plane that touches it at even weights lies above. Its slope towards a block is
         what the rival leaves of the truth there.
         """
-        share, n = count / len(blocks), len(self.data.P)
-        even, whole = self.data.merged(np.sqrt(share) * blocks), self.data.merged(blocks)
+        share, n = count / len(blocks), len(self.data.B)
+        even, whole = self.data.added(np.sqrt(share) * blocks), self.data.added(blocks)
         D = blocks[..., n:] - blocks[..., :n] @ even.B
         limit = self.likeness(even).beside
         for f, other in enumerate(self.columns):

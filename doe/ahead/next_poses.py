@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,21 +10,23 @@ import numpy as np
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.diagnosis import Diagnosis
-from calib.diagnosis.stage import Fit, positions
-from calib.effects.base import Base
-from calib.effects.protocol import Effect
 from calib.errors import CalibError
-from calib.instruments import Camera
 from calib.poses import Poses, poses_at
 from calib.threads import one_blas_thread
-from doe.ahead.evidence import Evidence, Known
 from doe.ahead.likeness import SURE
 from doe.ahead.places import Form, Shares, accuracy_of, forms_of, with_accuracy
 from doe.ahead.remedies import changes, easiest
-from doe.ahead.rivals import Rivalry, rivalries, suspicious
+from doe.ahead.rivals import (
+    Doubt,
+    data_rows,
+    doubt_of,
+    evidence_of,
+    rivalries,
+    situation_after,
+    suspicious,
+)
 from doe.ahead.search import Search, search_of
-from doe.ahead.situation import Offer, Situation, likely_read, offer_of, refusal, situation_of
-from doe.problem.linearisation import Linearisation, Rows, weighted
+from doe.ahead.situation import Offer, Situation, likely_read, offer_of, refusal
 from doe.visits.order import visiting_order
 
 _MARGIN = 1.6448536269514722  # standard deviations of ``SURE``
@@ -32,7 +34,6 @@ POSES = 8
 """Poses that are chosen unless the user says otherwise."""
 _CANDIDATES = 256
 _TRIED = 32  # candidates that an intervention is tried on
-_SOMETHING = 1.0  # noise variances that a rival must explain to be one
 _HELPED = 0.05  # rise of the probability from which poses are said to help
 _SERVES = 0.5  # of an even share: what a pose must bring to a pair to be said to split it
 
@@ -129,7 +130,7 @@ def next_poses(
     rivals = [c.effect for rivalry in found for c in rivalry.members]
     situation = situation_after(cell, diagnosis, rivals)
     data = data_rows(situation, diagnosis)
-    doubts = [d for r in found if (d := _doubt(situation, data, r)) is not None]
+    doubts = [d for r in found if (d := doubt_of(situation, data, r)) is not None]
     unseen = tuple(forms_of(diagnosis, data)) if forms else ()
     if not doubts and not unseen:
         return nothing
@@ -146,14 +147,11 @@ def next_poses(
     # Where no column depends on the approach the order is free: the shortest way.
     if offer.half is None and len(plan):
         chosen = chosen[visiting_order(chosen)]
-    judged = [_judged(doubt, situation, chosen) for doubt in doubts]
-    pairs = [pair for own in judged for pair in own]
-    unsolved = [
-        (d, [p for p in own if not p[0].told]) for d, own in zip(doubts, judged, strict=True)
-    ]
-    remedies = _remedies(unsolved, situation, data, q[:_TRIED], count)
-    predictions = [replace(p, remedies=remedies.get(p.rivals, ())) for p, _ in pairs]
-    splits = tuple(tuple(p.rivals for p, serves in pairs if serves[i]) for i in range(len(chosen)))
+    judged = [pair for doubt in doubts for pair in _judged(doubt, situation, chosen)]
+    told = {prediction.rivals for prediction, _ in judged if prediction.told}
+    remedies = _remedies(doubts, told, situation, data, q[:_TRIED], count)
+    predictions = [replace(p, remedies=remedies.get(p.rivals, ())) for p, _ in judged]
+    splits = tuple(tuple(p.rivals for p, serves in judged if serves[i]) for i in range(len(chosen)))
     return NextPoses(
         _named(chosen),
         splits,
@@ -164,87 +162,8 @@ def next_poses(
     )
 
 
-def situation_after(cell: Cell, diagnosis: Diagnosis, rivals: Sequence[Effect]) -> Situation:
-    """The data's own situation, linearised at the final fit; ``rivals`` beyond it at zero."""
-    after = diagnosis.after
-    model, values = after.model.extended(after.values, rivals)
-    arm = replace(after.variances, scale=diagnosis.noise.factor)
-    return situation_of(Linearisation(_as_found(cell, after), model, values, arm), diagnosis.data)
-
-
-def _as_found(cell: Cell, after: Fit) -> Cell:
-    """The cell with its cameras where they were found: what they see of other poses hangs on that."""
-    if not any(isinstance(i, Camera) for i in cell.instruments):
-        return cell
-    effects = zip(after.model.effects, after.model.slices, strict=True)
-    places = {e.where: after.values[part] for e, part in effects if isinstance(e, Base)}
-    found = (i.found_at(places[i.name]) if i.name in places else i for i in cell.instruments)
-    markers = after.model.marker_positions(after.values)
-    return replace(cell, instruments=tuple(found), markers=markers)
-
-
-def data_rows(situation: Situation, diagnosis: Diagnosis) -> tuple[Array, Array]:
-    """Residual (N,) and independent rows (N, p) of the data, as the final fit weighs them."""
-    data, after, stage = diagnosis.data, diagnosis.after, diagnosis.stage
-    W = stage.weights / diagnosis.scale * (after.weight * ~stage.dropped)[:, None, None, None]
-    predicted, J = situation.model.jacobian(situation.values, data.poses)
-    off = situation.model.readout.difference(data.readings, predicted)
-    columns = np.concatenate([J, off[..., None]], axis=-1)
-    flat = Rows(weighted(W, columns), after.mixing).flat
-    return flat[:, -1], flat[:, :-1]
-
-
-@dataclass(frozen=True, eq=False)
-class _Doubt:
-    """Rivals of one place and what the data know of them."""
-
-    rivalry: Rivalry
-    evidence: Evidence
-
-    @property
-    def keys(self) -> list[tuple[str, str]]:
-        names = [c.key for c in self.rivalry.members]
-        return [(names[i], names[j]) for i, j in self.evidence.pairs]
-
-
-def _evidence(
-    situation: Situation,
-    data: tuple[Array, Array],
-    rivalry: Rivalry,
-    pairs: Sequence[tuple[int, int]],
-) -> Evidence:
-    model = situation.model
-    at = [np.setdiff1d(positions(model, c.effect), model.tunings) for c in rivalry.members]
-    # What only a changed situation has is nothing to the data.
-    r, rows = data
-    rows = np.pad(rows, ((0, 0), (0, len(model.parameters) - rows.shape[1])))
-    known, by_known = model.beside(situation.values)
-    r, rows = np.append(r, known), np.concatenate([rows, by_known])
-    own = np.concatenate(at)
-    # Each rival takes the place of all: to first order, whole refits differ by less than noise.
-    y = r + rows[:, own] @ situation.values[own]
-    return Evidence.of(rows, y, model.sizes, at, pairs)
-
-
-def _doubt(situation: Situation, data: tuple[Array, Array], rivalry: Rivalry) -> _Doubt | None:
-    """The pairs in doubt; those of a class are by declaration, if either explains anything.
-
-    A cause that stands alone is in doubt where another would often be preferred though it is true; that
-    a richer rival would not show beside it is what Schwarz's price means.
-    """
-    evidence = _evidence(situation, data, rivalry, rivalry.pairs)
-    signal = evidence.likeness(evidence.data).size[:, 0]
-    open_ = evidence.preferences(evidence.data)[:, 0] < SURE
-    pairs = tuple(
-        pair
-        for pair, doubtful in zip(rivalry.pairs, open_, strict=True)
-        if (rivalry.declared or doubtful) and signal[list(pair)].min() > _SOMETHING
-    )
-    return _Doubt(rivalry, replace(evidence, pairs=pairs)) if pairs else None
-
-
 def _search(
-    doubts: Sequence[_Doubt],
+    doubts: Sequence[Doubt],
     forms: Sequence[Form],
     offer: Offer,
     situation: Situation,
@@ -261,12 +180,12 @@ def _search(
 
 def _shown(form: Form, situation: Situation, q: Array) -> Prediction:
     """How surely another form of a cause would be seen, now and with the poses read."""
-    known = form.data
-    now = float(form.power(known.S))
-    for own, rows in zip(q, situation.in_order(q) if len(q) else (), strict=True):
-        known = form.added(known, rows, own)
     names = form.key, f"another form of {form.key}"
-    return Prediction(names, now, float(form.power(known.S)))
+    now = float(form.power(form.data.S))
+    if not len(q):
+        return Prediction(names, now, now)
+    whole = form.data.added(form.blocks(situation.in_order(q), q))
+    return Prediction(names, now, float(form.power(whole.S)))
 
 
 def _shares(search: Search | None, plan: Sequence[int]) -> tuple[float, float] | None:
@@ -276,25 +195,23 @@ def _shares(search: Search | None, plan: Sequence[int]) -> tuple[float, float] |
     return float(first), float(second)
 
 
-def _judged(doubt: _Doubt, situation: Situation, q: Array) -> list[tuple[Prediction, list[bool]]]:
+def _judged(doubt: Doubt, situation: Situation, q: Array) -> list[tuple[Prediction, list[bool]]]:
     """Every pair before and after, and which poses it owes that to; the sequence as it is read."""
-    evidence = doubt.evidence
-    now = evidence.probabilities(evidence.data)
+    evidence, data = doubt.evidence, doubt.evidence.data
+    now = evidence.probabilities(data)
     if not len(q):
         return [
             (Prediction(k, float(p), float(p)), []) for k, p in zip(doubt.keys, now, strict=True)
         ]
     blocks = evidence.blocks(situation.in_order(q))
-    whole = _with(evidence.data, blocks)
-    after = evidence.probabilities(whole)
-    reached = evidence.separation(whole)
-    gained = reached - evidence.separation(evidence.data)
+    whole = data.added(blocks)
+    after, reached = evidence.probabilities(whole), evidence.separation(whole)
+    gained = reached - evidence.separation(data)
     lost = [
-        reached - evidence.separation(_with(evidence.data, np.delete(blocks, i, axis=0)))
+        reached - evidence.separation(data.added(np.delete(blocks, i, axis=0)))
         for i in range(len(q))
     ]
-    serves = np.array(lost) >= _SERVES * gained / len(q)
-    serves &= gained > 0.0
+    serves = (np.array(lost) >= _SERVES * gained / len(q)) & (gained > 0.0)
     helped = (after >= SURE) | (after > now + _HELPED)
     return [
         (
@@ -305,33 +222,28 @@ def _judged(doubt: _Doubt, situation: Situation, q: Array) -> list[tuple[Predict
     ]
 
 
-def _with(known: Known, blocks: Array) -> Known:
-    for block in blocks:
-        known = known.added(block)
-    return known
-
-
 def _remedies(
-    unsolved: Sequence[tuple[_Doubt, Sequence[tuple[Prediction, list[bool]]]]],
+    doubts: Sequence[Doubt],
+    told: Collection[tuple[str, str]],
     situation: Situation,
     data: tuple[Array, Array],
     q: Array,
     count: int,
 ) -> dict[tuple[str, str], tuple[Remedy, ...]]:
-    """Interventions that tell apart what poses cannot, each with the poses best for it."""
+    """Interventions that tell apart what poses cannot, each with the poses best for it.
+
+    told : keys of the pairs that poses do tell apart
+    """
     found: dict[tuple[str, str], list[Remedy]] = {}
-    open_ = [(d, {p.rivals for p, _ in pairs}) for d, pairs in unsolved if pairs]
-    if not open_:
-        return {}
-    for change in changes(situation):
+    open_ = [own for doubt in doubts if (own := doubt.without(told)).evidence.pairs]
+    for change in changes(situation) if open_ else ():
         changed = change.situation
         allowed = changed.allowed(q)
         if not len(allowed):
             continue
         offer = offer_of(changed, allowed, count)
-        for doubt, keys in open_:
-            pairs = [p for p, k in zip(doubt.evidence.pairs, doubt.keys, strict=True) if k in keys]
-            evidence = _evidence(changed, data, doubt.rivalry, pairs)
+        for doubt in open_:
+            evidence = evidence_of(changed, data, doubt.rivalry, doubt.evidence.pairs)
             search = search_of([evidence], offer, changed.conditions.last, count, _MARGIN)
             if search is None:
                 continue
@@ -339,12 +251,10 @@ def _remedies(
             after = evidence.probabilities(search.known(plan)[0])
             if after.max() >= SURE:  # worth a second look, as it is read
                 blocks = evidence.blocks(changed.in_order(offer.q[plan]))
-                after = evidence.probabilities(_with(evidence.data, blocks))
-            names = [c.key for c in doubt.rivalry.members]
-            for (i, j), probability in zip(pairs, after, strict=True):
+                after = evidence.probabilities(evidence.data.added(blocks))
+            for key, probability in zip(doubt.keys, after.tolist(), strict=True):
                 if probability >= SURE:
-                    remedy = Remedy(change.name, change.says, float(probability))
-                    found.setdefault((names[i], names[j]), []).append(remedy)
+                    found.setdefault(key, []).append(Remedy(change.name, change.says, probability))
     return {key: _surest(own) for key, own in found.items()}
 
 

@@ -25,7 +25,7 @@ from calib.diagnosis.causes import Cause
 from calib.diagnosis.shape import SHAPE_ALPHA, TESTED, chance_of, wave_power, waves
 from calib.diagnosis.stage import positions
 from calib.effects.tool import Tool
-from doe.ahead.evidence import FREE, Evidence, Known
+from doe.ahead.evidence import FREE, Evidence, ReducedEquations
 from doe.ahead.likeness import SURE
 from doe.ahead.search import Search, worst
 from doe.ahead.situation import Offer, Situation
@@ -76,17 +76,19 @@ class Form:
     alpha: float
 
     @property
-    def data(self) -> Known:
+    def data(self) -> ReducedEquations:
         return self.evidence.data
 
-    def added(self, known: Known, rows: Array, q: Array) -> Known:
-        return known.added(self._blocks(rows[None], q[None])[0])
+    def blocks(self, rows: Array, q: Array) -> Array:
+        return self.evidence.blocks(self.runs.beside(rows, q))
 
-    def values(self, known: Known) -> Array:
-        return self._margins(known.S)
+    def values(self, known: ReducedEquations, S: Array) -> Array:
+        """In standard deviations like those of rivals: enough of either is enough."""
+        from scipy.special import ndtri
 
-    def tried(self, known: Known, rows: Array, q: Array) -> Array:
-        return self._margins(known.tried(self._blocks(rows, q)))
+        del known
+        power = np.clip(self.power(S), _SURELY, 1.0 - _SURELY)
+        return np.asarray(ndtri(power) - ndtri(TESTED) + ndtri(SURE))[..., None]
 
     def power(self, S: Array) -> Array:
         """Probability of seeing another form, from products of the waves (..., K, K), shape (...)."""
@@ -98,18 +100,8 @@ class Form:
 
     def hopeful(self, offer: Offer, start: Array) -> bool:
         """Whether all candidates together would show it."""
-        blocks = self._blocks(offer.rows(slice(None), start), offer.q)
-        return bool(self.power(self.data.merged(blocks).S) >= TESTED)
-
-    def _margins(self, S: Array) -> Array:
-        """In standard deviations like those of rivals: enough of either is enough."""
-        from scipy.special import ndtri
-
-        power = np.clip(self.power(S), _SURELY, 1.0 - _SURELY)
-        return np.asarray(ndtri(power) - ndtri(TESTED) + ndtri(SURE))[..., None]
-
-    def _blocks(self, rows: Array, q: Array) -> Array:
-        return self.evidence.blocks(self.runs.beside(rows, q))
+        blocks = self.blocks(offer.rows(slice(None), start), offer.q)
+        return bool(self.power(self.data.added(blocks).S) >= TESTED)
 
 
 def forms_of(diagnosis: Diagnosis, data: tuple[Array, Array]) -> Iterator[Form]:
@@ -148,38 +140,30 @@ def _form(diagnosis: Diagnosis, cause: Cause, data: tuple[Array, Array]) -> Form
 class Accuracy:
     """The expected error at the targets; its value is less the logarithm of its RMS.
 
-    Z : ndarray, shape (p, n), from whitened rows to coordinates of ``Known``; p of the user's model
-    aims : ndarray, shape (k, n), m: ``tr(aims P aims^T)`` is the mean square
+    Z : ndarray, shape (p, n), from whitened rows to coordinates of the equations; p of the user's model
+    aims : ndarray, shape (n, k), m: ``tr(aims^T P aims)`` is the mean square
+
+    The aims stand as columns that no reading shows: what is modelled imitates them by ``P aims``, and
+    their Gram matrix is what the mean square has fallen by.
     """
 
     Z: Array
     aims: Array
 
     @property
-    def data(self) -> Known:
-        n, none = self.Z.shape[1], np.zeros((0, 0))
-        return Known(np.eye(n), np.zeros((n, 0)), none, np.zeros(0), 0)
+    def data(self) -> ReducedEquations:
+        n, k = self.aims.shape
+        return ReducedEquations(np.eye(n), self.aims, np.zeros((k, k)), np.zeros(k), 0)
 
-    def added(self, known: Known, rows: Array, q: Array) -> Known:
+    def blocks(self, rows: Array, q: Array) -> Array:
         del q
-        return known.added(self._blocks(rows))
+        own = rows[..., : len(self.Z)] @ self.Z
+        return np.concatenate([own, np.zeros((*own.shape[:-1], self.aims.shape[1]))], axis=-1)
 
-    def values(self, known: Known) -> Array:
-        square = np.trace(self.aims @ known.P @ self.aims.T)
-        return np.asarray([-0.5 * np.log(square)])
-
-    def tried(self, known: Known, rows: Array, q: Array) -> Array:
-        del q
-        A = self._blocks(rows)
-        AP = A @ known.P
-        V = AP @ np.swapaxes(A, -1, -2) + np.eye(A.shape[-2])
-        at = AP @ self.aims.T
-        fall = (at * np.linalg.solve(V, at)).sum(axis=(-1, -2))
-        square = np.trace(self.aims @ known.P @ self.aims.T) - fall
+    def values(self, known: ReducedEquations, S: Array) -> Array:
+        del known
+        square = (self.aims**2).sum() - np.trace(S, axis1=-2, axis2=-1)
         return np.asarray(-0.5 * np.log(square))[..., None]
-
-    def _blocks(self, rows: Array) -> Array:
-        return np.asarray(rows[..., : len(self.Z)] @ self.Z)
 
 
 def accuracy_of(situation: Situation, diagnosis: Diagnosis, rows: Array) -> Accuracy:
@@ -195,7 +179,7 @@ def accuracy_of(situation: Situation, diagnosis: Diagnosis, rows: Array) -> Accu
     inverse = np.linalg.inv(np.linalg.qr(known, mode="r"))
     # As many rows as parameters say the same of so many targets.
     root = np.asarray(np.linalg.qr(aims @ inverse, mode="r"))
-    return Accuracy(model.sizes[:, None] * inverse, root)
+    return Accuracy(model.sizes[:, None] * inverse, root.T)
 
 
 @dataclass(frozen=True, eq=False)

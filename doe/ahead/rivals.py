@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from calib.arrays import Array
+from calib.cell import Cell
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contest import Entry
 from calib.diagnosis.rounds import linear_scores
+from calib.diagnosis.stage import Fit, positions
+from calib.effects.base import Base
+from calib.effects.protocol import Effect
+from calib.instruments import Camera
+from doe.ahead.evidence import Evidence
+from doe.ahead.likeness import SURE
+from doe.ahead.situation import Situation, situation_of
+from doe.problem.linearisation import Linearisation, Rows, weighted
 
+_SOMETHING = 1.0  # noise variances that a rival must explain to be one
 _REACH = 25.0
 """Gain by which a rival may trail and still be in reach: at a predicted probability of 0.95 two
 standard deviations above the mean."""
@@ -83,3 +96,90 @@ def _near(entry: Entry, chosen: Sequence[Candidate]) -> list[Candidate]:
     top = entry.rivals[0][1]
     near = [c for c, gain in entry.rivals if gain > top - _REACH and c.key not in taken]
     return [c for c in near if c.named and not c.echo][:_NEAREST]
+
+
+def situation_after(cell: Cell, diagnosis: Diagnosis, rivals: Sequence[Effect]) -> Situation:
+    """The data's own situation, linearised at the final fit; ``rivals`` beyond it at zero."""
+    after = diagnosis.after
+    model, values = after.model.extended(after.values, rivals)
+    arm = replace(after.variances, scale=diagnosis.noise.factor)
+    return situation_of(Linearisation(_as_found(cell, after), model, values, arm), diagnosis.data)
+
+
+def _as_found(cell: Cell, after: Fit) -> Cell:
+    """The cell with its cameras where they were found: what they see of other poses hangs on that."""
+    if not any(isinstance(i, Camera) for i in cell.instruments):
+        return cell
+    effects = zip(after.model.effects, after.model.slices, strict=True)
+    places = {e.where: after.values[part] for e, part in effects if isinstance(e, Base)}
+    found = (i.found_at(places[i.name]) if i.name in places else i for i in cell.instruments)
+    markers = after.model.marker_positions(after.values)
+    return replace(cell, instruments=tuple(found), markers=markers)
+
+
+def data_rows(situation: Situation, diagnosis: Diagnosis) -> tuple[Array, Array]:
+    """Residual (N,) and independent rows (N, p) of the data, as the final fit weighs them."""
+    data, after, stage = diagnosis.data, diagnosis.after, diagnosis.stage
+    W = stage.weights / diagnosis.scale * (after.weight * ~stage.dropped)[:, None, None, None]
+    predicted, J = situation.model.jacobian(situation.values, data.poses)
+    off = situation.model.readout.difference(data.readings, predicted)
+    columns = np.concatenate([J, off[..., None]], axis=-1)
+    flat = Rows(weighted(W, columns), after.mixing).flat
+    return flat[:, -1], flat[:, :-1]
+
+
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """Rivals of one place and what the data know of them."""
+
+    rivalry: Rivalry
+    evidence: Evidence
+
+    @property
+    def keys(self) -> list[tuple[str, str]]:
+        """Of the pairs, ``effect:where`` of both."""
+        names = [c.key for c in self.rivalry.members]
+        return [(names[i], names[j]) for i, j in self.evidence.pairs]
+
+    def without(self, told: Collection[tuple[str, str]]) -> Doubt:
+        """The same less some pairs, by their keys."""
+        each = zip(self.evidence.pairs, self.keys, strict=True)
+        pairs = tuple(pair for pair, key in each if key not in told)
+        return replace(self, evidence=replace(self.evidence, pairs=pairs))
+
+
+def evidence_of(
+    situation: Situation,
+    data: tuple[Array, Array],
+    rivalry: Rivalry,
+    pairs: Sequence[tuple[int, int]],
+) -> Evidence:
+    """What the data know of the rivals of one place, in a situation that may have more parameters."""
+    model = situation.model
+    at = [np.setdiff1d(positions(model, c.effect), model.tunings) for c in rivalry.members]
+    # What only a changed situation has is nothing to the data.
+    r, rows = data
+    rows = np.pad(rows, ((0, 0), (0, len(model.parameters) - rows.shape[1])))
+    known, by_known = model.beside(situation.values)
+    r, rows = np.append(r, known), np.concatenate([rows, by_known])
+    own = np.concatenate(at)
+    # Each rival takes the place of all: to first order, whole refits differ by less than noise.
+    y = r + rows[:, own] @ situation.values[own]
+    return Evidence.of(rows, y, model.sizes, at, pairs)
+
+
+def doubt_of(situation: Situation, data: tuple[Array, Array], rivalry: Rivalry) -> Doubt | None:
+    """The pairs in doubt; those of a class are by declaration, if either explains anything.
+
+    A cause that stands alone is in doubt where another would often be preferred though it is true; that
+    a richer rival would not show beside it is what Schwarz's price means.
+    """
+    evidence = evidence_of(situation, data, rivalry, rivalry.pairs)
+    signal = evidence.likeness(evidence.data).size[:, 0]
+    open_ = evidence.preferences(evidence.data)[:, 0] < SURE
+    pairs = tuple(
+        pair
+        for pair, doubtful in zip(rivalry.pairs, open_, strict=True)
+        if (rivalry.declared or doubtful) and signal[list(pair)].min() > _SOMETHING
+    )
+    return Doubt(rivalry, replace(evidence, pairs=pairs)) if pairs else None

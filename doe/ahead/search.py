@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.diagnosis.equivalence import SAME
-from doe.ahead.evidence import Evidence, Known
+from doe.ahead.evidence import Evidence, ReducedEquations
 from doe.ahead.situation import Offer
 
 _PASSES = 3  # over all places of the plan, while exchanges still help
@@ -23,17 +23,14 @@ class Place(Protocol):
     """What poses are asked for, as the search sees it: the larger its values, the better."""
 
     @property
-    def data(self) -> Known:
+    def data(self) -> ReducedEquations:
         """What is known after the data."""
 
-    def added(self, known: Known, rows: Array, q: Array) -> Known:
-        """What is known with the rows (r, p) of one more configuration (dof,)."""
+    def blocks(self, rows: Array, q: Array) -> Array:
+        """Rows (m, r, p) of configurations (m, dof) in the coordinates of the equations."""
 
-    def values(self, known: Known) -> Array:
-        """Of what is known, shape (k,)."""
-
-    def tried(self, known: Known, rows: Array, q: Array) -> Array:
-        """With the rows (m, r, p) of one of m configurations (m, dof) each, shape (m, k)."""
+    def values(self, known: ReducedEquations, S: Array) -> Array:
+        """Of what is known, for Gram matrices S (..., K, K), its own or tried ones, shape (..., k)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,21 +48,14 @@ class Contested:
     lead: float = SAME
 
     @property
-    def data(self) -> Known:
+    def data(self) -> ReducedEquations:
         return self.evidence.data
 
-    def added(self, known: Known, rows: Array, q: Array) -> Known:
+    def blocks(self, rows: Array, q: Array) -> Array:
         del q
-        return known.added(self.evidence.blocks(rows))
+        return self.evidence.blocks(rows)
 
-    def values(self, known: Known) -> Array:
-        return self._margins(known, None)
-
-    def tried(self, known: Known, rows: Array, q: Array) -> Array:
-        del q
-        return self._margins(known, known.tried(self.evidence.blocks(rows)))
-
-    def _margins(self, known: Known, S: Array | None) -> Array:
+    def values(self, known: ReducedEquations, S: Array) -> Array:
         return self.evidence.margins(known, S, self.rows, self.lead)[..., self.hopeful]
 
 
@@ -141,29 +131,32 @@ class Search:
     def values(self, plan: Sequence[int]) -> list[Array]:
         """Of every place, after the data and a sequence of candidates."""
         each = zip(self.places, self.known(plan), strict=True)
-        return [place.values(known) for place, known in each]
+        return [place.values(known, known.S) for place, known in each]
 
-    def known(self, plan: Sequence[int]) -> list[Known]:
+    def known(self, plan: Sequence[int]) -> list[ReducedEquations]:
         """What is known of every place after the data and a sequence of candidates."""
-        found, before = [place.data for place in self.places], self.start
-        for index in plan:
-            found = self._added(found, index, before)
-            before = self.offer.q[index]
+        found = [place.data for place in self.places]
+        for k, index in enumerate(plan):
+            found = self._added(found, index, self._before(plan[:k]))
         return found
 
     def _before(self, plan: Sequence[int]) -> Array:
         return np.asarray(self.offer.q[plan[-1]] if plan else self.start)
 
-    def _added(self, known: list[Known], index: int, before: Array) -> list[Known]:
-        rows, q = self.offer.rows(np.array([index]), before)[0], self.offer.q[index]
-        return [place.added(own, rows, q) for own, place in zip(known, self.places, strict=True)]
+    def _added(
+        self, known: list[ReducedEquations], index: int, before: Array
+    ) -> list[ReducedEquations]:
+        one = np.array([index])
+        rows, q = self.offer.rows(one, before), self.offer.q[one]
+        each = zip(known, self.places, strict=True)
+        return [own.added(place.blocks(rows, q)) for own, place in each]
 
-    def _best(self, known: list[Known], before: Array, taken: list[int]) -> int:
+    def _best(self, known: list[ReducedEquations], before: Array, taken: list[int]) -> int:
         """The candidate that adds most when it follows ``before``."""
         rows, q = self.offer.rows(slice(None), before), self.offer.q
-        scores = self.weigh(
-            [place.tried(own, rows, q) for own, place in zip(known, self.places, strict=True)]
-        )
+        each = zip(known, self.places, strict=True)
+        tried = [place.values(own, own.tried(place.blocks(rows, q))) for own, place in each]
+        scores = self.weigh(tried)
         scores[taken] = -np.inf
         return int(scores.argmax())
 

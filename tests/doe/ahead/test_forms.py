@@ -22,8 +22,8 @@ from calib.model.build import build, context_of, place_effect
 from calib.poses import Measurements, poses_at
 from calib.simulation import drawn_readings
 from doe.ahead.evidence import FREE
-from doe.ahead.next_poses import data_rows, situation_after
 from doe.ahead.places import Accuracy, accuracy_of
+from doe.ahead.rivals import data_rows, situation_after
 from studies.demo.embedded import embedded_cell
 from tests.helpers import with_effects
 
@@ -121,16 +121,18 @@ def test_the_error_at_the_targets_is_that_of_all_rows_at_once(
     accuracy = accuracy_of(situation, still, rows)
     more = np.random.default_rng(0).normal(size=(5, 9, rows.shape[1])) / situation.model.sizes
     q = np.zeros((5, session.cell.robot.dof))
-    tried = accuracy.tried(accuracy.data, more, q)[:, 0]
-    known = accuracy.added(accuracy.data, more[0], q[0])
-    twice = accuracy.tried(known, more, q)[:, 0]
+    blocks = accuracy.blocks(more, q)
+    known = accuracy.data.added(blocks[0])
+    tried, twice = (accuracy.values(k, k.tried(blocks))[:, 0] for k in (accuracy.data, known))
     own = rows[:, :p] * model.sizes
 
     def direct(*further: int) -> float:
         blocks = [more[i][:, :p] * model.sizes for i in further]
         return -0.5 * np.log(expected(model, session.cell, np.concatenate([own, *blocks])))
 
-    assert float(accuracy.values(accuracy.data)[0]) == pytest.approx(direct(), rel=1e-6)
+    assert float(accuracy.values(accuracy.data, accuracy.data.S)[0]) == pytest.approx(
+        direct(), rel=1e-6
+    )
     np.testing.assert_allclose(tried, [direct(i) for i in range(5)], rtol=1e-6)
     np.testing.assert_allclose(twice, [direct(0, i) for i in range(5)], rtol=1e-6)
     assert isinstance(accuracy, Accuracy)

@@ -25,7 +25,7 @@ from calib.diagnosis.stage import positions
 from calib.errors import CalibError
 from doe.ahead.conditions import loads_of_data
 from doe.ahead.evidence import Evidence
-from doe.ahead.next_poses import data_rows, situation_after
+from doe.ahead.rivals import data_rows, situation_after
 from doe.ahead.search import Contested, Search
 from doe.ahead.situation import Offer
 from doe.constraints import constraints_of, scene_of
@@ -62,10 +62,12 @@ def test_separation_is_that_of_stacked_least_squares() -> None:
     known = evidence.data
     for block in more[:5]:
         known = known.added(evidence.blocks(block))
-    merged = evidence.data.merged(evidence.blocks(more[:5]))
+    merged = evidence.data.added(evidence.blocks(more[:5]))
     tried = evidence.data.tried(evidence.blocks(more))
     np.testing.assert_allclose(merged.S, known.S, rtol=1e-9)
-    np.testing.assert_allclose(merged.P, known.P, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(
+        merged.half @ merged.half.T, known.half @ known.half.T, rtol=1e-8, atol=1e-12
+    )
     first = evidence.data.added(evidence.blocks(more[3]))
     np.testing.assert_allclose(tried[3], first.S, rtol=1e-9)
     after = np.concatenate([rows, more[:5].reshape(-1, 14)])
@@ -85,7 +87,7 @@ def test_no_choice_passes_the_limit() -> None:
         blocks = evidence.blocks(more)
         limits = evidence.reach(blocks, 3, 72)
         found = [
-            evidence.margins(evidence.data.merged(blocks[list(subset)]), rows=72)
+            evidence.margins(evidence.data.added(blocks[list(subset)]), rows=72)
             for subset in itertools.combinations(range(14), 3)
         ]
         best = np.max(found, axis=0)
@@ -241,7 +243,7 @@ def test_the_poses_chosen_beat_poses_at_random(
     evidence = Evidence.of(rows, y, situation.model.sizes, at, ((0, 1),))
     q = situation.feasible(120, seed=5).reshape(20, 6, -1)
     random = [
-        evidence.probabilities(evidence.data.merged(evidence.blocks(situation.in_order(one))))[0]
+        evidence.probabilities(evidence.data.added(evidence.blocks(situation.in_order(one))))[0]
         for one in q
     ]
     assert prediction.now < min(random)

@@ -8,20 +8,32 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, stacked
+from calib.cell.targets import targets_of
+from calib.effects.tool import Tool
+from calib.identification import Identification
 from calib.model import Model
 from calib.model.covariance import (
+    at_points_read,
+    at_tip,
     covariance,
     identifiable,
     ignorance,
     task_error,
 )
+from calib.poses import Measurements
+from calib.scatter import Variances
 from calib.scatter.poses import Mixing
-from doe.ahead.lacking import Unnoticed
-from doe.criteria import Criterion
+from calib.uncertainty.expanded import freedom
+from doe.ahead.lacking import Lacking
+from doe.criteria import Criterion, Question
+from doe.criteria.task import Task
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.exchange import greedy
-from doe.problem.linearisation import Rows
+from doe.problem.common import at_targets, moved_rows
+from doe.problem.information import Regressor
+from doe.problem.linearisation import Linearisation, Rows
+from doe.problem.problem import target_rows
 
 _SURE = 0.95
 _MANY = 1e6  # degrees of freedom: known
@@ -30,7 +42,7 @@ _OPEN = 0.05**2  # information of a direction that is as uncertain as twenty pla
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class NormalEquations:
     """What readings tell: the normal equations of least squares, and the noise in them.
 
     root : ndarray, shape (p, p), R with ``R^T R`` the sum of the rows' squares
@@ -43,13 +55,13 @@ class Told:
     core: Array | None
     crossed: Array
 
-    def beside(self, other: Told) -> Told:
+    def beside(self, other: NormalEquations) -> NormalEquations:
         """Both, of other configurations."""
         both = root(np.concatenate([self.root, other.root]))
         crossed = self.crossed + other.crossed
         if self.core is None or other.core is None:
-            return Told(both, None, crossed)
-        return Told(both, self.core + other.core, crossed)
+            return NormalEquations(both, None, crossed)
+        return NormalEquations(both, self.core + other.core, crossed)
 
     def covariance(self, span: Array) -> Array:
         """Of the least-squares values along ``span`` (p, k), shape (p, p)."""
@@ -92,25 +104,55 @@ class Forecast:
 
     rows : ndarray, shape (targets, r, p), m per plausible size, the mean over the markers in them
     weights : ndarray, shape (targets,), summing to one
-    beside : ndarray, shape (targets,), m, error that no reading lowers: the arm's scatter, and what the
-        model lacks
-    seen : float, m, error that poses showed which the fit was without: the least that holds now
+    lacking : Lacking, the error there that no reading lowers
     dof : float, degrees of freedom behind the noise, infinite where it is known
-    unnoticed : Unnoticed, what the bound allows for beside that
     predicted : ndarray, shape (targets, r, b), m, how predictions follow errors common to all readings
     """
 
     model: Model
     rows: Array
     weights: Array
-    beside: Array
-    seen: float
+    lacking: Lacking
     dof: float
-    unnoticed: Unnoticed
     predicted: Array
 
+    @classmethod
+    def at(cls, at: Linearisation, lacking: Lacking, found: Identification | None) -> Forecast:
+        """At the targets of a cell; found : of the data so far, None where there is none.
+
+        What is taken for noise is known by as many degrees of freedom as the identification says.
+        Where poses err as a whole they count, not points: which variances they show is chosen as well.
+        """
+        model, (targets, weights) = at.model, targets_of(at.cell)
+        at_markers = any(isinstance(e, Tool) for e in model.effects)
+        regressor = Regressor(at.cell, model, at.values, np.diag(model.sizes))
+        counts = at_points_read(model) if at_markers else at_tip(model)
+        dof = np.inf
+        if found is not None:
+            told = found.levels is not None and not len(found.levels.free)
+            as_a_whole = bool(lacking.rms) and not told
+            dof = freedom(found.noise.dof, found.stays, found.rank, as_a_whole=as_a_whole)
+        return cls(
+            model,
+            target_rows(regressor, targets, at_markers),
+            weights / weights.sum(),
+            lacking,
+            dof,
+            at_targets(model, counts, at.values, targets),
+        )
+
+    @property
+    def criterion(self) -> Criterion:
+        """The expected error at the targets, for information in plausible sizes."""
+        p = self.rows.shape[-1]
+        none, T = np.zeros((0, p, p)), np.diag(self.model.sizes)
+        return Task.of(Question(self.model, T, None, None, lambda: self.rows, self.weights, none))
+
     def steps(
-        self, known: Told, readings: int, further: Iterable[tuple[str, int, Told]]
+        self,
+        known: NormalEquations,
+        readings: int,
+        further: Iterable[tuple[str, int, NormalEquations]],
     ) -> Iterator[Step]:
         """What is known now, then with each further pose: its name, the readings it adds, and all that
         is told by then.
@@ -118,12 +160,12 @@ class Forecast:
         Rows are in standard deviations per plausible size.
         """
         now = self._step("", readings, known)
-        yield replace(now, task_most=max(now.task_most, self.seen))
+        yield replace(now, task_most=max(now.task_most, self.lacking.seen.rms))
         for name, count, told in further:
             readings += count
             yield self._step(name, readings, told)
 
-    def _step(self, pose: str, readings: int, told: Told) -> Step:
+    def _step(self, pose: str, readings: int, told: NormalEquations) -> Step:
         p = self.rows.shape[-1]
         ids = tuple(parameter.id for parameter in self.model.parameters)
         choice = identifiable(told.root, np.ones(p), ids)
@@ -137,12 +179,12 @@ class Forecast:
         response = told.response(span)
         missed = self.rows @ response - self.predicted
         common = np.sqrt((missed**2).sum(axis=(1, 2)))
-        beside = np.hypot(common, self.beside)
+        beside = np.hypot(common, self.lacking.at_targets)
         rms, worst = task_error(np.hypot(own, beside), self.weights)
         variances = np.maximum(np.diag(cov), 0.0) + (response**2).sum(axis=1)
         std = np.where(known, np.sqrt(variances) * self.model.sizes, np.nan)
         lost = tuple(name for entry in choice.unidentifiable for name in entry.names)
-        doubted = np.hypot(rms * self.unnoticed.louder, self.unnoticed.at_targets)
+        doubted = np.hypot(rms * self.lacking.louder, self.lacking.hidden)
         most = float(doubted) * self._margin(cov, missed, rms)
         by_common = task_error(common, self.weights)[0]
         return Step(pose, readings, rms, worst, most, parameters, std, lost, by_common)
@@ -172,31 +214,47 @@ class Forecast:
         return float(np.sqrt(fdtri(min(drawn, _MANY), min(self.dof, _MANY), _SURE)))
 
 
-def told(
-    rows: Rows,
-    moved: Rows,
-    chosen: Mask | None = None,
-    held: Array | None = None,
-    pull: float = 1.0,
-    weighing: Mixing | None = None,
-) -> Told:
-    """What readings tell together, all or some of them, (m,), beside rows ``held`` (k, p).
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Readings to first order, per plausible size of the parameters.
 
-    moved : Rows, how the same readings follow errors common to all
-    pull, weighing : how the estimate weighs the rows beside them, and theirs, as an observation has it
+    rows : Rows; common : Rows, how the same readings follow errors common to all
+    weighing : how the estimate weighs whole poses: as the cell says that the arm scatters
     """
-    own = counted = rows.whitened if chosen is None else rows.whitened * chosen[:, None, None]
-    if weighing is not None:
-        counted = weighing(own)
-        own = weighing.back(counted)
-    crossed = np.einsum("mrp,mrb->pb", own, moved.whitened)
-    core = None if rows.mixing is None else rows.mixing.covariance(own)
-    flat = stacked(counted)
-    if held is None:
-        return Told(root(flat), core, crossed)
-    held = pull * held  # and so is the error of these rows, of which core is made
-    both = root(np.concatenate([flat, held]))
-    return Told(both, None if core is None else core + pull**2 * held.T @ held, crossed)
+
+    rows: Rows
+    common: Rows
+    weighing: Mixing | None
+
+    @classmethod
+    def at(cls, at: Linearisation, data: Measurements, kept: Mask | None = None) -> Readings:
+        """Of a data set, of which some readings count, shape (m,)."""
+        rows = at.of(data, kept).per(at.model.sizes)
+        arm = Variances.of_arm(at.model.robot.dof, at.cell.repeatability)
+        weighing = replace(at, arm=arm).of(data, kept).mixing if arm.any else None
+        return cls(rows, moved_rows(at, data, at.weights(data, kept), rows), weighing)
+
+    def equations(
+        self, chosen: Mask | None = None, held: Array | None = None, pull: float = 1.0
+    ) -> NormalEquations:
+        """What they tell together, all or some of them, (m,), beside rows ``held`` (k, p).
+
+        pull : by how much more the estimate weighs the rows beside them
+        """
+        own = self.rows.whitened if chosen is None else self.rows.whitened * chosen[:, None, None]
+        counted = own
+        if self.weighing is not None:
+            counted = self.weighing(own)
+            own = self.weighing.back(counted)
+        crossed = np.einsum("mrp,mrb->pb", own, self.common.whitened)
+        core = None if self.rows.mixing is None else self.rows.mixing.covariance(own)
+        if held is None:
+            return NormalEquations(root(stacked(counted)), core, crossed)
+        held = pull * held  # and so is the error of these rows, of which core is made
+        both = root(np.concatenate([stacked(counted), held]))
+        return NormalEquations(
+            both, None if core is None else core + pull**2 * held.T @ held, crossed
+        )
 
 
 def root(rows: Array) -> Array:

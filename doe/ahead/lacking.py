@@ -9,9 +9,10 @@ import numpy as np
 from calib.arm.repeatability import usual_repeatability
 from calib.arrays import Array
 from calib.cell import Cell
-from calib.compensation.estimate import estimate_of, fitted_of
+from calib.cell.targets import targets_of
+from calib.compensation.estimate import Estimate, estimate_of, fitted_of
 from calib.compensation.trend import trend_of
-from calib.compensation.unexplained import scatter_at
+from calib.compensation.unexplained import Unexplained, Unseen, at_ends, at_held_out, scatter_at
 from calib.identification import Identification
 from calib.model import Model
 from calib.model.covariance import task_error
@@ -20,35 +21,125 @@ from calib.poses import Poses
 from calib.scatter import Variances, scatter_of
 from calib.scatter.restricted import maximised
 from calib.scatter.search import problem_of
+from calib.uncertainty.pose_to_pose import Owner, parted
 
 
-@dataclass(frozen=True)
-class Unnoticed:
-    """What the tip's scatter would do, the likeliest and a standard error more.
+@dataclass(frozen=True, eq=False)
+class Lacking:
+    """The error at the targets that does not average away, RMS, m.
 
-    at_targets : float, m, RMS; louder : float, by how much more the readings would err than stated
+    scatter : the arm errs anew at every target; what the data do not tell from the model's lacks counts
+        here
+    unfollowed : what the model does not follow from pose to pose; unexplained : what it lacks beside it
+    trend : how far the trend of the day will have gone when the arm comes to the targets; an_hour_on :
+        and an hour later; None where no clock tells
+    seen : what poses showed that the fit was without, zero where there are none
+    rest_of : whose what differs from configuration to configuration is
+    surely : whether what the model lacks is more than chance
+    after : s after the last reading at which the arm comes to the targets; None where nobody says it
+    at_targets : ndarray, shape (targets,), m, all of it
+    hidden : what the data neither show nor rule out, for which a bound allows beside all that
+    louder : float, by how much more the readings would err than stated if that is there
     """
 
-    at_targets: float = 0.0
+    scatter: float
+    unfollowed: float
+    unexplained: Unexplained
+    trend: float
+    an_hour_on: float | None
+    seen: Unseen
+    rest_of: Owner
+    surely: bool
+    after: float | None
+    at_targets: Array
+    hidden: float = 0.0
     louder: float = 1.0
 
+    @property
+    def of_model(self) -> float:
+        """What the model lacks, but for the trend."""
+        return float(np.hypot(self.unfollowed, self.unexplained.rms))
 
-def unnoticed(
+    @property
+    def rms(self) -> float:
+        """All of it."""
+        return float(np.linalg.norm([self.scatter, self.of_model, self.trend]))
+
+
+def lacking_of(
+    cell: Cell, model: Model, values: Array, arm: Variances, found: Identification | None
+) -> Lacking:
+    """What does not average away at the cell's targets.
+
+    model, values, arm : of the whole day; found : of the data so far, None where there is none yet
+    Where something is lacking, it is as much as poses miss by that the fit was without.
+    """
+    targets, weights = targets_of(cell)
+    known = None if found is None else estimate_of(found)
+    rest_of: Owner = "instrument" if known is None else known.rest_of
+    own, lacks = (
+        np.sqrt(scatter_at(model, values, targets, part).mean(axis=-1))
+        for part in parted(arm, rest_of)
+    )
+    rest = Unexplained(0.0, "") if known is None else known.unexplained
+    surely = bool(lacks.any()) or rest.rms > 0.0
+    trend, an_hour_on, after = np.zeros(len(targets)), None, cell.design.targets_after
+    if known is not None:
+        later = replace(targets, start=known.start)
+        trend, an_hour_on = (
+            known.moved_on(later, after or 0.0),
+            known.an_hour_on(later, after or 0.0),
+        )
+
+    def rms(errors: Array) -> float:
+        return task_error(errors, weights)[0]
+
+    seen = None if found is None else _unseen(found)
+    scatter = rms(np.hypot(own, lacks))
+    if seen is not None and (scatter or rest.rms):
+        beyond = float(np.sqrt(max(0.0, seen.lacking**2 - scatter**2)))
+        rest = max(rest, Unexplained(beyond, seen.source), key=lambda one: one.rms)
+    seen = seen or Unseen(0.0, 0.0, 0.0, "")
+    lacking = Lacking(
+        rms(own), rms(lacks), rest, rms(trend), None if an_hour_on is None else rms(an_hour_on),
+        seen, rest_of, surely or seen.unexplained > 0.0, after,
+        np.sqrt(own**2 + lacks**2 + rest.rms**2 + trend**2),
+    )  # fmt: skip
+    if found is None or known is None:
+        return lacking
+    scattered, louder = _hidden_scatter(cell, model, values, found, targets, weights)
+    scattered = scattered if lacking.rms else max(scattered, seen.certain)
+    moving = _hidden_trend(found, known, targets, weights, after)
+    return replace(lacking, hidden=float(np.hypot(scattered, moving)), louder=louder)
+
+
+def _unseen(found: Identification) -> Unseen | None:
+    """What poses show that the fit was without: those held out, else the ends of the day."""
+    fit, held = fitted_of(found), found.heldout
+    if held is not None and held.data.seen.any():
+        return at_held_out(fit, held.data).times(found.footprint)
+    ends = at_ends(fit)
+    return None if ends is None else ends.times(found.footprint)
+
+
+def _hidden_scatter(
     cell: Cell,
     model: Model,
     values: Array,
-    found: Identification | None,
+    found: Identification,
     targets: Poses,
     weights: Array,
-) -> Unnoticed:
-    """None where scatter was found, or the cell says how the arm repeats.
+) -> tuple[float, float]:
+    """What the tip's scatter would do, the likeliest and a standard error more: RMS at the targets, m,
+    and by how much more the readings would err.
 
-    A test leaves out what is not surely there. Whoever promises a bound must not; but no arm is taken
-    to repeat worse than data sheets of its size say.
+    None where scatter was found, or the cell says how the arm repeats. A test leaves out what is not
+    surely there. Whoever promises a bound must not; but no arm is taken to repeat worse than data
+    sheets of its size say.
     """
-    levels = None if found is None else found.levels
-    if found is None or levels is None or levels.variances.any or cell.repeatability is not None:
-        return Unnoticed()
+    levels = found.levels
+    if levels is None or levels.variances.any or cell.repeatability is not None:
+        return 0.0, 1.0
     kept, span = ~found.fit.outlier, np.eye(len(found.values))[:, found.std > 0.0]
     points = Points(found.model, found.fit.data, found.weights * kept[:, None, None, None])
     none = Variances.none(model.robot.dof)
@@ -64,20 +155,17 @@ def unnoticed(
     own = own * min(1.0, usual.worst / shown) ** 2  # no arm of this size is worse
     likely = Variances(levels.variances.scale, none.approach, own)
     rms, _ = task_error(np.sqrt(scatter_at(model, values, targets, likely).mean(axis=-1)), weights)
-    return Unnoticed(rms, scatter.at(likely).typical(levers) / likely.scale)
+    return rms, scatter.at(likely).typical(levers) / likely.scale
 
 
-def may_move_on(cell: Cell, found: Identification | None, targets: Poses, weights: Array) -> float:
+def _hidden_trend(
+    found: Identification, known: Estimate, targets: Poses, weights: Array, after: float | None
+) -> float:
     """RMS error at targets hours after the last reading by a trend that may be chance, m.
 
     Zero where one is shown, which is expected then, or nobody says that the targets come later.
     """
-    after = cell.design.targets_after
-    if found is None or not after:
-        return 0.0
-    known = estimate_of(found)
-    if known.trend is not None:
+    if not after or known.trend is not None or known.clock_unit != "s":
         return 0.0
     known = replace(known, trend=trend_of(fitted_of(found), sure=1.0))
-    moved = known.moved_on(replace(targets, start=known.start), after)
-    return task_error(moved, weights)[0] * (known.clock_unit == "s")
+    return task_error(known.moved_on(replace(targets, start=known.start), after), weights)[0]

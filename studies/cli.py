@@ -47,7 +47,7 @@ COMMANDS = {
     "fleet": ("fleet.command:fleet", "Calibrate every robot below a folder, with one summary."),
     "changes": ("changes.command:changes", "Say what moved between two results of one robot."),
     "report": ("report.command:report", "Write one page of results, to hand on."),
-    "schema": ("schema.command:schema", "Print the JSON Schema of a result."),
+    "schema": ("explain.command:schema", "Print the JSON Schema of a result."),
     "explain": ("explain.command:explain", "Explain words, keys, columns and effects."),
 }
 """Name -> where the command is, and what the help says of it, in the order of a day of measurement."""

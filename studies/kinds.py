@@ -1,4 +1,4 @@
-"""The kinds of result: a folder each, with the record and how it is told. Names cost no import."""
+"""The kinds of result: where the record of each is, and how it is told. Names cost no import."""
 
 from __future__ import annotations
 
@@ -10,35 +10,36 @@ if TYPE_CHECKING:
     from studies.record import Record
 
 _HOMES = {
-    "fleet": ("fleet", "FleetRecord"),
-    "prior": ("prior", "PriorRecord"),
-    "init": ("init", "InitRecord"),
-    "design": ("design", "DesignRecord"),
-    "plan": ("plan", "PlanRecord"),
-    "program": ("programs", "ProgramRecord"),
-    "import": ("imports", "ImportRecord"),
-    "compare": ("compare", "CompareRecord"),
-    "identify": ("identify", "IdentifyRecord"),
-    "diagnose": ("diagnose", "DiagnoseRecord"),
-    "enough": ("enough", "EnoughRecord"),
-    "next": ("next", "NextRecord"),
-    "compensate": ("compensate", "CompensateRecord"),
-    "iso9283": ("iso9283", "Iso9283Record"),
-    "changes": ("changes", "ChangesRecord"),
-    "report": ("report", "ReportRecord"),
-    "demo": ("demo", "DemoRecord"),
+    "fleet": ("fleet.record", "FleetRecord", "fleet.telling"),
+    "prior": ("prior", "PriorRecord", "prior"),
+    "init": ("init.record", "InitRecord", "init.telling"),
+    "design": ("design.record", "DesignRecord", "design.telling"),
+    "plan": ("plan.record", "PlanRecord", "plan.telling"),
+    "program": ("programs.record", "ProgramRecord", "programs.telling"),
+    "import": ("imports.record", "ImportRecord", "imports.telling"),
+    "compare": ("compare.record", "CompareRecord", "compare.telling"),
+    "identify": ("identify.record", "IdentifyRecord", "identify.telling"),
+    "diagnose": ("diagnose.record", "DiagnoseRecord", "diagnose.telling"),
+    "enough": ("enough.record", "EnoughRecord", "enough.telling"),
+    "next": ("next.record", "NextRecord", "next.record"),
+    "compensate": ("compensate.record", "CompensateRecord", "compensate.telling"),
+    "iso9283": ("iso9283.record", "Iso9283Record", "iso9283.telling"),
+    "changes": ("changes.record", "ChangesRecord", "changes.telling"),
+    "report": ("report.record", "ReportRecord", "report.telling"),
+    "demo": ("demo.record", "DemoRecord", "demo.record"),
 }
+"""Kind -> module of the record, its name, and module of :func:`told`."""
 KINDS = tuple(_HOMES)
 """In the order in which a page tells of them."""
 
 
 def record_type(kind: str) -> type[Record]:
     """The record of a kind."""
-    folder, name = _HOMES[kind]
-    return cast("type[Record]", getattr(import_module(f"studies.{folder}.record"), name))
+    module, name, _ = _HOMES[kind]
+    return cast("type[Record]", getattr(import_module(f"studies.{module}"), name))
 
 
 def tell(record: Record) -> Document:
     """What the terminal and the page say of a result."""
-    folder, _ = _HOMES[record.kind]
-    return cast("Document", import_module(f"studies.{folder}.telling").told(record))
+    module = _HOMES[record.kind][2]
+    return cast("Document", import_module(f"studies.{module}").told(record))

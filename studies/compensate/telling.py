@@ -24,7 +24,7 @@ from studies.document import (
     plural,
 )
 from studies.joints import joint_columns
-from studies.systematic import counts, lacks, moves_on, undecided
+from studies.noise import counts, lacks, moves_on, undecided
 
 _MOST = 8  # targets that are worth a line each
 _PLACES = {"markers": "markers", "tip": "tip's origin"}

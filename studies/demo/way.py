@@ -20,7 +20,7 @@ from calib.files.write_tables import measurements_csv
 from studies.compare.command import compare
 from studies.compare.record import CompareRecord
 from studies.demo.embedded import embedded_text, session
-from studies.demo.record import DemoRecord, Step
+from studies.demo.record import DemoRecord, DemoStep
 from studies.design.command import design
 from studies.design.record import DesignRecord
 from studies.diagnose.command import diagnose
@@ -44,7 +44,7 @@ class Way:
     folder: Path
     seed: int
     say: Callable[[str], None]
-    steps: list[Step] = field(default_factory=list)
+    steps: list[DemoStep] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     withheld: str = ""
 
@@ -61,7 +61,7 @@ class Way:
             said = step(self)
             seconds = time.monotonic() - begun
             self.say(f"      {said}  ({seconds:.0f} s)")
-            self.steps.append(Step(step=title, says=said, seconds=seconds))
+            self.steps.append(DemoStep(step=title, says=said, seconds=seconds))
         record = DemoRecord(
             **envelope("", [], self.seed),
             folder=str(self.folder),

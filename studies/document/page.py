@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count, groupby
-from typing import TYPE_CHECKING, Any
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from markupsafe import Markup
 
-from studies.document.parts import (
+from studies.document import (
     Column,
     Detail,
     Figure,
     Lines,
     Part,
     Raw,
+    Rule,
     Section,
     Sentence,
     Table,
+    plural,
 )
-from studies.document.plain import plain_columns
-from studies.document.rules import plural
 from studies.document.svg import inline_svg
 
 if TYPE_CHECKING:
@@ -36,6 +38,10 @@ _COMMAND = re.compile(r"`([^`]*)`")
 _JOINTS = re.compile(r"(?<=\w)[_:,](?=\w)|@(?=[\w-])|/(?=\w{4}|\()|\.(?=[a-z]{4})|\w{16}(?=\w{8})")
 _UNIT = re.compile(r" (\[[^\[\]]{1,12}\])$")  # longer ones may break
 _BROAD = 6.0  # inches: a wider figure takes a line of its own on paper
+Cell: TypeAlias = str | float | int | None
+_NUMBER = re.compile(  # linear in the length of a text, which may be a hostile name
+    r"^(?:[\s.,eE+\N{MINUS SIGN}\N{PLUS-MINUS SIGN}%x-]*\d)+[\s.,eE+\-%]*$"
+)
 _MINUS = str.maketrans("-", "\N{MINUS SIGN}")
 
 
@@ -138,6 +144,50 @@ def _numbers(picture: Picture, title: str, highlight: bool) -> Table[Any]:
     """The table of a picture's numbers."""
     columns = plain_columns(picture.header, picture.rows)
     return Table(columns, picture.rows, title, of_poses=highlight and picture.header[0] == "pose")
+
+
+def plain_columns(
+    header: Sequence[str], rows: Sequence[Sequence[Cell]]
+) -> tuple[Column[Sequence[Any]], ...]:
+    """A column for each title; those stand right that hold nothing but numbers."""
+    return tuple(
+        Column(title, itemgetter(i), Rule(_signed, "", all(_numeric(row[i]) for row in rows)))
+        for i, title in enumerate(header)
+    )
+
+
+def table_of(
+    header: Sequence[str], rows: Sequence[Sequence[Cell]], caption: str = ""
+) -> Table[Sequence[Any]]:
+    """A table that stands open, of what no record tells."""
+    return Table(plain_columns(header, rows), rows, caption=caption, fold=False)
+
+
+def _numeric(cell: Cell) -> bool:
+    return not isinstance(cell, str) or not cell or bool(_NUMBER.match(cell))
+
+
+def _signed(value: Cell) -> str:
+    """Numbers with a true minus sign, among names too."""
+    text = shown(value)
+    return text.replace("-", "\N{MINUS SIGN}") if _NUMBER.match(text) else text
+
+
+def shown(value: Cell) -> str:
+    """A cell as text: four digits, nothing for what is undefined.
+
+    >>> shown(0.0123456), shown(None), shown(12), shown("m1")
+    ('0.01235', '', '12', 'm1')
+    """
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return str(value)
+    return f"{value:.4g}" if math.isfinite(value) else ""
 
 
 def _head(column: Column[Any]) -> str:

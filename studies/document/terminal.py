@@ -12,8 +12,7 @@ from rich.console import RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from studies.document.parts import Column, Document, Lines, Part, Section, Sentence, Table
-from studies.document.rules import LINE
+from studies.document import LINE, Column, Document, Lines, Part, Section, Sentence, Table
 from studies.tables import plain_table
 
 _LABEL = 10  # letters

@@ -7,7 +7,6 @@ from pathlib import Path
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file
-from studies.command.holdout import held_out
 from studies.command.options import (
     PATH,
     Finite,
@@ -17,6 +16,7 @@ from studies.command.options import (
     result_options,
 )
 from studies.command.progress import working
+from studies.command.session import held_out
 
 
 @click.command()

@@ -31,7 +31,7 @@ from studies.enough.record import (
     LackingEntry,
     StateEntry,
 )
-from studies.systematic import counts, lacks, moves_on, undecided
+from studies.noise import counts, lacks, moves_on, undecided
 
 _WEAKEST = 5
 _SOURCES = {

@@ -1,10 +1,11 @@
-"""``posecal explain``: what a word, a key, a column, an effect or a figure means."""
+"""``posecal explain`` and ``posecal schema``: what words and figures mean, and what JSON holds."""
 
 from __future__ import annotations
 
 import click
 
 from studies.command.options import one_line_faults
+from studies.kinds import KINDS
 
 
 @click.command()
@@ -34,3 +35,23 @@ def explain(topic: str | None) -> None:
     text = f"# Topics of posecal explain TOPIC\n\n| topic | is about |\n|---|---|\n{listed}\n"
     more = "Every effect and criterion is also a topic (posecal explain effects, criteria)."
     show((*terminal(document_of(text, lambda _: ((), []))), Text(f"\n{more}")), None)
+
+
+@click.command()
+@click.argument("kind", metavar="KIND", type=click.Choice(KINDS))
+@one_line_faults
+def schema(kind: str) -> None:
+    """Print the JSON Schema (draft 2020-12) of a result.
+
+    KIND is a command that has --json. It may also be plan (diagnose --plan-only) or prior (fleet
+    --prior).
+
+    \b
+    Example:
+      posecal schema enough > enough.schema.json
+    """
+    import json
+
+    from studies.results import json_schema
+
+    click.echo(json.dumps(json_schema(kind), indent=1))

@@ -18,7 +18,7 @@ from studies.command.progress import progress_bar
 if TYPE_CHECKING:
     from studies.fleet.find import Job
     from studies.fleet.one import Asked, Done
-    from studies.prior.record import PriorRecord
+    from studies.prior import PriorRecord
 
 AHEAD = 1000
 """Tables that are given out at once: more than a cluster has workers, few enough for any memory."""
@@ -119,7 +119,7 @@ def _prior(done: Sequence[Done], fleet_folder: Path, seed: int) -> PriorRecord:
     from studies.fleet.record import results_of
     from studies.fleet.spread import latest
     from studies.fleet.types import learnt
-    from studies.prior.record import prior_record
+    from studies.prior import prior_record
     from studies.record import envelope
 
     types = list(learnt(latest(done)))

@@ -12,7 +12,7 @@ from studies.identify.errors import told_errors
 from studies.identify.of_type import told_of_type
 from studies.identify.parameters import told_parameters
 from studies.identify.record import IdentifyRecord
-from studies.systematic import lacks
+from studies.noise import lacks
 from studies.targets import over_the_workspace
 
 _WRONG_TABLE_MM = 20.0  # no arm is so wrong, and none so well placed by guesses

@@ -21,7 +21,7 @@ from calib.files.write_tables import measurements_csv
 from calib.model.build import build, parse_effect
 from doe.problem.levels import levels_of, parse_levels
 from doe.problem.request import Request, direction_of, subset_of, with_rivals
-from studies.command.holdout import held_out
+from studies.command.session import held_out
 from studies.demo.embedded import embedded_cell, embedded_plan, embedded_text, simulated
 from studies.design.command import candidates_of, two_effects
 from tests.fuzz.estimates import ESTIMATES, estimate

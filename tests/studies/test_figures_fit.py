@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from studies.document.parts import pictures_of
+from studies.document import pictures_of
 from studies.kinds import KINDS, tell
 from studies.plots.accuracy import against_number
 from studies.plots.by_pose import by_pose

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib import Cell
 from studies.document import Section
-from studies.document.plain import shown, table_of
+from studies.document.page import shown, table_of
 from studies.report.evidence import Evidence
 
 

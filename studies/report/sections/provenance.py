@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from studies.document import Part, Section, Sentence
-from studies.document.plain import table_of
+from studies.document.page import table_of
 from studies.report.evidence import Evidence
 
 

@@ -111,8 +111,7 @@ def texts() -> Iterator[tuple[str, str]]:
     from calib.effects import EFFECTS
     from doe.criteria import CRITERIA
     from studies.explain.cell_keys import meanings
-    from studies.explain.generated import criterion_text, effect_text
-    from studies.explain.topics import written
+    from studies.explain.topics import criterion_text, effect_text, written
 
     yield "README", (ROOT / "README.md").read_text(encoding="utf-8")
     yield "--help", "\n\n".join(help_texts())

@@ -1,1 +1,0 @@
-"""What a type of robot knows, learnt from a fleet by ``posecal fleet --prior``."""

@@ -1,1 +1,0 @@
-"""``posecal schema``: the JSON Schema of a result."""

@@ -11,7 +11,7 @@ from studies.command.deliver import check_outputs, deliver, output_file, show
 from studies.command.options import PATH, cell_argument, data_argument, faults_in, result_options
 from studies.command.progress import working
 from studies.command.session import read_session
-from studies.diagnose.make import NEXT
+from studies.diagnose import NEXT
 
 if TYPE_CHECKING:
     from calib import Cell

@@ -10,6 +10,7 @@ import numpy as np
 
 from studies.command.options import faults_in
 from studies.command.session import Session
+from studies.diagnose import NEXT
 
 if TYPE_CHECKING:
     from calib import Cell
@@ -35,8 +36,6 @@ if TYPE_CHECKING:
 
 _MM = 1e3
 _MOST_CYCLES = 800  # in a file: several at each pixel of a figure
-NEXT = 8
-"""Poses that are proposed where rivals are left."""
 MOST = 4000
 """Readings of a table that are diagnosed: every candidate at each of them takes a megabyte."""
 SECONDS = 10e-3

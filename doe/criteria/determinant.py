@@ -41,23 +41,8 @@ class Determinant(Criterion):
     def gradient(self, M: Array) -> Array:
         return np.asarray(self.value(M) / len(M) * np.linalg.inv(M))
 
-    def value_by_covariance(self, cov: Array) -> Array:
-        return np.asarray(self._scale * np.exp(-np.linalg.slogdet(cov)[1] / cov.shape[-1]))
-
-    def leaning(self, cov: Array) -> Array:
-        return cov
-
     def brought(self, cov: Array, into: Array) -> Array:
         return growth(cov, into)
-
-    def raised(self, cov: Array, into: Array) -> Array:
-        return np.asarray(self.value_by_covariance(cov) * np.exp(growth(cov, into) / len(cov)))
-
-    def screen(self, base: Array, packed: Array, rank: int) -> Array:
-        # det(base + M) = det(base) det(I + base^-1 M), whose rank eigenvalues have a known sum.
-        told = packed @ pack(np.asarray(np.linalg.inv(base)))
-        power = rank / len(base)
-        return np.asarray(self.value(base) * (1.0 + np.maximum(told, 0.0) / rank) ** power)
 
     def conic(self, M: Any, at: Array) -> Conic:
         import cvxpy as cp

@@ -43,15 +43,11 @@ class SmallestEigenvalue(Criterion):
         z = W @ vectors[:, -1:]
         return np.asarray(self.value(M) ** 2 * z @ z.T)
 
-    def value_by_covariance(self, cov: Array) -> Array:
-        return np.asarray(1.0 / np.linalg.eigvalsh(self.V @ cov @ self.V.T)[..., -1])
-
     def leaning(self, cov: Array) -> Array:
         W = cov @ self.V.T
         values, vectors = np.linalg.eigh(self.V @ W)
-        share = np.maximum(values / values[:, -1:], 0.0) ** _SMOOTHED
-        z = W @ (vectors * share[:, None, :])
-        return np.asarray(z @ np.swapaxes(z, -1, -2))
+        z = W @ (vectors * np.maximum(values / values[-1], 0.0) ** _SMOOTHED)
+        return np.asarray(z @ z.T)
 
     def conic(self, M: Any, at: Array) -> Conic:
         import cvxpy as cp

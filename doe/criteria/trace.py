@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -37,20 +36,9 @@ class Trace(Criterion):
         W = solved(M, self.F)
         return np.asarray(W @ W.T / np.vdot(self.F, W) ** 2)
 
-    @cached_property
-    def _FFt(self) -> Array:
-        return np.asarray(self.F @ self.F.T)
-
-    def value_by_covariance(self, cov: Array) -> Array:
-        return np.asarray(1.0 / (cov.reshape(*cov.shape[:-2], -1) @ self._FFt.reshape(-1)))
-
     def leaning(self, cov: Array) -> Array:
         W = cov @ self.F
-        return np.asarray(W @ np.swapaxes(W, -1, -2))
-
-    def raised(self, cov: Array, into: Array) -> Array:
-        left = 1.0 / self.value_by_covariance(cov) - self.brought(cov, into)
-        return np.asarray(1.0 / np.maximum(left, 1e-300))
+        return np.asarray(W @ W.T)
 
     def conic(self, M: Any, at: Array) -> Conic:
         import cvxpy as cp

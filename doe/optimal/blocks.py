@@ -73,7 +73,9 @@ class Blocks:
 
     def beside(self, more: Array) -> Blocks:
         """The same candidates where more is known in any case, ndarray of shape (p, p)."""
-        return replace(self, fixed=self.fixed + more)
+        found = replace(self, fixed=self.fixed + more)
+        found.__dict__["rows"] = self.rows
+        return found
 
     def take(self, index: IntArray) -> Blocks:
         """The blocks of some candidates."""

@@ -14,25 +14,11 @@ def lessened(cov: Array, out: Array, share: float) -> Array:
 
     All of it may well leave the information singular.
 
-    cov : ndarray, shape (b, p, p); out : ndarray, shape (b, r, p), the pose's rows; share : float, < 1
+    cov : ndarray, shape (p, p); out : ndarray, shape (r, p), the pose's rows; share : float, < 1
     """
     U = out @ cov
-    S = np.eye(out.shape[1]) / share - U @ np.swapaxes(out, 1, 2)
-    return np.asarray(cov + np.swapaxes(U, 1, 2) @ np.linalg.solve(S, U))
-
-
-def exchanged(cov: Array, out: Array, into: Array) -> Array:
-    """Covariance with one pose in place of another, shape (b, k, p, p).
-
-    Both at once: without the pose that goes the information may well be singular.
-
-    cov : ndarray, shape (b, p, p); out : ndarray, shape (b, r, p); into : ndarray, shape (b, k, r, p)
-    """
-    r = out.shape[1]
-    both = np.concatenate([into, np.broadcast_to(out[:, None], into.shape)], axis=2)
-    U = both @ cov[:, None]
-    S = U @ np.swapaxes(both, 2, 3) + np.diag(np.repeat([1.0, -1.0], r))
-    return np.asarray(cov[:, None] - np.swapaxes(U, 2, 3) @ np.linalg.solve(S, U))
+    S = np.eye(len(out)) / share - U @ out.T
+    return np.asarray(cov + U.T @ np.linalg.solve(S, U))
 
 
 def fall(cov: Array, G: Array, into: Array) -> Array:

@@ -16,13 +16,10 @@ from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.covariance import lessened
 from doe.optimal.function import InformationFunction
-from doe.optimal.packed import pack
 
-_BATCH = 24
-_PATIENCE = 2  # batches looked at after the first one that holds something better
+_JUDGED = 24  # candidates in place of a pose that are judged exactly
 _PROMISING = 200  # candidates of a level that is tried in place of another
 _NEARLY = 0.9999  # of a pose is taken away: the rest alone may be singular
-_DIGITS = 1e-9  # that an update of the covariance may lose, relative
 _WORTH = 1e-7  # relative gain below which an exchange is rounding
 
 
@@ -51,87 +48,50 @@ def exchange(
 def _singles(
     criterion: InformationFunction, blocks: Blocks, allowed: Allowed, plan: IntArray
 ) -> tuple[IntArray, float]:
+    """Single exchanges, one pose after the other, until none helps; changes the plan."""
     M = blocks.total(plan)
-    G = criterion.gradient(M)
-    value = float(criterion.value(M))
-    idle = 0
+    value, idle, slot = float(criterion.value(M)), 0, 0
+    G, cov = criterion.gradient(M), np.linalg.inv(M)
     while idle < len(plan):
-        for slot in range(len(plan)):
-            found = _better(criterion, blocks, allowed, plan, slot, M, G, value)
-            if found is None:
-                idle += 1
-            else:
-                plan[slot], value = found
-                M = blocks.total(plan)
-                G = criterion.gradient(M)
-                idle = 0
-            if idle >= len(plan):
-                break
+        base = M - blocks.matrices(plan[slot : slot + 1])[0]
+        likely = _likely(criterion, blocks, allowed, plan, slot, base, G, cov, value)
+        reached = criterion.value(base + blocks.matrices(likely))
+        idle += 1
+        if len(likely) and reached.max() > value * (1.0 + _WORTH):
+            plan[slot], value, idle = likely[reached.argmax()], float(reached.max()), 0
+            M = blocks.total(plan)
+            G, cov = criterion.gradient(M), np.linalg.inv(M)
+        slot = (slot + 1) % len(plan)
     return plan, value
 
 
-def _better(
+def _likely(
     criterion: InformationFunction,
     blocks: Blocks,
     allowed: Allowed,
     plan: IntArray,
     slot: int,
-    M: Array,
+    base: Array,
     G: Array,
+    cov: Array,
     value: float,
-) -> tuple[int, float] | None:
-    """A better candidate in place of one pose, and the criterion with it; None if there is none.
+) -> IntArray:
+    """Candidates in place of one pose that are worth an exact judgement.
 
-    G : ndarray, shape (p, p), the gradient at M, the plan's information
+    base : ndarray, shape (p, p), information without the pose
+    G, cov : ndarray, shape (p, p), gradient and covariance with it
     """
     here = allowed.members[allowed.group[plan[slot]]]
-    rows = blocks.packed[here] if len(here) < len(blocks) else blocks.packed
-    base = M - blocks.matrices(plan[slot : slot + 1])[0]
-    possible = np.minimum(_above(G, base, rows), criterion.screen(base, rows, blocks.rank))
+    at_most = blocks.scores(G)[here] + float((G * base).sum())
+    free = at_most > value * (1.0 + _WORTH)
     if not allowed.repeats:
-        taken = np.zeros(len(blocks), dtype=bool)
-        taken[plan] = True
-        possible[taken[here]] = -np.inf
-    best, chosen = value * (1.0 + _WORTH), -1
-    live = np.flatnonzero(possible > best)
-    if len(live) > _BATCH:
-        closer = _raised(criterion, blocks, plan[slot], here[live], M)
-        possible[live] = np.minimum(possible[live], closer)
-    patience = _PATIENCE
-    while patience:
-        live = np.flatnonzero(possible > best)
-        if not len(live):
-            break
-        patience -= chosen >= 0
-        if len(live) > _BATCH:
-            live = live[np.argpartition(-possible[live], _BATCH)[:_BATCH]]
-        values = criterion.value(base + blocks.matrices(here[live]))
-        possible[live] = -np.inf
-        top = int(values.argmax())
-        if values[top] > best:
-            best, chosen = float(values[top]), int(here[live[top]])
-        nearest = base + blocks.matrices(here[live[top : top + 1]])[0]
-        rest = np.flatnonzero(possible > best)
-        if len(rest) > _BATCH:
-            cut = _above(criterion.gradient(nearest), base, rows[rest])
-            possible[rest] = np.minimum(possible[rest], cut)
-    return None if chosen < 0 else (chosen, best)
-
-
-def _raised(
-    criterion: InformationFunction, blocks: Blocks, out: int, index: IntArray, M: Array
-) -> Array:
-    """Upper bounds on the criterion with candidates in place of a pose, of which a trace stays."""
-    rows = blocks.take(np.append(index, out)).rows
-    cov = np.asarray(np.linalg.inv(M))[None]
-    rest = lessened(cov, rows[-1:], _NEARLY)[0]
-    found = criterion.raised(rest, rows[:-1])
-    return np.full(len(index), np.inf) if found is None else found * (1.0 + _DIGITS)
-
-
-def _above(G: Array, base: Array, rows: Array) -> Array:
-    """Upper bound on the criterion of ``base`` with each candidate added."""
-    return np.asarray(rows @ pack(G) + float((G * base).sum()))
+        free &= ~np.isin(here, plan)
+    live = here[free]
+    if len(live) <= _JUDGED:
+        return live
+    rest = lessened(cov, blocks.rows[plan[slot]], _NEARLY)
+    order = np.argpartition(-criterion.brought(rest, blocks.rows[live]), _JUDGED)
+    return live[order[:_JUDGED]]
 
 
 def greedy(criterion: InformationFunction, blocks: Blocks, allowed: Allowed) -> IntArray:
@@ -159,20 +119,16 @@ def greedy(criterion: InformationFunction, blocks: Blocks, allowed: Allowed) -> 
 
 
 def rounded_weights(
-    allowed: Allowed, index: IntArray, weights: Array, rng: np.random.Generator | None
+    allowed: Allowed, weights: Array, rng: np.random.Generator | None
 ) -> IntArray:
-    """A whole plan from weights of some candidates: the largest, or drawn in proportion.
+    """A whole plan from weights of the candidates, shape (n,): the largest, or drawn in proportion.
 
-    The draw multiplies the weights with exponential noise, so a sort is a draw without replacement.
-
-    index, weights : ndarray, shape (k,), positions of candidates and what they weigh
+    The draw divides the weights by exponential noise, so a sort is a draw without replacement.
     """
     keys = weights + 1e-9
     if rng is not None:
-        keys = keys / rng.exponential(size=len(index))
-    rules = allowed.take(index)
-    _, chosen = rules.best(keys)
-    return index[chosen]
+        keys = keys / rng.exponential(size=len(keys))
+    return allowed.best(keys)[1]
 
 
 def _move_level(

@@ -20,7 +20,6 @@ import numpy as np
 
 from calib.arrays import Array
 from doe.optimal.covariance import fall
-from doe.optimal.packed import pack
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,16 +53,12 @@ class InformationFunction(ABC):
         Tight: ``<G, M> = Phi(M)``, nearly so for criteria with a kink.
         """
 
-    def value_by_covariance(self, cov: Array) -> Array:
-        """``Phi`` of the inverses of matrices (..., p, p), where that is what is at hand."""
-        return self.value(np.asarray(np.linalg.inv(cov)))
-
     def leaning(self, cov: Array) -> Array:
-        """What ranks candidates beside plans of covariances (b, p, p): the gradient, or smoother.
+        """What ranks candidates beside a plan of covariance (p, p): the gradient, or smoother.
 
-        In any scale, shape (b, p, p).
+        In any scale, shape (p, p).
         """
-        return np.array([self.gradient(M) for M in np.linalg.inv(cov)])
+        return self.gradient(np.asarray(np.linalg.inv(cov)))
 
     def brought(self, cov: Array, into: Array) -> Array:
         """What ranks candidates beside a plan that lacks a pose, however much they tell: shape (n,).
@@ -72,22 +67,7 @@ class InformationFunction(ABC):
 
         cov : ndarray, shape (p, p), without them; into : ndarray, shape (n, r, p), rows of each
         """
-        return fall(cov, self.leaning(cov[None])[0], into)
-
-    def raised(self, cov: Array, into: Array) -> Array | None:
-        """``Phi`` with each pose beside a plan, shape (n,); None without a form for that.
-
-        cov, into : as above
-        """
-        return None
-
-    def screen(self, base: Array, packed: Array, rank: int) -> Array:
-        """Upper bound on ``Phi(base + M_j)`` of packed candidates, shape (n,): the gradient at base.
-
-        base : ndarray, shape (p, p); rank : int, of every M_j at most
-        """
-        G = self.gradient(base)
-        return np.asarray(packed @ pack(G) + (G * base).sum())
+        return fall(cov, self.leaning(cov), into)
 
     @abstractmethod
     def conic(self, M: Any, at: Array) -> Conic:

@@ -1,4 +1,9 @@
-"""From weights to the best whole plan found: many starts, the whole pool, branch and bound."""
+"""From weights to the best whole plan found: iterated local search.
+
+Exchanges from several starts end in local optima. The best of them is kicked, a few poses replaced by
+chance, and improved again until that helps no more. An exchange over all candidates that a better plan
+could still contain ends the search, and a short branch and bound.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +15,18 @@ from calib.arrays import Array, IntArray
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.branch import provable, prove
-from doe.optimal.breadth import Breadth, breadth_of
 from doe.optimal.certify import survivors
 from doe.optimal.exchange import exchange, rounded_weights
 from doe.optimal.function import InformationFunction
-from doe.optimal.lockstep import crossed, improved, kicked
 from doe.optimal.relax import Relaxation
 
-_QUICK = 3  # starts where a search is not thorough
-_ROUNDS = 40  # of breeding, at most
-_PATIENCE = 3  # rounds without a gain after which there are no more
-_SAME = 1e-6  # relative difference of criteria of one and the same plan
-_WORTH = 2e-4  # relative gain of a round that is one
-_SHORT = 1500  # candidates of the short list
+_STARTS, _QUICK = 10, 3  # starts, and where a search is not thorough
+_EVEN = 5  # of the starts, drawn without heed of the weights, which say little of few poses
+_KICKS = 40  # of the best plan in vain, after which there are no more
+_KICKED = 3  # poses of a plan that are replaced by chance, at most half of them
+_SHORT = 600  # candidates of the short list
+_EASED = (0.3, 0.1, 0.03, 0.01)  # information of average poses, per pose, that plans begin with
+_WORTH = 1e-6  # relative gain below which a plan is no better
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,29 +52,52 @@ def best_plan(
     seed: int,
     thorough: bool = True,
 ) -> Found:
-    """Search from many starts, then among all that a better plan may contain, then by its bounds.
+    """Search by exchanges among the likely candidates, then among all that a better plan may contain.
 
     thorough : else from a few rounded weights alone, some per mille lower
     """
     rng = np.random.default_rng(seed)
     listed = _short_list(blocks, allowed, relaxed)
     part, rules = blocks.take(listed), allowed.take(listed)
-    search = _Search(criterion, part, rules, breadth_of(rules, len(blocks.fixed)))
     weights = np.zeros(len(listed))
     weights[np.searchsorted(listed, relaxed.index)] = relaxed.weights
-    plans, starts = search.started(search.drawn(weights, thorough, rng))
-    values = starts
-    if thorough:
-        plans, values = search.bred(plans, values, rng)
-    plan, value = listed[plans[values.argmax()]], float(values.max())
-    kept = np.union1d(survivors(relaxed.G, blocks, allowed, value), plan)
+    count, even = (_STARTS, _EVEN) if thorough else (_QUICK, 0)
+    drawn = [
+        rounded_weights(rules, np.ones_like(weights) if k < even else weights, rng)
+        for k in range(count - 1)
+    ]
+    ends = [
+        _eased(criterion, part, rules, plan)
+        for plan in (rounded_weights(rules, weights, None), *drawn)
+    ]
+    plan, value = max(ends, key=lambda end: end[1])
+    idle = 0 if thorough else _KICKS
+    while idle < _KICKS:
+        other, reached = exchange(criterion, part, rules, _kicked(rules, plan, rng))
+        idle += 1
+        if reached > value * (1.0 + _WORTH):
+            plan, value, idle = other, reached, 0
+    kept = np.union1d(survivors(relaxed.G, blocks, allowed, value), listed[plan])
     part, rules = blocks.take(kept), allowed.take(kept)
-    plan, value = exchange(criterion, part, rules, np.searchsorted(kept, plan))
+    plan, value = exchange(criterion, part, rules, np.searchsorted(kept, listed[plan]))
     plan = kept[plan]
     if thorough and provable(criterion, allowed):
         proof = prove(criterion, blocks, allowed, plan, relaxed.G)
         plan, value = proof.plan, proof.value
-    return Found(plan, value, starts)
+    return Found(plan, value, np.array([value for _, value in ends]))
+
+
+def _eased(
+    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, plan: IntArray
+) -> tuple[IntArray, float]:
+    """A local optimum by way of problems in which average poses help, ever less.
+
+    Of few poses each is so large a part of all that local optima are many and far apart.
+    """
+    for share in _EASED:
+        helped = blocks.beside(share * allowed.size * blocks.mean)
+        plan, _ = exchange(criterion, helped, allowed, plan)
+    return exchange(criterion, blocks, allowed, plan)
 
 
 def _short_list(blocks: Blocks, allowed: Allowed, relaxed: Relaxation) -> IntArray:
@@ -83,71 +110,13 @@ def _short_list(blocks: Blocks, allowed: Allowed, relaxed: Relaxation) -> IntArr
     return np.unique(np.concatenate([relaxed.index, *tops]))
 
 
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """Many plans of the short list, improved, kicked and crossed."""
-
-    criterion: InformationFunction
-    blocks: Blocks
-    allowed: Allowed
-    breadth: Breadth
-
-    def drawn(self, weights: Array, thorough: bool, rng: np.random.Generator) -> IntArray:
-        """Plans to start from: the largest weights, draws by them, and draws that do not heed them."""
-        everyone, same = np.arange(len(weights)), np.ones(len(weights))
-        count, even = (self.breadth.starts, self.breadth.even) if thorough else (_QUICK, 0)
-        drawn = [
-            rounded_weights(self.allowed, everyone, same if k < even else weights, rng)
-            for k in range(count - 1)
-        ]
-        return np.array([rounded_weights(self.allowed, everyone, weights, None), *drawn])
-
-    def started(self, plans: IntArray) -> tuple[IntArray, Array]:
-        """Local optima from those plans."""
-        if self.allowed.chooses_levels:
-            found = [exchange(self.criterion, self.blocks, self.allowed, plan) for plan in plans]
-            return np.array([plan for plan, _ in found]), np.array([value for _, value in found])
-        return self._settled(plans, self.breadth.eased, self.breadth.whole)
-
-    def _settled(
-        self, plans: IntArray, eased: tuple[float, ...], whole: int
-    ) -> tuple[IntArray, Array]:
-        """Local optima; those of few poses by way of problems in which average poses help, ever less.
-
-        whole : int, plans that go on without help, those that are best where it is least
-        """
-        if not eased:
-            return improved(self.criterion, self.blocks, self.allowed, plans)
-        for share in eased:
-            helped = self.blocks.beside(share * self.allowed.size * self.blocks.mean)
-            plans, values = improved(self.criterion, helped, self.allowed, plans)
-        best, closely = plans[np.argsort(-values)[:whole]], self.breadth.closely
-        return improved(self.criterion, self.blocks, self.allowed, best, closely=closely)
-
-    def bred(
-        self, plans: IntArray, values: Array, rng: np.random.Generator
-    ) -> tuple[IntArray, Array]:
-        """Plans kicked and crossed, improved, the best kept, until there is no gain for a while."""
-        idle, last = 0, self.breadth.eased[-1:]
-        for _ in range(_ROUNDS):
-            # One of those that ended alike: plans that differ.
-            _, kept = np.unique(np.round(np.log(values) / _SAME), return_index=True)
-            kept = kept[::-1][: self.breadth.best]
-            plans, values = plans[kept], values[kept]
-            new, found = self._settled(self._children(plans, rng), last, self.breadth.whole // 3)
-            idle = 0 if found.max() > values.max() * (1.0 + _WORTH) else idle + 1
-            plans, values = np.concatenate([plans, new]), np.concatenate([values, found])
-            if idle >= _PATIENCE:
-                break
-        return plans, values
-
-    def _children(self, plans: IntArray, rng: np.random.Generator) -> IntArray:
-        """Each plan kicked so many times, and one crossed of every two, or kicked once more."""
-        allowed = self.allowed
-        found = [kicked(allowed, plan, rng) for plan in plans for _ in range(self.breadth.kicks)]
-        if allowed.repeats or allowed.chooses_levels or len(plans) < 2:
-            more = iter(plans)
-        else:
-            pairs = [rng.choice(len(plans), 2, replace=False) for _ in plans]
-            more = (crossed(allowed, plans[a], plans[b], rng) for a, b in pairs)
-        return np.array([*found, *(kicked(allowed, plan, rng) for plan in more)])
+def _kicked(allowed: Allowed, plan: IntArray, rng: np.random.Generator) -> IntArray:
+    """A plan with a few of its poses replaced by chance, levels kept."""
+    plan = plan.copy()
+    count = max(1, min(_KICKED, len(plan) // 2))
+    for slot in rng.choice(len(plan), count, replace=False):
+        members = allowed.members[allowed.group[plan[slot]]]
+        free = members if allowed.repeats else np.setdiff1d(members, plan)
+        if len(free):
+            plan[slot] = rng.choice(free)
+    return plan

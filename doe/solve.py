@@ -13,14 +13,11 @@ from calib.arrays import Array, IntArray, Mask
 from doe.assess import open_parameters
 from doe.criteria import Criterion
 from doe.criteria.determinant import Determinant
-from doe.optimal.allowed import Allowed
-from doe.optimal.blocks import Blocks
+from doe.optimal.allowed import Allowed, survivors
+from doe.optimal.blocks import Blocks, pack
 from doe.optimal.branch import SHORT_WORK, Proof, provable, prove
-from doe.optimal.certify import survivors
-from doe.optimal.exchange import greedy
-from doe.optimal.packed import pack
+from doe.optimal.exchange import greedy, robust_exchange, smallest_left
 from doe.optimal.relax import Relaxation, bounded, relax
-from doe.optimal.robust import robust_exchange, smallest_left
 from doe.optimal.search import best_plan
 from doe.plan import Certificate, Landscape
 from doe.polish import polish

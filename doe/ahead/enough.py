@@ -27,8 +27,7 @@ from doe.constraints import constraints_of, scene_of, visible
 from doe.criteria import Criterion
 from doe.curve import stops_paying
 from doe.optimal.allowed import Allowed
-from doe.optimal.blocks import Blocks
-from doe.optimal.packed import pack
+from doe.optimal.blocks import Blocks, pack
 from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
 from doe.problem.information import Regressor

@@ -10,8 +10,7 @@ import numpy as np
 
 from calib.arrays import Array
 from doe.criteria.protocol import Conic, Criterion, Question
-from doe.optimal.covariance import growth
-from doe.optimal.packed import pack
+from doe.optimal.blocks import growth, pack
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.arrays import Array
 from doe.criteria.protocol import Conic, Criterion
-from doe.optimal.packed import pack, unpack
+from doe.optimal.blocks import pack, unpack
 
 _SHARPNESS = 60.0  # exponent with which the default supergradient weighs the smallest ones
 _LEAST = 1e-300  # a variance is above zero, whatever rounding makes of it

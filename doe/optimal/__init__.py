@@ -5,5 +5,5 @@ What stands here knows no robot. Candidates are information matrices
 (:class:`~doe.optimal.allowed.Allowed`), and an information function says what is best
 (:class:`~doe.optimal.function.InformationFunction`). Best weights come from
 :mod:`~doe.optimal.relax`, whole plans from :mod:`~doe.optimal.search`, and the proof of how good they
-are from :mod:`~doe.optimal.certify` and :mod:`~doe.optimal.branch`.
+are from :mod:`~doe.optimal.allowed` and :mod:`~doe.optimal.branch`.
 """

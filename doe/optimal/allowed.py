@@ -1,7 +1,9 @@
-"""Which sets of candidates make a plan: how many in all, how many at each level, repeats or not.
+"""Which sets of candidates make a plan, and what no such plan surpasses.
 
 The linear oracle :meth:`Allowed.best` finds the plan of the largest sum of scores. It is exact, which
-makes every bound built on it a bound over whole plans.
+makes every bound built on it a bound over whole plans: for any positive definite M the supergradient G
+of the criterion there bounds every plan, ``Phi <= <G, M_fixed> + max over plans of sum <G, M_i>``.
+Nothing is assumed of where M came from, so a solver's inaccuracy can make the bound loose, never wrong.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array, IntArray
+from doe.optimal.blocks import Blocks
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,3 +129,17 @@ class Allowed:
         total, _ = self.best(scores)
         below = np.maximum(self.thresholds(scores)[self.group] - scores, 0.0)
         return np.asarray(total - below)
+
+
+def bound(G: Array, blocks: Blocks, allowed: Allowed) -> float:
+    """No allowed plan has a larger criterion than this, G, shape (p, p), being a supergradient."""
+    return float((G * blocks.fixed).sum()) + allowed.best(blocks.scores(G))[0]
+
+
+def survivors(G: Array, blocks: Blocks, allowed: Allowed, value: float) -> np.ndarray:
+    """Positions of candidates that a plan better than ``value`` may contain (reduced-cost fixing).
+
+    G : ndarray, shape (p, p), supergradient of the criterion
+    """
+    reachable = float((G * blocks.fixed).sum()) + allowed.forced(blocks.scores(G))
+    return np.flatnonzero(reachable > value)

@@ -1,14 +1,20 @@
-"""The information that each candidate pose brings, for all candidates at once."""
+"""The information that each candidate pose brings, for all candidates at once.
+
+Symmetric matrices are kept as vectors, so that their inner product is a dot product: off-diagonal
+entries carry a factor sqrt(2), ``<A, B> = pack(A) @ pack(B)``. A million information matrices of nine
+parameters are then one array of 45 columns, and pricing them is one product.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from doe.optimal.packed import pack, unpack
+
+_ROUNDING = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,3 +86,79 @@ class Blocks:
     def take(self, index: IntArray) -> Blocks:
         """The blocks of some candidates."""
         return Blocks(self.packed[index], self.fixed, self.rank)
+
+
+@lru_cache(maxsize=32)
+def _entries(p: int) -> tuple[IntArray, IntArray, Array]:
+    rows, columns = np.triu_indices(p)
+    return rows, columns, np.where(rows == columns, 1.0, np.sqrt(2.0))
+
+
+def packed_size(p: int) -> int:
+    """Length of a packed matrix of p rows."""
+    return p * (p + 1) // 2
+
+
+def pack(M: Array) -> Array:
+    """Symmetric matrices (..., p, p) -> (..., p (p + 1) / 2)."""
+    rows, columns, scale = _entries(M.shape[-1])
+    return np.asarray(M[..., rows, columns] * scale)
+
+
+def unpack(packed: Array) -> Array:
+    """The inverse of :func:`pack`: shape (..., p (p + 1) / 2) to (..., p, p)."""
+    p = round((np.sqrt(8.0 * packed.shape[-1] + 1.0) - 1.0) / 2.0)
+    rows, columns, scale = _entries(p)
+    M = np.empty((*packed.shape[:-1], p, p))
+    M[..., rows, columns] = M[..., columns, rows] = packed / scale
+    return M
+
+
+def lessened(cov: Array, out: Array, share: float) -> Array:
+    """Covariance with a share of what a pose tells taken away.
+
+    All of it may well leave the information singular.
+
+    cov : ndarray, shape (p, p); out : ndarray, shape (r, p), the pose's rows; share : float, < 1
+    """
+    U = out @ cov
+    S = np.eye(len(out)) / share - U @ out.T
+    return np.asarray(cov + U.T @ np.linalg.solve(S, U))
+
+
+def fall(cov: Array, G: Array, into: Array) -> Array:
+    """By how much poses lower a trace of the covariance, ``tr((I + A C A')^-1 A G A')``, shape (n,).
+
+    cov : ndarray, shape (p, p), C without it; G : ndarray, shape (p, p), ``C W C`` for the trace of
+    ``W C``; into : ndarray, shape (n, r, p), rows A of each
+    """
+    return _trace(np.eye(into.shape[1])[..., None] + _turned(cov, into), _turned(G, into))
+
+
+def growth(cov: Array, into: Array) -> Array:
+    """By how much poses raise the log-determinant of the information, shape (n,).
+
+    cov : ndarray, shape (p, p), without it; into : ndarray, shape (n, r, p), rows of each
+    """
+    S = np.eye(into.shape[1])[..., None] + _turned(cov, into)
+    return np.asarray(np.linalg.slogdet(np.moveaxis(S, 2, 0))[1])
+
+
+def _turned(G: Array, into: Array) -> Array:
+    """``A G A'`` of each pose, shape (r, r, n)."""
+    n, r, p = into.shape
+    own = (into.reshape(n * r, p) @ G).reshape(into.shape) @ np.swapaxes(into, 1, 2)
+    return np.ascontiguousarray(np.moveaxis(own, 0, 2))
+
+
+def _trace(S: Array, N: Array) -> Array:
+    """``tr(S^-1 N)`` of many small symmetric matrices (r, r, n), unknowns put out in turn."""
+    total = np.zeros(S.shape[2])
+    for least in np.maximum(_ROUNDING * np.abs(np.einsum("rrn->rn", S)), 1.0):
+        pivot = np.maximum(np.abs(S[0, 0]), least)  # no less but for rounding
+        total += N[0, 0] / pivot
+        out = S[1:, 0] / pivot
+        half = N[1:, 0] - 0.5 * N[0, 0] * out
+        N = N[1:, 1:] - out[:, None] * half - half[:, None] * out
+        S = S[1:, 1:] - out[:, None] * S[0, 1:]
+    return total

@@ -16,9 +16,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from doe.optimal.allowed import Allowed
+from doe.optimal.allowed import Allowed, bound, survivors
 from doe.optimal.blocks import Blocks
-from doe.optimal.certify import bound, survivors
 from doe.optimal.exchange import exchange
 from doe.optimal.function import InformationFunction
 from doe.optimal.regions import Cut, Regions, cut_of

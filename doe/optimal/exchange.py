@@ -1,10 +1,12 @@
-"""Whole plans: rounded and greedy starts, improved by exchanging one pose for a better candidate.
+"""Whole plans improved by exchanging one pose for a better candidate.
 
-An exchange is judged exactly, but only where it could pay: the criterion is concave, so a supergradient
-at any matrix bounds every exchange from above by one dot product. Where a criterion has a form for one
-pose more, that bounds it within what little of the pose that leaves is kept beside the plan. Else the
-bound is refined at the best exchange found so far (Kelley's cutting planes over the pool), and for D
-the rank of a block bounds its determinant. A pose stays only where no candidate can beat it.
+The criterion is concave, so a supergradient at the plan bounds every exchange from above by one dot
+product. What could pay is ranked by what it brings to the other poses, exactly for D and for the
+criteria that are a trace, and the best of it is judged exactly.
+
+A robust plan is best after the loss of whichever one pose it can least spare. The criterion after the
+worst loss, ``min_i Phi(M - M_i)``, is no function of M, but concavity bounds it: the smallest is at
+most the mean, and the mean at most ``Phi`` of the mean, ``(N - 1) / N`` of M.
 """
 
 from __future__ import annotations
@@ -13,14 +15,15 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from doe.optimal.allowed import Allowed
-from doe.optimal.blocks import Blocks
-from doe.optimal.covariance import lessened
+from doe.optimal.blocks import Blocks, lessened
 from doe.optimal.function import InformationFunction
 
 _JUDGED = 24  # candidates in place of a pose that are judged exactly
 _PROMISING = 200  # candidates of a level that is tried in place of another
 _NEARLY = 0.9999  # of a pose is taken away: the rest alone may be singular
 _WORTH = 1e-7  # relative gain below which an exchange is rounding
+_TRIED = 60  # candidates in place of a pose, for the plan that is best after a loss
+_HARDER = 1e-6  # relative gain after the worst loss below which an exchange is rounding
 
 
 def exchange(
@@ -28,8 +31,6 @@ def exchange(
     blocks: Blocks,
     allowed: Allowed,
     plan: IntArray,
-    *,
-    levels_too: bool = True,
 ) -> tuple[IntArray, float]:
     """Improve a plan until no single exchange does, nor one of a whole level where levels are chosen.
 
@@ -37,7 +38,7 @@ def exchange(
     Returns the plan and its criterion, never lower than before.
     """
     plan, value = _singles(criterion, blocks, allowed, plan.copy())
-    while levels_too and allowed.chooses_levels:
+    while allowed.chooses_levels:
         moved = _move_level(criterion, blocks, allowed, plan, value)
         if moved is None:
             break
@@ -51,7 +52,7 @@ def _singles(
     """Single exchanges, one pose after the other, until none helps; changes the plan."""
     M = blocks.total(plan)
     value, idle, slot = float(criterion.value(M)), 0, 0
-    G, cov = criterion.gradient(M), np.linalg.inv(M)
+    G, cov = criterion.gradient(M), np.asarray(np.linalg.inv(M))
     while idle < len(plan):
         base = M - blocks.matrices(plan[slot : slot + 1])[0]
         likely = _likely(criterion, blocks, allowed, plan, slot, base, G, cov, value)
@@ -60,7 +61,7 @@ def _singles(
         if len(likely) and reached.max() > value * (1.0 + _WORTH):
             plan[slot], value, idle = likely[reached.argmax()], float(reached.max()), 0
             M = blocks.total(plan)
-            G, cov = criterion.gradient(M), np.linalg.inv(M)
+            G, cov = criterion.gradient(M), np.asarray(np.linalg.inv(M))
         slot = (slot + 1) % len(plan)
     return plan, value
 
@@ -86,12 +87,13 @@ def _likely(
     free = at_most > value * (1.0 + _WORTH)
     if not allowed.repeats:
         free &= ~np.isin(here, plan)
-    live = here[free]
+    live: IntArray = here[free]
     if len(live) <= _JUDGED:
         return live
     rest = lessened(cov, blocks.rows[plan[slot]], _NEARLY)
-    order = np.argpartition(-criterion.brought(rest, blocks.rows[live]), _JUDGED)
-    return live[order[:_JUDGED]]
+    brought = criterion.brought(rest, blocks.rows[live])
+    best: IntArray = live[np.argpartition(-brought, _JUDGED)[:_JUDGED]]
+    return best
 
 
 def greedy(criterion: InformationFunction, blocks: Blocks, allowed: Allowed) -> IntArray:
@@ -118,9 +120,7 @@ def greedy(criterion: InformationFunction, blocks: Blocks, allowed: Allowed) -> 
     return np.array(chosen)
 
 
-def rounded_weights(
-    allowed: Allowed, weights: Array, rng: np.random.Generator | None
-) -> IntArray:
+def rounded_weights(allowed: Allowed, weights: Array, rng: np.random.Generator | None) -> IntArray:
     """A whole plan from weights of the candidates, shape (n,): the largest, or drawn in proportion.
 
     The draw divides the weights by exponential noise, so a sort is a draw without replacement.
@@ -128,7 +128,8 @@ def rounded_weights(
     keys = weights + 1e-9
     if rng is not None:
         keys = keys / rng.exponential(size=len(keys))
-    return allowed.best(keys)[1]
+    _, chosen = allowed.best(keys)
+    return chosen
 
 
 def _move_level(
@@ -155,3 +156,51 @@ def _move_level(
             if criterion.value(blocks.total(moved)) > value * (1.0 + _WORTH):
                 return moved
     return None
+
+
+def smallest_left(criterion: InformationFunction, M: Array, blocks: Array) -> float:
+    """The criterion after the worst loss of one pose; blocks : ndarray, shape (N, p, p)."""
+    return float(criterion.value(M - blocks + 1e-12 * np.eye(len(M))).min())
+
+
+def robust_exchange(
+    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, plan: IntArray
+) -> IntArray:
+    """Exchange single poses while the criterion after the worst loss grows."""
+    plan = plan.copy()
+    best = smallest_left(criterion, blocks.total(plan), blocks.matrices(plan))
+    improved = True
+    while improved:
+        improved = False
+        for slot in range(len(plan)):
+            found = _better(criterion, blocks, allowed, plan, slot, best)
+            if found is not None:
+                plan[slot], best = found
+                improved = True
+    return plan
+
+
+def _better(
+    criterion: InformationFunction,
+    blocks: Blocks,
+    allowed: Allowed,
+    plan: IntArray,
+    slot: int,
+    best: float,
+) -> tuple[int, float] | None:
+    M, own = blocks.total(plan), blocks.matrices(plan)
+    here = allowed.members[allowed.group[plan[slot]]]
+    free = here if allowed.repeats else np.setdiff1d(here, plan)
+    # What the plan lacks most is what it lacks after its worst loss.
+    worst = int(criterion.value(M - own).argmin())
+    scores = blocks.take(free).scores(criterion.gradient(M - own[worst]))
+    tried = free[np.argsort(-scores)[:_TRIED]]
+    added = blocks.matrices(tried)
+    base = M - own[slot]
+    others = np.delete(own, slot, axis=0)
+    left = criterion.value(base + added[:, None] - others).min(axis=1)
+    left = np.minimum(left, criterion.value(base))
+    top = int(left.argmax()) if len(left) else -1
+    if top < 0 or left[top] <= best * (1.0 + _HARDER):
+        return None
+    return int(tried[top]), float(left[top])

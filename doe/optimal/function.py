@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from calib.arrays import Array
-from doe.optimal.covariance import fall
+from doe.optimal.blocks import fall
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,8 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
 from doe.optimal.allowed import Allowed
-from doe.optimal.blocks import Blocks
+from doe.optimal.blocks import Blocks, unpack
 from doe.optimal.function import InformationFunction
-from doe.optimal.packed import unpack
 
 _SOME = 1e-3  # weight from which a candidate counts where planes are laid
 _WHOLE = 1e-6  # what a count may be off and still be whole

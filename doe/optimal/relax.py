@@ -10,17 +10,16 @@ Xie, arXiv 2411.01405, 2024.)
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from doe.optimal.allowed import Allowed
+from doe.optimal.allowed import Allowed, bound
 from doe.optimal.blocks import Blocks
-from doe.optimal.certify import bound
-from doe.optimal.conic import conic_weights
 from doe.optimal.function import InformationFunction
-from doe.optimal.newton import newton_weights
 
 GAP = 1e-4
 """Certified gap, relative, at which the relaxation stops."""
@@ -31,6 +30,9 @@ _IDLE = 1e-6  # weight that is none
 _DIGITS = 0.02  # precision of a master, of the gap that is left
 _MEMORY = 12  # matrices that criteria with many cones look back on
 _PATIENCE = 3  # rounds with neither a better bound nor a new candidate: the solver is at its end
+_MOST_STEPS = 80
+_CENTRING = 0.15
+_TO_BOUNDARY = 0.98
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,3 +163,122 @@ def _entering(scores: Array, allowed: Allowed) -> IntArray:
             members[np.argpartition(own, len(own) - k)[len(own) - k :]] if k else members[:0]
         )
     return np.concatenate(found)
+
+
+def newton_weights(
+    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, precision: float
+) -> Array:
+    """Weights w of all candidates, shape (q,), that maximise the criterion; levels are given.
+
+    precision : float, duality gap at which to stop, relative
+    """
+    q = len(blocks)
+    present, group = np.unique(allowed.group, return_inverse=True)
+    sums = (group == np.arange(len(present))[:, None]).astype(float)
+    target = allowed.counts[present].astype(float)
+    top = target[group] if allowed.repeats else 1.0
+    columns = blocks.matrices(np.arange(q))
+    w: Array = (target / sums.sum(axis=1))[group]
+    # Strictly inside even where a level has just as many candidates as it needs.
+    upper = np.maximum(top, w * (1.0 + 1e-9)) + 1e-12
+    slack = upper - w  # followed by itself: the difference loses its digits where w meets the bound
+    y = np.zeros(len(present))
+    lower_dual = upper_dual = np.full(q, len(blocks.fixed) / (2.0 * q))
+    for _ in range(_MOST_STEPS):
+        _, slope, rows = criterion.curvature(blocks.total(np.arange(q), w), columns)
+        gap = float(w @ lower_dual + slack @ upper_dual)
+        residual = slope + sums.T @ y - lower_dual + upper_dual
+        loose = (
+            np.abs(residual).max() * target.sum()
+        )  # what the bound, a sum over a plan, may lose by it
+        if max(gap, loose) < precision * abs(slope @ w):
+            break
+        centre = _CENTRING * gap / (2.0 * q)
+        H = rows @ rows.T
+        H[np.diag_indices(q)] += lower_dual / w + upper_dual / slack
+        right = -(slope + sums.T @ y) + centre / w - centre / slack
+        solved = _solve(H, np.column_stack([right, sums.T]))
+        schur = sums @ solved[:, 1:]
+        dy = np.linalg.solve(schur, sums @ solved[:, 0] - (target - sums @ w))
+        dw = solved[:, 0] - solved[:, 1:] @ dy
+        d_lower = (centre - lower_dual * dw) / w - lower_dual
+        d_upper = (centre + upper_dual * dw) / slack - upper_dual
+        step = min(_longest(w, dw), _longest(slack, -dw))
+        dual_step = min(_longest(lower_dual, d_lower), _longest(upper_dual, d_upper))
+        w, slack = w + step * dw, slack - step * dw
+        y = y + dual_step * dy
+        lower_dual, upper_dual = lower_dual + dual_step * d_lower, upper_dual + dual_step * d_upper
+    return np.asarray(w)
+
+
+def _solve(H: Array, right: Array) -> Array:
+    from scipy.linalg import cho_factor, cho_solve
+
+    return np.asarray(cho_solve(cho_factor(H, check_finite=False), right, check_finite=False))
+
+
+def _longest(x: Array, dx: Array) -> float:
+    """Step that stays inside x > 0."""
+    falling = dx < 0.0
+    if not falling.any():
+        return 1.0
+    return min(1.0, _TO_BOUNDARY * float((-x[falling] / dx[falling]).min()))
+
+
+def conic_weights(
+    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, at: Array
+) -> tuple[Array, Array | None] | None:
+    """Weights of all candidates, shape (q,), and a supergradient from the dual where there is one.
+
+    at : ndarray, shape (R, p, p), information matrices met so far: criteria with many cones take those
+        that count there
+    Returns None where the solver fails.
+    """
+    import cvxpy as cp
+
+    q, p = len(blocks), len(blocks.fixed)
+    w = cp.Variable(q)
+    columns = blocks.matrices(np.arange(q)).reshape(q, p * p).T
+    M = cp.reshape(columns @ w + blocks.fixed.reshape(-1), (p, p), order="F") / allowed.size
+    program = criterion.conic(M, at)
+    constraints = [*_polytope(w, allowed), *program.constraints]
+    problem = cp.Problem(cp.Maximize(program.objective), constraints)
+    try:
+        with warnings.catch_warnings():
+            # "may be inaccurate": the certificate does not rest on the solver.
+            warnings.simplefilter("ignore")
+            problem.solve(solver=cp.CLARABEL)
+    except cp.SolverError:
+        return None
+    if w.value is None or not np.isfinite(w.value).all():
+        return None
+    witness = None
+    if program.witness is not None:
+        try:
+            witness = program.witness()
+        except (TypeError, ValueError):  # no duals
+            witness = None
+    return np.maximum(w.value, 0.0), witness
+
+
+def _polytope(w: Any, allowed: Allowed) -> list[Any]:
+    """Weighted plans: their convex hull."""
+    import cvxpy as cp
+
+    levels = len(allowed.positions)
+    sums = (allowed.group == np.arange(levels)[:, None]).astype(float)
+    if not allowed.chooses_levels:
+        bounds = [w >= 0, sums @ w == allowed.counts]
+        return bounds if allowed.repeats else [*bounds, w <= 1]
+    z = cp.Variable(levels)
+    close = np.array(
+        [
+            (allowed.positions >= a) & (allowed.positions < a + allowed.separation - 1e-12)
+            for a in allowed.positions
+        ],
+        dtype=float,
+    )
+    constraints = [w >= 0, z >= 0, z <= 1, cp.sum(z) == allowed.used]
+    constraints.append(sums @ w == cp.multiply(allowed.counts, z))
+    constraints.append(np.maximum(close, np.eye(levels)) @ z <= 1)
+    return constraints if allowed.repeats else [*constraints, w <= sums.T @ z]

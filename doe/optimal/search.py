@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from doe.optimal.allowed import Allowed
+from doe.optimal.allowed import Allowed, survivors
 from doe.optimal.blocks import Blocks
 from doe.optimal.branch import provable, prove
-from doe.optimal.certify import survivors
 from doe.optimal.exchange import exchange, rounded_weights
 from doe.optimal.function import InformationFunction
 from doe.optimal.relax import Relaxation

@@ -14,7 +14,7 @@ from calib.cell import Cell
 from calib.cell.contacts import brought, contacts_of
 from calib.errors import CalibError
 from doe.constraints import Constraint, scene_of, visible
-from doe.optimal.packed import pack, packed_size
+from doe.optimal.blocks import pack, packed_size
 from doe.problem.information import Regressor
 from doe.problem.levels import Levels
 

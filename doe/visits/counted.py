@@ -14,8 +14,7 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from doe.assess import assess
 from doe.optimal.allowed import Allowed
-from doe.optimal.exchange import greedy
-from doe.optimal.robust import smallest_left
+from doe.optimal.exchange import greedy, smallest_left
 from doe.plan import Certificate
 from doe.problem import Problem
 from doe.solve import Finished

@@ -17,8 +17,7 @@ from doe.criteria.subset import Subset
 from doe.criteria.task import Task
 from doe.criteria.worst_task import WorstTask
 from doe.optimal.allowed import Allowed
-from doe.optimal.blocks import Blocks
-from doe.optimal.packed import pack
+from doe.optimal.blocks import Blocks, pack
 
 RIDGE = 1e-10
 

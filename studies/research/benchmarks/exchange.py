@@ -26,8 +26,7 @@ from doe.criteria.average import Average
 from doe.criteria.determinant import Determinant
 from doe.criteria.eigenvalue import SmallestEigenvalue
 from doe.criteria.task import Task
-from doe.optimal.blocks import Blocks
-from doe.optimal.packed import pack
+from doe.optimal.blocks import Blocks, pack
 from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
 from doe.problem import RIDGE

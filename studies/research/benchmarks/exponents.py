@@ -19,8 +19,7 @@ import numpy as np
 
 import calib
 from calib.threads import one_blas_thread
-from doe.optimal.blocks import Blocks
-from doe.optimal.packed import packed_size
+from doe.optimal.blocks import Blocks, packed_size
 from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
 from studies.research.bench import Output, Row, bench, data_folder, real_data, table

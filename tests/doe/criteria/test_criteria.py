@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from doe.criteria.determinant import Determinant
-from doe.optimal.packed import pack, unpack
+from doe.optimal.blocks import pack, unpack
 from tests.doe.problems import criteria, random_information
 
 P = 5

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from doe.optimal.allowed import Allowed
-from doe.optimal.blocks import Blocks
+from doe.optimal.blocks import Blocks, pack
 from doe.optimal.branch import Proof, prove
-from doe.optimal.packed import pack
 from doe.optimal.regions import Regions
 from doe.optimal.relax import relax
 from tests.doe.problems import best_by_exhaustion, criteria, grouped, plans, random_blocks

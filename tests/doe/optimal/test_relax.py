@@ -5,14 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from doe.optimal.allowed import Allowed
+from doe.optimal.allowed import Allowed, bound, survivors
 from doe.optimal.blocks import Blocks
-from doe.optimal.certify import bound, survivors
-from doe.optimal.conic import conic_weights
-from doe.optimal.exchange import exchange, greedy
-from doe.optimal.newton import newton_weights
-from doe.optimal.relax import relax
-from doe.optimal.robust import robust_exchange, smallest_left
+from doe.optimal.exchange import exchange, greedy, robust_exchange, smallest_left
+from doe.optimal.relax import conic_weights, newton_weights, relax
 from doe.optimal.search import best_plan
 from tests.doe.problems import best_by_exhaustion, criteria, grouped, random_blocks
 
@@ -196,7 +192,7 @@ def test_near_singular_plans_do_not_break_the_search() -> None:
     rng = np.random.default_rng(3)
     J = np.repeat(rng.normal(size=(1, 1, P)), 30, axis=0)
     J[:4, 0] = np.eye(P)
-    from doe.optimal.packed import pack
+    from doe.optimal.blocks import pack
 
     blocks = Blocks(pack(np.swapaxes(J, -1, -2) @ J), 1e-10 * np.eye(P), 1)
     allowed = grouped(30, 1, 4)

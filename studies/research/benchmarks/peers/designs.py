@@ -15,9 +15,8 @@ from calib.arrays import Array, IntArray
 from calib.threads import one_blas_thread
 from doe.criteria.determinant import Determinant
 from doe.optimal.allowed import Allowed
-from doe.optimal.blocks import Blocks
+from doe.optimal.blocks import Blocks, unpack
 from doe.optimal.exchange import exchange, greedy, rounded_weights
-from doe.optimal.packed import unpack
 from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
 from studies.research.bench import Row
@@ -115,7 +114,8 @@ def _own_rows(blocks: Blocks, rules: Allowed, task: str) -> list[Row]:
 
     def once() -> tuple[float, float]:
         relaxed = relax(criterion, blocks, rules)
-        start = rounded_weights(rules, relaxed.index, relaxed.weights, None)
+        weights = np.bincount(relaxed.index, relaxed.weights, len(blocks)).astype(float)
+        start = rounded_weights(rules, weights, None)
         value = exchange(criterion, blocks, rules, start)[1]
         return value, relaxed.bound / value - 1.0
 

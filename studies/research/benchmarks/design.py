@@ -24,11 +24,9 @@ import calib
 from calib import Cell
 from calib.arrays import Array
 from calib.cell.planned import Planned, Targets
-from doe.optimal.allowed import Allowed
-from doe.optimal.blocks import Blocks
+from doe.optimal.allowed import Allowed, bound, survivors
+from doe.optimal.blocks import Blocks, pack
 from doe.optimal.branch import prove
-from doe.optimal.certify import bound, survivors
-from doe.optimal.packed import pack
 from doe.optimal.relax import bounded, relax
 from doe.optimal.search import best_plan
 from doe.problem import RIDGE, Problem, problem_of

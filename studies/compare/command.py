@@ -92,9 +92,9 @@ def compare(
     from calib.files.estimate import load_values
     from calib.model.build import build
     from studies.compare.compare import compare as compare_plans
-    from studies.compare.instruments import read_by_each
-    from studies.compare.noise_of_text import stated_noise
+    from studies.compare.prediction import read_by_each
     from studies.compare.record import compare_record
+    from studies.compare.stated_noise import stated_noise
     from studies.engines import engine
     from studies.record import envelope
 

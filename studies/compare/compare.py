@@ -19,8 +19,7 @@ from calib.model.build import build
 from calib.noise import counted
 from calib.poses import Poses
 from calib.threads import one_blas_thread
-from studies.compare.agreement import FEWEST, Agreement, agreement
-from studies.compare.derivatives import Derivatives, derivatives
+from studies.compare.agreement import FEWEST, Agreement, Derivatives, agreement, derivatives
 from studies.compare.experiment import (
     PLAIN,
     POINTS,
@@ -30,11 +29,10 @@ from studies.compare.experiment import (
     refuse_unseen,
 )
 from studies.compare.in_mujoco import points_in_mujoco
-from studies.compare.montecarlo import Refits, refits
-from studies.compare.noise_of_text import StatedNoise
+from studies.compare.judgement import Reason, reason
+from studies.compare.montecarlo import MOST, Refits, refits
 from studies.compare.prediction import Prediction, accuracy_at, predict
-from studies.compare.refutation import Reason, reason
-from studies.compare.scratch import MOST
+from studies.compare.stated_noise import StatedNoise
 
 Truth = Literal["model", "mujoco"]
 """Where simulated readings come from: the model that is fitted, or an arm in MuJoCo."""

@@ -1,13 +1,101 @@
-"""Whether to believe a comparison's prediction, and if not, why and by how much."""
+"""Whether to believe a prediction; if not, why, which is tried out, and by how much."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
+
 import numpy as np
 
-from studies.compare.agreement import BELIEVED, FEWEST
-from studies.compare.compare import Comparison, PlanStudy, Verdict
-from studies.compare.refutation import SAYS
-from studies.compare.scratch import surprising
+from calib.arrays import Array
+from calib.noise import counted
+from calib.solver import levenberg_marquardt
+from studies.compare.agreement import BELIEVED, FEWEST, Agreement, agreement, two_sided
+from studies.compare.experiment import Experiment
+from studies.compare.montecarlo import refits, surprising
+from studies.compare.prediction import Prediction, predict
+
+if TYPE_CHECKING:
+    from studies.compare.compare import Comparison, PlanStudy, Verdict
+
+Reason = Literal["derivative", "chance", "weights", "arm", "truth", "noise", "unknown"]
+
+_RARE = 1e-4  # chance that is no explanation any more
+_TRIALS = (100, 1000)  # at little noise: as many as refuted the prediction, within these
+_QUIET = 10.0
+_ELSEWHERE = 0.01  # standard deviations, RMS: what readings without noise may be off by
+
+SAYS: dict[Reason, str] = {
+    "derivative": "a derivative that the prediction rests on is wrong, and nonlinearity explains "
+    "nothing here",
+    "chance": "this may be chance: repeat with another --seed or more trials",
+    "weights": "the fits are weighted by other noise than the cell states, a fault of the program: its "
+    "standard deviations are wrong",
+    "arm": "even without noise the fits end beside the truth: the arm that is fitted is not the one "
+    "that was measured, so its kinematics, torques or masses are wrong",
+    "truth": "predicted at the simulated robot it agrees: the robot's errors change what the plan "
+    "tells, so predict at identified values (--values)",
+    "noise": "at a tenth of the noise it agrees: the fits are not linear in noise of this size; more "
+    "poses, spread wider, would help",
+    "unknown": "neither the robot's errors nor the size of the noise explains it: believe the "
+    "simulated figures",
+}
+
+
+def reason(
+    experiment: Experiment,
+    prediction: Prediction,
+    errors: Array,
+    judged: Agreement,
+    seed: int,
+    wrong_derivative: bool = False,
+) -> Reason | None:
+    """The first explanation that holds, None where there is nothing to explain.
+
+    errors : ndarray, shape (trials, p), SI, that the prediction failed
+    wrong_derivative : whether a column of the Jacobian is no derivative
+    """
+    if judged.p >= BELIEVED:
+        return None
+    if wrong_derivative:
+        return "derivative"
+    if judged.p > _RARE:
+        return "chance"
+    if _weighted_wrongly(experiment, seed):
+        return "weights"
+    if experiment.exact is not None and _ends_elsewhere(experiment, prediction):
+        return "arm"
+    there = predict(replace(experiment, nominal=experiment.truth), prediction.way)
+    if _agrees(errors, there.covariance):
+        return "truth"
+    # As much power as refuted the prediction: with less, a wrong covariance would agree again.
+    quiet = experiment.quieter(_QUIET)
+    done = refits(quiet, [prediction], int(np.clip(judged.trials, *_TRIALS)), seed=(seed, 1))
+    if _agrees(done.of(prediction.way.key), there.covariance / _QUIET**2):
+        return "noise"
+    return "unknown"
+
+
+def _weighted_wrongly(experiment: Experiment, seed: int) -> bool:
+    """Whether noise as the cell states it is not of unit variance under the weights of the fits."""
+    rng = np.random.default_rng((seed, 2))
+    white = experiment.weights @ experiment.noise(_TRIALS[0], rng)[..., None]
+    numbers = _TRIALS[0] * int(counted(experiment.weights).sum())
+    return two_sided(float((white**2).sum()), numbers) < _RARE
+
+
+def _ends_elsewhere(experiment: Experiment, prediction: Prediction) -> bool:
+    """Whether readings without noise lead anywhere but to the truth."""
+    observation, start = experiment.observe(prediction.way, experiment.readings())
+    best = levenberg_marquardt(observation.flat, start, prediction.span)
+    off = (best.values - experiment.truth) / prediction.std
+    return not float(np.sqrt(np.nanmean(off**2))) < _ELSEWHERE
+
+
+def _agrees(errors: Array, covariance: Array) -> bool:
+    found = agreement(errors, covariance)
+    return found is not None and found.p >= BELIEVED
+
 
 UNSETTLED = 0.01
 """Share of fits that may fail to settle before the rest says too little."""

@@ -17,10 +17,9 @@ if TYPE_CHECKING:
     from calib.cell import Cell
     from calib.effects.protocol import Parameter
     from studies.compare.agreement import Agreement as Agreed
-    from studies.compare.anatomy import Curve
     from studies.compare.compare import Comparison, PlanStudy, Verdict
-    from studies.compare.instruments import Reading
-    from studies.compare.scratch import FromScratch as Scratch
+    from studies.compare.montecarlo import FromScratch as Scratch
+    from studies.compare.prediction import Curve, Reading
 
 _MM = 1e3
 _PAIRS = 6  # error ellipses: the parameters most entangled
@@ -305,7 +304,7 @@ def _agreement(found: Comparison) -> Agreement:
 def _plan(cell: Cell, study: PlanStudy, curves: bool) -> Plan:
     from calib.model.covariance import correlation
     from calib.observations import orientable
-    from studies.compare.anatomy import by_markers, by_poses, influence_by_effect
+    from studies.compare.prediction import by_markers, by_poses, influence_by_effect
 
     experiment, count = study.experiment, len(study.plan)
     markers = experiment.model.marker_positions(experiment.nominal)

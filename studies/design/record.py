@@ -378,9 +378,8 @@ def _landscape(found: Design) -> LandscapeEntry:
 
 
 def _by_pose(found: Design) -> tuple[InformationShare, ...]:
-    from studies.compare.anatomy import influence_by_effect
     from studies.compare.experiment import POINTS, experiment_of
-    from studies.compare.prediction import predict
+    from studies.compare.prediction import influence_by_effect, predict
 
     experiment = experiment_of(found.problem.cell, found.poses)
     prediction = predict(experiment, POINTS)

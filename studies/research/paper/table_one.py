@@ -30,8 +30,8 @@ from studies.command.deliver import console_for
 from studies.compare.agreement import agreement
 from studies.compare.experiment import PLAIN, POINTS, WAYS, Experiment, noise_weights
 from studies.compare.montecarlo import Refits, refits
-from studies.compare.noise_of_text import Alike, StatedNoise
 from studies.compare.prediction import Prediction, predict
+from studies.compare.stated_noise import Alike, StatedNoise
 from studies.research.paper.arm import arm_of_equation_21
 from studies.tables import plain_table
 

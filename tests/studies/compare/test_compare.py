@@ -20,14 +20,13 @@ from calib.noise import Noise
 from calib.observations import with_measured_shape
 from calib.poses import Measurements, poses_at
 from studies.compare.agreement import agreement, band
-from studies.compare.anatomy import by_markers, by_poses, influence, influence_by_effect
 from studies.compare.compare import compare
 from studies.compare.experiment import FULL, PLAIN, POINTS, WAYS, Experiment, experiment_of
+from studies.compare.judgement import reason
 from studies.compare.montecarlo import refits
 from studies.compare.pictures import pictures
-from studies.compare.prediction import predict
+from studies.compare.prediction import by_markers, by_poses, influence, influence_by_effect, predict
 from studies.compare.record import compare_record
-from studies.compare.refutation import reason
 from tests.helpers import MADE_FROM, cell_of, random_poses, random_robot, read_by, with_effects
 from tests.studies.compare.fields import fields_of
 

@@ -18,7 +18,7 @@ from calib.errors import InputError
 from calib.noise import counted
 from studies.compare.compare import Comparison, compare
 from studies.compare.experiment import Experiment, experiment_of
-from studies.compare.noise_of_text import rotation, stated_noise
+from studies.compare.stated_noise import rotation, stated_noise
 from studies.demo.embedded import INPUTS, embedded_text
 from tests.helpers import with_effects
 from tests.studies.compare.fields import fields_of

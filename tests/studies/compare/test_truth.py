@@ -22,14 +22,13 @@ from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Measurements, poses_at
 from studies.cli import main
-from studies.compare import scratch
+from studies.compare import montecarlo
+from studies.compare.agreement import derivatives
 from studies.compare.compare import Comparison, compare
-from studies.compare.derivatives import derivatives
 from studies.compare.experiment import POINTS, experiment_of, plausible
 from studies.compare.in_mujoco import points_in_mujoco
-from studies.compare.montecarlo import refits
+from studies.compare.montecarlo import FromScratch, refits, surprising
 from studies.compare.prediction import predict
-from studies.compare.scratch import FromScratch, surprising
 from studies.demo.embedded import INPUTS, embedded_text
 from tests.helpers import cell_of, random_poses, random_robot, read_by, with_effects
 from tests.studies.compare.fields import fields_of
@@ -189,7 +188,7 @@ def test_a_search_that_is_led_astray_is_said(
     def wasteful(cell: Cell, data: Measurements, **options: Any) -> Identification:
         return right(cell, data.take(np.arange(9)), **options)
 
-    monkeypatch.setattr(scratch.calib, "identify", wasteful)
+    monkeypatch.setattr(montecarlo.calib, "identify", wasteful)
     result = study(arm, plan, "model", trials=80)
     done = result.plans[0].refits.scratch["points"]
     assert not any(own.same for own in done)

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from studies.document import Raw
-from studies.report.bars import Bar, bars
+from studies.report.summary import Bar, bars
 
 
 def widths(drawn: Raw) -> list[float]:

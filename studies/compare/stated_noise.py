@@ -1,7 +1,8 @@
-"""How readings err by what the text of a cell says: plain standard deviations, and draws by them.
+"""How readings err by what a cell says: plain standard deviations, and draws by them.
 
 Readings that were drawn by the weights of the fits would bear out any weights, wrong ones too. So none
-of the package's noise, whitening or covariance enters here, but the tables of ``cell.toml`` alone.
+of the package's noise, whitening or covariance enters here, but the tables of ``cell.toml`` alone, or
+the numbers of a cell that was made without a text.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from calib.arrays import Array, IntArray
+from calib.cell import Cell, Repeatability
+from calib.instruments import Instrument, Pose, Tracker
 
 _MM, _URAD = 1e-3, 1e-6
 _UNITS = {"sigma_mm": _MM, "sigma_urad": _URAD, "sigma_px": 1.0}
@@ -154,3 +157,25 @@ def rotation(vector: Array) -> Array:
     K = np.cross(np.eye(3), vector[..., None, :])
     sine, versine = np.sinc(angle / np.pi), np.sinc(angle / (2.0 * np.pi)) ** 2 / 2.0
     return np.asarray(np.eye(3) + sine * K + versine * (K @ K))
+
+
+def noise_of(cell: Cell) -> StatedNoise:
+    """How instruments and arm err by the numbers of a cell that has no text."""
+    stands = {
+        i.name: i.stands
+        for i in cell.instruments
+        if isinstance(i, Tracker) and i.stands is not None
+    }
+    arm = cell.repeatability or Repeatability(0.0, 0.0)
+    errs = {i.name: _errs_of(i) for i in cell.instruments}
+    return StatedNoise(errs, stands, (arm.translation, arm.rotation))
+
+
+def _errs_of(instrument: Instrument) -> Errs:
+    match instrument:
+        case Pose():
+            return OfBody(instrument.covariance)
+        case Tracker(noise=own):
+            return ByBeam((own.along, own.along_per_m), (own.across, own.across_per_m))
+    sigma: float = getattr(instrument, "sigma")  # noqa: B009 - of every other kind
+    return Alike(sigma)

@@ -1,19 +1,157 @@
-"""The first screen: what was found, in words, for a reader who knows robots but not statistics."""
+"""The first screen: the verdict in a box, what to do next, how the error fell, and every headline."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+
+import numpy as np
+from markupsafe import Markup
 
 from studies.diagnose.conclusion import to_do
 from studies.diagnose.record import DiagnoseRecord
-from studies.document import Section, Sentence
+from studies.document import Raw, Section, Sentence
 from studies.identify.record import IdentifyRecord
 from studies.kinds import KINDS
 from studies.noise import NoiseEntry
-from studies.report.bars import Bar, bars
+from studies.plots.style import short
 from studies.report.evidence import Evidence, Result
-from studies.report.verdict import verdict
+from studies.report.fall import FALLING, Fall, fall
+
+_BELOW = 2.0  # the scale begins at so much less than the least
+_SHORTEST = 0.4  # percent
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A labelled length; look is "good", "bad" or "floor"."""
+
+    label: str
+    value: float
+    look: str
+
+
+def bars(entries: Sequence[Bar], caption: str) -> Raw:
+    """A table whose last column draws each value on a log scale that a last row names."""
+    values = [entry.value for entry in entries if entry.value > 0.0] or [1.0]
+    low, high = min(values) / _BELOW, max(values)
+
+    def along(value: float) -> float:
+        if value <= low:
+            return _SHORTEST
+        return max(_SHORTEST, 100.0 * math.log(value / low) / math.log(high / low))
+
+    lines = Markup("").join(
+        Markup('<i style="left: {:.2f}%"></i>').format(along(entry.value))
+        for entry in entries
+        if entry.look == "floor"
+    )
+    rows = Markup("").join(
+        Markup(
+            '<tr><th scope="row">{}</th><td class="number">{}</td><td class="bar" aria-hidden="true">'
+            '<span class="{}" style="width: {:.2f}%"></span>{}</td></tr>'
+        ).format(e.label, f"{e.value:#.3g}".rstrip("."), e.look, along(e.value), lines)
+        for e in entries
+    )
+    ticks = Markup("").join(
+        Markup('<span style="left: {:.2f}%">{:g}</span>').format(along(tick), tick)
+        for tick in _powers(low, high)
+    )
+    scale = Markup('<tfoot aria-hidden="true"><tr><td colspan="2"></td><td>{}</td></tr></tfoot>')
+    return Raw(
+        Markup('<table class="bars"><caption>{}</caption><tbody>{}</tbody>{}</table>').format(
+            caption, rows, scale.format(ticks)
+        )
+    )
+
+
+def _powers(low: float, high: float) -> list[float]:
+    """Powers of ten between; those of five, too, where they are few.
+
+    >>> _powers(0.008, 4.3), _powers(0.02, 0.09)
+    ([0.01, 0.1, 1.0], [0.05])
+    """
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    found = [float(f"1e{decade}") for decade in decades]
+    if high < 10.0 * low:
+        found = [float(f"{step}e{decade}") for decade in decades for step in (1, 2, 5)]
+    return [tick for tick in found if low < tick < high]
+
+
+_WORDS = {"pass": "Pass", "fail": "Fail", "undecided": "Not decided"}
+_EPOCH = 1e9  # s: times beyond count from 1970
+_KEYS: dict[str, tuple[str, ...]] = {
+    "robot": ("robot", "model"),
+    "serial number": ("serial",),
+    "measured": ("measured", "date"),
+    "operator": ("operator",),
+}
+"""What stands in the box, and the keys of [report] that tell it, the first that is there."""
+
+
+def verdict(evidence: Evidence, told: Mapping[str, str]) -> Raw | None:
+    """Of the first result that holds an error before and after; None where none does.
+
+    told : what the user tells of the measurement, by label; it outweighs the cell's [report]
+    """
+    for kind in FALLING:
+        for result in evidence.of(kind):
+            found = fall(result.record)
+            if found is not None:
+                return _box(found, dict(_facts(evidence, result, told)))
+    return None
+
+
+def _box(found: Fall, facts: Mapping[str, str]) -> Raw:
+    word, judged = Markup(), Markup()
+    if found.outcome is not None:
+        word = Markup("<p class=outcome>{}</p>").format(found.word or _WORDS[found.outcome])
+        judged = Markup("<br>{}.").format(found.judged[:1].upper() + found.judged[1:])
+    rows = Markup("").join(
+        Markup("<div><dt>{}</dt><dd>{}</dd></div>").format(label, text)
+        for label, text in facts.items()
+    )
+    was, now = (f"{short(value)} {found.unit}" for value in (found.before, found.after))
+    return Raw(
+        Markup(
+            '<div class="verdict {}">{}<p class=fell><span class=visually-hidden>from </span>'
+            "<span class=was>{}</span> <span aria-hidden=true>\N{RIGHTWARDS ARROW}</span> "
+            "<span class=visually-hidden>to </span><strong>{}</strong></p>"
+            "<p class=of>{}, {} \N{RIGHTWARDS ARROW} {}.{}</p><dl class=facts>{}</dl></div>"
+        ).format(_look(found), word, was, now, found.of, *found.ends, judged, rows)
+    )
+
+
+def _look(found: Fall) -> str:
+    if found.outcome is not None:
+        return found.outcome
+    return "fell" if found.after < found.before else "fail"
+
+
+def _facts(
+    evidence: Evidence, result: Result, told: Mapping[str, str]
+) -> Iterator[tuple[str, str]]:
+    about = {**result.record.about, **told}
+    for label, keys in _KEYS.items():
+        text = next((about[key] for key in keys if key in about), "")
+        if label == "robot" and not text:
+            text = result.record.cell
+        if label == "measured" and not text:
+            text = _day(evidence, result)
+        if text:
+            yield label, text
+
+
+def _day(evidence: Evidence, result: Result) -> str:
+    """Of the first reading, where the column time_s counts from 1970; else empty."""
+    measured = evidence.data.get(result.path)
+    time = None if measured is None else measured.data.poses.time
+    if time is None or not np.nanmin(time) > _EPOCH:
+        return ""
+    return datetime.fromtimestamp(float(np.nanmin(time)), UTC).date().isoformat()
+
 
 _FIRST = ("fleet", "prior", "identify", "diagnose")  # what a reader asks for before the rest
 

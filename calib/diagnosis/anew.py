@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.diagnosis.contest import Outcome
-from calib.diagnosis.earned import Choice, CrossValidation
+from calib.diagnosis.cross_validation import Choice, CrossValidation
 from calib.diagnosis.equivalence import CLOSE, Named
-from calib.diagnosis.rounds import apart
 from calib.diagnosis.stage import Stage
+from calib.diagnosis.stepwise import apart
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.contest import Entry, far_out
+from calib.diagnosis.contest import Entrant, far_out
 from calib.diagnosis.equivalence import Named
 from calib.diagnosis.finding import Finding, Refused, is_weak
 from calib.diagnosis.rest import Rest
@@ -53,7 +53,7 @@ _WEIGHTS = (
 
 
 @dataclass(frozen=True)
-class Evidence:
+class NameEvidence:
     """What speaks for and against a name.
 
     key : str, ``effect:where``; form_p : of the test of its form
@@ -100,7 +100,7 @@ class Cause:
     values, std : ndarray, shape (k,), SI, std NaN where the data do not determine the value
     p : float, over all that was asked
     share : float, of the gap, NaN where there is none
-    evidence : Evidence, what speaks for and against it
+    evidence : NameEvidence, what speaks for and against it
     standing : how sure it is
     far_out : str, what of it is larger than such errors usually are, empty where nothing is
     """
@@ -111,7 +111,7 @@ class Cause:
     std: Array
     p: float
     share: float
-    evidence: Evidence
+    evidence: NameEvidence
     standing: Standing
     far_out: str = ""
 
@@ -150,7 +150,7 @@ class Cause:
 
 
 @dataclass(frozen=True)
-class Place:
+class GapPlace:
     """Where a part of the gap sits, and on what it depends."""
 
     where: str
@@ -181,7 +181,7 @@ def causes_of(
         own = after.positions(effect)
         doubt = shape_doubt(stage, after, effect, len(finding.named))
         others = (c for c in finding.outcome.active if c is not entry.candidate)
-        evidence = Evidence(
+        evidence = NameEvidence(
             key=f"{effect.kind}:{effect.where}",
             form_p=doubt.p,
             curve_ratio=named.curve_ratio,
@@ -245,34 +245,34 @@ def verdict_of(standings: Sequence[Standing], rest: Rest) -> VerdictName:
     return "explained" if all(s == "established" for s in standings) else "ambiguous"
 
 
-def located(finding: Finding, causes: Sequence[Cause], left: bool) -> tuple[Place, ...]:
+def located(finding: Finding, causes: Sequence[Cause], left: bool) -> tuple[GapPlace, ...]:
     """Places of all that was found, largest share first.
 
     left : whether more remains than such an arm scatters by
     """
     outcome, after = finding.outcome, finding.after
     found = [
-        Place(c.where, c.named.candidate.depends_on, c.share) for c in causes if not c.displaced
+        GapPlace(c.where, c.named.candidate.depends_on, c.share) for c in causes if not c.displaced
     ]
     for c in causes:
         if c.misshapen:
             part = min(1.0, c.doubt.fall / max(c.named.entry.score.fall, 1e-9))
             share = c.share if c.displaced else part * c.share
-            place = Place(c.where, c.doubt.depends_on, share)
+            place = GapPlace(c.where, c.doubt.depends_on, share)
             if (place.where, place.depends_on) not in {(p.where, p.depends_on) for p in found}:
                 found.append(place)
     for entry in outcome.entries:
         if not entry.candidate.named:
             own = entry.candidate
-            found.append(Place(own.where, own.depends_on, _share_of(finding, entry)))
+            found.append(GapPlace(own.where, own.depends_on, _share_of(finding, entry)))
     if left and (after.variances.configuration.any() or not found):
         # Beside a cause its share is undefined: it is no effect that could be taken out again.
         share = np.nan if found else _unfollowed(outcome.before, after)
-        found.append(Place(_scattering(finding), "pose", share))
+        found.append(GapPlace(_scattering(finding), "pose", share))
     return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
 
 
-def _share_of(finding: Finding, entry: Entry) -> float:
+def _share_of(finding: Finding, entry: Entrant) -> float:
     """By how much the sum of squares would rise without it, over its excess before; NaN without one.
 
     The noise left beside the estimated parameters is what it says, or less where less is left.

@@ -16,10 +16,10 @@ from functools import cached_property
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.rounds import Round, apart, better, linear_scores, yields
 from calib.diagnosis.screen import Field, Score
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.view import Lineup, View
+from calib.diagnosis.stepwise import Round, apart, better, linear_scores, yields
+from calib.diagnosis.view import FitView, Lineup
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tuned import Tuned
 
@@ -29,7 +29,7 @@ _SCANNED_ANEW = 8  # newcomers after which all tunings are tried again
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
+class Entrant:
     """A candidate that is in, judged with all others in place.
 
     score : Score, its own; rivals : tuple of (Candidate, gain), all in its place, the best first
@@ -47,14 +47,14 @@ class Outcome:
     """Where the contest ended.
 
     before, fit : Fit, without and with all that entered; active : tuple of Candidate, what entered
-    view : View, of all suspects from the fit; lineup : Lineup, the same with all their tunings
+    view : FitView, of all suspects from the fit; lineup : Lineup, the same with all their tunings
     proved : dict, key of a member -> gain with which it last defended its place
     """
 
     before: Fit
     fit: Fit
     active: tuple[Candidate, ...]
-    view: View
+    view: FitView
     lineup: Lineup
     proved: dict[str, float]
 
@@ -69,7 +69,7 @@ class Outcome:
         return self.view.suspects
 
     @cached_property
-    def entries(self) -> tuple[Entry, ...]:
+    def entries(self) -> tuple[Entrant, ...]:
         """Every candidate that entered, with its rivals."""
         return tuple(_entry(self.view, c, self.active) for c in self.active)
 
@@ -134,7 +134,7 @@ def left_with(stage: Stage, outcome: Outcome, rest: Sequence[Candidate]) -> Outc
     return replace(outcome, fit=fit, active=tuple(rest), view=view)
 
 
-def _entry(view: View, member: Candidate, active: Sequence[Candidate]) -> Entry:
+def _entry(view: FitView, member: Candidate, active: Sequence[Candidate]) -> Entrant:
     rest = [c for c in active if c is not member]
     stiff = isinstance(member.effect, ElasticEffect) and not yields((), view)
     suspects = [
@@ -156,7 +156,7 @@ def _entry(view: View, member: Candidate, active: Sequence[Candidate]) -> Entry:
     if view.fit.mixing is not None:
         bare = view.by_instrument
         alone = linear_scores(bare.without(*taken), bare, [member])[member.key]
-    return Entry(member, own, alone.fall, tuple(gains))
+    return Entrant(member, own, alone.fall, tuple(gains))
 
 
 def plausible(stage: Stage, outcome: Outcome) -> Outcome:

@@ -16,16 +16,16 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.diagnosis.functions import (
-    Angle,
     Covariate,
+    ErrorVariable,
     Function,
+    JointAngle,
     Move,
     PoseVariable,
     Posture,
     Pull,
     Statics,
     Torque,
-    Variable,
     neighbours,
     polyline,
 )
@@ -54,10 +54,10 @@ _SIZE = 1e-3  # rad or m, a plausible coefficient
 class Curve(Effect):
     """An unknown function of a variable; coefficients direction by direction.
 
-    variable : Variable; function : Function
+    variable : ErrorVariable; function : Function
     """
 
-    variable: Variable
+    variable: ErrorVariable
     function: Function
     kind: ClassVar[str] = "curve"
 
@@ -158,7 +158,7 @@ def curves(context: Context, poses: Poses, ranges: Array) -> Iterator[Curve]:
     ranges : ndarray, shape (n,), m, distances of the visible points from their stations
     """
     robot, statics = context.robot, Statics(context.robot, context.payload, context.gravity)
-    angles = [Angle(f"q:{joint}", k) for k, joint in enumerate(robot.joints)]
+    angles = [JointAngle(f"q:{joint}", k) for k, joint in enumerate(robot.joints)]
     common: list[PoseVariable] = []
     if poses.clocked:
         common.append(Covariate("time", "clock"))
@@ -196,7 +196,7 @@ def curves(context: Context, poses: Poses, ranges: Array) -> Iterator[Curve]:
                 yield PartCurve(where, motion_of(part), part.body, variable, line)
     line = polyline(ranges, _KNOTS)
     if line is not None and context.reads("points"):
-        yield RangeCurve("instrument", Variable("range"), line)
+        yield RangeCurve("instrument", ErrorVariable("range"), line)
 
 
 def _moves(poses: Poses, k: int, joint: str) -> list[PoseVariable]:

@@ -12,9 +12,9 @@ from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contest import Outcome
 from calib.diagnosis.linear import linearised
-from calib.diagnosis.rounds import ALPHA
 from calib.diagnosis.screen import VISIBLE, Field
 from calib.diagnosis.stage import Fit, Stage
+from calib.diagnosis.stepwise import ALPHA
 from calib.effects.protocol import Parameter
 from calib.model.covariance import working_points
 from calib.poses import Poses
@@ -108,7 +108,7 @@ class Hidden:
 
 
 @dataclass(frozen=True, eq=False)
-class _Error:
+class _HiddenError:
     """One parameter at one size: derivatives (N,) of all independent rows."""
 
     candidate: Candidate
@@ -160,7 +160,7 @@ def hidden(
     )
 
 
-def _error(outcome: Outcome, candidate: Candidate) -> _Error:
+def _error(outcome: Outcome, candidate: Candidate) -> _HiddenError:
     """The parameter of a cause that is found best, against the size of such errors."""
     columns, parameters = outcome.view.where[candidate.key], candidate.amounts
     asked = len(outcome.suspects) * candidate.tried
@@ -169,10 +169,12 @@ def _error(outcome: Outcome, candidate: Candidate) -> _Error:
     size, parameter = sizes[number], parameters[number]
     size = size if size < _NEVER * parameter.size else np.inf
     rows = outcome.last.columns[:, columns[number]]
-    return _Error(candidate, number, parameter, size, rows)
+    return _HiddenError(candidate, number, parameter, size, rows)
 
 
-def _left(fit: Fit, errors: Sequence[_Error], poses: Poses, weights: Array) -> dict[str, float]:
+def _left(
+    fit: Fit, errors: Sequence[_HiddenError], poses: Poses, weights: Array
+) -> dict[str, float]:
     """RMS (m) that each leaves at poses: ``X_t s - J_t (J^+ X s)``, by the candidate's key."""
     if not errors:
         return {}
@@ -188,7 +190,7 @@ def _left(fit: Fit, errors: Sequence[_Error], poses: Poses, weights: Array) -> d
     return dict(zip((e.candidate.key for e in errors), rms.tolist(), strict=True))
 
 
-def _column(columns: Array, error: _Error) -> Array:
+def _column(columns: Array, error: _HiddenError) -> Array:
     """Displacements (t, C, 3), m, by an effect's parameters (t, C, 3, k) at the error's size."""
     first = columns.shape[-1] - len(error.candidate.amounts)  # a tuning is no size
     return np.asarray(columns[..., first + error.number] * error.size)

@@ -9,9 +9,9 @@ from calib.cell.targets import targets_of
 from calib.diagnosis.anew import chosen_anew
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.causes import causes_of, located, verdict_of, weak_of
+from calib.diagnosis.cross_validation import BY_TIME
 from calib.diagnosis.detection_limit import hidden
 from calib.diagnosis.diagnosis import Diagnosis
-from calib.diagnosis.earned import BY_TIME
 from calib.diagnosis.finding import Finding, finding_of
 from calib.diagnosis.prior import stated
 from calib.diagnosis.rest import rest_of

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from calib.arrays import Array, Mask
 from calib.diagnosis.candidates import Candidate, NotAsked
-from calib.diagnosis.causes import Cause, Place, VerdictName
+from calib.diagnosis.causes import Cause, GapPlace, VerdictName
 from calib.diagnosis.contest import Outcome
 from calib.diagnosis.detection_limit import Hidden
 from calib.diagnosis.finding import Refused
@@ -41,7 +41,7 @@ class Diagnosis:
     noise: NoiseLevel
     causes: tuple[Cause, ...]
     rest: Rest
-    located: tuple[Place, ...]
+    located: tuple[GapPlace, ...]
     gap: Gap
     hidden: tuple[Hidden, ...]
     not_asked: tuple[NotAsked, ...]

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.contest import Entry, Outcome
+from calib.diagnosis.contest import Entrant, Outcome
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.tuned import Tuned
 from calib.poses import Poses
@@ -37,7 +37,7 @@ class Twin:
     exact: bool
 
 
-def twins(outcome: Outcome, entry: Entry) -> list[Twin]:
+def twins(outcome: Outcome, entry: Entrant) -> list[Twin]:
     """All causes by name beside an entry, the best imitation first."""
     view = outcome.view
     beside, where = view.without(entry.candidate), view.where
@@ -93,7 +93,7 @@ class Named:
     aliased : whether these poses show the same at another tuning
     """
 
-    entry: Entry
+    entry: Entrant
     members: tuple[tuple[Candidate, float], ...]
     aliased: bool = False
 
@@ -152,7 +152,7 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
     return tuple(_as_fitted(named, fit, stage.data.poses) for named in found), fit
 
 
-def _close(entry: Entry, others: Sequence[Twin]) -> list[Candidate]:
+def _close(entry: Entrant, others: Sequence[Twin]) -> list[Candidate]:
     """The entry, what explains nearly as much in its place, and what moves the readings as it does."""
     least = max(0.0, entry.rivals[0][1] - CLOSE)
     rivals = [c for c, gain in entry.rivals if c.named and gain > least][:_TRIED]

@@ -188,7 +188,7 @@ def error_curve(result: Diagnosis, candidate: Candidate) -> ErrorCurve | None:
     function = None if variable is None else polyline(variable[~result.waiting], _KNOTS)
     if variable is None or function is None:
         return None
-    given = _Given(candidate.depends_on, variable)
+    given = _GivenVariable(candidate.depends_on, variable)
     line = TwistCurve(candidate.where, frame, directions, given, function)
     hats, knots = line.basis(poses), function.knots
     effect = _alike(result, candidate, line) if moved is None else moved @ directions
@@ -221,7 +221,7 @@ def error_curve(result: Diagnosis, candidate: Candidate) -> ErrorCurve | None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Given(PoseVariable):
+class _GivenVariable(PoseVariable):
     """A variable by its values, shape (m,), at the poses in hand."""
 
     values: Array
@@ -230,7 +230,7 @@ class _Given(PoseVariable):
         return self.values
 
 
-class _Fit(NamedTuple):
+class _LineFit(NamedTuple):
     """A model whose last effect is a line, fitted.
 
     projection : ndarray, shape (K, K), of its coefficients onto what only they explain
@@ -245,7 +245,7 @@ class _Fit(NamedTuple):
     converged: bool
 
 
-def _fitted(result: Diagnosis, candidate: Candidate, line: TwistCurve, h: Array) -> _Fit:
+def _fitted(result: Diagnosis, candidate: Candidate, line: TwistCurve, h: Array) -> _LineFit:
     """Fit a line in place of an effect, from where the effect was.
 
     h : ndarray, shape (K,), coefficients with which the line is about the effect
@@ -282,7 +282,7 @@ def _fitted(result: Diagnosis, candidate: Candidate, line: TwistCurve, h: Array)
     found = levenberg_marquardt(linearise, np.append(rest, projection @ h), span)
     cov = result.scale**2 * covariance(linearise(found.values)[1], span)
     absorbed = len(h) - V.shape[1]
-    return _Fit(model, found.values, cov, projection, absorbed, bool(found.converged))
+    return _LineFit(model, found.values, cov, projection, absorbed, bool(found.converged))
 
 
 def _alike(result: Diagnosis, candidate: Candidate, line: TwistCurve) -> Array:
@@ -295,7 +295,7 @@ def _alike(result: Diagnosis, candidate: Candidate, line: TwistCurve) -> Array:
     return _as_error(model, values, line, poses, shift, np.ones(shift.shape[:2], dtype=bool))
 
 
-def _by_itself(result: Diagnosis, fit: _Fit, line: TwistCurve) -> Array:
+def _by_itself(result: Diagnosis, fit: _LineFit, line: TwistCurve) -> Array:
     """What each pose's residual says of the line there, shape (m, c), NaN where it says nothing."""
     data = result.data
     residual = fit.model.off(fit.values, data)

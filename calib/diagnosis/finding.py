@@ -15,13 +15,13 @@ import numpy as np
 
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contest import Outcome, contest, left_with
-from calib.diagnosis.earned import BY_TIME, CrossValidation
+from calib.diagnosis.cross_validation import BY_TIME, CrossValidation
 from calib.diagnosis.equivalence import Named, classes
 from calib.diagnosis.gap import Gap, gap_of
-from calib.diagnosis.rounds import apart
 from calib.diagnosis.screen import backward_elimination
 from calib.diagnosis.searched import Searched
 from calib.diagnosis.stage import Fit, Stage
+from calib.diagnosis.stepwise import apart
 from calib.effects.protocol import ARM
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.noise import counted

@@ -23,14 +23,14 @@ from calib.poses import Poses
 
 
 @dataclass(frozen=True, eq=False)
-class Variable:
+class ErrorVariable:
     """Something that an error may depend on; ``name`` as in the results."""
 
     name: str
 
 
 @dataclass(frozen=True, eq=False)
-class PoseVariable(Variable, ABC):
+class PoseVariable(ErrorVariable, ABC):
     """A function of the pose."""
 
     @abstractmethod
@@ -39,7 +39,7 @@ class PoseVariable(Variable, ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class Angle(PoseVariable):
+class JointAngle(PoseVariable):
     """The value of a joint as read, rad or m."""
 
     joint: int

@@ -22,7 +22,7 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.prior import held_rows
 from calib.diagnosis.screen import CURVE_PRICE, NOTHING, VISIBLE, Score
 from calib.diagnosis.stage import Stage
-from calib.diagnosis.view import View
+from calib.diagnosis.view import FitView
 from calib.scatter.nearby import NearbyLikelihood
 from calib.scatter.restricted import Likelihood, Turned, maximised
 from calib.scatter.search import Levels, problem_of, searched
@@ -33,7 +33,7 @@ _SETTLED = 0.1  # of -2 log likelihood
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class LikelihoodProblem:
     """What is modelled, with the columns of some suspects.
 
     problem : Turned, of the modelled columns, the suspects' and the readings
@@ -165,9 +165,9 @@ def _freedom(told: Array, half: Array, amplitude: float) -> float:
     return 2.0 * float(np.log(told).sum() + np.log(amplitude * np.diag(half)).sum())
 
 
-def ground(
-    stage: Stage, view: View, suspects: Iterable[Candidate], without: Sequence[Candidate] = ()
-) -> Ground:
+def likelihood_problem(
+    stage: Stage, view: FitView, suspects: Iterable[Candidate], without: Sequence[Candidate] = ()
+) -> LikelihoodProblem:
     """The problem in which suspects are judged.
 
     without : candidates that are in the fit and are taken out of it
@@ -202,4 +202,4 @@ def ground(
     ends = known + np.cumsum([0, *(len(view.where[c.key]) for c in chosen)])
     at = {c.key: np.arange(a, b) for c, a, b in zip(chosen, ends, ends[1:], strict=False)}
     rows = int(np.count_nonzero(fit.J.any(axis=-1))) - problem.beyond_rigid
-    return Ground(problem, rows, at, NearbyLikelihood(problem, theta, free), search)
+    return LikelihoodProblem(problem, rows, at, NearbyLikelihood(problem, theta, free), search)

@@ -1,6 +1,10 @@
-"""Chances of a weighted sum of squares of normal variables.
+"""Weighted score tests: what counts is a sum of squares weighted by what a prior expects.
 
-The saddlepoint formula of Lugannani and Rice for a quadratic form (Kuonen, Biometrika 86(4), 1999): its
+Of columns X whose coefficients are a priori normal with covariance C, d are the eigenvalues of
+``X C X^T`` and z the residual along its vectors. The statistic is ``sum(w z^2)``, with
+``w = d / (1 + d)`` in units of a noise: directions that what is modelled absorbs weigh nothing, where a
+chi-square would give all the same. Its chance is that of a weighted sum of chi-squares, by the
+saddlepoint formula of Lugannani and Rice for a quadratic form (Kuonen, Biometrika 86(4), 1999): its
 relative error stays small however far in the tail.
 """
 
@@ -10,10 +14,37 @@ from math import log, sqrt
 
 import numpy as np
 
-from calib.arrays import Array
+from calib.arrays import Array, IntArray
+from calib.diagnosis.screen import VISIBLE, Field
 
 _ROUNDS, _PARTS = 12, 32
 _AT_THE_MEAN = 1e-3  # standard deviations from the mean within which the formula loses its digits
+
+
+def weighted_test(
+    field: Field, columns: IntArray, spread: Array, mean: bool = False
+) -> tuple[float, float]:
+    """Probability of as much of some columns (k,) by chance, and by how much the sum of squares falls.
+
+    spread : ndarray, shape (k, k), covariance of their coefficients a priori
+    mean : whether they are weighed against the mean of d, a signal about as large as the noise with
+        which the data determine it; else against the noise
+    """
+    half = np.linalg.cholesky(spread + 1e-9 * spread.diagonal().mean() * np.eye(len(spread)))
+    S, Xr = field.products(columns)
+    d, vectors = np.linalg.eigh(half.T @ S @ half)
+    longest = float((field.lengths[columns] ** 2).max(initial=0.0))
+    seen = d > VISIBLE**2 * float(spread.diagonal().mean()) * longest
+    if not seen.any() or field.dof <= np.count_nonzero(seen):
+        return 1.0, 0.0
+    d, vectors = d[seen], vectors[:, seen]
+    squares = (vectors.T @ (half.T @ Xr)) ** 2 / d
+    w = d / (d + (d.mean() if mean else field.spread))
+    statistic = float(w @ squares) / field.spread
+    chance = (
+        ratio_above(w, field.dof, statistic) if field.noise_refuted else chance_above(w, statistic)
+    )
+    return chance, float(squares.sum())
 
 
 def chance_above(weights: Array, value: float) -> float:

@@ -75,6 +75,11 @@ class Field:
         """Whether the residual's size contradicts the stated noise, in either direction."""
         return refuted(self.cost, self.dof)
 
+    @cached_property
+    def spread(self) -> float:
+        """Actual over stated variance where the residual refutes that, else one."""
+        return self.cost / self.dof if self.noise_refuted else 1.0
+
     def products(self, columns: IntArray) -> tuple[Array, Array]:
         """``X^T X`` and ``X^T r`` of columns (..., k), shapes (..., k, k) and (..., k)."""
         *many, k = columns.shape
@@ -119,6 +124,12 @@ class Field:
             X, r = np.concatenate([part._projected(columns), X]), np.concatenate([part.r, r])
             part = part.whole
         return Field(X, r, self.lengths[columns], self.rows, self.dof)
+
+    def without(self, columns: IntArray) -> Field:
+        """The field with some of its own columns projected out as well."""
+        U = self.basis(columns)
+        X, r = self.X - U @ (U.T @ self.X), self.r - U @ (U.T @ self.r)
+        return replace(self, columns=X, r=r, modelled=None, dof=self.dof - U.shape[1])
 
     def _projected(self, columns: IntArray) -> Array:
         own = self.columns[:, columns]
@@ -211,7 +222,7 @@ NOTHING = Score(0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class ScoreRequest:
     """A candidate, as it is scored.
 
     columns : ndarray of int, shape (k,)
@@ -234,11 +245,11 @@ def score(
     limits: Array | None = None,
     eliminate: bool = False,
 ) -> Score:
-    """Score of one candidate; arguments as of :class:`Asked`."""
-    return scored(field, [Asked(columns, spread, limits, eliminate)])[0]
+    """Score of one candidate; arguments as of :class:`ScoreRequest`."""
+    return scored(field, [ScoreRequest(columns, spread, limits, eliminate)])[0]
 
 
-def scored(field: Field, asked: Sequence[Asked]) -> list[Score]:
+def scored(field: Field, asked: Sequence[ScoreRequest]) -> list[Score]:
     """Score of each candidate; those that have as many columns and are asked alike at once."""
     groups: dict[tuple[int, bool, bool], list[int]] = {}
     found = [NOTHING] * len(asked)
@@ -254,7 +265,7 @@ def scored(field: Field, asked: Sequence[Asked]) -> list[Score]:
     return found
 
 
-def _alike(field: Field, asked: Sequence[Asked]) -> list[Score]:
+def _alike(field: Field, asked: Sequence[ScoreRequest]) -> list[Score]:
     """Scores of candidates that have as many columns and are asked alike."""
     columns = np.array([a.columns for a in asked])
     spread = [a.spread for a in asked if a.spread is not None]

@@ -73,7 +73,7 @@ def searched(stage: Stage, suspects: Sequence[Candidate]) -> Searched:
         stage = replace(stage, dropped=out, robust=False)
         linear = stage.about(fit, [c.effect for c in suspects])
         active = [_tuned_as(c, fit) for c in outcome.active]
-        asked = lineup(linear, suspects, asked.banks)
+        asked = lineup(linear, suspects, asked.grids)
         outcome = contest(linear, asked, active, outcome.proved)
     return Searched(stage, linear, outcome, factor, grows, statistic, limit)
 

@@ -6,11 +6,8 @@ multiplied by functions of each such variable, two harmonics of an angle, a stra
 of anything else, each with a root mean square of about one; the score test asks whether any of it is
 there.
 
-A wrong shape is off by a part of itself: the coefficients of its modulation are a priori normal with a
-standard deviation s. With the multiplied columns X beside all that is modelled, d the eigenvalues of
-``s^2 X^T X`` and z the residual along its vectors, the likelihood ratio is ``sum(w z^2)``,
-``w = d / (1 + d)``: what the modelled columns absorb weighs nothing, where a chi-square would give all
-directions the same.
+A wrong shape is off by a part of itself: the coefficients of its modulation are a priori normal
+(:func:`calib.diagnosis.quadratic.weighted_test`).
 """
 
 from __future__ import annotations
@@ -22,7 +19,7 @@ import numpy as np
 
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray, Mask
-from calib.diagnosis.quadratic import chance_above, ratio_above
+from calib.diagnosis.quadratic import weighted_test
 from calib.diagnosis.screen import VISIBLE, Field, beside, field, score
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.drive import along_axis
@@ -164,7 +161,7 @@ class Doubt:
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
+class ShapeQuestion:
     """What is asked of an effect: the columns of all modulations beside everything that is modelled.
 
     asked : tuple of Modulation; beside : Field, their columns one modulation after the other
@@ -226,33 +223,25 @@ def form_matters(fit: Fit, effect: Effect, poses: Poses, floor: float) -> bool:
     return bool(_PART * np.sqrt((moved**2).sum(axis=-1).mean()) > floor)
 
 
-def question(stage: Stage, fit: Fit, effect: Effect) -> Question | None:
+def question(stage: Stage, fit: Fit, effect: Effect) -> ShapeQuestion | None:
     """All modulations of an effect in a fit; None where nothing varies with which it could."""
     asked = tuple(modulations(stage, fit, effect.where))
     if not asked:
         return None
     X = _times(stage, fit, effect, np.column_stack([m.centred for m in asked]))
     r, J = fit.equations
-    return Question(asked, beside(J, fit.modelled, X, r))
+    return ShapeQuestion(asked, beside(J, fit.modelled, X, r))
 
 
 def _modulated(rest: Field, columns: IntArray) -> tuple[float, float]:
-    """p and fall of one modulation; where the residual refutes the noise, by its share of that."""
-    d, vectors, w = _weighted(rest, columns)
-    if not len(d) or rest.dof <= len(d):
-        return 1.0, 0.0
-    spread = _spread(rest)
-    squares = (_PART * vectors.T @ rest.products(columns)[1]) ** 2 / d
-    statistic, fall = float(w @ squares) / spread, float(squares.sum())
-    if rest.noise_refuted:
-        return ratio_above(w, rest.dof, statistic), fall
-    return chance_above(w, statistic), fall
+    """p and fall of one modulation."""
+    return weighted_test(rest, columns, _PART**2 * np.eye(len(columns)))
 
 
 def _power(rest: Field, columns: IntArray, alpha: float) -> float:
     """Power at a level alpha against one wave of an angle, the first two columns, at any phase."""
-    S, spread = rest.products(columns)[0], _spread(rest)
-    return float(wave_power(S, rest.lengths[columns], alpha, spread))
+    S = rest.products(columns)[0]
+    return float(wave_power(S, rest.lengths[columns], alpha, rest.spread))
 
 
 def wave_power(S: Array, lengths: Array, alpha: float, spread: float = 1.0) -> Array:
@@ -276,19 +265,6 @@ def wave_power(S: Array, lengths: Array, alpha: float, spread: float = 1.0) -> A
     noncentral = ((w * d)[..., None] * along**2).sum(axis=-2) / (scale * spread)[..., None]
     found = 1.0 - chndtr(chdtri(dof, alpha)[..., None], dof[..., None], noncentral)
     return np.where(seen, found.mean(axis=-1), 0.0)
-
-
-def _weighted(rest: Field, columns: IntArray) -> tuple[Array, Array, Array]:
-    """Eigenvalues (k,) of what a modulation shows beside the rest, vectors (c, k), weights (k,)."""
-    d, vectors = np.linalg.eigh(_PART**2 * rest.products(columns)[0])
-    seen = d > (VISIBLE * _PART * rest.lengths[columns].max()) ** 2
-    d, vectors = d[seen], vectors[:, seen]
-    return d, vectors, d / (_spread(rest) + d)
-
-
-def _spread(rest: Field) -> float:
-    """Actual over stated variance, where the residual refutes it."""
-    return rest.cost / rest.dof if rest.noise_refuted else 1.0
 
 
 def _also_there(stage: Stage, fit: Fit, effect: Effect, doubted: Modulation) -> bool:

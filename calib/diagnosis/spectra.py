@@ -43,7 +43,7 @@ _NONE = np.zeros(0)
 
 
 @dataclass(frozen=True)
-class Line:
+class SpectralLine:
     """A line above the false alarm.
 
     cycles, std : float, 1/turn; amplitude, amplitude_std : float, rad; fall : float, when it was found
@@ -80,7 +80,7 @@ class Spectrum:
     false_alarm: float
     width: float
     repeats: float | None
-    lines: tuple[Line, ...]
+    lines: tuple[SpectralLine, ...]
     named: tuple[tuple[float, tuple[float, ...]], ...]
 
 
@@ -204,7 +204,7 @@ class _View:
             parts.append(scores(carried, functions, limits)[0])
         return np.concatenate(parts) / self.scale**2
 
-    def lines(self, fall: Array, alarm: float) -> tuple[Line, ...]:
+    def lines(self, fall: Array, alarm: float) -> tuple[SpectralLine, ...]:
         """Lines above the alarm, the strongest first; looked for about what is half as high."""
         slow = self.cycles < _SLOW
         view = self.beside_slow() if fall[slow].max(initial=0.0) > alarm else self
@@ -237,11 +237,11 @@ class _View:
         slow = orthonormal(self.beside_model(rows))
         return replace(self, Q=np.concatenate([self.Q, slow], axis=1))
 
-    def line(self, k: int, fitted: _Fitted, fall: float) -> Line:
+    def line(self, k: int, fitted: _Fitted, fall: float) -> SpectralLine:
         amounts, part = fitted.amounts[k], slice(3 * k, 3 * k + 3)
         own = self.scale**2 * fitted.covariance[part, part]
         towards = amounts / np.hypot(*amounts)
-        return Line(
+        return SpectralLine(
             cycles=float(fitted.at[k]),
             std=float(np.sqrt(own[2, 2])),
             amplitude=float(np.hypot(*amounts)),

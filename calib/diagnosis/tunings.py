@@ -24,7 +24,7 @@ _CHUNK = 400  # tunings at a time: memory
 
 
 @dataclass(frozen=True, eq=False)
-class Form:
+class TunedForm:
     """One form of an effect at some tunings.
 
     tunings : ndarray, shape (C,), SI; functions : ndarray, shape (C, m, f)
@@ -39,24 +39,24 @@ class Form:
         """Magnitudes of its amplitudes beyond which nothing is believed, SI."""
         return (self.effect.allowance or 1.0) * np.array([p.limit for p in self.effect.amplitudes])
 
-    def only(self, chosen: IntArray) -> Form:
+    def only(self, chosen: IntArray) -> TunedForm:
         """The same at some of its tunings."""
-        return Form(self.effect, self.tunings[chosen], self.functions[chosen])
+        return TunedForm(self.effect, self.tunings[chosen], self.functions[chosen])
 
 
 @dataclass(frozen=True, eq=False)
-class Bank:
+class TuningGrid:
     """All that is tried of a cause at one place.
 
     candidate : Candidate, of any tuning; poses : Poses
-    forms : tuple of Form, those that are looked at: the first at all tunings, or as listed
+    forms : tuple of TunedForm, those that are looked at: the first at all tunings, or as listed
     """
 
     candidate: Candidate
     poses: Poses
-    forms: tuple[Form, ...]
+    forms: tuple[TunedForm, ...]
 
-    def scanned(self, carried: Carried) -> Bank:
+    def scanned(self, carried: Carried) -> TuningGrid:
         """The same with a short list of tunings; of richer forms, those and their halves."""
         first = self.forms[0]
         short = first.only(_peaks(_falls(first, carried))[:_LISTED])
@@ -64,7 +64,7 @@ class Bank:
         if richer is None:
             return replace(self, forms=(short,))
         effect, tunings = richer
-        more = Form(effect, tunings, effect.functions(self.poses, tunings))
+        more = TunedForm(effect, tunings, effect.functions(self.poses, tunings))
         return replace(self, forms=(short, more))
 
     def best(self, carried: Carried, rows: int) -> tuple[Candidate, Array]:
@@ -83,21 +83,21 @@ class Bank:
         return replace(self.candidate, effect=effect), found.functions[0]
 
 
-def banks(suspects: Sequence[Candidate], poses: Poses) -> tuple[Bank, ...]:
-    """The banks of those suspects that have a tuning and that these poses can speak of."""
+def tuning_grids(suspects: Sequence[Candidate], poses: Poses) -> tuple[TuningGrid, ...]:
+    """The tuning grids of those suspects that have a tuning and that these poses can speak of."""
     found = []
     for suspect in suspects:
         effect = suspect.effect
         if not isinstance(effect, Tuned) or not len(grid := effect.grid(poses)):
             continue
-        form = Form(effect, grid, effect.functions(poses, grid))
+        form = TunedForm(effect, grid, effect.functions(poses, grid))
         # Beside the grid, the richer forms at what is listed of it.
         tried = len(grid) + (2 * _LISTED if effect.richer(grid) is not None else 0)
-        found.append(Bank(replace(suspect, tried=tried), poses, (form,)))
+        found.append(TuningGrid(replace(suspect, tried=tried), poses, (form,)))
     return tuple(found)
 
 
-def _falls(form: Form, carried: Carried) -> Array:
+def _falls(form: TunedForm, carried: Carried) -> Array:
     parts = [
         scores(carried, form.functions[i : i + _CHUNK], form.limits)[0]
         for i in range(0, len(form.tunings), _CHUNK)

@@ -14,7 +14,7 @@ from calib.diagnosis.linear import LinearModel, times
 from calib.diagnosis.scan import beside as beside_scan
 from calib.diagnosis.screen import DEPENDENT, VISIBLE, Field, beside
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.tunings import Bank, banks
+from calib.diagnosis.tunings import TuningGrid, tuning_grids
 from calib.effects.timed import Timed
 from calib.effects.tuned import Tuned
 
@@ -25,14 +25,14 @@ _MOST_LINES = 2  # of ripple at one joint; of steps one, or two would stand for 
 class Lineup:
     """All suspects, and derivatives of the readings by them; fits that differ by errors have the same.
 
-    fixed : tuple of Candidate, those without a tuning; banks : tuple of Bank, the others
+    fixed : tuple of Candidate, those without a tuning; grids : tuple of TuningGrid, the others
     J : ndarray, shape (m, C, r, K), SI; where : dict, key of a candidate without a tuning, or of a
-        bank's, -> ndarray of int, its columns or its carrier's
+        grid's, -> ndarray of int, its columns or its carrier's
     closed : keys of candidates that are not offered
     """
 
     fixed: tuple[Candidate, ...]
-    banks: tuple[Bank, ...]
+    grids: tuple[TuningGrid, ...]
     J: Array
     where: dict[str, IntArray]
     closed: frozenset[str] = frozenset()
@@ -40,7 +40,7 @@ class Lineup:
     @property
     def asked(self) -> int:
         """How many causes are asked, at whatever tuning."""
-        return len(self.fixed) + len(self.banks)
+        return len(self.fixed) + len(self.grids)
 
     def without(self, keys: Collection[str]) -> Lineup:
         """The others."""
@@ -49,52 +49,52 @@ class Lineup:
 
     def seen_from(
         self, stage: Stage, fit: Fit, active: Sequence[Candidate], fresh: bool
-    ) -> tuple[View, Lineup]:
+    ) -> tuple[FitView, Lineup]:
         """The suspects beside a fit, weighted as its poses are; and the lineup with tunings listed.
 
         active : what is in; fresh : whether all tunings are tried, or those of the last short list
         """
         rows = stage.observation(fit.model, fit.weight).rows(self.J)
         where = {c.key: self.where[c.key] for c in self.fixed}
-        view = View(fit, rows, where, self.fixed)
-        if not self.banks:
+        view = FitView(fit, rows, where, self.fixed)
+        if not self.grids:
             return view, self
         around, listed, tuned = beside_scan(fit), [], []
-        for bank in self.banks:
-            carrier = rows[..., self.where[bank.candidate.key]]
+        for grid in self.grids:
+            carrier = rows[..., self.where[grid.candidate.key]]
             carried = around.carried(carrier)
-            own = bank.scanned(carried) if fresh else bank
+            own = grid.scanned(carried) if fresh else grid
             listed.append(own)
-            there = [c for c in active if c.is_like(bank.candidate)]
+            there = [c for c in active if c.is_like(grid.candidate)]
             tuned += [(c, _rows(c, carrier, stage)) for c in there]
             best, functions = own.best(carried, view.counted)
             best = replace(best, line=1 + max((c.line for c in there), default=0))
             most = 1 if isinstance(best.effect, Timed) else _MOST_LINES
             if best.line <= most and best.key not in self.closed:
                 tuned.append((best, times(carrier, functions)))
-            echoes = _echoes(bank.candidate, active)
+            echoes = _echoes(grid.candidate, active)
             tuned += [(c, _rows(c, carrier, stage)) for c in echoes]
         ends = rows.shape[-1] + np.cumsum([0, *(columns.shape[-1] for _, columns in tuned)])
         for (c, _), a, b in zip(tuned, ends, ends[1:], strict=False):
             where[c.key] = np.arange(a, b)
         suspects = (*self.fixed, *(c for c, _ in tuned))
         rows = np.concatenate([rows, *(columns for _, columns in tuned)], axis=-1)
-        return View(fit, rows, where, suspects), replace(self, banks=tuple(listed))
+        return FitView(fit, rows, where, suspects), replace(self, grids=tuple(listed))
 
-    def other_tunings(self, view: View, member: Candidate) -> Iterator[tuple[Array, Array]]:
+    def other_tunings(self, view: FitView, member: Candidate) -> Iterator[tuple[Array, Array]]:
         """Rows (m, R, k) and limits (k,) of a member at the tunings that are best without it."""
-        bank = next((b for b in self.banks if b.candidate.is_like(member)), None)
-        if bank is None:
+        grid = next((b for b in self.grids if b.candidate.is_like(member)), None)
+        if grid is None:
             return
-        carrier = view.rows[..., self.where[bank.candidate.key]]
+        carrier = view.rows[..., self.where[grid.candidate.key]]
         carried = beside_scan(_without(view.fit, member)).carried(carrier)
-        for form in bank.scanned(carried).forms:
+        for form in grid.scanned(carried).forms:
             for functions in form.functions:
                 yield times(carrier, functions), form.limits
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class FitView:
     """All candidates as seen from a fit.
 
     fit : Fit
@@ -155,7 +155,7 @@ class View:
         return np.asarray(np.linalg.inv(T / lengths) / lengths[:, None])
 
     @cached_property
-    def by_instrument(self) -> View:
+    def by_instrument(self) -> FitView:
         """The same as if nothing but the instrument erred."""
         return replace(self, fit=self.fit.by_instrument(self.fit.r, self.fit.J))
 
@@ -185,15 +185,15 @@ class View:
         )
 
 
-def lineup(stage: Stage, suspects: Sequence[Candidate], known: Sequence[Bank] = ()) -> Lineup:
+def lineup(stage: Stage, suspects: Sequence[Candidate], known: Sequence[TuningGrid] = ()) -> Lineup:
     """The suspects of a stage to first order.
 
-    known : banks of an earlier lineup at the same poses
+    known : tuning grids of an earlier lineup at the same poses
     """
     whole = stage.model
     if not isinstance(whole, LinearModel):
         raise TypeError("the stage is not to first order")
-    tuned = {b.candidate.key: b for b in known or banks(suspects, stage.data.poses)}
+    tuned = {b.candidate.key: b for b in known or tuning_grids(suspects, stage.data.poses)}
     fixed = tuple(c for c in suspects if not isinstance(c.effect, Tuned))
     at = {c.key: whole.known[id(c.effect)] for c in fixed}
     at |= {k: whole.carried[b.candidate.effect.kind, b.candidate.where] for k, b in tuned.items()}

@@ -16,7 +16,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.drive import DriveError, error_unit
-from calib.effects.protocol import Context, Expected, Parameter
+from calib.effects.protocol import Context, Expectation, Parameter
 from calib.effects.usual import light
 from calib.poses import Poses
 
@@ -31,8 +31,8 @@ class Backlash(DriveError):
     uses: ClassVar[tuple[str, ...]] = ("approach",)
 
     @classmethod
-    def expected(cls, context: Context, where: str) -> Expected:
-        return Expected(allowance=_SERVO if light(context) else 1.0)
+    def expected(cls, context: Context, where: str) -> Expectation:
+        return Expectation(allowance=_SERVO if light(context) else 1.0)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.effects.bearing_compliance import BearingCompliance
-from calib.effects.protocol import Context, Expected
+from calib.effects.protocol import Context, Expectation
 from calib.effects.usual import softer
 
 
@@ -31,5 +31,5 @@ class BaseCompliance(BearingCompliance):
         return cls(where, 0, np.array([0.0, 0.0, 1.0]))
 
     @classmethod
-    def expected(cls, context: Context, where: str) -> Expected:
-        return Expected(allowance=softer(context))
+    def expected(cls, context: Context, where: str) -> Expectation:
+        return Expectation(allowance=softer(context))

@@ -7,12 +7,12 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from calib.effects.drift import Drift
+from calib.effects.drift import DriftingEffect
 from calib.effects.protocol import Context, FrameEffect
 
 
 @dataclass(frozen=True, eq=False)
-class BaseDrift(Drift, FrameEffect):
+class BaseDrift(DriftingEffect, FrameEffect):
     """The base frame moves at constant rates along and about its own axes."""
 
     kind: ClassVar[str] = "base_drift"

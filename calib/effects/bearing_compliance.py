@@ -11,7 +11,7 @@ from calib.arrays import Array
 from calib.effects.protocol import (
     Context,
     ElasticEffect,
-    Expected,
+    Expectation,
     Parameter,
     joint_index,
     turning_joints,
@@ -43,8 +43,8 @@ class BearingCompliance(ElasticEffect):
         return cls(where, joint + 1, context.robot.axes[joint])
 
     @classmethod
-    def expected(cls, context: Context, where: str) -> Expected:
-        return Expected(allowance=softer(context), twin_odds=_BESIDE_A_GEAR)
+    def expected(cls, context: Context, where: str) -> Expectation:
+        return Expectation(allowance=softer(context), twin_odds=_BESIDE_A_GEAR)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -16,7 +16,7 @@ _READINGS_AN_HOUR = 100.0  # of a plausible session
 
 
 @dataclass(frozen=True, eq=False)
-class Drift(DirectedEffect):
+class DriftingEffect(DirectedEffect):
     """Motion at constant rates from the first pose in time.
 
     clock : str, unit of the session's clock (:attr:`calib.poses.Poses.clock_unit`)

@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.protocol import Context, Effect, Expected, ReadingEffect
+from calib.effects.protocol import Context, Effect, Expectation, ReadingEffect
 from calib.instruments import Camera, Instrument
 from calib.instruments.lens import CENTER
 from calib.poses import Poses
@@ -47,8 +47,8 @@ class FocalEffect(ReadingEffect):
         return cls(where, centre)
 
     @classmethod
-    def expected(cls, context: Context, where: str) -> Expected:
-        return Expected(odds=_LENS)
+    def expected(cls, context: Context, where: str) -> Expectation:
+        return Expectation(odds=_LENS)
 
     @abstractmethod
     def shares(self, poses: Poses) -> Array:

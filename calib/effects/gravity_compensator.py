@@ -30,7 +30,7 @@ from calib.arm.se3 import across, cross, rotate, so3_exp
 from calib.arrays import Array
 from calib.effects.protocol import (
     Context,
-    Expected,
+    Expectation,
     Parameter,
     SpringEffect,
     joint_index,
@@ -68,14 +68,16 @@ class GravityCompensator(SpringEffect):
         return cls(where, joint, robot.dof + 2, robot.axes[joint], anchors)
 
     @classmethod
-    def expected(cls, context: Context, where: str) -> Expected:
+    def expected(cls, context: Context, where: str) -> Expectation:
         if where in context.anchors:
-            return Expected()
+            return Expectation()
         turning = [j for j, slides in zip(context.robot.joints, context.robot.prismatic, strict=True)
                    if not slides]  # fmt: skip
         if turning.index(where) > _LAST:
-            return Expected(odds=_NEVER)
-        return Expected(odds=1.0 if heavy(context) and turning.index(where) == _LAST else _SELDOM)
+            return Expectation(odds=_NEVER)
+        return Expectation(
+            odds=1.0 if heavy(context) and turning.index(where) == _LAST else _SELDOM
+        )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -26,7 +26,7 @@ from calib.effects.drive import along_axis, error_unit
 from calib.effects.protocol import (
     ARM,
     Context,
-    Expected,
+    Expectation,
     Parameter,
     PoseEffect,
     Twist,
@@ -67,8 +67,8 @@ class GravitySag(PoseEffect):
         return cls(where, robot, tuple(joints), context.gravity / (size or 1.0))
 
     @classmethod
-    def expected(cls, context: Context, where: str) -> Expected:
-        return Expected(
+    def expected(cls, context: Context, where: str) -> Expectation:
+        return Expectation(
             allowance=_SERVICE if light(context) else 1.0,
             instead=_KNOWN if context.robot.masses.any() else "",
         )

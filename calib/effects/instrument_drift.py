@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-from calib.effects.drift import Drift, drift_rate
+from calib.effects.drift import DriftingEffect, drift_rate
 from calib.effects.protocol import Context, Parameter, PartEffect, motion_of
 
 
 @dataclass(frozen=True, eq=False)
-class InstrumentDrift(Drift, PartEffect):
+class InstrumentDrift(DriftingEffect, PartEffect):
     """A part of an instrument moves at constant rates from where it stood at the first pose in time.
 
     A gauge and a wire have one rate, that of their zero. A tracker's is ``tracker_drift``.

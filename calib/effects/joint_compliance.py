@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.drive import ElasticDrive, compliance_unit
-from calib.effects.protocol import Context, Expected, Parameter
+from calib.effects.protocol import Context, Expectation, Parameter
 from calib.effects.usual import softer
 from calib.poses import Poses
 
@@ -21,8 +21,8 @@ class JointCompliance(ElasticDrive):
     kind: ClassVar[str] = "joint_compliance"
 
     @classmethod
-    def expected(cls, context: Context, where: str) -> Expected:
-        return Expected(allowance=softer(context))
+    def expected(cls, context: Context, where: str) -> Expectation:
+        return Expectation(allowance=softer(context))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

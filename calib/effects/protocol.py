@@ -82,7 +82,7 @@ class State:
     wrench: Transmitted
 
 
-class Expected(NamedTuple):
+class Expectation(NamedTuple):
     """What is known of a cause at a place before anything is measured.
 
     odds : how often it is met there, beside a cause that any arm may have
@@ -97,7 +97,7 @@ class Expected(NamedTuple):
     twin_odds: float = 1.0
 
 
-class Part(NamedTuple):
+class MovablePart(NamedTuple):
     """What may come loose: in how many numbers, and which markers on the tip it is, if it is there."""
 
     numbers: int
@@ -140,13 +140,15 @@ class Context:
     bodies: Mapping[str, slice] = field(default_factory=dict)
 
     @property
-    def parts(self) -> Mapping[str, Part]:
+    def parts(self) -> Mapping[str, MovablePart]:
         """What may come loose of the instruments and of what they look at, by place."""
-        found: dict[str, Part] = {}
+        found: dict[str, MovablePart] = {}
         for instrument in self.instruments:
-            found |= {w: Part(s.stop - s.start, None) for w, s in instrument.parts.items()}
+            found |= {w: MovablePart(s.stop - s.start, None) for w, s in instrument.parts.items()}
             looked = (board for board in instrument.shapes if board in self.bodies)
-            found |= {f"board:{board}": Part(SCALE.stop, self.bodies[board]) for board in looked}
+            found |= {
+                f"board:{board}": MovablePart(SCALE.stop, self.bodies[board]) for board in looked
+            }
         return found
 
     def reads(self, kind: str) -> bool:
@@ -194,9 +196,9 @@ class Effect(ABC):
         """The effect at one of its places."""
 
     @classmethod
-    def expected(cls, context: Context, where: str) -> Expected:
+    def expected(cls, context: Context, where: str) -> Expectation:
         """How often, and how large, it is met at a place of the robot at hand."""
-        return Expected()
+        return Expectation()
 
     @classmethod
     def repeats(cls, where: str, active: Sequence[Effect]) -> str | None:
@@ -503,7 +505,7 @@ class PartEffect(DirectedEffect):
         return middle + placed, A[..., None, :, :], columns
 
 
-def motion_of(part: Part) -> slice:
+def motion_of(part: MovablePart) -> slice:
     """The numbers of a part by which it moves without growing."""
     return slice(0, min(part.numbers, MOTION.stop))
 

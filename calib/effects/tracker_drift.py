@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-from calib.effects.drift import Drift
+from calib.effects.drift import DriftingEffect
 from calib.effects.protocol import Context, RigidReading
 
 
 @dataclass(frozen=True, eq=False)
-class TrackerDrift(Drift, RigidReading):
+class TrackerDrift(DriftingEffect, RigidReading):
     """Readings move as one body at constant rates along and about the axes of their station."""
 
     kind: ClassVar[str] = "tracker_drift"

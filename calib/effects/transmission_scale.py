@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from calib.arrays import Array
 from calib.effects.drive import DriveError, error_unit, variable_unit
-from calib.effects.protocol import Context, Expected, Parameter
+from calib.effects.protocol import Context, Expectation, Parameter
 from calib.poses import Poses
 
 _TURNING = (
@@ -22,9 +22,9 @@ class TransmissionScale(DriveError):
     kind: ClassVar[str] = "transmission_scale"
 
     @classmethod
-    def expected(cls, context: Context, where: str) -> Expected:
+    def expected(cls, context: Context, where: str) -> Expectation:
         slides = context.robot.prismatic[context.robot.joints.index(where)]
-        return Expected(odds=1.0 if slides else _TURNING)
+        return Expectation(odds=1.0 if slides else _TURNING)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

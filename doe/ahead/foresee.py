@@ -18,8 +18,8 @@ from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.detection_limit import Detectable, detectable
-from calib.diagnosis.rounds import ALPHA
 from calib.diagnosis.screen import Field, field
+from calib.diagnosis.stepwise import ALPHA
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect, Parameter
 from calib.effects.tuned import Tuned
 from calib.identification.estimators import choose_directions

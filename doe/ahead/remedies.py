@@ -17,9 +17,9 @@ from calib.arm.se3 import so3_exp
 from calib.arrays import Array, IntArray, stacked
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.detection_limit import detectable
-from calib.diagnosis.rounds import ALPHA
 from calib.diagnosis.screen import field
 from calib.diagnosis.stage import positions
+from calib.diagnosis.stepwise import ALPHA
 from calib.effects.base import Base
 from calib.effects.protocol import ReadingEffect
 from calib.effects.thermal_expansion import translations

@@ -11,9 +11,9 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.contest import Entry
-from calib.diagnosis.rounds import linear_scores
+from calib.diagnosis.contest import Entrant
 from calib.diagnosis.stage import Fit, positions
+from calib.diagnosis.stepwise import linear_scores
 from calib.effects.base import Base
 from calib.effects.protocol import Effect
 from calib.instruments import Camera
@@ -90,7 +90,7 @@ def _chosen(diagnosis: Diagnosis) -> list[Candidate]:
     return [*(cause.named.candidate for cause in diagnosis.causes), *curves]
 
 
-def _near(entry: Entry, chosen: Sequence[Candidate]) -> list[Candidate]:
+def _near(entry: Entrant, chosen: Sequence[Candidate]) -> list[Candidate]:
     """Rivals by name whose gain comes close."""
     taken = {c.key for c in chosen}
     top = entry.rivals[0][1]

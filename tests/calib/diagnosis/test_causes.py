@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.diagnosis.causes import Evidence
+from calib.diagnosis.causes import NameEvidence
 from studies.research.benchmarks.conclusions.weights import chance, fitted
 
-PLAIN = Evidence("transmission_harmonic:j2", 1.0, 0.0, 1.0, company=False)
+PLAIN = NameEvidence("transmission_harmonic:j2", 1.0, 0.0, 1.0, company=False)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.detection_limit import detectable, entry_limit
-from calib.diagnosis.screen import Asked, field, score, scored
+from calib.diagnosis.screen import ScoreRequest, field, score, scored
 
 N, X = np.split(np.random.default_rng(0).normal(size=(300, 13)), [8], axis=1)
 
@@ -73,13 +73,13 @@ def test_many_at_once_are_scored_as_each_alone(sigma: float, rng: np.random.Gene
     whole = np.column_stack([X, N[:, :2]])
     view = field(N, whole, sigma * rng.normal(size=300) + X[:, 3])
     asked = [
-        Asked(np.array([3])),
-        Asked(np.array([5, 6]), limits=np.array([1.0, 2.0])),
-        Asked(np.array([0, 3]), limits=np.array([0.1, 3.0])),
-        Asked(np.array([2, 3, 4]), spread=np.eye(3)),
-        Asked(np.array([1])),
-        Asked(np.arange(5), limits=np.full(5, 9.0), eliminate=True),
-        Asked(np.array([0, 1, 2]), spread=0.1 * np.eye(3)),
+        ScoreRequest(np.array([3])),
+        ScoreRequest(np.array([5, 6]), limits=np.array([1.0, 2.0])),
+        ScoreRequest(np.array([0, 3]), limits=np.array([0.1, 3.0])),
+        ScoreRequest(np.array([2, 3, 4]), spread=np.eye(3)),
+        ScoreRequest(np.array([1])),
+        ScoreRequest(np.arange(5), limits=np.full(5, 9.0), eliminate=True),
+        ScoreRequest(np.array([0, 1, 2]), spread=0.1 * np.eye(3)),
     ]
     for one, found in zip(asked, scored(view, asked), strict=True):
         fresh = field(N, whole, view.r)

@@ -20,7 +20,7 @@ import click
 import numpy as np
 
 from calib.arrays import Array
-from calib.diagnosis.causes import Evidence
+from calib.diagnosis.causes import NameEvidence
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
 from studies.research.withheld.match import is_listed, is_true, name_of
@@ -34,7 +34,7 @@ _BINS = (0.0, 0.5, 0.8, 0.9, 1.0)
 WORDS = ("sure", "form", "curve", "again", "company", "pliable", "moment")
 
 Row = dict[str, Any]
-Named = tuple[Evidence, bool, float]
+Named = tuple[NameEvidence, bool, float]
 """What speaks for and against a name, whether it is right, and how much it counts."""
 
 
@@ -59,10 +59,10 @@ def sealed_names(folder: Path) -> Iterator[Named]:
             yield _evidence(effect, places), right, 1.0
 
 
-def _evidence(effect: Row, places: Sequence[tuple[str, str]]) -> Evidence:
+def _evidence(effect: Row, places: Sequence[tuple[str, str]]) -> NameEvidence:
     here = [by for where, by in places if where == effect["where"] and by != "pose"]
     form_p = effect["shape_p_value"]
-    return Evidence(
+    return NameEvidence(
         name_of(effect),
         1.0 if form_p is None else form_p,
         effect["curve_ratio"],
@@ -71,7 +71,7 @@ def _evidence(effect: Row, places: Sequence[tuple[str, str]]) -> Evidence:
     )
 
 
-def columns(found: Sequence[Evidence]) -> Array:
+def columns(found: Sequence[NameEvidence]) -> Array:
     """What speaks against each name, shape (n, 7), the first column one."""
     return np.array([(1.0, *own.against) for own in found])
 

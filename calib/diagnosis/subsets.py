@@ -9,14 +9,14 @@ catalogue leaves a curve beside any few names, or is the better bargain, and sta
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.diagnosis.quadratic import chance_above, ratio_above
-from calib.diagnosis.screen import VISIBLE, Field, Score, score
+from calib.diagnosis.quadratic import weighted_test
+from calib.diagnosis.screen import Field, Score, score
 
 _MOST = 3  # causes in one curve
 _LEFT = 0.05  # probability below which something of a curve is left
@@ -58,39 +58,12 @@ def instead_of(
         for found in sets:
             if (
                 found.gain >= least
-                and chance_of(found.beside, curve, spread) >= _LEFT
+                and weighted_test(found.beside, curve, spread, mean=True)[0] >= _LEFT
                 and _all_pay(field, found, named, pays)
             ):
                 return found.members
         followed = sets[:_FOLLOWED]
     return ()
-
-
-def chance_of(field: Field, curve: IntArray, spread: Array) -> float:
-    """Probability of as much of a curve as the residual shows where nothing of it is there.
-
-    By ``sum(w z^2)``, ``w = d / (d + mean(d))``, with d the eigenvalues of ``X C X^T`` and z the
-    residual along its vectors: a curve about as large as the noise with which the data determine it.
-    """
-    half = np.linalg.cholesky(spread + 1e-9 * np.eye(len(spread)))
-    S, Xr = field.products(curve)
-    d, vectors = np.linalg.eigh(half.T @ S @ half)
-    seen = d > VISIBLE**2 * float((field.lengths[curve] ** 2).max(initial=0.0))
-    if not seen.any() or field.dof <= np.count_nonzero(seen):
-        return 1.0
-    d, vectors = d[seen], vectors[:, seen]
-    squares = (vectors.T @ (half.T @ Xr)) ** 2 / d
-    w = d / (d + d.mean())
-    if field.noise_refuted:
-        return ratio_above(w, field.dof, float(w @ squares) * field.dof / field.cost)
-    return chance_above(w, float(w @ squares))
-
-
-def beside(field: Field, columns: IntArray) -> Field:
-    """The field with some of its own columns projected out as well."""
-    U = field.basis(columns)
-    X, r = field.X - U @ (U.T @ field.X), field.r - U @ (U.T @ field.r)
-    return replace(field, columns=X, r=r, modelled=None, dof=field.dof - U.shape[1])
 
 
 def _extended(
@@ -109,7 +82,7 @@ def _extended(
             if frozenset(members) not in known:
                 known.add(frozenset(members))
                 gain = names.gain + scores[i].gain
-                yield Names(members, gain, beside(names.beside, named[i]))
+                yield Names(members, gain, names.beside.without(named[i]))
 
 
 def _all_pay(
@@ -120,7 +93,7 @@ def _all_pay(
         rest = field
         for other in names.members:
             if other != member:
-                rest = beside(rest, named[other])
+                rest = rest.without(named[other])
         if not pays(score(rest, named[member])):
             return False
     return True

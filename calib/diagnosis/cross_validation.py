@@ -29,7 +29,7 @@ BY_TIME = ("time", "temperature")
 
 
 @dataclass(frozen=True, eq=False)
-class Ledger:
+class PredictionErrors:
     """Squared errors of what was left out, with and without some effects.
 
     with_it, without : float, in variances of the readings; rms_with, rms_without : float, m, 3-D
@@ -75,7 +75,7 @@ class CrossValidation:
 
     def ledger(
         self, effects: Sequence[Effect], by_time: bool, choices: Sequence[Choice] = ()
-    ) -> Ledger:
+    ) -> PredictionErrors:
         """What some of the effects do together.
 
         by_time : whether stretches of the session are left out, else configurations
@@ -88,7 +88,7 @@ class CrossValidation:
         if choices:
             left, again = self._anew(own, by_time, choices)
         costs = [_costs(self.fit, e) for e in (left, gone)]
-        return Ledger(
+        return PredictionErrors(
             with_it=float(costs[0].sum()),
             without=float(costs[1].sum()),
             margin=_standard_error(costs[1] - costs[0], self.stage.data.poses.configuration),
@@ -133,7 +133,7 @@ class CrossValidation:
         return self._by_time if by_time else self._by_configuration
 
     @cached_property
-    def _kept(self) -> Kept:
+    def _kept(self) -> FactorisedFit:
         fit = self.fit
         off, held = held_rows(fit.model, fit.amplitudes, fit.values, fit.pull)
         J = np.concatenate([stacked(fit.J), held])
@@ -141,7 +141,7 @@ class CrossValidation:
         A = J @ fit.span
         scale = np.linalg.norm(A, axis=0)
         Q, T = np.linalg.qr(A / np.where(scale > 0.0, scale, 1.0))
-        return Kept(Q, J, r, np.linalg.pinv(T))
+        return FactorisedFit(Q, J, r, np.linalg.pinv(T))
 
     @cached_property
     def _by_configuration(self) -> Folds:
@@ -159,7 +159,7 @@ class CrossValidation:
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
+class FactorisedFit:
     """A fit's rows, those of the prior last, and a basis of its columns.
 
     Q : ndarray, shape (N, k), orthonormal; J : ndarray, shape (N, p); r : ndarray, shape (N,)
@@ -180,7 +180,7 @@ class Without:
     r : ndarray, shape (N,), the residual then; shape : (m, R)
     """
 
-    kept: Kept
+    kept: FactorisedFit
     folds: Folds
     u: Array
     pull: float

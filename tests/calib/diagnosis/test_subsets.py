@@ -11,10 +11,10 @@ from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.diagnosis.candidates import candidates
-from calib.diagnosis.preference import instead_of
-from calib.diagnosis.rounds import ALPHA
 from calib.diagnosis.screen import Field, Score, field, score
 from calib.diagnosis.stage import Stage
+from calib.diagnosis.stepwise import ALPHA
+from calib.diagnosis.subsets import instead_of
 from calib.diagnosis.view import lineup
 from calib.identification.start import initial_values, whitening
 from calib.model.build import build

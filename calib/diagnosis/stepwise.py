@@ -11,11 +11,11 @@ import numpy as np
 
 from calib.arrays import IntArray
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.preference import instead_of
-from calib.diagnosis.profile import ground
-from calib.diagnosis.screen import NOTHING, Asked, Field, Score, score, scored
+from calib.diagnosis.profile import likelihood_problem
+from calib.diagnosis.screen import NOTHING, Field, Score, ScoreRequest, score, scored
 from calib.diagnosis.stage import Stage
-from calib.diagnosis.view import View
+from calib.diagnosis.subsets import instead_of
+from calib.diagnosis.view import FitView
 from calib.effects.protocol import ElasticEffect, LoadEffect
 
 ALPHA = 0.01
@@ -48,7 +48,7 @@ class Round:
 
     stage: Stage
     active: tuple[Candidate, ...]
-    view: View
+    view: FitView
     asked: int
     proved: dict[str, float]
     left: set[str] = field(default_factory=set)
@@ -182,7 +182,7 @@ def _pair(state: Round) -> list[Candidate]:
     pairs = [pair for pair in combinations(eligible, 2) if pair[0].where == pair[1].where]
     if not pairs:
         return []
-    here = ground(state.stage, state.view, eligible)
+    here = likelihood_problem(state.stage, state.view, eligible)
     pairs.sort(key=lambda pair: -here.approximate_together(pair).fall)
     scores = {pair: here.score_together(pair) for pair in pairs[:_PAIRS]}
     best = max(scores, key=lambda pair: scores[pair].gain)
@@ -221,7 +221,7 @@ def _kept(beside: Field, own: IntArray, other: IntArray) -> float:
     return float(left @ left) / max(float(z @ z), 1e-300)
 
 
-def _eligible(active: Sequence[Candidate], view: View) -> list[Candidate]:
+def _eligible(active: Sequence[Candidate], view: FitView) -> list[Candidate]:
     """Who may come in beside those that are: of curves a few, loads where something yields."""
     full = sum(not c.named for c in active) >= _MOST_CURVES
     stiff = not yields(active, view)
@@ -235,7 +235,7 @@ def _eligible(active: Sequence[Candidate], view: View) -> list[Candidate]:
     ]
 
 
-def yields(active: Sequence[Candidate], view: View) -> bool:
+def yields(active: Sequence[Candidate], view: FitView) -> bool:
     """Whether the user's model, or what is in, holds something elastic.
 
     A load moves nothing else, though to first order about an arm that yields its columns stay.
@@ -275,7 +275,7 @@ def _anew(
         for c in _leading(by, eligible, named)
     ]
     leading = list(dict.fromkeys(leading))
-    here = ground(state.stage, view, leading)
+    here = likelihood_problem(state.stage, view, leading)
     found = {c.key: NOTHING for c in eligible} | {c.key: here.approximate_score(c) for c in leading}
     if not any(state.pays(found[c.key], c) for c in leading):
         found |= {c.key: here.score(c) for c in leading}
@@ -289,14 +289,14 @@ def _defence(state: Round, member: Candidate, linear: Score) -> Score:
     """
     if state.view.fit.mixing is None or linear.gain > _BEYOND_DOUBT:
         return linear
-    here = ground(state.stage, state.view, [member], apart(member, state.active))
+    here = likelihood_problem(state.stage, state.view, [member], apart(member, state.active))
     approximate = here.approximate_score(member)
     return approximate if state.stays(approximate) else here.score(member)
 
 
-def linear_scores(beside: Field, view: View, suspects: Sequence[Candidate]) -> dict[str, Score]:
+def linear_scores(beside: Field, view: FitView, suspects: Sequence[Candidate]) -> dict[str, Score]:
     """Score of each suspect, those with a tuning counted, at the variances of the fit."""
-    asked = [Asked(view.where[c.key], c.spread, c.limits, c.eliminate) for c in suspects]
+    asked = [ScoreRequest(view.where[c.key], c.spread, c.limits, c.eliminate) for c in suspects]
     found = scored(beside, asked)
     return {c.key: own.counted(c.choices) for c, own in zip(suspects, found, strict=True)}
 

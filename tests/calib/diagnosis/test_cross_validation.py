@@ -9,7 +9,7 @@ import pytest
 
 from calib.cell import Cell
 from calib.diagnosis.candidates import Candidate, candidates
-from calib.diagnosis.earned import Choice, CrossValidation, _folds
+from calib.diagnosis.cross_validation import Choice, CrossValidation, _folds
 from calib.diagnosis.stage import Stage
 from calib.identification.start import initial_values, whitening
 from calib.instruments import KnownDistance, Socket

@@ -57,11 +57,10 @@ def test_the_schema_holds_for_what_is_written(kind: str) -> None:
     schema = json.loads(done.output)
     assert schema == json_schema(kind)
     jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
     for record in EXAMPLES[kind]:
-        jsonschema.validate(json.loads(record.dumps()), schema)
-        spoilt = {**json.loads(record.dumps()), "inputs": 3}
-        with pytest.raises(jsonschema.ValidationError):
-            jsonschema.validate(spoilt, schema)
+        validator.validate(json.loads(record.dumps()))
+    assert not validator.is_valid({**json.loads(EXAMPLES[kind][0].dumps()), "inputs": 3})
 
 
 FAULTS = {
@@ -114,13 +113,14 @@ HERE = "<the place>"
 VALUES = (None, "x", -1, 0, 1e29, True, [], {})
 
 
+@pytest.mark.parametrize("one_in", [8, pytest.param(1, marks=pytest.mark.long)])
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_damaged_file_is_refused_or_told(kind: str, tmp_path: Path) -> None:
+def test_a_damaged_file_is_refused_or_told(kind: str, one_in: int, tmp_path: Path) -> None:
     """No value anywhere in a file makes our own code fail: what a record holds can be told."""
     path, read_well = tmp_path / "result.json", 0
-    for place in _places(old_fields(kind)):
+    for number, place in enumerate(_places(old_fields(kind))):
         around = json.dumps(_with(old_fields(kind), place, HERE)).split(json.dumps(HERE))
-        for value in VALUES:
+        for value in VALUES[number % one_in :: one_in]:
             path.write_text(json.dumps(value).join(around))
             record = _read_or_refused(path)
             if record is None:
@@ -129,7 +129,7 @@ def test_a_damaged_file_is_refused_or_told(kind: str, tmp_path: Path) -> None:
             assert list(terminal(tell(record))) or kind in SILENT
             if value in (0, 1e29) and _drawn(place):
                 assert list(pictures_of(tell(record))) or kind in WORDS_ALONE
-    assert read_well > len(old_fields(kind))
+    assert read_well > len(old_fields(kind)) / one_in
 
 
 WORDS_ALONE = {

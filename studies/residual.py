@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
@@ -77,24 +76,20 @@ class Off(Entry):
         return self.x_mm is not None or self.d_mm is not None
 
 
-@dataclass(frozen=True)
-class Missed:
-    """What a reading is off by, in the units of the JSON.
+def residual_fields(
+    model: Model,
+    data: Measurements,
+    before: Array,
+    after: Array,
+    heldout: bool,
+    name: str,
+    *,
+    first_unit_only: bool = False,
+) -> Iterator[dict[str, Any]]:
+    """Each reading of a table as the fields of :class:`Off`, in the units of the JSON.
 
-    entry : fields that every residual has; row : where it stands in the readings of the table
-    after : ``x_mm`` .. -> number; before : unit -> numbers, the unit of the first number first
-    """
-
-    entry: dict[str, Any]
-    row: tuple[int, int]
-    after: dict[str, Any]
-    before: dict[str, tuple[float, ...]]
-
-
-def missed(
-    model: Model, data: Measurements, before: Array, after: Array, heldout: bool
-) -> Iterator[Missed]:
-    """Each reading of a table, by two models that leave before and after, shape (m, C, r), SI.
+    before, after : ndarray, shape (m, C, r), SI, what two models leave
+    name : of what is left before, ``<name>_mm``; first_unit_only : of a body's pose, no turns
 
     Of a point in the instrument's frame, of the origin of a body in its own.
     """
@@ -107,18 +102,21 @@ def missed(
             instrument.shown(measured, off[:, part, : instrument.rows]) / scales
             for off in (before, after)
         )
-        keys = [f"{n.name}_{n.unit}" for n in instrument.numbers]
-        units = [n.unit for n in instrument.numbers]
-        own = {unit: [k for k, other in enumerate(units) if other == unit] for unit in units}
+        by_unit: dict[str, list[int]] = {}
+        for k, number in enumerate(instrument.numbers):
+            by_unit.setdefault(number.unit, []).append(k)
+        units = list(by_unit)[: 1 if first_unit_only else None]
         for i, c in np.argwhere(data.seen[:, part]).tolist():
-            yield Missed(
-                {
-                    "pose": poses.names[i],
-                    "marker": model.channel_names[part][c],
-                    "instrument": instrument.name_at(sites[i]),
-                    "heldout": heldout,
-                },
-                (i, part.start + c),
-                dict(zip(keys, new[i, c].tolist(), strict=True)),
-                {unit: tuple(old[i, c, at].tolist()) for unit, at in own.items()},
-            )
+            fields: dict[str, Any] = {
+                "pose": poses.names[i],
+                "marker": model.channel_names[part][c],
+                "instrument": instrument.name_at(sites[i]),
+                "heldout": heldout,
+            }
+            for unit in units:
+                fields[f"{name}_{unit}"] = tuple(old[i, c, by_unit[unit]].tolist())
+                for k in by_unit[unit]:
+                    fields[f"{instrument.numbers[k].name}_{unit}"] = float(new[i, c, k])
+            if "px" in units:
+                fields["at_px"] = tuple(measured[i, c, :2].tolist())
+            yield fields

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from studies.design.pictures import pictures
-from studies.design.record import CurveStep, DesignPose, DesignRecord, PredictedStd
+from studies.design.record import CurveStep, DesignPose, DesignRecord, PredictedStd, RivalPlan
 from studies.document import (
     FOUR,
     HUNDREDTH,
@@ -84,7 +83,7 @@ def _parts(record: DesignRecord) -> Iterator[Part]:
     yield Table(_poses(record), record.poses, "Poses, in the order of measuring", of_poses=True)
     yield from _determined(record)
     if record.against:
-        yield Table(_plans(record), list(_judged(record)), "Plans judged by the same bound")
+        yield _plans(record)
     if record.curve:
         yield Table(_steps(record), record.curve, "Fewer and more poses")
         yield from _reading(record)
@@ -186,20 +185,6 @@ def _determined(record: DesignRecord) -> Iterator[Part]:
         yield Detail((Table(_DETERMINED, placing),), "What it will determine of base and tool")
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """A plan by the same bound."""
-
-    name: str
-    poses: int
-    value: float | None
-    efficiency: float | None
-    task_rms: float | None
-    trace: float | None
-    determinant: float | None
-
-
-_TASK_RMS: Column[_Plan] = Column("task RMS", lambda row: row.task_rms, MM, "mm")
 _INDICES = {
     "O1": "their mean",
     "O2": "smallest by largest",
@@ -216,25 +201,24 @@ _OBSERVABILITY: tuple[Column[tuple[str, float]], ...] = (
 )
 
 
-def _plans(record: DesignRecord) -> tuple[Column[_Plan], ...]:
-    return (
-        Column("plan", lambda row: row.name),
-        Column("poses", lambda row: row.poses, FOUR),
-        Column(record.criterion, lambda row: row.value, FOUR),
-        Column("efficiency\n(bound)", lambda row: row.efficiency, FOUR),
-        *(() if record.criterion == "task" else (_TASK_RMS,)),
-        Column("trace of\ncovariance", lambda row: row.trace, FOUR),
-        Column("det(M)\n^(1/p)", lambda row: row.determinant, FOUR),
-    )
-
-
-def _judged(record: DesignRecord) -> Iterator[_Plan]:
-    own = (record.value, record.efficiency)
-    rest = (record.task_rms_mm, record.trace, record.determinant)
-    yield _Plan("this plan", record.proved, *own, *rest)
-    for name, plan in record.against.items():
-        rest = (plan.task_rms_mm, plan.trace, plan.determinant)
-        yield _Plan(name, plan.poses, plan.value, plan.efficiency, *rest)
+def _plans(record: DesignRecord) -> Table[tuple[str, int, DesignRecord | RivalPlan]]:
+    """The plan and those beside it, by the same bound: name, poses, what it is worth."""
+    plans: list[tuple[str, int, DesignRecord | RivalPlan]] = [
+        ("this plan", record.proved, record),
+        *((name, plan.poses, plan) for name, plan in record.against.items()),
+    ]
+    columns: list[Column[tuple[str, int, DesignRecord | RivalPlan]]] = [
+        Column("plan", lambda row: row[0]),
+        Column("poses", lambda row: row[1], FOUR),
+        Column(record.criterion, lambda row: row[2].value, FOUR),
+        Column("efficiency\n(bound)", lambda row: row[2].efficiency, FOUR),
+        Column("task RMS", lambda row: row[2].task_rms_mm, MM, "mm"),
+        Column("trace of\ncovariance", lambda row: row[2].trace, FOUR),
+        Column("det(M)\n^(1/p)", lambda row: row[2].determinant, FOUR),
+    ]
+    if record.criterion == "task":
+        del columns[4]  # which is the criterion's
+    return Table(columns, plans, "Plans judged by the same bound")
 
 
 _STEP_RMS: Column[CurveStep] = Column("task RMS", lambda row: row.task_rms_mm, MM, "mm")

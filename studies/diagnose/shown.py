@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from calib.threads import one_blas_thread
 from studies.diagnose.record import CurvePanel, DiagnoseResidual, ErrorCurveEntry, Steps
-from studies.residual import missed
+from studies.residual import residual_fields
 
 if TYPE_CHECKING:
     from calib.arm.robot import Robot
@@ -79,11 +79,12 @@ def _steps(found: Diagnosis, added: list[Candidate]) -> Steps:
 def _residuals(found: Diagnosis, data: Measurements, heldout: bool) -> Iterator[DiagnoseResidual]:
     """Measured minus predicted at each point, before and after the found effects; no turns."""
     before, after = (fit.model.off(fit.values, data) for fit in (found.before, found.after))
-    for own in missed(found.before.model, data, before, after, heldout):
-        unit, off = next(iter(own.before.items()))
-        numbers: dict[str, Any] = {k: x for k, x in own.after.items() if k.endswith(f"_{unit}")}
-        numbers[f"before_{unit}"] = off
-        yield DiagnoseResidual(**own.entry, **numbers)
+    every = residual_fields(
+        found.before.model, data, before, after, heldout, "before", first_unit_only=True
+    )
+    for fields in every:
+        fields.pop("at_px", None)
+        yield DiagnoseResidual(**fields)
 
 
 def label(candidate: Candidate) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import TypeAlias
 
 from studies.causes import Sought, not_asked
 from studies.diagnose.conclusion import headline, rest_words, standing_words, to_do
@@ -76,7 +77,7 @@ def _parts(record: DiagnoseRecord) -> Iterator[Part]:
     yield from labelled("remains", rest_words(record))
     yield from labelled("unseen", _could_hide(record))
     yield from labelled("noise", noise_words(record.noise))
-    yield Table(_of_gap(record.gap.unit), list(_gap(record.gap)), "The error before and after")
+    yield _errors(record.gap)
     for effect in record.effects:
         yield from _effect(effect)
     if record.steps is not None:
@@ -105,39 +106,27 @@ def _could_hide(record: DiagnoseRecord) -> Iterator[str]:
         yield f"{worst.key} below {size} would go unnoticed: {left}"
 
 
-@dataclass(frozen=True)
-class _Error:
-    """RMS errors of some poses; and what is said of the share that is gone."""
-
-    label: str
-    before: float
-    after: float | None
-    floor: float
-    closed: str = ""
+_Errors: TypeAlias = tuple[str, float, float | None, str]
+"""Of which poses; RMS before and after; what is said of the share that is gone."""
 
 
-def _of_gap(unit: str) -> tuple[Column[_Error], ...]:
-    return (
-        Column("RMS", lambda row: row.label),
-        Column("before", lambda row: row.before, MM, unit),
-        Column("after", lambda row: row.after, MM, unit),
-        Column("noise alone", lambda row: row.floor, MM, unit),
-        Column("removed\n(95 % interval)", lambda row: row.closed),
+def _errors(gap: GapEntry) -> Table[_Errors]:
+    rows: list[_Errors] = [("fitted poses", gap.fit_before_mm, gap.fit_after_mm, "")]
+    for label, before, after, closed in (
+        ("held out", gap.heldout_before_mm, gap.heldout_after_mm, _closed(gap)),
+        ("cross-validated", gap.crossvalidated_before_mm, gap.crossvalidated_after_mm, ""),
+        ("cross-validated in time", gap.over_time_before_mm, gap.over_time_after_mm, ""),
+    ):
+        if before is not None:
+            rows.append((label, before, after, closed))
+    columns: tuple[Column[_Errors], ...] = (
+        Column("RMS", lambda row: row[0]),
+        Column("before", lambda row: row[1], MM, gap.unit),
+        Column("after", lambda row: row[2], MM, gap.unit),
+        Column("noise alone", lambda _: gap.floor_mm, MM, gap.unit),
+        Column("removed\n(95 % interval)", lambda row: row[3]),
     )
-
-
-def _gap(gap: GapEntry) -> Iterator[_Error]:
-    floor = gap.floor_mm
-    yield _Error("fitted poses", gap.fit_before_mm, gap.fit_after_mm, floor)
-    if gap.heldout_before_mm is not None:
-        before, after = gap.heldout_before_mm, gap.heldout_after_mm
-        yield _Error("held out", before, after, floor, _closed(gap))
-    if gap.crossvalidated_before_mm is not None:
-        before, after = gap.crossvalidated_before_mm, gap.crossvalidated_after_mm
-        yield _Error("cross-validated", before, after, floor)
-    if gap.over_time_before_mm is not None:
-        before, after = gap.over_time_before_mm, gap.over_time_after_mm
-        yield _Error("cross-validated in time", before, after, floor)
+    return Table(columns, rows, "The error before and after")
 
 
 def _closed(gap: GapEntry) -> str:
@@ -175,30 +164,23 @@ def _effect(effect: FoundCause) -> Iterator[Part]:
         yield Sentence(effect.far_out[:1].upper() + effect.far_out[1:], "warn")
 
 
-@dataclass(frozen=True)
-class _Located:
-    """A place with the cause that is named for it."""
-
-    place: LocatedPlace
-    cause: str
-
-
-_LOCATED: tuple[Column[_Located], ...] = (
-    Column("where", lambda row: row.place.where),
-    Column("depends on", lambda row: row.place.depends_on),
-    Column("share of the\nunmodelled error", lambda row: row.place.share_of_gap, SHARE),
-    Column("cause", lambda row: row.cause),
+_LOCATED: tuple[Column[tuple[LocatedPlace, str]], ...] = (
+    Column("where", lambda row: row[0].where),
+    Column("depends on", lambda row: row[0].depends_on),
+    Column("share of the\nunmodelled error", lambda row: row[0].share_of_gap, SHARE),
+    Column("cause", lambda row: row[1]),
 )
 
 
-def _located(record: DiagnoseRecord) -> Iterator[_Located]:
+def _located(record: DiagnoseRecord) -> Iterator[tuple[LocatedPlace, str]]:
+    """Places, each with the cause that is named for it."""
     left = list(record.effects)
     for place in record.located:
         key = place.where, place.share_of_gap
         own = next((e for e in left if (e.where, e.share_of_gap) == key), None)
         if own is not None:
             left.remove(own)
-        yield _Located(place, "unknown" if own is None else own.effect)
+        yield place, "unknown" if own is None else own.effect
 
 
 _REFUSED: tuple[Column[tuple[str, str]], ...] = (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from studies.document import (
     MM,
@@ -219,52 +218,35 @@ def _pays(record: EnoughRecord) -> Iterator[Sentence]:
     yield Sentence(said, label="worth it")
 
 
-@dataclass(frozen=True)
-class _Coming:
-    """A pose to come; gain : share by which it lowers the error; meets : it meets the goal."""
-
-    step: ExpectedStep
-    gain: float | None
-    meets: bool
-
-
-_ORDER: tuple[Column[_Coming], ...] = (
-    Column("measure next", lambda row: f"{row.step.pose}{' goal' * row.meets}"),
-    Column("expected\nRMS", lambda row: row.step.task_rms_mm, MM, "mm"),
-    Column("worst", lambda row: row.step.task_worst_mm, MM, "mm"),
-    Column("19 in 20\nbelow", lambda row: row.step.task_most_mm, MM, "mm"),
-    Column("less by", lambda row: row.gain, PERCENT, "%"),
-    Column("not\nidentifiable", lambda row: row.step.unidentifiable, NAMES),
+_ORDER: tuple[Column[tuple[ExpectedStep, float | None, bool]], ...] = (
+    Column("measure next", lambda row: f"{row[0].pose}{' goal' * row[2]}"),
+    Column("expected\nRMS", lambda row: row[0].task_rms_mm, MM, "mm"),
+    Column("worst", lambda row: row[0].task_worst_mm, MM, "mm"),
+    Column("19 in 20\nbelow", lambda row: row[0].task_most_mm, MM, "mm"),
+    Column("less by", lambda row: row[1], PERCENT, "%"),
+    Column("not\nidentifiable", lambda row: row[0].unidentifiable, NAMES),
 )
 
 
-def _coming(record: EnoughRecord) -> list[_Coming]:
+def _coming(record: EnoughRecord) -> list[tuple[ExpectedStep, float | None, bool]]:
+    """Poses to come, the share by which each lowers the error, and whether it meets the goal."""
     both = zip(record.order, record.gains, strict=True)
-    return [_Coming(s, gain, k == record.poses_to_goal) for k, (s, gain) in enumerate(both, 1)]
+    return [(step, gain, k == record.poses_to_goal) for k, (step, gain) in enumerate(both, 1)]
 
 
-@dataclass(frozen=True)
-class _Known:
-    """A parameter now and at the end of the plan."""
-
-    now: KnownParameter
-    end: KnownParameter
-
-
-_WORST: tuple[Column[_Known], ...] = (
-    Column("least certain", lambda row: row.now.id, TEXT),
-    Column("standard\ndeviation", lambda row: row.now.std, STD),
-    Column("at the\nplan's end", lambda row: row.end.std, STD),
-    Column("unit", lambda row: row.now.unit, TEXT),
-)
-
-
-def _weakest(record: EnoughRecord) -> Table[_Known]:
+def _weakest(record: EnoughRecord) -> Table[tuple[KnownParameter, KnownParameter]]:
     """Robot parameters with the largest standard deviation against the size of such errors."""
-    both = map(_Known, record.now.parameters, record.end.parameters)
-    robot = [known for known in both if known.now.effect not in ("base", "tool")]
-    robot.sort(key=lambda known: -1e30 if known.now.share is None else -known.now.share)
-    columns = _WORST if record.order else (*_WORST[:2], _WORST[3])
+    both = zip(record.now.parameters, record.end.parameters, strict=True)
+    robot = [known for known in both if known[0].effect not in ("base", "tool")]
+    robot.sort(key=lambda known: -1e30 if known[0].share is None else -known[0].share)
+    columns: list[Column[tuple[KnownParameter, KnownParameter]]] = [
+        Column("least certain", lambda row: row[0].id, TEXT),
+        Column("standard\ndeviation", lambda row: row[0].std, STD),
+        Column("at the\nplan's end", lambda row: row[1].std, STD),
+        Column("unit", lambda row: row[0].unit, TEXT),
+    ]
+    if not record.order:
+        del columns[2]
     return Table(columns, robot[:_WEAKEST], "The least certain parameters")
 
 

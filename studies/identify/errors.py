@@ -19,7 +19,7 @@ from studies.identify.pictures import (
     residuals_by_pose,
 )
 from studies.record import Count, Entry, Maybe, NotNegative, Three
-from studies.residual import Angles, Lengths, Off, Pixels, missed
+from studies.residual import Angles, Lengths, Off, Pixels, residual_fields
 
 if TYPE_CHECKING:
     from calib import Identification
@@ -158,11 +158,9 @@ def pair_entries(found: Identification) -> Iterator[tuple[Model, Pairs]]:
 def residual_entries(found: Identification, part: Residuals) -> Iterator[IdentifyResidual]:
     """The entries of the readings fitted or held out."""
     nominal = found.model.off(found.nominal, part.data)
-    for own in missed(found.model, part.data, nominal, part.vectors, part is found.heldout):
-        numbers: dict[str, Any] = {f"nominal_{unit}": off for unit, off in own.before.items()}
-        if "px" in own.before:
-            numbers["at_px"] = tuple(part.data.readings[own.row][:2].tolist())
-        yield IdentifyResidual(**own.entry, **own.after, **numbers)
+    heldout = part is found.heldout
+    every = residual_fields(found.model, part.data, nominal, part.vectors, heldout, "nominal")
+    yield from (IdentifyResidual(**fields) for fields in every)
 
 
 _MODELS: dict[Model, str] = {

@@ -16,6 +16,7 @@ from studies.noise import lacks
 from studies.targets import over_the_workspace
 
 _WRONG_TABLE_MM = 20.0  # no arm is so wrong, and none so well placed by guesses
+_OF_TYPE = "Is it as others of its type?"
 _WRONG_TABLE = (
     "The readings do not fit this robot. Check units, signs and order of the joints, and the order of "
     "the rows."
@@ -24,6 +25,7 @@ _WRONG_TABLE = (
 
 def told(record: IdentifyRecord) -> Document:
     """Errors before and after, what moved meanwhile, the parameters, and the accuracy elsewhere."""
+    kin = record.of_type
     workspace = Figure(lambda: over_the_workspace(record.at_targets))
     return Document(
         tuple(_headline(record)),
@@ -31,7 +33,7 @@ def told(record: IdentifyRecord) -> Document:
             Section("errors", "Errors before and after", tuple(told_errors(record))),
             *drift_section(record),
             Section("parameters", "What was identified", tuple(told_parameters(record))),
-            *_of_type(record),
+            *([] if kin is None else [Section("type", _OF_TYPE, tuple(told_of_type(kin)))]),
             Section("workspace", "Accuracy to expect elsewhere", (workspace,)),
             *budget_section(record.budget, record.targets, record.noise.missing),
         ),
@@ -69,7 +71,8 @@ def _next(record: IdentifyRecord) -> Sentence:
         status = record.status.replace("_", " ").capitalize()
         return Sentence(f"{status}: {record.advice}.", "warn")
     if lacking:
-        return Sentence(f"{_capital(lacks(lacking))}.", "warn")
+        said = lacks(lacking)
+        return Sentence(f"{said[0].upper()}{said[1:]}.", "warn")
     if after >= before and not record.noise.lacks:
         return Sentence("The nominal model is as good: there is nothing to correct.")
     if after >= before:
@@ -81,21 +84,8 @@ def _next(record: IdentifyRecord) -> Sentence:
             f"{mm(noise.believed_sigma_mm)}. Run `posecal diagnose`.",
             "warn",
         )
-    return Sentence(f"{_capital(_at_targets(record))}.")
-
-
-def _at_targets(record: IdentifyRecord) -> str:
-    """The accuracy at the targets, as far as the parameters decide it."""
     rms, worst = mm(record.task_rms_mm), mm(record.task_worst_mm)
-    only = ", if the model lacks nothing" if record.noise.missing else ""
-    return f"the parameters' uncertainty leaves {rms} RMS at the targets, {worst} at worst{only}"
-
-
-def _capital(text: str) -> str:
-    return f"{text[0].upper()}{text[1:]}"
-
-
-def _of_type(record: IdentifyRecord) -> Iterator[Section]:
-    """How the robot stands to its type; nothing where the cell names none."""
-    if record.of_type is not None:
-        yield Section("type", "Is it as others of its type?", tuple(told_of_type(record.of_type)))
+    only = ", if the model lacks nothing" if noise.missing else ""
+    return Sentence(
+        f"The parameters' uncertainty leaves {rms} RMS at the targets, {worst} at worst{only}."
+    )

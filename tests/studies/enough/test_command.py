@@ -50,11 +50,11 @@ def asked(folder: Path, *more: object) -> tuple[dict[str, Any], str]:
 
 
 @pytest.mark.long
-def test_it_names_the_poses_that_the_goal_needs(folder: Path) -> None:
+def test_it_names_the_poses_that_the_goal_needs_or_how_many_more(folder: Path) -> None:
     plan = ("--plan", folder / "plan.csv")
-    fields, _ = asked(folder, *plan)
-    assert fields["plan"] == {"poses": 15, "measured": 6, "to_measure": 9}
-    goal = fields["order"][2]["task_most_mm"] * 1.0001
+    now, _ = asked(folder, *plan)
+    assert now["plan"] == {"poses": 15, "measured": 6, "to_measure": 9}
+    goal = now["order"][2]["task_most_mm"] * 1.0001
     fields, said = asked(folder, *plan, "--goal-mm", goal)
     names = ", ".join(step["pose"] for step in fields["order"][:3])
     assert fields["poses_to_goal"] == 3
@@ -65,14 +65,7 @@ def test_it_names_the_poses_that_the_goal_needs(folder: Path) -> None:
     assert all(p["std"] > 0.0 for p in fields["end"]["parameters"])
     _, said = asked(folder, *plan, "--goal-mm", 5)
     assert "You may stop." in said
-
-
-@pytest.mark.long
-def test_it_says_how_many_more_than_the_plan(folder: Path) -> None:
-    plan = ("--plan", folder / "plan.csv")
-    fields, _ = asked(folder, *plan)
-    goal = 0.97 * fields["end"]["task_most_mm"]
-    fields, said = asked(folder, *plan, "--goal-mm", goal)
+    fields, said = asked(folder, *plan, "--goal-mm", 0.97 * now["end"]["task_most_mm"])
     assert fields["poses_to_goal"] is None
     assert f"--poses {fields['fresh_poses_to_goal']}" in said
 
@@ -91,7 +84,3 @@ def test_faults_are_one_line(folder: Path) -> None:
     over = run("enough", folder / "cell.toml", folder / "half.csv", "--json", folder / "half.csv")
     assert over.exit_code == 2
     assert "already an input" in over.stderr
-
-
-def test_help_has_an_example() -> None:
-    assert "posecal enough cell.toml" in run("enough", "--help").output

@@ -85,9 +85,9 @@ def test_a_still_day(folder: Path) -> None:
     assert "base_drift" not in said
 
 
-@pytest.mark.parametrize("holdout", [(), ("--holdout", "0.3")])
-def test_a_drifting_day(folder: Path, holdout: tuple[str, ...]) -> None:
-    drift, said = identified(folder, measured(folder, RATES), *holdout)
+def test_a_drifting_day(folder: Path) -> None:
+    """Poses that are held out tell of it as those that are fitted."""
+    drift, said = identified(folder, measured(folder, RATES), "--holdout", "0.3")
     assert drift["verdict"] == "drift"
     first = drift["references"][0]
     assert (first["pose"], first["last"], first["largest"]) == ("ref1_free", *2 * ("ref4_free",))

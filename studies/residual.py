@@ -29,7 +29,7 @@ _PLACES = (
 """What an error may be told in."""
 
 
-class Off(Entry):
+class ResidualEntry(Entry):
     """Measured minus predicted reading: of a point, along one length, in an image, or of two angles."""
 
     pose: str
@@ -86,7 +86,7 @@ def residual_fields(
     *,
     first_unit_only: bool = False,
 ) -> Iterator[dict[str, Any]]:
-    """Each reading of a table as the fields of :class:`Off`, in the units of the JSON.
+    """Each reading of a table as the fields of :class:`ResidualEntry`, in the units of the JSON.
 
     before, after : ndarray, shape (m, C, r), SI, what two models leave
     name : of what is left before, ``<name>_mm``; first_unit_only : of a body's pose, no turns

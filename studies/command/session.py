@@ -61,7 +61,7 @@ def _shared_points(data: Measurements, held: Measurements) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class Session:
+class MeasuredTable:
     """A table of a cell, read.
 
     whole : every pose of it; held : those that are fitted, and those that are held out
@@ -86,10 +86,10 @@ class Session:
         return [self.cell.path, *self.cell.robot_files, self.data_path]
 
 
-def read_session(cell: Cell, data_path: Path, holdout: str | None, seed: int) -> Session:
+def read_session(cell: Cell, data_path: Path, holdout: str | None, seed: int) -> MeasuredTable:
     """Read a table and hold poses out. Raises InputError."""
     import calib
 
     whole = calib.load_measurements(cell, data_path)
     held = held_out(cell, whole, holdout, seed, data_path)
-    return Session(cell, data_path, whole, held, holdout, seed)
+    return MeasuredTable(cell, data_path, whole, held, holdout, seed)

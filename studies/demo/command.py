@@ -28,8 +28,8 @@ def demo(folder: Path, json_path: str | None, seed: int) -> None:
       posecal demo my-first-calibration
     """
     from calib.files.write import make_folder
-    from studies.demo.way import Way
+    from studies.demo.way import Demonstration
 
     make_folder(folder)
     say = functools.partial(click.echo, err=json_path == "-")
-    deliver(Way(folder, seed, say).go(), json_path)
+    deliver(Demonstration(folder, seed, say).go(), json_path)

@@ -74,7 +74,7 @@ def simulated(cell: Cell, plan: Poses, seed: int) -> tuple[Measurements, Model, 
 
 
 @dataclass(frozen=True, eq=False)
-class Session:
+class DemoDay:
     """A simulated day of measurement, and the truth behind it.
 
     plan, check : Measurements, of the plan, and of poses that take no part in the fit
@@ -88,7 +88,7 @@ class Session:
     withheld: str
 
 
-def session(cell: Cell, plan: Poses, seed: int) -> Session:
+def session(cell: Cell, plan: Poses, seed: int) -> DemoDay:
     """A day with a robot that has an effect which the cell's model lacks; which one, the seed says.
 
     Plan and eight poses more, each free, then loaded; a reading takes a minute and a half, while the
@@ -109,7 +109,7 @@ def session(cell: Cell, plan: Poses, seed: int) -> Session:
     values[len(values) - len(sizes) :] = sizes
     data = drawn_readings(model, values, poses, cell.noise, rng)
     of_plan = np.arange(len(data)) < len(readings(cell, plan))
-    return Session(data.take(of_plan), data.take(~of_plan), model, values, effect)
+    return DemoDay(data.take(of_plan), data.take(~of_plan), model, values, effect)
 
 
 def _one_day(cell: Cell, *plans: Poses) -> Poses:

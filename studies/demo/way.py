@@ -38,7 +38,7 @@ _CELL, _PLAN, _DATA, _CHECK = "cell.toml", "plan.csv", "measurements.csv", "chec
 
 
 @dataclass
-class Way:
+class Demonstration:
     """A demonstration in a folder: what was written, and what each step said."""
 
     folder: Path
@@ -106,7 +106,7 @@ class Way:
                                  "name another folder for the demo")  # fmt: skip
 
 
-def plan(way: Way) -> str:
+def plan(way: Demonstration) -> str:
     """Choose fifteen poses and prove how good they are."""
     way.run(
         design, "design", "--candidates", "5000", "--against", "table2.csv",
@@ -120,7 +120,7 @@ def plan(way: Way) -> str:
     )
 
 
-def measure(way: Way) -> str:
+def measure(way: Demonstration) -> str:
     """Simulate a day of measurement, of the plan and of poses that check the result."""
     cell = load_cell(way.folder / _CELL)
     day = session(cell, load_plan(cell, way.folder / _PLAN), way.seed)
@@ -143,7 +143,7 @@ def measure(way: Way) -> str:
     )
 
 
-def fit(way: Way) -> str:
+def fit(way: Demonstration) -> str:
     """Identify the cell's model."""
     way.run(
         identify, "identify", "--holdout", _CHECK, "--seed", str(way.seed), _CELL, _DATA,
@@ -159,7 +159,7 @@ def fit(way: Way) -> str:
     )
 
 
-def simulate_both(way: Way) -> str:
+def simulate_both(way: Demonstration) -> str:
     """Both approaches at the plan and at the paper's, predicted and simulated."""
     way.run(
         compare, "compare", "--monte-carlo", "100", "--workers", "2", "--seed", str(way.seed),
@@ -179,7 +179,7 @@ def simulate_both(way: Way) -> str:
     )
 
 
-def ask_why(way: Way) -> str:
+def ask_why(way: Demonstration) -> str:
     """Find the error that the model lacks."""
     way.run(diagnose, "foresight", "--plan-only", _CELL, _PLAN)
     way.run(
@@ -194,7 +194,7 @@ def ask_why(way: Way) -> str:
     )
 
 
-def tell(way: Way) -> str:
+def tell(way: Demonstration) -> str:
     """The page for a colleague."""
     results = [
         f"{name}.json" for name in ("identify", "diagnose", "design", "foresight", "compare")
@@ -206,7 +206,7 @@ def tell(way: Way) -> str:
     return f"{way.folder / 'report.html'}: open it in a browser"
 
 
-STEPS: tuple[tuple[str, Callable[[Way], str]], ...] = (
+STEPS: tuple[tuple[str, Callable[[Demonstration], str]], ...] = (
     ("design: which fifteen poses to measure, three at each of five angles of A2", plan),
     ("measure: simulated, free and with 250 kg on the tool", measure),
     ("identify: base, tool, geometry and compliances", fit),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from studies.command.options import faults_in
-from studies.command.session import Session
+from studies.command.session import MeasuredTable
 from studies.diagnose import NEXT
 
 if TYPE_CHECKING:
@@ -42,14 +42,14 @@ SECONDS = 10e-3
 """What each of them takes, s, as measured (``studies.research.benchmarks.readings``)."""
 
 
-def inputs_of(session: Session) -> list[Path]:
+def inputs_of(session: MeasuredTable) -> list[Path]:
     """What the record is made from, the cell first."""
     prior = session.cell.prior_file
     return [*session.read, *session.held.files, *([prior] if prior else [])]
 
 
 def diagnosed(
-    session: Session, next_count: int = NEXT, *, figures: bool = True
+    session: MeasuredTable, next_count: int = NEXT, *, figures: bool = True
 ) -> tuple[Diagnosis, DiagnoseRecord]:
     """Diagnose a session.
 

@@ -20,7 +20,7 @@ from studies.record import (
     Positive,
     Record,
 )
-from studies.residual import Angles, Lengths, Off, Pixels
+from studies.residual import Angles, Lengths, Pixels, ResidualEntry
 
 _LOUD = 4.0  # times the stated noise that no instrument exceeds by itself
 Row = tuple[Maybe, ...]
@@ -284,7 +284,7 @@ class ErrorCurveEntry(Entry):
         return self
 
 
-class DiagnoseResidual(Off):
+class DiagnoseResidual(ResidualEntry):
     """Measured minus predicted reading, with what was found and before."""
 
     before_mm: Lengths | None = None

@@ -18,7 +18,7 @@ from calib.threads import one_blas_thread
 from studies.fleet.find import Job
 
 if TYPE_CHECKING:
-    from studies.command.session import Session
+    from studies.command.session import MeasuredTable
     from studies.diagnose.record import DiagnoseRecord
     from studies.identify.record import IdentifyRecord
     from studies.record import Record
@@ -147,7 +147,7 @@ def _do(job: Job, asked: Asked, done: Done) -> None:
         _note(record, done)
 
 
-def _day_of(session: Session) -> str | None:
+def _day_of(session: MeasuredTable) -> str | None:
     """The day on which the first pose was read, where time counts from 1970."""
     times = session.whole.poses.time
     if times is None or not times.min() > _CLOCK:
@@ -155,7 +155,7 @@ def _day_of(session: Session) -> str | None:
     return datetime.fromtimestamp(float(times.min()), UTC).date().isoformat()
 
 
-def _kept(path: Path, verb: Verb, session: Session) -> Record | None:
+def _kept(path: Path, verb: Verb, session: MeasuredTable) -> Record | None:
     """The result that stands, if the same version made it from the same contents and options."""
     from calib.files.read import sha256
     from studies.diagnose import make as diagnosis
@@ -180,7 +180,7 @@ def _kept(path: Path, verb: Verb, session: Session) -> Record | None:
     return record if same else None
 
 
-def _as_asked(record: Record, session: Session) -> bool:
+def _as_asked(record: Record, session: MeasuredTable) -> bool:
     """Whether its options are those of this run: a user may have put a result there by others."""
     from studies.diagnose.record import DiagnoseRecord
     from studies.identify.record import IdentifyRecord
@@ -192,7 +192,7 @@ def _as_asked(record: Record, session: Session) -> bool:
     return isinstance(record, DiagnoseRecord) and record.holdout == session.holdout
 
 
-def _made(verb: Verb, session: Session) -> Record:
+def _made(verb: Verb, session: MeasuredTable) -> Record:
     from studies.diagnose.make import diagnosed
     from studies.identify.make import identified
 

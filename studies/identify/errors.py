@@ -19,7 +19,7 @@ from studies.identify.pictures import (
     residuals_by_pose,
 )
 from studies.record import Count, Entry, Maybe, NotNegative, Three
-from studies.residual import Angles, Lengths, Off, Pixels, residual_fields
+from studies.residual import Angles, Lengths, Pixels, ResidualEntry, residual_fields
 
 if TYPE_CHECKING:
     from calib import Identification
@@ -84,7 +84,7 @@ class Pairs(Entry):
     pairs: Count
 
 
-class IdentifyResidual(Off):
+class IdentifyResidual(ResidualEntry):
     """Measured minus predicted reading, by the identified and by the nominal model.
 
     Of a point in the instrument's frame, of one that touches a socket in the base's; of a body's pose

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from studies.command.options import faults_in
-from studies.command.session import Session
+from studies.command.session import MeasuredTable
 
 if TYPE_CHECKING:
     from calib import Identification
@@ -29,13 +29,13 @@ SECONDS = 0.8e-3
 """What each of them takes, s, as measured (``studies.research.benchmarks.readings``)."""
 
 
-def inputs_of(session: Session) -> list[Path]:
+def inputs_of(session: MeasuredTable) -> list[Path]:
     """What the record is made from, the cell first."""
     return [*session.read, *session.named, *session.held.files]
 
 
 def identified(
-    session: Session,
+    session: MeasuredTable,
     *,
     approach: Approach = "points",
     method: Method = "joint",

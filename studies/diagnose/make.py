@@ -4,35 +4,49 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calib import Cell
+from calib.arm.robot import Robot
+from calib.arrays import Array
+from calib.compensation.estimate import estimate_of
+from calib.diagnosis import Diagnosis
+from calib.diagnosis.causes import Cause
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.gap import Gap
+from calib.diagnosis.spectra import Spectrum, spectra
+from calib.errors import CalibError
+from calib.files.cell_out import extended_cell
+from calib.instruments import Channels
+from calib.poses.thinning import thinned
+from doe.ahead.next_poses import NextPoses, Prediction, next_poses
+from studies.causes import Sought
 from studies.command.options import faults_in
 from studies.command.session import MeasuredTable
 from studies.diagnose import NEXT
-
-if TYPE_CHECKING:
-    from calib import Cell
-    from calib.arm.robot import Robot
-    from calib.arrays import Array
-    from calib.diagnosis import Diagnosis
-    from calib.diagnosis.causes import Cause
-    from calib.diagnosis.gap import Gap
-    from calib.diagnosis.spectra import Spectrum
-    from calib.instruments import Channels
-    from doe.ahead.next_poses import NextPoses, Prediction
-    from studies.diagnose.record import (
-        DiagnoseRecord,
-        Findings,
-        FoundCause,
-        GapEntry,
-        NextPose,
-        RivalPrediction,
-        SpectrumEntry,
-    )
-    from studies.diagnose.shown import DiagnosisShown
-    from studies.record import Envelope, Outlier
+from studies.diagnose.record import (
+    DiagnoseNoise,
+    DiagnoseRecord,
+    Findings,
+    FoundCause,
+    GapEntry,
+    LikelyCause,
+    LocatedPlace,
+    NextPose,
+    RefusedCause,
+    RemedyEntry,
+    RestEntry,
+    RivalPrediction,
+    SpectrumEntry,
+    SpectrumLine,
+    Value,
+)
+from studies.diagnose.shown import DiagnosisShown, shown
+from studies.estimate import estimated
+from studies.joints import shown_joints
+from studies.noise import by_level
+from studies.record import Envelope, Outlier, envelope
 
 _MM = 1e3
 _MOST_CYCLES = 800  # in a file: several at each pixel of a figure
@@ -57,12 +71,6 @@ def diagnosed(
 
     Raises InputError naming the file that is at fault.
     """
-    from calib.diagnosis.diagnose import diagnose
-    from calib.diagnosis.spectra import spectra
-    from calib.poses.thinning import thinned
-    from studies.diagnose.shown import shown
-    from studies.record import envelope
-
     cell, held = session.cell, session.held
     data, said = thinned(held.data, MOST)
     with faults_in(session.data_path, effects_of=cell.path):
@@ -84,9 +92,6 @@ def _next(
     cell: Cell, found: Diagnosis, count: int, seed: int
 ) -> tuple[NextPoses | None, tuple[str, ...]]:
     """Poses that tell rivals apart, and why there are none: the diagnosis stands without them."""
-    from calib.errors import CalibError
-    from doe.ahead.next_poses import next_poses
-
     try:
         return (next_poses(cell, found, count=count, seed=seed) if count else None), ()
     except CalibError as error:
@@ -107,12 +112,6 @@ def diagnose_record(
     chosen : the next poses, None where none were asked for; shown : for figures, None for none
     holdout : as the user gave it; warnings : of the tables
     """
-    from calib.compensation.estimate import estimate_of
-    from doe.ahead.next_poses import NextPoses
-    from studies.diagnose.record import DiagnoseRecord
-    from studies.diagnose.shown import DiagnosisShown
-    from studies.estimate import estimated
-
     further = chosen or NextPoses(found.data.poses.take(slice(0, 0)))
     return DiagnoseRecord.from_result(
         findings(found, spectra),
@@ -129,16 +128,6 @@ def diagnose_record(
 
 def findings(found: Diagnosis, spectra: Sequence[Spectrum] = ()) -> Findings:
     """The diagnosis without what it was made from; spectra : of it, where they are asked for."""
-    from studies.causes import Sought
-    from studies.diagnose.record import (
-        DiagnoseNoise,
-        Findings,
-        LocatedPlace,
-        RefusedCause,
-        RestEntry,
-    )
-    from studies.noise import by_level
-
     noise, rest, tip, poses = found.noise, found.rest, found.after.model.robot.tip, found.data.poses
     mm = found.after.model.footprint(found.after.values, found.data) * _MM
     return Findings.from_result(
@@ -180,8 +169,6 @@ def _at(where: str, tip: str) -> str:
 
 def _gap(gap: Gap, channels: Channels) -> GapEntry:
     """The errors, all in the unit of the readings."""
-    from studies.diagnose.record import GapEntry
-
     errors = {
         key: getattr(gap, key)
         for key in ("floor", "fit_before", "fit_after", "heldout_before", "heldout_after")
@@ -196,7 +183,6 @@ def _gap(gap: Gap, channels: Channels) -> GapEntry:
 
 
 def _effect(cause: Cause, spectra: Sequence[Spectrum], tip: str) -> FoundCause:
-    from studies.diagnose.record import FoundCause, LikelyCause, Value
 
     effect, doubt, evidence = cause.named.candidate.effect, cause.doubt, cause.evidence
     values = zip(effect.parameters, cause.values, cause.std, strict=True)
@@ -248,7 +234,6 @@ def _rounded(values: Sequence[float] | Array) -> tuple[float, ...]:
 
 
 def _outliers(found: Diagnosis) -> Iterator[Outlier]:
-    from studies.record import Outlier
 
     for i in np.flatnonzero(found.outlier):
         reason = f"mean square {found.statistic[i]:.1f} of its own spread, limit {found.limit:.1f}"
@@ -257,8 +242,6 @@ def _outliers(found: Diagnosis) -> Iterator[Outlier]:
 
 def spectrum_entry(spectrum: Spectrum) -> SpectrumEntry:
     """Thinned to the highest of every few that follow each other, so that every peak stays."""
-    from studies.diagnose.record import SpectrumEntry, SpectrumLine
-
     cycles, fall = spectrum.cycles, spectrum.fall
     step = -(-len(cycles) // _MOST_CYCLES)
     kept = [i + int(np.argmax(fall[i : i + step])) for i in range(0, len(cycles), max(step, 1))]
@@ -274,15 +257,12 @@ def spectrum_entry(spectrum: Spectrum) -> SpectrumEntry:
 
 
 def _next_poses(chosen: NextPoses, robot: Robot) -> Iterator[NextPose]:
-    from studies.diagnose.record import NextPose
-    from studies.joints import shown_joints
 
     for name, q, splits in zip(chosen.poses.names, chosen.poses.q, chosen.splits, strict=True):
         yield NextPose(pose=name, **shown_joints(robot, q), splits=splits)
 
 
 def _prediction(predicted: Prediction) -> RivalPrediction:
-    from studies.diagnose.record import RemedyEntry, RivalPrediction
 
     return RivalPrediction.from_result(
         predicted,
@@ -299,8 +279,6 @@ def better_cell(cell: Cell, result: Diagnosis, target: Path) -> tuple[str, list[
 
     Raises InputError where the cell file cannot be read any more.
     """
-    from calib.files.cell_out import extended_cell
-
     found = [cause.named.candidate.effect for cause in result.causes]
     made = extended_cell(cell, found, result.data.poses, target)
     notes = [

@@ -3,24 +3,42 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+import calib
+from calib import Identification
+from calib.arm.se3 import so3_exp, so3_log
+from calib.arrays import Array
+from calib.compensation.estimate import Estimate, estimate_of
+from calib.drift import Drift, drift_in
+from calib.identification import ADVICE
+from calib.identification.estimators import Method
+from calib.instruments import Pose as PoseInstrument
+from calib.observations import Approach, Weighting
+from calib.poses.thinning import thinned
+from calib.uncertainty.acceptance import Judged, judged
+from calib.uncertainty.budget import Budget, accuracy_at_targets
 from studies.command.options import faults_in
 from studies.command.session import MeasuredTable
-
-if TYPE_CHECKING:
-    from calib import Identification
-    from calib.arrays import Array
-    from calib.compensation.estimate import Estimate
-    from calib.drift import Drift
-    from calib.identification.estimators import Method
-    from calib.observations import Approach, Weighting
-    from calib.uncertainty.acceptance import Judged
-    from calib.uncertainty.budget import Budget
-    from studies.identify.record import IdentifyNoise, IdentifyRecord, Placement
-    from studies.record import Envelope
+from studies.estimate import estimated
+from studies.identify.acceptance import acceptance_entry
+from studies.identify.budget import budget_entry
+from studies.identify.drift import drift_entry
+from studies.identify.errors import (
+    distances_entry,
+    instrument_entries,
+    pair_entries,
+    residual_entries,
+    rms_of,
+)
+from studies.identify.of_type import of_type_entry
+from studies.identify.outliers import outlier_entries, together_entry
+from studies.identify.parameters import absorbed_entries, parameter_entries, sizes_entry
+from studies.identify.record import IdentifyNoise, IdentifyRecord, Placement, Placements
+from studies.noise import by_level
+from studies.record import Envelope, envelope
+from studies.targets import at_targets
 
 _MM = 1e3
 MOST = 200_000
@@ -49,14 +67,6 @@ def identified(
 
     Raises InputError naming the file that is at fault.
     """
-    import calib
-    from calib.compensation.estimate import estimate_of
-    from calib.drift import drift_in
-    from calib.poses.thinning import thinned
-    from calib.uncertainty.acceptance import judged
-    from calib.uncertainty.budget import accuracy_at_targets
-    from studies.record import envelope
-
     cell, held = session.cell, session.held
     data, said = thinned(held.data, MOST)
     with faults_in(session.data_path, effects_of=cell.path):
@@ -97,24 +107,6 @@ def identify_record(
     judged : the held-out points against the cell's tolerance
     asked : warnings, and what the caller chose beside approach and method
     """
-    from calib.identification import ADVICE
-    from studies.estimate import estimated
-    from studies.identify.acceptance import acceptance_entry
-    from studies.identify.budget import budget_entry
-    from studies.identify.drift import drift_entry
-    from studies.identify.errors import (
-        distances_entry,
-        instrument_entries,
-        pair_entries,
-        residual_entries,
-        rms_of,
-    )
-    from studies.identify.of_type import of_type_entry
-    from studies.identify.outliers import outlier_entries, together_entry
-    from studies.identify.parameters import absorbed_entries, parameter_entries, sizes_entry
-    from studies.identify.record import IdentifyRecord
-    from studies.targets import at_targets
-
     fit, held = found.fit, found.heldout
     parts = [part for part in (fit, held) if part is not None]
     return IdentifyRecord.from_result(
@@ -161,8 +153,6 @@ def identify_record(
 
 
 def _noise(found: Identification) -> IdentifyNoise:
-    from studies.identify.record import IdentifyNoise
-    from studies.noise import by_level
 
     noise, mm = found.noise, found.footprint * _MM
     again = noise.replicate_factor
@@ -178,9 +168,6 @@ def _noise(found: Identification) -> IdentifyNoise:
 
 def _placements(found: Identification) -> dict[str, object]:
     """Where the base, the bodies, and the markers that are read by their names are."""
-    from calib.instruments import Pose as PoseInstrument
-    from studies.identify.record import Placements
-
     model = found.model
     stations = {where: _placement(placed) for where, placed in found.bases.items()}
     first = next(iter(stations.values()), _placement(np.zeros(6)))
@@ -200,9 +187,6 @@ def _placements(found: Identification) -> dict[str, object]:
 
 def _placement(placed: Array) -> Placement:
     """A placement of translation and rotation vector, shape (6,), m and rad."""
-    from calib.arm.se3 import so3_exp, so3_log
-    from studies.identify.record import Placement
-
     return Placement(
         rotation_vector_rad=tuple(so3_log(so3_exp(placed[3:])).tolist()),
         translation_mm=tuple((placed[:3] * _MM).tolist()),

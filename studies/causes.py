@@ -54,14 +54,12 @@ def gathered(causes: Iterable[CauseEntry], of: Mapping[str, int] | None = None) 
     >>> gathered(both), gathered(both, {"backlash": 2})
     ('backlash:A1,A2', 'backlash')
     """
-    return ", ".join(_gathered(causes, of or {}))
-
-
-def _gathered(causes: Iterable[CauseEntry], of: Mapping[str, int]) -> Iterator[str]:
+    said = []
     for effect, group in groupby(causes, key=lambda cause: cause.effect):
         places = [cause.where for cause in group]
-        everywhere = len(places) == of.get(effect) and len(places) > 1
-        yield effect if everywhere else f"{effect}:{','.join(places)}"
+        everywhere = len(places) == (of or {}).get(effect) and len(places) > 1
+        said.append(effect if everywhere else f"{effect}:{','.join(places)}")
+    return ", ".join(said)
 
 
 def by_reason(pairs: Iterable[tuple[C, str]]) -> dict[str, list[C]]:

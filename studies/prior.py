@@ -127,7 +127,13 @@ def _type(own: Learnt) -> TypePrior:
 
 def told(record: PriorRecord) -> Document:
     """The document of a prior."""
-    section = Section("prior", "What the types know", tuple(_parts(record)))
+    parts: list[Part] = []
+    for own in record.types:
+        parts += [
+            Table(_COMMON, own.parameters, f"Parameters of {own.type}", most=_MOST),
+            Table(_ASIDE, own.aside, f"Not of the type {own.type}", most=_MOST),
+        ]
+    section = Section("prior", "What the types know", tuple(parts))
     return Document(tuple(_headline(record)), (section,))
 
 
@@ -153,12 +159,6 @@ def _headline(record: PriorRecord) -> Iterator[Sentence]:
                 "take [model.prior] out of their cells and run the fleet again.",
                 "warn",
             )
-
-
-def _parts(record: PriorRecord) -> Iterator[Part]:
-    for own in record.types:
-        yield Table(_COMMON, own.parameters, f"Parameters of {own.type}", most=_MOST)
-        yield Table(_ASIDE, own.aside, f"Not of the type {own.type}", most=_MOST)
 
 
 _COMMON: tuple[Column[ParameterOfPrior], ...] = (

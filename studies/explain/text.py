@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
+from operator import itemgetter
 
 from studies.document import Column, Document, Lines, Part, Section, Sentence, Table
 
@@ -49,12 +50,8 @@ def document_of(text: str, made: Callable[[str], Rows]) -> Document:
 def table_of(rows: Rows) -> Table[tuple[str, ...]]:
     """Rows of cells as a table."""
     heads, cells = rows
-    columns = [Column(head, _cell(i)) for i, head in enumerate(heads)]
+    columns = [Column(head, itemgetter(i)) for i, head in enumerate(heads)]
     return Table(columns, cells)
-
-
-def _cell(i: int) -> Callable[[tuple[str, ...]], str]:
-    return lambda row: row[i]
 
 
 def _indented(lines: str) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from studies.document import MRAD, Document, Figure, Section, Sentence, mm
 from studies.identify.acceptance import accepted
 from studies.identify.budget import budget_section
@@ -28,7 +26,7 @@ def told(record: IdentifyRecord) -> Document:
     kin = record.of_type
     workspace = Figure(lambda: over_the_workspace(record.at_targets))
     return Document(
-        tuple(_headline(record)),
+        (_fell(record), *accepted(record.acceptance), _next(record)),
         (
             Section("errors", "Errors before and after", tuple(told_errors(record))),
             *drift_section(record),
@@ -38,13 +36,6 @@ def told(record: IdentifyRecord) -> Document:
             *budget_section(record.budget, record.targets, record.noise.missing),
         ),
     )
-
-
-def _headline(record: IdentifyRecord) -> Iterator[Sentence]:
-    """The error before and after; pass or fail; what to do, or what accuracy to expect."""
-    yield _fell(record)
-    yield from accepted(record.acceptance)
-    yield _next(record)
 
 
 def _fell(record: IdentifyRecord) -> Sentence:

@@ -7,25 +7,18 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import (
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    Future,
-    InvalidStateError,
-)
-from contextlib import contextmanager, suppress
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import contextmanager
 from itertools import islice
 from multiprocessing import get_context, parent_process
 from queue import SimpleQueue
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, TypeVar
 
 import loky
 from loky.process_executor import TerminatedWorkerError
 
 from calib.errors import InputError
 
-P = ParamSpec("P")
 T = TypeVar("T")
 
 _PATIENCE_S = 6
@@ -44,7 +37,10 @@ def engine(workers: int = 1, scheduler: str | None = None) -> Iterator[Executor 
         with _cluster(scheduler) as executor:
             yield executor
     elif workers > 1:
-        pool = _Pool(workers)
+        # A context whose processes know their parent, and start no tracker that lets Ctrl-C through.
+        pool = loky.ProcessPoolExecutor(
+            workers, context=get_context("spawn"), initializer=_stay_with_parent
+        )
         try:
             yield pool
         except TerminatedWorkerError:
@@ -61,72 +57,44 @@ def computed(
     function: Callable[..., T],
     jobs: Iterable[tuple[Any, ...]],
     executor: Executor | None,
-    ahead: int | None = None,
+    ahead: int = 256,
 ) -> Generator[tuple[int, T]]:
     """What a function makes of jobs, as it comes, each with the number of its job.
 
     jobs : arguments of each call; executor : where they are computed, here without one
-    ahead : int, most jobs that are given out at once, None for all
+    ahead : int, most jobs that are given out at once
 
-    An interruption is raised as KeyboardInterrupt between two results. Whatever ends it early takes
-    back the jobs that are not begun; close it.
+    An interruption is raised as KeyboardInterrupt between two results; close it then. What was given
+    out ends with the engine.
     """
     if executor is None:
         for index, job in enumerate(jobs):
             yield index, function(*job)
         return
     done: SimpleQueue[Future[T] | None] = SimpleQueue()  # None is an interruption
-    futures: dict[Future[T], int] = {}
+    numbers: dict[Future[T], int] = {}
     waiting = enumerate(jobs)
 
-    def give(most: int | None) -> None:
-        for index, job in islice(waiting, most):
-            future = executor.submit(function, *job)
-            futures[future] = index
-            future.add_done_callback(done.put)
-
-    with interrupts_in(done):
-        try:
-            give(ahead)
-            while futures:
-                ready = done.get()
-                if ready is None:
-                    raise KeyboardInterrupt
-                index = futures.pop(ready)
-                give(1)
-                yield index, ready.result()
-        except BrokenExecutor:
-            raise  # the pool is ending its jobs; it stumbles over one that is cancelled meanwhile
-        except BaseException:
-            for future in futures:
-                future.cancel()
-            raise
-
-
-class _Given(loky.Future):  # type: ignore[misc]  # loky brings no types
-    """A block that may have been cancelled when the pool drops it, over which loky 3.7 stumbles."""
-
-    def set_exception(self, exception: BaseException | None) -> None:
-        with suppress(InvalidStateError):
-            super().set_exception(exception)
-
-
-class _Pool(loky.ProcessPoolExecutor):  # type: ignore[misc]
-    """Processes that Ctrl-C does not reach: it ends the study, which ends them."""
-
-    def __init__(self, workers: int) -> None:
-        # A context whose processes know their parent, and start no tracker that lets Ctrl-C through.
-        super().__init__(workers, context=get_context("spawn"), initializer=_stay_with_parent)
-
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+    def give(most: int) -> None:
         with _interrupts_held():  # processes are started here and inherit it
-            future: Future[T] = super().submit(fn, *args, **kwargs)
-        future.__class__ = _Given
-        return future
+            for index, job in islice(waiting, most):
+                future = executor.submit(function, *job)
+                numbers[future] = index
+                future.add_done_callback(done.put)
+
+    with _interrupts_in(done):
+        give(ahead)
+        while numbers:
+            ready = done.get()
+            if ready is None:
+                raise KeyboardInterrupt
+            index = numbers.pop(ready)
+            give(1)
+            yield index, ready.result()
 
 
 @contextmanager
-def interrupts_in(queue: SimpleQueue[Any]) -> Iterator[None]:
+def _interrupts_in(queue: SimpleQueue[Any]) -> Iterator[None]:
     """Ctrl-C puts None into a queue, where it is read when that suits, instead of being raised at once.
 
     Raised just as the lock of a future is taken it would leave it taken, and the pool could not end.

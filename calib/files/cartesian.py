@@ -11,7 +11,7 @@ from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.columns import ANGLES, LENGTHS
-from calib.files.csv_table import Table
+from calib.files.csv_table import CsvTable
 
 QUATERNION = ("qw", "qx", "qy", "qz")
 _AS_LONG = 1e-3  # from one: a quaternion that was rounded
@@ -38,7 +38,7 @@ def cartesian_columns(path: Path, columns: tuple[str, ...]) -> tuple[tuple[str, 
     return place, LENGTHS[unit]
 
 
-def tip_joints(table: Table, robot: Robot) -> Array:
+def tip_joints(table: CsvTable, robot: Robot) -> Array:
     """Joint values of the nominal robot at every row, shape (rows, n), rad or m.
 
     At the first row the solution nearest to the middle of the joint ranges, at others the one nearest

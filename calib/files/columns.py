@@ -15,7 +15,7 @@ from calib.arm.mimic import Mimic
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
 from calib.errors import InputError
-from calib.files.csv_table import Table
+from calib.files.csv_table import CsvTable
 from calib.instruments.protocol import UNITS
 
 _CLOCK = "time_s counts seconds: divide milliseconds since 1970 by 1000"
@@ -172,7 +172,7 @@ def torque_columns(robot: Robot) -> tuple[str, ...]:
     )
 
 
-def joint_values(table: Table, robot: Robot) -> Array:
+def joint_values(table: CsvTable, robot: Robot) -> Array:
     """Joint values of every row, shape (rows, n), rad and m."""
     told = joint_columns(table.path, robot, table.columns)
     q = np.column_stack([column.joint(table.numbers(column.name)) for column in told])
@@ -187,7 +187,7 @@ def joint_values(table: Table, robot: Robot) -> Array:
     return q
 
 
-def joint_warnings(table: Table, robot: Robot, q: Array) -> tuple[str, ...]:
+def joint_warnings(table: CsvTable, robot: Robot, q: Array) -> tuple[str, ...]:
     """What is odd about joint values but may be meant: limits left, degrees that look like radians."""
     warnings = []
     turning = ~robot.prismatic
@@ -212,7 +212,7 @@ def joint_warnings(table: Table, robot: Robot, q: Array) -> tuple[str, ...]:
     return tuple(warnings)
 
 
-def covariates(table: Table, robot: Robot, rows: IntArray) -> dict[str, Any]:
+def covariates(table: CsvTable, robot: Robot, rows: IntArray) -> dict[str, Any]:
     """Optional columns, at one row for each pose."""
     found: dict[str, Any] = {}
     wrench = np.zeros((len(rows), 6))
@@ -249,7 +249,7 @@ def _sided(sources: tuple[Mimic, ...], columns: tuple[str, ...]) -> Mimic:
     return next((s for s in sources if f"approach_{s.master}" in columns), sources[-1])
 
 
-def _every_joint(table: Table, names: tuple[str, ...]) -> bool:
+def _every_joint(table: CsvTable, names: tuple[str, ...]) -> bool:
     """Whether the columns of all joints are there. Raises InputError where only some are."""
     present = [name for name in names if name in table.columns]
     if present and len(present) < len(names):

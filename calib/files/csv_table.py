@@ -28,7 +28,7 @@ LONGEST_LINE = 65_536
 
 
 @dataclass(frozen=True)
-class Table:
+class CsvTable:
     """A CSV file as columns of text, with the line of each row."""
 
     path: Path
@@ -104,7 +104,7 @@ def read_table(
     check: Callable[[tuple[str, ...]], None],
     rows_are: str = "poses",
     remedy: str = _REMEDY,
-) -> Table:
+) -> CsvTable:
     """The whole table; the header is checked before any row is read."""
     rows: list[list[str]] = []
     lines: list[int] = []
@@ -152,7 +152,7 @@ def read_table(
         raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
     if not rows:
         raise InputError(path, "", "has a header and no rows", f"add the {rows_are}")
-    return Table(path, columns, rows, lines, remedy)
+    return CsvTable(path, columns, rows, lines, remedy)
 
 
 def _importing(path: Path) -> str:

@@ -17,7 +17,7 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.columns import ANGLES, LENGTHS
-from calib.files.csv_table import Table, read_table
+from calib.files.csv_table import CsvTable, read_table
 from calib.files.write_tables import csv_text
 
 KINDS = ("revolute", "prismatic")
@@ -106,7 +106,7 @@ def _check_columns(path: Path, columns: tuple[str, ...]) -> None:
             raise InputError(path, "line 1", f"has no column for {name}", f"add {names}")
 
 
-def _checked(found: Table, name: str, unit: str) -> Array:
+def _checked(found: CsvTable, name: str, unit: str) -> Array:
     """A column in its own unit. Raises InputError where another unit must be meant."""
     column = f"{name}_{unit}"
     values = found.numbers(column)
@@ -127,7 +127,7 @@ def _checked(found: Table, name: str, unit: str) -> Array:
     return values
 
 
-def _joints(found: Table) -> tuple[str, ...]:
+def _joints(found: CsvTable) -> tuple[str, ...]:
     names = found.names("joint")
     for row, name in enumerate(names):
         if name in names[:row]:
@@ -135,7 +135,7 @@ def _joints(found: Table) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _prismatic(found: Table) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+def _prismatic(found: CsvTable) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
     if "kind" not in found.columns:
         return np.zeros(len(found.rows), dtype=bool)
     kinds = found.text("kind")

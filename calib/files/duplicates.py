@@ -16,7 +16,7 @@ from calib.arm.statics import wrench_with_load
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import InputError
-from calib.files.csv_table import Table
+from calib.files.csv_table import CsvTable
 from calib.files.readings import reading_columns
 from calib.instruments import Tracker
 from calib.poses import Measurements, Poses, hung
@@ -66,7 +66,7 @@ class _Same:
     joints: Mask
 
 
-def without_copies(table: Table, cell: Cell, data: Measurements, path: Path) -> Measurements:
+def without_copies(table: CsvTable, cell: Cell, data: Measurements, path: Path) -> Measurements:
     """The measurements without poses that are copies of others, with a warning of each kind.
 
     A pose whose joints, load and points are all those of an earlier pose is left out: it tells nothing
@@ -115,7 +115,7 @@ def _same(data: Measurements) -> _Same:
     return _Same(np.array(later, dtype=int), np.array(earlier, dtype=int), np.array(joints, bool))
 
 
-def _by_chance(table: Table, instrument: Tracker, data: Measurements) -> Array:
+def _by_chance(table: CsvTable, instrument: Tracker, data: Measurements) -> Array:
     """Probability, shape (m,), that a reading repeats every digit of another at the same place.
 
     Of one coordinate with the noise s, shown in steps of d, that is d / (2 sqrt(pi) s), 1 at most.
@@ -128,7 +128,7 @@ def _by_chance(table: Table, instrument: Tracker, data: Measurements) -> Array:
     return np.asarray(each.prod(axis=(1, 2)))
 
 
-def _decimals(table: Table, column: str) -> int:
+def _decimals(table: CsvTable, column: str) -> int:
     """Digits after the point, as many as any number of a column has; zeros at the end tell nothing."""
     texts = (text.lower().partition("e")[0] for text in table.text(column))
     return max(len(text.partition(".")[2].rstrip("0")) for text in texts)

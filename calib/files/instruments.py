@@ -12,7 +12,7 @@ from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.schema import CellFile
 from calib.files.values import MM, BoardTable, BodyTable
-from calib.instruments import Instrument, KnownDistance, Surroundings
+from calib.instruments import CellParts, Instrument, KnownDistance
 from calib.instruments.camera_table import CameraTable
 from calib.instruments.pose import CORNERS, corners_of
 from calib.instruments.socket import joined_sockets
@@ -83,7 +83,7 @@ def instruments_of(table: CellFile, bodies: Bodies) -> tuple[Instrument, ...]:
     """All of them; sockets of one uncertainty are one instrument that stands elsewhere each time."""
     if table.instrument is not None:
         return (table.instrument.tracker("instrument", None),)
-    cell = Surroundings(
+    cell = CellParts(
         markers=len(table.markers_mm),
         parts=bodies.parts,
         read_as_poses=tuple(table.bodies),

@@ -65,12 +65,12 @@ def _levels(table: schema.LevelsTable, slides: bool) -> AskedLevels:
     return AskedLevels(table.poses_per_level, count, values, table.min_separation_deg * unit)
 
 
-def _body(table: schema.Box | schema.Sphere | schema.HalfSpace) -> Body:
+def _body(table: schema.BoxTable | schema.BallTable | schema.HalfSpaceTable) -> Body:
     match table:
-        case schema.Box():
+        case schema.BoxTable():
             T = from_xyz_rpy(_metres(table.center_mm), np.radians(table.rpy_deg))
             return Box(T, 0.5 * _metres(table.size_mm))
-        case schema.Sphere():
+        case schema.BallTable():
             return Ball(_metres(table.center_mm), table.radius_mm * _MM)
         case _:
             return HalfSpace(_metres(table.point_mm), np.array(table.normal))

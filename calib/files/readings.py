@@ -11,7 +11,7 @@ from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.columns import SIGMAS
-from calib.files.csv_table import Table
+from calib.files.csv_table import CsvTable
 from calib.instruments import Instrument
 from calib.instruments.protocol import UNITS
 
@@ -67,7 +67,9 @@ def reading_columns(
     return found
 
 
-def readings_of(table: Table, cell: Cell, pose: IntArray, count: int) -> tuple[Array, Mask, Array]:
+def readings_of(
+    table: CsvTable, cell: Cell, pose: IntArray, count: int
+) -> tuple[Array, Mask, Array]:
     """Readings (m, C, r), which of them are seen, and their own standard deviations (m, C), SI.
 
     pose : ndarray of int, shape (rows,), of each row, one of so many
@@ -107,7 +109,7 @@ def readings_of(table: Table, cell: Cell, pose: IntArray, count: int) -> tuple[A
     return readings, seen, sigma
 
 
-def _own_sigma(table: Table, instrument: Instrument, rows: IntArray, beside: int) -> Array:
+def _own_sigma(table: CsvTable, instrument: Instrument, rows: IntArray, beside: int) -> Array:
     """Standard deviations (rows,) that a table gives of an instrument's rows, SI; else NaN.
 
     beside : instruments of the cell; with several a column may be empty
@@ -134,7 +136,7 @@ def _own_sigma(table: Table, instrument: Instrument, rows: IntArray, beside: int
     return found
 
 
-def sites_of(table: Table, cell: Cell, pose: IntArray, first: IntArray) -> Sites | None:
+def sites_of(table: CsvTable, cell: Cell, pose: IntArray, first: IntArray) -> Sites | None:
     """Which place of an instrument with sites each pose touches, shape (m,); None without any.
 
     pose : ndarray of int, shape (rows,), of each row; first : ndarray of int, shape (m,), rows
@@ -154,7 +156,7 @@ def sites_of(table: Table, cell: Cell, pose: IntArray, first: IntArray) -> Sites
     return found
 
 
-def _numbers(table: Table, instrument: Instrument, rows: IntArray) -> Array:
+def _numbers(table: CsvTable, instrument: Instrument, rows: IntArray) -> Array:
     """Numbers of an instrument's rows, shape (rows, k), SI: those that its columns hold."""
     columns = reading_columns(table.path, instrument, table.columns)
     found, blank = np.zeros((len(rows), len(columns))), any(c.optional for c in instrument.columns)
@@ -178,7 +180,7 @@ def _numbers(table: Table, instrument: Instrument, rows: IntArray) -> Array:
     return read
 
 
-def _instruments(table: Table, cell: Cell) -> IntArray:
+def _instruments(table: CsvTable, cell: Cell) -> IntArray:
     """Which instrument read each row, shape (rows,)."""
     if sum(len(own.names) for own in cell.instruments) == 1:
         return np.zeros(len(table.rows), dtype=int)
@@ -194,7 +196,7 @@ def _instruments(table: Table, cell: Cell) -> IntArray:
     return np.array([numbers[name] for name in names])
 
 
-def _check_markers(table: Table, cell: Cell, names: list[str]) -> None:
+def _check_markers(table: CsvTable, cell: Cell, names: list[str]) -> None:
     known = set(cell.read_names)
     for row, name in enumerate(names):
         if name not in known:

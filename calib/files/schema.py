@@ -27,7 +27,7 @@ from calib.files.values import (
     Number,
     Positive,
     Range,
-    Table,
+    TomlTable,
     Vector,
     plain,
 )
@@ -42,18 +42,18 @@ else:
     AnyInstrument = Annotated[Union[TABLES], Field(discriminator="kind")]  # noqa: UP007
 
 
-class CapsuleTable(Table):
+class CapsuleTable(TomlTable):
     start: Vector = Field(alias="from")
     end: Vector = Field(alias="to")
     radius: Positive
 
 
-class AnchorTable(Table):
+class AnchorTable(TomlTable):
     before: Vector
     after: Vector
 
 
-class RobotTable(Table):
+class RobotTable(TomlTable):
     urdf: str | None = None
     mjcf: str | None = None
     dh: str | None = None
@@ -126,22 +126,22 @@ def _gravity(m_s2: tuple[float, float, float]) -> tuple[float, float, float]:
 Mass = Annotated[NotNegative, AfterValidator(_mass)]
 
 
-class GravityTable(Table):
+class GravityTable(TomlTable):
     m_s2: Annotated[Vector, AfterValidator(_gravity)] = (0.0, 0.0, -9.80665)
 
 
-class PayloadTable(Table):
+class PayloadTable(TomlTable):
     mass_kg: Mass = 0.0
     com_mm: Vector = (0.0, 0.0, 0.0)
 
 
-class LoadTable(Table):
+class LoadTable(TomlTable):
     mass_kg: Mass
     com_mm: Vector
     max_tilt_deg: Annotated[Number, Field(ge=0, le=90)] = 90.0
 
 
-class MarkerTable(Table):
+class MarkerTable(TomlTable):
     position: Vector
     normal: Direction | None = None
     acceptance_deg: Annotated[Number, Field(gt=0, le=180)] | None = None
@@ -157,33 +157,33 @@ Marker = Annotated[
 ]
 
 
-class KnownDistanceTable(Table):
+class KnownDistanceTable(TomlTable):
     between: tuple[Name, Name]
     mm: Positive
     sigma_mm: Positive
 
 
-class LevelsTable(Table):
+class LevelsTable(TomlTable):
     poses_per_level: Count
     count: Count | None = None
     min_separation_deg: NotNegative = 0.0
     values_deg: list[Number] | None = None
 
 
-class Box(Table):
+class BoxTable(TomlTable):
     type: Literal["box"]
     center_mm: Vector
     size_mm: tuple[Positive, Positive, Positive]
     rpy_deg: Vector = (0.0, 0.0, 0.0)
 
 
-class Sphere(Table):
+class BallTable(TomlTable):
     type: Literal["sphere"]
     center_mm: Vector
     radius_mm: Positive
 
 
-class HalfSpace(Table):
+class HalfSpaceTable(TomlTable):
     type: Literal["halfspace"]
     point_mm: Vector
     normal: Direction
@@ -199,7 +199,7 @@ FloorHeight = Annotated[
 ]
 
 
-class DesignTable(Table):
+class DesignTable(TomlTable):
     poses: Count | None = None
     levels: dict[str, LevelsTable] = {}
     targets: str | None = None
@@ -208,18 +208,20 @@ class DesignTable(Table):
     reference_every: Count | None = None
     reapproaches: Count | None = None
     floor_mm: FloorHeight | None = None
-    obstacle: list[Annotated[Box | Sphere | HalfSpace, Field(discriminator="type")]] = []
+    obstacle: list[
+        Annotated[BoxTable | BallTable | HalfSpaceTable, Field(discriminator="type")]
+    ] = []
 
 
-class DiagnosisTable(Table):
+class DiagnosisTable(TomlTable):
     exclude: list[str] = []
 
 
-class PriorTable(Table):
+class PriorTable(TomlTable):
     file: Annotated[str, Field(min_length=1)]
 
 
-class AcceptanceTable(Table):
+class AcceptanceTable(TomlTable):
     tolerance_mm: Positive
     rule: Literal["simple", "guarded"] = "guarded"
 
@@ -235,7 +237,7 @@ def _widths(value: object) -> object:
     )
 
 
-class ModelTable(Table):
+class ModelTable(TomlTable):
     effects: Annotated[list[str], Field(min_length=1)]
     knots_deg: dict[str, list[Number]] = {}
     prior: PriorTable | None = None
@@ -263,7 +265,7 @@ KINDS = frozenset(get_args(own.model_fields["kind"].annotation)[0] for own in TA
 """Of instruments, as a cell writes them."""
 
 
-class CellFile(Table):
+class CellFile(TomlTable):
     """The whole file."""
 
     format: Literal[1] = Field(alias="schema")

@@ -23,7 +23,7 @@ from calib.files.columns import (
     joint_warnings,
     torque_columns,
 )
-from calib.files.csv_table import LONGEST_LINE, Table, read_table
+from calib.files.csv_table import LONGEST_LINE, CsvTable, read_table
 from calib.files.duplicates import refuse_payload_twice, without_copies
 from calib.files.readings import reading_columns, reading_names, readings_of, sites_of
 from calib.poses import Measurements, Poses, hung, poses_at
@@ -89,7 +89,7 @@ def _number_in_order(
 
 
 def _check_poses_agree(
-    table: Table,
+    table: CsvTable,
     cell: Cell,
     pose_of_row: IntArray,
     first: IntArray,
@@ -115,7 +115,7 @@ def _check_poses_agree(
 
 def _load_poses(
     cell: Cell, path: Path, required: Sequence[str], *, tips: bool = False
-) -> tuple[Poses, Table]:
+) -> tuple[Poses, CsvTable]:
     """Poses of a table; tips : whether they may be given as poses of the tip."""
     warnings: list[str] = []
 

@@ -63,13 +63,13 @@ Range = Annotated[tuple[Number, Number], AfterValidator(ordered)]
 Direction = Annotated[Vector, AfterValidator(_direction)]
 
 
-class Table(BaseModel):
+class TomlTable(BaseModel):
     """A TOML table without unknown keys."""
 
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
 
 
-class BodyTable(Table):
+class BodyTable(TomlTable):
     position_mm: Vector = (0.0, 0.0, 0.0)
     rpy_deg: Vector = (0.0, 0.0, 0.0)
 

@@ -18,7 +18,7 @@ from calib.compensation.commands import Compensation
 from calib.errors import InputError
 from calib.files.cartesian import is_cartesian
 from calib.files.columns import WRENCH, joint_columns, torque_columns
-from calib.files.csv_table import Table, read_table
+from calib.files.csv_table import CsvTable, read_table
 from calib.files.readings import written_columns
 from calib.instruments import Instrument
 from calib.poses import Measurements, Poses
@@ -145,7 +145,7 @@ _MM = 1e3
 _CHANGE = "change"
 
 
-def nominal_table(cell: Cell, path: Path) -> Table:
+def nominal_table(cell: Cell, path: Path) -> CsvTable:
     """The table of targets as text. Raises InputError, also for one that was corrected before."""
 
     def check(columns: tuple[str, ...]) -> None:
@@ -161,10 +161,10 @@ def nominal_table(cell: Cell, path: Path) -> Table:
     return read_table(path, (), check)
 
 
-def compensated_csv(cell: Cell, table: Table, found: Compensation) -> str:
+def compensated_csv(cell: Cell, table: CsvTable, found: Compensation) -> str:
     """The targets' own table with corrected joints, in its own units, and columns for what changed.
 
-    table : Table, the targets that were compensated
+    table : CsvTable, the targets that were compensated
     """
     if is_cartesian(cell.robot, table.columns):
         header = joint_header(cell.robot)

@@ -8,7 +8,7 @@ from calib.instruments.distance import Distance, DistanceTable
 from calib.instruments.plane import Plane, PlaneTable
 from calib.instruments.points import TRACKER, PointsTable, Tracker
 from calib.instruments.pose import Pose, PoseTable
-from calib.instruments.protocol import Instrument, KeysTable, Surroundings
+from calib.instruments.protocol import CellParts, Instrument, KeysTable
 from calib.instruments.socket import Socket, SocketTable
 from calib.instruments.sphere import Sphere, SphereTable
 
@@ -30,6 +30,7 @@ __all__ = [
     "Angle",
     "ArmCamera",
     "Camera",
+    "CellParts",
     "Channels",
     "Distance",
     "FixedCamera",
@@ -40,6 +41,5 @@ __all__ = [
     "Pose",
     "Socket",
     "Sphere",
-    "Surroundings",
     "Tracker",
 ]

@@ -12,14 +12,14 @@ from calib.arrays import Array, Mask
 from calib.files.values import URAD, Positive
 from calib.instruments.points import Tracker
 from calib.instruments.protocol import (
-    Column,
+    CellParts,
     Instrument,
     KeysTable,
     Linear,
     Nominal,
     Number,
+    ReadingColumn,
     Start,
-    Surroundings,
     Unknown,
 )
 from calib.instruments.resection import resected
@@ -38,9 +38,9 @@ class Angle(Instrument):
     kind: ClassVar[str] = "angle"
     rows: ClassVar[int] = 2
     unknowns: ClassVar[tuple[Unknown, ...]] = Tracker.unknowns
-    columns: ClassVar[tuple[Column, ...]] = (
-        Column("azimuth", "angle"),
-        Column("elevation", "angle"),
+    columns: ClassVar[tuple[ReadingColumn, ...]] = (
+        ReadingColumn("azimuth", "angle"),
+        ReadingColumn("elevation", "angle"),
     )
 
     @property
@@ -118,5 +118,5 @@ class AngleTable(KeysTable):
     kind: Literal["angle"]
     sigma_urad: Positive
 
-    def instrument(self, name: str, cell: Surroundings) -> Angle:
+    def instrument(self, name: str, cell: CellParts) -> Angle:
         return Angle(name=name, markers=cell.own, sigma=self.sigma_urad * URAD)

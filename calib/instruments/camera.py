@@ -27,11 +27,11 @@ from calib.instruments.pose import CORNERS, DIFFERENCES, corners_of
 from calib.instruments.protocol import (
     MOTION,
     SCALE,
-    Column,
     Instrument,
     Linear,
     Nominal,
     Number,
+    ReadingColumn,
     Start,
     Unknown,
 )
@@ -74,7 +74,10 @@ class Camera(Instrument):
     standing: Array | None = None
     kind: ClassVar[str] = "camera"
     rows: ClassVar[int] = 2
-    columns: ClassVar[tuple[Column, ...]] = (Column("u", "pixel"), Column("v", "pixel"))
+    columns: ClassVar[tuple[ReadingColumn, ...]] = (
+        ReadingColumn("u", "pixel"),
+        ReadingColumn("v", "pixel"),
+    )
 
     @property
     def of_lens(self) -> tuple[Unknown, ...]:

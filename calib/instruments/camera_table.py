@@ -10,16 +10,16 @@ from pydantic import Field, model_validator
 
 from calib.arm.se3 import inverse, so3_log
 from calib.arrays import Array
-from calib.files.values import BodyTable, Number, Positive, Table
+from calib.files.values import BodyTable, Number, Positive, TomlTable
 from calib.instruments.camera import FREE, ArmCamera, Board, Camera, FixedCamera
 from calib.instruments.lens import Lens
-from calib.instruments.protocol import KeysTable, Surroundings
+from calib.instruments.protocol import CellParts, KeysTable
 
 Pixels = tuple[Positive, Positive]
 Coefficients = tuple[Number, Number, Number, Number] | tuple[Number, Number, Number, Number, Number]
 
 
-class IntrinsicsStd(Table):
+class IntrinsicsStd(TomlTable):
     """Standard deviations of parts of a lens."""
 
     focal_px: Positive | None = None
@@ -55,7 +55,7 @@ class CameraTable(BodyTable, KeysTable):
                 raise ValueError(f"lacks {key}; add it, or calibration = a YAML of OpenCV or ROS")
         return self
 
-    def instrument(self, name: str, cell: Surroundings) -> Camera:
+    def instrument(self, name: str, cell: CellParts) -> Camera:
         """One that sees all boards on the other side, one in the world the markers too."""
         on_tip = self.on == "tip"
         boards: list[Board] = []

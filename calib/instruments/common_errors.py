@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from calib.arrays import Array
-from calib.files.values import NotNegative, Number, Positive, Table
+from calib.files.values import NotNegative, Number, Positive, TomlTable
 
 _REFRACTION = (
     2.71e-4  # n - 1 of air at 20 degC and 1013.25 hPa, red light; as pressure over temperature
@@ -120,7 +120,7 @@ DIVISORS = {"normal": 2.0, "rectangular": 3.0**0.5, "triangular": 6.0**0.5, "arc
 """By which a limit becomes one standard uncertainty (JCGM 100, 4.3); a normal one may have its own."""
 
 
-class LimitTable(Table):
+class LimitTable(TomlTable):
     """A limit with its distribution, which makes a standard uncertainty."""
 
     limit: Positive
@@ -149,7 +149,7 @@ Uncertainty = Annotated[
 """One standard uncertainty, or a limit with its distribution."""
 
 
-class CommonTable(Table):
+class CommonTable(TomlTable):
     """Errors that all readings share: their keys in a cell."""
 
     scale_um_m: Uncertainty | None = None

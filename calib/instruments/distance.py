@@ -14,12 +14,12 @@ from calib.files.values import MM, NotNegative, Positive, Vector, ordered
 from calib.instruments.even import POINT, Even, around, best, contacts, mirrored
 from calib.instruments.protocol import (
     ZERO,
-    Column,
+    CellParts,
     KeysTable,
     Linear,
     Nominal,
+    ReadingColumn,
     Start,
-    Surroundings,
     Unknown,
 )
 
@@ -39,7 +39,7 @@ class Distance(Even):
     reach: tuple[float, float] = (0.0, np.inf)
     kind: ClassVar[str] = "distance"
     rows: ClassVar[int] = 1
-    columns: ClassVar[tuple[Column, ...]] = (Column("d", "length"),)
+    columns: ClassVar[tuple[ReadingColumn, ...]] = (ReadingColumn("d", "length"),)
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -131,7 +131,7 @@ class DistanceTable(KeysTable):
             raise ValueError("has reach_mm, which counts from anchor_mm; add that")
         return self
 
-    def instrument(self, name: str, cell: Surroundings) -> Distance:
+    def instrument(self, name: str, cell: CellParts) -> Distance:
         anchor = None if self.anchor_mm is None else np.array(self.anchor_mm) * MM
         nearest, farthest = self.reach_mm or (0.0, np.inf)
         return Distance(

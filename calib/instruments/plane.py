@@ -15,12 +15,12 @@ from calib.files.values import MM, Direction, Positive, Vector
 from calib.instruments.even import Surface, best, contacts
 from calib.instruments.protocol import (
     ZERO,
-    Column,
+    CellParts,
     KeysTable,
     Linear,
     Nominal,
+    ReadingColumn,
     Start,
-    Surroundings,
     Unknown,
 )
 
@@ -44,7 +44,7 @@ class Plane(Surface):
         Unknown("ry", "mrad", 1e-3, 1e-2),
         Unknown("height", "mm", 1e-3, 1e-2),
     )
-    columns: ClassVar[tuple[Column, ...]] = (Column("d", "length", optional=True),)
+    columns: ClassVar[tuple[ReadingColumn, ...]] = (ReadingColumn("d", "length", optional=True),)
 
     @property
     def parts(self) -> Mapping[str, slice]:
@@ -122,7 +122,7 @@ class PlaneTable(KeysTable):
             raise ValueError("position_mm, a point of it, and normal go together")
         return self
 
-    def instrument(self, name: str, cell: Surroundings) -> Plane:
+    def instrument(self, name: str, cell: CellParts) -> Plane:
         standing = None
         if self.position_mm is not None and self.normal is not None:
             standing = place_of(np.array(self.position_mm) * MM, np.array(self.normal))[None]

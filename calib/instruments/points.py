@@ -10,17 +10,17 @@ from pydantic import Discriminator, Tag
 
 from calib.arm.se3 import rotate, skew, so3_exp, so3_log, so3_right_jacobian
 from calib.arrays import Array, Mask
-from calib.files.values import MM, NotNegative, Positive, Table, Vector
+from calib.files.values import MM, NotNegative, Positive, TomlTable, Vector
 from calib.instruments.common_errors import CommonError, CommonTable
 from calib.instruments.placing import placed
 from calib.instruments.protocol import (
-    Column,
+    CellParts,
     Instrument,
     KeysTable,
     Linear,
     Nominal,
+    ReadingColumn,
     Start,
-    Surroundings,
     Unknown,
 )
 from calib.noise import Noise
@@ -48,7 +48,7 @@ class Tracker(Instrument):
         *(Unknown(c, "mm", 1e-3, 1e-2) for c in "xyz"),
         *(Unknown(f"r{c}", "mrad", 1e-3, 1e-2) for c in "xyz"),
     )
-    columns: ClassVar[tuple[Column, ...]] = tuple(Column(c, "length") for c in "xyz")
+    columns: ClassVar[tuple[ReadingColumn, ...]] = tuple(ReadingColumn(c, "length") for c in "xyz")
     stationed: ClassVar[bool] = True
 
     def __init__(
@@ -118,7 +118,7 @@ TRACKER = Tracker()
 """A tracker of unknown noise: its rows count in metres."""
 
 
-class PolarSigma(Table):
+class PolarSigma(TomlTable):
     """Standard deviations along and across the beam."""
 
     range_mm: Positive
@@ -127,7 +127,7 @@ class PolarSigma(Table):
     transverse_mm_per_m: NotNegative = 0.0
 
 
-class MpeSigma(Table):
+class MpeSigma(TomlTable):
     """A maximum permissible error, and what makes a standard deviation of it."""
 
     mpe_mm: Positive
@@ -150,7 +150,7 @@ Sigma: TypeAlias = Annotated[
 ]
 
 
-class TrackerTable(Table):
+class TrackerTable(TomlTable):
     """``[instrument]``, the only one of a cell."""
 
     sigma_mm: Sigma
@@ -169,7 +169,7 @@ class PointsTable(TrackerTable, KeysTable):
 
     kind: Literal["points"]
 
-    def instrument(self, name: str, cell: Surroundings) -> Tracker:
+    def instrument(self, name: str, cell: CellParts) -> Tracker:
         return self.tracker(name, cell.own)
 
 

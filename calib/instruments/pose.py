@@ -21,13 +21,13 @@ from calib.instruments.placing import hand_eye
 from calib.instruments.points import Tracker
 from calib.instruments.protocol import (
     MOTION,
-    Column,
+    CellParts,
     KeysTable,
     Linear,
     Nominal,
     Number,
+    ReadingColumn,
     Start,
-    Surroundings,
 )
 from calib.noise import Noise
 
@@ -49,9 +49,9 @@ class Pose(Tracker):
     kind: ClassVar[str] = "pose"
     rows: ClassVar[int] = 9
     each: ClassVar[int] = CORNERS
-    columns: ClassVar[tuple[Column, ...]] = (
-        *(Column(c, "length") for c in "xyz"),
-        *(Column(f"q{c}", "ratio") for c in "wxyz"),
+    columns: ClassVar[tuple[ReadingColumn, ...]] = (
+        *(ReadingColumn(c, "length") for c in "xyz"),
+        *(ReadingColumn(f"q{c}", "ratio") for c in "wxyz"),
     )
 
     @property
@@ -221,7 +221,7 @@ class PoseTable(KeysTable):
             _refuse_no_covariance(np.array(self.covariance))
         return self
 
-    def instrument(self, name: str, cell: Surroundings) -> Pose:
+    def instrument(self, name: str, cell: CellParts) -> Pose:
         parts = [cell.parts[body] for body in cell.read_as_poses]
         units = np.repeat([MM, URAD], 3)
         if self.covariance is not None:

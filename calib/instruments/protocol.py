@@ -29,7 +29,7 @@ from typing import ClassVar, Literal, NamedTuple, Self
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
-from calib.files.values import BoardTable, Table
+from calib.files.values import BoardTable, TomlTable
 
 
 class Unknown(NamedTuple):
@@ -54,7 +54,7 @@ UNITS = {
 """Of every quantity that a table may hold, and their sizes in SI; the first one is written."""
 
 
-class Column(NamedTuple):
+class ReadingColumn(NamedTuple):
     """One number of a row in a table, ``<name>_<unit>`` with a unit of its quantity, if it has one.
 
     optional : whether column or number may be missing: it is zero then
@@ -132,7 +132,7 @@ class Instrument(ABC):
     kind: ClassVar[str]
     rows: ClassVar[int]
     each: ClassVar[int] = 1
-    columns: ClassVar[tuple[Column, ...]]
+    columns: ClassVar[tuple[ReadingColumn, ...]]
     stationed: ClassVar[bool] = False
     sought: ClassVar[bool] = False
     touches: ClassVar[bool] = False
@@ -269,7 +269,7 @@ class Instrument(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class CellParts:
     """What of a cell an instrument may read or stand by.
 
     markers : int, of the cell's own; parts : dict, body -> slice, its points among all markers
@@ -290,11 +290,11 @@ class Surroundings:
         return tuple(range(self.markers)) if self.parts else None
 
 
-class KeysTable(Table, ABC):
+class KeysTable(TomlTable, ABC):
     """The table ``[instruments.NAME]`` of one kind, in the units of its keys."""
 
     kind: str
 
     @abstractmethod
-    def instrument(self, name: str, cell: Surroundings) -> Instrument:
+    def instrument(self, name: str, cell: CellParts) -> Instrument:
         """The instrument, in SI."""

@@ -12,13 +12,13 @@ from calib.arrays import Array, Mask
 from calib.files.values import MM, Positive, Vector
 from calib.instruments.even import POINT, Surface, contacts
 from calib.instruments.protocol import (
-    Column,
+    CellParts,
     Instrument,
     KeysTable,
     Linear,
     Nominal,
+    ReadingColumn,
     Start,
-    Surroundings,
     Unknown,
 )
 
@@ -30,7 +30,7 @@ class Socket(Surface):
     kind: ClassVar[str] = "socket"
     rows: ClassVar[int] = 3
     unknowns: ClassVar[tuple[Unknown, ...]] = POINT
-    columns: ClassVar[tuple[Column, ...]] = ()
+    columns: ClassVar[tuple[ReadingColumn, ...]] = ()
 
     @property
     def parts(self) -> Mapping[str, slice]:
@@ -78,7 +78,7 @@ class SocketTable(KeysTable):
     sigma_mm: Positive
     position_mm: Vector | None = None
 
-    def instrument(self, name: str, cell: Surroundings) -> Socket:
+    def instrument(self, name: str, cell: CellParts) -> Socket:
         standing = None if self.position_mm is None else np.array(self.position_mm)[None] * MM
         return Socket(name=name, markers=cell.own, sigma=self.sigma_mm * MM, standing=standing)
 

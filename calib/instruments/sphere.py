@@ -12,12 +12,12 @@ from calib.arrays import Array, Mask
 from calib.files.values import MM, Positive, Vector
 from calib.instruments.even import POINT, Surface, around, best, contacts, mirrored
 from calib.instruments.protocol import (
-    Column,
+    CellParts,
     KeysTable,
     Linear,
     Nominal,
+    ReadingColumn,
     Start,
-    Surroundings,
     Unknown,
 )
 
@@ -33,7 +33,7 @@ class Sphere(Surface):
     kind: ClassVar[str] = "sphere"
     given_by: ClassVar[str] = "position_mm, and radius_mm or about_radius_mm,"
     rows: ClassVar[int] = 1
-    columns: ClassVar[tuple[Column, ...]] = (Column("d", "length", optional=True),)
+    columns: ClassVar[tuple[ReadingColumn, ...]] = (ReadingColumn("d", "length", optional=True),)
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -92,7 +92,7 @@ class SphereTable(KeysTable):
             )
         return self
 
-    def instrument(self, name: str, cell: Surroundings) -> Sphere:
+    def instrument(self, name: str, cell: CellParts) -> Sphere:
         standing = None
         if self.position_mm is not None and (self.radius_mm or self.about_radius_mm) is not None:
             about = () if self.radius_mm is not None else (self.about_radius_mm,)

@@ -19,7 +19,7 @@ from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.exports.bodies import NAMES, OFF_UNIT, WRITTEN, frame_of, pose_texts
 from calib.files.exports.points import MeasuredPoint, PointList
-from calib.files.exports.sheet import Sheet, made_sheet
+from calib.files.exports.sheet import ExportTable, made_sheet
 from calib.files.yaml_text import Node, Scalar, read_yaml
 
 YAML = (".yaml", ".yml", ".json")
@@ -71,7 +71,7 @@ def read_hand_eye(path: Path, body: str | None, eye: Eye | None) -> PointList:
     )  # fmt: skip
 
 
-def joint_states(path: Path) -> Sheet:
+def joint_states(path: Path) -> ExportTable:
     """The joint states that MoveIt's calibration saves, numbered as its samples. Raises InputError.
 
     They carry radians, which MoveIt counts in; joints that slide need another table.

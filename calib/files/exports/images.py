@@ -173,7 +173,7 @@ def read_images(
     Raises InputError where OpenCV is not installed, a file is no image, or no image shows a board.
     """
     cv2 = _opencv()
-    searches = [_Search(cv2, pattern) for pattern in patterns]
+    searches = [_Detector(cv2, pattern) for pattern in patterns]
     points: list[MeasuredPoint] = []
     blank: list[str] = []
     for k, path in enumerate(paths, 1):
@@ -221,7 +221,7 @@ def _image(cv2: Any, path: Path) -> Any:
     return image
 
 
-class _Search:
+class _Detector:
     """A pattern with OpenCV's detector for it."""
 
     def __init__(self, cv2: Any, pattern: Pattern) -> None:

@@ -15,7 +15,7 @@ from calib.arm.robot import Robot
 from calib.errors import InputError
 from calib.files.columns import ANGLES, LENGTHS, OTHERS, TORQUES, WRENCH
 from calib.files.exports.hand_eye import YAML, joint_states
-from calib.files.exports.sheet import Sheet, made_sheet, read_sheet, text_lines
+from calib.files.exports.sheet import ExportTable, made_sheet, read_sheet, text_lines
 from calib.files.readings import reading_names
 from calib.instruments import TRACKER
 
@@ -26,7 +26,7 @@ _DECLARED = re.compile(r"(?:DECL\s+)?(?:GLOBAL\s+)?(?:E6AXIS\s+|AXIS\s+)?")
 _AFTER_NAME = " \t=:;,"
 
 
-def axis_sheet(path: Path, lines: list[tuple[int, str]]) -> Sheet | None:
+def axis_sheet(path: Path, lines: list[tuple[int, str]]) -> ExportTable | None:
     """The list as a sheet with a header, None where a line is of another kind. Raises InputError."""
     rows: list[list[str]] = []
     axes: list[str] | None = None
@@ -131,7 +131,7 @@ def read_joints(
     )
 
 
-def _sheet(path: Path) -> Sheet:
+def _sheet(path: Path) -> ExportTable:
     if path.suffix.lower() in YAML:
         return joint_states(path)
     return axis_sheet(path, text_lines(path)) or read_sheet(path)
@@ -168,7 +168,7 @@ def _following(title: str, called: Mapping[str, str]) -> str:
     return f"{called[joint]}_{unit}" if unit in TORQUES and joint in called else title
 
 
-def _is_joint(sheet: Sheet, column: int, title: str, wanted: Sequence[str] | None) -> bool:
+def _is_joint(sheet: ExportTable, column: int, title: str, wanted: Sequence[str] | None) -> bool:
     if wanted is not None:
         return _parted(title)[0] in wanted or title in wanted
     return title not in _NOT_JOINTS and sheet.holds_numbers(column)
@@ -228,7 +228,7 @@ def _renaming(robot: Robot) -> str:
 
 
 def _row(
-    sheet: Sheet,
+    sheet: ExportTable,
     row: int,
     pose: int | None,
     joints: Sequence[int],

@@ -30,7 +30,7 @@ Row = tuple[int, list[str]]
 
 
 @dataclass(frozen=True)
-class Body:
+class RigidBody:
     """A body's name, and the columns of its rotation (x, y, z and maybe w) and of its place."""
 
     name: str
@@ -42,13 +42,15 @@ class Body:
 class Layout:
     """The bodies of a file, its first row of numbers, and the units in which they are."""
 
-    bodies: list[Body]
+    bodies: list[RigidBody]
     first: int
     unit: str
     angle: str = "rad"
 
 
-def body_frame(path: Path, row: Row, body: Body, layout: Layout, pointed: bool) -> Array | None:
+def body_frame(
+    path: Path, row: Row, body: RigidBody, layout: Layout, pointed: bool
+) -> Array | None:
     """The frame (4, 4), m, of a body in a row; None where it was not seen.
 
     pointed : whether decimals follow a point, not a comma
@@ -115,7 +117,7 @@ def motive_layout(path: Path, rows: list[Row]) -> Layout:
             raise InputError(
                 path, f"body {name}", "has not all of rotation X Y Z W and position X Y Z"
             )
-        found.append(Body(name, *(tuple(own[key] for key in keys) for keys in wanted)))
+        found.append(RigidBody(name, *(tuple(own[key] for key in keys) for keys in wanted)))
     if not found:
         raise InputError(path, "", "holds no rigid body", "export with Rigid Bodies")
     return Layout(found, titles + 1, unit)
@@ -148,7 +150,7 @@ def vicon_layout(path: Path, rows: list[Row]) -> Layout:
         raise InputError(path, "", what, "export the segments, or objects")
     names, units = rows[titles - 1][1], [unit.lower() for unit in rows[titles + 1][1]]
     wanted = ("RX", "RY", "RZ", "RW", "TX", "TY", "TZ") if "RW" in head else _SIX
-    found: list[Body] = []
+    found: list[RigidBody] = []
     for k in (k for k, title in enumerate(head) if title == "RX"):
         part = tuple(head[k : k + len(wanted)])
         if part != wanted:
@@ -158,7 +160,7 @@ def vicon_layout(path: Path, rows: list[Row]) -> Layout:
             )
         name = names[k] if k < len(names) and names[k] else f"body{len(found) + 1}"
         columns = tuple(range(k, k + len(wanted)))
-        found.append(Body(_single(name), columns[:-3], columns[-3:]))
+        found.append(RigidBody(_single(name), columns[:-3], columns[-3:]))
     angle = _unit_of(path, rows[titles + 1][0], units, found, "rotation")
     unit = _unit_of(path, rows[titles + 1][0], units, found, "place")
     return Layout(found, titles + 2, unit, angle or "rad")
@@ -174,7 +176,9 @@ def _single(name: str) -> str:
     return subject if subject == segment else name
 
 
-def _unit_of(path: Path, line: int, units: list[str], bodies: Sequence[Body], part: str) -> str:
+def _unit_of(
+    path: Path, line: int, units: list[str], bodies: Sequence[RigidBody], part: str
+) -> str:
     """The one unit of all columns of a part. Raises InputError."""
     known = RADIANS if part == "rotation" else METRES
     quaternion = part == "rotation" and len(bodies[0].rotation) == 4

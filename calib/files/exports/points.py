@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.files.exports.sheet import Sheet, in_mm, known_unit, read_sheet, stated_units
+from calib.files.exports.sheet import ExportTable, in_mm, known_unit, read_sheet, stated_units
 
 _ROLES = {
     "collection": ("collection", "collectionname"),
@@ -98,7 +98,7 @@ def read_points(
     return PointList(path, points, tuple(role for role in roles if role), unit, unit_from, ignored)
 
 
-def _check_cartesian(sheet: Sheet) -> None:
+def _check_cartesian(sheet: ExportTable) -> None:
     for line in sheet.comments:
         if found := _ROUND.search(line):
             raise InputError(
@@ -109,7 +109,7 @@ def _check_cartesian(sheet: Sheet) -> None:
             )
 
 
-def _titles(sheet: Sheet, columns: Sequence[str] | None) -> tuple[str, ...]:
+def _titles(sheet: ExportTable, columns: Sequence[str] | None) -> tuple[str, ...]:
     """Names of the columns: given, from the header, from a comment that holds it, or by number."""
     width = len(sheet.rows[0])
     if columns is not None:
@@ -130,7 +130,7 @@ def _titles(sheet: Sheet, columns: Sequence[str] | None) -> tuple[str, ...]:
     return _by_position(sheet)
 
 
-def _by_position(sheet: Sheet) -> tuple[str, ...]:
+def _by_position(sheet: ExportTable) -> tuple[str, ...]:
     """SpatialAnalyzer's orders of names and coordinates, as far as the fields decide on one."""
     width = len(sheet.rows[0])
     first = [sheet.is_number(0, column) for column in range(width)]
@@ -164,7 +164,7 @@ def _roles(titles: Sequence[str]) -> tuple[list[str], list[str]]:
     return roles, units
 
 
-def _index(sheet: Sheet, roles: Sequence[str]) -> dict[str, int]:
+def _index(sheet: ExportTable, roles: Sequence[str]) -> dict[str, int]:
     index: dict[str, int] = {}
     for column, role in enumerate(roles):
         if role in index:
@@ -184,7 +184,7 @@ def _index(sheet: Sheet, roles: Sequence[str]) -> dict[str, int]:
     return index
 
 
-def _unit(sheet: Sheet, units: Sequence[str], given: str | None) -> tuple[str, str]:
+def _unit(sheet: ExportTable, units: Sequence[str], given: str | None) -> tuple[str, str]:
     """The unit of length and who said so. Raises InputError where nobody did, or two differ."""
     unknown = [unit for unit in units if unit and unit != "s" and known_unit(unit) is None]
     if unknown:
@@ -210,7 +210,7 @@ def _unit(sheet: Sheet, units: Sequence[str], given: str | None) -> tuple[str, s
     return own, "stated in the file"
 
 
-def _point(sheet: Sheet, row: int, index: dict[str, int], unit: str) -> MeasuredPoint:
+def _point(sheet: ExportTable, row: int, index: dict[str, int], unit: str) -> MeasuredPoint:
     fields = sheet.rows[row]
 
     def text(role: str) -> str:
@@ -231,7 +231,7 @@ def _point(sheet: Sheet, row: int, index: dict[str, int], unit: str) -> Measured
     )
 
 
-def _sigma(sheet: Sheet, row: int, index: dict[str, int], unit: str) -> str:
+def _sigma(sheet: ExportTable, row: int, index: dict[str, int], unit: str) -> str:
     values = [float(in_mm(sheet.number(row, index[role]), unit)) for role in _UNCERTAINTY]
     if min(values) < 0.0 or not max(values) > 0.0:
         raise sheet.fault(

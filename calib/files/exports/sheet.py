@@ -76,7 +76,7 @@ _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+", re.ASCII)
 
 
 @dataclass(frozen=True)
-class Sheet:
+class ExportTable:
     """Rows of text fields, all of the same length, with the line of each.
 
     comments : lines before the first row, without their mark
@@ -130,7 +130,7 @@ class Sheet:
         return text if NUMBER.fullmatch(text) else None
 
 
-def read_sheet(path: Path) -> Sheet:
+def read_sheet(path: Path) -> ExportTable:
     """The file as a sheet. Raises InputError naming the line that does not fit."""
     comments: list[str] = []
     numbered: list[tuple[int, str]] = []
@@ -156,7 +156,7 @@ def read_sheet(path: Path) -> Sheet:
 
 def made_sheet(
     path: Path, comments: list[str], rows: list[list[str]], lines: list[int], separator: str
-) -> Sheet:
+) -> ExportTable:
     """Fields as a sheet: decimal mark and header found, lengths checked. Raises InputError."""
     width = len(rows[0])
     for number, row in zip(lines, rows, strict=True):
@@ -168,12 +168,14 @@ def made_sheet(
                 path, f"line {number}", what, "separate fields alike, quote names with blanks"
             )
     decimal = _decimal(path, rows, lines)  # between commas only a quoted field holds one
-    sheet = Sheet(path, tuple(comments), None, rows, lines, separator, decimal)
+    sheet = ExportTable(path, tuple(comments), None, rows, lines, separator, decimal)
     if any(sheet._pointed(field) is not None for field in rows[0]):
         return sheet
     if len(rows) == 1:
         raise InputError(path, "", "has a header and no rows", "export it again")
-    return Sheet(path, tuple(comments), tuple(rows[0]), rows[1:], lines[1:], separator, decimal)
+    return ExportTable(
+        path, tuple(comments), tuple(rows[0]), rows[1:], lines[1:], separator, decimal
+    )
 
 
 def _below_titles(

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.arm.se3 import rotate
 from calib.arrays import Array, Mask
-from calib.instruments.protocol import Column, Instrument, Linear, Nominal, Start, Unknown
+from calib.instruments.protocol import Instrument, Linear, Nominal, ReadingColumn, Start, Unknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +20,7 @@ class Ballbar(Instrument):
     kind: ClassVar[str] = "distance"
     rows: ClassVar[int] = 1
     unknowns: ClassVar[tuple[Unknown, ...]] = tuple(Unknown(c, "mm", 1e-3, 1e-2) for c in "xyz")
-    columns: ClassVar[tuple[Column, ...]] = (Column("d", "length"),)
+    columns: ClassVar[tuple[ReadingColumn, ...]] = (ReadingColumn("d", "length"),)
 
     def read(self, place: Array, points: Array) -> Array:
         return np.linalg.norm(points - place[..., None, None, :], axis=-1, keepdims=True)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import configparser
 import json
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,7 +23,7 @@ from calib.arm.se3 import displacement, from_xyz_rpy, inverse, rpy_from_rotation
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.read import read_text
-from calib.files.yaml_text import Node, Scalar, YamlText, read_yaml, rewritten
+from calib.files.yaml_text import Node, Scalar, YamlText, number_at, read_yaml, rewritten
 
 UR_JOINTS = (
     "shoulder_pan_joint",
@@ -213,23 +212,10 @@ def _below(path: Path, node: Node, key: str, where: str) -> Node:
 
 
 def _origin(path: Path, scalars: dict[str, Scalar]) -> Array:
-    values = np.array([_number(path, scalars[name]) for name in _KEYS])
+    what, remedy = "is not a number in m or rad", "evaluate expressions first"
+    numbers = [number_at(path, scalars[name], _LARGEST, what, remedy) for name in _KEYS]
+    values = np.array(numbers)
     return from_xyz_rpy(values[:3], values[3:])
-
-
-def _number(path: Path, scalar: Scalar) -> float:
-    try:
-        value = float(scalar.word)
-    except ValueError:
-        value = math.nan
-    if not abs(value) < _LARGEST:
-        raise InputError(
-            path,
-            f"line {scalar.line}",
-            f"{scalar.word[:40]!r} is not a number in m or rad",
-            "evaluate expressions first",
-        )
-    return value
 
 
 def _texts(T: Array) -> list[str]:

@@ -6,7 +6,6 @@ what is bent otherwise would be taken for the arm's.
 
 from __future__ import annotations
 
-import math
 import re
 import tomllib
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from calib.effects.base import Base
 from calib.errors import InputError
 from calib.files.read import read_text
 from calib.files.schema import CellFile
-from calib.files.yaml_text import Node, Scalar, read_yaml
+from calib.files.yaml_text import Node, Scalar, number_at, read_yaml
 from calib.instruments import Camera
 from calib.instruments.camera_table import CameraTable
 
@@ -35,6 +34,7 @@ _DISTORTION = ("distortion_coefficients", "dist_coeffs", "D", "dist")
 _PLAIN = ("plumb_bob", "radtan", "brown", "none", "")
 _MORE = {8: "rational", 12: "thin prism", 14: "tilted"}  # coefficients, OpenCV's models
 _LARGEST = 1e6  # px, or of a coefficient
+_IMPLAUSIBLE = "is no number of plausible size"
 _REMEDY = "calibrate with the five coefficients k1, k2, p1, p2, k3, or undistort the images first"
 
 
@@ -126,7 +126,7 @@ def _numbers(path: Path, what: str, node: Node | None) -> Array | None:
         return None
     if isinstance(node, dict):
         node = node.get("data", [])
-    found = np.array([_number(path, own) for own in _scalars(node)])
+    found = np.array([number_at(path, own, _LARGEST, _IMPLAUSIBLE) for own in _scalars(node)])
     if not len(found) and not isinstance(node, list):
         raise InputError(path, what, "is no list of numbers", "write them as data: [..]")
     return found
@@ -136,17 +136,6 @@ def _scalars(node: Node) -> list[Scalar]:
     if isinstance(node, list):
         return [own for part in node for own in _scalars(part)]
     return [node] if isinstance(node, Scalar) else []
-
-
-def _number(path: Path, scalar: Scalar) -> float:
-    try:
-        value = float(scalar.word)
-    except ValueError:
-        value = math.nan
-    if not abs(value) < _LARGEST:
-        what = f"{scalar.word[:40]!r} is no number of plausible size"
-        raise InputError(path, f"line {scalar.line}", what)
-    return value
 
 
 def _refuse_model(path: Path, model: str) -> None:
@@ -182,7 +171,9 @@ def _image(path: Path, root: dict[str, Node]) -> Array | None:
     found = [_of(root, (f"image_{key}", key)) for key in _SIZE]
     if not all(isinstance(own, Scalar) for own in found):
         return None
-    size = np.array([_number(path, own) for own in found if isinstance(own, Scalar)])
+    size = np.array(
+        [number_at(path, own, _LARGEST, _IMPLAUSIBLE) for own in found if isinstance(own, Scalar)]
+    )
     return size if (size >= 1.0).all() else None
 
 

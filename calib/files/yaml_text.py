@@ -5,6 +5,7 @@ Values stay text: nothing is constructed from a tag, and only those of plain dat
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,6 +64,28 @@ def read_yaml(path: Path) -> YamlText:
         what = "holds neither 'key: value' nor '- value'"
         raise InputError(path, f"line {root.line}", what, _REMEDY)
     return YamlText(text, root if isinstance(root, dict) else {"": root})
+
+
+def number_at(
+    path: Path,
+    node: Node,
+    largest: float = math.inf,
+    what: str = "is no number",
+    remedy: str = "",
+) -> float:
+    """The number at a node. Raises InputError, naming the line, where it is none, or not below.
+
+    what, remedy : that are said of its word
+    """
+    if not isinstance(node, Scalar):
+        raise InputError(path, "", "holds a list where a name or number belongs")
+    try:
+        value = float(node.word)
+    except ValueError:
+        value = math.nan
+    if not abs(value) < largest:
+        raise InputError(path, f"line {node.line}", f"{node.word[:40]!r} {what}", remedy)
+    return value
 
 
 def rewritten(text: str, values: Mapping[Scalar, str]) -> str:

@@ -71,30 +71,6 @@ def test_joined_table_is_the_measured_one(folder: Path) -> None:
     assert named["points.txt"] == hashlib.sha256((folder / "points.txt").read_bytes()).hexdigest()
 
 
-FAULTS = {
-    "no unit": ([], "points.txt: states no unit of length"),
-    "strange column": (["--unit", "mm", "--columns", "a,b"], "--columns: 'a' is not known"),
-    "pattern": (["--unit", "mm", "--names", "P"], "--names: 'P' is no pattern"),
-    "onto an input": (["--unit", "mm", "-o", "points.txt"], "is already an input"),
-    "renamed": (["--unit", "mm", "--joint-names", "a,b"], "--joint-names names 2"),
-}
-
-
-@pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_is_one_line_and_writes_nothing(
-    folder: Path, fault: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(folder)
-    options, message = FAULTS[fault]
-    before = (folder / "points.txt").read_bytes()
-    done = run("points.txt", "--joints", "joints.csv", "-o", "none.csv", *options)
-    assert done.exit_code == 2
-    assert message in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert not (folder / "none.csv").exists()
-    assert (folder / "points.txt").read_bytes() == before
-
-
 def test_a_table_that_cannot_be_read_back_is_not_written(folder: Path, tmp_path: Path) -> None:
     """A marker of the cell that no point shows is a fault of the whole table; --partial allows it."""
     lines = (folder / "points.txt").read_text().splitlines()

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from calib.arm.se3 import so3_exp, so3_log
+from calib.arm.se3 import transform
 from calib.arrays import Array
 
 WRITTEN = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
@@ -18,10 +18,9 @@ OFF_UNIT = 1e-3
 
 def pose_texts(T: Array) -> tuple[str, ...]:
     """The text of a frame (4, 4), m."""
-    r = so3_log(T[:3, :3])
-    half = float(np.linalg.norm(r)) / 2.0
-    quaternion = [math.cos(half), *(r / 2.0 * np.sinc(half / np.pi))]
-    return (*(f"{1e3 * v:.6f}" for v in T[:3, 3]), *(f"{v + 0.0:.10f}" for v in quaternion))
+    x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
+    place = (f"{1e3 * v:.6f}" for v in T[:3, 3])
+    return (*place, *(f"{v + 0.0:.10f}" for v in (w, x, y, z)))
 
 
 def pose_of_texts(values: Sequence[str]) -> Array:
@@ -32,10 +31,5 @@ def pose_of_texts(values: Sequence[str]) -> Array:
 
 def frame_of(position: Sequence[float], quaternion: Sequence[float]) -> Array:
     """A frame (4, 4) from a position and a quaternion w, x, y, z."""
-    w, *v = (q / math.hypot(*quaternion) for q in quaternion)
-    sine = math.hypot(*v)
-    angle = 2.0 * math.atan2(sine, w)
-    T = np.eye(4)
-    T[:3, :3] = so3_exp(np.array(v) / (sine or 1.0) * angle)
-    T[:3, 3] = position
-    return T
+    w, *v = quaternion
+    return transform(Rotation.from_quat([*v, w]).as_matrix(), np.array(position))

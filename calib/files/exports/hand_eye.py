@@ -20,7 +20,7 @@ from calib.errors import InputError
 from calib.files.exports.bodies import NAMES, OFF_UNIT, WRITTEN, frame_of, pose_texts
 from calib.files.exports.points import MeasuredPoint, PointList
 from calib.files.exports.sheet import ExportTable, made_sheet
-from calib.files.yaml_text import Node, Scalar, read_yaml
+from calib.files.yaml_text import Node, Scalar, number_at, read_yaml
 
 YAML = (".yaml", ".yml", ".json")
 Eye = Literal["in-hand", "on-base"]
@@ -124,7 +124,7 @@ def _frame(path: Path, number: int, sample: Node) -> Array:
     key = next((k for k in _OPTICAL if isinstance(sample, dict) and k in sample), None)
     node = sample[key] if key is not None and isinstance(sample, dict) else sample
     if isinstance(node, list):
-        T = _of_numbers(path, where, [_float(path, own) for own in _flat(node)])
+        T = _of_numbers(path, where, [number_at(path, own) for own in _flat(node)])
     else:
         inner = node.get("transform", node) if isinstance(node, dict) else node
         parts = [_parts(path, where, inner, *own) for own in _PARTS]
@@ -141,7 +141,7 @@ def _parts(path: Path, where: str, node: Node, name: str, keys: str) -> list[flo
     own = node.get(name) if isinstance(node, dict) else None
     if not isinstance(own, dict) or any(key not in own for key in keys):
         raise InputError(path, where, f"has no {name} of {', '.join(keys)}")
-    return [_float(path, own[key]) for key in keys]
+    return [number_at(path, own[key]) for key in keys]
 
 
 def _of_numbers(path: Path, where: str, numbers: list[float]) -> Array:
@@ -172,15 +172,3 @@ def _word(path: Path, node: Node) -> str:
     if not isinstance(node, Scalar):
         raise InputError(path, "", "holds a list where a name or number belongs")
     return node.word
-
-
-def _float(path: Path, node: Node) -> float:
-    text = _word(path, node)
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        line = node.line if isinstance(node, Scalar) else 0
-        raise InputError(path, f"line {line}", f"{text[:40]!r} is no number")
-    return value

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -20,7 +19,6 @@ from calib.arrays import Array
 from calib.files.shapes import urdf_shapes
 from calib.files.urdf import load_urdf
 from calib.poses import poses_at
-from tests.calib.arm.test_mujoco import in_mujoco
 from tests.helpers import GRAVITY
 
 KINDS = ("revolute", "continuous", "prismatic", "fixed")
@@ -126,7 +124,7 @@ def beyond(joints: list[Joint], name: str) -> list[Joint]:
     return found
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(8))
 def test_places_and_torques_are_those_of_the_whole_tree(tmp_path: Path, seed: int) -> None:
     joints, chain = random_tree(seed)
     tip = f"c{len(chain)}"
@@ -154,24 +152,6 @@ def test_places_and_torques_are_those_of_the_whole_tree(tmp_path: Path, seed: in
                 slides = moved[0].kind == "prismatic"
                 total += axis @ (weight if slides else np.cross(com - own[:3, 3], weight))
             assert ours[i, k] == pytest.approx(total, abs=1e-10)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_torques_are_mujocos(tmp_path: Path, seed: int) -> None:
-    joints, chain = random_tree(seed)
-    robot = read(tmp_path, joints, f"c{len(chain)}")
-    model = in_mujoco((tmp_path / "tree.urdf").read_text())
-    data = mujoco.MjData(model)
-    q = np.random.default_rng(seed).uniform(-1, 1, (1, robot.dof))
-    columns = [int(model.joint(name).dofadr[0]) for name in robot.joints]
-    data.qpos[columns] = q[0]
-    mujoco.mj_forward(model, data)
-    gravity = data.body("c0").xmat.reshape(3, 3).T @ model.opt.gravity
-    frames = forward(robot, q)
-    loads = loads_of(robot, poses_at(q), Payload(), gravity)
-    local = transmitted(loads, frames, link_origins(robot, frames, q)).local[0, 1:-1]
-    felt = np.where(robot.prismatic[:, None], local[:, :3], local[:, 3:])
-    np.testing.assert_allclose((felt * robot.axes).sum(axis=1), -data.qfrc_bias[columns], atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(4))

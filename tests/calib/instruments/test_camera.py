@@ -313,25 +313,6 @@ def test_a_lens_that_is_not_known(written: Callable[..., Path], given: str) -> N
 # -- the bound, tables, what is said -----------------------------------------------------------------
 
 
-def test_refits_scatter_as_predicted(written: Callable[..., Path]) -> None:
-    """The Cramer-Rao bound at twelve days: chi-square of the joint offsets."""
-    path = written(board_text("b", "tip", TILED), camera_text("cam", "world"))
-    cell, q = calib.load_cell(path), near_home(15, 1)
-    X = frame(np.array([0.05, -0.1, 0.2, 0.4, 2.0, -0.3]))
-    C = looking(tip_frames(cell, q)[:, :3, 3], np.array([3.6, -1.2, 2.2]))
-    clean, total = seen_on_tip(cell, q, {"b": (TILED, X)}, {"cam": C}), 0.0
-    for seed in range(12):
-        rows = noisy(clean, seed)
-        name = path.parent / "m.csv"
-        data = calib.load_measurements(cell, table(name, cell.robot.joints, q, rows))
-        found = calib.identify(cell, data)
-        own = [k for k, p in enumerate(found.model.parameters) if p.effect == "joint_offset"]
-        joints = [found.model.parameters[k].where for k in own]
-        off = found.values[own] - [OFF[joint] for joint in joints]
-        total += float(off @ np.linalg.solve(found.covariance[np.ix_(own, own)], off))
-    assert 17.0 < total < 62.0  # chi-square with 36 degrees of freedom, 99.5 %
-
-
 def test_a_table_written_is_the_table_read(written: Callable[..., Path]) -> None:
     path = written(board_text("b", "world", TILED), camera_text("eye", "tip"))
     cell, q = calib.load_cell(path), near_home(12, 3, 0.3)

@@ -24,9 +24,8 @@ from calib.model.build import build
 from calib.model.covariance import errors_at
 from calib.noise import Noise
 from calib.poses import poses_at
-from calib.simulation import drawn_readings
-from tests.calib.instruments.ballbar import Ballbar, Level
-from tests.helpers import cell_of, central_difference, random_robot
+from tests.calib.instruments.ballbar import Ballbar
+from tests.helpers import cell_of, random_robot
 
 MARKERS = np.array([[0.10, 0.02, -0.05], [-0.04, 0.12, 0.03]])
 OFFSETS = ("j2", "j3", "j4")
@@ -104,27 +103,6 @@ def in_order(result: calib.Identification) -> list[int]:
     return [ids.index(i) for i in (*wanted, *(f"base:bar.{c}" for c in "xyz"))]
 
 
-def test_offsets_and_anchor_from_distances_alone() -> None:
-    """The covariance is the inverse of the information by hand; errors scatter as it says."""
-    q, theta = drawn(30, 0), np.concatenate([TRUE, ANCHOR])
-    exact, cell = distances(theta, q), cell_with(Ballbar(name="bar", sigma=SIGMA))
-    J = slopes(lambda t: distances(t, q), theta) / SIGMA
-    expected = np.linalg.inv(J.T @ J)
-    rng, squared = np.random.default_rng(1), []
-    for _ in range(20):
-        noisy = exact + SIGMA * rng.standard_normal(exact.shape)
-        found = calib.identify(cell, measured(q, noisy[..., None]))
-        at = in_order(found)
-        assert found.status == "converged"
-        assert found.dof == exact.size - 6
-        error = found.values[at] - theta
-        squared.append(error @ np.linalg.solve(expected, error))
-        own = found.covariance[np.ix_(at, at)] / found.noise.factor**2
-        np.testing.assert_allclose(own, expected, rtol=0.02, atol=2e-3 * np.abs(expected).max())
-    # A chi-square of 120 degrees of freedom, four standard deviations.
-    assert sum(squared) == pytest.approx(120.0, abs=4.0 * np.sqrt(240.0))
-
-
 def test_beside_a_tracker_information_adds() -> None:
     """Half of the poses are read by the tracker, half by the bar, some by both."""
     q, theta = drawn(24, 2), np.concatenate([TRUE, ANCHOR, [0.3, -2.0, 0.8, 0.4, -1.1, 0.7]])
@@ -162,25 +140,6 @@ def test_beside_a_tracker_information_adds() -> None:
     assert sum(squared) == pytest.approx(144.0, abs=4.0 * np.sqrt(288.0))
 
 
-@pytest.mark.parametrize("reads", [None, (1,)])
-def test_derivatives_by_everything(reads: tuple[int, ...] | None) -> None:
-    """A tracker of two stations and a scale, a bar, a level; free markers, a joint that yields."""
-    bar, level = Ballbar(name="bar", markers=reads), Level(name="level", markers=(1, 0))
-    effects = ("base", "tool", "joint_offset:j2,j3", "tracker_scale", "joint_compliance:j2")
-    cell = cell_with(LASER, bar, level, effects=effects)
-    station = np.arange(6) % 2
-    poses = poses_at(drawn(6, 4), station=station, stations=("north", "south"))
-    poses = replace(poses, wrench=np.tile([100.0, 0.0, -300.0, 0.0, 0.0, 10.0], (6, 1)))
-    model = build(cell, poses).model
-    values = np.random.default_rng(5).normal(size=len(model.parameters)) * 10.0 * model.sizes
-    _, J = model.jacobian(values, poses)
-    channels = 2 + len(MARKERS if reads is None else reads) + 1
-    assert J.shape == (6, channels, 3, len(values))
-    numeric = central_difference(lambda v: model.predict(v, poses), values, 0.1 * model.sizes)
-    np.testing.assert_allclose(J, numeric, rtol=1e-6, atol=1e-7 * np.abs(J).max())
-    assert not J[:, 2:, 1:].any()  # a distance is one number
-
-
 def test_through_a_table(tmp_path: Path) -> None:
     """Rows of both, by the column ``instrument``; what does not apply is empty."""
     q = drawn(5, 6)
@@ -203,18 +162,6 @@ def test_through_a_table(tmp_path: Path) -> None:
         (tmp_path / "bad.csv").write_text(text.replace(old, new, 1))
         with pytest.raises(calib.CalibError, match=said):
             calib.load_measurements(cell, tmp_path / "bad.csv")
-
-
-def test_simulated_as_it_is_whitened() -> None:
-    """The simulator adds to each row its instrument's noise, and none to numbers that are none."""
-    cell = cell_with(LASER, Ballbar(name="bar", sigma=SIGMA))
-    poses = poses_at(drawn(400, 7))
-    model = build(cell, poses).model
-    data = drawn_readings(model, model.initial, poses, None, np.random.default_rng(8))
-    off = model.off(model.initial, data)
-    assert off[:, :2].std() == pytest.approx(3e-5, rel=0.08)
-    assert off[:, 2:, 0].std() == pytest.approx(SIGMA, rel=0.12)
-    assert not off[:, 2:, 1:].any()
 
 
 def test_accuracy_at_targets_counts_points() -> None:

@@ -13,7 +13,8 @@ from pydantic import BaseModel, ValidationError
 
 from calib.errors import InputError
 from calib.files.read import ORDER, read_text
-from calib.files.schema import KINDS, CellFile
+from calib.files.schema import CellFile
+from calib.instruments import KINDS
 
 _LARGEST_FILE = 2_000_000  # bytes; the parser of the standard library is slow
 _DEEPEST = 50  # parts of a key
@@ -83,7 +84,7 @@ def _keys(location: tuple[int | str, ...]) -> list[str]:
     ]
 
 
-_TAGS = KINDS | frozenset(
+_TAGS = frozenset(KINDS) | frozenset(
     ("number", "polar", "mpe", "position", "table", "box", "sphere", "halfspace")
 )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from datetime import date, time
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, Union, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, Union
 
 from pydantic import (
     AfterValidator,
@@ -31,7 +31,7 @@ from calib.files.values import (
     Vector,
     plain,
 )
-from calib.instruments import TABLES
+from calib.instruments import KINDS
 from calib.instruments.camera_table import CameraTable
 from calib.instruments.points import TrackerTable
 from calib.instruments.protocol import KeysTable
@@ -39,7 +39,8 @@ from calib.instruments.protocol import KeysTable
 if TYPE_CHECKING:
     AnyInstrument: TypeAlias = KeysTable
 else:
-    AnyInstrument = Annotated[Union[TABLES], Field(discriminator="kind")]  # noqa: UP007
+    _TABLES = tuple(own for _, own in KINDS.values())
+    AnyInstrument = Annotated[Union[_TABLES], Field(discriminator="kind")]  # noqa: UP007
 
 
 class CapsuleTable(TomlTable):
@@ -259,10 +260,6 @@ def _told(value: object) -> object:
 
 Told = Annotated[Any, AfterValidator(_told)]
 """What a reader is told as it stands."""
-
-
-KINDS = frozenset(get_args(own.model_fields["kind"].annotation)[0] for own in TABLES)
-"""Of instruments, as a cell writes them."""
 
 
 class CellFile(TomlTable):

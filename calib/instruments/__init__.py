@@ -12,20 +12,23 @@ from calib.instruments.protocol import CellParts, Instrument, KeysTable
 from calib.instruments.socket import Socket, SocketTable
 from calib.instruments.sphere import Sphere, SphereTable
 
-TABLES: tuple[type[KeysTable], ...] = (
-    PointsTable,
-    PoseTable,
-    CameraTable,
-    AngleTable,
-    DistanceTable,
-    PlaneTable,
-    SphereTable,
-    SocketTable,
-)
-"""The keys of every kind, which make the instrument."""
+KINDS: dict[str, tuple[type[Instrument], type[KeysTable]]] = {
+    own.kind: (own, table)
+    for own, table in (
+        (Tracker, PointsTable),
+        (Angle, AngleTable),
+        (FixedCamera, CameraTable),
+        (Distance, DistanceTable),
+        (Plane, PlaneTable),
+        (Pose, PoseTable),
+        (Socket, SocketTable),
+        (Sphere, SphereTable),
+    )
+}
+"""Every kind as a cell names it: its class, and its keys in a cell, which make one."""
 
 __all__ = [
-    "TABLES",
+    "KINDS",
     "TRACKER",
     "Angle",
     "ArmCamera",

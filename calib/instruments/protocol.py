@@ -13,7 +13,7 @@ frame, which an instrument may read, or ride on. How it stands against the robot
     position            where the picture shows it, and lines of sight end
     a KeysTable         its keys in a cell, and the instrument that they make
 
-and one entry in ``calib.instruments.TABLES``.
+and one entry in ``calib.instruments.KINDS``.
 
 Of C readings a pose the points are (m, C, 3), or (m, C, 3 k) where each takes k, the rows (m, C, r).
 """

@@ -53,16 +53,6 @@ def forms() -> dict[str, dict[str, None]]:
     return {key: own for key, own in found.items() if not key.startswith(_TOLD)}
 
 
-def keys_of_instrument(kind: str) -> tuple[str, ...]:
-    """Keys of ``[instruments.NAME]`` of one kind."""
-    from calib.files.schema import CellFile
-
-    schema = CellFile.model_json_schema()
-    named = schema["properties"]["instruments"]["additionalProperties"]["discriminator"]
-    table = schema["$defs"][named["mapping"][kind].rpartition("/")[2]]
-    return tuple(key for key in table["properties"] if key != "kind")
-
-
 def _keys(schema: Any, known: dict[str, Any], path: str) -> Iterator[tuple[str, str]]:
     """Keys and forms below a path, every choice in turn."""
     if "$ref" in schema:

@@ -86,20 +86,15 @@ def criteria() -> Rows:
 
 def instruments() -> Rows:
     """Every kind of instrument: its columns, and its keys in the cell."""
-    from calib import instruments as known
     from calib.files.readings import reading_names
-    from calib.instruments import Instrument
-    from studies.explain.cell_keys import keys_of_instrument
+    from calib.instruments import KINDS
 
-    kinds: dict[str, type[Instrument]] = {}
-    for own in map(vars(known).get, known.__all__):
-        if isinstance(own, type) and issubclass(own, Instrument) and hasattr(own, "kind"):
-            kinds.setdefault(own.kind, own)
     rows = []
-    for name in sorted(kinds, key=lambda name: (name != "points", name)):  # [instrument] first
-        columns = sorted(reading_names([kinds[name]]))
+    for name, (kind, table) in KINDS.items():
+        columns = sorted(reading_names([kind]))
         shown = ", ".join(column for column in columns if not column.endswith(("_m", "_rad")))
-        rows.append((name, _summary(kinds[name]), shown, ", ".join(keys_of_instrument(name))))
+        keys = ", ".join(key for key in table.model_fields if key != "kind")
+        rows.append((name, _summary(kind), shown, keys))
     return ("kind", "reads", "columns", "keys"), rows
 
 

@@ -15,7 +15,7 @@ from calib.arm.se3 import so3_exp, transform
 from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.effects import EFFECTS, Context
-from calib.files.planned import planned, with_targets
+from calib.files.cell import planned, with_targets
 from calib.files.schema import DesignTable
 from calib.files.write_tables import measurements_csv
 from calib.instruments import Instrument, Tracker

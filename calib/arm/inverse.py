@@ -37,12 +37,7 @@ class Solutions:
 
 def solutions(robot: Robot, R: Array, o: Array) -> list[Solutions]:
     """What many starts find for tips R (m, 3, 3), o (m, 3) [m] in base axes, limits aside."""
-    from scipy.stats import qmc
-
-    low, high = robot.sample_limits().T
-    unit = qmc.Sobol(robot.dof, rng=np.random.default_rng(0)).random(64)[:_STARTS]
-    starts = robot.tied(low + unit * (high - low))
-    q = np.tile(starts, (len(o), 1))
+    q = np.tile(robot.sobol(_STARTS), (len(o), 1))
     q, e = _descend(robot, q, np.repeat(R, _STARTS, axis=0), np.repeat(o, _STARTS, axis=0))
     q, e = q.reshape(len(o), _STARTS, -1), e.reshape(len(o), _STARTS, 6)
     return [_found(robot, *own) for own in zip(q, e, strict=True)]

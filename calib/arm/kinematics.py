@@ -111,6 +111,15 @@ def forward(
     )
 
 
+def tip_points(robot: Robot, q: Array, points: Array, corrections: Array | None = None) -> Array:
+    """Points (k, 3) of the tip frame in base axes at joint values (m, n), shape (m, k, 3), m.
+
+    corrections : as for :func:`forward`
+    """
+    frames = forward(robot, q, corrections)
+    return rotate(frames.R[:, None, -1], points) + frames.o[:, None, -1]
+
+
 def link_origins(robot: Robot, frames: Frames, q: Array) -> Array:
     """Origins of the frames that carry the links, shape (..., m, n + 2, 3): prismatic travel in."""
     if not robot.prismatic.any():

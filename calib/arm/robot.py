@@ -191,3 +191,12 @@ class Robot:
         fallback = np.where(self.prismatic, 1.0, np.pi)[:, None] * np.array([-1.0, 1.0])
         limits = reachable(self.ties, self.limits)
         return np.where(np.isfinite(limits), limits, fallback)
+
+    def sobol(self, count: int, seed: int = 0) -> Array:
+        """Joint values (count, n) of a scrambled Sobol sequence over these ranges, rad or m."""
+        from scipy.stats import qmc
+
+        sampler = qmc.Sobol(self.dof, rng=np.random.default_rng(seed))
+        unit = sampler.random(2 ** int(np.ceil(np.log2(count))))[:count]
+        low, high = self.sample_limits().T
+        return self.tied(low + unit * (high - low))

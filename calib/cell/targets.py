@@ -26,12 +26,7 @@ def targets_of(cell: Cell) -> tuple[Poses, Array]:
 
 def sobol_poses(cell: Cell, count: int, seed: int) -> Poses:
     """Scrambled Sobol poses over the joint box, free of load."""
-    from scipy.stats import qmc
-
-    sampler = qmc.Sobol(cell.robot.dof, scramble=True, rng=np.random.default_rng(seed))
-    unit = sampler.random(2 ** int(np.ceil(np.log2(count))))[:count]
-    low, high = cell.robot.sample_limits().T
-    return poses_at(cell.robot.tied(low + unit * (high - low)))
+    return poses_at(cell.robot.sobol(count, seed))
 
 
 def check_targets(cell: Cell, targets: Poses) -> None:

@@ -1,4 +1,4 @@
-"""Read ``cell.toml``: TOML to a checked table, and that to SI."""
+"""Read ``cell.toml``: the checked table to SI, with what it names beside it."""
 
 from __future__ import annotations
 
@@ -10,16 +10,18 @@ from pathlib import Path
 import numpy as np
 
 from calib.arm.robot import Capsule, Robot, Shapes
+from calib.arm.se3 import from_xyz_rpy
 from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.cell import Cell, Load, Repeatability
 from calib.cell.acceptance import Acceptance
+from calib.cell.planned import AskedLevels, Ball, Body, Box, HalfSpace, Planned, Targets
 from calib.errors import InputError, UnknownEffect
+from calib.files import schema
 from calib.files.cell_table import cell_table
 from calib.files.estimate import load_prior
 from calib.files.instruments import bodies_of, instruments_of, known_distances
 from calib.files.lenses import with_lenses
-from calib.files.planned import planned, with_targets
 from calib.files.robot import load_robot
 from calib.files.schema import (
     AcceptanceTable,
@@ -29,10 +31,68 @@ from calib.files.schema import (
     PriorTable,
     RobotTable,
 )
+from calib.files.tables import load_targets
+from calib.files.values import MM, URAD
 from calib.model.build import context_of, parse_effect, parse_excluded
 
-_MM = 1e-3
-_URAD = 1e-6
+_HOUR = 3600.0
+
+
+def planned(path: Path, robot: Robot, table: schema.DesignTable) -> Planned:
+    """What the table says, all but its targets.
+
+    Raises InputError where levels are neither counted nor given, or both.
+    """
+    for joint, levels in table.levels.items():
+        if (levels.count is None) == (levels.values_deg is None):
+            raise InputError(
+                path, f"design.levels.{joint}", "needs either count or values_deg, and not both"
+            )
+    return Planned(
+        poses=table.poses,
+        levels={
+            joint: _levels(levels, robot.prismatic[robot.joints.index(joint)])
+            for joint, levels in table.levels.items()
+        },
+        targets_after=None if table.targets_after_h is None else table.targets_after_h * _HOUR,
+        repeats=table.repeats,
+        reference_every=table.reference_every,
+        reapproaches=table.reapproaches,
+        floor=table.floor_mm * MM if isinstance(table.floor_mm, float) else None,
+        floorless=table.floor_mm is False,
+        obstacles=tuple(_body(obstacle) for obstacle in table.obstacle),
+    )
+
+
+def with_targets(cell: Cell, file: str | None) -> Cell:
+    """The cell with the targets of a file beside it. Raises InputError."""
+    if file is None:
+        return cell
+    path = cell.path.parent / file
+    return replace(
+        cell, design=replace(cell.design, targets=Targets(path, *load_targets(cell, path)))
+    )
+
+
+def _levels(table: schema.LevelsTable, slides: bool) -> AskedLevels:
+    """Of a joint that slides, ``_deg`` stands for millimetres."""
+    unit = MM if slides else math.pi / 180.0
+    values = None if table.values_deg is None else np.sort(np.array(table.values_deg)) * unit
+    count = table.count if values is None else len(values)
+    return AskedLevels(table.poses_per_level, count, values, table.min_separation_deg * unit)
+
+
+def _body(table: schema.BoxTable | schema.BallTable | schema.HalfSpaceTable) -> Body:
+    match table:
+        case schema.BoxTable():
+            T = from_xyz_rpy(np.array(table.center_mm) * MM, np.radians(table.rpy_deg))
+            return Box(T, 0.5 * MM * np.array(table.size_mm))
+        case schema.BallTable():
+            return Ball(np.array(table.center_mm) * MM, table.radius_mm * MM)
+        case _:
+            return HalfSpace(np.array(table.point_mm) * MM, np.array(table.normal))
+
+
 _ROUNDED = 1e-9  # rad or m
 
 
@@ -61,7 +121,7 @@ def load_cell(path: str | Path) -> Cell:
         path=path,
         robot=_narrowed(path, robot, table.robot),
         marker_names=(*markers, *bodies.names),
-        markers=np.concatenate([positions * _MM, bodies.markers]),
+        markers=np.concatenate([positions * MM, bodies.markers]),
         marker_normals=np.array([_unit(m.normal) for m in every]),
         marker_acceptance=np.radians([m.acceptance_deg or math.nan for m in every]),
         instruments=instruments_of(table, bodies),
@@ -71,7 +131,7 @@ def load_cell(path: str | Path) -> Cell:
         effects=tuple(table.model.effects),
         knots={j: np.sort(np.radians(angles)) for j, angles in table.model.knots_deg.items()},
         anchors={
-            j: np.array([a.before, a.after]) * _MM for j, a in table.robot.compensators_mm.items()
+            j: np.array([a.before, a.after]) * MM for j, a in table.robot.compensators_mm.items()
         },
         shapes=Shapes(_capsules(table.robot)) if given else robot.shapes,
         lens_files=lenses,
@@ -103,7 +163,7 @@ def _load(table: LoadTable | None) -> Load | None:
 
 
 def _acceptance(table: AcceptanceTable | None) -> Acceptance | None:
-    return None if table is None else Acceptance(table.tolerance_mm * _MM, table.rule)
+    return None if table is None else Acceptance(table.tolerance_mm * MM, table.rule)
 
 
 def _with_prior(cell: Cell, table: PriorTable | None) -> Cell:
@@ -142,7 +202,7 @@ def _narrowed(path: Path, robot: Robot, table: RobotTable) -> Robot:
     limits = robot.limits.copy()
     for key, given, unit, slides in (
         ("limits_deg", table.limits_deg, math.pi / 180, False),
-        ("limits_mm", table.limits_mm, _MM, True),
+        ("limits_mm", table.limits_mm, MM, True),
     ):
         for joint, bounds in given.items():
             index = robot.joints.index(joint)
@@ -173,7 +233,7 @@ def _narrowed(path: Path, robot: Robot, table: RobotTable) -> Robot:
 
 def _capsules(table: RobotTable) -> dict[str, tuple[Capsule, ...]]:
     return {
-        name: tuple(Capsule(_metres(c.start), _metres(c.end), c.radius * _MM) for c in capsules)
+        name: tuple(Capsule(_metres(c.start), _metres(c.end), c.radius * MM) for c in capsules)
         for name, capsules in table.capsules_mm.items()
     }
 
@@ -183,7 +243,7 @@ def _repeatability(table: RobotTable) -> Repeatability | None:
     stated = table.repeatability_mm, table.repeatability_urad
     if stated == (None, None):
         return None
-    return Repeatability((stated[0] or 0.0) * _MM, (stated[1] or 0.0) * _URAD)
+    return Repeatability((stated[0] or 0.0) * MM, (stated[1] or 0.0) * URAD)
 
 
 def _excluded(cell: Cell, names: list[str]) -> tuple[str, ...]:
@@ -203,4 +263,4 @@ def _unit(vector: tuple[float, float, float] | None) -> Array:
 
 def _metres(vector: tuple[float, float, float]) -> tuple[float, float, float]:
     x, y, z = vector
-    return x * _MM, y * _MM, z * _MM
+    return x * MM, y * MM, z * MM

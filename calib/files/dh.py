@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.arm.dh import DhTable, robot_of_dh
 from calib.arm.dh_fit import DhFit, dh_of_robot
-from calib.arm.kinematics import forward
+from calib.arm.kinematics import tip_points
 from calib.arm.robot import Convention, Robot
 from calib.arm.se3 import rotate, so3_log
 from calib.arrays import Array
@@ -194,17 +194,13 @@ def dh_lacks(fit: DhFit, robot: Robot, markers: dict[str, Array]) -> list[str]:
 
 def _without_beta(fit: DhFit, robot: Robot, markers: dict[str, Array]) -> str:
     """Largest distance by which the markers move where beta is left out."""
-    from scipy.stats import qmc
-
-    low, high = robot.sample_limits().T
-    q = robot.tied(low + (high - low) * qmc.Sobol(robot.dof, rng=0).random(_POSES))
+    q = robot.sobol(_POSES)
     plain = replace(fit.table, beta=np.zeros(robot.dof))
     tool = np.array(list(markers.values()) or [np.zeros(3)])
     tool = rotate(fit.T_tip[:3, :3], tool) + fit.T_tip[:3, 3]
-    points = []
-    for table in (fit.table, plain):
-        frames = forward(robot_of_dh(table, "", "base", "tip"), q)
-        points.append(rotate(frames.R[:, None, -1], tool) + frames.o[:, None, -1])
+    points = [
+        tip_points(robot_of_dh(table, "", "base", "tip"), q, tool) for table in (fit.table, plain)
+    ]
     return f"{np.linalg.norm(points[1] - points[0], axis=-1).max() * 1e3:.3g} mm at the markers"
 
 

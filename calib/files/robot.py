@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.arm.kinematics import forward
+from calib.arm.kinematics import tip_points
 from calib.arm.robot import Convention, Form, Robot, Source
 from calib.arm.se3 import fit_rigid, rotate
 from calib.arrays import Array
@@ -183,15 +183,12 @@ def zero_offsets(robot: Robot, corrections: Array, markers: Array) -> ZeroOffset
     corrections : ndarray, shape (n + 2, 6), m and rad, as in :class:`~calib.arm.robot.Robot`
     markers : ndarray, shape (M, 3), m, tip frame
     """
-    from scipy.stats import qmc
-
     own = corrections[1:-1]
     along = np.where(robot.prismatic[:, None], own[:, :3], own[:, 3:])
     offsets = np.einsum("ki,ki->k", along, robot.axes)
-    low, high = robot.sample_limits().T
-    q = robot.tied(low + (high - low) * qmc.Sobol(robot.dof, rng=0).random(_POSES))
-    true = _points(robot, q, markers, corrections)
-    before, after = (_missed(true, _points(robot, p, markers)) for p in (q, q + offsets))
+    q = robot.sobol(_POSES)
+    true = tip_points(robot, q, markers, corrections)
+    before, after = (_missed(true, tip_points(robot, p, markers)) for p in (q, q + offsets))
     return ZeroOffsets(offsets, before, after)
 
 
@@ -228,11 +225,6 @@ def zero_offsets_csv(
             row.append(f"{-shown * counts[joint]:.0f}" if joint in counts else "")
         rows.append(row)
     return csv_text(header, rows)
-
-
-def _points(robot: Robot, q: Array, markers: Array, corrections: Array | None = None) -> Array:
-    frames = forward(robot, q, corrections)
-    return rotate(frames.R[:, None, -1], markers) + frames.o[:, None, -1]
 
 
 def _missed(true: Array, points: Array) -> float:

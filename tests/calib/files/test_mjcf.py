@@ -21,7 +21,7 @@ from calib.poses import poses_at
 from tests.calib.mjcf_arms import random_mjcf
 from tests.helpers import GRAVITY
 
-CASES = [(dof, tip) for dof in range(1, 10) for tip in ("site", "body", "link")]
+CASES = [(dof, tip) for dof in (1, 2, 3, 6, 9) for tip in ("site", "body", "link")]
 
 
 def in_mujoco(text: str) -> tuple[mujoco.MjModel, mujoco.MjData]:

@@ -164,6 +164,27 @@ def noisy(rows: Rows, seed: int, sigma: float = 0.2) -> Rows:
     return [(i, c, m, uv + rng.normal(scale=sigma, size=2)) for i, c, m, uv in rows]
 
 
+def watched(
+    written: Callable[..., Path],
+    shape: Array,
+    count: int,
+    more: str = "",
+    lens: Array = LENS,
+    seed: int | None = None,
+) -> tuple[calib.Cell, Path]:
+    """A cell with a camera in the world that watches a board, and a table of what it saw.
+
+    more, lens : of the camera in the cell; seed : of the noise, None for none
+    """
+    path = written(board_text("b", "tip", shape), camera_text("cam", "world", more, lens))
+    cell, q = calib.load_cell(path), near_home(count, 1)
+    X = frame(np.array([0.05, -0.1, 0.2, 0.4, 2.0, -0.3]))
+    C = looking(tip_frames(cell, q)[:, :3, 3], np.array([3.6, -1.2, 2.2]))
+    rows = seen_on_tip(cell, q, {"b": (shape, X)}, {"cam": C})
+    rows = rows if seed is None else noisy(rows, seed)
+    return cell, table(path.parent / "m.csv", cell.robot.joints, q, rows)
+
+
 def assert_true(found: calib.Identification, tolerance: float) -> None:
     at = {p.where: k for k, p in enumerate(found.model.parameters) if p.effect == "joint_offset"}
     off = [found.values[at[joint]] for joint in OFF]
@@ -222,13 +243,8 @@ def test_derivatives(camera: FixedCamera | ArmCamera) -> None:
 
 @pytest.mark.parametrize("shape", [TILED, SOLID], ids=["plane", "solid"])
 def test_a_camera_in_the_world(written: Callable[..., Path], shape: Array) -> None:
-    path = written(board_text("b", "tip", shape), camera_text("cam", "world"))
-    cell, q = calib.load_cell(path), near_home(25, 1)
-    X = frame(np.array([0.05, -0.1, 0.2, 0.4, 2.0, -0.3]))
-    C = looking(tip_frames(cell, q)[:, :3, 3], np.array([3.6, -1.2, 2.2]))
-    rows = seen_on_tip(cell, q, {"b": (shape, X)}, {"cam": C})
-    data = calib.load_measurements(cell, table(path.parent / "m.csv", cell.robot.joints, q, rows))
-    found = calib.identify(cell, data)
+    cell, path = watched(written, shape, 25)
+    found = calib.identify(cell, calib.load_measurements(cell, path))
     assert found.status == "converged"
     assert_true(found, 1e-8)
     assert found.by_instrument["cam", "px"]["fitted"] < 1e-4
@@ -296,13 +312,8 @@ def test_a_lens_that_is_not_known(written: Callable[..., Path], given: str) -> N
         "believed": "intrinsics_std = { focal_px = 20.0, center_px = 10.0 }",
         "listed": "intrinsics_std = [20.0, 20.0, 10.0, 10.0]",
     }[given]
-    path = written(board_text("b", "tip", TILED), camera_text("cam", "world", more, guess))
-    cell, q = calib.load_cell(path), near_home(30, 1)
-    X = frame(np.array([0.05, -0.1, 0.2, 0.4, 2.0, -0.3]))
-    C = looking(tip_frames(cell, q)[:, :3, 3], np.array([3.6, -1.2, 2.2]))
-    rows = noisy(seen_on_tip(cell, q, {"b": (TILED, X)}, {"cam": C}), 3)
-    data = calib.load_measurements(cell, table(path.parent / "m.csv", cell.robot.joints, q, rows))
-    found = calib.identify(cell, data)
+    cell, path = watched(written, TILED, 30, more, guess, seed=3)
+    found = calib.identify(cell, calib.load_measurements(cell, path))
     at = {p.name: k for k, p in enumerate(found.model.parameters)}
     for name, off, told in (("fx", -25.0, 20.0), ("fy", 15.0, 20.0), ("cx", -8.0, 10.0)):
         value, std = found.values[at[name]], found.std[at[name]]
@@ -328,13 +339,9 @@ def test_a_table_written_is_the_table_read(written: Callable[..., Path]) -> None
 
 
 def test_the_command_speaks_of_pixels(written: Callable[..., Path]) -> None:
-    path = written(board_text("b", "tip", TILED), camera_text("cam", "world"))
-    cell, q = calib.load_cell(path), near_home(25, 1)
-    X = frame(np.array([0.05, -0.1, 0.2, 0.4, 2.0, -0.3]))
-    C = looking(tip_frames(cell, q)[:, :3, 3], np.array([3.6, -1.2, 2.2]))
-    rows = noisy(seen_on_tip(cell, q, {"b": (TILED, X)}, {"cam": C}), 1)
-    data = table(path.parent / "m.csv", cell.robot.joints, q, rows)
-    call = ["identify", str(path), str(data), "--holdout", "0.3", "--json", str(path.parent / "r")]
+    cell, path = watched(written, TILED, 25, seed=1)
+    call = ["identify", str(cell.path), str(path), "--holdout", "0.3"]
+    call += ["--json", str(path.parent / "r")]
     done = CliRunner().invoke(main, [*call, "--figures", str(path.parent / "figures")])
     assert done.exit_code == 0, done.output
     assert re.search(r"fell from [\d.]+ px to [\d.]+ px", " ".join(done.output.split()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from pathlib import Path
 
 # Small matrices: threads of the linear algebra cost more than they give, most on a busy machine.
@@ -24,11 +25,21 @@ ROOT = Path(__file__).parent.parent
 LONG = {"browser", "demo_folder"}
 
 
+SAMPLED = 8
+
+
 @pytest.hookimpl(tryfirst=True)  # before those not asked for are left out
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark as long what takes a long fixture, and of sampled cases all but one in eight."""
+    cases: Counter[str] = Counter()
     for item in items:
         if LONG & set(getattr(item, "fixturenames", ())):
             item.add_marker("long")
+        if item.get_closest_marker("sampled"):
+            test = item.nodeid.partition("[")[0]
+            if cases[test] % SAMPLED:
+                item.add_marker("long")
+            cases[test] += 1
 
 
 def data_folder() -> Path:

@@ -13,8 +13,7 @@ import calib
 from calib import Cell, Measurements
 from calib.arrays import Array
 from studies.research.withheld.robots import HEAVY, Arm, Joint
-from studies.research.withheld.texts import urdf
-from studies.research.withheld.truth import Mechanism
+from studies.research.withheld.truth import Mechanism, urdf
 
 _TURN = (-2.8, 2.8)
 

@@ -34,11 +34,13 @@ def faults_of(seed: int, folder: Path) -> list[str]:
     return [f"{fault.kind}\n{fault.text}" for _, _, fault in calls if fault is not None]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", QUICK)
 def test_every_command_ends_as_it_should(seed: int, tmp_path: Path) -> None:
     assert not faults_of(seed, tmp_path)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", FAILED, ids=[FAILED[s].replace(" ", "-") for s in FAILED])
 def test_days_that_failed_once(seed: int, tmp_path: Path) -> None:
     assert not faults_of(seed, tmp_path)

@@ -80,6 +80,7 @@ def test_the_cell_loads_and_the_table_fits_it(tmp_path: Path, name: str) -> None
     assert all(f"warning: {w}" in done.stderr for w in said["warnings"])
 
 
+@pytest.mark.long
 def test_it_can_be_planned_with_at_once(tmp_path: Path) -> None:
     rows = TABLES["three parallel axes"].split("\n")
     (tmp_path / "arm.csv").write_text("\n".join(rows[:3]))

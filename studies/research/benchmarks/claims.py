@@ -24,24 +24,321 @@ twice.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-import click
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from calib.files.write import json_text, write_files
-from studies.command.deliver import console_for
-from studies.command.options import one_line_faults
-from studies.research.benchmarks.claimed import Said, said_by_diagnosis, said_in_a_day
-from studies.research.benchmarks.day import ARMS
-from studies.research.benchmarks.lacked import KINDS, said_where_something_lacks
+import calib
+from calib.arrays import Array, Mask
+from calib.change import changes, known_of
+from calib.compensation.estimate import estimate_of
+from calib.uncertainty.budget import accuracy_at_targets
+from doe.ahead.enough import enough
+from doe.assess import assess
+from doe.problem import problem_of
+from doe.problem.request import Request
+from studies.compensate.record import compensate_record
+from studies.compensate.telling import told as told_of_commands
+from studies.document import Document
+from studies.document.terminal import terminal
+from studies.enough.record import enough_record
+from studies.enough.telling import told as told_of_poses
+from studies.record import envelope
+from studies.research.bench import Output, Row, bench, each, rms_3d, several, table
+from studies.research.benchmarks.day import ARMS, Day, Floor, Setting, draw_day, write_day
 from studies.research.withheld.figures import wilson
-from studies.tables import plain_table
+from studies.research.withheld.truth import Mechanism
+
+POSES, MARKERS = 60, 3
+_SLIP = (10e-6, 100e-6)  # rad, of the third joint
+_FIRST, _SECOND = 200e-6, (2e-6, 60e-6)  # rad, of two gears
+_TOLERANCE = (0.6, 1.6)  # times what comes
+
+
+@dataclass(frozen=True)
+class Said:
+    """One sentence on one day, with figures in m.
+
+    promised, came : what it said and what was so, None of a yes or no; right : whether it came true,
+        None of a mean, which no single day proves wrong
+    """
+
+    sentence: str
+    promised: float | None = None
+    came: float | None = None
+    right: bool | None = None
+
+
+def said_in_a_day(arm: str, scatter: float, index: int, seed: int = 0) -> list[Said]:
+    """All sentences of one day but those of the diagnosis.
+
+    scatter : of the arm, m
+    """
+    rng = np.random.default_rng([seed, index, 1])
+    setting = Setting(arm, scatter, 1, POSES, MARKERS)
+    slip = float(np.exp(rng.uniform(*np.log(_SLIP)))) * (index % 2)
+    first = draw_day(setting, index, seed)
+    then = draw_day(setting, index, seed, lambda q: q + slip * (np.arange(q.shape[1]) == 2))
+    half = np.arange(POSES) < POSES // 2
+    with TemporaryDirectory() as name:
+        cell, whole, targets = read(Path(name) / "first", first)
+        exact = calib.load_measurements(cell, cell.path.parent / "exact.csv")
+        _, later, _ = read(Path(name) / "then", then)
+    data, after = whole.take(half), later.take(~half)
+    found, again = calib.identify(cell, data), calib.identify(cell, after)
+    came = rms_3d(found.predict(targets) - first.approached)
+    return [
+        *_foreseen(cell, data, found, first, targets),
+        *_enough(cell, whole, half, came, first, targets),
+        *_intervals(found, calib.identify(cell, exact.take(half))),
+        _compensated(cell, found, first, targets, rng),
+        *_changes(cell, found, again, first, then, rng.uniform(*_TOLERANCE)),
+    ]
+
+
+def read(folder: Path, day: Day) -> tuple[calib.Cell, calib.Measurements, calib.Poses]:
+    """Cell, data and targets of a day as its files say them."""
+    folder.mkdir()
+    write_day(folder, day)
+    cell = calib.load_cell(folder / "cell.toml")
+    targets, _ = calib.load_targets(cell, folder / "targets.csv")
+    return cell, calib.load_measurements(cell, folder / "measurements.csv"), targets
+
+
+def _foreseen(
+    cell: calib.Cell,
+    data: calib.Measurements,
+    found: calib.Identification,
+    day: Day,
+    targets: calib.Poses,
+) -> Iterator[Said]:
+    """By the parameters alone, before and after they are measured."""
+    came = rms_3d(found.predict(targets) - day.reached)
+    if not day.scatter.std.any():  # before anything is measured the arm is believed to come back
+        plan = problem_of(cell, Request(len(data), "task"))
+        yield Said("design", assess(plan, data.poses.q).task_rms, came)
+    accuracy, off = accuracy_at_targets(cell, found), found.predict(targets) - day.reached
+    yield Said("identify", accuracy.rms(accuracy.expected.errors), came)
+    distances = np.sqrt((off**2).sum(axis=-1).mean(axis=-1))
+    within = distances <= accuracy.expected.expanded
+    yield from (Said("budget 95 %", right=bool(right)) for right in within)
+
+
+def _intervals(found: calib.Identification, exact: calib.Identification) -> Iterator[Said]:
+    """Against what exact readings of the same poses give: constants that are dropped are taken up."""
+    low, high = found.interval().T
+    held = (low <= exact.values) & (exact.values <= high)
+    estimated = (found.std > 0.0) & (exact.std >= 0.0)
+    yield from (Said("identify 95 %", right=bool(right)) for right in held[estimated])
+
+
+def _compensated(
+    cell: calib.Cell,
+    found: calib.Identification,
+    day: Day,
+    targets: calib.Poses,
+    rng: np.random.Generator,
+) -> Said:
+    """Where the corrected commands take the arm, against the arm of its file as it was placed."""
+    commands = calib.compensate(cell, found, targets)
+    came = missed_by_commands(commands, found, day, targets, rng)
+    return Said("compensate", commands.rms(commands.expected), came)
+
+
+def missed_by_commands(
+    commands: calib.Compensation,
+    found: calib.Identification,
+    day: Day,
+    targets: calib.Poses,
+    rng: np.random.Generator,
+) -> float:
+    """RMS distance, m, of one approach by corrected commands from the placed arm of the file."""
+    (base,) = found.bases.values()
+    R = Rotation.from_rotvec(base[3:]).as_matrix()
+    wanted = day.nominal(targets.q, found.marker_positions, R, base[:3])
+    return rms_3d(day.approach(commands.q, rng) - wanted)
+
+
+def _enough(
+    cell: calib.Cell,
+    whole: calib.Measurements,
+    half: Mask,
+    came: float,
+    day: Day,
+    targets: calib.Poses,
+) -> Iterator[Said]:
+    answer = enough(cell, whole.take(half), whole.poses)
+    now, end = answer.steps[0], answer.steps[-1]
+    yield Said("enough now", now.task_rms, came)
+    yield Said("enough most", now.task_most, came, came <= now.task_most)
+    later = calib.identify(cell, whole).predict(targets)
+    yield Said("enough end", end.task_rms, rms_3d(later - day.approached))
+
+
+def _changes(
+    cell: calib.Cell,
+    before: calib.Identification,
+    after: calib.Identification,
+    first: Day,
+    then: Day,
+    times: float,
+) -> Iterator[Said]:
+    found = changes(cell, known_of(before), known_of(after), estimate_of(after))
+    moved, size = rms_3d(then.reached - first.reached), found.change.rms
+    if not moved:
+        yield Said("changes alarm", right=not found.difference.changed)
+    elif found.difference.changed:
+        yield Said("changes size", size.value, moved, size.low <= moved <= size.high)
+    else:
+        yield Said("changes hidden", size.high, moved, moved <= size.high)
+    off = before.predict(found.targets) - then.approached
+    worst = float(np.sqrt((off**2).sum(axis=-1).mean(axis=-1)).max())
+    judged = changes(
+        cell, known_of(before), known_of(after), estimate_of(after), tolerance=times * worst
+    ).verdict
+    if judged in ("holds", "does_not"):
+        yield Said("changes verdict", right=(judged == "holds") == (times > 1.0))
+
+
+def said_by_diagnosis(arm: str, scatter: float, index: int, seed: int = 0) -> list[Said]:
+    """What a diagnosis says where one gear errs plainly and another by little."""
+    rng = np.random.default_rng([seed, index, 2])
+    little = float(np.exp(rng.uniform(*np.log(_SECOND))))
+
+    def truth(q: Array) -> Array:
+        off = np.zeros_like(q)
+        off[:, 2], off[:, 4] = _FIRST * np.cos(q[:, 2]), little * np.sin(q[:, 4])
+        return np.asarray(q + off)
+
+    day = draw_day(Setting(arm, scatter, 1, POSES, MARKERS), index, seed, truth)
+    with TemporaryDirectory() as name:
+        cell, data, targets = read(Path(name) / "day", day)
+    found = calib.diagnose(cell, data)
+    if found.verdict not in ("explained", "ambiguous"):
+        return []
+    known = calib.compensate(cell, found, targets)
+    by_parameters = float(np.sqrt(np.mean(known.spread**2)))
+    after = found.after
+    came = rms_3d(after.model.predict(after.values, targets) - day.reached)
+    promised = float(np.hypot(by_parameters, max(h.left for h in found.hidden)))
+    return [Said("diagnose", promised, came, came <= promised)]
+
+
+_JOINTS = (1, 2)  # that move the tip farthest
+_HARMONIC, _RIPPLE = (60e-6, 300e-6), (40e-6, 200e-6)  # rad
+_CYCLES = (30, 120)  # of a ripple, a turn
+_SAG = (100e-6, 600e-6)  # rad, that a compliance adds where the joint bears most
+_WARMS = (30e-6, 30e-6)  # m and rad, standard deviations of how far the base goes
+_TAU = (0.5, 3.0)  # h
+_GOAL = 1.001  # times the smallest that is called reached
+
+Truth = Callable[[Array], Array]
+
+
+def said_where_something_lacks(arm: str, scatter: float, index: int, seed: int = 0) -> list[Said]:
+    """The sentences of a day for each thing that its model may lack.
+
+    scatter : of the arm, m. Odd days approach each pose twice, which shows it
+    """
+    said = []
+    for kind, own in KINDS.items():
+        rng = np.random.default_rng([seed, index, 3])
+        approaches = 1 + index % 2
+        setting = Setting(arm, scatter, approaches, POSES // approaches, MARKERS)
+        truth, floor = own(rng, arm)
+        said += _said(kind, draw_day(setting, index, seed, truth, floor), rng)
+    return said
+
+
+def _said(kind: str, day: Day, rng: np.random.Generator) -> list[Said]:
+    with TemporaryDirectory() as name:
+        cell, data, targets = read(Path(name) / "day", day)
+        answer = enough(cell, data)
+        if answer.found is None:
+            raise RuntimeError(answer.why)
+        now, came = answer.steps[0], rms_3d(answer.found.predict(targets) - day.approached)
+        goal = now.task_most * _GOAL
+        commands = calib.compensate(cell, answer.found, targets)
+        missed = missed_by_commands(commands, answer.found, day, targets, rng)
+        reached = enough(cell, data, goal=goal)
+        beyond = enough(cell, data, goal=0.5 * came)
+        made = envelope(cell.name, [cell.path], 0)
+        texts = [
+            _text(told_of_poses(enough_record(e, 0, "targets.csv", made)))
+            for e in (reached, beyond)
+        ]
+        corrected = compensate_record(cell.robot, commands, made)
+        texts.append(_text(told_of_commands(corrected)))
+    stops = "you may stop" in texts[0].lower()
+    return [
+        Said(f"lacking {kind} most", now.task_most, came, came <= now.task_most),
+        Said(f"lacking {kind} stop", right=came <= goal if stops else True),
+        Said(f"lacking {kind} commands", commands.rms(commands.expected), missed),
+        Said(f"lacking {kind} enough asks", right="posecal diagnose" in texts[1]),
+        Said(f"lacking {kind} compensate asks", right="posecal diagnose" in texts[2]),
+    ]
+
+
+def _text(document: Document) -> str:
+    return " ".join(" ".join(map(str, terminal(document))).split())
+
+
+def _warm_up(rng: np.random.Generator, arm: str, told: bool) -> tuple[Truth, Floor]:  # noqa: ARG001
+    far = rng.normal(size=6) * np.repeat(_WARMS, 3)
+    tau = float(np.exp(rng.uniform(*np.log(_TAU))))
+    return np.copy, Floor(lambda h: far * (1.0 - np.exp(-h / tau))[:, None], told=told)
+
+
+def _of_joint(rng: np.random.Generator, between: tuple[float, float]) -> tuple[int, float, float]:
+    """A joint, how far it errs, and from where."""
+    return (
+        int(rng.choice(_JOINTS)),
+        float(np.exp(rng.uniform(*np.log(between)))),
+        float(rng.uniform(0.0, 2.0 * np.pi)),
+    )
+
+
+def _harmonic(rng: np.random.Generator, arm: str) -> tuple[Truth, None]:  # noqa: ARG001
+    joint, size, start = _of_joint(rng, _HARMONIC)
+    return lambda q: _moved(q, joint, size * np.sin(q[:, joint] + start)), None
+
+
+def _ripple(rng: np.random.Generator, arm: str) -> tuple[Truth, None]:  # noqa: ARG001
+    joint, size, start = _of_joint(rng, _RIPPLE)
+    cycles = int(rng.integers(*_CYCLES))
+    return lambda q: _moved(q, joint, size * np.sin(cycles * q[:, joint] + start)), None
+
+
+def _compliance(rng: np.random.Generator, arm: str) -> tuple[Truth, None]:
+    """Under the weight of the links, of which the cell knows nothing."""
+    joint, size, _ = _of_joint(rng, _SAG)
+    own = ARMS[arm]
+    heavy = Mechanism(own, np.zeros((own.dof + 2, 6)), np.zeros((1, 3)))
+    low, high = own.limits.T
+    most = np.abs(heavy.posed(rng.uniform(low, high, (200, own.dof))).torque[:, joint]).max()
+    return lambda q: _moved(q, joint, size / most * heavy.posed(q).torque[:, joint]), None
+
+
+def _moved(q: Array, joint: int, off: Array) -> Array:
+    return np.asarray(q + off[:, None] * (np.arange(q.shape[1]) == joint))
+
+
+KINDS: dict[str, Callable[[np.random.Generator, str], tuple[Truth, Floor | None]]] = {
+    "warm-up": lambda rng, arm: _warm_up(rng, arm, told=True),
+    "warm-up, time untold": lambda rng, arm: _warm_up(rng, arm, told=False),
+    "harmonic": _harmonic,
+    "ripple": _ripple,
+    "compliance": _compliance,
+    "nothing": lambda *_: (np.copy, None),
+    "nothing, an hour later": lambda *_: (np.copy, Floor(lambda h: np.zeros((len(h), 6)))),
+}
+
 
 SENTENCES = {
     "design": "expected after measuring",
@@ -95,58 +392,47 @@ def _summary(said: Sequence[Said]) -> dict[str, Any]:
     }
 
 
-def _shown(key: str, own: dict[str, Any]) -> list[str]:
+def _told(key: str, own: Row) -> Row:
     right = "" if own["right"] is None else f"{own['right']} of {own['days']}"
     low, high = own["ci95"] or (0.0, 0.0)
     ratio = own["came_over_promised"]
-    return [
-        key.split()[0],
-        SENTENCES[key],
-        str(own["days"]),
-        right,
-        f"{100 * low:.0f} to {100 * high:.0f}" if right else "",
-        "" if ratio is None else f"{ratio:.2f}",
-    ]
+    return {
+        "command": key.split()[0],
+        "says": SENTENCES[key],
+        "days": own["days"],
+        "came true": right,
+        "95 % [%]": f"{100 * low:.0f} to {100 * high:.0f}" if right else "",
+        "came /\npromised": "" if ratio is None else f"{ratio:.2f}",
+    }
 
 
-@click.command()
-@click.option("--days", type=click.IntRange(min=1), default=20, show_default=True,
-              help="Days of each arm and scatter.")  # fmt: skip
-@click.option("--only", multiple=True, type=click.Choice(list(PARTS)), default=tuple(PARTS),
-              show_default=True)  # fmt: skip
-@click.option("--arm", multiple=True, type=click.Choice(list(ARMS)), default=("6R", "7R"),
-              show_default=True)  # fmt: skip
-@click.option("--scatter", multiple=True, type=float, default=_SCATTERS, show_default=True,
-              help="Of the arm, mm.")  # fmt: skip
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="All that was said.")
-@one_line_faults
+def said_on(part: str, arm: str, scatter: float, index: int, seed: int) -> list[Said]:
+    """All that is said on a day of a part; scatter : of the arm, mm."""
+    return PARTS[part](arm, scatter * 1e-3, index, seed=seed)
+
+
+@bench(
+    several("--only", tuple(PARTS)),
+    several("--arm", tuple(ARMS), default=("6R", "7R")),
+    several("--scatter", _SCATTERS, help="Of the arm, mm."),
+    days=20,
+    days_help="Of each arm and scatter.",
+    workers=True,
+)
 def main(
     days: int,
     only: tuple[str, ...],
     arm: tuple[str, ...],
     scatter: tuple[float, ...],
     seed: int,
-    json_path: Path | None,
-) -> None:
+    workers: int,
+) -> Output:
     """Simulate days and count which sentences came true."""
-    found = [
-        said
-        for part, one, size in product(only, arm, scatter)
-        for index in range(days)
-        for said in partial(PARTS[part], seed=seed)(one, size * 1e-3, index)
-    ]
-    table = plain_table(
-        ("command", "left"), ("says", "left"), ("days", "right"), ("came true", "right"),
-        ("95 % [%]", "right"), ("came /\npromised", "right"),
-    )  # fmt: skip
+    tasks = product(only, arm, scatter, range(days))
+    found = [said for day in each(said_on, tasks, workers, seed=seed) for said in day]
     told = summaries(found)
-    for key, own in told.items():
-        table.add_row(*_shown(key, own))
-    console_for(None).print(table)
-    if json_path is not None:
-        rows = [asdict(said) for said in found]
-        write_files({json_path: json_text({"seed": seed, "summaries": told, "said": rows})})
+    shown = table(_told(key, own) for key, own in told.items())
+    return [shown], {"seed": seed, "summaries": told, "said": [asdict(said) for said in found]}
 
 
 if __name__ == "__main__":

@@ -1,24 +1,32 @@
-"""A day of measurements with a truth of its own: geometry, an arm that scatters, and nothing else.
-
-The arm stands in MuJoCo, drawn as the sealed cases are; the user brings files and knows none of it.
-"""
+"""Where the arm's base stands in the instrument's frame, drawn at random."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from calib.arrays import Array
-from studies.research.benchmarks.placement import placement
-from studies.research.withheld.actions import Action, State
 from studies.research.withheld.robots import LIGHT, Arm, Joint
-from studies.research.withheld.scatter import Scatter, scatter_of
-from studies.research.withheld.texts import urdf
-from studies.research.withheld.truth import Mechanism
+from studies.research.withheld.scene import Scatter, scatter_of
+from studies.research.withheld.truth import Action, Mechanism, State, urdf
+
+_NEAR_HALF_A_TURN = 3.0  # rad: beyond, one placement has two rotation vectors
+
+
+def placement(rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rotation, shape (3, 3), and position, shape (3,), m, 2 to 5 m from the instrument."""
+    while True:
+        turn = Rotation.random(rng=rng)
+        if turn.magnitude() < _NEAR_HALF_A_TURN:
+            away = rng.normal(size=3)
+            return turn.as_matrix(), rng.uniform(2.0, 5.0) * away / np.linalg.norm(away)
+
 
 SIGMA = 10e-6  # m, of one coordinate of the instrument
 TARGETS = 200
@@ -165,7 +173,7 @@ def draw_day(
     which = [seed, index, list(ARMS).index(setting.arm), *(round(v) for v in numbers)]
     rng = np.random.default_rng(which)
     geometry = rng.normal(size=(arm.dof + 2, 6)) * np.repeat([3e-4, 4e-4], 3)
-    guesses = _markers(rng, arm, setting.markers)
+    guesses = reflectors(rng, arm, setting.markers)
     markers = guesses + rng.normal(size=guesses.shape) * 1e-3
     R, p = placement(rng)
     visits = _visits(rng, setting.poses, setting.approaches)
@@ -234,8 +242,8 @@ def _scatter(
     return shape.times(size / float(np.sqrt(np.mean(shape.squares(arm, at_tip)))))
 
 
-def _markers(rng: np.random.Generator, arm: Arm, count: int) -> Array:
-    """Reflectors about the tool at uneven heights, mm as the cell shows them."""
+def reflectors(rng: np.random.Generator, arm: Arm, count: int = 3) -> Array:
+    """Reflectors about the tool at uneven heights, m, as the cell shows them, shape (count, 3)."""
     turn = rng.uniform(0, 2 * np.pi) + np.arange(count) * 2 * np.pi / count
     across = np.stack([np.cos(turn), np.sin(turn)], axis=1) * rng.uniform(0.4, 0.7)
     along = rng.uniform(0.5, 1.1, (count, 1))
@@ -264,7 +272,11 @@ def write_day(folder: Path, day: Day) -> None:
     aims = np.where(day.arm.slides, day.targets * 1e3, np.degrees(day.targets))
     joints = [f"{j.name}_{'mm' if j.slides else 'deg'}" for j in day.arm.joints]
     (folder / "robot.urdf").write_text(urdf(day.arm, masses=False), encoding="utf-8")
-    (folder / "cell.toml").write_text(_cell(day), encoding="utf-8")
+    design = ['targets = "targets.csv"']
+    if day.floor is not None and day.floor.told:
+        design.append(f"targets_after_h = {day.floor.later:g}")
+    text = cell_text("a day", day.arm, day.guesses, SIGMA, design)
+    (folder / "cell.toml").write_text(text, encoding="utf-8")
     target = [[f"t{i}", *_digits(q)] for i, q in enumerate(aims)]
     _table(folder / "targets.csv", ["pose", *joints], target)
     time = [] if day.floor is None else [f"{h * 3600:.0f}" for h in day.floor.during(len(day.q))]
@@ -278,14 +290,17 @@ def write_day(folder: Path, day: Day) -> None:
         _table(folder / name, head, rows)
 
 
-def _cell(day: Day) -> str:
-    markers = [f"m{i} = {(m * 1e3).round(4).tolist()}" for i, m in enumerate(day.guesses, 1)]
-    lines = ["schema = 1", 'name = "a day"', "[robot]", 'urdf = "robot.urdf"']
-    lines += [f'base = "{day.arm.base}"', f'tip = "{day.arm.tip}"', "[markers_mm]", *markers]
-    lines += ["[instrument]", f"sigma_mm = {SIGMA * 1e3:g}", "[design]", 'targets = "targets.csv"']
-    if day.floor is not None and day.floor.told:
-        lines.append(f"targets_after_h = {day.floor.later:g}")
-    return "\n".join([*lines, "[model]", 'effects = ["base", "tool", "geometry"]', ""])
+def cell_text(
+    name: str, arm: Arm, guesses: Array, sigma: float, design: Sequence[str] = (),
+    model: Sequence[str] = (),
+) -> str:  # fmt: skip
+    """A cell whose model has base, tool and geometry; design, model : further lines of these."""
+    markers = [f"m{i} = {(m * 1e3).round(4).tolist()}" for i, m in enumerate(guesses, 1)]
+    lines = ["schema = 1", f'name = "{name}"', "[robot]", 'urdf = "robot.urdf"']
+    lines += [f'base = "{arm.base}"', f'tip = "{arm.tip}"', "[markers_mm]", *markers]
+    lines += ["[instrument]", f"sigma_mm = {sigma * 1e3:g}"]
+    lines += ["[design]", *design] if design else []
+    return "\n".join([*lines, "[model]", 'effects = ["base", "tool", "geometry"]', *model, ""])
 
 
 def _digits(values: Array) -> list[str]:

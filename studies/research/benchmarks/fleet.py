@@ -9,6 +9,7 @@ is the first of them alone.
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import json
 import os
@@ -26,10 +27,63 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 import psutil
 
-from studies.command.deliver import console_for
-from studies.research.benchmarks.plant import FAULTY, knocked, write_plant
+from calib.arrays import Array
+from studies.research.bench import Output, bench, count, shown
+from studies.research.benchmarks.day import ARMS, Setting, draw_day, write_day
+
+FAULTY = 20
+"""One robot in so many has a table that cannot be read."""
+KNOCKED = 25
+"""The second joint of one robot in so many is off by far more than those of its type."""
+_KNOCK = 8e-3  # rad or m: a tooth of a belt
+_SIZE = 2e-4  # rad or m, of the type's fault
+_SPREAD = 0.1  # by which its size differs from robot to robot
+
+
+def write_plant(folder: Path, robots: int, *, seed: int = 0, poses: int = 24) -> None:
+    """Folders ``TYPE/0001`` .. with cell, robot, targets and table; types in turn."""
+    for index in range(robots):
+        place = folder / list(ARMS)[index % len(ARMS)] / f"{index:05d}"
+        place.mkdir(parents=True)
+        write_robot(place, index, seed=seed, poses=poses)
+        if index % FAULTY == FAULTY - 1:
+            _spoil(place / "measurements.csv")
+
+
+def write_robot(place: Path, index: int, *, seed: int, poses: int) -> None:
+    """One robot; all err as the sine of their second joint, by about the same."""
+    setting = Setting(list(ARMS)[index % len(ARMS)], 10e-6, 1, poses, 3)
+    size = _SIZE * (1.0 + _SPREAD * np.random.default_rng([seed, index]).normal())
+    knock = _KNOCK * knocked(index)
+    write_day(place, draw_day(setting, index, seed, _second_joint(float(size), knock)))
+    (place / "exact.csv").unlink()  # what a perfect day had read
+
+
+def knocked(index: int) -> bool:
+    """Whether a robot was."""
+    return index % KNOCKED == KNOCKED // 3 - 1
+
+
+def _second_joint(size: float, knock: float) -> Callable[[Array], Array]:
+    def truth(q: Array) -> Array:
+        moved = q.copy()
+        moved[:, 1] += knock + size * np.sin(q[:, 1])
+        return moved
+
+    return truth
+
+
+def _spoil(table: Path) -> None:
+    """A reading that is no number, as a tracker writes where its beam was broken."""
+    with table.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.reader(stream))
+    rows[3][-1] = "beam broken"
+    with table.open("w", encoding="utf-8", newline="") as stream:
+        csv.writer(stream, lineterminator="\n").writerows(rows)
+
 
 RUN = [
     sys.executable,
@@ -181,26 +235,18 @@ def _again(
     }
 
 
-@click.command()
-@click.option("--robots", type=click.IntRange(min=6), default=1000, show_default=True)
-@click.option("--workers", type=click.IntRange(min=1), default=2, show_default=True)
-@click.option("--diagnose", "both", is_flag=True, help="Diagnose too: some seconds a robot.")
-@click.option("--once", is_flag=True, help="No kill, and not by one worker.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
-@click.option("--json", "path", type=click.Path(path_type=Path), help="Write the figures as JSON.")
-def main(robots: int, workers: int, both: bool, once: bool, seed: int, path: Path | None) -> None:
+@bench(
+    click.option("--robots", type=click.IntRange(min=6), default=1000, show_default=True),
+    count("--workers", 2),
+    click.option("--diagnose", "both", is_flag=True, help="Diagnose too: some seconds a robot."),
+    click.option("--once", is_flag=True, help="No kill, and not by one worker."),
+)
+def main(robots: int, workers: int, both: bool, once: bool, seed: int) -> Output:
     """Measure ``posecal fleet``; about a second of a processor a robot and run without --diagnose."""
-    from calib.files.write import json_text, write_files
-
     options = ["--holdout", "0.3", *([] if both else ["--only", "identify"])]
     with tempfile.TemporaryDirectory() as name:
         found = measured(Path(name), robots, workers, seed, options, once)
-    console = console_for(None)
-    for key, value in found.items():
-        shown = f"{value:.4g}" if isinstance(value, float) else value
-        console.print(f"{key:30} {shown}")
-    if path is not None:
-        write_files({path: json_text(found)})
+    return [f"{key:30} {shown(value)}" for key, value in found.items()], found
 
 
 if __name__ == "__main__":

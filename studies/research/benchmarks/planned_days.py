@@ -12,7 +12,6 @@ Panda is that of ``panda_sockets_2`` under ``POSECAL_DATA``.
 from __future__ import annotations
 
 import math
-import os
 import tempfile
 import time
 from dataclasses import dataclass, replace
@@ -20,17 +19,19 @@ from pathlib import Path
 
 import click
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import calib
 import doe
 from calib.arm.robot import Robot
 from calib.arrays import Array, Mask
 from calib.poses import Measurements, Poses
-from studies.command.deliver import console_for
 from studies.compare.experiment import POINTS, experiment_of
 from studies.compare.prediction import predict
 from studies.demo.embedded import embedded_text
-from studies.tables import plain_table
+from studies.research.bench import Output, Row, bench, count, data_folder, table
+from studies.research.withheld.robots import LIGHT, Joint
+from studies.research.withheld.truth import tip_in_numpy
 
 TRACKER_POSES = 15
 _HEAD = """
@@ -86,7 +87,7 @@ class Place:
         """The file of the arm."""
         if self is KR270:
             return embedded_text("kr270.urdf")
-        return (Path(os.environ["POSECAL_DATA"]) / "panda_sockets_2" / "robot.urdf").read_text()
+        return (data_folder("panda_sockets_2") / "robot.urdf").read_text()
 
     def cell(self, name: str) -> str:
         """The cell of a day."""
@@ -120,35 +121,31 @@ PANDA = Place(
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """An arm by hand: what stands before each joint, its axis, and what the links are off by."""
+    """An arm by its nominal robot, whose kinematics are NumPy's, and what the links are off by.
+
+    off : ndarray, shape (n, 6), m and rad, displacement of each joint's frame
+    """
 
     robot: Robot
     off: Array
 
     def tips(self, q: Array) -> tuple[Array, Array]:
         """R (m, 3, 3) and p (m, 3), m."""
-        R, p = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
-        for k, origin in enumerate(self.robot.origins):
-            p, R = p + R @ origin[:3, 3], R @ origin[:3, :3]
-            if k < self.robot.dof:
-                p, R = p + R @ self.off[k, :3], R @ _turned(self.off[k, 3:], np.ones(1))
-                R = R @ _turned(self.robot.axes[k], q[:, k])
-        return R, p
+        turns = Rotation.from_matrix(self.robot.origins[:, :3, :3]).as_euler("xyz")
+        frames = list(zip(self.robot.origins[:, :3, 3].tolist(), turns.tolist(), strict=True))
+        joints = tuple(
+            Joint(name, xyz, tuple(axis), -np.inf, np.inf, 0.0, (0.0, 0.0, 0.0), rpy=rpy)
+            for name, (xyz, rpy), axis in zip(
+                self.robot.joints, frames, self.robot.axes.tolist(), strict=False
+            )
+        )
+        arm = replace(LIGHT, joints=joints, tip_xyz=frames[-1][0], tip_rpy=frames[-1][1])
+        return tip_in_numpy(arm, q, np.pad(self.off, ((1, 1), (0, 0))))
 
     def points(self, q: Array, markers: Array) -> Array:
         """Markers (n, 3) at configurations, (m, n, 3), m."""
         R, p = self.tips(q)
         return np.asarray(np.einsum("mij,nj->mni", R, markers) + p[:, None])
-
-
-def _turned(axis: Array, angle: Array) -> Array:
-    """Turns (m, 3, 3) about a vector by so many of its lengths: the powers of its cross product."""
-    x, y, z = axis
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    size = np.sqrt(axis @ axis)
-    a = (angle * size)[:, None, None]
-    unit = K / size
-    return np.asarray(np.eye(3) + np.sin(a) * unit + (1.0 - np.cos(a)) * (unit @ unit))
 
 
 def read(
@@ -188,9 +185,7 @@ def _brought(arm: Arm, q: Array, marker: Array, goal: Array) -> Array:
     return q
 
 
-def day(
-    place: Place, name: str, poses: int, refits: int, task: float | None
-) -> tuple[list[str], float]:
+def day(place: Place, name: str, poses: int, refits: int, task: float | None) -> tuple[Row, float]:
     """A row of the table, and the RMS foreseen at the targets, m.
 
     task : the same of the tracker's poses, None for that of this day itself
@@ -224,38 +219,33 @@ def day(
     freedom = (refits - 1) * len(kept)
     rms = found.assessment.task_rms
     matching = poses if task is None else poses * (rms / task) ** 2
-    row = [
-        name, str(poses), f"{found.efficiency:.3f}", f"{rms * 1e3:.3f}",
-        f"{statistic / freedom:.3f}", f"{chi2.sf(statistic, freedom):.2f}", f"{matching:.0f}",
-        f"{seconds:.0f}",
-    ]  # fmt: skip
+    row = {
+        "instrument": name,
+        "poses": poses,
+        "efficiency": f"{found.efficiency:.3f}",
+        "at targets [mm]": f"{rms * 1e3:.3f}",
+        "scatter / foreseen": f"{statistic / freedom:.3f}",
+        "p": f"{chi2.sf(statistic, freedom):.2f}",
+        "poses like 15 of the tracker": f"{matching:.0f}",
+        "plan [s]": f"{seconds:.0f}",
+    }
     return row, rms
 
 
-_HEADINGS = (
-    ("instrument", "left"), ("poses", "right"), ("efficiency", "right"), ("at targets [mm]", "right"),
-    ("scatter / foreseen", "right"), ("p", "right"), ("poses like 15 of the tracker", "right"),
-    ("plan [s]", "right"),
-)  # fmt: skip
-
-
-@click.command()
-@click.option("--poses", type=click.IntRange(min=15), default=40, show_default=True)
-@click.option("--refits", type=click.IntRange(min=2), default=20, show_default=True)
-@click.option("--only", multiple=True, help="Parts of their names, beside the tracker.")
-@click.option("--panda", is_flag=True, help="On a Panda.")
-def main(poses: int, refits: int, only: tuple[str, ...], panda: bool) -> None:
+@bench(
+    count("--poses", 40, least=15),
+    count("--refits", 20, least=2),
+    click.option("--only", multiple=True, help="Parts of their names, beside the tracker."),
+    click.option("--panda", is_flag=True, help="On a Panda."),
+)
+def main(poses: int, refits: int, only: tuple[str, ...], panda: bool, seed: int) -> Output:
     """Plan, read and identify each day."""
+    del seed
     place = PANDA if panda else KR270
-    table, task = plain_table(*_HEADINGS), None
-    for name in NAMES:
-        if task is not None and only and not any(part in name for part in only):
-            continue
-        count = TRACKER_POSES if task is None else poses
-        row, rms = day(place, name, count, refits, task)
-        task = rms if task is None else task
-        table.add_row(*row)
-    console_for(None).print(table)
+    first, task = day(place, NAMES[0], TRACKER_POSES, refits, None)
+    names = [name for name in NAMES[1:] if any(part in name for part in only or ("",))]
+    rows = [first, *(day(place, name, poses, refits, task)[0] for name in names)]
+    return [table(rows)], rows
 
 
 if __name__ == "__main__":

@@ -19,9 +19,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import click
-from rich.table import Column, Table
 
-from studies.command.deliver import show
+from studies.research.bench import Output, bench, table
 
 ROOT = Path(__file__).parents[3]
 LONG = 25  # words
@@ -115,7 +114,7 @@ def texts() -> Iterator[tuple[str, str]]:
 
     yield "README", (ROOT / "README.md").read_text(encoding="utf-8")
     yield "--help", "\n\n".join(help_texts())
-    yield "cell keys", table(meanings().values())
+    yield "cell keys", as_table(meanings().values())
     yield (
         "effects and criteria",
         "\n\n".join([*map(effect_text, EFFECTS), *map(criterion_text, CRITERIA)]),
@@ -123,7 +122,7 @@ def texts() -> Iterator[tuple[str, str]]:
     yield from written().items()
 
 
-def table(cells: Iterable[str]) -> str:
+def as_table(cells: Iterable[str]) -> str:
     """Cells as a table of one column."""
     return "\n".join(["| text |", "|---|", *(f"| {cell} |" for cell in cells)])
 
@@ -136,48 +135,38 @@ def help_texts() -> Iterator[str]:
     for name in COMMANDS:
         command = loaded(name)
         yield re.sub(r"\n\s*\x08.*", "", command.help or "", flags=re.DOTALL)
-        yield table(p.help for p in command.params if isinstance(p, click.Option) and p.help)
+        yield as_table(p.help for p in command.params if isinstance(p, click.Option) and p.help)
 
 
-@click.command()
-@click.option("--longest", is_flag=True, help="Also the longest sentence of each text.")
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="All figures.")
-def reading_ease(longest: bool, json_path: Path | None) -> None:
+@bench(click.option("--longest", is_flag=True, help="Also the longest sentence of each text."))
+def main(longest: bool, seed: int) -> Output:
     """Say how easily README, help and topics read."""
-    from calib.files.write import json_text, write_files
-
+    del seed
     found = [ease(name, text) for name, text in texts()]
-    shown = Table(
-        "text",
-        *(Column(title, justify="right") for title in ("ease", "grade", "sentences", "words")),
-        Column("longest [words]", justify="right"),
-        Column(f"over {LONG} words", justify="right"),
-        box=None,
-    )
-    for own in found:
-        shown.add_row(
-            own.name,
-            f"{own.flesch:.0f}",
-            f"{own.grade:.1f}",
-            str(len(own.sentences)),
-            str(own.words),
-            str(length(own.longest)),
-            f"{own.long_share:.0%}",
-        )
-    if json_path is not None:
-        figures = {
-            own.name: {
-                "reading_ease": own.flesch,
-                "grade": own.grade,
-                "sentences": len(own.sentences),
-                "longest_words": length(own.longest),
-                "long_share": own.long_share,
-            }
-            for own in found
+    figures = {
+        own.name: {
+            "reading_ease": own.flesch,
+            "grade": own.grade,
+            "sentences": len(own.sentences),
+            "longest_words": length(own.longest),
+            "long_share": own.long_share,
         }
-        write_files({json_path: json_text(figures)})
-    show((shown, *(f"{own.name}: {own.longest}" for own in found if longest)), None)
+        for own in found
+    }
+    shown = table(
+        {
+            "text": own.name,
+            "ease": f"{own.flesch:.0f}",
+            "grade": f"{own.grade:.1f}",
+            "sentences": len(own.sentences),
+            "words": own.words,
+            "longest [words]": length(own.longest),
+            f"over {LONG} words": f"{own.long_share:.0%}",
+        }
+        for own in found
+    )
+    return [shown, *(f"{own.name}: {own.longest}" for own in found if longest)], figures
 
 
 if __name__ == "__main__":
-    reading_ease()
+    main()

@@ -21,6 +21,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -29,12 +30,9 @@ import click
 import numpy as np
 
 from calib.arrays import IntArray
-from calib.files.write import json_text, write_files
-from studies.command.deliver import console_for
-from studies.command.options import one_line_faults
+from studies.research.bench import Output, Row, bench, several, table
 from studies.research.benchmarks.day import SIGMA, Day, Setting, draw_day, write_day
 from studies.research.benchmarks.speeds import RUN
-from studies.tables import number, plain_table
 
 POSES = 40
 _SCATTER = 30e-6  # m, 3-D RMS of the tip
@@ -116,43 +114,41 @@ def _shares(count: int, parts: int) -> IntArray:
     return np.diff(np.linspace(0, count, parts + 1).astype(int))
 
 
-@click.command(help=__doc__.split("\n\n")[0] if __doc__ else None)
-@click.option("--readings", "counts", type=click.IntRange(min=100), multiple=True,
-              default=_READINGS, show_default=True)  # fmt: skip
-@click.option("--kind", "kinds", type=click.Choice(list(KINDS)), multiple=True, default=list(KINDS))
-@click.option("--command", "asked", type=click.Choice(["identify", "diagnose"]), default="identify")
-@click.option("--json", "path", type=click.Path(path_type=Path), help="Write the figures as JSON.")
-@one_line_faults
-def main(counts: tuple[int, ...], kinds: tuple[str, ...], asked: str, path: Path | None) -> None:
+@bench(
+    several("--readings", _READINGS),
+    several("--kind", tuple(KINDS)),
+    click.option(
+        "--command", "asked", type=click.Choice(["identify", "diagnose"]), default="identify"
+    ),
+)
+def main(readings: tuple[int, ...], kind: tuple[str, ...], asked: str, seed: int) -> Output:
     """Measure every kind at every size."""
-    console, runs = console_for(None), []
-    table = plain_table(
-        ("readings are", "left"), ("number", "right"), ("seconds", "right"), ("CPU", "right"),
-        ("MB", "right"), ("exponent", "right"), ("ended", "left"),
-    )  # fmt: skip
-    for kind in kinds:
-        before: dict[str, Any] | None = None
-        for count in counts:
-            with TemporaryDirectory() as name:
-                with ProcessPoolExecutor(1) as apart:  # a process begins with what its parent held
-                    apart.submit(_write, Path(name), kind, count).result()
-                found = run([asked, "cell.toml", "measurements.csv"], Path(name))
-            runs.append({"command": asked, "kind": kind, "readings": count, **found})
-            ended = "" if not found["status"] else f"{found['status']}: {' '.join(found['said'])}"
-            table.add_row(
-                kind, str(count), f"{found['seconds']:.1f}", f"{found['cpu']:.1f}",
-                f"{found['mb']:.0f}",
-                "" if before is None else number(_exponent(before, runs[-1])), ended,
-            )  # fmt: skip
-            before = runs[-1]
-    console.print(table)
-    if path is not None:
-        write_files({path: json_text({"runs": runs})})
+    del seed
+    runs: list[Row] = []
+    for own, number in product(kind, readings):
+        with TemporaryDirectory() as name:
+            with ProcessPoolExecutor(1) as apart:  # a process begins with what its parent held
+                apart.submit(_write, Path(name), own, number).result()
+            found = run([asked, "cell.toml", "measurements.csv"], Path(name))
+        runs.append({"command": asked, "kind": own, "readings": number, **found})
+    told = (_told(before, after) for before, after in zip([None, *runs], runs, strict=False))
+    return [table(told)], {"runs": runs}
 
 
-def _exponent(first: dict[str, Any], second: dict[str, Any]) -> float:
-    seconds, readings = (np.log(second[k] / first[k]) for k in ("cpu", "readings"))
-    return float(seconds / readings)
+def _told(before: Row | None, run: Row) -> Row:
+    exponent = None
+    if before is not None and before["kind"] == run["kind"]:
+        cpu, more = (float(np.log(run[key] / before[key])) for key in ("cpu", "readings"))
+        exponent = cpu / more
+    return {
+        "readings are": run["kind"],
+        "number": run["readings"],
+        "seconds": f"{run['seconds']:.1f}",
+        "CPU": f"{run['cpu']:.1f}",
+        "MB": f"{run['mb']:.0f}",
+        "exponent": exponent,
+        "ended": f"{run['status']}: {' '.join(run['said'])}" if run["status"] else "",
+    }
 
 
 if __name__ == "__main__":

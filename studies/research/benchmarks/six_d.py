@@ -18,7 +18,6 @@ import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import click
 import numpy as np
 
 import calib
@@ -27,12 +26,11 @@ from calib.arrays import Array
 from calib.instruments import Pose
 from calib.model import Model
 from calib.poses import Measurements, Poses
-from studies.command.deliver import console_for
 from studies.compare.experiment import POINTS, experiment_of
 from studies.compare.prediction import predict
 from studies.demo.embedded import embedded_text
+from studies.research.bench import Output, bench, count, table
 from studies.research.benchmarks.planned_days import Arm
-from studies.tables import plain_table
 
 PROBE = (
     np.array([[60.0, 0.0, 0.0], [-40.0, 55.0, 0.0], [-40.0, -55.0, 0.0], [0.0, 0.0, 45.0]]) * 1e-3
@@ -211,16 +209,10 @@ def judged(cell: calib.Cell, plan: Poses, days: Array, errors: Array | None) -> 
     return Result(ids, found.std[kept], root[kept], scatter[kept])
 
 
-_HEADINGS = (
-    ("what enters", "left"), ("claimed", "right"), ("foreseen", "right"), ("simulated", "right"),
-)  # fmt: skip
-
-
-@click.command()
-@click.option("--poses", type=click.IntRange(min=15), default=30, show_default=True)
-@click.option("--refits", type=click.IntRange(min=10), default=60, show_default=True)
-def main(poses: int, refits: int) -> None:
+@bench(count("--poses", 30, least=15), count("--refits", 60, least=10))
+def main(poses: int, refits: int, seed: int) -> Output:
     """Identify the same days from points and from poses."""
+    del seed
     cell, rng = point_cell(), np.random.default_rng(0)
     plan = doe.design(
         cell, poses=poses, criterion="D", candidates=1000, fresh=False, reapproach=0
@@ -232,17 +224,20 @@ def main(poses: int, refits: int) -> None:
     sheet = np.diag(np.repeat([np.trace(mean[:3, :3]) / 3.0, np.trace(mean[3:, 3:]) / 3.0], 3))
     rows = pose_rows(days.poses())
     points = judged(cell, plan, days.points, None)
-    table = plain_table(*_HEADINGS)
-    for name, result in (
-        ("#2: four points", points),
-        ("#1: poses, covariance of a data sheet", judged(pose_cell(sheet), plan, rows, errors)),
-        ("#1: poses, mean covariance in full", judged(pose_cell(mean), plan, rows, errors)),
-        ("#1: poses, each with its own", weighed_each(pose_cell(mean), plan, errors)),
-    ):
-        table.add_row(name, *(f"{x:.3f}" if np.isfinite(x) else "" for x in result.over(points)))
-    console_for(None).print(table)
+    results = {
+        "#2: four points": points,
+        "#1: poses, covariance of a data sheet": judged(pose_cell(sheet), plan, rows, errors),
+        "#1: poses, mean covariance in full": judged(pose_cell(mean), plan, rows, errors),
+        "#1: poses, each with its own": weighed_each(pose_cell(mean), plan, errors),
+    }
+    told = []
+    for name, result in results.items():
+        shown = (f"{x:.3f}" if np.isfinite(x) else "" for x in result.over(points))
+        row = zip(("claimed", "foreseen", "simulated"), shown, strict=True)
+        told.append({"what enters": name, **dict(row)})
     position, rotation = np.sqrt(sheet[0, 0]) * 1e3, np.sqrt(sheet[3, 3]) * 1e6
-    click.echo(f"data sheet: {position:.4f} mm and {rotation:.0f} urad, one standard deviation")
+    stated = f"data sheet: {position:.4f} mm and {rotation:.0f} urad, one standard deviation"
+    return [table(told), stated], told
 
 
 if __name__ == "__main__":

@@ -1,25 +1,106 @@
-"""One day: a robot, an instrument, what errs and what the model holds, as the files of a user."""
+"""Arms of every kind, and how they are driven: sensibly, or so that little can be told."""
 
 from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from studies.research.fuzz_days.arms import (
-    MOTIONS,
-    approached,
-    draw_arm,
-    draw_joints,
-    posed,
-    reach,
-)
 from studies.research.fuzz_days.readers import READERS, Row, Scene
-from studies.research.withheld.robots import Arm, Array
-from studies.research.withheld.texts import urdf
+from studies.research.withheld.robots import HEAVY, LIGHT, RAIL, Arm, Array, Joint
+from studies.research.withheld.truth import tip_in_numpy, urdf
+
+KINDS = ("light", "heavy", "rail", "seven", "scara", "gantry", "random")
+MOTIONS = (
+    "free", "free", "narrow", "still", "level", "one", "two", "line",
+)  # fmt: skip
+_LENGTH = 0.35  # m, of a link
+
+
+def draw_arm(rng: np.random.Generator) -> Arm:
+    """An arm of one of the kinds."""
+    kind = str(rng.choice(KINDS))
+    known = {"light": LIGHT, "heavy": HEAVY, "rail": RAIL}
+    if kind in known:
+        return known[kind]
+    slides: tuple[bool, ...]
+    if kind == "scara":
+        slides, axes = (False, False, True, False), np.tile([0.0, 0.0, 1.0], (4, 1))
+    elif kind == "gantry":
+        slides, axes = (True, True, True, False, False), np.eye(3)[[0, 1, 2, 2, 0]]
+    else:
+        count = 7 if kind == "seven" else int(rng.integers(1, 8))
+        slides = tuple((rng.random(count) < (0.0 if kind == "seven" else 0.2)).tolist())
+        axes = np.eye(3)[rng.integers(0, 3, count)] * rng.choice([-1.0, 1.0], (count, 1))
+    straight = kind in ("scara", "gantry")
+    joints = tuple(
+        _joint(rng, f"j{k + 1}", axis, slide, straight)
+        for k, (axis, slide) in enumerate(zip(axes, slides, strict=True))
+    )
+    return replace(LIGHT, name=kind, joints=joints, base="base", tip="tip", tool=0.1)
+
+
+def _joint(rng: np.random.Generator, name: str, axis: Array, slides: bool, straight: bool) -> Joint:
+    x, y, z = rng.uniform(-_LENGTH, _LENGTH, 3).round(3).tolist()
+    rpy = (0.0, 0.0, 0.0) if straight else tuple(rng.choice([0.0, np.pi / 2.0, 0.3], 3).tolist())
+    high = 0.6 if slides else 2.5
+    ax, ay, az = axis.tolist()
+    mass = float(rng.uniform(0.5, 20.0))
+    return Joint(
+        name, (x, y, z), (ax, ay, az), -high, high, mass, (0.1, 0.0, 0.0), 1e-5, rpy, slides
+    )
+
+
+def reach(arm: Arm) -> float:
+    """Length of the stretched arm, m."""
+    steps = [np.linalg.norm(j.xyz) + (j.slides and max(-j.low, j.high)) for j in arm.joints]
+    return float(np.sum(steps) + np.linalg.norm(arm.tip_xyz))
+
+
+def draw_joints(rng: np.random.Generator, arm: Arm, motion: str, count: int) -> Array:
+    """Joints at each pose, shape (count, n), rad or m."""
+    low, high = arm.limits.T
+    free = low + rng.random((count, arm.dof)) * (high - low)
+    middle = low + rng.uniform(0.2, 0.8, arm.dof) * (high - low)
+    if motion == "narrow":
+        return np.asarray(middle + (free - middle) * 10.0 ** rng.uniform(-4.0, -1.0))
+    if motion == "one":
+        own = int(rng.integers(arm.dof))
+        return np.asarray(np.where(np.arange(arm.dof) == own, free, middle))
+    if motion == "two":
+        return np.asarray(free[rng.integers(0, min(2, count), count)])
+    if motion == "line":
+        return np.asarray(
+            middle + np.linspace(-0.3, 0.3, count)[:, None] * rng.normal(size=arm.dof)
+        )
+    if motion == "still":
+        return np.asarray(np.tile(middle, (count, 1)))
+    if motion == "level":
+        return _level(arm, free, middle)
+    return np.asarray(free)
+
+
+def _level(arm: Arm, free: Array, middle: Array) -> Array:
+    """The flange does not turn: what slides moves, and of parallel neighbours two against the third."""
+    q = np.where(arm.slides, free, middle)
+    for k in range(arm.dof - 2):
+        three = arm.joints[k : k + 3]
+        flat = not any(j.slides for j in three) and not any(any(j.rpy) for j in three[1:])
+        if flat and np.ptp(arm.axes[k : k + 3], axis=0).max() == 0.0:
+            q[:, k : k + 2] = middle[k : k + 2] + 0.3 * (free - middle)[:, k : k + 2]
+            q[:, k + 2] = middle[k + 2] - (q[:, k : k + 2] - middle[k : k + 2]).sum(axis=1)
+            break
+    return np.asarray(q)
+
+
+def approached(q: Array) -> NDArray[np.int_]:
+    """Sign of the last motion of each joint, shape (m, n)."""
+    return np.sign(np.diff(q, axis=0, prepend=q[:1])).astype(int)
+
 
 _KINDS = ("points", "points", "points", "pose", "pose", *READERS)
 _FEW = ("thermal_expansion", "backlash", "gravity_sag", "transmission_harmonic", "base_compliance",
@@ -46,7 +127,7 @@ def draw_day(rng: np.random.Generator, folder: Path) -> Day:
         q[-1] = q[0]
     error = np.zeros((arm.dof + 2, 6)) if rng.random() < 0.1 else _errors(rng, arm)
     slack = rng.choice([0.0, 0.0, 1e-3]) * rng.random(arm.dof)
-    R, p = posed(arm, q + approached(q) * slack, error)
+    R, p = tip_in_numpy(arm, q + approached(q) * slack, error)
     stations = int(rng.choice([1, 1, 1, 2, 3])) if kind in ("points", "pose") else 1
     station = np.sort(rng.integers(0, stations, count))
     sigma = float(10.0 ** rng.uniform(-6.5, -3.0))

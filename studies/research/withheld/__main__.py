@@ -16,8 +16,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from studies.research.withheld.run import COMMANDS
-from studies.research.withheld.seal import DIAGNOSIS, BrokenSeal, write_json
+from studies.research.withheld.seal import COMMANDS, DIAGNOSIS, BrokenSeal, write_json
 
 _FOLDER = click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
 
@@ -32,37 +31,19 @@ def main() -> None:
 @_FOLDER
 @click.option("--seed", type=click.IntRange(min=0), required=True, help="Fresh for every check.")
 @click.option("--arm-noise", is_flag=True, help="Arms that scatter from approach to approach.")
-@click.option(
-    "--real-arms",
-    is_flag=True,
-    help="The families of real arms: scatter, ripple, settling, warm-up, mixtures.",
-)
-@click.option(
-    "--instruments",
-    is_flag=True,
-    help="Arms that cameras, wires, motion capture and sockets read, and faults of these.",
-)
-def make(
-    count: int, folder: Path, seed: int, arm_noise: bool, real_arms: bool, instruments: bool
-) -> None:
+@click.option("--real-arms", is_flag=True, help="Arms as real ones are: scatter, ripple, mixtures.")
+@click.option("--instruments", is_flag=True, help="Other instruments read, and faults of these.")
+def make(count: int, folder: Path, seed: int, **kinds: bool) -> None:
     """Draw N cases into a new FOLDER and commit their keys."""
     from studies.research.withheld.make import make as make_cases
 
-    if instruments and (arm_noise or real_arms):
-        raise click.UsageError("--instruments: draws arms of its own; leave the other out")
-    if arm_noise and real_arms:
-        raise click.UsageError("--arm-noise: real arms scatter in any case; leave it out")
+    chosen = [kind for kind, given in kinds.items() if given] or ["first"]
+    if len(chosen) > 1:
+        named = ", ".join(f"--{kind.replace('_', '-')}" for kind in chosen)
+        raise click.UsageError(f"{named}: each draws arms of its own; leave the others out")
     try:
         with click.progressbar(length=count, label="cases") as bar:
-            make_cases(
-                folder,
-                count,
-                seed,
-                lambda _: bar.update(1),
-                arm_noise=arm_noise,
-                real_arms=real_arms,
-                instruments=instruments,
-            )
+            make_cases(folder, count, seed, lambda _: bar.update(1), population=chosen[0])
     except FileExistsError as error:
         raise click.ClickException(str(error)) from None
     click.echo(f"wrote {count} cases, their keys and {folder / 'commitment.json'}")
@@ -90,8 +71,8 @@ def run(
     first: int | None,
 ) -> None:
     """Let the diagnosis, or a rival, answer every case, and commit the answers."""
-    from studies.research.withheld.run import run as run_cases
     from studies.research.withheld.seal import COMMITMENT, answers_folder, case_names
+    from studies.research.withheld.seal import run as run_cases
 
     if command is None and program not in COMMANDS:
         raise click.UsageError(

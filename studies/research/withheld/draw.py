@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from studies.research.withheld.actions import State
 from studies.research.withheld.causes import Cause, draw_cause, draw_outside, with_wrong_shape
-from studies.research.withheld.noise import Noise, growing
 from studies.research.withheld.robots import ARMS, Arm, Array
-from studies.research.withheld.scatter import RATIO, scatter_of
-from studies.research.withheld.scene import Scene
+from studies.research.withheld.scene import RATIO, Noise, Scene, growing, scatter_of
 from studies.research.withheld.session import Session, draw_session
-from studies.research.withheld.truth import Mechanism
+from studies.research.withheld.truth import Mechanism, State
 from studies.research.withheld.visible import Projector, at_rest, given
 
 SHARES = {"null": 0.25, "single": 0.35, "pair": 0.13, "shape": 0.13, "outside": 0.14}
@@ -90,13 +86,6 @@ class Case:
     moved: float = 0.0
     background: int = 0
     excess: float | None = None
-
-
-def families(rng: np.random.Generator, count: int) -> list[str]:
-    """The family of each case: fixed shares in an order that tells nothing."""
-    ends = np.round(np.cumsum([0.0, *SHARES.values()]) * count).astype(int)
-    whole = [f for f, (a, b) in zip(SHARES, pairwise(ends), strict=True) for _ in range(b - a)]
-    return [whole[i] for i in rng.permutation(count)]
 
 
 def draw_case(rng: np.random.Generator, family: str, arm_noise: bool = False) -> Case:

@@ -3,18 +3,47 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from studies.research.withheld.case_files import write_case
-from studies.research.withheld.draw import Case, draw_case, families
-from studies.research.withheld.keys import key_of
-from studies.research.withheld.real import draw as real
+from studies.research.withheld import draw, instruments, keys, real_arms
 from studies.research.withheld.seal import COMMITMENT, commit_keys, write_json
-from studies.research.withheld.sensed import draw as sensed
-from studies.research.withheld.sensed import files as sensed_files
+
+
+@dataclass(frozen=True)
+class Population:
+    """Cases of one kind: shares of its families, how one is drawn, and as what it is written."""
+
+    shares: Mapping[str, float]
+    draw: Callable[[np.random.Generator, str], Any]
+    write: Callable[[Path, Any], None] = keys.write_case
+    key: Callable[[Any, str, int, str], dict[str, Any]] = keys.key_of
+
+
+POPULATIONS = {
+    "first": Population(draw.SHARES, draw.draw_case),
+    "arm_noise": Population(draw.SHARES, lambda rng, f: draw.draw_case(rng, f, arm_noise=True)),
+    "real_arms": Population(real_arms.SHARES, real_arms.draw_real_case),
+    "instruments": Population(
+        instruments.SHARES,
+        instruments.draw_sensed,
+        instruments.write_case,
+        instruments.key_of,
+    ),
+}
+"""The first families; the same with arms that scatter; arms as real ones are; other instruments."""
+
+
+def families(rng: np.random.Generator, count: int, shares: Mapping[str, float]) -> list[str]:
+    """The family of each case: fixed shares in an order that tells nothing."""
+    ends = np.round(np.cumsum([0.0, *shares.values()]) * count).astype(int)
+    whole = [f for f, (a, b) in zip(shares, pairwise(ends), strict=True) for _ in range(b - a)]
+    return [whole[i] for i in rng.permutation(count)]
 
 
 def make(
@@ -23,47 +52,29 @@ def make(
     seed: int,
     progress: Callable[[int], None] = lambda _: None,
     *,
-    arm_noise: bool = False,
-    real_arms: bool = False,
-    instruments: bool = False,
+    population: str = "first",
 ) -> None:
     """Write cases, keys, and last the commitment.
 
-    arm_noise : the arms scatter from approach to approach
-    real_arms : in place of the first families, arms as real ones are (``withheld.real``)
-    instruments : in their place, arms that other instruments read (``withheld.sensed``)
+    population : of ``POPULATIONS``
+
     Raises FileExistsError where the folder holds cases already.
     """
     if (folder / COMMITMENT).exists() or (folder / "cases").exists():
         raise FileExistsError(f"{folder}: holds cases already; name a new folder")
     (folder / "keys").mkdir(parents=True)
-    order = real.families if real_arms else sensed.families if instruments else families
-    drawn = order(np.random.default_rng([seed, count]), count)
-    for index, family in enumerate(drawn):
+    own = POPULATIONS[population]
+    for index, family in enumerate(
+        families(np.random.default_rng([seed, count]), count, own.shares)
+    ):
         name = f"case_{index:04d}"
+        # Each index has its own stream of random numbers.
+        case = own.draw(np.random.default_rng([seed, index]), family)
+        own.write(folder / "cases" / name, case)
         # The salt keeps the hash from being found by trying all that could have been drawn.
-        salt = secrets.token_hex(16)
-        if instruments:
-            read = sensed.draw_sensed(np.random.default_rng([seed, index]), family)
-            sensed_files.write_case(folder / "cases" / name, read)
-            key = sensed_files.key_of(read, name, index, salt)
-        else:
-            case = numbered(seed, index, family, arm_noise, real_arms)
-            write_case(folder / "cases" / name, case)
-            key = key_of(case, name, index, salt)
+        key = own.key(case, name, index, secrets.token_hex(16))
         write_json(folder / "keys" / f"{name}.json", key)
         progress(index + 1)
-    drawn_by = {"seed": seed, "count": count} | ({"arm_noise": True} if arm_noise else {})
-    drawn_by |= {"real_arms": True} if real_arms else {}
-    drawn_by |= {"instruments": True} if instruments else {}
-    write_json(folder / "keys" / "seed.json", drawn_by)
+    drawn_by = {} if population == "first" else {population: True}
+    write_json(folder / "keys" / "seed.json", {"seed": seed, "count": count, **drawn_by})
     commit_keys(folder)
-
-
-def numbered(
-    seed: int, index: int, family: str, arm_noise: bool = False, real_arms: bool = False
-) -> Case:
-    """One case; each index has its own stream of random numbers."""
-    if real_arms:
-        return real.draw_real_case(np.random.default_rng([seed, index]), family)
-    return draw_case(np.random.default_rng([seed, index]), family, arm_noise)

@@ -11,11 +11,9 @@ from typing import Any
 
 from scipy.stats import binom
 
-from studies.research.withheld.figures import FIRST, Questions, Rate
+from studies.research.withheld.figures import DRAWN, FIRST, REAL, SENSED, Questions, Rate, verdicts
 from studies.research.withheld.judge import Judgement, judge
-from studies.research.withheld.real.figures import REAL, verdicts
 from studies.research.withheld.seal import Answered, opened
-from studies.research.withheld.sensed.figures import DRAWN, SENSED
 
 BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 MANY = 40  # configurations of a plan from which held-out errors are held against the floor

@@ -1,17 +1,165 @@
-"""Static equilibrium of an arm in MuJoCo: kinematics and internal forces are its own."""
+"""Static equilibrium of an arm in MuJoCo, which has the kinematics and the internal forces."""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from studies.research.withheld.actions import Action, State
 from studies.research.withheld.robots import Arm, Array
-from studies.research.withheld.texts import mjcf
+
+G = 9.80665  # m/s^2, along -z of the base
+
+
+def urdf(arm: Arm, masses: bool = True) -> str:
+    """The nominal robot; without masses where the user does not know them."""
+    lines = ['<?xml version="1.0"?>', f'<robot name="{arm.name}">', f'  <link name="{arm.base}"/>']
+    parent = arm.base
+    for index, joint in enumerate(arm.joints, 1):
+        child, kind = f"link_{index}", "prismatic" if joint.slides else "revolute"
+        lines.append(
+            f'  <joint name="{joint.name}" type="{kind}">{_origin(joint.xyz, joint.rpy)}'
+            f'<parent link="{parent}"/><child link="{child}"/><axis xyz="{_text(joint.axis)}"/>'
+            f'<limit lower="{joint.low:.9g}" upper="{joint.high:.9g}" effort="0" velocity="0"/></joint>'
+        )
+        inertial = (
+            f"<inertial>{_origin(joint.com)}"
+            f'<mass value="{joint.mass:.9g}"/>'
+            '<inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>'
+            "</inertial>"
+        )
+        lines.append(f'  <link name="{child}">{inertial if masses else ""}</link>')
+        parent = child
+    lines.append(
+        f'  <joint name="mount" type="fixed">{_origin(arm.tip_xyz, arm.tip_rpy)}'
+        f'<parent link="{parent}"/><child link="{arm.tip}"/></joint>'
+    )
+    return "\n".join([*lines, f'  <link name="{arm.tip}"/>', "</robot>", ""])
+
+
+def mjcf(arm: Arm, geometry: Array, markers: Array) -> str:
+    """The arm with displaced joint frames: bodies base, one a link, tip; one site a marker.
+
+    geometry : ndarray, shape (n + 2, 6), m and rad, displacement of each frame in its own axes
+    markers : ndarray, shape (M, 3), m, true positions in the tip frame
+    """
+    lines = [
+        '<mujoco><compiler angle="radian" fusestatic="false"/>',
+        f'<option gravity="0 0 {-G}"/><worldbody>',
+        f'<body name="frame_0" {_placed((0, 0, 0), (0, 0, 0), geometry[0])}>',
+    ]
+    for index, joint in enumerate(arm.joints, 1):
+        lines.append(
+            f'<body name="frame_{index}" {_placed(joint.xyz, joint.rpy, geometry[index])}>'
+            f'<joint type="{"slide" if joint.slides else "hinge"}" axis="{_text(joint.axis)}"/>'
+            # The inertia turns nothing here: the arm stands still.
+            f'<inertial pos="{_text(joint.com)}" mass="{joint.mass!r}" diaginertia="1 1 1"/>'
+        )
+    lines.append(
+        f'<body name="tip" {_placed(arm.tip_xyz, arm.tip_rpy, geometry[-1])}>'
+        # Loads act at a body's centre of mass: a nanogram puts that at the tip's origin.
+        '<inertial pos="0 0 0" mass="1e-12" diaginertia="1 1 1"/>'
+    )
+    lines += [f'<site name="m{i}" pos="{_text(m)}"/>' for i, m in enumerate(markers, 1)]
+    return "\n".join([*lines, "</body>" * (arm.dof + 2), "</worldbody></mujoco>"])
+
+
+def _text(values: Sequence[float] | Array) -> str:
+    return " ".join(repr(float(v)) for v in values)
+
+
+def _origin(xyz: Sequence[float], rpy: Sequence[float] = (0, 0, 0)) -> str:
+    return (
+        f'<origin xyz="{" ".join(f"{v:.9g}" for v in xyz)}" '
+        f'rpy="{" ".join(f"{v:.9g}" for v in rpy)}"/>'
+    )
+
+
+def _placed(xyz: Sequence[float], rpy: Sequence[float], displaced: Array) -> str:
+    turn = Rotation.from_euler("xyz", rpy)
+    at = np.asarray(xyz) + turn.apply(displaced[:3])
+    x, y, z, w = (turn * Rotation.from_rotvec(displaced[3:])).as_quat()
+    return f'pos="{_text(at)}" quat="{_text((w, x, y, z))}"'
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """The arm at rest under its loads, as MuJoCo gives it, N readings, frames 0 .. n + 1.
+
+    R, o : ndarray, shapes (N, n + 2, 3, 3) and (N, n + 2, 3), frames before joint motion, base axes, m
+    R_link : ndarray, shape (N, n + 2, 3, 3), after joint motion
+    wrench : ndarray, shape (N, n + 2, 6), force and moment that each frame passes on, about its origin,
+        in its own axes, N and N m
+    torque : ndarray, shape (N, n), N m, or N at a prismatic joint
+    points : ndarray, shape (N, M, 3), markers, base axes, m
+    aimed : ndarray, shape (N, M, 3), the same in the instrument's frame
+    readings : ndarray, shape (N, M, 3), what the instrument says of them
+    """
+
+    R: Array
+    o: Array
+    R_link: Array
+    wrench: Array
+    torque: Array
+    points: Array
+    aimed: Array
+    readings: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Action:
+    """Displacements and loads at N readings; actions add up.
+
+    joint : ndarray, shape (N, n), ``q_true = q_read + joint``, rad or m
+    twist : ndarray, shape (N, n + 2, 6), displacement of each frame on the right, m and rad
+    load : ndarray, shape (N, n + 2, 6), force and torque at the centre of mass of each body, base axes
+    marker : ndarray, shape (N, M, 3), of the markers in the tip frame, m
+    reading : ndarray, shape (N, M, 3), in the instrument's frame, m
+    """
+
+    joint: Array
+    twist: Array
+    load: Array
+    marker: Array
+    reading: Array
+
+    @staticmethod
+    def none(arm: Arm, count: int, markers: int) -> Action:
+        """Nothing yet: arrays to write into."""
+        frames = arm.dof + 2
+        return Action(
+            np.zeros((count, arm.dof)),
+            np.zeros((count, frames, 6)),
+            np.zeros((count, frames, 6)),
+            np.zeros((count, markers, 3)),
+            np.zeros((count, markers, 3)),
+        )
+
+    def add(self, other: Action, factor: Array) -> None:
+        """Add another one, reading by reading times a factor, shape (N,)."""
+        for mine, theirs in (
+            (self.joint, other.joint),
+            (self.twist, other.twist),
+            (self.load, other.load),
+            (self.marker, other.marker),
+            (self.reading, other.reading),
+        ):
+            mine += theirs * factor.reshape(-1, *(1,) * (theirs.ndim - 1))
+
+
+def frame_columns(state: State, frame: int) -> Array:
+    """D points / d twist of a frame, shape (N, M, 3, 6), base axes: what follows it moves rigidly."""
+    R, arm = state.R[:, None, frame], state.points - state.o[:, None, frame]
+    columns = np.empty((*state.points.shape, 6))
+    columns[..., :3] = R
+    for c in range(3):
+        columns[..., 3 + c] = np.cross(R[..., c], arm)
+    return columns
+
 
 _AT_REST = 1e-11  # m, largest motion of a marker between the last two rounds
 _ROUNDS = 25
@@ -106,3 +254,26 @@ class Mechanism:
         R_in, p_in = instrument
         aimed = points @ R_in.T + p_in
         return State(R, o, R_link, wrench, torque, points, aimed, aimed + action.reading)
+
+
+def tip_in_numpy(arm: Arm, q: Array, errors: Array) -> tuple[Array, Array]:
+    """The weightless arm's tip in base axes by NumPy alone, (m, 3, 3) and (m, 3), m.
+
+    errors : ndarray, shape (n + 2, 6), m and rad: displacement of each frame in its own axes
+    """
+    R, p = _displaced(np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3)), errors[0])
+    for k, joint in enumerate(arm.joints):
+        p = p + R @ np.array(joint.xyz)
+        R = R @ Rotation.from_euler("xyz", joint.rpy).as_matrix()
+        R, p = _displaced(R, p, errors[k + 1])
+        axis = np.array(joint.axis)
+        if joint.slides:
+            p = p + (R @ axis) * q[:, k, None]
+        else:
+            R = R @ Rotation.from_rotvec(q[:, k, None] * axis).as_matrix()
+    p, R = p + R @ np.array(arm.tip_xyz), R @ Rotation.from_euler("xyz", arm.tip_rpy).as_matrix()
+    return _displaced(R, p, errors[-1])
+
+
+def _displaced(R: Array, p: Array, error: Array) -> tuple[Array, Array]:
+    return R @ Rotation.from_rotvec(error[3:]).as_matrix(), p + R @ error[:3]

@@ -1,4 +1,4 @@
-"""How visible a cause is: the noncentrality of its displacement beside everything modelled."""
+"""How visible causes are beside the model and the others, and what a fit of them leaves."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
-from studies.research.withheld.actions import Action, State, frame_columns
+from studies.research.withheld.causes import Cause
+from studies.research.withheld.effects import TUNED
+from studies.research.withheld.outside import BEYOND, OUTSIDE
 from studies.research.withheld.robots import Array
 from studies.research.withheld.scene import Scene
-from studies.research.withheld.truth import Mechanism
+from studies.research.withheld.truth import Action, Mechanism, State, frame_columns
 
 _SAME = 1e-8  # relative size of a diagonal of R below which a column is a sum of others
 
@@ -112,3 +114,85 @@ def given(rest: Array, other: Array) -> float:
     along = float(rest @ other) / size if size > 0.0 else 0.0
     beside = rest - along * other
     return float(beside @ beside)
+
+
+_SAME_COLUMN = 1e-3  # relative size of a diagonal of R below which a column is a sum of others
+
+
+def tangents(scene: Scene, mechanism: Mechanism, still: State, cause: Cause) -> Array:
+    """What each linear parameter of a cause moves alone, (N, M, 3, parameters), m, instrument frame.
+
+    By differences of the simulator at the true size; cycles, time constants and moments stand at
+    their true values.
+    """
+    if cause.effect in BEYOND or cause.effect in OUTSIDE:  # of which nobody fits a parameter
+        return (at_rest(scene, mechanism, [cause]).readings - still.readings)[..., None]
+    names = [name for name in cause.values if name not in TUNED]
+    tuned = {name: value for name, value in cause.values.items() if name in TUNED}
+
+    def moved(values: dict[str, float]) -> Array:
+        one = Cause(cause.effect, cause.where, {**dict.fromkeys(names, 0.0), **values, **tuned})
+        bent = at_rest(scene, mechanism, [one.sized(cause.size)])
+        return np.asarray(bent.readings - still.readings)
+
+    return np.stack([moved({name: cause.values[name]}) for name in names], axis=-1)
+
+
+def projected(projector: Projector, columns: Array) -> Array:
+    """Columns (N, M, 3, p) whitened and beside the model, shape (3 * points, p)."""
+    return np.stack([projector.left(column) for column in np.moveaxis(columns, -1, 0)], axis=1)
+
+
+def beside_others(rests: Sequence[Array], spans: Sequence[Array]) -> tuple[float, ...]:
+    """Noncentrality of each displacement beside all that the others' parameters could do.
+
+    rests : ndarrays, shape (P,), whitened and projected; spans : of each cause, shape (P, parameters)
+    """
+    found = []
+    for i, rest in enumerate(rests):
+        others = [span for k, span in enumerate(spans) if k != i]
+        left = rest - _within_span(np.hstack(others), rest) if others else rest
+        found.append(float(left @ left))
+    return tuple(found)
+
+
+def _within_span(columns: Array, rest: Array) -> Array:
+    """Part of a displacement that lies in the span of columns."""
+    lengths = np.linalg.norm(columns, axis=0)
+    kept = columns[:, lengths > 0.0] / lengths[lengths > 0.0]
+    if not kept.size:
+        return np.zeros_like(rest)
+    Q, R, _ = qr(kept, mode="economic", pivoting=True)
+    Q = Q[:, np.abs(np.diag(R)) > _SAME_COLUMN]
+    return np.asarray(Q @ (Q.T @ rest))
+
+
+def excess(
+    scene: Scene,
+    still: State,
+    projector: Projector,
+    seen: NDArray[np.bool_],
+    visible: Array,
+    faint: Array,
+) -> float:
+    """Mean squared distance by which held-out points are foretold wrongly, m^2, noise apart.
+
+    visible : ndarray, shape (N, M, 3, p), m, instrument frame, what each parameter of the causes to be
+        found moves; faint : ndarray, shape (N, M, 3), what all others do
+    """
+    columns = np.concatenate([modelled_columns(scene, still), _in_base(scene, visible)], axis=-1)
+    unseen = _in_base(scene, faint[..., None])
+    J, missed = projector.white(columns), projector.white(unseen)
+    lengths = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    U, s, Vt = np.linalg.svd(J / lengths, full_matrices=False)
+    kept = s > _SAME_COLUMN * s[0]
+    back = (Vt[kept].T / s[kept]) / lengths[:, None]  # parameters from whitened readings along U
+    held = seen & scene.session.held[:, None]
+    G = columns[held] @ back
+    bias = unseen[held] - G @ (U[:, kept].T @ missed)
+    return float(np.mean(np.sum(G**2, axis=(-2, -1)) + np.sum(bias**2, axis=(-2, -1))))
+
+
+def _in_base(scene: Scene, columns: Array) -> Array:
+    """Columns (N, M, 3, p) of the instrument's frame in base axes."""
+    return np.asarray(np.einsum("ji,nmjp->nmip", scene.R, columns))

@@ -11,12 +11,12 @@ import numpy as np
 import calib
 from calib import Cell, Measurements
 from calib.arrays import Array
-from studies.research.withheld.actions import Action, State
-from studies.research.withheld.case_files import write_case
-from studies.research.withheld.catalogue import turned
 from studies.research.withheld.draw import EASY, Case, draw_scene
+from studies.research.withheld.effects import turned
+from studies.research.withheld.keys import write_case
 from studies.research.withheld.robots import ARMS
 from studies.research.withheld.scene import Scene, hung
+from studies.research.withheld.truth import Action, State
 from studies.research.withheld.visible import Projector, at_rest
 
 PLAIN = replace(EASY, payload=True)

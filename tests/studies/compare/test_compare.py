@@ -59,6 +59,7 @@ def test_full_covariance_makes_the_approaches_equal(seed: int, dof: int, markers
         assert (found[key].std[known] > found["points"].std[known] * (1.0 - 1e-9)).all()
 
 
+@pytest.mark.long
 def test_prediction_is_the_inverse_of_the_information(kr270: Cell, table_two: Poses) -> None:
     """Against the observation matrices of the public interface, and against the design's figures."""
     experiment = experiment_of(kr270, table_two)

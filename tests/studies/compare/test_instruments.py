@@ -113,6 +113,7 @@ def asked(folder: Path, cell: str, *more: str) -> Result:
     return CliRunner().invoke(main, call)
 
 
+@pytest.mark.long
 def test_a_camera_alone_is_predicted_simulated_and_drawn(photographed: Path) -> None:
     figures, out = photographed / "figures", photographed / "r.json"
     more = ("--monte-carlo", "40", "--workers", "1", "--figures", str(figures), "--json", str(out))

@@ -184,6 +184,7 @@ def few(cell: Cell, plan: Poses, **given: Any) -> Comparison:
     return compare(cell, {"p": plan}, trials=1, **given)
 
 
+@pytest.mark.long
 def test_without_mujoco_the_model_is_the_truth_and_it_is_said(
     kr270: Cell, table_two: Poses, monkeypatch: pytest.MonkeyPatch
 ) -> None:

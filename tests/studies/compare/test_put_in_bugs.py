@@ -149,6 +149,7 @@ def test_weights_are_refuted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bu
     assert refuted(found, "weighted by other noise than the cell states")
 
 
+@pytest.mark.long
 def test_an_arm_that_scatters_otherwise_than_stated_is_refuted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -171,6 +172,7 @@ def test_derivatives_are_refuted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert refuted(found, re.escape(f"the derivative by {SOFT} is {size} off"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("truth", ["model", "mujoco"])
 def test_exchanged_markers_end_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, truth: str
@@ -183,6 +185,7 @@ def test_exchanged_markers_end_in_one_line(
     assert "the program or an added effect is at fault" in heard.err
 
 
+@pytest.mark.long
 def test_degrees_of_freedom_that_are_too_many_are_refuted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -12,7 +12,7 @@ from calib.arm.kinematics import forward
 from calib.arrays import Array
 from calib.files.urdf import load_urdf
 from studies.research.benchmarks.day import Setting, draw_day, write_day
-from studies.research.withheld.actions import Action
+from studies.research.withheld.truth import Action
 from tests.bad_inputs.run import posecal
 
 

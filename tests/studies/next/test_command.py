@@ -51,6 +51,7 @@ def read(cell: Path, q: Array, first: int, rng: np.random.Generator) -> None:
     assert len(MARKERS) == 3
 
 
+@pytest.mark.long
 def test_a_loop_with_the_robot_ends_at_its_goal(cell: Path) -> None:
     rng, poses, expected = np.random.default_rng(0), 4, list[float]()
     plan = cell.with_name("plan.csv")

@@ -23,7 +23,7 @@ from calib.arrays import Array
 from calib.diagnosis.causes import NameEvidence
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
-from studies.research.withheld.match import is_listed, is_true, name_of
+from studies.research.withheld.judge import is_listed, is_true, name_of
 from studies.tables import plain_table
 
 _RIDGE = 0.5  # weights of a few rare words stay finite

@@ -12,27 +12,32 @@ import numpy as np
 
 import calib
 from calib.arrays import Array
-from calib.files.write import json_text, write_files
 from calib.model.build import build
 from calib.poses import poses_at
-from calib.threads import one_blas_thread
-from studies.command.deliver import console_for
-from studies.command.options import one_line_faults
 from studies.plots.style import DPI
+from studies.research.bench import Output, bench, count, each, several
 from studies.research.benchmarks.day import SEVEN
-from studies.research.benchmarks.few_poses.coverage import kept, true_values
-from studies.research.benchmarks.few_poses.figure import error_by_poses
-from studies.research.benchmarks.few_poses.files import cells_of, table_of
-from studies.research.benchmarks.few_poses.peer import interpreter, solved_by_figaroh
-from studies.research.benchmarks.few_poses.ridge import ridge
+from studies.research.benchmarks.few_poses.day import (
+    SIGMA,
+    Day,
+    Setting,
+    cells_of,
+    draw_day,
+    interpreter,
+    ridge,
+    solved_by_figaroh,
+    table_of,
+)
 from studies.research.benchmarks.few_poses.tables import (
     Row,
     coverage_of,
     coverage_table,
+    error_by_poses,
     errors_of,
     errors_table,
+    kept,
+    true_values,
 )
-from studies.research.benchmarks.few_poses.truth import SIGMA, Day, Setting, draw_day
 from studies.research.benchmarks.peers.judge import Left
 from studies.research.withheld.robots import LIGHT
 
@@ -43,7 +48,6 @@ RIDGE = "ridge by CV"
 _TURNS = tuple(product((1, 3), (False, True)))  # markers, whether the arm scatters: day by day
 
 
-@one_blas_thread
 def rows_of_day(
     arm: str, times: float, index: int, seed: int, poses: Sequence[int], python: Path | None
 ) -> list[Row]:
@@ -99,50 +103,42 @@ def summaries(rows: Sequence[Row]) -> Iterator[Row]:
         }  # fmt: skip
 
 
-@click.command()
-@click.option("--days", type=click.IntRange(min=1), default=40, show_default=True,
-              help="Of each arm and size of errors; four take turns with all conditions.")  # fmt: skip
-@click.option("--arm", multiple=True, type=click.Choice(list(ARMS)), default=tuple(ARMS),
-              show_default=True)  # fmt: skip
-@click.option("--poses", multiple=True, type=click.IntRange(4, 40), default=POSES,
-              show_default=True)  # fmt: skip
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
-@click.option("--peers", type=click.Path(path_type=Path), help="Folder of FIGAROH's environment.")
-@click.option("--peer-days", type=click.IntRange(min=1), default=4, show_default=True,
-              help="Of each arm and size, that FIGAROH gets too.")  # fmt: skip
-@click.option("--figure", "figure_path", type=click.Path(path_type=Path), help="PNG or SVG.")
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Every table.")
-@one_line_faults
+@bench(
+    several("--arm", tuple(ARMS)),
+    several("--poses", POSES),
+    click.option(
+        "--peers", type=click.Path(path_type=Path), help="Folder of FIGAROH's environment."
+    ),
+    count("--peer-days", 4, help="Of each arm and size, that FIGAROH gets too."),
+    click.option("--figure", "figure_path", type=click.Path(path_type=Path), help="PNG or SVG."),
+    days=40,
+    days_help="Of each arm and size of errors; four take turns with all conditions.",
+    workers=True,
+)
 def main(
     days: int,
     arm: tuple[str, ...],
     poses: tuple[int, ...],
     seed: int,
+    workers: int,
     peers: Path | None,
     peer_days: int,
     figure_path: Path | None,
-    json_path: Path | None,
-) -> None:
+) -> Output:
     """Identify from few poses, and hold errors and claims against the truth."""
-    console = console_for(None)
     python = interpreter(peers) if peers is not None else None
     if isinstance(python, Left):
-        console.print(str(python))
-        python = None
-    rows = [
-        row
+        raise calib.CalibError(str(python))
+    tasks = [
+        (one, times, index, seed, poses, python if index < peer_days else None)
         for one, times, index in product(arm, SIZES, range(days))
-        for row in rows_of_day(
-            one, times, index, seed, poses, python if index < peer_days else None
-        )
     ]
-    console.print("Held-out error, 3-D RMS", errors_table(rows), sep="\n")
-    console.print("\nWhat holds of what was said", coverage_table(rows), sep="\n")
+    rows = [row for own in each(rows_of_day, tasks, workers) for row in own]
     if figure_path is not None:
         error_by_poses(rows).savefig(figure_path, dpi=DPI)
-    if json_path is not None:
-        found = {"seed": seed, "summaries": list(summaries(rows)), "tables": rows}
-        write_files({json_path: json_text(found)})
+    shown = ["Held-out error, 3-D RMS", errors_table(rows)]
+    shown += ["\nWhat holds of what was said", coverage_table(rows)]
+    return shown, {"seed": seed, "summaries": list(summaries(rows)), "tables": rows}
 
 
 if __name__ == "__main__":

@@ -16,10 +16,10 @@ from calib.identification.start import initial_values
 from calib.model.build import build
 from calib.threads import one_blas_thread
 from studies.research.bench import data_folder
-from studies.research.benchmarks.placement import placement
-from studies.research.fuzz_days.arms import draw_arm, draw_joints, posed
+from studies.research.benchmarks.day import placement
+from studies.research.fuzz_days.day import draw_arm, draw_joints
 from studies.research.withheld.robots import Arm
-from studies.research.withheld.texts import urdf
+from studies.research.withheld.truth import tip_in_numpy, urdf
 
 _LONGEST_LINK = 0.1  # m, by which a link may differ from its model
 
@@ -45,7 +45,7 @@ def drawn(index: int, seed: int = 0) -> tuple[str, list[str]]:
         errors[link, :3] += rng.uniform(0.0, _LONGEST_LINK) * along / np.linalg.norm(along)
     sigma = 10.0 ** rng.uniform(-6.0, -4.0)
     places = rng.normal(scale=arm.tool, size=(markers, 3))
-    R, p = posed(arm, q, errors)
+    R, p = tip_in_numpy(arm, q, errors)
     turn, shift = placement(rng)
     points = (p[:, None] + places @ R.transpose(0, 2, 1)) @ turn.T + shift
     loud = 0.0 if rng.random() < 0.1 else float(rng.choice([0.3, 1.0, 1.0, 3.0]))

@@ -10,8 +10,7 @@ from click.testing import CliRunner
 
 pytest.importorskip("mujoco")
 
-from studies.research.benchmarks.claimed import Said
-from studies.research.benchmarks.claims import SENTENCES, main, summaries
+from studies.research.benchmarks.claims import SENTENCES, Said, main, summaries
 
 
 def test_summaries_by_hand() -> None:

@@ -15,15 +15,19 @@ from scipy.spatial.transform import Rotation
 pytest.importorskip("mujoco")
 
 from calib.arrays import Array
-from studies.research.benchmarks.conclusions import formulas
+from studies.research.benchmarks.conclusions import foreign, parts
 from studies.research.benchmarks.conclusions.__main__ import main, numbers_of, one_day
-from studies.research.benchmarks.conclusions.arms import arm_of
-from studies.research.benchmarks.conclusions.days import Day, read
-from studies.research.benchmarks.conclusions.judged import judged, outcome
-from studies.research.benchmarks.conclusions.parts import DRAWS, KINDS, arm_a, hard, nothing
-from studies.research.benchmarks.conclusions.scenes import random_poses
-from studies.research.benchmarks.conclusions.tables import calibration, rates
-from studies.research.benchmarks.conclusions.true_causes import TrueCause, named, tuned
+from studies.research.benchmarks.conclusions.days import (
+    Day,
+    TrueCause,
+    arm_of,
+    named,
+    random_poses,
+    read,
+    tuned,
+)
+from studies.research.benchmarks.conclusions.judged import calibration, judged, outcome, rates
+from studies.research.benchmarks.conclusions.parts import DRAWS, KINDS
 from studies.research.withheld.truth import Mechanism
 from studies.research.withheld.visible import at_rest
 
@@ -34,8 +38,8 @@ STEP = 1e-6
 def any_plan(monkeypatch: pytest.MonkeyPatch) -> None:
     """The default plan takes ten seconds to find."""
     arm = arm_of("ur_on_track")
-    q = random_poses(np.random.default_rng(1), arm, arm_a.POSES)
-    monkeypatch.setattr(arm_a, "plan", lambda: q)
+    q = random_poses(np.random.default_rng(1), arm, parts.POSES)
+    monkeypatch.setattr(parts, "plan", lambda: q)
 
 
 def a_day(part: str, index: int) -> Day:
@@ -134,7 +138,7 @@ def test_a_day_is_the_same_again(part: str) -> None:
 @pytest.mark.parametrize("index", range(8))
 def test_quiet_arms_scatter_as_asked(index: int) -> None:
     """The tip, seen through a marker put at its origin, over the instrument's standard deviation."""
-    day = nothing.draw(np.random.default_rng(index), index)
+    day = parts.draw_nothing(np.random.default_rng(index), index)
     assert not day.causes
     assert day.scene.scatter is not None
     assert bool(day.scene.scatter.joints.any()) == (index % 2 == 0)
@@ -143,13 +147,13 @@ def test_quiet_arms_scatter_as_asked(index: int) -> None:
     still = at_rest(scene, mechanism, ()).points
     drawn = [scene.scatter.drawn(rng, scene.session.visit) for _ in range(20)]
     moved = np.array([at_rest(scene, mechanism, [wander]).points - still for wander in drawn])
-    assert np.sqrt(np.mean(moved**2)) == pytest.approx(day.ratio * nothing.SIGMA, rel=0.08)
+    assert np.sqrt(np.mean(moved**2)) == pytest.approx(day.ratio * parts.QUIET_SIGMA, rel=0.08)
 
 
 def test_loud_is_ten_data_sheets() -> None:
     """Of the arm of 2.7 m by hand: best 0.015, worst 0.08 and 0.06 mm a metre, over 3.62."""
-    day = nothing.draw_loud(np.random.default_rng(0), 6)
-    size = nothing.reach(day.scene.arm)
+    day = parts.draw_loud(np.random.default_rng(0), 6)
+    size = parts.reach(day.scene.arm)
     middle = np.sqrt(0.015 * size * (0.08 + 0.06 * size)) / 3.62
     assert 2.5 < size < 3.2
     assert day.ratio == pytest.approx(10.0 * middle / 0.01, rel=0.002)
@@ -157,26 +161,26 @@ def test_loud_is_ten_data_sheets() -> None:
 
 def test_formulas() -> None:
     moves = np.array([0.5, -0.01, -0.6, 0.02, 0.0, 0.4])
-    assert formulas.play_with_dead_band(moves, 0.05).tolist() == [1, 1, -1, -1, -1, 1]
+    assert foreign.play_with_dead_band(moves, 0.05).tolist() == [1, 1, -1, -1, -1, 1]
     far = np.abs(moves) > 0.1
     np.testing.assert_allclose(
-        formulas.smooth_hysteresis(moves, 0.05)[far], np.sign(moves)[far], atol=1e-5
+        foreign.smooth_hysteresis(moves, 0.05)[far], np.sign(moves)[far], atol=1e-5
     )
     q = np.linspace(-np.pi, np.pi, 2001)[:-1]
-    wheel = formulas.eccentric(q, 0.3, 0.5, 0.9)
+    wheel = foreign.eccentric(q, 0.3, 0.5, 0.9)
     assert 2 * np.mean(wheel * np.sin(q - 0.3)) == pytest.approx(1.0, rel=0.005)
     assert 2 * np.mean(wheel * np.sin(2 * q - 0.9)) == pytest.approx(0.5, rel=0.1)
     assert abs(np.mean(wheel)) < 1e-12
     third = np.hypot(*(2 * np.mean(wheel * f(3 * q)) for f in (np.cos, np.sin)))
     assert 1e-3 < third < 5e-3  # what no harmonic of the catalogue has
     torque = np.linspace(-50.0, 50.0, 11)
-    np.testing.assert_allclose(formulas.hardening(torque, 0.3)[[0, 5, -1]], [-35.0, 0.0, 35.0])
+    np.testing.assert_allclose(foreign.hardening(torque, 0.3)[[0, 5, -1]], [-35.0, 0.0, 35.0])
     time = np.arange(0.0, 40000.0, 10.0)
-    lag = formulas.lagging(20.0 + 1e-3 * time, time, 1200.0)
+    lag = foreign.lagging(20.0 + 1e-3 * time, time, 1200.0)
     np.testing.assert_allclose(20.0 + 1e-3 * time[-1] - lag[-1], 1.2, rtol=0.01)
-    assert formulas.two_constants(time, 600.0, 1800.0, 0.4)[0] == 1.0
-    assert formulas.smooth_step(time, 20000.0, 60.0)[[0, 2000, -1]].tolist() == [0.0, 0.5, 1.0]
-    ripple = formulas.fading_ripple(q, 100.0, 0.0, 0.0)
+    assert foreign.two_constants(time, 600.0, 1800.0, 0.4)[0] == 1.0
+    assert foreign.smooth_step(time, 20000.0, 60.0)[[0, 2000, -1]].tolist() == [0.0, 0.5, 1.0]
+    ripple = foreign.fading_ripple(q, 100.0, 0.0, 0.0)
     assert 1.2 < ripple.max() < 1.34
 
 
@@ -217,7 +221,7 @@ def said(*effects: Any, verdict: str = "explained") -> dict[str, Any]:
 
 def test_a_family_and_a_single() -> None:
     """Two of three visible members are enough; a pair needs the single one beside."""
-    day = a_day("hard", hard.KINDS.index("backlashes_gear"))
+    day = a_day("hard", foreign.HARD_KINDS.index("backlashes_gear"))
     family = [cause(*named(f"A{k}", "backlash")) for k in range(1, 5)]
     beside = cause(*named("A9", "transmission_harmonic"))
     sizes = (100.0, 100.0, 100.0, 5.0, 100.0)

@@ -20,11 +20,16 @@ from calib.model.build import build
 from calib.model.reduction import carried_over
 from calib.poses import poses_at
 from studies.research.benchmarks.few_poses.__main__ import ARMS, main
-from studies.research.benchmarks.few_poses.coverage import true_values
-from studies.research.benchmarks.few_poses.files import read_cell, table_of
-from studies.research.benchmarks.few_poses.ridge import ridge
-from studies.research.benchmarks.few_poses.tables import errors_of
-from studies.research.benchmarks.few_poses.truth import SIGMA, Day, Setting, draw_day
+from studies.research.benchmarks.few_poses.day import (
+    SIGMA,
+    Day,
+    Setting,
+    draw_day,
+    read_cell,
+    ridge,
+    table_of,
+)
+from studies.research.benchmarks.few_poses.tables import errors_of, true_values
 
 PLACES = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -58,7 +63,7 @@ def test_truth_with_the_constants_that_posecal_keeps(arm: str) -> None:
     cell = read_cell(day)
     model = build(cell, poses_at(day.q)).model
     values, constants = placed(model, day), np.zeros_like(day.constants)
-    segments = [*day.arm.names, day.arm.tip]
+    segments = [day.arm.base, *day.arm.names, day.arm.tip]
     for i, p in enumerate(model.parameters):
         if p.effect == "geometry":
             at = segments.index(p.where), PLACES.index(p.name)
@@ -79,7 +84,7 @@ def test_truth_with_all_constants_to_second_order(arm: str) -> None:
         keys = [("geometry", s, c) for s in (*day.arm.names, day.arm.tip) for c in PLACES]
         values, free = placed(model, day), model.where(Base, Tool)
         own = np.setdiff1d(np.arange(len(values)), free)
-        values[own] = carried_over(built.full, model, keys) @ day.constants.ravel()
+        values[own] = carried_over(built.full, model, keys) @ day.constants[1:].ravel()
         for _ in range(4):  # base and markers take up the rest
             predicted, J = model.jacobian(values, poses)
             rows = J.reshape(-1, J.shape[-1])[:, free]

@@ -31,6 +31,7 @@ def test_readings_of_one_stay_differ_by_the_instrument_alone() -> None:
     np.testing.assert_allclose(np.sqrt((apart**2).mean()), SIGMA, rtol=0.05)
 
 
+@pytest.mark.long
 def test_a_run_tells_seconds_and_memory(tmp_path: Path) -> None:
     write_day(tmp_path, drawn("still", COUNT))
     found = run(["identify", "cell.toml", "measurements.csv"], tmp_path)

@@ -14,9 +14,9 @@ pytest.importorskip("sklearn")
 
 import calib
 from studies.research.rivals.black_box import black_box, improves, in_base, inputs, learned, scaled
-from studies.research.withheld.case_files import write_case
 from studies.research.withheld.causes import Cause
 from studies.research.withheld.draw import Case, draw_case, draw_scene
+from studies.research.withheld.keys import write_case
 from studies.research.withheld.robots import LIGHT
 from tests.studies.research.withheld.scenes import PLAIN, case_of
 

@@ -16,8 +16,8 @@ import calib
 from calib.effects import EFFECTS
 from studies.research.rivals.__main__ import main
 from studies.research.rivals.stepwise import Screen, absent, linearised, select, stepwise
-from studies.research.withheld.case_files import write_case
 from studies.research.withheld.draw import Case, draw_case
+from studies.research.withheld.keys import write_case
 
 N, OWN, SUSPECTS = 60, 4, 5
 

@@ -9,9 +9,9 @@ import numpy as np
 
 import calib
 from calib import Cell, Measurements
-from studies.research.withheld.case_files import write_case
 from studies.research.withheld.causes import Cause
 from studies.research.withheld.draw import EASY, Case, draw_scene
+from studies.research.withheld.keys import write_case
 from studies.research.withheld.robots import Arm
 from studies.research.withheld.scene import Scene
 from studies.research.withheld.visible import at_rest

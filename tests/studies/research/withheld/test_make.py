@@ -19,20 +19,20 @@ pytest.importorskip("mujoco")
 
 import calib
 from studies.research.withheld.__main__ import main
-from studies.research.withheld.case_files import write_case
 from studies.research.withheld.causes import Cause, places
-from studies.research.withheld.draw import NONCENTRALITY, SHARES, draw_case, families
-from studies.research.withheld.keys import key_of
-from studies.research.withheld.make import make
+from studies.research.withheld.draw import NONCENTRALITY, SHARES, draw_case
+from studies.research.withheld.keys import key_of, write_case
+from studies.research.withheld.make import families, make
 from studies.research.withheld.robots import ARMS
-from studies.research.withheld.run import RIVALS, run
 from studies.research.withheld.score import score
 from studies.research.withheld.seal import (
+    RIVALS,
     BrokenSeal,
     commit_answers,
     opened,
     programs,
     read_json,
+    run,
     write_json,
 )
 from studies.research.withheld.tables import show
@@ -163,7 +163,7 @@ def test_what_is_modelled_is_invisible() -> None:
 
 
 def test_families_and_places() -> None:
-    drawn = Counter(families(np.random.default_rng(0), 600))
+    drawn = Counter(families(np.random.default_rng(0), 600, SHARES))
     assert drawn == {"null": 150, "single": 210, "pair": 78, "shape": 78, "outside": 84}
     for arm in ARMS:
         scene = scene_of(arm)

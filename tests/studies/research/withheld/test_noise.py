@@ -12,11 +12,10 @@ import pytest
 pytest.importorskip("mujoco")
 
 import calib
-from studies.research.withheld.case_files import write_case
 from studies.research.withheld.draw import _conditions, draw_case, draw_scene
-from studies.research.withheld.keys import key_of
-from studies.research.withheld.noise import MIDDLE, Noise, growing
+from studies.research.withheld.keys import key_of, write_case
 from studies.research.withheld.robots import HEAVY
+from studies.research.withheld.scene import MIDDLE, Noise, growing
 from studies.research.withheld.visible import Projector, at_rest
 from tests.studies.research.withheld.scenes import PLAIN
 

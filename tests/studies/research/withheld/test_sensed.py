@@ -10,12 +10,11 @@ import pytest
 pytest.importorskip("mujoco")
 
 import calib
-from studies.research.withheld.make import make
+from studies.research.withheld.figures import READERS
+from studies.research.withheld.instruments import SHARES, Fault, draw_sensed, key_of, write_case
+from studies.research.withheld.make import families, make
 from studies.research.withheld.score import score_of
 from studies.research.withheld.seal import Answered, read_json
-from studies.research.withheld.sensed.draw import Fault, draw_sensed, families
-from studies.research.withheld.sensed.figures import READERS
-from studies.research.withheld.sensed.files import key_of, write_case
 
 # It takes seconds to put a ball into sockets.
 SOCKET = pytest.param("socket", marks=pytest.mark.long)
@@ -62,9 +61,9 @@ def test_faults_are_what_the_answers_call_them(kind: str, tmp_path: Path) -> Non
 
 @pytest.mark.long
 def test_cases_are_made_and_scored(tmp_path: Path) -> None:
-    make(tmp_path / "sealed", 3, 2, instruments=True)
+    make(tmp_path / "sealed", 3, 2, population="instruments")
     keys = {p.stem: read_json(p) for p in sorted((tmp_path / "sealed" / "keys").glob("case_*"))}
-    drawn = families(np.random.default_rng([2, 3]), 3)
+    drawn = families(np.random.default_rng([2, 3]), 3, SHARES)
     assert [key["family"] for key in keys.values()] == drawn
     answers = {
         name: {

@@ -14,12 +14,11 @@ pytest.importorskip("mujoco")
 
 import calib
 import studies.research.withheld
-from studies.research.withheld.actions import frame_columns
-from studies.research.withheld.catalogue import CATALOGUE
 from studies.research.withheld.causes import Cause
+from studies.research.withheld.effects import CATALOGUE
 from studies.research.withheld.outside import OUTSIDE
 from studies.research.withheld.robots import ARMS, HEAVY, RAIL, Arm
-from studies.research.withheld.texts import G
+from studies.research.withheld.truth import G, frame_columns
 from studies.research.withheld.visible import at_rest
 from tests.studies.research.withheld.scenes import as_files, case_of, scene_of
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from studies.research.withheld.draw import scene_of_session
-from studies.research.withheld.real.conditions import RealConditions
-from studies.research.withheld.real.days import draw_day
+from studies.research.withheld.real_arms import RealConditions
 from studies.research.withheld.robots import Arm
 from studies.research.withheld.scene import Scene
+from studies.research.withheld.session import draw_day
 from tests.studies.research.withheld.scenes import PLAIN
 
 HELD_OUT = 6

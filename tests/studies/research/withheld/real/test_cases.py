@@ -20,20 +20,16 @@ pytest.importorskip("mujoco")
 
 import calib
 from studies.research.withheld.__main__ import main
-from studies.research.withheld.case_files import cell_text, table_text, write_case
+from studies.research.withheld.causes import RATIO, TAU, cause_at
 from studies.research.withheld.draw import NONCENTRALITY, Case
-from studies.research.withheld.keys import key_of
-from studies.research.withheld.make import make, numbered
-from studies.research.withheld.real.arms import MODELS, draw_arm
-from studies.research.withheld.real.causes import RATIO, TAU, cause_at
-from studies.research.withheld.real.conditions import draw_conditions
-from studies.research.withheld.real.draw import SCATTER, SHARES, WHOLE, families
-from studies.research.withheld.real.tuning import tuning_of
-from studies.research.withheld.robots import HEAVY
+from studies.research.withheld.judge import unit
+from studies.research.withheld.keys import cell_text, key_of, table_text, tuning_of, write_case
+from studies.research.withheld.make import POPULATIONS, families, make
+from studies.research.withheld.real_arms import SCATTER, SHARES, WHOLE, draw_conditions
+from studies.research.withheld.robots import HEAVY, MODELS, draw_arm
 from studies.research.withheld.score import score
 from studies.research.withheld.seal import commit_answers, commit_keys, read_json, write_json
 from studies.research.withheld.tables import show
-from studies.research.withheld.units import unit
 from tests.studies.research.withheld.real.scenes import day_of
 
 SEED = 20
@@ -42,7 +38,10 @@ SEED = 20
 @pytest.fixture(scope="module")
 def drawn() -> dict[str, Case]:
     """One case of each family."""
-    return {f: numbered(SEED, i, f, real_arms=True) for i, f in enumerate(SHARES)}
+    return {
+        f: POPULATIONS["real_arms"].draw(np.random.default_rng([SEED, i]), f)
+        for i, f in enumerate(SHARES)
+    }
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +56,7 @@ def asked(key: dict[str, Any]) -> list[dict[str, Any]]:
 @pytest.mark.long
 def test_same_seed_same_cases(tmp_path: Path) -> None:
     for name in ("one", "two"):
-        make(tmp_path / name, 1, 8, real_arms=True)
+        make(tmp_path / name, 1, 8, population="real_arms")
     files = sorted(path for path in (tmp_path / "one" / "cases").rglob("*.*"))
     assert len(files) == 4
     for path in files:
@@ -88,7 +87,7 @@ def test_families_hold_what_they_say(keys: dict[str, dict[str, Any]]) -> None:
 
 
 def test_shares_and_conditions() -> None:
-    counted = Counter(families(np.random.default_rng(0), 600))
+    counted = Counter(families(np.random.default_rng(0), 600, SHARES))
     assert counted == {"null": 120, "single": 204, "mixture": 120, "whole": 72, "outside": 84}
     rng = np.random.default_rng(0)
     drawn = [draw_conditions(rng) for _ in range(2000)]
@@ -255,4 +254,4 @@ def test_option_goes_alone(tmp_path: Path) -> None:
     options = ["make", "1", "--seed", "1", str(tmp_path / "cases"), "--arm-noise", "--real-arms"]
     done = CliRunner().invoke(main, options)
     assert done.exit_code == 2
-    assert "leave it out" in done.output
+    assert "leave the others out" in done.output

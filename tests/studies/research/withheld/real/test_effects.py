@@ -11,13 +11,12 @@ from calib.arrays import Array
 
 pytest.importorskip("mujoco")
 
-from studies.research.withheld.actions import frame_columns
 from studies.research.withheld.causes import Cause
-from studies.research.withheld.real.arms import SCARA, SEVEN
-from studies.research.withheld.real.beyond import BEYOND
-from studies.research.withheld.real.effects import EFFECTS
-from studies.research.withheld.robots import HEAVY
+from studies.research.withheld.effects import EFFECTS
+from studies.research.withheld.outside import BEYOND
+from studies.research.withheld.robots import HEAVY, SCARA, SEVEN
 from studies.research.withheld.scene import Scene
+from studies.research.withheld.truth import frame_columns
 from studies.research.withheld.visible import at_rest
 from tests.studies.research.withheld.real.scenes import HELD_OUT, day_of
 

@@ -6,9 +6,8 @@ from typing import Any
 
 import pytest
 
-from studies.research.withheld.judge import judge
-from studies.research.withheld.match import is_listed, is_named
-from studies.research.withheld.real.figures import REAL
+from studies.research.withheld.figures import REAL
+from studies.research.withheld.judge import is_listed, is_named, judge
 from tests.studies.research.withheld.test_judge import BACKLASH, answer, effect, key, named
 
 RIPPLE = effect(

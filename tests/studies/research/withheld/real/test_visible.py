@@ -13,18 +13,14 @@ from calib.arrays import Array
 
 pytest.importorskip("mujoco")
 
+from studies.research.withheld import real_arms
 from studies.research.withheld.causes import Cause
 from studies.research.withheld.draw import Case
 from studies.research.withheld.keys import key_of
-from studies.research.withheld.real import conditions as days
-from studies.research.withheld.real import draw
-from studies.research.withheld.real.conditions import RealConditions
-from studies.research.withheld.real.reach import excess
-from studies.research.withheld.real.visible import beside_others
+from studies.research.withheld.real_arms import RealConditions
 from studies.research.withheld.robots import HEAVY
-from studies.research.withheld.scatter import Wander
-from studies.research.withheld.scene import Scene
-from studies.research.withheld.visible import Acting, Projector, at_rest
+from studies.research.withheld.scene import Scene, Wander
+from studies.research.withheld.visible import Acting, Projector, at_rest, beside_others, excess
 from tests.studies.research.withheld.scenes import PLAIN
 
 STEP = 1e-4
@@ -46,11 +42,11 @@ def case() -> Case:
         grid=False,
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(draw, "draw_conditions", lambda rng: small)
-        patch.setattr(draw, "draw_arm", lambda rng: replace(HEAVY, spring=None))
-        patch.setattr(draw, "MIXED", (3, 3))
-        patch.setattr(days, "HELD_OUT", 4)
-        return draw.draw_real_case(np.random.default_rng(8), "mixture")
+        patch.setattr(real_arms, "draw_conditions", lambda rng: small)
+        patch.setattr(real_arms, "draw_arm", lambda rng: replace(HEAVY, spring=None))
+        patch.setattr(real_arms, "MIXED", (3, 3))
+        patch.setattr(real_arms, "HELD_OUT", 4)
+        return real_arms.draw_real_case(np.random.default_rng(8), "mixture")
 
 
 def readings(case: Case, *causes: Acting, scene: Scene | None = None) -> Array:

@@ -1,38 +1,132 @@
-"""Drawing the case of a real arm: its scatter, its background, its causes and their sizes."""
+"""Cases as real arms are: they scatter, ripple, settle and warm up, from several causes at once."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.research.withheld.actions import State
-from studies.research.withheld.causes import Cause, direction
+from studies.research.withheld.causes import (
+    RATIO,
+    Cause,
+    all_places,
+    cause_at,
+    direction,
+    draw_beyond,
+    draw_real,
+)
 from studies.research.withheld.draw import (
+    HELD_OUT,
     Case,
+    Conditions,
     NoSuchCase,
     draw_seen,
+    scene_of_session,
     sized,
     with_noise,
     with_scatter,
 )
 from studies.research.withheld.judge import VISIBLE
-from studies.research.withheld.real.arms import draw_arm
-from studies.research.withheld.real.causes import all_places, cause_at, draw_beyond, draw_real
-from studies.research.withheld.real.conditions import (
-    RealConditions,
-    draw_conditions,
-    draw_real_scene,
-)
-from studies.research.withheld.real.reach import excess
-from studies.research.withheld.real.visible import beside_others, projected, tangents
-from studies.research.withheld.robots import Array
+from studies.research.withheld.robots import Arm, Array, draw_arm
 from studies.research.withheld.scene import Scene
-from studies.research.withheld.visible import Projector, at_rest
+from studies.research.withheld.session import READINGS, draw_day
+from studies.research.withheld.truth import Mechanism, State
+from studies.research.withheld.visible import (
+    Projector,
+    at_rest,
+    beside_others,
+    excess,
+    projected,
+    tangents,
+)
+
+_VISITS = (0.45, 0.35, 0.20)  # shares of ``READINGS``
+_POSES = {"once": (60, 150), "free and loaded": (40, 75), "thrice": (40, 50)}
+_ONE_MARKER = (40, 80)
+
+
+@dataclass(frozen=True)
+class RealConditions(Conditions):
+    """Those of the first families, and what real days add.
+
+    visit : of ``READINGS``; one_marker : a single reflector
+    background : fine gear ripples at all joints, each too small to be seen
+    torques : the file shows measured joint torques; ratios_said : the cell gives the gear ratios
+    grid : one joint stands at equal steps only
+    """
+
+    visit: str
+    one_marker: bool
+    background: bool
+    torques: bool
+    ratios_said: bool
+    grid: bool
+
+
+def draw_conditions(rng: np.random.Generator) -> RealConditions:
+    """Each condition by itself, in fixed shares."""
+    visit = str(rng.choice(list(READINGS), p=_VISITS))
+    one_marker = rng.random() < 0.12
+    low, high = _ONE_MARKER if one_marker and visit == "once" else _POSES[visit]
+    missing = (None, "time", "temperature", "approach")[
+        int(rng.choice(4, p=[0.7, 0.2, 0.05, 0.05]))
+    ]
+    return RealConditions(
+        wrong_sigma=rng.random() < 0.10,
+        outliers=rng.random() < 0.10,
+        hidden=not one_marker and rng.random() < 0.15,
+        configurations=int(rng.integers(low, high + 1)),
+        known_geometry=rng.random() < 0.05,
+        weighs=rng.random() > 0.10,
+        payload=rng.random() < 0.35,
+        missing=missing,
+        range_noise=(None, "said", "unsaid")[int(rng.choice(3, p=[0.9, 0.05, 0.05]))],
+        visit=visit,
+        one_marker=one_marker,
+        background=rng.random() < 0.5,
+        torques=rng.random() < 0.3,
+        ratios_said=rng.random() < 0.3,
+        grid=rng.random() < 0.08,
+    )
+
+
+def draw_real_scene(rng: np.random.Generator, arm: Arm, conditions: RealConditions) -> Scene:
+    """The arm's true parameters, the user's model of it, and the day; nothing scatters yet."""
+    day = draw_day(
+        rng,
+        arm,
+        conditions.visit,
+        conditions.configurations,
+        HELD_OUT,
+        timed=conditions.missing != "time",
+        known_start=conditions.missing != "approach",
+        grid=conditions.grid,
+    )
+    scene = scene_of_session(rng, arm, conditions, day)
+    if conditions.one_marker:
+        scene = replace(scene, markers=scene.markers[:1], guesses=scene.guesses[:1])
+    ratios = {j.name: int(rng.integers(*RATIO, endpoint=True)) for j in arm.joints if not j.slides}
+    scene = replace(scene, ratios=ratios, ratios_said=conditions.ratios_said)
+    return replace(scene, measured=_measured(rng, scene)) if conditions.torques else scene
+
+
+def _measured(rng: np.random.Generator, scene: Scene) -> Array:
+    """Torques as the drives show them, rounded as in the file: load, weight, friction, offset, noise.
+
+    The links weigh here even where the user does not know it.
+    """
+    heavy = replace(scene, weighs=True)
+    whole = Mechanism(scene.arm, scene.geometry, scene.markers)
+    torque = at_rest(heavy, whole, ()).torque
+    scale = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-3)
+    friction = rng.uniform(0.1, 0.4, scene.arm.dof) * scale * scene.session.approach
+    offset = rng.normal(size=scene.arm.dof) * 0.1 * scale
+    noise = rng.normal(size=torque.shape) * 0.03 * scale
+    return np.asarray(np.round(torque + friction + offset + noise, 4) + 0.0)
+
 
 SHARES = {"null": 0.20, "single": 0.34, "mixture": 0.20, "whole": 0.12, "outside": 0.14}
 SCATTER = (0.3, 3.0)
@@ -52,13 +146,6 @@ _BELIEVED = {
     "transmission_harmonic": ({"cos_1", "sin_1", "cos_2", "sin_2"}, 2e-3),
 }
 _TRIES = 8
-
-
-def families(rng: np.random.Generator, count: int) -> list[str]:
-    """The family of each case: fixed shares in an order that tells nothing."""
-    ends = np.round(np.cumsum([0.0, *SHARES.values()]) * count).astype(int)
-    whole = [f for f, (a, b) in zip(SHARES, pairwise(ends), strict=True) for _ in range(b - a)]
-    return [whole[i] for i in rng.permutation(count)]
 
 
 def draw_real_case(rng: np.random.Generator, family: str) -> Case:
@@ -121,18 +208,6 @@ def _filled(
         raise NoSuchCase from None
 
 
-def _null(draft: _Draft) -> list[Cause]:
-    return []
-
-
-def _single(draft: _Draft) -> list[Cause]:
-    return [draft.sized(draw_real, None)]
-
-
-def _outside(draft: _Draft) -> list[Cause]:
-    return [draft.sized(draw_beyond, None, outside=True)]
-
-
 def _mixture(draft: _Draft) -> list[Cause]:
     """Three to eight causes, each of a size of its own, no two of one kind at one place."""
     count, found = int(draft.rng.integers(*MIXED, endpoint=True)), dict[tuple[str, str], Cause]()
@@ -176,11 +251,11 @@ def _member(rng: np.random.Generator, scene: Scene, kind: str, where: str) -> Ca
 
 
 _CAUSES: dict[str, Callable[[_Draft], list[Cause]]] = {
-    "null": _null,
-    "single": _single,
+    "null": lambda _: [],
+    "single": lambda draft: [draft.sized(draw_real, None)],
     "mixture": _mixture,
     "whole": _whole,
-    "outside": _outside,
+    "outside": lambda draft: [draft.sized(draw_beyond, None, outside=True)],
 }
 
 
